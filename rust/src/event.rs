@@ -31,8 +31,8 @@ impl Event {
     /// An event at `t` microseconds, of the bytes of its other fields, first one lowest: made of two words, it is stored
     /// as two words.
     #[inline]
-    pub(crate) const fn from_words(t: i64, place: u64) -> Self {
-        let [x0, x1, y0, y1, p, padding @ ..] = place.to_le_bytes();
+    pub(crate) const fn from_words(t: i64, fields: u64) -> Self {
+        let [x0, x1, y0, y1, p, padding @ ..] = fields.to_le_bytes();
         Self { t, x: u16::from_le_bytes([x0, x1]), y: u16::from_le_bytes([y0, y1]), p, padding }
     }
 

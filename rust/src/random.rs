@@ -1,4 +1,4 @@
-//! Random draws that are a function of their place alone.
+//! Random draws that are a function of (seed, purpose, pixel, index) alone.
 //!
 //! A draw is named by (seed, purpose, pixel, index): whoever asks for it, on whatever thread and after whatever other
 //! draws, gets the same. The generator is Philox 4x32 with ten rounds: Salmon, Moraes, Dror and Shaw, "Parallel random
@@ -24,7 +24,7 @@ pub(crate) enum Purpose {
     ThresholdRow = 12,
 }
 
-/// 128 random bits, by their place.
+/// 128 random bits, a function of (seed, purpose, pixel, index).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Draw([u32; 4]);
 

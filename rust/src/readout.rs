@@ -76,7 +76,7 @@ pub struct ReadoutState {
     pub waiting: Vec<Event>,
     /// Events that were read, with stamps that lie ahead.
     pub stamped: Vec<Event>,
-    /// When the bus falls free: whole microseconds, and a share of the next.
+    /// When the bus falls free: whole microseconds, and a fraction of the next.
     pub free_us: i64,
     /// See `free_us`.
     pub free_share: f64,
@@ -250,24 +250,24 @@ impl Readout {
     fn grant(&mut self, until_us: i64) {
         let us_per_event = 1e6 / self.parameters.events_per_s;
         while let Some(&Reverse((first_us, row))) = self.requests.peek() {
-            // Whole microseconds apart from their share: a float of both loses the share in a long time.
-            let (now_us, share) =
+            // Whole microseconds apart from their fraction: a float of both loses the fraction in a long time.
+            let (now_us, fraction) =
                 if first_us > self.free_us { (first_us, 0.0) } else { (self.free_us, self.free_share) };
-            if now_us > until_us || (now_us == until_us && share > 0.0) {
+            if now_us > until_us || (now_us == until_us && fraction > 0.0) {
                 return;
             }
             self.requests.pop();
             let queue = &mut self.rows[usize::from(row)];
             let waiting = queue.partition_point(|event| event.t <= now_us);
             let longest_us = self.parameters.drop_after_us.unwrap_or(f64::INFINITY);
-            let late = queue.partition_point(|event| (now_us - event.t) as f64 + share > longest_us);
+            let late = queue.partition_point(|event| (now_us - event.t) as f64 + fraction > longest_us);
             for event in queue.drain(..late) {
-                self.ready_us[event.pixel(self.size)] = (now_us + share.ceil() as i64).saturating_add(self.reset_us);
+                self.ready_us[event.pixel(self.size)] = (now_us + fraction.ceil() as i64).saturating_add(self.reset_us);
             }
             self.dropped += late as u64;
             let burst = waiting - late;
             if burst > 0 {
-                let delay_us = share + delay(&self.parameters, self.seed, row, self.bursts);
+                let delay_us = fraction + delay(&self.parameters, self.seed, row, self.bursts);
                 let stamp_us = (now_us + delay_us.ceil() as i64).max(self.last_stamp_us);
                 let first = self.stamped.len();
                 for event in queue.drain(..burst) {
@@ -277,7 +277,7 @@ impl Readout {
                 self.stamped.make_contiguous()[first..].sort_by_key(|event| event.x);
                 self.last_stamp_us = stamp_us;
                 self.bursts += 1;
-                let free = share + self.parameters.row_us + burst as f64 * us_per_event;
+                let free = fraction + self.parameters.row_us + burst as f64 * us_per_event;
                 (self.free_us, self.free_share) = (now_us + free.floor() as i64, free.fract());
             }
             if let Some(next) = queue.front() {
@@ -317,8 +317,8 @@ mod tests {
 
     fn requests() -> impl Strategy<Value = Vec<Event>> {
         // Half of them of a few pixels, which ask again and again.
-        let place = prop_oneof![(0u16..8, 0u16..16), (2u16..4, 5u16..7)];
-        prop::collection::vec((0i64..300, place, any::<bool>()), 0..200).prop_map(|events| {
+        let pixel = prop_oneof![(0u16..8, 0u16..16), (2u16..4, 5u16..7)];
+        prop::collection::vec((0i64..300, pixel, any::<bool>()), 0..200).prop_map(|events| {
             let mut events: Vec<Event> = events.into_iter().map(|(t, (y, x), on)| Event::new(t, x, y, on)).collect();
             in_order(&mut events);
             events
@@ -355,9 +355,9 @@ mod tests {
             // Of each pixel: the first request that comes when it can ask, and then the first after its reset.
             #[allow(clippy::cast_possible_truncation, reason = "small")]
             let reset_us = refractory_us.max(1.0).ceil() as i64;
-            let places: std::collections::BTreeSet<_> = requests.iter().map(|event| (event.x, event.y)).collect();
-            for place in places {
-                let own = |events: &[Event]| events.iter().filter(|event| (event.x, event.y) == place).copied().collect::<Vec<_>>();
+            let pixels: std::collections::BTreeSet<_> = requests.iter().map(|event| (event.x, event.y)).collect();
+            for pixel in pixels {
+                let own = |events: &[Event]| events.iter().filter(|event| (event.x, event.y) == pixel).copied().collect::<Vec<_>>();
                 let (mut came, mut ready_us) = (own(&requests).into_iter(), 0);
                 for left in own(&whole) {
                     let asked = came.find(|event| event.t >= ready_us).unwrap();

@@ -226,12 +226,12 @@ impl FrameAssembler {
         self.close_region();
         let Some((columns, rows)) = self.extent() else { return };
         let reading = self.current();
-        let room = if reading.columns < columns { rows - reading.row } else { 0 };
-        let (words, extra) = words.split_at(room.min(words.len()));
+        let left = if reading.columns < columns { rows - reading.row } else { 0 };
+        let (words, extra) = words.split_at(left.min(words.len()));
         stats.samples_extra += extra.len() as u64;
         if !words.is_empty() {
-            let place = &mut reading.samples[reading.columns * rows + reading.row..][..words.len()];
-            for (sample, word) in place.iter_mut().zip(words) {
+            let target = &mut reading.samples[reading.columns * rows + reading.row..][..words.len()];
+            for (sample, word) in target.iter_mut().zip(words) {
                 *sample = u16::from_le_bytes(*word) & LOW_12;
             }
             reading.row += words.len();

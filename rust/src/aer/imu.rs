@@ -205,8 +205,8 @@ impl ImuAssembler {
             return;
         }
         match self.bytes.get_mut(usize::from(self.count)) {
-            Some(place) => {
-                *place = byte;
+            Some(slot) => {
+                *slot = byte;
                 self.count += 1;
             }
             None => self.count = MAX_BYTES + 1,

@@ -241,7 +241,7 @@ impl PyDecoder {
     /// - ``imu_stray_words``: words of inertial samples where none had begun, a second end among them; ignored
     /// - ``imu_repeated_scales``: scales that came again within a sample, which then begins anew
     /// - ``frame_stray_words``: words of frames where none had begun; ignored
-    /// - ``samples_missing``: samples that their column lacked; 0 in their place
+    /// - ``samples_missing``: samples that their column lacked; 0 instead
     /// - ``samples_extra``: samples beyond the end of their column or of the region; ignored
     /// - ``exposure_words_extra``: exposure words beyond the third of a frame; ignored
     /// - ``exposure_marks_missing``: frames without start or end of exposure; that time is then the one before it

@@ -143,7 +143,7 @@ impl PyCrossingEngine {
     ///     log_intensity: natural logarithm, shape (height, width), within +-746; float64 in C order is taken without
     ///         a copy, float32 is widened.
     ///     slope: for Hermite interpolation, dL/dt per second, likewise; see ``dluma_dt`` of :meth:`push`.
-    ///     sparse: as of :meth:`push`, with log intensity in place of luma.
+    ///     sparse: as of :meth:`push`, with log intensity instead of luma.
     ///
     /// Returns:
     ///     Events (:data:`davis_rs.EVENT_DTYPE`), as of :meth:`push`.

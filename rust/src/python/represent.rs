@@ -97,7 +97,7 @@ pub(super) fn voxel_grid<'py>(
 ///     bins: number of planes of each polarity, >= 1.
 ///     start_us, stop_us: the window in microseconds, both ends included; planes go from ``start_us`` to
 ///         ``stop_us``.
-///     times: whether an event adds its place in the window (0 at the start, 1 at the end), or one.
+///     times: whether an event adds its position in the window (0 at the start, 1 at the end), or one.
 ///
 /// Returns:
 ///     float64, shape (2 * bins, height, width), OFF before ON.

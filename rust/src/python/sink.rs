@@ -35,7 +35,7 @@ impl Sink {
         Ok((name, Self::File(file, regular)))
     }
 
-    /// Ends what a writer writes, with a table of contents where its place can be noted at the beginning.
+    /// Ends what a writer writes, with a table of contents where its position can be noted at the beginning.
     pub(super) fn end(writer: &mut EventWriter<Self>) -> Result<()> {
         if matches!(writer.sink(), Self::File(_, true)) { writer.write_contents() } else { writer.flush() }
     }
@@ -67,9 +67,9 @@ impl Write for Sink {
 }
 
 impl Seek for Sink {
-    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
         match self {
-            Self::File(file, _) => file.seek(place),
+            Self::File(file, _) => file.seek(position),
             Self::Object(_) => Err(io::ErrorKind::Unsupported.into()),
         }
     }

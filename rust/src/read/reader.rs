@@ -38,7 +38,7 @@ pub trait Decode: Send + Sync {
     /// how many bytes they have used; the rest comes again, with more behind it.
     ///
     /// # Errors
-    /// [`Error::Format`] with the place of the first record that does not follow the format.
+    /// [`Error::Format`] with the position of the first record that does not follow the format.
     fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize>;
 
     /// [`Self::decode`] of the last bytes, behind which nothing comes. What is left over is a record that was cut off.

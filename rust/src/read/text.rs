@@ -153,9 +153,9 @@ fn common_line(bytes: &[u8]) -> Option<(Event, usize)> {
 #[inline]
 fn number(bytes: &[u8; 48], at: usize, most: usize, end: u8) -> Option<(u64, usize)> {
     let mut number = u64::from(digit(bytes[at])?);
-    for (place, &byte) in bytes.iter().enumerate().skip(at + 1).take(most) {
+    for (offset, &byte) in bytes.iter().enumerate().skip(at + 1).take(most) {
         if byte == end {
-            return Some((number, place + 1));
+            return Some((number, offset + 1));
         }
         number = 10 * number + u64::from(digit(byte)?);
     }

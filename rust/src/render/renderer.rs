@@ -35,7 +35,7 @@ pub struct Renderer {
     pub(crate) scene: Scene,
     still: FrameCones,
     threads: Option<Threads>,
-    rooms: Spares<Room>,
+    view_buffers: Spares<ViewBuffers>,
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
     /// Of the scene, once somebody wants to know them.
@@ -51,7 +51,7 @@ const VIEWS_OF_SAMPLES: usize = 16;
 
 /// What is made ready for a view before its tiles.
 #[derive(Debug, Default)]
-struct Room {
+struct ViewBuffers {
     bins: Bins,
     cones: Vec<FrameCones>,
 }
@@ -65,9 +65,9 @@ impl<T: Default> Spares<T> {
         self.0.lock().map(|mut spares| spares.pop()).unwrap_or_default().unwrap_or_default()
     }
 
-    fn give(&self, room: T) {
+    fn give(&self, buffers: T) {
         if let Ok(mut spares) = self.0.lock() {
-            spares.push(room);
+            spares.push(buffers);
         }
     }
 }
@@ -81,8 +81,8 @@ impl Renderer {
     pub fn new(scene: Scene, threads: Option<usize>) -> Result<Self> {
         let threads = threads.map(Threads::start).transpose()?;
         let still = still_cones(&scene);
-        let (rooms, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
-        Ok(Self { scene, still, threads, rooms, scratch, pixels, edges: OnceLock::new() })
+        let (view_buffers, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
+        Ok(Self { scene, still, threads, view_buffers, scratch, pixels, edges: OnceLock::new() })
     }
 
     /// The scene.
@@ -97,21 +97,21 @@ impl Renderer {
         self.threads.as_ref().and_then(Threads::count)
     }
 
-    /// Luma of frames, row by row, one view after the other; and its rate per second where room for it is given.
+    /// Luma of frames, row by row, one view after the other; and its rate per second where a buffer for it is given.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for views of another scene, or room for other frames.
+    /// [`Error::Argument`] for views of another scene, or a buffer of another length.
     pub fn luma(&self, rays: &PixelRays, views: &[View], luma: &mut [f32], rate: Option<&mut [f32]>) -> Result<()> {
         let views = &self.centred(views)?;
-        check_room(views.len() * rays.pixels(), luma.len())?;
+        check_length(views.len() * rays.pixels(), luma.len())?;
         match rate {
             None => self.each_tile(rays, views, bands(rays, luma), |of, tile, (scratch, before), image, band| {
                 tile::luma::<false>(of, tile, scratch, before, image);
                 put(rays, tile, &image.luma, band);
             }),
             Some(rate) => {
-                check_room(luma.len(), rate.len())?;
+                check_length(luma.len(), rate.len())?;
                 let both = bands(rays, luma).into_iter().zip(bands(rays, rate)).collect();
                 self.each_tile(rays, views, both, |of, tile, (scratch, before), image, (luma, rate)| {
                     tile::luma::<true>(of, tile, scratch, before, image);
@@ -126,7 +126,7 @@ impl Renderer {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or other room.
+    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or a buffer of another length.
     pub fn samples(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], luma: &mut [f32]) -> Result<()> {
         self.each_pixel(rays, views, pixels, luma, |view, samples, found| {
             self.each_of(rays, view, samples, |of, tile, some, scratch| tile::samples(of, tile, some, scratch, found));
@@ -163,7 +163,7 @@ impl Renderer {
         work: impl Fn(&View, &[Sample], &mut Vec<T>) + Sync,
     ) -> Result<()> {
         let views = &self.centred(views)?;
-        check_room(pixels.len(), found.len())?;
+        check_length(pixels.len(), found.len())?;
         let size = rays.width * rays.height;
         if let Some((view, pixel)) = pixels.iter().find(|(v, p)| *v as usize >= views.len() || *p as usize >= size) {
             return Err(Error::Argument(if *view as usize >= views.len() {
@@ -198,8 +198,8 @@ impl Renderer {
     /// [`Error::Argument`] as for [`Self::luma`], or for another number of rays a pixel than one.
     pub fn depth(&self, rays: &PixelRays, views: &[View], depth: &mut [f32], triangles: &mut [u32]) -> Result<()> {
         let views = &self.centred(views)?;
-        check_room(views.len() * rays.pixels(), depth.len())?;
-        check_room(depth.len(), triangles.len())?;
+        check_length(views.len() * rays.pixels(), depth.len())?;
+        check_length(depth.len(), triangles.len())?;
         check_one_ray(rays)?;
         let both = bands(rays, depth).into_iter().zip(bands(rays, triangles)).collect();
         self.each_tile(rays, views, both, |of, tile, (scratch, _), _, (depth, triangles)| {
@@ -261,7 +261,7 @@ impl Renderer {
                 }
                 return;
             }
-            // Two shares a thread at least: one that is slowed down by others then leaves some of its views to the rest.
+            // Two chunks a thread at least: one that is slowed down by others then leaves some of its views to the rest.
             let together = self.together().min(views.len().div_ceil(2 * threads)).max(1);
             views.par_chunks(together).zip(bands.par_chunks_mut(together * rays.rows)).for_each(|(views, bands)| {
                 let mut scratch = self.scratch.take();
@@ -286,20 +286,20 @@ impl Renderer {
     /// Makes views ready.
     fn with_views(&self, rays: &PixelRays, views: &[View], work: impl FnOnce(&[TileView])) {
         let lights: Vec<_> = views.iter().map(|view| seen_lights(&self.scene, view)).collect();
-        let mut rooms: Vec<Room> = views.iter().map(|_| self.rooms.take()).collect();
+        let mut view_buffers: Vec<ViewBuffers> = views.iter().map(|_| self.view_buffers.take()).collect();
         let ready: Vec<TileView> = views
             .iter()
             .zip(&lights)
-            .zip(&mut rooms)
-            .map(|((view, lights), Room { bins, cones })| {
+            .zip(&mut view_buffers)
+            .map(|((view, lights), ViewBuffers { bins, cones })| {
                 bins.fill(&self.scene, view, rays, None);
                 self.tile_view(rays, view, lights, bins, cones)
             })
             .collect();
         work(&ready);
         drop(ready);
-        for room in rooms {
-            self.rooms.give(room);
+        for buffers in view_buffers {
+            self.view_buffers.give(buffers);
         }
     }
 
@@ -341,8 +341,9 @@ impl Renderer {
         mut work: impl FnMut(&TileView, usize, &Pixels, &mut TileScratch),
     ) {
         let lights = seen_lights(&self.scene, view);
-        let (mut room, mut scratch, mut pixels) = (self.rooms.take(), self.scratch.take(), self.pixels.take());
-        let Room { bins, cones } = &mut room;
+        let (mut buffers, mut scratch, mut pixels) =
+            (self.view_buffers.take(), self.scratch.take(), self.pixels.take());
+        let ViewBuffers { bins, cones } = &mut buffers;
         if in_one_spot(rays, samples) {
             pixels.gather(rays, samples);
             bins.fill_part(&self.scene, view, pixels.around());
@@ -360,7 +361,7 @@ impl Renderer {
                 work(&of, tile[0].tile, &pixels, &mut scratch);
             }
         }
-        self.rooms.give(room);
+        self.view_buffers.give(buffers);
         self.scratch.give(scratch);
         self.pixels.give(pixels);
     }
@@ -392,8 +393,12 @@ fn put<T: Copy>(rays: &PixelRays, tile: usize, pixels: &[T; PIXELS], band: &mut 
     }
 }
 
-pub(crate) fn check_room(expected: usize, got: usize) -> Result<()> {
-    if expected == got { Ok(()) } else { Err(Error::Argument(format!("there must be room for {expected}, got {got}"))) }
+pub(crate) fn check_length(expected: usize, got: usize) -> Result<()> {
+    if expected == got {
+        Ok(())
+    } else {
+        Err(Error::Argument(format!("a buffer must have length {expected}, got {got}")))
+    }
 }
 
 #[cfg(test)]

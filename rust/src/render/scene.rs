@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 /// What shines: where, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightKind {
-    /// From a place in the world, metres.
+    /// From a position in the world, metres.
     Point([f64; 3]),
     /// Along a unit vector of the world, the way the light travels.
     Directional([f64; 3]),
@@ -27,7 +27,7 @@ pub enum LightKind {
     Constant,
     /// As the light maps have it, in whose `texels` this is the number of its own.
     Baked(u32),
-    /// On no surface: how bright baked lamps and skies look themselves.
+    /// On no surface: how bright baked area lights and skies look themselves.
     Visible,
 }
 
@@ -42,7 +42,7 @@ pub struct Light {
     pub strength: f64,
     /// Luma of a ray that hits nothing, for a strength of 1; 0 unless the light comes from there and is seen.
     pub background: f64,
-    /// To which sides a light in a place shines; None where to all alike.
+    /// To which sides a light at a position shines; None where to all alike.
     pub beam: Option<Beam>,
 }
 
@@ -54,7 +54,7 @@ pub struct SceneTables {
     pub corners: Vec<[[f64; 3]; 3]>,
     /// Unit normal n on the front and offset d of the plane n . p + d = 0.
     pub planes: Vec<[f64; 4]>,
-    /// Texture coordinates u and v of a place p: `map[..3] . p + map[3]`.
+    /// Texture coordinates u and v of a point p: `map[..3] . p + map[3]`.
     pub uv_maps: Vec<[[f64; 4]; 2]>,
     /// The shading normal before it is normalised, a map for each component; empty where every triangle is flat.
     pub normal_maps: Vec<[[f64; 4]; 3]>,
@@ -82,10 +82,10 @@ pub struct SceneTables {
     pub shadows: bool,
     /// The middle of what stands still: shadows are offset by the distance from it, see `step`.
     pub centre: [f64; 3],
-    /// A shadow's ray starts off the surface by this share of (the place's largest distance from the centre along an
+    /// A shadow's ray starts off the surface by this fraction of (the point's largest distance from the centre along an
     /// axis, plus its depth).
     pub step: f64,
-    /// What lies in this last share of the way to a point light throws no shadow.
+    /// What lies in this last fraction of the way to a point light throws no shadow.
     pub end: f64,
 }
 
@@ -163,8 +163,8 @@ impl Scene {
             farthest: ((1.0 - tables.end) / tables.end) as f32,
         };
         for light in &mut scene.lights {
-            if let LightKind::Point(place) = &mut light.kind {
-                *place = sub(*place, tables.centre);
+            if let LightKind::Point(position) = &mut light.kind {
+                *position = sub(*position, tables.centre);
             }
         }
         for frame in 0..tables.frame_count {
@@ -301,7 +301,7 @@ fn check(tables: &SceneTables) -> Result<()> {
         let in_a_place = matches!(light.kind, LightKind::Point(_));
         if light.beam.is_some_and(|beam| !in_a_place || !beam.is_valid()) {
             return refuse(format!(
-                "a beam is that of a light in a place, and 0 <= full < cutoff <= pi, got {light:?}"
+                "a beam is that of a light at a position, and 0 <= full < cutoff <= pi, got {light:?}"
             ));
         }
     }

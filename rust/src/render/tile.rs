@@ -70,11 +70,11 @@ pub(crate) fn luma<'a, const RATE: bool>(
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
-    let mut room = std::mem::take(&mut scratch.rays);
-    let part = of.rays.of_tile(tile, &mut room);
+    let mut buffer = std::mem::take(&mut scratch.rays);
+    let part = of.rays.of_tile(tile, &mut buffer);
     of.bins.of_tile(tile, part.around, &mut scratch.list);
     shade::<RATE>(of, &part, scratch, before);
-    scratch.rays = room;
+    scratch.rays = buffer;
     image.luma = mean(&scratch.luma);
     if RATE {
         image.rate = mean(&scratch.rate);
@@ -97,18 +97,18 @@ pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mu
     of.bins.of_tile(number, part.around, &mut scratch.list);
     shade::<true>(of, &part, scratch, &mut vec![]);
     let nearest = &scratch.nearest;
-    let seen = |place: u32| &of.bins.seen[scratch.list[place as usize].seen as usize];
+    let seen = |index: u32| &of.bins.seen[scratch.list[index as usize].seen as usize];
     for ray in 0..pixels.count() * of.rays.rays() {
         let (luma, rate) = (scratch.luma[ray], scratch.rate[ray]);
-        let place = match nearest.only[0] {
+        let index = match nearest.only[0] {
             _ if scratch.list.is_empty() => NOTHING,
-            NOTHING => nearest.place[ray],
+            NOTHING => nearest.index[ray],
             only => only,
         };
-        found.push(if place == NOTHING {
+        found.push(if index == NOTHING {
             Sight { luma, rate, triangle: NOTHING, inverse_depth: 0.0 }
         } else {
-            let Seen { triangle, inverse_depth, .. } = seen(place);
+            let Seen { triangle, inverse_depth, .. } = seen(index);
             Sight { luma, rate, triangle: *triangle, inverse_depth: inverse_depth.at(part.x[ray], part.y[ray]) }
         });
     }
@@ -127,13 +127,13 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
     visible.clear();
     if !list.is_empty() {
         nearest.find(of.bins, list, part);
-        visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
+        visible.extend((0..).take(list.len()).filter(|&index| nearest.sees(index)));
     }
     if let Some(sky) = &of.lit.scene.sky {
         let (pose, [factor, factor_rate]) = (&of.lit.view.poses[0], of.lit.view.factors[sky.light as usize]);
         let per_block = x.len() / part.blocks.len();
         for ray in 0..x.len() {
-            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.place[ray] == NOTHING;
+            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.index[ray] == NOTHING;
             if nothing {
                 let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
                 luma[ray] += single([factor])[0] * one;
@@ -143,8 +143,8 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
             }
         }
     }
-    let seen = |place: u32| &of.bins.seen[list[place as usize].seen as usize];
-    let shaders = shaders(of, visible.iter().map(|&place| seen(place)), before);
+    let seen = |index: u32| &of.bins.seen[list[index as usize].seen as usize];
+    let shaders = shaders(of, visible.iter().map(|&index| seen(index)), before);
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
     while at < visible.len() {
@@ -166,22 +166,22 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
         }
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
-        for (sorted, &place) in sorted.iter_mut().zip(run) {
-            sorted.of_triangle(nearest, place);
+        for (sorted, &index) in sorted.iter_mut().zip(run) {
+            sorted.of_triangle(nearest, index);
         }
         if of.lit.scene.shadows && caster.shadow.falls() {
             caster.clear();
-            for (sorted, &place) in sorted.iter().zip(run) {
-                caster.fall_on(&of.lit, seen(place), &sorted.scattered);
+            for (sorted, &index) in sorted.iter().zip(run) {
+                caster.fall_on(&of.lit, seen(index), &sorted.scattered);
             }
             caster.cast(x, y);
         }
-        for (number, ((shader, &place), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
+        for (number, ((shader, &index), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
                 shaded::<RATE>(shader, &row.rays(x, y, picked), caster, number, (&mut one, &mut one_rate));
-                row.put(&one, nearest, place, luma);
+                row.put(&one, nearest, index, luma);
                 if RATE {
-                    row.put(&one_rate, nearest, place, rate);
+                    row.put(&one_rate, nearest, index, rate);
                 }
             }
             for numbers in sorted.scattered.chunks(MOST) {
@@ -275,14 +275,14 @@ pub(crate) fn nearest<Each: FnMut(usize, f32, u32)>(
     let (x, y) = (part.x, part.y);
     let nearest = &mut scratch.nearest;
     nearest.find(bins, &scratch.list, &part);
-    let seen = |place: u32| &bins.seen[scratch.list[place as usize].seen as usize];
+    let seen = |index: u32| &bins.seen[scratch.list[index as usize].seen as usize];
     let per_block = x.len() / BLOCKS;
     for ray in 0..x.len() {
         let only = nearest.only[ray / per_block];
         if only != NOTHING {
             each(ray, seen(only).inverse_depth.at(x[ray], y[ray]), seen(only).triangle);
-        } else if nearest.place[ray] != NOTHING {
-            each(ray, nearest.inverse_depth[ray], seen(nearest.place[ray]).triangle);
+        } else if nearest.index[ray] != NOTHING {
+            each(ray, nearest.inverse_depth[ray], seen(nearest.index[ray]).triangle);
         }
     }
 }

@@ -19,17 +19,17 @@ pub fn latest_times(events: &[Event], size: SensorSize, until_us: i64, depth: us
         })?
     ];
     for (index, event) in events.iter().enumerate() {
-        let mut place = cell(index, event, size)? + usize::from(event.p) * (depth - 1) * pixels;
+        let mut slot = cell(index, event, size)? + usize::from(event.p) * (depth - 1) * pixels;
         if event.t > until_us {
             continue;
         }
         // A later time takes its place; what it puts out goes one plane on.
         let mut t = event.t;
         for _ in 0..depth {
-            if t > times[place] {
-                std::mem::swap(&mut t, &mut times[place]);
+            if t > times[slot] {
+                std::mem::swap(&mut t, &mut times[slot]);
             }
-            place += pixels;
+            slot += pixels;
         }
     }
     Ok(times)

@@ -7,7 +7,7 @@ use crate::event::{Event, SensorSize};
 /// What an event adds to a spike tensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measurement {
-    /// Its place in the window: 0 at the start, 1 at the end.
+    /// Its position in the window: 0 at the start, 1 at the end.
     Time,
     /// One.
     Count,
@@ -21,7 +21,7 @@ pub enum Measurement {
 pub fn spike_tensor(events: &[Event], size: SensorSize, bins: TimeBins, measurement: Measurement) -> Result<Vec<f64>> {
     let by_polarity = |event: &Event| usize::from(event.p);
     match measurement {
-        Measurement::Time => spread(events, size, bins, 2, by_polarity, |_, place| place),
+        Measurement::Time => spread(events, size, bins, 2, by_polarity, |_, position| position),
         Measurement::Count => spread(events, size, bins, 2, by_polarity, |_, _| 1.0),
     }
 }

@@ -46,7 +46,7 @@ pub(super) fn spread(
             Error::Argument(format!("{count} bins of {} x {} do not fit into memory", size.width, size.height))
         })?
     ];
-    #[allow(clippy::cast_precision_loss, reason = "times are shorter than 2^53 us, or the share is rounded")]
+    #[allow(clippy::cast_precision_loss, reason = "times are shorter than 2^53 us, or the fraction is rounded")]
     let (steps, span) =
         ((if endpoint { count - 1 } else { count }) as f64, ((stop_us.abs_diff(start_us)).max(1)) as f64);
     for (index, event) in events.iter().enumerate() {

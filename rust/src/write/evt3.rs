@@ -87,18 +87,18 @@ impl Encode for Evt3Encoder {
                 self.advance(high, out);
             }
             // Each word is stored, and stays if it says something new: that is seldom foreseen.
-            let place: &mut [u16; 4] = (&mut words[at..at + 4]).try_into().expect("of that length");
+            let slot: &mut [u16; 4] = (&mut words[at..at + 4]).try_into().expect("of that length");
             let low = event.t as u16 & 0xfff;
             let new_high = high != self.high;
             let new_low = new_high || low != self.low;
             let new_y = event.y != self.y;
             let mut next = usize::from(new_high);
-            place[0] = time_high(high);
-            place[next] = TIME_LOW | low;
+            slot[0] = time_high(high);
+            slot[next] = TIME_LOW | low;
             next += usize::from(new_low);
-            place[next] = event.y;
+            slot[next] = event.y;
             next += usize::from(new_y);
-            place[next] = ADDRESS_X | u16::from(event.p) << 11 | event.x;
+            slot[next] = ADDRESS_X | u16::from(event.p) << 11 | event.x;
             at += next + 1;
             (self.high, self.low, self.y) = (high, low, event.y);
         }

@@ -105,13 +105,13 @@ struct Decimal {
 
 static DECIMALS: [Decimal; 1000] = {
     let mut table = [Decimal { digits: 0, word: 0, length: 0 }; 1000];
-    let (mut place, mut n) = (0, 0u32);
-    while place < table.len() {
+    let (mut index, mut n) = (0, 0u32);
+    while index < table.len() {
         let digits = n / 100 + ((n / 10 % 10) << 8) + ((n % 10) << 16) + 0x30_3030;
         let zeros: u8 = if n < 10 { 2 } else { (n < 100) as u8 };
         let word = (digits | (b' ' as u32) << 24) >> (8 * zeros as u32);
-        table[place] = Decimal { digits, word, length: 4 - zeros };
-        place += 1;
+        table[index] = Decimal { digits, word, length: 4 - zeros };
+        index += 1;
         n += 1;
     }
     table

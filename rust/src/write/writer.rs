@@ -24,7 +24,7 @@ pub trait Encode: Send + Sync {
     fn flush(&mut self, _out: &mut Vec<u8>) {}
 
     /// Appends a table of contents, for a sink that is seekable; returns bytes that are to replace some written
-    /// before, and their place.
+    /// before, and their offset.
     fn contents(&mut self, _out: &mut Vec<u8>) -> Option<(u64, Vec<u8>)> {
         None
     }
@@ -136,9 +136,9 @@ impl<W: Write + Seek> EventWriter<W> {
     /// Writes what is left and the table of contents; nothing may be written after it.
     pub(crate) fn write_contents(&mut self) -> Result<()> {
         self.flush()?;
-        if let Some((place, bytes)) = self.encoder.contents(&mut self.buffer) {
+        if let Some((offset, bytes)) = self.encoder.contents(&mut self.buffer) {
             self.drain()?;
-            self.sink.seek(SeekFrom::Start(place)).map_err(Error::io(WRITING))?;
+            self.sink.seek(SeekFrom::Start(offset)).map_err(Error::io(WRITING))?;
             self.sink.write_all(&bytes).map_err(Error::io(WRITING))?;
             self.sink.flush().map_err(Error::io(WRITING))?;
         }

@@ -20,7 +20,7 @@ use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RaySight, Rendere
 /// Args:
 ///     corners: float64 (t, 3, 3), metres.
 ///     planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
-///     u_maps, v_maps: float64 (t, 4), affine maps of a place (x, y, z, 1) to texture coordinates.
+///     u_maps, v_maps: float64 (t, 4), affine maps of a point (x, y, z, 1) to texture coordinates.
 ///     normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
 ///     textures: uint32 (t), the number of the triangle's texture.
 ///     two_sided: uint32 (t), 1 where the back of the triangle reflects too.
@@ -29,14 +29,14 @@ use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RaySight, Rendere
 ///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
 ///     texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
 ///     lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
-///         ``point``, whose vector is its place, ``directional``, whose vector is the unit vector along which it
+///         ``point``, whose vector is its position, ``directional``, whose vector is the unit vector along which it
 ///         travels, ``constant``, ``baked``, or ``visible``: baked lights take the light maps' texels one after the
 ///         other, and visible ones fall on nothing, but emissions and the sky are theirs. The beam is that of a point:
 ///         None where it shines alike to all sides; (unit vector, None) where it does with the cosine of the angle to
 ///         it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which it shines fully, and at
 ///         all.
 ///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
-///         (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
+///         (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
 ///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
 ///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
 ///         (t); None where none does.
@@ -137,7 +137,7 @@ impl PySceneRenderer {
     ///
     /// Args:
     ///     rays: of the sensor.
-    ///     views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: places
+    ///     views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: positions
     ///         (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
     ///         in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
     ///         of the lights; the rates of these factors (n, l), 1/s.
@@ -158,8 +158,8 @@ impl PySceneRenderer {
         rate: bool,
     ) -> PyResult<(Flat<'py, f32>, Option<Flat<'py, f32>>)> {
         let views = views_of(self.0.scene(), &views)?;
-        let room = || vec![0f32; views.len() * rays.0.pixels()];
-        let (mut luma, mut rates) = (room(), rate.then(room));
+        let zeros = || vec![0f32; views.len() * rays.0.pixels()];
+        let (mut luma, mut rates) = (zeros(), rate.then(zeros));
         py.detach(|| self.0.luma(&rays.0, &views, &mut luma, rates.as_deref_mut()))?;
         Ok((luma.into_pyarray(py), rates.map(|rates| rates.into_pyarray(py))))
     }
@@ -372,7 +372,7 @@ impl PySceneRenderer {
     ///
     /// Returns:
     ///     The number of the triangle that is hit, uint32, flat (k, r), 2^32 - 1 where none is; which lights are hidden
-    ///     from the place, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
+    ///     from the point, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
     ///     and luma, float64 in the same shape.
     ///
     /// Raises:

@@ -35,7 +35,7 @@ pub(super) fn frame(bytes: &[u8]) -> Result<Aedat4Frame, String> {
         let time = |index| buffer.number(root, index, i64::from_le_bytes, 0);
         let side = |index| buffer.number(root, index, i16::from_le_bytes, 0);
         let values = match buffer.field(root, 10) {
-            Some(place) => buffer.vector(place, 1)?,
+            Some(offset) => buffer.vector(offset, 1)?,
             None => &[],
         };
         let times = [time(0)?, time(1)?, time(2)?, time(3)?, time(4)?, time(11)?];

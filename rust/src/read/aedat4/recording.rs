@@ -83,16 +83,16 @@ impl<R: Read> Aedat4Recording<R> {
 
     /// Bytes of the file whose packets were handed out.
     pub fn bytes(&self) -> usize {
-        self.packets.place
+        self.packets.offset
     }
 
     /// What the end of the file cuts off, and where; known at the end.
     pub fn cut(&self) -> Option<String> {
-        let (header, place) = (self.packets.header.as_ref()?, self.packets.place);
-        let end = place + self.buffer.len();
-        match header.table_place {
+        let (header, offset) = (self.packets.header.as_ref()?, self.packets.offset);
+        let end = offset + self.buffer.len();
+        match header.table_offset {
             _ if self.packets.over => None,
-            _ if !self.buffer.is_empty() => Some(format!("byte {place}: the last packet is cut off")),
+            _ if !self.buffer.is_empty() => Some(format!("byte {offset}: the last packet is cut off")),
             Some(table) => {
                 Some(format!("byte {end}: the file is cut off before its table of packets, at byte {table}"))
             }
@@ -175,8 +175,8 @@ mod tests {
         fn damaged_files_never_panic(damage in prop::collection::vec((0usize..3000, any::<u8>()), 1..20)) {
             let mut bytes = written(&some());
             let length = bytes.len();
-            for (place, value) in damage {
-                bytes[place % length] = value;
+            for (offset, value) in damage {
+                bytes[offset % length] = value;
             }
             let _ = read(&bytes, &ALL);
         }

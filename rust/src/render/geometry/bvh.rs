@@ -216,7 +216,7 @@ fn split(around: &Bounds, bounds: &[Bounds], order: &mut [u32]) -> Option<usize>
     Some(middle)
 }
 
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of CUTS")]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a fraction of CUTS")]
 fn bin(bounds: &Bounds, centres: &Bounds, axis: usize) -> usize {
     let fraction = (bounds.centre()[axis] - centres.low[axis]) / (centres.high[axis] - centres.low[axis]);
     ((fraction * CUTS as f64) as usize).min(CUTS - 1)

@@ -4,7 +4,7 @@
 //!
 //! What must not break: operations are in a fixed order, because results reach every pixel.
 
-/// A vector or a place.
+/// A vector or a point.
 pub(crate) type Vector = [f64; 3];
 
 pub(crate) fn dot(a: Vector, b: Vector) -> f64 {

@@ -34,8 +34,8 @@ impl Pose {
         cross(turned, self.angular_rate)
     }
 
-    /// A place given in camera axes, in the frame.
-    pub(crate) fn place(&self, point: Vector) -> Vector {
+    /// A point given in camera axes, in the frame.
+    pub(crate) fn point(&self, point: Vector) -> Vector {
         add(self.vector(point), self.position)
     }
 

@@ -23,7 +23,7 @@ pub(crate) struct FramedLight {
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum FramedKind {
-    /// A place, and its rate.
+    /// A position, and its rate.
     Point(Vector, Vector),
     /// The unit vector towards the light, and its rate.
     Directional(Vector, Vector),
@@ -38,11 +38,11 @@ pub(crate) fn framed_lights(scene: &Scene, view: &View, frame: usize) -> Vec<Fra
     let (camera, own) = (&view.poses[0], &view.poses[frame]);
     let of_light = |(light, factor): (&Light, &[f64; 2])| FramedLight {
         kind: match light.kind {
-            LightKind::Point(place) => {
-                let seen = camera.turned(sub(place, camera.position));
+            LightKind::Point(position) => {
+                let seen = camera.turned(sub(position, camera.position));
                 let change = add(camera.turning(seen), camera.drift());
                 let rate = add(own.vector(add(cross(own.angular_rate, seen), change)), own.velocity);
-                FramedKind::Point(own.place(seen), rate)
+                FramedKind::Point(own.point(seen), rate)
             }
             LightKind::Directional(along) => {
                 let [towards, rate] = turned(camera, own, scale(along, -1.0));

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 /// Irradiance on surfaces, as tables; empty where no light is baked.
 #[derive(Clone, Debug, Default)]
 pub struct LightMapTables {
-    /// For the front and the back of each triangle, one after the other: coordinates u and v in its map of a place p:
+    /// For the front and the back of each triangle, one after the other: coordinates u and v in its map of a point p:
     /// `map[..3] . p + map[3]`.
     pub uv_maps: Vec<[[f64; 4]; 2]>,
     /// For the front and the back of each triangle: first texel, width, height and wrap mode, as those of textures.

@@ -24,7 +24,7 @@ pub(crate) struct SeenLight {
 /// Where it shines from.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum SeenKind {
-    /// A place, and its rate.
+    /// A position, and its rate.
     Point(Vector, Vector),
     /// The unit vector towards the light, and its rate.
     Directional(Vector, Vector),
@@ -55,8 +55,8 @@ pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
         .zip(&view.factors)
         .map(|(light, factor)| SeenLight {
             kind: match light.kind {
-                LightKind::Point(place) => {
-                    let seen = camera.turned(sub(place, camera.position));
+                LightKind::Point(position) => {
+                    let seen = camera.turned(sub(position, camera.position));
                     SeenKind::Point(seen, add(camera.turning(seen), camera.drift()))
                 }
                 LightKind::Directional(along) => {

@@ -27,7 +27,7 @@ struct Changing {
     rate: Linear,
 }
 
-/// An affine function of the place that a ray hits: its part that is linear in the ray, per unit of depth, and the rest.
+/// An affine function of the point that a ray hits: its part that is linear in the ray, per unit of depth, and the rest.
 #[derive(Clone, Copy, Debug)]
 struct Affine {
     slope: Changing,
@@ -40,10 +40,10 @@ struct Affine {
 enum Falls {
     /// The same everywhere on it.
     Evenly { amount: f32, rate: f32 },
-    /// From a place: by the plane's distance from it.
-    From { place: [f32; 3], place_rate: [f32; 3], amount: f32, rate: f32 },
-    /// From a place, on a surface whose normal changes.
-    FromOnSmooth { place: [f32; 3], place_rate: [f32; 3], strength: f32, rate: f32 },
+    /// From a position: by the plane's distance from it.
+    From { position: [f32; 3], position_rate: [f32; 3], amount: f32, rate: f32 },
+    /// From a position, on a surface whose normal changes.
+    FromOnSmooth { position: [f32; 3], position_rate: [f32; 3], strength: f32, rate: f32 },
     /// Along a direction, on a surface whose normal changes.
     AlongOnSmooth { towards: [f32; 3], towards_rate: [f32; 3], strength: f32, rate: f32 },
     /// As these texels of the triangle's light map have it.
@@ -51,11 +51,11 @@ enum Falls {
 }
 
 impl Falls {
-    /// The place that it falls from, and its rate.
-    fn place(&self) -> Option<([f32; 3], [f32; 3])> {
+    /// The position that it falls from, and its rate.
+    fn position(&self) -> Option<([f32; 3], [f32; 3])> {
         match *self {
-            Self::From { place, place_rate, .. } | Self::FromOnSmooth { place, place_rate, .. } => {
-                Some((place, place_rate))
+            Self::From { position, position_rate, .. } | Self::FromOnSmooth { position, position_rate, .. } => {
+                Some((position, position_rate))
             }
             _ => None,
         }
@@ -111,7 +111,7 @@ impl<'a> Shader<'a> {
             let rows = maps.map(|map| Map::new(&map, pose));
             std::array::from_fn(|i| turned_map(&rows, pose, i))
         });
-        // The normal n points at the camera where n . p + d > 0 at its place p.
+        // The normal n points at the camera where n . p + d > 0 at its position p.
         let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
         let dark = smooth.is_none() && facing < 0.0 && !surface.two_sided;
         let mut shader = Self {
@@ -158,7 +158,7 @@ impl<'a> Shader<'a> {
 struct Plane {
     normal: Vector,
     normal_rate: Vector,
-    /// n . p + d at the camera's place p.
+    /// n . p + d at the camera's position p.
     height: f64,
     height_rate: f64,
 }
@@ -181,12 +181,13 @@ impl Plane {
                     rate: ((rate * light.strength + cosine * light.strength_rate) * FRAC_1_PI) as f32,
                 })
             }
-            SeenKind::Point(place, place_rate) => {
-                let above = facing * (dot(self.normal, place) + self.height);
-                let rate = facing * (dot(self.normal_rate, place) + dot(self.normal, place_rate) + self.height_rate);
+            SeenKind::Point(position, position_rate) => {
+                let above = facing * (dot(self.normal, position) + self.height);
+                let rate =
+                    facing * (dot(self.normal_rate, position) + dot(self.normal, position_rate) + self.height_rate);
                 (above > 0.0).then(|| Falls::From {
-                    place: single(place),
-                    place_rate: single(place_rate),
+                    position: single(position),
+                    position_rate: single(position_rate),
                     amount: (above * light.strength * FRAC_1_PI) as f32,
                     rate: ((rate * light.strength + above * light.strength_rate) * FRAC_1_PI) as f32,
                 })
@@ -205,8 +206,8 @@ fn on_smooth(light: &SeenLight) -> Option<Falls> {
         SeenKind::Directional(towards, towards_rate) => {
             Falls::AlongOnSmooth { towards: single(towards), towards_rate: single(towards_rate), strength, rate }
         }
-        SeenKind::Point(place, place_rate) => {
-            Falls::FromOnSmooth { place: single(place), place_rate: single(place_rate), strength, rate }
+        SeenKind::Point(position, position_rate) => {
+            Falls::FromOnSmooth { position: single(position), position_rate: single(position_rate), strength, rate }
         }
     })
 }
@@ -239,7 +240,7 @@ impl<'a> LightMap<'a> {
     }
 }
 
-/// An affine function of places in a frame, in camera axes and float64.
+/// An affine function of points in a frame, in camera axes and float64.
 struct Map {
     slope: Vector,
     slope_rate: Vector,
@@ -287,13 +288,13 @@ fn turned_map(rows: &[Map; 3], pose: &Pose, i: usize) -> Affine {
         let mut axis = [0.0; 3];
         axis[k] = 1.0;
         let turned = pose.turned(axis);
-        let (share, share_rate) = (turned[i], pose.turning(turned)[i]);
+        let (weight, weight_rate) = (turned[i], pose.turning(turned)[i]);
         for j in 0..3 {
-            sum.slope[j] += share * row.slope[j];
-            sum.slope_rate[j] += share * row.slope_rate[j] + share_rate * row.slope[j];
+            sum.slope[j] += weight * row.slope[j];
+            sum.slope_rate[j] += weight * row.slope_rate[j] + weight_rate * row.slope[j];
         }
-        sum.offset += share * row.offset;
-        sum.offset_rate += share * row.offset_rate + share_rate * row.offset;
+        sum.offset += weight * row.offset;
+        sum.offset_rate += weight * row.offset_rate + weight_rate * row.offset;
     }
     sum.single()
 }
@@ -331,8 +332,8 @@ impl Shader<'_> {
                     }
                     (falls, _) => falling::<RATE, FULL>(&falls, rays, &depth, &depth_rate, normal.as_ref()),
                 };
-                if let (Some(beam), Some(place)) = (&lit.beam, lit.falls.place()) {
-                    beam.take::<RATE, FULL>(place, rays, (&depth, &depth_rate), (&mut one, &mut one_rate));
+                if let (Some(beam), Some(position)) = (&lit.beam, lit.falls.position()) {
+                    beam.take::<RATE, FULL>(position, rays, (&depth, &depth_rate), (&mut one, &mut one_rate));
                 }
                 if caster.hides(lit.light) {
                     caster.take((receiver, lit.light), rays, &depth, (&mut one, &mut one_rate));
@@ -442,7 +443,7 @@ impl Shader<'_> {
     }
 }
 
-/// Bilinear lookup at the places that rays hit, by the maps to its coordinates, and its rate.
+/// Bilinear lookup at the points that rays hit, by the maps to its coordinates, and its rate.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
@@ -542,23 +543,23 @@ fn falling<const RATE: bool, const FULL: bool>(
     let (count, x, y) = (rays.count(), rays.x, rays.y);
     let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
     match (*falls, normals) {
-        (Falls::From { place, place_rate, amount, rate: amount_rate }, _) => {
+        (Falls::From { position, position_rate, amount, rate: amount_rate }, _) => {
             for i in 0..count {
-                let to = [place[0] - x[i] * depth[i], place[1] - y[i] * depth[i], place[2] - depth[i]];
+                let to = [position[0] - x[i] * depth[i], position[1] - y[i] * depth[i], position[2] - depth[i]];
                 let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
                 let cube = squared * squared.sqrt();
                 value[i] = amount / cube;
                 if RATE {
                     let dz = depth_rate[i];
-                    let change = [place_rate[0] - x[i] * dz, place_rate[1] - y[i] * dz, place_rate[2] - dz];
+                    let change = [position_rate[0] - x[i] * dz, position_rate[1] - y[i] * dz, position_rate[2] - dz];
                     let along = to[0] * change[0] + (to[1] * change[1] + to[2] * change[2]);
                     rate[i] = amount_rate / cube - 3.0 * value[i] * along / squared;
                 }
             }
         }
-        (Falls::FromOnSmooth { place, place_rate, strength, rate: strength_rate }, Some(normals)) => {
+        (Falls::FromOnSmooth { position, position_rate, strength, rate: strength_rate }, Some(normals)) => {
             for i in 0..count {
-                let to = [place[0] - x[i] * depth[i], place[1] - y[i] * depth[i], place[2] - depth[i]];
+                let to = [position[0] - x[i] * depth[i], position[1] - y[i] * depth[i], position[2] - depth[i]];
                 let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
                 let cube = squared * squared.sqrt();
                 let n = [normals.now[0][i], normals.now[1][i], normals.now[2][i]];
@@ -567,7 +568,7 @@ fn falling<const RATE: bool, const FULL: bool>(
                 value[i] = if lit { strength * above / cube } else { 0.0 };
                 if RATE {
                     let dz = depth_rate[i];
-                    let change = [place_rate[0] - x[i] * dz, place_rate[1] - y[i] * dz, place_rate[2] - dz];
+                    let change = [position_rate[0] - x[i] * dz, position_rate[1] - y[i] * dz, position_rate[2] - dz];
                     let along = to[0] * change[0] + (to[1] * change[1] + to[2] * change[2]);
                     let dn = [normals.rate[0][i], normals.rate[1][i], normals.rate[2][i]];
                     let above_rate = n[0] * change[0]

@@ -27,7 +27,7 @@ pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     let of_light = |kind: &LightKind| {
         let mut packets = vec![];
         match *kind {
-            LightKind::Point(place) => Packet::behind(still, &Source::Point(place), &mut packets),
+            LightKind::Point(position) => Packet::behind(still, &Source::Point(position), &mut packets),
             LightKind::Directional(along) => {
                 Packet::behind(still, &Source::Directional(along.map(|x| -x)), &mut packets);
             }
@@ -57,7 +57,7 @@ pub(crate) fn moving_cones(scene: &Scene, view: &View, lights: &[SeenLight], con
 /// Where a light shines from, in a frame.
 fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
     match light.kind {
-        SeenKind::Point(place, _) => Some(Source::Point(pose.place(place))),
+        SeenKind::Point(position, _) => Some(Source::Point(pose.point(position))),
         SeenKind::Directional(towards, _) => Some(Source::Directional(pose.vector(towards))),
         SeenKind::Constant | SeenKind::Baked(_) | SeenKind::Visible => None,
     }
@@ -65,22 +65,22 @@ fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
 
 /// Camera axes to a frame's, in float32.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Placing {
+pub(crate) struct ToFrame {
     rotation: [[f32; 3]; 3],
     position: [f32; 3],
 }
 
-impl Placing {
+impl ToFrame {
     pub(crate) fn new(pose: &Pose) -> Self {
         Self { rotation: pose.rotation.map(single), position: single(pose.position) }
     }
 }
 
-/// What may hide places from one light, in one frame.
+/// What may hide points from one light, in one frame.
 #[derive(Debug)]
 pub(crate) struct Occluders {
     pub(crate) frame: usize,
-    pub(crate) placing: Placing,
+    pub(crate) to_frame: ToFrame,
     pub(crate) cones: Gathered,
 }
 
@@ -100,7 +100,7 @@ pub(crate) struct Shadow {
     lights: Vec<LightShadow>,
     stack: Vec<u32>,
     /// The world's frame, by which surfaces are stepped off.
-    pub(crate) world: Placing,
+    pub(crate) world: ToFrame,
     pub(crate) step: f32,
 }
 
@@ -118,7 +118,7 @@ impl Shadow {
         for shadow in &mut self.lights {
             (shadow.dark, shadow.used) = (false, 0);
         }
-        self.world = Placing::new(&view.poses[0]);
+        self.world = ToFrame::new(&view.poses[0]);
         #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
         let step = scene.step as f32;
         self.step = step;
@@ -128,7 +128,7 @@ impl Shadow {
             if frame == patch.frame {
                 patch.bounds
             } else {
-                Bounds::of(&corners.map(|corner| view.poses[frame].place(corner)))
+                Bounds::of(&corners.map(|corner| view.poses[frame].point(corner)))
             }
         };
         let reach = |part: &Bounds| largest(part.low).max(largest(part.high));
@@ -161,8 +161,8 @@ impl Shadow {
         let shadow = &mut self.lights[number];
         shadow.farthest = if matches!(source, Source::Point(_)) { of.scene.farthest } else { f32::INFINITY };
         if shadow.used == shadow.frames.len() {
-            let placing = Placing::new(pose);
-            shadow.frames.push(Occluders { frame, placing, cones: Gathered::default() });
+            let to_frame = ToFrame::new(pose);
+            shadow.frames.push(Occluders { frame, to_frame, cones: Gathered::default() });
         }
         let occluders = &mut shadow.frames[shadow.used];
         occluders.cones.clear();
@@ -173,12 +173,12 @@ impl Shadow {
         let shaft = Shaft::new(part, &source);
         shadow.dark = search_leaves(bvh, &shaft, packets, &found, &mut self.stack, &mut occluders.cones);
         if !occluders.cones.is_empty() {
-            (occluders.frame, occluders.placing) = (frame, Placing::new(pose));
+            (occluders.frame, occluders.to_frame) = (frame, ToFrame::new(pose));
             shadow.used += 1;
         }
     }
 
-    /// Whether single places may be hidden from any light.
+    /// Whether single points may be hidden from any light.
     pub(crate) fn falls(&self) -> bool {
         self.lights.iter().any(|shadow| shadow.used > 0)
     }
@@ -195,7 +195,7 @@ impl Shadow {
         self.lights[light].dark
     }
 
-    /// What may hide some places from a light.
+    /// What may hide some points from a light.
     pub(crate) fn occluders(&self, light: usize) -> &[Occluders] {
         &self.lights[light].frames[..self.lights[light].used]
     }
@@ -263,9 +263,9 @@ impl Found<'_> {
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Placing {
+impl ToFrame {
     #[inline(always)]
-    pub(crate) fn place(&self, x: f32, y: f32, z: f32) -> [f32; 3] {
+    pub(crate) fn point(&self, x: f32, y: f32, z: f32) -> [f32; 3] {
         let row = |k: usize| {
             let r = &self.rotation[k];
             r[0] * x + (r[1] * y + (r[2] * z + self.position[k]))

@@ -52,9 +52,9 @@ impl Sky {
         let (mut cell, mut past) = ([0; 2], [0.0; 2]);
         let side = self.side as f64;
         for k in 0..2 {
-            let place = (at[k] * side + 0.5).clamp(0.0, side);
-            cell[k] = (place.floor() as usize).min(self.side);
-            past[k] = place - cell[k] as f64;
+            let along = (at[k] * side + 0.5).clamp(0.0, side);
+            cell[k] = (along.floor() as usize).min(self.side);
+            past[k] = along - cell[k] as f64;
         }
         let first = cell[1] * (self.side + 2) + cell[0];
         let texel = |offset: usize| f64::from(self.texels[first + offset]);

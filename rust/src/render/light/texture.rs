@@ -154,7 +154,7 @@ impl<'a> Sampler<'a> {
         parted(self.texels[0])[0]
     }
 
-    /// The texel at or before each place and the next one, and the two in the row below.
+    /// The texel at or before each point and the next one, and the two in the row below.
     ///
     /// One after the other, so that many of them are on their way from memory at once.
     #[inline(always)]
@@ -177,7 +177,7 @@ impl<'a> Sampler<'a> {
     }
 }
 
-/// Where rays hit a texture: for each the texel at or before the place, and how far it is past it in x and in y.
+/// Where rays hit a texture: for each the texel at or before the point, and how far it is past it in x and in y.
 #[derive(Debug)]
 pub(crate) struct Taps {
     texel: [u32; MOST],

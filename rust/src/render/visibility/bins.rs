@@ -32,7 +32,7 @@ pub(crate) struct Seen {
 /// A triangle in a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Entry {
-    /// Its place among the triangles before the camera.
+    /// Its index among the triangles before the camera.
     pub(crate) seen: u32,
     /// Whether every ray of the tile passes through it.
     pub(crate) covers: bool,
@@ -215,9 +215,9 @@ impl Bins {
         self.entries.clear();
         self.entries.resize(self.found.len(), Entry { seen: 0, covers: false });
         for &(tile, entry) in &self.found {
-            let place = &mut self.starts[tile as usize + 1];
-            self.entries[*place as usize] = entry;
-            *place += 1;
+            let end = &mut self.starts[tile as usize + 1];
+            self.entries[*end as usize] = entry;
+            *end += 1;
         }
         self.starts.truncate(tiles + 1);
     }

@@ -1,7 +1,7 @@
 //! AEDAT 4.0, the files of iniVation's DV: packets of events as flatbuffers, each compressed by itself.
 //!
 //! The line `#!AER-DAT4.0`, a header (`IOHE`), packets (stream, size, then an `EVTS`), and a table of contents (`FTAB`)
-//! whose place the header tells; -1 there means that there is none. An event has 16 bytes: i64 microseconds (Unix time),
+//! whose offset the header tells; -1 there means that there is none. An event has 16 bytes: i64 microseconds (Unix time),
 //! i16 x, i16 y, polarity, padding. (iniVation, AEDAT 4.0 file format; the schemas of dv-processing.)
 
 mod compression;
@@ -69,8 +69,8 @@ impl Encode for Aedat4Encoder {
 
     fn contents(&mut self, out: &mut Vec<u8>) -> Option<(u64, Vec<u8>)> {
         self.compressor.compress(&flatbuffer::table(&self.table), out);
-        let place = MAGIC.len() + flatbuffer::TABLE_PLACE;
-        Some((place as u64, self.bytes.to_le_bytes().to_vec()))
+        let offset = MAGIC.len() + flatbuffer::TABLE_OFFSET;
+        Some((offset as u64, self.bytes.to_le_bytes().to_vec()))
     }
 }
 
@@ -84,7 +84,7 @@ impl Aedat4Encoder {
         // The stream is 0, the only one.
         out[start + 4..start + 8].copy_from_slice(&size.to_le_bytes());
         self.table.push(Entry {
-            place: self.bytes + 8,
+            offset: self.bytes + 8,
             size,
             events: events.len(),
             first_us: first_us + self.start_us,
