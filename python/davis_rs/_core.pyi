@@ -177,7 +177,7 @@ class Decoder:
         - ``imu_stray_words``: words of inertial samples where none had begun, a second end among them; ignored
         - ``imu_repeated_scales``: scales that came again within a sample, which then begins anew
         - ``frame_stray_words``: words of frames where none had begun; ignored
-        - ``samples_missing``: samples that their column lacked; 0 in their place
+        - ``samples_missing``: samples that their column lacked; 0 instead
         - ``samples_extra``: samples beyond the end of their column or of the region; ignored
         - ``exposure_words_extra``: exposure words beyond the third of a frame; ignored
         - ``exposure_marks_missing``: frames without start or end of exposure; that time is then the one before it
@@ -339,7 +339,7 @@ class CrossingEngine:
             log_intensity: natural logarithm, shape (height, width), within +-746; float64 in C order is taken without
                 a copy, float32 is widened.
             slope: for Hermite interpolation, dL/dt per second, likewise; see ``dluma_dt`` of :meth:`push`.
-            sparse: as of :meth:`push`, with log intensity in place of luma.
+            sparse: as of :meth:`push`, with log intensity instead of luma.
 
         Returns:
             Events (:data:`davis_rs.EVENT_DTYPE`), as of :meth:`push`.
@@ -508,7 +508,7 @@ class EventFileReader:
         """Read until there is an event or the size is known; for a reader that will read nothing else.
 
         Raises:
-            DecodeError: where the file breaks its format, with the place.
+            DecodeError: where the file breaks its format, with its position.
             OSError: if the file refuses.
         """
 
@@ -519,7 +519,7 @@ class EventFileReader:
             Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
 
         Raises:
-            DecodeError: where the file breaks its format, with the place.
+            DecodeError: where the file breaks its format, with its position.
             OSError: if the file refuses.
         """
 
@@ -534,7 +534,7 @@ class EventFileReader:
             last one in microseconds, and five numbers that the decoder carries.
 
         Raises:
-            DecodeError: where the file breaks its format, or for a time that is below 0 or goes back, with the place.
+            DecodeError: where the file breaks its format, or for a time that is negative or goes back, with its position.
             OSError: if the file refuses.
         """
 
@@ -550,7 +550,7 @@ class EventFileReader:
             Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
 
         Raises:
-            DecodeError: where the file breaks its format, with the place.
+            DecodeError: where the file breaks its format, with its position.
             OSError: if the file refuses.
             ValueError: for a state that no decoder has.
         """
@@ -772,7 +772,7 @@ class SceneRenderer:
     Args:
         corners: float64 (t, 3, 3), metres.
         planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
-        u_maps, v_maps: float64 (t, 4), affine maps of a place (x, y, z, 1) to texture coordinates.
+        u_maps, v_maps: float64 (t, 4), affine maps of a point (x, y, z, 1) to texture coordinates.
         normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
         textures: uint32 (t), the number of the triangle's texture.
         two_sided: uint32 (t), 1 where the back of the triangle reflects too.
@@ -781,14 +781,14 @@ class SceneRenderer:
         layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
         texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
         lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
-            ``point``, whose vector is its place, ``directional``, whose vector is the unit vector along which it
+            ``point``, whose vector is its position, ``directional``, whose vector is the unit vector along which it
             travels, ``constant``, ``baked``, or ``visible``: baked lights take the light maps' texels one after the
             other, and visible ones fall on nothing, but emissions and the sky are theirs. The beam is that of a point:
             None where it shines alike to all sides; (unit vector, None) where it does with the cosine of the angle to
             it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which it shines fully, and at
             all.
         light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
-            (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
+            (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
             int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
         emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
             (t); None where none does.
@@ -837,7 +837,7 @@ class SceneRenderer:
 
         Args:
             rays: of the sensor.
-            views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: places
+            views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: positions
                 (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
                 in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
                 of the lights; the rates of these factors (n, l), 1/s.
@@ -997,7 +997,7 @@ class SceneRenderer:
                 pixels or steps.
         """
 
-    def ray_sights(
+    def ray_hits(
         self, rays: PixelRays, views: _Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], npt.NDArray[np.float64]]:
         """Find what each ray of single pixels sees, in float64.
@@ -1009,7 +1009,7 @@ class SceneRenderer:
 
         Returns:
             The number of the triangle that is hit, uint32, flat (k, r), 2^32 - 1 where none is; which lights are hidden
-            from the place, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
+            from the point, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
             and luma, float64 in the same shape.
 
         Raises:
@@ -1082,7 +1082,7 @@ def spike_tensor(
         bins: number of planes of each polarity, >= 1.
         start_us, stop_us: the window in microseconds, both ends included; planes go from ``start_us`` to
             ``stop_us``.
-        times: whether an event adds its place in the window (0 at the start, 1 at the end), or one.
+        times: whether an event adds its position in the window (0 at the start, 1 at the end), or one.
 
     Returns:
         float64, shape (2 * bins, height, width), OFF before ON.

@@ -159,7 +159,7 @@ class EdgePasses:
         count, near = around.shape
         view, flat = np.repeat(np.arange(count, dtype=np.uint32), near), around.ravel().astype(np.uint32)
         (before, dark, luma), (after, dark_after, luma_after) = (
-            self._renderer.ray_sights(views, view, flat) for views in ends
+            self._renderer.ray_hits(views, view, flat) for views in ends
         )
         weights = np.tile(self._pixels.weights, count)[:, None] / self._renderer.rays
         changed, ray = np.nonzero((before != after) | (dark != dark_after))

@@ -45,7 +45,7 @@ mod visibility;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
-pub use gradients::pixel_gradients::{BEFORE_LIGHTS, RaySight};
+pub use gradients::pixel_gradients::{BEFORE_LIGHTS, RayHit};
 pub use light::beam::Beam;
 pub use light::light_map::{Emission, LightMapTables};
 pub use light::sky::Sky;

@@ -139,7 +139,7 @@ class NativeRenderer(Renderer):
         )
         return counts, textures.of_framed[texels], values
 
-    def ray_sights(
+    def ray_hits(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], FloatArray]:
         """What each of r rays of single pixels (k,) sees, in float64.
@@ -149,7 +149,7 @@ class NativeRenderer(Renderer):
             n mod 64 is turned over for each light n that something hides); and luma.
         """
         shape = len(pixel), self.rays
-        triangle, hidden, luma = self._core.ray_sights(
+        triangle, hidden, luma = self._core.ray_hits(
             pixel_rays(self.camera, self.rays), self._arrays(views), view, pixel
         )
         return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
@@ -162,7 +162,7 @@ class NativeRenderer(Renderer):
             table = np.ascontiguousarray(rays[first : first + _MOST_ACROSS, :2], np.float32)
             number = np.arange(len(some), dtype=np.uint32)
             of_rays = PixelRays(len(some), 1, 1, table.ravel())
-            found.append(self._core.ray_sights(of_rays, self._arrays(some), number, number)[2])
+            found.append(self._core.ray_hits(of_rays, self._arrays(some), number, number)[2])
         return np.concatenate(found)
 
     def cameras(self, views: Views) -> list[Views]:

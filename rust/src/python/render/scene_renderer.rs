@@ -9,7 +9,7 @@ use super::scene_tables::{
 };
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{groups, lists, numbers, rows};
-use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RaySight, Renderer, Scene, SceneTables, TrackSettings};
+use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RayHit, Renderer, Scene, SceneTables, TrackSettings};
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
 ///
@@ -377,7 +377,7 @@ impl PySceneRenderer {
     ///
     /// Raises:
     ///     ValueError: for views that do not fit the scene, or a view or pixel that is not there.
-    fn ray_sights<'py>(
+    fn ray_hits<'py>(
         &self,
         py: Python<'py>,
         rays: &PyPixelRays,
@@ -387,11 +387,11 @@ impl PySceneRenderer {
     ) -> PyResult<(Flat<'py, u32>, Flat<'py, u64>, Flat<'py, f64>)> {
         let views = views_of(self.0.scene(), &views)?;
         let (view, pixel): (Vec<u32>, Vec<u32>) = view_pixels(view, pixel)?.into_iter().unzip();
-        let mut sights = vec![RaySight::default(); pixel.len() * rays.0.rays()];
-        py.detach(|| self.0.ray_sights(&rays.0, &views, &view, &pixel, &mut sights))?;
-        let triangles: Vec<u32> = sights.iter().map(|sight| sight.triangle).collect();
-        let hidden: Vec<u64> = sights.iter().map(|sight| sight.hidden).collect();
-        let luma: Vec<f64> = sights.iter().map(|sight| sight.luma).collect();
+        let mut hits = vec![RayHit::default(); pixel.len() * rays.0.rays()];
+        py.detach(|| self.0.ray_hits(&rays.0, &views, &view, &pixel, &mut hits))?;
+        let triangles: Vec<u32> = hits.iter().map(|hit| hit.triangle).collect();
+        let hidden: Vec<u64> = hits.iter().map(|hit| hit.hidden).collect();
+        let luma: Vec<f64> = hits.iter().map(|hit| hit.luma).collect();
         Ok((triangles.into_pyarray(py), hidden.into_pyarray(py), luma.into_pyarray(py)))
     }
 

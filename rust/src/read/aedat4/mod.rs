@@ -79,14 +79,18 @@ impl Decode for Aedat4Decoder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::read::testing::{aedat4_file, any_split_decodes_alike, read};
+    use crate::read::testing::{any_split_decodes_alike, read};
     use crate::write::{Aedat4Encoder, Compression, EventWriter};
     use proptest::prelude::*;
     use std::io::Cursor;
 
     fn written(events: &[Event], compression: Compression, packet: usize, start_us: i64) -> Vec<u8> {
         let encoder = Aedat4Encoder::new(1 << 15, 1 << 15, compression, start_us);
-        aedat4_file(events, encoder, packet)
+        let mut writer = EventWriter::new(Cursor::new(Vec::new()), encoder).unwrap();
+        for packet in events.chunks(packet) {
+            writer.write(packet).unwrap();
+        }
+        writer.finish_with_contents().unwrap().into_inner()
     }
 
     fn some() -> Vec<Event> {

@@ -128,13 +128,17 @@ impl Aedat4Piece {
 mod tests {
     use super::*;
     use crate::read::aedat4::MAX_PACKET_BYTES;
-    use crate::read::testing::aedat4_file;
-    use crate::write::{Aedat4Encoder, Compression};
+    use crate::write::{Aedat4Encoder, Compression, EventWriter};
     use proptest::prelude::*;
+    use std::io::Cursor;
 
     fn written(events: &[Event]) -> Vec<u8> {
         let encoder = Aedat4Encoder::new(240, 180, Compression::Lz4, 0);
-        aedat4_file(events, encoder, 7)
+        let mut writer = EventWriter::new(Cursor::new(Vec::new()), encoder).unwrap();
+        for packet in events.chunks(7) {
+            writer.write(packet).unwrap();
+        }
+        writer.finish_with_contents().unwrap().into_inner()
     }
 
     fn some() -> Vec<Event> {

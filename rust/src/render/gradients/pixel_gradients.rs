@@ -27,7 +27,7 @@ pub(crate) const PIXELS_OF_THREAD: usize = 64;
 
 /// What one ray sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RaySight {
+pub struct RayHit {
     /// The triangle's number in the scene's tables, [`NO_TRIANGLE`] for none.
     pub triangle: u32,
     /// Bit n mod 64 is turned over for each light n that falls on the point, but for what lies between.
@@ -111,26 +111,26 @@ impl Renderer {
     /// # Errors
     ///
     /// [`Error::Argument`] as for [`Self::gradients`].
-    pub fn ray_sights(
+    pub fn ray_hits(
         &self,
         rays: &PixelRays,
         views: &[View],
         of_view: &[u32],
         pixels: &[u32],
-        sights: &mut [RaySight],
+        hits: &mut [RayHit],
     ) -> Result<()> {
         let views = &self.centred(views)?;
         check_numbers(rays, views, of_view, pixels, 1)?;
-        check_length(pixels.len() * rays.rays(), sights.len())?;
+        check_length(pixels.len() * rays.rays(), hits.len())?;
         self.install(|| {
             let numbers = of_view.par_iter().zip(pixels).with_min_len(PIXELS_OF_THREAD);
-            numbers.zip(sights.par_chunks_exact_mut(rays.rays())).for_each(|((&view, &pixel), sights)| {
+            numbers.zip(hits.par_chunks_exact_mut(rays.rays())).for_each(|((&view, &pixel), hits)| {
                 let (mut buffers, lit) = (RayBuffers::default(), Lit::new(&self.scene, views, view));
-                let mut sights = sights.iter_mut();
+                let mut hits = hits.iter_mut();
                 self.each_ray(rays, &lit, &[pixel], &mut buffers, |_, _, seen, shaded| {
-                    if let Some(sight) = sights.next() {
+                    if let Some(hit) = hits.next() {
                         let triangle = seen.map_or(NO_TRIANGLE, |hit| hit.surface.number);
-                        *sight = RaySight { triangle, hidden: shaded.hidden, luma: shaded.luma };
+                        *hit = RayHit { triangle, hidden: shaded.hidden, luma: shaded.luma };
                     }
                 });
             });
