@@ -17,7 +17,7 @@ use crate::render::PixelRays;
 ///     ValueError: for a size or number of rays out of range, or a table of another length or with numbers that are not
 ///         finite.
 #[pyclass(name = "PixelRays", module = "davis_rs._core", frozen)]
-pub(in crate::python) struct PyPixelRays(pub(super) PixelRays);
+pub(crate) struct PyPixelRays(pub(super) PixelRays);
 
 #[pymethods]
 impl PyPixelRays {

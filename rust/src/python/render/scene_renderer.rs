@@ -50,7 +50,7 @@ use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RayHit, Renderer,
 /// Raises:
 ///     ValueError: for arrays that do not belong together, or no threads.
 #[pyclass(name = "SceneRenderer", module = "davis_rs._core", frozen)]
-pub(in crate::python) struct PySceneRenderer(Renderer);
+pub(crate) struct PySceneRenderer(Renderer);
 
 /// An array without its shape.
 type Flat<'py, T> = Bound<'py, PyArray1<T>>;
