@@ -534,7 +534,8 @@ class EventFileReader:
             last one in microseconds, and five numbers that the decoder carries.
 
         Raises:
-            DecodeError: where the file breaks its format, or for a negative time or one that goes back, with its position.
+            DecodeError: where the file breaks its format, or for a time that is negative or goes back, with its
+                position.
             OSError: if the file refuses.
         """
 

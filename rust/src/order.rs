@@ -10,14 +10,14 @@ const BUCKET_BITS: u32 = 12;
 
 /// An event of an interval, in whatever form.
 pub(crate) trait Stamped: Copy {
-    /// Its time since the interval's start.
+    /// Returns its time since the interval's start.
     fn tick(self, start_us: i64) -> i64;
 
     /// The bits of its position on the sensor.
     const PLACE: u64;
 
-    /// The event. `place` is [`Self::PLACE`], as a number that the compiler does not know: if it knew which bits are zero,
-    /// it would store events byte by byte.
+    /// Returns the event. `place` is [`Self::PLACE`], as a number that the compiler does not know: if it knew which
+    /// bits are zero, it would store events byte by byte.
     fn event(self, start_us: i64, place: u64) -> Event;
 }
 

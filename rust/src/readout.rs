@@ -1,14 +1,14 @@
 //! The readout bus (the effect `readout`): events wait for a shared bus, which reads them out row by row.
 //!
-//! A pixel that fires only requests its row. The bus grants one row after the other and carries a limited number of events
-//! a second, so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels have a readout of
-//! their own, which is in `aer::frame_assembler`.)
+//! A pixel that fires only requests its row. The bus grants one row after the other and carries a limited number of
+//! events a second, so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels
+//! have a readout of their own, which is in `aer::frame_assembler`.)
 //!
 //! A pixel's reset waits for the bus: from its request until its event is read out, and for the refractory period after
 //! that, it cannot make another one. What reaches a level meanwhile is no event, and is counted as missed.
 //!
-//! What must not break: every event leaves once or is counted as dropped or missed, stamps never decrease, and the result
-//! does not depend on how the stream is split into calls.
+//! What must not break: every event leaves once or is counted as dropped or missed, stamps never decrease, and the
+//! result does not depend on how the stream is split into calls.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -20,8 +20,9 @@ use crate::random::{Draw, Purpose};
 /// The parameters of a row-wise arbiter (address-event representation).
 ///
 /// Pixels ask for their row. The bus grants the row whose oldest request came first, and reads all of its requests in
-/// one burst: one stamp, the row's address, then a column a turn. Source: Brandli, Berner, Yang, Liu and Delbruck, "A 240 x 180 130 dB 3 us
-/// latency global shutter spatiotemporal vision sensor", IEEE JSSC 49(10), 2014 (word-serial burst mode).
+/// one burst: one stamp, the row's address, then a column a turn. Source: Brandli, Berner, Yang, Liu and Delbruck, "A
+/// 240 x 180 130 dB 3 us latency global shutter spatiotemporal vision sensor", IEEE JSSC 49(10), 2014 (word-serial
+/// burst mode).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadoutParameters {
     /// Events that the bus carries in a second, > 0; infinite for any number at once.
@@ -38,7 +39,7 @@ pub struct ReadoutParameters {
 }
 
 impl ReadoutParameters {
-    /// Whether events leave as they come.
+    /// Returns whether events leave as they come.
     #[must_use]
     pub fn is_neutral(&self) -> bool {
         self.events_per_s.is_infinite() && self.row_us == 0.0 && self.latency_us == 0.0 && self.jitter_us == 0.0
@@ -66,7 +67,8 @@ impl ReadoutParameters {
     }
 }
 
-/// The furthest that stamps can lie ahead of the last frame: latency, jitter and a whole row at one event a second are less.
+/// The furthest that stamps can lie ahead of the last frame: latency, jitter and a whole row at one event a second are
+/// less.
 const LONGEST_AHEAD_US: i64 = 1 << 50;
 
 /// What a readout still holds, as plain data to be stored.
@@ -116,7 +118,7 @@ pub(crate) struct Readout {
 }
 
 impl Readout {
-    /// A bus that nothing waits for, of pixels that are held in reset for `refractory_us`.
+    /// Returns a bus that nothing waits for, of pixels that are held in reset for `refractory_us`.
     #[allow(clippy::cast_possible_truncation, reason = "periods are at most 1e15 us")]
     pub(crate) fn new(size: SensorSize, parameters: ReadoutParameters, seed: u64, refractory_us: f64) -> Self {
         Self {
@@ -217,7 +219,7 @@ impl Readout {
         in_order(events);
     }
 
-    /// Everything that is left.
+    /// Returns everything that is left.
     pub(crate) fn flush(&mut self) -> Vec<Event> {
         self.grant(i64::MAX);
         let mut events: Vec<Event> = self.stamped.drain(..).collect();
@@ -287,7 +289,7 @@ impl Readout {
     }
 }
 
-/// The time from a burst's grant to its stamp, in microseconds. It is never negative, whatever the jitter is.
+/// Returns the time from a burst's grant to its stamp, in microseconds. It is never negative, whatever the jitter is.
 fn delay(p: &ReadoutParameters, seed: u64, row: u16, burst: u64) -> f64 {
     let jitter_us = if p.jitter_us > 0.0 {
         p.jitter_us * Draw::at(seed, Purpose::ReadoutJitter, row.into(), burst).normal()
@@ -387,7 +389,8 @@ mod tests {
             let mut events = requests.clone();
             bus.pass(&mut events, 300);
             events.extend(bus.flush());
-            // From any stamp on: a burst has its stamp before it is carried, so one row's worth goes on top, and a microsecond of rounding.
+            // From any stamp on: a burst has its stamp before it is carried, so one row's worth goes on top, and a
+            // microsecond of rounding.
             for (i, first) in events.iter().enumerate() {
                 for (n, last) in (0u32..).zip(&events[i..]) {
                     let us = f64::from(u32::try_from(last.t - first.t).unwrap());

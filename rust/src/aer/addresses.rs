@@ -48,19 +48,19 @@ impl Addresses {
         }
     }
 
-    /// A row as bits of an event.
+    /// Returns a row as bits of an event.
     #[inline]
     pub(super) fn row_bits(&self, row: u16) -> u64 {
         u64::from(row) << self.row_field
     }
 
-    /// Column and polarity of a word as bits of an event.
+    /// Returns column and polarity of a word as bits of an event.
     #[inline]
     pub(super) fn column_bits(&self, word: u16) -> u64 {
         u64::from(word & LOW_12) << self.column_field | u64::from(word & ON) << (P - ON.trailing_zeros())
     }
 
-    /// The row in the bits of an event: the inverse of [`Self::row_bits`].
+    /// Returns the row in the bits of an event: the inverse of [`Self::row_bits`].
     #[inline]
     #[allow(clippy::cast_possible_truncation, reason = "the field's bits")]
     pub(super) fn row_of(&self, fields: u64) -> u16 {

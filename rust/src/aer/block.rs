@@ -21,7 +21,7 @@ use super::state::State;
 use super::word::{COLUMN_OFF, LOW_12, LOW_15, ON, ROW, WRAP};
 use crate::event::Event;
 
-/// Whether a word is the address of a column, in the array or beyond it.
+/// Returns whether a word is the address of a column, in the array or beyond it.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 pub(super) fn is_column(word: u16) -> bool {
@@ -41,7 +41,8 @@ pub(super) fn bits(flags: &[u8; BLOCK]) -> u64 {
 
 /// Decodes a block that has neither wraps nor samples. Reserved words in it (padding) do nothing.
 ///
-/// Finds the time and the row that hold at each word, makes the event that each word would be, and keeps those of columns.
+/// Finds the time and the row that hold at each word, makes the event that each word would be, and keeps those of
+/// columns.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "15 bits since the last wrap")]
@@ -137,7 +138,7 @@ impl Fields {
     }
 }
 
-/// A value computed from each word.
+/// Returns a value computed from each word.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 fn map_words<T>(block: &[[u8; 2]; BLOCK], of: impl Fn(u16) -> T) -> [T; BLOCK] {

@@ -20,12 +20,12 @@ pub(super) const TOP: u16 = 0x8000;
 /// [`TOP`] in every lane.
 pub(super) const TOPS: u64 = splat(TOP);
 
-/// The same value in all four lanes.
+/// Returns the same value in all four lanes.
 pub(super) const fn splat(value: u16) -> u64 {
     0x0001_0001_0001_0001 * value as u64
 }
 
-/// All bits of each lane whose top bit is set, no bit of the others.
+/// Returns all bits of each lane whose top bit is set, no bit of the others.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 pub(super) fn mask(lanes: u64) -> u64 {
@@ -40,7 +40,7 @@ pub(super) fn any_of_upper_four(lanes: u64) -> u64 {
     lanes | lanes << 1 | lanes << 2 | lanes << 3
 }
 
-/// Forward fill: gives each lane without a value (0) the last value before it.
+/// Fills forward: gives each lane without a value (0) the last value before it.
 ///
 /// `before` is the value before the first lane. Returns, for each number, the value before its first lane, in all four
 /// lanes; and the last value of the block.
@@ -64,7 +64,7 @@ pub(super) fn forward_fill(values: &mut [u64; LANES], before: u16) -> ([u64; LAN
     (held, last)
 }
 
-/// The lanes of a block, one word each, in order.
+/// Returns the lanes of a block, one word each, in order.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "one lane of four")]

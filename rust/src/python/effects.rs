@@ -16,7 +16,8 @@ pub(super) fn check_effects(effects: &Bound<'_, PyAny>) -> PyResult<()> {
     Ok(from_python(Some(effects))?.check()?)
 }
 
-/// What acts on the log signal, in the pixel and on the stream: a dictionary, or an object with `engine_settings`.
+/// Reads what acts on the log signal, in the pixel and on the stream: a dictionary, or an object with
+/// `engine_settings`.
 pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effects> {
     let mut all = Effects::default();
     let Some(effects) = effects else { return Ok(all) };
@@ -108,7 +109,7 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
     Ok(all)
 }
 
-/// The dictionary that [`from_python`] takes.
+/// Returns the dictionary that [`from_python`] takes.
 pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound<'py, PyDict>> {
     let all = PyDict::new(py);
     let put = |name: &str, parameters: &[(&str, f64)]| -> PyResult<Bound<'py, PyDict>> {
@@ -158,7 +159,7 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
     Ok(all)
 }
 
-/// The names of the effects that are on, of those that act beyond the thresholds.
+/// Returns the names of the effects that are on, of those that act beyond the thresholds.
 pub(super) fn active(effects: &Effects) -> Vec<&'static str> {
     let hot = effects.hot_pixels;
     let all = [

@@ -251,7 +251,7 @@ impl PyCrossingEngine {
     }
 }
 
-/// A threshold for people: the value, or the least and the largest one.
+/// Returns a threshold for people: the value, or the least and the largest one.
 fn threshold_range(threshold: &Threshold) -> String {
     match threshold {
         Threshold::Uniform(value) => format!("{value:?}"),

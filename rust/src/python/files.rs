@@ -164,7 +164,7 @@ impl PyEventFileWriter {
     }
 }
 
-/// `error` with the file's name, where it has none.
+/// Adds the file's name to an error that has none.
 pub(super) fn naming(error: Error, name: &str) -> Error {
     match error {
         Error::Io { context, source } => Error::Io { context: format!("{context}: {name}"), source },
@@ -273,7 +273,8 @@ impl PyEventFileReader {
     ///     last one in microseconds, and five numbers that the decoder carries.
     ///
     /// Raises:
-    ///     DecodeError: where the file breaks its format, or for a negative time or one that goes back, with its position.
+    ///     DecodeError: where the file breaks its format, or for a time that is negative or goes back, with its
+    ///         position.
     ///     OSError: if the file refuses.
     fn scan<'py>(&mut self, py: Python<'py>, enough: usize) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let blocks = py.detach(|| {

@@ -17,7 +17,7 @@ pub(super) enum Sink {
 }
 
 impl Sink {
-    /// The sink that `target` stands for, and its name; a file is made, over an existing one only on demand.
+    /// Returns the sink that `target` stands for, and its name; a file is made, over an existing one only on demand.
     pub(super) fn open(target: &Bound<'_, PyAny>, overwrite: bool) -> PyResult<(String, Self)> {
         if target.hasattr("write")? {
             let name = target.getattr("name").unwrap_or_else(|_| target.clone()).str()?.to_string();

@@ -7,8 +7,8 @@ use crate::event::Event;
 /// A header is no longer; what goes on beyond is no `.raw` file.
 const LONGEST: usize = 1 << 16;
 
-/// Length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input: however it
-/// ends).
+/// Reads length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input:
+/// however it ends).
 fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
     let mut header = Header { length: 0, size: None, start_us: 0 };
     let (mut width, mut height) = (None, None);
@@ -66,12 +66,12 @@ struct Header {
 pub(super) struct Preamble(Option<Header>);
 
 impl Preamble {
-    /// Of a stream that has no header.
+    /// Returns the preamble of a stream that has no header.
     pub(super) fn none() -> Self {
         Self(Some(Header { length: 0, size: None, start_us: 0 }))
     }
 
-    /// How many of the bytes lie before the words; None until all of the header is there.
+    /// Returns how many of the bytes lie before the words; None until all of the header is there.
     pub(super) fn pass(&mut self, bytes: &[u8]) -> Result<Option<usize>> {
         if self.0.is_some() {
             return Ok(Some(0));
@@ -80,7 +80,7 @@ impl Preamble {
         Ok(self.0.as_ref().map(|header| header.length))
     }
 
-    /// How many of the bytes at the end of the input belong to the header.
+    /// Returns how many of the bytes at the end of the input belong to the header.
     pub(super) fn end(&self, bytes: &[u8]) -> Result<usize> {
         Ok(if self.0.is_some() { 0 } else { header(bytes, true)?.map_or(0, |header| header.length) })
     }
@@ -89,7 +89,7 @@ impl Preamble {
         self.0.as_ref()?.size
     }
 
-    /// What is added to all times.
+    /// Returns what is added to all times.
     pub(super) fn start_us(&self) -> i64 {
         self.0.as_ref().map_or(0, |header| header.start_us)
     }
@@ -100,10 +100,10 @@ pub trait Words: Default + Send + Sync {
     /// Decodes whole words, adds `start_us` to their times, and returns how many bytes they have.
     fn decode(&mut self, bytes: &[u8], start_us: i64, events: &mut Vec<Event>) -> usize;
 
-    /// See [`Decode::state`].
+    /// Returns what [`Decode::state`] does.
     fn state(&self) -> DecoderState;
 
-    /// See [`Decode::resume`].
+    /// Does what [`Decode::resume`] does.
     ///
     /// # Errors
     /// [`Error::Argument`] for a state that no decoder has.
@@ -118,13 +118,13 @@ pub struct EvtDecoder<W> {
 }
 
 impl<W: Words> EvtDecoder<W> {
-    /// A decoder of a file's bytes, from its beginning.
+    /// Returns a decoder of a file's bytes, from its beginning.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A decoder of words alone, without a header before them: those of packets of a stream.
+    /// Returns a decoder of words alone, without a header before them: those of packets of a stream.
     #[must_use]
     pub fn of_words() -> Self {
         Self { preamble: Preamble::none(), words: W::default() }
@@ -176,19 +176,19 @@ impl<const ROUND: i64> HighTime<ROUND> {
         self.0 = Some(if last - same_round >= ROUND / 2 { same_round + ROUND } else { same_round });
     }
 
-    /// The number that stands for it in a decoder's state: 0 for none.
+    /// Returns the number that stands for it in a decoder's state: 0 for none.
     pub(super) fn state(self) -> i64 {
         self.0.map_or(0, |high| high + 1)
     }
 
-    /// That of a state, which must lie below `end`.
+    /// Returns the one that a number in a decoder's state stands for, which must lie below `end`.
     pub(super) fn of_state(state: i64, end: i64) -> Result<Self> {
         let next: i64 = part(state, end)?;
         Ok(Self((next > 0).then(|| next - 1)))
     }
 }
 
-/// A number of a decoder's state, which must lie in `0..end`.
+/// Returns a number of a decoder's state, which must lie in `0..end`.
 pub(super) fn part<T: TryFrom<i64>>(value: i64, end: i64) -> Result<T> {
     let number = (0..end).contains(&value).then(|| T::try_from(value).ok()).flatten();
     number.ok_or_else(|| Error::Argument(format!("a decoder's state must lie in 0..{end}: got {value}")))

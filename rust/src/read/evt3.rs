@@ -61,7 +61,8 @@ impl Words for Evt3Words {
                 8 => {
                     let last = self.high.get();
                     self.high.advance(i64::from(word & 0xfff));
-                    // Cameras repeat the high time as a sign of life; only where it is new does the low one start again.
+                    // Cameras repeat the high time as a sign of life; only where it is new does the low one start
+                    // again.
                     if self.high.get() != last {
                         self.low = 0;
                         time = self.high.get().map(|high| start_us + (high << 12));

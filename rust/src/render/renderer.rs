@@ -73,7 +73,7 @@ impl<T: Default> Spares<T> {
 }
 
 impl Renderer {
-    /// A renderer of a scene, on its own threads where their number is given.
+    /// Returns a renderer of a scene, on its own threads where their number is given.
     ///
     /// # Errors
     ///
@@ -85,19 +85,20 @@ impl Renderer {
         Ok(Self { scene, still, threads, view_buffers, scratch, pixels, edges: OnceLock::new() })
     }
 
-    /// The scene.
+    /// Returns the scene.
     #[must_use]
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// How many threads of its own it has; none where it takes all that there are.
+    /// Returns how many threads of its own it has; none where it takes all that there are.
     #[must_use]
     pub fn threads(&self) -> Option<usize> {
         self.threads.as_ref().and_then(Threads::count)
     }
 
-    /// Luma of frames, row by row, one view after the other; and its rate per second where a buffer for it is given.
+    /// Renders luma of frames, row by row, one view after the other; and its rate per second where a buffer for it is
+    /// given.
     ///
     /// # Errors
     ///
@@ -122,19 +123,20 @@ impl Renderer {
         }
     }
 
-    /// Luma of single pixels: `pixels` are numbers of a view and of a pixel in it, row by row.
+    /// Renders luma of single pixels: `pixels` are numbers of a view and of a pixel in it, row by row.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or a buffer of another length.
+    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or a buffer of another
+    /// length.
     pub fn samples(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], luma: &mut [f32]) -> Result<()> {
         self.each_pixel(rays, views, pixels, luma, |view, samples, found| {
             self.each_of(rays, view, samples, |of, tile, some, scratch| tile::samples(of, tile, some, scratch, found));
         })
     }
 
-    /// What single rays hit: of each pixel, a view and a pixel in it as in [`Self::samples`], the depth and the triangle
-    /// as in [`Self::depth`].
+    /// Returns what single rays hit: of each pixel, a view and a pixel in it as in [`Self::samples`], the depth and the
+    /// triangle as in [`Self::depth`].
     ///
     /// # Errors
     ///
@@ -190,8 +192,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Of each ray of one a pixel: its depth, inf where it hits nothing; and the number in its tables of the triangle
-    /// that it hits, `NO_TRIANGLE` for none.
+    /// Finds for each ray, of one a pixel: its depth, inf where it hits nothing; and the number in its tables of the
+    /// triangle that it hits, `NO_TRIANGLE` for none.
     ///
     /// # Errors
     ///
@@ -261,7 +263,8 @@ impl Renderer {
                 }
                 return;
             }
-            // Two chunks a thread at least: one that is slowed down by others then leaves some of its views to the rest.
+            // Two chunks a thread at least: one that is slowed down by others then leaves some of its views to the
+            // rest.
             let together = self.together().min(views.len().div_ceil(2 * threads)).max(1);
             views.par_chunks(together).zip(bands.par_chunks_mut(together * rays.rows)).for_each(|(views, bands)| {
                 let mut scratch = self.scratch.take();
@@ -277,8 +280,8 @@ impl Renderer {
         })
     }
 
-    /// Of how many views one thread does a band before it goes on to the next. They see nearly the same there, so that its
-    /// rays and texels are still in the caches; but what was made ready for each must be there too.
+    /// Returns of how many views one thread does a band before it goes on to the next. They see nearly the same there,
+    /// so that its rays and texels are still in the caches; but what was made ready for each must be there too.
     fn together(&self) -> usize {
         (MOST_TRIANGLES_TOGETHER / self.scene.triangles().max(1)).clamp(1, MOST_TOGETHER)
     }
@@ -317,7 +320,8 @@ impl Renderer {
         TileView { rays, lit, background: background(&self.scene, view), bins }
     }
 
-    /// What each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were found.
+    /// Returns what each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were
+    /// found.
     pub(crate) fn sights(
         &self,
         rays: &PixelRays,
@@ -367,7 +371,7 @@ impl Renderer {
     }
 }
 
-/// The bands of frames that lie one after the other: rows of tiles.
+/// Returns the bands of frames that lie one after the other: rows of tiles.
 fn bands<'a, T>(rays: &PixelRays, frames: &'a mut [T]) -> Vec<&'a mut [T]> {
     frames.chunks_mut(rays.pixels()).flat_map(|frame| frame.chunks_mut(rays.width * TILE)).collect()
 }
@@ -421,7 +425,7 @@ mod tests {
         }
     }
 
-    /// A wall, and before it many triangles: every second one moves, every third one is smooth.
+    /// Returns a wall, and before it many triangles: every second one moves, every third one is smooth.
     fn tables(numbers: &mut Numbers, count: usize) -> SceneTables {
         let mut tables = SceneTables {
             frame_count: 2,
@@ -509,8 +513,8 @@ mod tests {
     }
 
     /// Luma and rates of few and of many triangles a tile have the bits that they had on another processor: they were
-    /// found in a build without vector code, and each processor runs the best level that it has. Who changes the order of
-    /// operations makes other bits, and must then make the counts of events in docs/ again.
+    /// found in a build without vector code, and each processor runs the best level that it has. Who changes the order
+    /// of operations makes other bits, and must then make the counts of events in docs/ again.
     #[test]
     fn bits_are_those_of_other_processors() {
         let (width, height, rays) = (45, 27, 5);

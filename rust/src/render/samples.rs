@@ -19,9 +19,10 @@ pub(crate) struct Sample {
     pub(crate) index: usize,
 }
 
-/// Pixels, each of a view, view by view and each view's tile by tile.
+/// Sorts pixels, each of a view, by view and then by tile.
 ///
-/// Many views are asked for few pixels each: they are counted into their positions, and only those of a view are compared.
+/// Many views are asked for few pixels each: they are counted into their positions, and only those of a view are
+/// compared.
 pub(crate) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> Vec<Sample> {
     let mut starts = vec![0; views + 1];
     for (view, _) in pixels {
@@ -42,7 +43,7 @@ pub(crate) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> V
     order
 }
 
-/// Whether pixels lie in one spot: in tiles that touch each other.
+/// Returns whether pixels lie in one spot: in tiles that touch each other.
 pub(crate) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
     let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
     for sample in samples {
@@ -95,7 +96,7 @@ impl Pixels {
         self.count
     }
 
-    /// What the rays lie in.
+    /// Returns what the rays lie in.
     pub(crate) fn around(&self) -> &Rect {
         &self.around
     }

@@ -46,8 +46,8 @@ pub struct Light {
     pub beam: Option<Beam>,
 }
 
-/// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the world,
-/// or that of the body that it belongs to.
+/// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the
+/// world, or that of the body that it belongs to.
 #[derive(Clone, Debug, Default)]
 pub struct SceneTables {
     /// Corners, metres.
@@ -216,7 +216,7 @@ impl Scene {
         self.frames.push(Frame { centre, triangles: first..self.corners.len(), bvh });
     }
 
-    /// A view with the camera where it is in the frames less their centres.
+    /// Returns a view with the camera where it is in the frames less their centres.
     pub(crate) fn centred(&self, view: &View) -> View {
         let mut view = view.clone();
         for (pose, frame) in view.poses.iter_mut().zip(&self.frames) {
@@ -225,25 +225,25 @@ impl Scene {
         view
     }
 
-    /// Triangles that can be seen.
+    /// Returns how many triangles can be seen.
     #[must_use]
     pub fn triangles(&self) -> usize {
         self.corners.len()
     }
 
-    /// Frames: the world's, and one for each body.
+    /// Returns how many frames there are: the world's, and one for each body.
     #[must_use]
     pub fn frames(&self) -> usize {
         self.frames.len()
     }
 
-    /// Lights.
+    /// Returns how many lights there are.
     #[must_use]
     pub fn lights(&self) -> usize {
         self.lights.len()
     }
 
-    /// Whether point and directional lights throw shadows.
+    /// Returns whether point and directional lights throw shadows.
     #[must_use]
     pub fn shadows(&self) -> bool {
         self.shadows
@@ -256,7 +256,7 @@ fn has_area(corners: &[Vector; 3]) -> bool {
     largest(normal) > 0.0 && largest(normal).is_finite() && corners.iter().flatten().all(|x| x.is_finite())
 }
 
-/// Whether the shading normal is another than the plane's.
+/// Returns whether the shading normal is another than the plane's.
 fn is_smooth(maps: &[[f64; 4]; 3], plane: &[f64; 4]) -> bool {
     maps.iter().zip(plane).any(|(map, n)| map[..3] != [0.0; 3] || (map[3] - n).abs() > 1e-6)
 }

@@ -61,7 +61,8 @@ impl TileImage {
     pub(crate) const BLACK: Self = Self { luma: [0.0; PIXELS], rate: [0.0; PIXELS] };
 }
 
-/// Luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has alone.
+/// Computes luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has
+/// alone.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn luma<'a, const RATE: bool>(
     of: &TileView<'a>,
@@ -81,7 +82,8 @@ pub(crate) fn luma<'a, const RATE: bool>(
     }
 }
 
-/// Luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's bins.
+/// Computes luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's
+/// bins.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
@@ -90,7 +92,8 @@ pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
-/// What each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of [`samples`].
+/// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of
+/// [`samples`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
     let part = pixels.part();
@@ -114,7 +117,7 @@ pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mu
     }
 }
 
-/// Luma of rays, and its rate. `before` are the shaders of the tile before, and then those of this one.
+/// Computes luma of rays, and its rate. `before` are the shaders of the tile before, and then those of this one.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut TileScratch, before: &mut Shaders<'a>) {
@@ -199,7 +202,7 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
     *before = shaders;
 }
 
-/// Shaders of triangles; those of the tile before are taken where they are known.
+/// Returns the shaders of triangles; those of the tile before are taken where they are known.
 fn shaders<'a, 'b>(
     of: &TileView<'a>,
     triangles: impl Iterator<Item = &'b Seen>,
@@ -232,7 +235,7 @@ fn shaded<const RATE: bool>(
     }
 }
 
-/// The mean of each pixel's rays.
+/// Returns the mean of each pixel's rays.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
@@ -253,7 +256,7 @@ fn mean(values: &[f32]) -> [f32; PIXELS] {
     means
 }
 
-/// The mean of one pixel's rays: the same additions as [`mean`]'s.
+/// Returns the mean of one pixel's rays: the same additions as [`mean`]'s.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
@@ -261,7 +264,7 @@ fn pixel_mean(rays: &[f32]) -> f32 {
     rays.iter().fold(0.0, |sum, ray| sum + ray) / rays.len() as f32
 }
 
-/// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
+/// Hands on for each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn nearest<Each: FnMut(usize, f32, u32)>(
     bins: &Bins,

@@ -18,10 +18,11 @@ pub struct TimeBins {
 }
 
 /// Splats each event linearly into the two nearest time bins. `measure` gives its weight from the event and its time in
-/// the window (0 at the start, 1 at the end). There are `bins.count` planes for each of `groups` groups; `group` says which one an
-/// event belongs to.
+/// the window (0 at the start, 1 at the end). There are `bins.count` planes for each of `groups` groups; `group` says
+/// which one an event belongs to.
 ///
-/// Events outside of the window count nowhere. The window may be an instant: all its events are then in the first plane.
+/// Events outside of the window count nowhere. The window may be an instant: all its events are then in the first
+/// plane.
 pub(super) fn spread(
     events: &[Event],
     size: SensorSize,

@@ -25,13 +25,13 @@ pub struct TextEncoder {
 }
 
 impl TextEncoder {
-    /// An encoder for events within `limits`.
+    /// Returns an encoder for events within `limits`.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self { limits, size_line: None, second_us: i64::MIN, second: [0; 16], second_length: 0, lines: Vec::new() }
     }
 
-    /// With a first line `width height`, which some readers ask for and the dataset does not have.
+    /// Adds a first line `width height`, which some readers ask for and the dataset does not have.
     #[must_use]
     pub fn with_size_line(mut self) -> Self {
         self.size_line = Some((self.limits.width, self.limits.height));

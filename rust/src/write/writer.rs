@@ -11,10 +11,10 @@ const AT_ONCE: usize = 1 << 13;
 
 /// A format: how events become bytes. It does no I/O, and is given only events within its limits.
 pub trait Encode: Send + Sync {
-    /// What the format can hold of a sensor.
+    /// Returns what the format can hold of a sensor.
     fn limits(&self) -> Limits;
 
-    /// The bytes before the first event.
+    /// Writes the bytes before the first event.
     fn begin(&mut self, _out: &mut Vec<u8>) {}
 
     /// Appends events; a format of packets may keep some back.
@@ -45,7 +45,7 @@ pub struct EventWriter<W: Write> {
 }
 
 impl<W: Write> EventWriter<W> {
-    /// A writer into `sink`.
+    /// Returns a writer into `sink`.
     ///
     /// # Errors
     /// [`Error::Io`] if the sink refuses the format's header.
@@ -53,7 +53,7 @@ impl<W: Write> EventWriter<W> {
         Self::boxed(sink, Box::new(encoder))
     }
 
-    /// [`Self::new`] for a format chosen at run time.
+    /// Does what [`Self::new`] does, for a format chosen at run time.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -65,12 +65,12 @@ impl<W: Write> EventWriter<W> {
         Ok(writer)
     }
 
-    /// The sink.
+    /// Returns the sink.
     pub fn sink(&self) -> &W {
         &self.sink
     }
 
-    /// The number of bytes that the sink has taken.
+    /// Returns the number of bytes that the sink has taken.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -124,7 +124,7 @@ impl<W: Write> EventWriter<W> {
 }
 
 impl<W: Write + Seek> EventWriter<W> {
-    /// [`Self::finish`], with a table of contents if the format has one.
+    /// Does what [`Self::finish`] does, with a table of contents if the format has one.
     ///
     /// # Errors
     /// [`Error::Io`] if the sink refuses.

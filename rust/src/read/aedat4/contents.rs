@@ -11,8 +11,9 @@ use super::unpack::unpack;
 use crate::error::{Error, Result};
 
 impl Aedat4Decoder {
-    /// A decoder of the packets that hold the events with `start_us` <= t < `stop_us`, to the first of which `source` is
-    /// moved; of all packets in a file without a table of contents. A packet may unpack to `max_packet_bytes`.
+    /// Returns a decoder of the packets that hold the events with `start_us` <= t < `stop_us`, to the first of which
+    /// `source` is moved; of all packets in a file without a table of contents. A packet may unpack to
+    /// `max_packet_bytes`.
     ///
     /// # Errors
     /// [`Error::Io`] if the source refuses; [`Error::Format`] for a malformed header.
@@ -45,7 +46,8 @@ impl Aedat4Decoder {
     }
 }
 
-/// From the first packet that a slice needs to the end of the last one; None if the table cannot be read.
+/// Returns the bytes from the first packet that a slice needs to the end of the last one; None if the table cannot be
+/// read.
 fn packets(frame: &[u8], header: &Header, times: &Range<i64>, limit: usize) -> Option<Range<usize>> {
     let mut bytes = Vec::new();
     if header.compression == 0 {

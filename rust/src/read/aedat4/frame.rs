@@ -89,7 +89,7 @@ fn fits([width, height, ..]: [i16; 4], pixel: usize, values: &[u8]) -> bool {
     width * height * pixel == values.len()
 }
 
-/// The intensity of a pixel whose colours come as blue, green, red.
+/// Returns the intensity of a pixel whose colours come as blue, green, red.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a mean of 16 bits")]
 fn grey(pixel: &[u16]) -> u16 {
     let [blue, green, red] = [0, 1, 2].map(|channel| f64::from(pixel[channel]));

@@ -53,7 +53,7 @@ pub(super) struct Header {
 }
 
 impl Header {
-    /// The header at the beginning of `bytes`, once it is there.
+    /// Returns the header at the beginning of `bytes`, once it is there.
     pub(super) fn parse(bytes: &[u8]) -> Result<Option<Self>> {
         let known = bytes.len().min(MAGIC.len());
         if bytes[..known] != MAGIC[..known] {
@@ -92,12 +92,12 @@ impl Header {
         Some(streams(xml).map(|streams| Self { length, compression, table_offset, streams }))
     }
 
-    /// The first stream of a kind.
+    /// Returns the first stream of a kind.
     pub(super) fn stream(&self, kind: Kind) -> Option<&Stream> {
         self.streams.iter().find(|stream| stream.kind == Some(kind))
     }
 
-    /// The stream that tells of the camera: that of its events or, without any, of its frames.
+    /// Returns the stream that tells of the camera: that of its events or, without any, of its frames.
     pub(super) fn camera(&self) -> Option<&Stream> {
         self.stream(Kind::Events).or_else(|| self.stream(Kind::Frames))
     }
@@ -106,14 +106,14 @@ impl Header {
         self.streams.iter().any(|stream| stream.number == number)
     }
 
-    /// The kind of a stream that is read: one that is the first of its kind.
+    /// Returns the kind of a stream that is read: one that is the first of its kind.
     pub(super) fn kind_of(&self, number: i32) -> Option<Kind> {
         let kind = self.streams.iter().find(|stream| stream.number == number)?.kind?;
         self.stream(kind).is_some_and(|first| first.number == number).then_some(kind)
     }
 }
 
-/// The streams, by their numbers.
+/// Returns the streams, by their numbers.
 fn streams(xml: &str) -> Result<Vec<Stream>> {
     let wrong = |rule: &str| fault(rule, MAGIC.len());
     let document = roxmltree::Document::parse(xml).map_err(|error| wrong(&format!("the header's XML: {error}")))?;

@@ -32,7 +32,7 @@ impl Default for Aedat4Decoder {
 }
 
 impl Aedat4Decoder {
-    /// A decoder of a file's bytes, from its beginning; a packet may unpack to `max_packet_bytes`.
+    /// Returns a decoder of a file's bytes, from its beginning; a packet may unpack to `max_packet_bytes`.
     #[must_use]
     pub fn new(max_packet_bytes: usize) -> Self {
         Self(Packets::new(max_packet_bytes))

@@ -90,7 +90,7 @@ impl Packets {
     }
 }
 
-/// Stream and size of the packet that begins here.
+/// Returns stream and size of the packet that begins here.
 fn packet_header(bytes: &[u8]) -> Option<(i32, i32)> {
     let (stream, rest) = bytes.split_first_chunk()?;
     Some((i32::from_le_bytes(*stream), i32::from_le_bytes(*rest.first_chunk()?)))

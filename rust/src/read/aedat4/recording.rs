@@ -52,7 +52,7 @@ impl<R: Read> Aedat4Recording<R> {
         Ok(recording)
     }
 
-    /// What some hundred kilobytes of the file hold, None at its end.
+    /// Returns what some hundred kilobytes of the file hold, None at its end.
     ///
     /// # Errors
     /// [`Error::Io`] if the source refuses, [`Error::Format`] for the first packet that does not follow the format.
@@ -66,27 +66,27 @@ impl<R: Read> Aedat4Recording<R> {
         self.advance().map(Some)
     }
 
-    /// Width and height of the sensor, where the header says.
+    /// Returns width and height of the sensor, where the header says.
     pub fn size(&self) -> Option<(u32, u32)> {
         self.packets.header.as_ref()?.camera()?.size
     }
 
-    /// The camera that the header names, or nothing.
+    /// Returns the camera that the header names, or nothing.
     pub fn source(&self) -> &str {
         self.packets.header.as_ref().and_then(Header::camera).map_or("", |stream| &stream.source)
     }
 
-    /// Whether the header announces a stream of a kind.
+    /// Returns whether the header announces a stream of a kind.
     pub fn has(&self, kind: Kind) -> bool {
         self.packets.header.as_ref().is_some_and(|header| header.stream(kind).is_some())
     }
 
-    /// Bytes of the file whose packets were handed out.
+    /// Returns how many bytes there are of the file whose packets were handed out.
     pub fn bytes(&self) -> usize {
         self.packets.offset
     }
 
-    /// What the end of the file cuts off, and where; known at the end.
+    /// Returns what the end of the file cuts off, and where; known at the end.
     pub fn cut(&self) -> Option<String> {
         let (header, offset) = (self.packets.header.as_ref()?, self.packets.offset);
         let end = offset + self.buffer.len();
@@ -147,7 +147,7 @@ mod tests {
 
     const ALL: [Kind; 4] = [Kind::Events, Kind::Frames, Kind::Imu, Kind::Triggers];
 
-    /// The events, how many packets were passed over, and what is said of a cut end.
+    /// Returns the events, how many packets were passed over, and what is said of a cut end.
     fn read(bytes: &[u8], kinds: &[Kind]) -> Result<(Vec<Event>, u64, Option<String>)> {
         let mut recording = Aedat4Recording::new(bytes, kinds.to_vec(), MAX_PACKET_BYTES)?;
         let (mut events, mut others) = (Vec::new(), 0);

@@ -43,7 +43,8 @@ struct Node {
 
 /// A part of space that boxes are tested for.
 pub(crate) trait Region {
-    /// Which boxes it may meet; those that do not touch it may be among them where they lie within float32's rounding.
+    /// Returns which boxes it may meet; those that do not touch it may be among them where they lie within float32's
+    /// rounding.
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
 }
 

@@ -2,8 +2,8 @@
 //!
 //! Rays are stored in the order in which they are processed: tile by tile, block by block, lattice ray by lattice ray.
 //! They are undistorted coordinates, so the renderer knows nothing of lenses. Without distortion all pixels of a column
-//! have the same x, and all of a row the same y. Then only these are stored, and a tile's rays are put together when it is
-//! their turn, because the rays of a large sensor would not fit into memory.
+//! have the same x, and all of a row the same y. Then only these are stored, and a tile's rays are put together when it
+//! is their turn, because the rays of a large sensor would not fit into memory.
 //!
 //! What must not break: the order. A pixel's luma is added up in it, so another order changes bits.
 
@@ -116,7 +116,7 @@ pub struct PixelRays {
 }
 
 impl PixelRays {
-    /// The rays of a sensor, from a table of (x, y) by lattice ray and pixel, row by row.
+    /// Returns the rays of a sensor, from a table of (x, y) by lattice ray and pixel, row by row.
     ///
     /// # Errors
     ///
@@ -125,8 +125,8 @@ impl PixelRays {
         Self::from_parts(width, height, rays, height, |_| Ok(table))
     }
 
-    /// The rays of a sensor, from tables as those of [`Self::new`], each of so many rows of the image; the last one may have
-    /// fewer. `next` gives the table that begins with a row.
+    /// Returns the rays of a sensor, from tables as those of [`Self::new`], each of so many rows of the image; the last
+    /// one may have fewer. `next` gives the table that begins with a row.
     ///
     /// # Errors
     ///
@@ -166,7 +166,7 @@ impl PixelRays {
         Ok(new)
     }
 
-    /// The rays of a sensor without distortion: by ray of the lattice, x of each column and y of each row.
+    /// Returns the rays of a sensor without distortion: by ray of the lattice, x of each column and y of each row.
     ///
     /// # Errors
     ///
@@ -236,25 +236,25 @@ impl PixelRays {
         }
     }
 
-    /// Columns of the sensor.
+    /// Returns the columns of the sensor.
     #[must_use]
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows of the sensor.
+    /// Returns the rows of the sensor.
     #[must_use]
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Rays of each pixel.
+    /// Returns the rays of each pixel.
     #[must_use]
     pub fn rays(&self) -> usize {
         self.rays
     }
 
-    /// Pixels of the sensor.
+    /// Returns the number of pixels of the sensor.
     #[must_use]
     pub fn pixels(&self) -> usize {
         self.width * self.height
@@ -279,7 +279,7 @@ impl PixelRays {
         }
     }
 
-    /// Column and row of a tile's pixel, by block and lane; they may lie beyond the image.
+    /// Returns column and row of a tile's pixel, by block and lane; they may lie beyond the image.
     pub(crate) fn pixel(&self, tile: usize, in_tile: usize) -> (usize, usize) {
         let (block, lane) = (in_tile / LANES, in_tile % LANES);
         let per_row = TILE / BLOCK;
@@ -289,14 +289,14 @@ impl PixelRays {
         )
     }
 
-    /// The tile of a pixel, and the pixel's index in it.
+    /// Returns the tile of a pixel, and the pixel's index in it.
     pub(crate) fn tile_of(&self, pixel: usize) -> (usize, usize) {
         let (column, row) = (pixel % self.width, pixel / self.width);
         let block = row % TILE / BLOCK * (TILE / BLOCK) + column % TILE / BLOCK;
         (row / TILE * self.columns + column / TILE, block * LANES + row % BLOCK * BLOCK + column % BLOCK)
     }
 
-    /// A tile's rays, which may be put together in a buffer.
+    /// Returns a tile's rays, which may be put together in a buffer.
     pub(crate) fn of_tile<'a>(&'a self, tile: usize, buffer: &'a mut TileRays) -> Part<'a> {
         let count = PIXELS * self.rays;
         let (x, y) = match &self.coordinates {
@@ -352,7 +352,7 @@ impl PixelRays {
         &self.tiles[tile]
     }
 
-    /// The columns (axis 0) or rows (1) of tiles that may reach into low..high.
+    /// Returns the columns (axis 0) or rows (1) of tiles that may reach into low..high.
     pub(crate) fn reaching(&self, axis: usize, low: f32, high: f32) -> std::ops::Range<usize> {
         // Both ascend. Some ten numbers are counted sooner than halved, because nothing has to be guessed.
         let Reach { low: lowest, high: highest } = &self.reach[axis];

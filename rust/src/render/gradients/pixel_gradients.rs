@@ -62,7 +62,7 @@ pub(crate) struct RayBuffers {
 }
 
 impl Renderer {
-    /// Luma of pixels, or of weighted sums of pixels, in float64, each with its derivatives.
+    /// Computes luma of pixels, or of weighted sums of pixels, in float64, each with its derivatives.
     ///
     /// Which surface a ray meets, and whether a light is hidden from it, is taken as fixed. A gradient has
     /// `BEFORE_LIGHTS` numbers, and for each light its part in luma, which is the derivative by the logarithm of its
@@ -72,7 +72,8 @@ impl Renderer {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or a buffer of another length.
+    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or a buffer of another
+    /// length.
     pub fn gradients(
         &self,
         rays: &PixelRays,
@@ -106,7 +107,7 @@ impl Renderer {
         })
     }
 
-    /// What each ray of pixels sees, in float64: `rays.rays()` for each pixel.
+    /// Returns what each ray of pixels sees, in float64: `rays.rays()` for each pixel.
     ///
     /// # Errors
     ///
@@ -174,7 +175,7 @@ impl Renderer {
         });
     }
 
-    /// Derivatives of what a ray sees that hits nothing, and its rate by the camera's motion.
+    /// Returns the derivatives of what a ray sees that hits nothing, and its rate by the camera's motion.
     fn by_direction(&self, lit: &Lit, [x, y, _]: Vector) -> (Vector, Vector, f64) {
         let Some(sky) = &self.scene.sky else { return ([0.0; 3], [0.0; 3], 0.0) };
         let mut camera = lit.view.poses[0];
@@ -240,7 +241,7 @@ impl Renderer {
         }
     }
 
-    /// What a ray sees that hits nothing.
+    /// Computes what a ray sees that hits nothing.
     fn beyond(&self, lit: &Lit, [x, y, _]: Vector, shaded: &mut Shaded) {
         (shaded.luma, shaded.rate, shaded.slope, shaded.hidden) = (0.0, 0.0, [0.0; 3], 0);
         shaded.by_light.clear();

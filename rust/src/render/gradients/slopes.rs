@@ -3,7 +3,8 @@
 //! Light on a diffuse surface depends only on the point. So this one derivative gives those by the camera's position,
 //! its rotation, and time.
 //!
-//! What must not break: luma is that of [`crate::render::light::shade`] up to rounding, and shadows follow the rule of all renderers.
+//! What must not break: luma is that of [`crate::render::light::shade`] up to rounding, and shadows follow the rule of
+//! all renderers.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -139,7 +140,7 @@ impl Normal {
         Self { unit, slopes: Some(slopes), in_front }
     }
 
-    /// The component of a vector along it, and how that changes with the point while the vector stays.
+    /// Returns the component of a vector along it, and how that changes with the point while the vector stays.
     fn along(&self, vector: Vector) -> Sloped {
         let slope =
             self.slopes.map_or([0.0; 3], |rows| std::array::from_fn(|k| (0..3).map(|i| vector[i] * rows[i][k]).sum()));
@@ -147,7 +148,8 @@ impl Normal {
     }
 }
 
-/// Irradiance / pi of a light of strength 1, and its rate by the light's own motion; None where it does not fall.
+/// Returns the irradiance / pi of a light of strength 1, and its rate by the light's own motion; None where it does not
+/// fall.
 fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Option<(Sloped, f64)> {
     match light.kind {
         FramedKind::Constant => Some((Sloped::constant(1.0), 0.0)),
@@ -185,7 +187,8 @@ fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Op
     }
 }
 
-/// The fraction of a light that its beam sends to a point `away` from it, and its rate by the light's own motion.
+/// Returns the fraction of a light that its beam sends to a point `away` from it, and its rate by the light's own
+/// motion.
 fn in_beam(beam: &Beam, axis_rate: Vector, away: Vector, position_rate: Vector) -> (Sloped, f64) {
     let (Beam::Cosine(axis) | Beam::Spot { axis, .. }) = *beam;
     let per_length = 1.0 / dot(away, away).sqrt();
@@ -208,8 +211,8 @@ fn in_beam(beam: &Beam, axis_rate: Vector, away: Vector, position_rate: Vector) 
     (Sloped { value: fraction, slope: scale(slope, by_cosine) }, by_cosine * rate)
 }
 
-/// Whether something lies between a point and a light, by the rule of all renderers: a shadow's ray begins a step off
-/// the surface, ends a little before the light, and does not meet the surface that it begins on.
+/// Returns whether something lies between a point and a light, by the rule of all renderers: a shadow's ray begins a
+/// step off the surface, ends a little before the light, and does not meet the surface that it begins on.
 fn is_hidden(scene: &Scene, view: &View, light: &FramedLight, hit: &Hit, stack: &mut Vec<u32>) -> bool {
     let frame = hit.surface.frame as usize;
     let (own, plane) = (&view.poses[frame], &hit.surface.plane);
@@ -235,7 +238,7 @@ fn is_hidden(scene: &Scene, view: &View, light: &FramedLight, hit: &Hit, stack: 
     is_blocked(scene, &rays, end, hit.triangle, stack)
 }
 
-/// Bilinear lookup, and how it changes with the point.
+/// Looks up bilinearly. Returns the value, and how it changes with the point.
 fn looked_up(texture: &Texture, texels: &[u64], maps: [&[f64; 4]; 2], point: Vector) -> Sloped {
     if texture.is_constant() {
         return Sloped::constant(f64::from(parted(texels[texture.first])[0]));
@@ -250,7 +253,8 @@ fn looked_up(texture: &Texture, texels: &[u64], maps: [&[f64; 4]; 2], point: Vec
     Sloped { value: a + (b - a) * past[1], slope: std::array::from_fn(|i| by_u * u[i] + by_v * v[i]) }
 }
 
-/// The texels that a lookup at a point mixes, by their numbers in the buffer, and their weights; several may be the same.
+/// Returns the texels that a lookup at a point mixes, by their numbers in the buffer, and their weights; several may be
+/// the same.
 pub(crate) fn taps(texture: &Texture, maps: [&[f64; 4]; 2], point: Vector) -> [(usize, f64); 4] {
     if texture.is_constant() {
         return [(texture.first, 1.0), (texture.first, 0.0), (texture.first, 0.0), (texture.first, 0.0)];
@@ -289,7 +293,7 @@ fn cell_of(texture: &Texture, maps: [&[f64; 4]; 2], point: Vector) -> Cell {
     Cell { first: texture.first + cell[1] * stride + cell[0], stride, past, per_unit }
 }
 
-/// Where a wrap mode folds a coordinate to, and in which direction it goes on there.
+/// Returns where a wrap mode folds a coordinate to, and in which direction it goes on there.
 fn folded(wrap: Wrap, coordinate: f64) -> (f64, f64) {
     match wrap {
         Wrap::Repeat => (coordinate - coordinate.floor(), 1.0),
@@ -304,8 +308,8 @@ fn folded(wrap: Wrap, coordinate: f64) -> (f64, f64) {
     }
 }
 
-/// How luma changes where the ray that hits a point is shifted by a vector: the point stays on the plane, and goes along
-/// the ray's direction as far as that takes.
+/// Returns how luma changes where the ray that hits a point is shifted by a vector: the point stays on the plane, and
+/// goes along the ray's direction as far as that takes.
 pub(crate) fn on_plane(slope: Vector, plane: &[f64; 4], direction: Vector) -> Vector {
     let normal = [plane[0], plane[1], plane[2]];
     sub(slope, scale(normal, dot(slope, direction) / dot(normal, direction)))

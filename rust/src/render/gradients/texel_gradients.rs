@@ -35,7 +35,7 @@ impl TexelGradients {
 }
 
 impl Renderer {
-    /// Derivatives of weighted sums of pixels by the texels of the surfaces that their rays meet, in float64.
+    /// Computes derivatives of weighted sums of pixels by the texels of the surfaces that their rays meet, in float64.
     ///
     /// `pixels` are `weights.len()` for each of `of_view`, the numbers of their views. `steps` say by how much each
     /// light colour's texels change for a unit. Light that bounces is taken as fixed.
@@ -89,7 +89,7 @@ impl Renderer {
         Ok(found.into_iter().fold(TexelGradients::default(), TexelGradients::join))
     }
 
-    /// What pixels, each times its weight, see of texels: sorted, a texel as often as rays see it.
+    /// Collects what pixels, each times its weight, see of texels: sorted, a texel as often as rays see it.
     #[allow(clippy::too_many_arguments, reason = "buffers that are used again")]
     fn collect(
         &self,

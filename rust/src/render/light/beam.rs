@@ -30,7 +30,7 @@ pub enum Beam {
 }
 
 impl Beam {
-    /// Whether all numbers of it make sense.
+    /// Returns whether all numbers of it make sense.
     pub(crate) fn is_valid(&self) -> bool {
         let (axis, angles) = match *self {
             Self::Cosine(axis) => (axis, true),
@@ -39,7 +39,7 @@ impl Beam {
         angles && axis.iter().all(|x| x.is_finite())
     }
 
-    /// In camera axes.
+    /// Returns the beam in camera axes.
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
     pub(crate) fn seen(&self, camera: &Pose) -> SeenBeam {
         let (axis, spot) = match *self {
@@ -60,7 +60,7 @@ pub(crate) struct SeenBeam {
     spot: Option<[f32; 2]>,
 }
 
-/// The inverse cosine, the same bits on every processor (Abramowitz and Stegun, 4.4.46: within 2e-8).
+/// Returns the inverse cosine, the same bits on every processor (Abramowitz and Stegun, 4.4.46: within 2e-8).
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn acos(cosine: f32) -> f32 {

@@ -100,7 +100,7 @@ impl Caster {
         self.hidden = hidden;
     }
 
-    /// Whether anything may hide a light of this number.
+    /// Returns whether anything may hide a light of this number.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn hides(&self, light: usize) -> bool {
@@ -236,7 +236,7 @@ impl At {
         self.step[i] = shadow.step * (most + point[2]);
     }
 
-    /// Where shadow rays begin, in the occluders' frame.
+    /// Returns where shadow rays begin, in the occluders' frame.
     #[inline(always)]
     fn off_the_surface(&self, occluders: &Occluders, n: usize, off: impl Fn(usize) -> [f32; 3]) -> [Lanes; 3] {
         let mut points = [Lanes::ZERO; 3];
@@ -279,7 +279,7 @@ fn test(
     }
 }
 
-/// The lowest and highest coordinates of the first n points.
+/// Returns the lowest and highest coordinates of the first n points.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn bounds(points: &[Lanes; 3], n: usize) -> [[f32; 3]; 2] {

@@ -63,7 +63,7 @@ impl Cone {
         Self { edges: edges.map(single), height: single(with(height, -dot(height, corners[0]))) }
     }
 
-    /// Whether it hides a point.
+    /// Returns whether it hides a point.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
@@ -93,7 +93,8 @@ pub(crate) struct Packet {
     functions: [[[f32; WIDTH]; 4]; 4],
 }
 
-/// The cones of one frame's triangles behind each light, in the order of the seen lights; none for light from all sides.
+/// The cones of one frame's triangles behind each light, in the order of the seen lights; none for light from all
+/// sides.
 pub(crate) type FrameCones = Vec<Vec<Packet>>;
 
 /// Cones that were picked out of packets, in packets again; and the triangles that they lie behind.
@@ -150,7 +151,7 @@ impl Packet {
         ],
     };
 
-    /// The cones behind some triangles; the last packet is filled up with what hides nothing.
+    /// Adds the cones behind some triangles; the last packet is filled up with what hides nothing.
     pub(crate) fn behind(triangles: &[[Vector; 3]], source: &Source, packets: &mut Vec<Self>) {
         packets.clear();
         packets.extend(triangles.chunks(WIDTH).map(|some| {
@@ -172,7 +173,7 @@ impl Packet {
         Cone { edges: [a, b, c], height }
     }
 
-    /// What they hide of a box, as it is computed for each point in it.
+    /// Returns what they hide of a box, as it is computed for each point in it.
     #[inline(always)]
     pub(crate) fn hides(&self, [low, high]: &[[f32; 3]; 2], farthest: f32) -> Hides {
         let [a, b, c, height] = &self.functions;
@@ -189,7 +190,7 @@ impl Packet {
     }
 }
 
-/// The least and the largest values of functions in a box.
+/// Returns the least and the largest values of functions in a box.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn bounds(function: &[[f32; WIDTH]; 4], low: &[f32; 3], high: &[f32; 3]) -> [[f32; WIDTH]; 2] {
@@ -213,8 +214,8 @@ fn bounds(function: &[[f32; WIDTH]; 4], low: &[f32; 3], high: &[f32; 3]) -> [[f3
 /// All that lies between a box and a light, a little more.
 pub(crate) struct Shaft {
     end: f32,
-    /// Of each axis the box's lowest coordinate and one over the way from there to the light; and the same of its highest,
-    /// turned round.
+    /// Of each axis the box's lowest coordinate and one over the way from there to the light; and the same of its
+    /// highest, turned round.
     sides: [[[f32; 2]; 2]; 3],
 }
 

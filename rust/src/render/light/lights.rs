@@ -46,7 +46,7 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) moving: &'a [FrameCones],
 }
 
-/// Lights in the order of their colours, which is that in which they are added up.
+/// Returns the lights in the order of their colours, which is that in which they are added up.
 pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
     let camera = &view.poses[0];
     let mut lights: Vec<SeenLight> = scene
@@ -77,7 +77,7 @@ pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
     lights
 }
 
-/// Luma of a ray that hits nothing, and its rate.
+/// Returns the luma of a ray that hits nothing, and its rate.
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
 pub(crate) fn background(scene: &Scene, view: &View) -> (f32, f32) {
     let of = |which: usize| -> f64 {

@@ -27,7 +27,8 @@ struct Changing {
     rate: Linear,
 }
 
-/// An affine function of the point that a ray hits: its part that is linear in the ray, per unit of depth, and the rest.
+/// An affine function of the point that a ray hits: its part that is linear in the ray, per unit of depth, and the
+/// rest.
 #[derive(Clone, Copy, Debug)]
 struct Affine {
     slope: Changing,
@@ -51,7 +52,7 @@ enum Falls {
 }
 
 impl Falls {
-    /// The position that it falls from, and its rate.
+    /// Returns the position that it falls from, and its rate.
     fn position(&self) -> Option<([f32; 3], [f32; 3])> {
         match *self {
             Self::From { position, position_rate, .. } | Self::FromOnSmooth { position, position_rate, .. } => {
@@ -149,7 +150,7 @@ impl<'a> Shader<'a> {
         shader
     }
 
-    /// Whether a light of this number falls on it.
+    /// Returns whether a light of this number falls on it.
     pub(crate) fn lit_by(&self, light: usize) -> bool {
         self.lit.iter().any(|lit| lit.light == light)
     }
@@ -165,7 +166,7 @@ struct Plane {
 
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
 impl Plane {
-    /// How a light falls on the side that faces the camera; None where it does not.
+    /// Returns how a light falls on the side that faces the camera; None where it does not.
     fn lit_by(&self, light: &SeenLight, facing: f64) -> Option<Falls> {
         match light.kind {
             SeenKind::Constant => {
@@ -212,7 +213,7 @@ fn on_smooth(light: &SeenLight) -> Option<Falls> {
     })
 }
 
-/// Luma that is emitted under a light's factor, and its rate.
+/// Returns the luma that is emitted under a light's factor, and its rate.
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
 fn emitted(luma: f64, [factor, rate]: [f64; 2]) -> (f32, f32) {
     ((luma * factor) as f32, (luma * rate) as f32)
@@ -270,7 +271,8 @@ impl Map {
     }
 }
 
-/// A texture coordinate. Whole periods are taken from it, so that float32 is fine enough wherever the texture lies.
+/// Returns a texture coordinate. Whole periods are taken from it, so that float32 is fine enough wherever the texture
+/// lies.
 fn coordinate(map: &[f64; 4], pose: &Pose, wrap: Wrap) -> Affine {
     let mut map = Map::new(map, pose);
     match wrap {
@@ -281,7 +283,7 @@ fn coordinate(map: &[f64; 4], pose: &Pose, wrap: Wrap) -> Affine {
     map.single()
 }
 
-/// Component `i` in camera axes of a vector whose components in the frame's axes are affine functions.
+/// Returns component `i` in camera axes of a vector whose components in the frame's axes are affine functions.
 fn turned_map(rows: &[Map; 3], pose: &Pose, i: usize) -> Affine {
     let mut sum = Map { slope: [0.0; 3], slope_rate: [0.0; 3], offset: 0.0, offset_rate: 0.0 };
     for (k, row) in rows.iter().enumerate() {
@@ -304,7 +306,7 @@ pub(crate) type Reflected = (Lanes, Lanes);
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Shader<'_> {
-    /// What rays see of the triangle.
+    /// Computes what rays see of the triangle.
     #[inline(always)]
     pub(crate) fn luma<const RATE: bool, const FULL: bool>(
         &self,
@@ -418,7 +420,7 @@ impl Shader<'_> {
         looked_up::<RATE, FULL, F>([&self.u, &self.v], sampler, rays, depth, depth_rate)
     }
 
-    /// Irradiance / pi of a baked light, and its rate.
+    /// Computes the irradiance / pi of a baked light, and its rate.
     #[inline(always)]
     fn baked<const RATE: bool, const FULL: bool>(
         &self,
@@ -443,7 +445,7 @@ impl Shader<'_> {
     }
 }
 
-/// Bilinear lookup at the points that rays hit, by the maps to its coordinates, and its rate.
+/// Looks up bilinearly at the points that rays hit, by the maps to their coordinates. Returns values and their rates.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
@@ -530,7 +532,7 @@ fn normals<const RATE: bool, const FULL: bool>(
     normals
 }
 
-/// Irradiance / pi of a light that nothing shadows, and its rate.
+/// Computes the irradiance / pi of a light that nothing shadows, and its rate.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn falling<const RATE: bool, const FULL: bool>(

@@ -16,7 +16,7 @@ use crate::render::geometry::vector::{Bounds, largest, single};
 use crate::render::geometry::view::{Pose, View};
 use crate::render::scene::{LightKind, Scene};
 
-/// The cones of all that stands still.
+/// Returns the cones of all that stands still.
 pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     if !scene.shadows {
         return vec![];
@@ -38,7 +38,7 @@ pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     lights.iter().map(|light| of_light(&light.kind)).collect()
 }
 
-/// The cones of what moves, as it is in a view: by frame, without the world's.
+/// Finds the cones of what moves, as it is in a view: by frame, without the world's.
 pub(crate) fn moving_cones(scene: &Scene, view: &View, lights: &[SeenLight], cones: &mut Vec<FrameCones>) {
     if !scene.shadows {
         return;
@@ -54,7 +54,7 @@ pub(crate) fn moving_cones(scene: &Scene, view: &View, lights: &[SeenLight], con
     }
 }
 
-/// Where a light shines from, in a frame.
+/// Returns where a light shines from, in a frame.
 fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
     match light.kind {
         SeenKind::Point(position, _) => Some(Source::Point(pose.point(position))),
@@ -178,29 +178,29 @@ impl Shadow {
         }
     }
 
-    /// Whether single points may be hidden from any light.
+    /// Returns whether single points may be hidden from any light.
     pub(crate) fn falls(&self) -> bool {
         self.lights.iter().any(|shadow| shadow.used > 0)
     }
 
-    /// Whether anything may hide a light of this number.
+    /// Returns whether anything may hide a light of this number.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn hides(&self, light: usize) -> bool {
         self.lights.get(light).is_some_and(|shadow| shadow.dark || shadow.used > 0)
     }
 
-    /// Whether nothing of a light reaches them.
+    /// Returns whether nothing of a light reaches them.
     pub(crate) fn is_dark(&self, light: usize) -> bool {
         self.lights[light].dark
     }
 
-    /// What may hide some points from a light.
+    /// Returns what may hide some points from a light.
     pub(crate) fn occluders(&self, light: usize) -> &[Occluders] {
         &self.lights[light].frames[..self.lights[light].used]
     }
 
-    /// How many times farther from the surface than from the light an occluder may lie.
+    /// Returns how many times farther from the surface than from the light an occluder may lie.
     pub(crate) fn farthest(&self, light: usize) -> f32 {
         self.lights[light].farthest
     }

@@ -46,7 +46,7 @@ pub(crate) enum Cover {
 }
 
 impl Seen {
-    /// The triangle, if it has any extent in the image.
+    /// Returns the triangle, if it has any extent in the image.
     ///
     /// A ray (x, y, 1) meets the triangle where its three determinants with two corners each have the sign of all
     /// three corners': corners behind the camera are as good as any, and nothing is clipped.
@@ -80,7 +80,7 @@ impl Seen {
         if all { Cover::Everything } else { Cover::Part }
     }
 
-    /// The largest inverse depth that it may have in a part of the image.
+    /// Returns the largest inverse depth that it may have in a part of the image.
     #[inline]
     pub(crate) fn nearest_in(&self, part: &Rect) -> f32 {
         let nearest = self.inverse_depth.highest(part);
@@ -140,7 +140,7 @@ impl Bins {
         self.sort(1);
     }
 
-    /// A tile's triangles, without those that are hidden behind one that covers it.
+    /// Lists a tile's triangles, without those that are hidden behind one that covers it.
     pub(crate) fn of_tile(&self, tile: usize, part: &Rect, list: &mut Vec<Entry>) {
         list.clear();
         let entries = &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize];
@@ -155,8 +155,8 @@ impl Bins {
         self.hidden.resize(tiles, 0.0);
     }
 
-    /// Calls `work` with each triangle that may have a part before the camera and in a part of the image, its corners in
-    /// camera axes, and the lowest and highest image coordinates.
+    /// Calls `work` with each triangle that may have a part before the camera and in a part of the image, its corners
+    /// in camera axes, and the lowest and highest image coordinates.
     fn each(
         &mut self,
         scene: &Scene,
@@ -223,8 +223,8 @@ impl Bins {
     }
 }
 
-/// The lowest and highest image coordinates of what of a triangle lies before the camera, a little more; None for
-/// nothing. An edge that passes through the camera's plane goes to infinity there, to the side where it passes.
+/// Returns the lowest and highest image coordinates of what of a triangle lies before the camera, a little more; None
+/// for nothing. An edge that passes through the camera's plane goes to infinity there, to the side where it passes.
 fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let before = corners.map(|corner| corner[2] > 0.0);
@@ -259,14 +259,14 @@ fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
     ])
 }
 
-/// What all rays of a part of the image lie in: the half-spaces of four sides and the camera's plane, in a frame. It is a little
-/// larger, so that rounding to float32 loses nothing.
+/// What all rays of a part of the image lie in: the half-spaces of four sides and the camera's plane, in a frame. It is
+/// a little larger, so that rounding to float32 loses nothing.
 struct Pyramid {
     planes: [([f32; 3], f32); 5],
 }
 
 impl Pyramid {
-    /// For boxes none of whose coordinates is larger than `reach`.
+    /// Returns the pyramid for boxes none of whose coordinates is larger than `reach`.
     fn new(part: &Rect, pose: &Pose, reach: f64) -> Self {
         let ([left, top], [right, bottom]) = (part.low.map(f64::from), part.high.map(f64::from));
         let normals = [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];

@@ -34,7 +34,7 @@ struct Seen {
 }
 
 impl Seen {
-    /// None where the camera sees it from its side, or where it is not in the spot.
+    /// Returns the candidate; None where the camera sees it from its side, or where it is not in the spot.
     fn new(scene: &Scene, view: &View, triangle: usize, spot: &Spot) -> Option<Self> {
         let surface = &scene.surfaces[triangle];
         let pose = &view.poses[surface.frame as usize];
@@ -60,7 +60,7 @@ impl Seen {
     }
 }
 
-/// The least and the largest value of a linear function in a spot.
+/// Returns the least and the largest value of a linear function in a spot.
 fn bounds(function: &Vector, spot: &Spot) -> [f64; 2] {
     let mut bounds = [function[2]; 2];
     for axis in 0..2 {
@@ -96,7 +96,7 @@ impl Candidates {
         self.0.retain(|seen| bounds(&seen.inverse_depth, spot)[1] >= farthest);
     }
 
-    /// The nearest triangle that a ray meets, and its depth.
+    /// Returns the nearest triangle that a ray meets, and its depth.
     pub(crate) fn first(&self, [x, y, _]: Vector) -> Option<(u32, f64)> {
         let at = |function: &Vector| function[0] * x + function[1] * y + function[2];
         let (mut nearest, mut most) = (None, 0.0);
@@ -178,7 +178,7 @@ impl Region for Reaching {
     }
 }
 
-/// Where a ray meets a triangle; None where it passes it.
+/// Returns where a ray meets a triangle; None where it passes it.
 fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
     let [a, b, c] = corners.map(|corner| sub(corner, ray.origin));
     let sides = [(a, b), (b, c), (c, a)].map(|(from, to)| dot(cross(from, to), ray.direction));
@@ -190,7 +190,7 @@ fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
     (distance > 0.0).then_some(distance)
 }
 
-/// Whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames.
+/// Returns whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames.
 pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
     for (frame, ray) in scene.frames.iter().zip(rays) {
         let (first, mut blocked) = (frame.triangles.start, false);

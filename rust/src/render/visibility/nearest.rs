@@ -184,19 +184,19 @@ impl Nearest {
         }
     }
 
-    /// Numbers of the rays of a block that see a triangle, where they are known.
+    /// Returns the numbers of the rays of a block that see a triangle, where they are known.
     pub(crate) fn sorted(&self, block: usize, index: u32) -> Option<&[u32]> {
         let sorted = &self.sorted[block];
         let end = (!sorted.is_empty()).then(|| self.ends[index as usize][block])?;
         sorted.get((end - self.counts[index as usize][block]) as usize..end as usize)
     }
 
-    /// Whether any ray sees the triangle at an index in the list.
+    /// Returns whether any ray sees the triangle at an index in the list.
     pub(crate) fn sees(&self, index: u32) -> bool {
         self.only.contains(&index) || self.counts[index as usize] != [0; BLOCKS]
     }
 
-    /// What of a tile's list a block may see.
+    /// Finds what of a tile's list a block may see.
     fn candidates(&mut self, bins: &Bins, list: &[Entry], part: &Rect) {
         self.list.clear();
         let mut hidden = 0f32;
@@ -217,14 +217,14 @@ impl Nearest {
     }
 }
 
-/// How many rays see a triangle.
+/// Returns how many rays see a triangle.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn count(indices: &[u32], index: u32) -> u32 {
     indices.iter().map(|&one| u32::from(one == index)).sum()
 }
 
-/// The least of some inverse depths.
+/// Returns the least of some inverse depths.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn least(values: &[f32]) -> f32 {

@@ -135,7 +135,7 @@ impl<'a> Portion<'a> {
         if count == MOST { Self::Full(Rays { count, picked, x, y }) } else { Self::Fewer(Rays { count, picked, x, y }) }
     }
 
-    /// Up to [`MOST`] rays by their numbers; the last one stands for what is missing.
+    /// Gathers up to [`MOST`] rays by their numbers; the last one stands for what is missing.
     #[inline(always)]
     pub(crate) fn picked(numbers: &[u32], x: &[f32], y: &[f32], buffer: &'a mut Picked) -> Self {
         let Picked { numbers: padded, x: some_x, y: some_y } = buffer;

@@ -21,7 +21,7 @@ pub(super) struct Entry {
     pub(super) last_us: i64,
 }
 
-/// `IOHE`: compression (i32), offset of the table of contents (i64, -1 for none), description (string).
+/// Returns `IOHE`: compression (i32), offset of the table of contents (i64, -1 for none), description (string).
 pub(super) fn header(compression: i32, info: &str) -> Vec<u8> {
     let mut b = start(*b"IOHE", 24);
     // The vtable: three fields, of a table of 24 bytes.
@@ -34,7 +34,7 @@ pub(super) fn header(compression: i32, info: &str) -> Vec<u8> {
     finish(b)
 }
 
-/// `EVTS`: a vector of events, which have `start_us` added to their times.
+/// Writes `EVTS`: a vector of events, which have `start_us` added to their times.
 pub(super) fn events(events: &[Event], start_us: i64, b: &mut Vec<u8>) {
     b.extend(start(*b"EVTS", 20));
     words16(b, &[0, 6, 8, 4]);
@@ -51,8 +51,8 @@ pub(super) fn events(events: &[Event], start_us: i64, b: &mut Vec<u8>) {
     b[..4].copy_from_slice(&size.to_le_bytes());
 }
 
-/// `FTAB`: a vector of tables, one a packet: offset (i64), stream and size (struct of two i32), number of events, time of
-/// the first and of the last (i64).
+/// Returns `FTAB`: a vector of tables, one a packet: offset (i64), stream and size (struct of two i32), number of
+/// events, time of the first and of the last (i64).
 pub(super) fn table(entries: &[Entry]) -> Vec<u8> {
     let mut b = start(*b"FTAB", 20);
     words16(&mut b, &[6, 8, 4, 0]);
@@ -76,7 +76,7 @@ pub(super) fn table(entries: &[Entry]) -> Vec<u8> {
     finish(b)
 }
 
-/// Size (not known yet), offset of the root table, identifier.
+/// Returns size (not known yet), offset of the root table, identifier.
 fn start(identifier: [u8; 4], root: usize) -> Vec<u8> {
     let mut b = vec![0; 4];
     words32(&mut b, &[length(root - 4)]);
