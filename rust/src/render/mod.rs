@@ -14,10 +14,10 @@
 //! - [`geometry`]: vectors, the BVH ([`bvh`](geometry::bvh)) that finds triangles, the camera's
 //!   [`view`](geometry::view) and its [`pixel_rays`](geometry::pixel_rays).
 //! - [`visibility`]: [`bins`](visibility::bins) and the [`nearest`](visibility::nearest) triangle of each ray.
-//! - [`light`]: [`shade`](light::shade) computes luma from [`lights`](light::lights), [`light_map`](light::light_map),
-//!   [`texture`](light::texture) and [`sky`](light::sky). [`shadows`](light::shadows) finds what lies between a
-//!   [`patch`](light::patch) and a light, as [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden
-//!   points.
+//! - [`light`]: a [`shader`](light::shader) is a triangle as a camera sees it, and [`shade`](light::shade) computes the
+//!   luma of its rays from [`lights`](light::lights), [`light_map`](light::light_map), [`texture`](light::texture) and
+//!   [`sky`](light::sky). [`shadows`](light::shadows) finds what lies between a [`patch`](light::patch) and a light, as
+//!   [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden points.
 //! - [`time`]: [`edges`](time::edges) finds when edges pass rays, [`tracks`](time::tracks) the luma meanwhile.
 //! - [`gradients`]: derivatives of single pixels in float64.
 //!

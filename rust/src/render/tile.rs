@@ -14,7 +14,7 @@ use super::lanes::{Lanes, MOST};
 use super::light::cast::Caster;
 use super::light::lights::Surroundings;
 use super::light::patch::Patch;
-use super::light::shade::Shader;
+use super::light::shader::Shader;
 use super::samples::Pixels;
 use super::time::tracks::Sight;
 use super::visibility::bins::{Bins, Entry, Seen};
