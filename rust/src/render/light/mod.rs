@@ -7,7 +7,7 @@ pub(super) mod cone;
 pub(super) mod light_map;
 pub(super) mod lights;
 pub(super) mod patch;
-mod shade;
+pub(super) mod shade;
 pub(super) mod shader;
 pub(super) mod shadows;
 pub(super) mod sky;
