@@ -11,6 +11,9 @@ from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..calibrate import (
     MPU6150_NOISE,
+    CameraImu,
+    HandEye,
+    Intrinsics,
     as_dict,
     board_poses,
     calibrate_camera_imu,
@@ -157,7 +160,7 @@ def _camera(options: argparse.Namespace, dataset: Dataset) -> Camera:
     return dataset.camera if options.camera is None else load_camera(options.camera)
 
 
-def _done(result: object, output: Path | None) -> int:
+def _done(result: Intrinsics | HandEye | CameraImu, output: Path | None) -> int:
     if output is not None:
         write_whole(output, json.dumps(as_dict(result), indent=2) + "\n")
     tell(report(result))

@@ -144,7 +144,7 @@ impl PyCrossingEngine {
     ///     log_intensity: natural logarithm, shape (height, width), within +-746; float64 in C order is taken without
     ///         a copy, float32 is widened.
     ///     slope: for Hermite interpolation, dL/dt per second, likewise; see ``dluma_dt`` of :meth:`push`.
-    ///     sparse: as of :meth:`push`, with log intensity in place of luma.
+    ///     sparse: as of :meth:`push`, with log intensity instead of luma.
     ///
     /// Returns:
     ///     Events (:data:`davis_rs.EVENT_DTYPE`), as of :meth:`push`.
@@ -252,7 +252,7 @@ impl PyCrossingEngine {
     }
 }
 
-/// A threshold for people: the value, or the least and the largest one.
+/// Returns a threshold for people: the value, or the least and the largest one.
 fn threshold_range(threshold: &Threshold) -> String {
     match threshold {
         Threshold::Uniform(value) => format!("{value:?}"),

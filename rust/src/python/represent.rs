@@ -130,7 +130,7 @@ fn sensor((width, height): (u16, u16)) -> SensorSize {
     SensorSize { width, height }
 }
 
-/// Planes, each row by row, as an array of shape (planes, height, width).
+/// Returns planes, each row by row, as an array of shape (planes, height, width).
 fn planes<T: Element>(py: Python<'_>, cells: Vec<T>, size: SensorSize) -> PyResult<Bound<'_, PyArray3<T>>> {
     let count = cells.len().checked_div(size.pixels()).unwrap_or(0);
     cells

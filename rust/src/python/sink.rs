@@ -17,7 +17,7 @@ pub(super) enum Sink {
 }
 
 impl Sink {
-    /// The sink that `target` stands for, and its name; a file is made, over an existing one only on demand.
+    /// Returns the sink that `target` stands for, and its name; a file is made, over an existing one only on demand.
     pub(super) fn open(target: &Bound<'_, PyAny>, overwrite: bool) -> PyResult<(String, Self)> {
         if target.hasattr("write")? {
             let name = target.getattr("name").unwrap_or_else(|_| target.clone()).str()?.to_string();
@@ -35,7 +35,7 @@ impl Sink {
         Ok((name, Self::File(file, regular)))
     }
 
-    /// Ends what a writer writes, with a table of contents where its place can be noted at the beginning.
+    /// Ends what a writer writes, with a table of contents where its position can be noted at the beginning.
     pub(super) fn end(writer: &mut EventWriter<Self>) -> Result<()> {
         if matches!(writer.sink(), Self::File(_, true)) { writer.write_contents() } else { writer.flush() }
     }
@@ -67,9 +67,9 @@ impl Write for Sink {
 }
 
 impl Seek for Sink {
-    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
         match self {
-            Self::File(file, _) => file.seek(place),
+            Self::File(file, _) => file.seek(position),
             Self::Object(_) => Err(io::ErrorKind::Unsupported.into()),
         }
     }

@@ -7,22 +7,22 @@
 use std::ops::{Deref, DerefMut};
 
 /// The most lanes. Arrays have this fixed length and loops run over the lanes in use, so that they become vector code.
-pub(super) const MOST: usize = 64;
+pub(crate) const MOST: usize = 64;
 
 /// How many values make up the widest vector: arrays are worked on in multiples of it.
-pub(super) const STEP: usize = 16;
+pub(crate) const STEP: usize = 16;
 
 /// A value of each ray, where vectors lie in one line of the cache each.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(super) struct Lanes([f32; MOST]);
+pub(crate) struct Lanes([f32; MOST]);
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Lanes {
-    pub(super) const ZERO: Self = Self([0.0; MOST]);
+    pub(crate) const ZERO: Self = Self([0.0; MOST]);
 
     #[inline(always)]
-    pub(super) fn all(value: f32) -> Self {
+    pub(crate) fn all(value: f32) -> Self {
         Self([value; MOST])
     }
 }
@@ -48,10 +48,10 @@ impl DerefMut for Lanes {
 /// As [`Lanes`], of pairs.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-pub(super) struct Pairs([u64; MOST]);
+pub(crate) struct Pairs([u64; MOST]);
 
 impl Pairs {
-    pub(super) const ZERO: Self = Self([0; MOST]);
+    pub(crate) const ZERO: Self = Self([0; MOST]);
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
@@ -74,19 +74,19 @@ impl DerefMut for Pairs {
 
 /// Rays of one triangle by their undistorted coordinates: [`MOST`] where `FULL`, else any multiple of [`STEP`].
 #[derive(Debug)]
-pub(super) struct Rays<'a, const FULL: bool> {
-    pub(super) count: usize,
+pub(crate) struct Rays<'a, const FULL: bool> {
+    pub(crate) count: usize,
     /// Their numbers in the tile, where they do not lie side by side.
-    pub(super) picked: Option<&'a [u32; MOST]>,
-    pub(super) x: &'a [f32; MOST],
-    pub(super) y: &'a [f32; MOST],
+    pub(crate) picked: Option<&'a [u32; MOST]>,
+    pub(crate) x: &'a [f32; MOST],
+    pub(crate) y: &'a [f32; MOST],
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl<const FULL: bool> Rays<'_, FULL> {
-    /// How many there are; where that is known to the compiler, it writes each array once.
+    /// Returns how many there are; where that is known to the compiler, it writes each array once.
     #[inline(always)]
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         if FULL { MOST } else { self.count.min(MOST) }
     }
 }

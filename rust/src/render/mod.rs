@@ -2,24 +2,27 @@
 //!
 //! ```text
 //! view -> bins: which triangles each tile of the image may see
-//!      -> visibility: which of them each of its rays hits first
+//!      -> nearest: which of them each of its rays hits first
 //!      -> shade: depth, texture, light and shadow of the rays of one triangle
 //!      -> tile: the mean of each pixel's rays
 //! ```
 //!
 //! Work is shared by many rays wherever that does not change a bit: triangles are set up once per view, tiles are
-//! decided at their corners ([`linear`]), and the rays of one triangle are shaded together ([`sorted`], [`lanes`]).
+//! decided at their corners ([`linear`](geometry::linear)), and the rays of one triangle are shaded together
+//! ([`sorted`](visibility::sorted), [`lanes`]).
 //!
-//! - Input: [`scene`] holds what is rendered, [`hierarchy`] finds its triangles, [`pixel_rays`] are the camera's rays,
-//!   [`view`] is where the camera is and how it moves.
-//! - Light: [`lights`], [`beam`], [`light_map`], [`sky`] and [`texture`].
-//! - Shadows: [`shadows`] finds what lies between a [`patch`] and a light, as [`cone`]s, and [`cast`] the rays that see
-//!   hidden points.
-//! - Output: [`renderer`] is what the user sees, [`samples`] are single pixels.
-//! - Over time: [`edges`] finds when edges pass rays, [`tracks`] the luma meanwhile, [`edge_tracks`] the pixels
-//!   concerned, and [`smooth_motion`] the motion.
-//! - Derivatives of single pixels in float64: [`gradients`] ([`first_hit`], [`slopes`], [`framed_lights`]) and
-//!   [`texel_gradients`].
+//! - [`geometry`]: vectors, the BVH ([`bvh`](geometry::bvh)) that finds triangles, the camera's
+//!   [`view`](geometry::view) and its [`pixel_rays`](geometry::pixel_rays).
+//! - [`visibility`]: [`bins`](visibility::bins) and the [`nearest`](visibility::nearest) triangle of each ray.
+//! - [`light`]: a [`shader`](light::shader) is a triangle as a camera sees it, and [`shade`](light::shade) computes the
+//!   luma of its rays from [`lights`](light::lights), [`light_map`](light::light_map), [`texture`](light::texture) and
+//!   [`sky`](light::sky). [`shadows`](light::shadows) finds what lies between a [`patch`](light::patch) and a light, as
+//!   [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden points.
+//! - [`time`]: [`edges`](time::edges) finds when edges pass rays, [`tracks`](time::tracks) the luma meanwhile.
+//! - [`gradients`]: derivatives of single pixels in float64.
+//!
+//! What is rendered is a [`scene`]; the [`renderer`] is what the user sees; [`tile`] and [`samples`] join the steps for
+//! whole images and for single pixels.
 //!
 //! What must not break: the same view gives the same bits in any batch, on any number of threads and on every
 //! processor.
@@ -28,46 +31,24 @@
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
 #![allow(clippy::float_cmp, reason = "ties are exact")]
 
-mod beam;
-mod bins;
-mod cast;
-mod cone;
-mod edge_tracks;
-mod edges;
-mod first_hit;
-mod framed_lights;
+mod geometry;
 mod gradients;
-mod hierarchy;
 mod lanes;
-mod light_map;
-mod lights;
-mod linear;
-mod patch;
-mod pixel_rays;
+mod light;
 mod renderer;
 mod samples;
 mod scene;
-mod shade;
-mod shadows;
-mod sky;
-mod slopes;
-mod smooth_motion;
-mod sorted;
-mod texel_gradients;
-mod texture;
 mod tile;
-mod tracks;
-mod vector;
-mod view;
+mod time;
 mod visibility;
 
-pub use beam::Beam;
-pub use edge_tracks::{EdgeTracks, TrackSettings};
+pub use geometry::pixel_rays::PixelRays;
+pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
-pub use gradients::{BEFORE_LIGHTS, RayHit};
-pub use light_map::{Emission, LightMapTables};
-pub use pixel_rays::PixelRays;
+pub use gradients::pixel_gradients::{BEFORE_LIGHTS, RayHit};
+pub use light::beam::Beam;
+pub use light::light_map::{Emission, LightMapTables};
+pub use light::sky::Sky;
 pub use renderer::Renderer;
 pub use scene::{Light, LightKind, Scene, SceneTables};
-pub use sky::Sky;
-pub use view::{Pose, View};
+pub use time::edge_tracks::{EdgeTracks, TrackSettings};

@@ -6,35 +6,36 @@
 //!
 //! What must not break: a pixel has the same bits as in a frame.
 
-use super::linear::Rect;
-use super::pixel_rays::{LANES, Part, PixelRays};
+use super::geometry::linear::Rect;
+use super::geometry::pixel_rays::{LANES, Part, PixelRays};
 
 /// A single pixel: by view and tile first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Sample {
-    pub(super) view: u32,
-    pub(super) tile: usize,
-    pub(super) place: usize,
+pub(crate) struct Sample {
+    pub(crate) view: u32,
+    pub(crate) tile: usize,
+    pub(crate) in_tile: usize,
     /// Where its luma belongs.
-    pub(super) index: usize,
+    pub(crate) index: usize,
 }
 
-/// Pixels, each of a view, view by view and each view's tile by tile.
+/// Sorts pixels, each of a view, by view and then by tile.
 ///
-/// Many views are asked for few pixels each: they are counted into their places, and only those of a view are compared.
-pub(super) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> Vec<Sample> {
-    let mut places = vec![0; views + 1];
+/// Many views are asked for few pixels each: they are counted into their positions, and only those of a view are
+/// compared.
+pub(crate) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> Vec<Sample> {
+    let mut starts = vec![0; views + 1];
     for (view, _) in pixels {
-        places[*view as usize + 1] += 1;
+        starts[*view as usize + 1] += 1;
     }
     for view in 0..views {
-        places[view + 1] += places[view];
+        starts[view + 1] += starts[view];
     }
-    let mut order = vec![Sample { view: 0, tile: 0, place: 0, index: 0 }; pixels.len()];
+    let mut order = vec![Sample { view: 0, tile: 0, in_tile: 0, index: 0 }; pixels.len()];
     for (index, &(view, pixel)) in pixels.iter().enumerate() {
-        let (tile, place) = rays.tile_of(pixel as usize);
-        order[places[view as usize]] = Sample { view, tile, place, index };
-        places[view as usize] += 1;
+        let (tile, in_tile) = rays.tile_of(pixel as usize);
+        order[starts[view as usize]] = Sample { view, tile, in_tile, index };
+        starts[view as usize] += 1;
     }
     for samples in order.chunk_by_mut(|a, b| a.view == b.view) {
         samples.sort_unstable();
@@ -42,8 +43,8 @@ pub(super) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> V
     order
 }
 
-/// Whether pixels lie in one spot: in tiles that touch each other.
-pub(super) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
+/// Returns whether pixels lie in one spot: in tiles that touch each other.
+pub(crate) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
     let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
     for sample in samples {
         let at = [sample.tile % rays.columns, sample.tile / rays.columns];
@@ -57,7 +58,7 @@ pub(super) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
 
 /// The rays of some pixels, one pixel after the other, as one block.
 #[derive(Debug)]
-pub(super) struct Pixels {
+pub(crate) struct Pixels {
     x: Vec<f32>,
     y: Vec<f32>,
     around: Rect,
@@ -72,7 +73,7 @@ impl Default for Pixels {
 
 impl Pixels {
     /// Takes the rays of other pixels.
-    pub(super) fn gather(&mut self, rays: &PixelRays, samples: &[Sample]) {
+    pub(crate) fn gather(&mut self, rays: &PixelRays, samples: &[Sample]) {
         let rays_of_pixel = rays.rays();
         let count = samples.len() * rays_of_pixel;
         self.count = samples.len();
@@ -81,7 +82,7 @@ impl Pixels {
         }
         let pixels = self.x.chunks_exact_mut(rays_of_pixel).zip(self.y.chunks_exact_mut(rays_of_pixel));
         for (sample, (x, y)) in samples.iter().zip(pixels) {
-            rays.copy_pixel(sample.tile, sample.place, x, y);
+            rays.copy_pixel(sample.tile, sample.in_tile, x, y);
         }
         // Blocks have whole lanes: the last ray stands for what is missing.
         for values in [&mut self.x, &mut self.y] {
@@ -91,16 +92,16 @@ impl Pixels {
         self.around = Rect::around::<LANES>(&self.x, &self.y);
     }
 
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.count
     }
 
-    /// What the rays lie in.
-    pub(super) fn around(&self) -> &Rect {
+    /// Returns what the rays lie in.
+    pub(crate) fn around(&self) -> &Rect {
         &self.around
     }
 
-    pub(super) fn part(&self) -> Part<'_> {
+    pub(crate) fn part(&self) -> Part<'_> {
         Part { x: &self.x, y: &self.y, around: &self.around, blocks: std::slice::from_ref(&self.around) }
     }
 }

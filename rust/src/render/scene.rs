@@ -1,25 +1,25 @@
 //! A diffuse scene of triangles, as the renderer keeps it: made from tables that are checked once.
 //!
-//! Triangles are stored in the order of the hierarchy, and coordinates are relative to the centre of each frame, so
+//! Triangles are stored in the order of the BVH, and coordinates are relative to the centre of each frame, so
 //! that float32 is accurate far from the origin too.
 //!
 //! What must not break: everything that later code takes for granted about the tables is checked in [`Scene::new`].
 
 use std::ops::Range;
 
-use super::beam::Beam;
-use super::hierarchy::Hierarchy;
-use super::light_map::{Emission, LightMapTables, SideMap};
-use super::sky::Sky;
-use super::texture::{self, Texture};
-use super::vector::{Bounds, Vector, add, cross, dot, largest, sub};
-use super::view::View;
+use super::geometry::bvh::Bvh;
+use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
+use super::geometry::view::View;
+use super::light::beam::Beam;
+use super::light::light_map::{Emission, LightMapTables, SideMap};
+use super::light::sky::Sky;
+use super::light::texture::{self, Texture};
 use crate::error::{Error, Result};
 
 /// What shines: where, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightKind {
-    /// From a place in the world, metres.
+    /// From a position in the world, metres.
     Point([f64; 3]),
     /// Along a unit vector of the world, the way the light travels.
     Directional([f64; 3]),
@@ -27,7 +27,7 @@ pub enum LightKind {
     Constant,
     /// As the light maps have it, in whose `texels` this is the number of its own.
     Baked(u32),
-    /// On no surface: how bright baked lamps and skies look themselves.
+    /// On no surface: how bright baked area lights and skies look themselves.
     Visible,
 }
 
@@ -42,19 +42,19 @@ pub struct Light {
     pub strength: f64,
     /// Luma of a ray that hits nothing, for a strength of 1; 0 unless the light comes from there and is seen.
     pub background: f64,
-    /// To which sides a light in a place shines; None where to all alike.
+    /// To which sides a light at a position shines; None where to all alike.
     pub beam: Option<Beam>,
 }
 
-/// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the world,
-/// or that of the body that it belongs to.
+/// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the
+/// world, or that of the body that it belongs to.
 #[derive(Clone, Debug, Default)]
 pub struct SceneTables {
     /// Corners, metres.
     pub corners: Vec<[[f64; 3]; 3]>,
     /// Unit normal n on the front and offset d of the plane n . p + d = 0.
     pub planes: Vec<[f64; 4]>,
-    /// Texture coordinates u and v of a place p: `map[..3] . p + map[3]`.
+    /// Texture coordinates u and v of a point p: `map[..3] . p + map[3]`.
     pub uv_maps: Vec<[[f64; 4]; 2]>,
     /// The shading normal before it is normalised, a map for each component; empty where every triangle is flat.
     pub normal_maps: Vec<[[f64; 4]; 3]>,
@@ -82,58 +82,58 @@ pub struct SceneTables {
     pub shadows: bool,
     /// The middle of what stands still: shadows are offset by the distance from it, see `step`.
     pub centre: [f64; 3],
-    /// A shadow's ray starts off the surface by this share of (the place's largest distance from the centre along an
+    /// A shadow's ray starts off the surface by this fraction of (the point's largest distance from the centre along an
     /// axis, plus its depth).
     pub step: f64,
-    /// What lies in this last share of the way to a point light throws no shadow.
+    /// What lies in this last fraction of the way to a point light throws no shadow.
     pub end: f64,
 }
 
 /// How a triangle's surface reflects.
 #[derive(Clone, Debug)]
-pub(super) struct Surface {
+pub(crate) struct Surface {
     /// In the tables that the scene was made of.
-    pub(super) number: u32,
-    pub(super) plane: [f64; 4],
-    pub(super) u: [f64; 4],
-    pub(super) v: [f64; 4],
+    pub(crate) number: u32,
+    pub(crate) plane: [f64; 4],
+    pub(crate) u: [f64; 4],
+    pub(crate) v: [f64; 4],
     /// None where the shading normal is the plane's.
-    pub(super) normal: Option<Box<[[f64; 4]; 3]>>,
-    pub(super) texture: u32,
-    pub(super) two_sided: bool,
-    pub(super) frame: u32,
+    pub(crate) normal: Option<Box<[[f64; 4]; 3]>>,
+    pub(crate) texture: u32,
+    pub(crate) two_sided: bool,
+    pub(crate) frame: u32,
     /// Of the front and the back; None where no light is baked.
-    pub(super) light_maps: Option<Box<[SideMap; 2]>>,
+    pub(crate) light_maps: Option<Box<[SideMap; 2]>>,
     /// From the front.
-    pub(super) emission: Option<Emission>,
+    pub(crate) emission: Option<Emission>,
 }
 
-/// What stands still in one frame: triangles side by side, and the hierarchy over them.
+/// What stands still in one frame: triangles side by side, and the BVH over them.
 #[derive(Debug)]
-pub(super) struct Frame {
+pub(crate) struct Frame {
     /// What was taken from all of its coordinates, so that they are small.
-    pub(super) centre: Vector,
-    pub(super) triangles: Range<usize>,
-    pub(super) hierarchy: Hierarchy,
+    pub(crate) centre: Vector,
+    pub(crate) triangles: Range<usize>,
+    pub(crate) bvh: Bvh,
 }
 
 /// A scene, ready to be rendered. Coordinates are those of each frame less its centre.
 #[derive(Debug)]
 pub struct Scene {
-    pub(super) frames: Vec<Frame>,
-    pub(super) corners: Vec<[Vector; 3]>,
-    pub(super) surfaces: Vec<Surface>,
-    pub(super) textures: Vec<Texture>,
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) corners: Vec<[Vector; 3]>,
+    pub(crate) surfaces: Vec<Surface>,
+    pub(crate) textures: Vec<Texture>,
     /// Each with the one after it.
-    pub(super) texels: Vec<Vec<u64>>,
+    pub(crate) texels: Vec<Vec<u64>>,
     /// Of the light maps, for each baked light.
-    pub(super) irradiance: Vec<Vec<u64>>,
-    pub(super) lights: Vec<Light>,
-    pub(super) sky: Option<Sky>,
-    pub(super) shadows: bool,
-    pub(super) step: f64,
+    pub(crate) irradiance: Vec<Vec<u64>>,
+    pub(crate) lights: Vec<Light>,
+    pub(crate) sky: Option<Sky>,
+    pub(crate) shadows: bool,
+    pub(crate) step: f64,
     /// How many times farther from the surface than from the light an occluder may lie.
-    pub(super) farthest: f32,
+    pub(crate) farthest: f32,
 }
 
 impl Scene {
@@ -163,8 +163,8 @@ impl Scene {
             farthest: ((1.0 - tables.end) / tables.end) as f32,
         };
         for light in &mut scene.lights {
-            if let LightKind::Point(place) = &mut light.kind {
-                *place = sub(*place, tables.centre);
+            if let LightKind::Point(position) = &mut light.kind {
+                *position = sub(*position, tables.centre);
             }
         }
         for frame in 0..tables.frame_count {
@@ -188,7 +188,7 @@ impl Scene {
         };
         let own: Vec<Bounds> =
             bounds.iter().map(|b| Bounds { low: sub(b.low, centre), high: sub(b.high, centre) }).collect();
-        let (hierarchy, order) = Hierarchy::new(&own);
+        let (bvh, order) = Bvh::new(&own);
         let first = self.corners.len();
         for &at in &order {
             let i = members[at as usize];
@@ -213,11 +213,11 @@ impl Scene {
                 emission: tables.emissions.get(i).copied().flatten(),
             });
         }
-        self.frames.push(Frame { centre, triangles: first..self.corners.len(), hierarchy });
+        self.frames.push(Frame { centre, triangles: first..self.corners.len(), bvh });
     }
 
-    /// A view with the camera where it is in the frames less their centres.
-    pub(super) fn centred(&self, view: &View) -> View {
+    /// Returns a view with the camera where it is in the frames less their centres.
+    pub(crate) fn centred(&self, view: &View) -> View {
         let mut view = view.clone();
         for (pose, frame) in view.poses.iter_mut().zip(&self.frames) {
             pose.position = sub(pose.position, frame.centre);
@@ -225,25 +225,25 @@ impl Scene {
         view
     }
 
-    /// Triangles that can be seen.
+    /// Returns how many triangles can be seen.
     #[must_use]
     pub fn triangles(&self) -> usize {
         self.corners.len()
     }
 
-    /// Frames: the world's, and one for each body.
+    /// Returns how many frames there are: the world's, and one for each body.
     #[must_use]
     pub fn frames(&self) -> usize {
         self.frames.len()
     }
 
-    /// Lights.
+    /// Returns how many lights there are.
     #[must_use]
     pub fn lights(&self) -> usize {
         self.lights.len()
     }
 
-    /// Whether point and directional lights throw shadows.
+    /// Returns whether point and directional lights throw shadows.
     #[must_use]
     pub fn shadows(&self) -> bool {
         self.shadows
@@ -256,7 +256,7 @@ fn has_area(corners: &[Vector; 3]) -> bool {
     largest(normal) > 0.0 && largest(normal).is_finite() && corners.iter().flatten().all(|x| x.is_finite())
 }
 
-/// Whether the shading normal is another than the plane's.
+/// Returns whether the shading normal is another than the plane's.
 fn is_smooth(maps: &[[f64; 4]; 3], plane: &[f64; 4]) -> bool {
     maps.iter().zip(plane).any(|(map, n)| map[..3] != [0.0; 3] || (map[3] - n).abs() > 1e-6)
 }
@@ -301,7 +301,7 @@ fn check(tables: &SceneTables) -> Result<()> {
         let in_a_place = matches!(light.kind, LightKind::Point(_));
         if light.beam.is_some_and(|beam| !in_a_place || !beam.is_valid()) {
             return refuse(format!(
-                "a beam is that of a light in a place, and 0 <= full < cutoff <= pi, got {light:?}"
+                "a beam is that of a light at a position, and 0 <= full < cutoff <= pi, got {light:?}"
             ));
         }
     }

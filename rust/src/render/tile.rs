@@ -8,34 +8,34 @@
 
 use multiversion::multiversion;
 
-use super::bins::{Bins, Entry, Seen};
-use super::cast::Caster;
+use super::geometry::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays, TileRays};
+use super::geometry::vector::single;
 use super::lanes::{Lanes, MOST};
-use super::lights::Surroundings;
-use super::patch::Patch;
-use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays, TileRays};
+use super::light::cast::Caster;
+use super::light::lights::Surroundings;
+use super::light::patch::Patch;
+use super::light::shader::Shader;
 use super::samples::Pixels;
-use super::shade::Shader;
-use super::sorted::{Picked, Portion, Sorted};
-use super::tracks::Sight;
-use super::vector::single;
-use super::visibility::{NOTHING, Nearest};
+use super::time::tracks::Sight;
+use super::visibility::bins::{Bins, Entry, Seen};
+use super::visibility::nearest::{NOTHING, Nearest};
+use super::visibility::sorted::{Picked, Portion, Sorted};
 
 /// What all tiles of a view share.
-pub(super) struct TileView<'a> {
-    pub(super) rays: &'a PixelRays,
-    pub(super) lit: Surroundings<'a>,
+pub(crate) struct TileView<'a> {
+    pub(crate) rays: &'a PixelRays,
+    pub(crate) lit: Surroundings<'a>,
     /// Luma of what is not hit, and its rate.
-    pub(super) background: (f32, f32),
-    pub(super) bins: &'a Bins,
+    pub(crate) background: (f32, f32),
+    pub(crate) bins: &'a Bins,
 }
 
 /// Room for a tile's work.
 #[derive(Debug, Default)]
-pub(super) struct TileScratch {
+pub(crate) struct TileScratch {
     list: Vec<Entry>,
     rays: TileRays,
-    pub(super) nearest: Nearest,
+    pub(crate) nearest: Nearest,
     caster: Caster,
     sorted: Vec<Sorted>,
     visible: Vec<u32>,
@@ -45,76 +45,79 @@ pub(super) struct TileScratch {
 }
 
 /// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
-pub(super) type Shaders<'a> = Vec<Shader<'a>>;
+pub(crate) type Shaders<'a> = Vec<Shader<'a>>;
 
 /// Among more than this none is looked for.
 const FEW_SHADERS: usize = 8;
 
 /// Pixels of a tile, by block and lane.
 #[derive(Debug)]
-pub(super) struct TileImage {
-    pub(super) luma: [f32; PIXELS],
-    pub(super) rate: [f32; PIXELS],
+pub(crate) struct TileImage {
+    pub(crate) luma: [f32; PIXELS],
+    pub(crate) rate: [f32; PIXELS],
 }
 
 impl TileImage {
-    pub(super) const BLACK: Self = Self { luma: [0.0; PIXELS], rate: [0.0; PIXELS] };
+    pub(crate) const BLACK: Self = Self { luma: [0.0; PIXELS], rate: [0.0; PIXELS] };
 }
 
-/// Luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has alone.
+/// Computes luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has
+/// alone.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn luma<'a, const RATE: bool>(
+pub(crate) fn luma<'a, const RATE: bool>(
     of: &TileView<'a>,
     tile: usize,
     scratch: &mut TileScratch,
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
-    let mut room = std::mem::take(&mut scratch.rays);
-    let part = of.rays.of_tile(tile, &mut room);
+    let mut buffer = std::mem::take(&mut scratch.rays);
+    let part = of.rays.of_tile(tile, &mut buffer);
     of.bins.of_tile(tile, part.around, &mut scratch.list);
     shade::<RATE>(of, &part, scratch, before);
-    scratch.rays = room;
+    scratch.rays = buffer;
     image.luma = mean(&scratch.luma);
     if RATE {
         image.rate = mean(&scratch.rate);
     }
 }
 
-/// Luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's bins.
+/// Computes luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's
+/// bins.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
+pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
     of.bins.of_tile(number, part.around, &mut scratch.list);
     shade::<false>(of, &part, scratch, &mut vec![]);
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
-/// What each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of [`samples`].
+/// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of
+/// [`samples`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
+pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
     let part = pixels.part();
     of.bins.of_tile(number, part.around, &mut scratch.list);
     shade::<true>(of, &part, scratch, &mut vec![]);
     let nearest = &scratch.nearest;
-    let seen = |place: u32| &of.bins.seen[scratch.list[place as usize].seen as usize];
+    let seen = |index: u32| &of.bins.seen[scratch.list[index as usize].seen as usize];
     for ray in 0..pixels.count() * of.rays.rays() {
         let (luma, rate) = (scratch.luma[ray], scratch.rate[ray]);
-        let place = match nearest.only[0] {
+        let index = match nearest.only[0] {
             _ if scratch.list.is_empty() => NOTHING,
-            NOTHING => nearest.place[ray],
+            NOTHING => nearest.index[ray],
             only => only,
         };
-        found.push(if place == NOTHING {
+        found.push(if index == NOTHING {
             Sight { luma, rate, triangle: NOTHING, inverse_depth: 0.0 }
         } else {
-            let Seen { triangle, inverse_depth, .. } = seen(place);
+            let Seen { triangle, inverse_depth, .. } = seen(index);
             Sight { luma, rate, triangle: *triangle, inverse_depth: inverse_depth.at(part.x[ray], part.y[ray]) }
         });
     }
 }
 
-/// Luma of rays, and its rate. `before` are the shaders of the tile before, and then those of this one.
+/// Computes luma of rays, and its rate. `before` are the shaders of the tile before, and then those of this one.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut TileScratch, before: &mut Shaders<'a>) {
@@ -127,13 +130,13 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
     visible.clear();
     if !list.is_empty() {
         nearest.find(of.bins, list, part);
-        visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
+        visible.extend((0..).take(list.len()).filter(|&index| nearest.sees(index)));
     }
     if let Some(sky) = &of.lit.scene.sky {
         let (pose, [factor, factor_rate]) = (&of.lit.view.poses[0], of.lit.view.factors[sky.light as usize]);
         let per_block = x.len() / part.blocks.len();
         for ray in 0..x.len() {
-            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.place[ray] == NOTHING;
+            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.index[ray] == NOTHING;
             if nothing {
                 let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
                 luma[ray] += single([factor])[0] * one;
@@ -143,8 +146,8 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
             }
         }
     }
-    let seen = |place: u32| &of.bins.seen[list[place as usize].seen as usize];
-    let shaders = shaders(of, visible.iter().map(|&place| seen(place)), before);
+    let seen = |index: u32| &of.bins.seen[list[index as usize].seen as usize];
+    let shaders = shaders(of, visible.iter().map(|&index| seen(index)), before);
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
     while at < visible.len() {
@@ -166,22 +169,22 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
         }
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
-        for (sorted, &place) in sorted.iter_mut().zip(run) {
-            sorted.of_triangle(nearest, place);
+        for (sorted, &index) in sorted.iter_mut().zip(run) {
+            sorted.of_triangle(nearest, index);
         }
         if of.lit.scene.shadows && caster.shadow.falls() {
             caster.clear();
-            for (sorted, &place) in sorted.iter().zip(run) {
-                caster.fall_on(&of.lit, seen(place), &sorted.scattered);
+            for (sorted, &index) in sorted.iter().zip(run) {
+                caster.fall_on(&of.lit, seen(index), &sorted.scattered);
             }
             caster.cast(x, y);
         }
-        for (number, ((shader, &place), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
+        for (number, ((shader, &index), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
                 shaded::<RATE>(shader, &row.rays(x, y, picked), caster, number, (&mut one, &mut one_rate));
-                row.put(&one, nearest, place, luma);
+                row.put(&one, nearest, index, luma);
                 if RATE {
-                    row.put(&one_rate, nearest, place, rate);
+                    row.put(&one_rate, nearest, index, rate);
                 }
             }
             for numbers in sorted.scattered.chunks(MOST) {
@@ -199,7 +202,7 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
     *before = shaders;
 }
 
-/// Shaders of triangles; those of the tile before are taken where they are known.
+/// Returns the shaders of triangles; those of the tile before are taken where they are known.
 fn shaders<'a, 'b>(
     of: &TileView<'a>,
     triangles: impl Iterator<Item = &'b Seen>,
@@ -232,7 +235,7 @@ fn shaded<const RATE: bool>(
     }
 }
 
-/// The mean of each pixel's rays.
+/// Returns the mean of each pixel's rays.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
@@ -253,7 +256,7 @@ fn mean(values: &[f32]) -> [f32; PIXELS] {
     means
 }
 
-/// The mean of one pixel's rays: the same additions as [`mean`]'s.
+/// Returns the mean of one pixel's rays: the same additions as [`mean`]'s.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
@@ -261,9 +264,9 @@ fn pixel_mean(rays: &[f32]) -> f32 {
     rays.iter().fold(0.0, |sum, ray| sum + ray) / rays.len() as f32
 }
 
-/// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
+/// Hands on for each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
+pub(crate) fn nearest<Each: FnMut(usize, f32, u32)>(
     bins: &Bins,
     rays: &PixelRays,
     tile: usize,
@@ -275,14 +278,14 @@ pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
     let (x, y) = (part.x, part.y);
     let nearest = &mut scratch.nearest;
     nearest.find(bins, &scratch.list, &part);
-    let seen = |place: u32| &bins.seen[scratch.list[place as usize].seen as usize];
+    let seen = |index: u32| &bins.seen[scratch.list[index as usize].seen as usize];
     let per_block = x.len() / BLOCKS;
     for ray in 0..x.len() {
         let only = nearest.only[ray / per_block];
         if only != NOTHING {
             each(ray, seen(only).inverse_depth.at(x[ray], y[ray]), seen(only).triangle);
-        } else if nearest.place[ray] != NOTHING {
-            each(ray, nearest.inverse_depth[ray], seen(nearest.place[ray]).triangle);
+        } else if nearest.index[ray] != NOTHING {
+            each(ray, nearest.inverse_depth[ray], seen(nearest.index[ray]).triangle);
         }
     }
 }

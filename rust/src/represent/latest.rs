@@ -4,8 +4,8 @@ use super::cell::cell;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 
-/// The times of the last `depth` events up to `until_us` by polarity and pixel, the latest first: `depth` planes of OFF
-/// events and as many of ON events, each in rows; -1 where there were fewer.
+/// Returns the times of the last `depth` events up to `until_us` by polarity and pixel, the latest first: `depth`
+/// planes of OFF events and as many of ON events, each in rows; -1 where there were fewer.
 ///
 /// # Errors
 /// As [`super::count_events`], and [`Error::Argument`] for a depth of 0 or one that memory does not hold.

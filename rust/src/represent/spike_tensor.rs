@@ -13,8 +13,8 @@ pub enum Measurement {
     Count,
 }
 
-/// Sums measurements into `bins.count` planes of OFF events and as many of ON events, each event shared by the two planes
-/// around it in the measure of its nearness in time (the kernel that Gehrig et al. call trilinear).
+/// Sums measurements into `bins.count` planes of OFF events and as many of ON events, each event shared by the two
+/// planes around it in the measure of its nearness in time (the kernel that Gehrig et al. call trilinear).
 ///
 /// # Errors
 /// As [`super::voxel_grid`].

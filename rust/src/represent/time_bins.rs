@@ -20,8 +20,8 @@ pub struct TimeBins {
 }
 
 /// Splats each event linearly into the two nearest time bins. `measure` gives its weight from the event and its time in
-/// the window (0 at the start, 1 at the end). There are `bins.count` planes for each of `groups` groups; `group` says which one an
-/// event belongs to.
+/// the window (0 at the start, 1 at the end). There are `bins.count` planes for each of `groups` groups; `group` says
+/// which one an event belongs to.
 ///
 /// Events outside of the window count nowhere: those of start <= t < stop lie in it, and with `include_stop` those at the
 /// stop as well. Such a window may be an instant: all its events are then in the first plane.

@@ -6,7 +6,6 @@
 //!
 //! What must not break: the outputs have the bits that [`super::input`] would compute, chord by chord.
 
-use super::input::bend;
 use super::parameters::PhotoreceptorBandwidth;
 use super::scan::{TwoOutputs, low_pass, two_low_passes};
 use crate::crossing::cubic::Cubic;
@@ -23,6 +22,13 @@ pub(super) fn number_of_chords(slopes: (f64, f64), change: f64, tolerance: f64, 
     // The error of chords falls with the square of their number.
     let number = (bend(slopes, change) / tolerance).sqrt().ceil().max(1.0).min(f64::from(MOST));
     (number as i64).min(ticks) as usize
+}
+
+/// How far a cubic with these slopes strays from its chord, from above: an eighth of its largest second derivative, which
+/// lies at one of its ends. NaN where it is its chord for want of a slope.
+fn bend(slopes: (f64, f64), chord: f64) -> f64 {
+    let (from, to) = (slopes.0 - chord, slopes.1 - chord);
+    0.25 * (2.0 * from + to).abs().max((from + 2.0 * to).abs())
 }
 
 /// The end of a chord: what a pixel's low-passes have come to there.
@@ -256,5 +262,20 @@ mod tests {
         assert_eq!(number_of_chords((3.0, 0.0), 1.0, 1e-9, 3), 3);
         assert_eq!(number_of_chords((f64::NAN, 0.0), 1.0, 0.01, 1000), 1);
         assert_eq!(number_of_chords((f64::INFINITY, 0.0), 1.0, 0.01, 1000), 16);
+    }
+
+    /// Second derivatives at the ends, 6 chord - 4 p - 2 q and 2 p + 4 q - 6 chord, over eight.
+    #[test]
+    fn a_cubic_s_bend_is_an_eighth_of_its_largest_second_derivative() {
+        for (slopes, chord, expected) in [
+            ((0.0, 0.0), 1.0, 0.75),
+            ((3.0, 0.0), 1.0, 0.75),
+            ((0.0, 4.0), 1.0, 1.25),
+            ((4.0, 0.0), 1.0, 1.25),
+            ((2.0, 5.0), -1.0, 3.75),
+            ((1.5, 1.5), 1.5, 0.0),
+        ] {
+            assert_eq!(bend(slopes, chord).to_bits(), f64::to_bits(expected), "{slopes:?} {chord}");
+        }
     }
 }

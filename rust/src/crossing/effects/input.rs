@@ -197,30 +197,3 @@ impl Chord {
         libm::exp(self.from + (self.to - self.from) * (t / self.ticks as f64))
     }
 }
-
-/// How far a cubic with these slopes strays from its chord, from above: an eighth of its largest second derivative, which
-/// lies at one of its ends. NaN where it is its chord for want of a slope.
-pub(super) fn bend(slopes: (f64, f64), chord: f64) -> f64 {
-    let (from, to) = (slopes.0 - chord, slopes.1 - chord);
-    0.25 * (2.0 * from + to).abs().max((from + 2.0 * to).abs())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Second derivatives at the ends, 6 chord - 4 p - 2 q and 2 p + 4 q - 6 chord, over eight.
-    #[test]
-    fn a_cubic_s_bend_is_an_eighth_of_its_largest_second_derivative() {
-        for (slopes, chord, expected) in [
-            ((0.0, 0.0), 1.0, 0.75),
-            ((3.0, 0.0), 1.0, 0.75),
-            ((0.0, 4.0), 1.0, 1.25),
-            ((4.0, 0.0), 1.0, 1.25),
-            ((2.0, 5.0), -1.0, 3.75),
-            ((1.5, 1.5), 1.5, 0.0),
-        ] {
-            assert_eq!(bend(slopes, chord).to_bits(), f64::to_bits(expected), "{slopes:?} {chord}");
-        }
-    }
-}

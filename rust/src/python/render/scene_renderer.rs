@@ -1,0 +1,409 @@
+//! `SceneRenderer` for Python.
+
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::prelude::*;
+
+use super::pixel_rays::PyPixelRays;
+use super::scene_tables::{
+    EmissionTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, light_map_tables, numbered, sky_map, uv_maps,
+};
+use super::views::{Views, view_pixels, views_of};
+use crate::python::arrays::{groups, lists, numbers, rows};
+use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RayHit, Renderer, Scene, SceneTables, TrackSettings};
+
+/// Renders diffuse triangles under direct light: luma, its rate, and depth.
+///
+/// Each pixel has the same bits in any batch of views and on any number of threads. The steps are those of
+/// docs/rendering.md. Arrays are flat; t is the number of triangles. Each triangle is in the coordinates of its own
+/// frame: the world, or a body that moves.
+///
+/// Args:
+///     corners: float64 (t, 3, 3), metres.
+///     planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
+///     u_maps, v_maps: float64 (t, 4), affine maps of a point (x, y, z, 1) to texture coordinates.
+///     normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
+///     textures: uint32 (t), the number of the triangle's texture.
+///     two_sided: uint32 (t), 1 where the back of the triangle reflects too.
+///     frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
+///     frame_count: frames in all, with the world's.
+///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
+///     texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
+///     lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
+///         ``point``, whose vector is its position, ``directional``, whose vector is the unit vector along which it
+///         travels, ``constant``, ``baked``, or ``visible``: baked lights take the light maps' texels one after the
+///         other, and visible ones fall on nothing, but emissions and the sky are theirs. The beam is that of a point:
+///         None where it shines alike to all sides; (unit vector, None) where it does with the cosine of the angle to
+///         it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which it shines fully, and at
+///         all.
+///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
+///         (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
+///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
+///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
+///         (t); None where none does.
+///     sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
+///         (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
+///     shadows: whether point and directional lights throw shadows.
+///     centre: (3), metres, the middle of the scene.
+///     step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
+///     threads: None for as many as there are processors.
+///
+/// Raises:
+///     ValueError: for arrays that do not belong together, or no threads.
+#[pyclass(name = "SceneRenderer", module = "davis_rs._core", frozen)]
+pub(crate) struct PySceneRenderer(Renderer);
+
+/// An array without its shape.
+type Flat<'py, T> = Bound<'py, PyArray1<T>>;
+
+/// Pixels, those with something unseen, the samples' pixels, instants and luma, and how much was rendered.
+type TrackTuple<'py> = (Flat<'py, u32>, Flat<'py, u32>, Flat<'py, u32>, Flat<'py, i64>, Flat<'py, f32>, usize);
+
+#[pymethods]
+impl PySceneRenderer {
+    #[new]
+    #[pyo3(signature = (
+        *,
+        corners,
+        planes,
+        u_maps,
+        v_maps,
+        normal_maps,
+        textures,
+        two_sided,
+        frames,
+        frame_count,
+        layouts,
+        texels,
+        lights,
+        light_maps=None,
+        emissions=None,
+        sky=None,
+        shadows,
+        centre,
+        step,
+        end,
+        threads=None,
+    ))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn new(
+        corners: &Bound<'_, PyAny>,
+        planes: &Bound<'_, PyAny>,
+        u_maps: &Bound<'_, PyAny>,
+        v_maps: &Bound<'_, PyAny>,
+        normal_maps: Option<&Bound<'_, PyAny>>,
+        textures: &Bound<'_, PyAny>,
+        two_sided: &Bound<'_, PyAny>,
+        frames: &Bound<'_, PyAny>,
+        frame_count: usize,
+        layouts: &Bound<'_, PyAny>,
+        texels: Vec<Bound<'_, PyAny>>,
+        lights: Vec<LightTuple>,
+        light_maps: Option<LightMapTuple<'_>>,
+        emissions: Option<EmissionTuple<'_>>,
+        sky: Option<SkyTuple<'_>>,
+        shadows: bool,
+        centre: [f64; 3],
+        step: f64,
+        end: f64,
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let texture_maps = uv_maps(u_maps, v_maps)?;
+        let tables = SceneTables {
+            corners: groups::<f64, 9>(corners, "corners")?.into_iter().map(rows).collect(),
+            planes: groups(planes, "planes")?,
+            uv_maps: texture_maps,
+            normal_maps: normal_maps.map_or(Ok(vec![]), |maps| {
+                PyResult::Ok(groups::<f64, 12>(maps, "normal_maps")?.into_iter().map(rows).collect())
+            })?,
+            textures: numbers::<u32>(textures, "textures")?,
+            two_sided: numbers::<u32>(two_sided, "two_sided")?.into_iter().map(|flag| flag != 0).collect(),
+            frames: numbers::<u32>(frames, "frames")?,
+            frame_count,
+            layouts: groups(layouts, "layouts")?,
+            texels: lists(&texels, "texels")?,
+            lights: numbered(lights)?,
+            light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
+            emissions: emissions.map_or(Ok(vec![]), emission_table)?,
+            sky: sky.map(sky_map).transpose()?,
+            shadows,
+            centre,
+            step,
+            end,
+        };
+        Ok(Self(Renderer::new(Scene::new(&tables)?, threads)?))
+    }
+
+    /// Render linear luma of each view, and its rate.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: positions
+    ///         (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
+    ///         in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
+    ///         of the lights; the rates of these factors (n, l), 1/s.
+    ///     rate: whether the rate is computed too.
+    ///
+    /// Returns:
+    ///     Luma, float32, flat (n, height, width), and its rate per second in the same shape, None where it was not
+    ///     asked for.
+    ///
+    /// Raises:
+    ///     ValueError: for views of another number of frames or lights than the scene has.
+    #[pyo3(signature = (rays, views, *, rate=false))]
+    fn luma<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        rate: bool,
+    ) -> PyResult<(Flat<'py, f32>, Option<Flat<'py, f32>>)> {
+        let views = views_of(self.0.scene(), &views)?;
+        let zeros = || vec![0f32; views.len() * rays.0.pixels()];
+        let (mut luma, mut rates) = (zeros(), rate.then(zeros));
+        py.detach(|| self.0.luma(&rays.0, &views, &mut luma, rates.as_deref_mut()))?;
+        Ok((luma.into_pyarray(py), rates.map(|rates| rates.into_pyarray(py))))
+    }
+
+    /// Render luma of single pixels, the bits of :meth:`luma`.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: as in :meth:`luma`.
+    ///     view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+    ///
+    /// Returns:
+    ///     Luma, float32 (k).
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, or a view or pixel that is not there.
+    fn samples<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+    ) -> PyResult<Flat<'py, f32>> {
+        let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
+        let mut luma = vec![0f32; pixels.len()];
+        py.detach(|| self.0.samples(&rays.0, &views, &pixels, &mut luma))?;
+        Ok(luma.into_pyarray(py))
+    }
+
+    /// Render luma of the pixels that edges pass, through spans of time.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: as in :meth:`luma`, five of each of n spans: at its ends, its middle, and about half way between.
+    ///     t_us: int64 (n * 5), flat: when these are, in whole microseconds.
+    ///     reach: how many pixels away, in x or y, the farthest one lies whose luma a pixel takes.
+    ///     tolerated: change of log luma that is tolerated.
+    ///     log_eps: the dark level, in luma.
+    ///
+    /// Returns:
+    ///     Of each span: uint32 (p), increasing, the pixels that edges pass, and those that take luma from them;
+    ///     uint32, those of them that do what neither edges nor their rates tell; samples by pixel and time,
+    ///     between which luma changes evenly: uint32 (m), the pixel; int64 (m), microseconds within the span;
+    ///     float32 (m), luma; and how many pixels were rendered, one at several instants counted so often. With a
+    ///     reach the samples are those of all pixels that luma is taken from, the span's ends among them.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene or the instants, or instants that do not increase in a span.
+    #[pyo3(signature = (rays, views, t_us, *, reach, tolerated, log_eps))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn edge_tracks<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        t_us: &Bound<'py, PyAny>,
+        reach: usize,
+        tolerated: f32,
+        log_eps: f32,
+    ) -> PyResult<Vec<TrackTuple<'py>>> {
+        let (views, t_us) = (views_of(self.0.scene(), &views)?, numbers::<i64>(t_us, "t_us")?);
+        let settings = TrackSettings { reach, tolerated, log_eps };
+        let tracks = py.detach(|| self.0.edge_tracks(&rays.0, &views, &t_us, settings))?;
+        let tuple = |tracks: EdgeTracks| {
+            (
+                tracks.pixels.into_pyarray(py),
+                tracks.unknown.into_pyarray(py),
+                tracks.sample_pixel.into_pyarray(py),
+                tracks.sample_t_us.into_pyarray(py),
+                tracks.sample_luma.into_pyarray(py),
+                tracks.rendered,
+            )
+        };
+        Ok(tracks.into_iter().map(tuple).collect())
+    }
+
+    /// Find what the pixels' rays hit.
+    ///
+    /// Args:
+    ///     rays: of the sensor, one ray a pixel.
+    ///     views: as in :meth:`luma`.
+    ///
+    /// Returns:
+    ///     Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the number
+    ///     of the triangle that is hit, uint32 in the same shape, 2^32 - 1 where none is.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, or more than one ray a pixel.
+    fn depth<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+    ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
+        let views = views_of(self.0.scene(), &views)?;
+        let size = views.len() * rays.0.pixels();
+        let (mut depth, mut triangles) = (vec![0f32; size], vec![0u32; size]);
+        py.detach(|| self.0.depth(&rays.0, &views, &mut depth, &mut triangles))?;
+        Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
+    }
+
+    /// Find what the rays of single pixels hit, the bits of :meth:`depth`.
+    ///
+    /// Args:
+    ///     rays: of the sensor, one ray a pixel.
+    ///     views: as in :meth:`luma`.
+    ///     view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+    ///
+    /// Returns:
+    ///     Depth, float32 (k), and the number of the triangle, uint32 (k), as in :meth:`depth`.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, a view or pixel that is not there, or more than one ray a
+    ///         pixel.
+    fn hits<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+    ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
+        let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
+        let mut found = vec![(0f32, 0u32); pixels.len()];
+        py.detach(|| self.0.hits(&rays.0, &views, &pixels, &mut found))?;
+        let (depth, triangles): (Vec<f32>, Vec<u32>) = found.into_iter().unzip();
+        Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
+    }
+
+    /// Compute luma of single pixels in float64, or of weighted sums of pixels, each with its derivatives.
+    ///
+    /// Which surface a ray meets, and whether a light is hidden from it, is taken as fixed.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: as in :meth:`luma`.
+    ///     view: uint32 (k), the number of the view.
+    ///     pixel: uint32 (k * m), flat: the pixels that are added up, row by row.
+    ///     weights: float64 (m), by which they are multiplied before.
+    ///
+    /// Returns:
+    ///     float64, flat (k, 8 + l): luma; its rate per second; its derivatives by the camera's position in world axes
+    ///     (3, per metre), and by a rotation vector in camera axes (3, per radian); and the part of each of l lights in
+    ///     it, which is the derivative by the logarithm of the light's strength.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, a view or pixel that is not there, or another number of
+    ///         pixels.
+    fn gradients<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+        weights: &Bound<'py, PyAny>,
+    ) -> PyResult<Flat<'py, f64>> {
+        let views = views_of(self.0.scene(), &views)?;
+        let view = numbers::<u32>(view, "view")?;
+        let pixel = numbers::<u32>(pixel, "pixel")?;
+        let weights = numbers::<f64>(weights, "weights")?;
+        let mut gradients = vec![0.0; view.len() * (BEFORE_LIGHTS + self.0.scene().lights())];
+        py.detach(|| self.0.gradients(&rays.0, &views, &view, &pixel, &weights, &mut gradients))?;
+        Ok(gradients.into_pyarray(py))
+    }
+
+    /// Compute derivatives of single pixels' luma by texels in float64, or of weighted sums of pixels.
+    ///
+    /// Which surface a ray meets, whether a light is hidden from it, and light that bounces, is taken as fixed.
+    ///
+    /// Args:
+    ///     rays, views, view, pixel, weights: as in :meth:`gradients`.
+    ///     steps: float64 (g), by how much the texels of each light colour change for a unit.
+    ///
+    /// Returns:
+    ///     How many texels each of the k sums sees, uint32 (k); their numbers in the buffer of texels that the scene
+    ///     was made with, ascending for each sum, uint32, flat, one sum's after the other's; and luma by the unit,
+    ///     float64, as many.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, a view or pixel that is not there, or another number of
+    ///         pixels or steps.
+    #[allow(clippy::too_many_arguments, reason = "one pixel's, and the weights")]
+    fn texel_gradients<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+        weights: &Bound<'py, PyAny>,
+        steps: &Bound<'py, PyAny>,
+    ) -> PyResult<(Flat<'py, u32>, Flat<'py, u32>, Flat<'py, f64>)> {
+        let views = views_of(self.0.scene(), &views)?;
+        let view = numbers::<u32>(view, "view")?;
+        let pixel = numbers::<u32>(pixel, "pixel")?;
+        let weights = numbers::<f64>(weights, "weights")?;
+        let steps = numbers::<f64>(steps, "steps")?;
+        let found = py.detach(|| self.0.texel_gradients(&rays.0, &views, &view, &pixel, &weights, &steps))?;
+        Ok((found.counts.into_pyarray(py), found.texels.into_pyarray(py), found.values.into_pyarray(py)))
+    }
+
+    /// Find what each ray of single pixels sees, in float64.
+    ///
+    /// Args:
+    ///     rays: of the sensor, r rays a pixel.
+    ///     views: as in :meth:`luma`.
+    ///     view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+    ///
+    /// Returns:
+    ///     The number of the triangle that is hit, uint32, flat (k, r), 2^32 - 1 where none is; which lights are hidden
+    ///     from the point, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
+    ///     and luma, float64 in the same shape.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, or a view or pixel that is not there.
+    fn ray_hits<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+    ) -> PyResult<(Flat<'py, u32>, Flat<'py, u64>, Flat<'py, f64>)> {
+        let views = views_of(self.0.scene(), &views)?;
+        let (view, pixel): (Vec<u32>, Vec<u32>) = view_pixels(view, pixel)?.into_iter().unzip();
+        let mut hits = vec![RayHit::default(); pixel.len() * rays.0.rays()];
+        py.detach(|| self.0.ray_hits(&rays.0, &views, &view, &pixel, &mut hits))?;
+        let triangles: Vec<u32> = hits.iter().map(|hit| hit.triangle).collect();
+        let hidden: Vec<u64> = hits.iter().map(|hit| hit.hidden).collect();
+        let luma: Vec<f64> = hits.iter().map(|hit| hit.luma).collect();
+        Ok((triangles.into_pyarray(py), hidden.into_pyarray(py), luma.into_pyarray(py)))
+    }
+
+    fn __repr__(&self) -> String {
+        let scene = self.0.scene();
+        let shadows = if scene.shadows() { "True" } else { "False" };
+        let threads = self.0.threads().map_or("None".to_owned(), |threads| threads.to_string());
+        format!(
+            "SceneRenderer(triangles={}, frames={}, lights={}, shadows={shadows}, threads={threads})",
+            scene.triangles(),
+            scene.frames(),
+            scene.lights()
+        )
+    }
+}

@@ -1,0 +1,14 @@
+//! Light that reaches the camera: lights and their shadows, baked light, textures, and the sky.
+
+mod affine;
+pub(super) mod beam;
+pub(super) mod cast;
+pub(super) mod cone;
+pub(super) mod light_map;
+pub(super) mod lights;
+pub(super) mod patch;
+pub(super) mod shade;
+pub(super) mod shader;
+pub(super) mod shadows;
+pub(super) mod sky;
+pub(super) mod texture;

@@ -1,0 +1,306 @@
+//! Shading: luma of rays whose triangle is known, and its rate of change along that triangle.
+//!
+//! A triangle is set up once per view ([`Shader`]). Its rays are then shaded together in float32, in vector code.
+//!
+//! What must not break: each step is one fixed sequence of float operations, never fused, so that bits do not depend on
+//! the processor. Rates are derivatives of the same steps. docs/rendering.md lists the steps.
+
+use super::affine::Affine;
+use super::cast::Caster;
+use super::shader::{Falls, LightMap, Shader};
+use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Wrap, parted};
+use crate::render::lanes::{Lanes, Rays};
+
+/// Luma and, where it is wanted, its rate.
+pub(crate) type Reflected = (Lanes, Lanes);
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Shader<'_> {
+    /// Computes what rays see of the triangle.
+    #[inline(always)]
+    pub(crate) fn luma<const RATE: bool, const FULL: bool>(
+        &self,
+        rays: &Rays<'_, FULL>,
+        caster: &Caster,
+        receiver: usize,
+        (luma, rate): (&mut Lanes, &mut Lanes),
+    ) {
+        let n = rays.count();
+        let (depth, depth_rate) = self.depth::<RATE, FULL>(rays);
+        *luma = Lanes::ZERO;
+        if RATE {
+            *rate = Lanes::ZERO;
+        }
+        let normal = self.smooth.as_ref().map(|maps| normals::<RATE, FULL>(maps, rays, &depth, &depth_rate));
+        let mut at = 0;
+        while at < self.lit.len() {
+            let group = self.lit[at].group;
+            let (mut light, mut light_rate) = (Lanes::ZERO, Lanes::ZERO);
+            while at < self.lit.len() && self.lit[at].group == group {
+                let lit = &self.lit[at];
+                let (mut one, mut one_rate) = match (lit.falls, &self.light_map) {
+                    (Falls::Baked { texels, strength, rate }, Some(map)) => {
+                        self.baked::<RATE, FULL>(map, texels, (strength, rate), rays, &depth, &depth_rate)
+                    }
+                    (falls, _) => falling::<RATE, FULL>(&falls, rays, &depth, &depth_rate, normal.as_ref()),
+                };
+                if let (Some(beam), Some(position)) = (&lit.beam, lit.falls.position()) {
+                    beam.take::<RATE, FULL>(position, rays, (&depth, &depth_rate), (&mut one, &mut one_rate));
+                }
+                if caster.hides(lit.light) {
+                    caster.take((receiver, lit.light), rays, &depth, (&mut one, &mut one_rate));
+                }
+                for i in 0..n {
+                    light[i] += one[i];
+                    if RATE {
+                        light_rate[i] += one_rate[i];
+                    }
+                }
+                at += 1;
+            }
+            let (reflectance, reflectance_rate) = self.reflectance::<RATE, FULL>(group, rays, &depth, &depth_rate);
+            for i in 0..n {
+                luma[i] += reflectance[i] * light[i];
+                if RATE {
+                    rate[i] += reflectance[i] * light_rate[i] + reflectance_rate[i] * light[i];
+                }
+            }
+        }
+        if let Some(normal) = &normal
+            && !self.two_sided
+        {
+            for i in 0..n {
+                let front = normal.facing[i] > 0.0;
+                luma[i] = if front { luma[i] } else { 0.0 };
+                if RATE {
+                    rate[i] = if front { rate[i] } else { 0.0 };
+                }
+            }
+        }
+        if self.emitted != (0.0, 0.0) {
+            for i in 0..n {
+                luma[i] += self.emitted.0;
+                if RATE {
+                    rate[i] += self.emitted.1;
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn depth<const RATE: bool, const FULL: bool>(&self, rays: &Rays<'_, FULL>) -> Reflected {
+        let (n, x, y) = (rays.count(), rays.x, rays.y);
+        let (mut depth, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+        for i in 0..n {
+            depth[i] = 1.0 / self.inverse_depth.now.at(x[i], y[i]);
+            if RATE {
+                rate[i] = -(depth[i] * depth[i]) * self.inverse_depth.rate.at(x[i], y[i]);
+            }
+        }
+        (depth, rate)
+    }
+
+    #[inline(always)]
+    fn reflectance<const RATE: bool, const FULL: bool>(
+        &self,
+        group: usize,
+        rays: &Rays<'_, FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> Reflected {
+        let sampler = Sampler::new(self.texture, &self.scene.texels[group]);
+        if self.texture.is_constant() {
+            return (Lanes::all(sampler.only()), Lanes::ZERO);
+        }
+        match self.texture.wrap {
+            Wrap::Repeat => self.textured::<RATE, FULL, Repeat>(sampler, rays, depth, depth_rate),
+            Wrap::Clamp => self.textured::<RATE, FULL, Clamp>(sampler, rays, depth, depth_rate),
+            Wrap::Mirror => self.textured::<RATE, FULL, Mirror>(sampler, rays, depth, depth_rate),
+        }
+    }
+
+    #[inline(always)]
+    fn textured<const RATE: bool, const FULL: bool, F: Fold>(
+        &self,
+        sampler: Sampler,
+        rays: &Rays<'_, FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> Reflected {
+        looked_up::<RATE, FULL, F>([&self.u, &self.v], sampler, rays, depth, depth_rate)
+    }
+
+    /// Computes the irradiance / pi of a baked light, and its rate.
+    #[inline(always)]
+    fn baked<const RATE: bool, const FULL: bool>(
+        &self,
+        map: &LightMap,
+        texels: usize,
+        (strength, strength_rate): (f32, f32),
+        rays: &Rays<'_, FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> Reflected {
+        let sampler = Sampler::new(map.texture, &self.scene.irradiance[texels]);
+        let (mut value, mut rate) = looked_up::<RATE, FULL, Clamp>([&map.u, &map.v], sampler, rays, depth, depth_rate);
+        for i in 0..rays.count() {
+            // Beyond a triangle's third edge a map may fall below 0, and rounding leads there.
+            let light = if value[i] > 0.0 { value[i] } else { 0.0 };
+            if RATE {
+                rate[i] = strength * rate[i] + strength_rate * light;
+            }
+            value[i] = strength * light;
+        }
+        (value, rate)
+    }
+}
+
+/// Looks up bilinearly at the points that rays hit, by the maps to their coordinates. Returns values and their rates.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
+    [u_map, v_map]: [&Affine; 2],
+    sampler: Sampler,
+    rays: &Rays<'_, FULL>,
+    depth: &Lanes,
+    depth_rate: &Lanes,
+) -> Reflected {
+    let (n, x, y) = (rays.count(), rays.x, rays.y);
+    let (mut taps, mut rates) = (Taps::NONE, [Lanes::ZERO; 2]);
+    for i in 0..n {
+        let (u, u_rate) = u_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+        let (v, v_rate) = v_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+        let [by_u, by_v] = taps.set::<F>(i, &sampler, u, v);
+        if RATE {
+            rates[0][i] = by_u * u_rate;
+            rates[1][i] = by_v * v_rate;
+        }
+    }
+    let corners = sampler.corners(&taps, n);
+    let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+    for i in 0..n {
+        let [[p, q], [r, s]] = [parted(corners[0][i]), parted(corners[1][i])];
+        let (upper, lower) = (q - p, s - r);
+        let (a, b) = (p + upper * taps.x[i], r + lower * taps.x[i]);
+        value[i] = a + (b - a) * taps.y[i];
+        if RATE {
+            rate[i] = (upper + (lower - upper) * taps.y[i]) * rates[0][i] + (b - a) * rates[1][i];
+        }
+    }
+    (value, rate)
+}
+
+/// Unit normals that face the camera, their rates, and whether (1 or -1) their front does.
+struct Normals {
+    now: [Lanes; 3],
+    rate: [Lanes; 3],
+    facing: Lanes,
+}
+
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn normals<const RATE: bool, const FULL: bool>(
+    maps: &[Affine; 3],
+    rays: &Rays<'_, FULL>,
+    depth: &Lanes,
+    depth_rate: &Lanes,
+) -> Normals {
+    let (n, x, y) = (rays.count(), rays.x, rays.y);
+    let mut normals = Normals { now: [Lanes::ZERO; 3], rate: [Lanes::ZERO; 3], facing: Lanes::ZERO };
+    for i in 0..n {
+        let [a, b, c] = [0, 1, 2].map(|k| maps[k].at::<RATE>(x[i], y[i], depth[i], depth_rate[i]));
+        let m = [a.0, b.0, c.0];
+        let along = m[0] * x[i] + (m[1] * y[i] + m[2]);
+        let facing = if along > 0.0 { -1.0 } else { 1.0 };
+        let per_length = facing / (m[0] * m[0] + (m[1] * m[1] + m[2] * m[2])).sqrt();
+        let unit = m.map(|component| component * per_length);
+        normals.facing[i] = facing;
+        for k in 0..3 {
+            normals.now[k][i] = unit[k];
+        }
+        if RATE {
+            let r = [a.1 * per_length, b.1 * per_length, c.1 * per_length];
+            let along = unit[0] * r[0] + (unit[1] * r[1] + unit[2] * r[2]);
+            for k in 0..3 {
+                normals.rate[k][i] = r[k] - unit[k] * along;
+            }
+        }
+    }
+    normals
+}
+
+/// Computes the irradiance / pi of a light that nothing shadows, and its rate.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn falling<const RATE: bool, const FULL: bool>(
+    falls: &Falls,
+    rays: &Rays<'_, FULL>,
+    depth: &Lanes,
+    depth_rate: &Lanes,
+    normals: Option<&Normals>,
+) -> Reflected {
+    let (count, x, y) = (rays.count(), rays.x, rays.y);
+    let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+    match (*falls, normals) {
+        (Falls::From { position, position_rate, amount, rate: amount_rate }, _) => {
+            for i in 0..count {
+                let to = [position[0] - x[i] * depth[i], position[1] - y[i] * depth[i], position[2] - depth[i]];
+                let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
+                let cube = squared * squared.sqrt();
+                value[i] = amount / cube;
+                if RATE {
+                    let dz = depth_rate[i];
+                    let change = [position_rate[0] - x[i] * dz, position_rate[1] - y[i] * dz, position_rate[2] - dz];
+                    let along = to[0] * change[0] + (to[1] * change[1] + to[2] * change[2]);
+                    rate[i] = amount_rate / cube - 3.0 * value[i] * along / squared;
+                }
+            }
+        }
+        (Falls::FromOnSmooth { position, position_rate, strength, rate: strength_rate }, Some(normals)) => {
+            for i in 0..count {
+                let to = [position[0] - x[i] * depth[i], position[1] - y[i] * depth[i], position[2] - depth[i]];
+                let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
+                let cube = squared * squared.sqrt();
+                let n = [normals.now[0][i], normals.now[1][i], normals.now[2][i]];
+                let above = n[0] * to[0] + (n[1] * to[1] + n[2] * to[2]);
+                let lit = above > 0.0;
+                value[i] = if lit { strength * above / cube } else { 0.0 };
+                if RATE {
+                    let dz = depth_rate[i];
+                    let change = [position_rate[0] - x[i] * dz, position_rate[1] - y[i] * dz, position_rate[2] - dz];
+                    let along = to[0] * change[0] + (to[1] * change[1] + to[2] * change[2]);
+                    let dn = [normals.rate[0][i], normals.rate[1][i], normals.rate[2][i]];
+                    let above_rate = n[0] * change[0]
+                        + (n[1] * change[1] + n[2] * change[2])
+                        + (dn[0] * to[0] + (dn[1] * to[1] + dn[2] * to[2]));
+                    let slope =
+                        (strength_rate * above + strength * above_rate) / cube - 3.0 * value[i] * along / squared;
+                    rate[i] = if lit { slope } else { 0.0 };
+                }
+            }
+        }
+        (Falls::AlongOnSmooth { towards, towards_rate, strength, rate: strength_rate }, Some(normals)) => {
+            for i in 0..count {
+                let n = [normals.now[0][i], normals.now[1][i], normals.now[2][i]];
+                let cosine = n[0] * towards[0] + (n[1] * towards[1] + n[2] * towards[2]);
+                let lit = cosine > 0.0;
+                value[i] = if lit { strength * cosine } else { 0.0 };
+                if RATE {
+                    let dn = [normals.rate[0][i], normals.rate[1][i], normals.rate[2][i]];
+                    let cosine_rate = n[0] * towards_rate[0]
+                        + (n[1] * towards_rate[1] + n[2] * towards_rate[2])
+                        + (dn[0] * towards[0] + (dn[1] * towards[1] + dn[2] * towards[2]));
+                    rate[i] = if lit { strength_rate * cosine + strength * cosine_rate } else { 0.0 };
+                }
+            }
+        }
+        (Falls::Evenly { amount, rate: amount_rate }, _) => {
+            value = Lanes::all(amount);
+            if RATE {
+                rate = Lanes::all(amount_rate);
+            }
+        }
+        (Falls::FromOnSmooth { .. } | Falls::AlongOnSmooth { .. }, None) | (Falls::Baked { .. }, _) => {}
+    }
+    (value, rate)
+}
