@@ -375,7 +375,7 @@ def test_dataclasses_replace_keeps_what_was_switched_off() -> None:
     changed = dataclasses.replace(effects, leak_rate_hz=None)
     assert changed == Effects(refractory_period_us=100)
     assert changed.switched_off == effects.switched_off == {"hot_pixels"}
-    back = dataclasses.replace(effects, hot_pixels=0.01)
+    back = dataclasses.replace(effects, hot_pixels=HotPixels(0.01))
     assert back.hot_pixels == HotPixels(0.01)
     assert back.switched_off == frozenset()
     assert pickle.loads(pickle.dumps(changed)).switched_off == {"hot_pixels"}

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from .quantities import about
 from .terminal_text import printable, tell
 
 LINE_EVERY_S = 60.0
@@ -173,15 +174,6 @@ class Forecast:
             return None
         in_all_s = first_s + (self._total - first_done) * (judged_s - first_s) / (judged_done - first_done)
         return in_all_s if in_all_s > self._above_s else None
-
-
-def about(seconds: float) -> str:
-    """Write a time as people say it: ``about 5 minutes``."""
-    units = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}
-    unit = [unit for unit, length in units.items() if seconds >= 1.5 * length or unit == "second"][-1]
-    count = seconds / units[unit]
-    count = max(1, round(count, -1 if count > 20 else 0))
-    return f"about {count:.0f} {unit}{'s' * (count > 1)}"
 
 
 def _in_notebook() -> bool:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from .._mitsuba.variants import FAST, default_variant
 from .._util.folder_report import FolderReport, start_line
 from .._util.progress import Progress, doing, progress, say
+from .._util.quantities import events_a_second
 from .._util.stop_requests import stop_requests
 from ..events.arrays import EventArray
 from ..events.packet import Packet
@@ -186,14 +187,6 @@ class _EventCount:
         self._events += events
         rate = f", {events_a_second(1e6 * self._events / t_us)}" if t_us else ""
         self._bar.to(t_us * 1e-6, f"{self._events:,} events{rate}")
-
-
-def events_a_second(rate: float) -> str:
-    """Write a rate of events: 350k/s, 4.2M/s."""
-    for unit, size in (("M", 1e6), ("k", 1e3)):
-        if rate >= size:
-            return f"{rate / size:.{1 if rate < 10 * size else 0}f}{unit}/s"
-    return f"{rate:.0f}/s"
 
 
 class _Written(NamedTuple):

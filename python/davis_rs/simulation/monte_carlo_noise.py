@@ -22,7 +22,8 @@ import numpy.typing as npt
 
 from .._core import CrossingEngine
 from .._mitsuba.variants import SCALAR, variant
-from .._util.progress import about, doing
+from .._util.progress import doing
+from .._util.quantities import about
 from ..events.arrays import EventArray
 from ..events.matching import compare_events
 from ..geometry.pose import FloatArray

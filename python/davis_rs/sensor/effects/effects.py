@@ -9,6 +9,8 @@ from typing import Any, TypeAlias
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean, names_checked
+from ..._util.html_table import html_table
+from ..._util.quantities import with_unit
 from .aps import Aps
 from .effect import Effect, EngineEffect
 from .hot_pixels import HotPixels
@@ -121,6 +123,14 @@ class Effects:
     def __iter__(self) -> Iterator[Effect]:
         """Iterate over the effects that are on, in the order in which light and events meet them."""
         return (effect for name in EFFECTS if (effect := getattr(self, name)) is not None)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (effect.name, ", ".join(f"{name} = {with_unit(name, value)}" for name, value in effect.settings().items()))
+            for effect in self
+        ]
+        off = [(name, "switched off") for name in EFFECTS if name in self.switched_off]
+        return html_table("Effects", [*rows, *off] or [("none", "ideal pixels")])
 
     @property
     def optical(self) -> Effects:
