@@ -27,6 +27,7 @@ from ..calibrate import (
 )
 from ..calibrate.camera.board_pose import BoardPose
 from ..calibrate.camera.corners import BoardView
+from ..calibrate.camera.opencv import load_opencv
 from ..geometry.camera import Camera, load_camera
 from ..io.dataset.reader import Dataset
 from ..scene.builtin.checkerboard import DATASET_BOARD, Checkerboard
@@ -152,6 +153,7 @@ def _views(options: argparse.Namespace) -> tuple[Dataset, Checkerboard, list[Boa
     except ValueError:
         raise ValueError(f"--tiles must be ROWSxCOLUMNS, such as 6x7, got {options.tiles!r}") from None
     board = Checkerboard(rows, columns, options.tile_m)
+    load_opencv()  # before any frame is read
     dataset = Dataset(options.dataset)
     with stage("finding the checkerboard"):
         views = find_board(dataset, board, start_s=options.start_s, stop_s=options.stop_s)

@@ -173,8 +173,9 @@ def _notes(plan: EffectPlan) -> list[str]:
         f"{time_text(scale.interval_us)}; shifts below {time_text(scale.sampling_error_us)} count as none, because the "
         "sampling in time errs as much.",
         f"Missing, spurious: events without a partner within {time_text(scale.window_us)}. Cost: of a pixel of a "
-        f"keyframe, of an event, or of a pixel of an intensity frame. Frames: pixels off by more than one grey value of 8 bits; "
-        f"called for above {tolerance}, or where that share of the pixels moves by half a pixel in the exposure.",
+        "keyframe, of an event, or of a pixel of an intensity frame. Frames: pixels off by more than one grey value of "
+        f"8 bits; called for above {tolerance}, or where that share of the pixels moves by half a pixel in the "
+        "exposure.",
         "Difference: Victor and Purpura's distance between the events with all candidates and those with none, or with "
         "the set. Neither it nor its cost has frames in it.",
     ]
