@@ -71,7 +71,8 @@ def add_view(parser: argparse.ArgumentParser) -> None:
         "--max-events",
         type=int,
         metavar="N",
-        help="page, Rerun: events kept, drawn evenly from all (default: 400,000 in a page, 2,000,000 in Rerun's cloud)",
+        help="page, Rerun: events kept, drawn evenly from all (default: 5,000,000 in a page, 2,000,000 in Rerun's "
+        "cloud)",
     )
     parser.add_argument(
         "--max-frames",
