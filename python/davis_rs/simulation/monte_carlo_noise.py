@@ -22,6 +22,8 @@ import numpy.typing as npt
 
 from .._core import CrossingEngine
 from .._mitsuba.variants import SCALAR, variant
+from .._util.progress import doing
+from .._util.quantities import about
 from ..events.arrays import EventArray
 from ..events.matching import compare_events
 from ..geometry.pose import FloatArray
@@ -217,23 +219,14 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
             left = noise.share_at(by_auto)
             above = ", still above the limit," if left > limit else ""
             auto = f"with {by_auto} samples about {percent(left)} are noise{above} and the run takes"
-            lines.append(f"- {given('samples', AUTO)}: {auto} {_about(noise.run_s(by_auto))}")
-        lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {_about(noise.run_s(samples))}")
+            lines.append(f"- {given('samples', AUTO)}: {auto} {about(noise.run_s(by_auto))}")
+        lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {about(noise.run_s(samples))}")
         return "\n".join(lines)
 
     raise NoiseError(
         said(lambda name, value: f"--{name.replace('_', '-')} {value}".rstrip()),
         in_plan=said(lambda name, value: f"{name}: {value or 'true'}"),
     )
-
-
-def _about(seconds: float) -> str:
-    """Write a time as people say it: ``about 5 minutes``."""
-    units = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}
-    unit = [unit for unit, length in units.items() if seconds >= 1.5 * length or unit == "second"][-1]
-    count = seconds / units[unit]
-    count = max(1, round(count, -1 if count > 20 else 0))
-    return f"about {count:.0f} {unit}{'s' * (count > 1)}"
 
 
 class _Look:
@@ -269,16 +262,19 @@ class _Look:
         before, started = self.rays, time.perf_counter()
         # A scene that changes is put into the state of an instant once, for all seeds.
         step = 1 if self.renderer.motion else max(map(len, self.times))
-        luma = [
-            np.concatenate(
-                [
-                    np.stack([self._samples(t_us[i : i + step], seed) for seed in range(self.seeds)])
-                    for i in range(0, len(t_us), step)
-                ],
-                1,
-            )
-            for t_us in self.times
-        ]
+        pieces = [[t_us[i : i + step] for i in range(0, len(t_us), step)] for t_us in self.times]
+        done, count = 0, self.seeds * sum(map(len, pieces))
+
+        def rendered(t_us: IntArray) -> npt.NDArray[np.float32]:
+            nonlocal done
+            seeds = []
+            for seed in range(self.seeds):
+                doing(f"measuring noise, {done} of {count} renderings")
+                seeds.append(self._samples(t_us, seed))
+                done += 1
+            return np.stack(seeds)
+
+        luma = [np.concatenate([rendered(piece) for piece in stretch], 1) for stretch in pieces]
         self.ray_s = (time.perf_counter() - started) / (self.rays - before)
         return luma
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from .._util.argument_error import ArgumentError
+from .._util.progress import doing
 from ..events.packet import Packet
 from ..scene.scene import Scene, check_scene
 from ..sensor.effects import with_optics
@@ -85,15 +86,15 @@ class MadeSimulator:
     noise_share: float
     chose_samples: bool
 
-    def packets(self) -> Iterator[Packet]:
-        """Yield the packets of :meth:`Simulator.run`.
+    def packets(self, after_keyframe: Callable[[int, int], object] | None = None) -> Iterator[Packet]:
+        """Yield the packets of :meth:`Simulator.run`, which is given ``after_keyframe``.
 
         Warns:
             NoEventsWarning: of a run without events.
         """
         simulator = self.simulator
         thresholds = (simulator.contrast_threshold, simulator.contrast_threshold_off)
-        return warned_without_events(simulator.run(), thresholds, simulator.log_eps)
+        return warned_without_events(simulator.run(after_keyframe=after_keyframe), thresholds, simulator.log_eps)
 
     @property
     def noise_line(self) -> str:
@@ -143,6 +144,7 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
         if settings.sensor is None:
             # Its thresholds and effects are the default; the size stays the camera's.
             settings = replace(settings, sensor=replace(SENSORS["davis240c"], width=None, height=None))
+        doing("planning effects")
         plan = planned_effects(scene, only(PlanSettings, settings), keep=effects)
         effects = plan.effects
     elif settings.effects_tolerance is not None:
@@ -152,8 +154,11 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
         )
     chose_samples = settings.samples == AUTO
     samples = None if chose_samples else settings.samples
+    doing("loading the scene")
     resolved = resolve(scene, replace(only(SimulatorSettings, settings), effects=effects, samples=samples))
+    doing("making the renderer")
     renderer = resolved.renderer()
+    doing("measuring noise")
     noise = estimate_noise_of(
         with_optics(renderer, resolved.effects),
         resolved.view.scene.path,
@@ -167,5 +172,6 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
         if samples != renderer.rays:
             resolved = replace(resolved, settings=replace(resolved.settings, samples=samples))
             renderer = resolved.renderer()
+    doing("making the simulator")
     simulator = Simulator.of_resolved(resolved, renderer)
     return MadeSimulator(simulator, plan, noise, settings.noise_share, chose_samples)

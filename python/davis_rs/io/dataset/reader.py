@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.budget import Budget
+from ..._util.html_table import html_picture, html_table
 from ..._util.untrusted import decoding, read_charged, read_text
 from ...events.arrays import EventArray
 from ...events.packet import Displacement
@@ -48,6 +49,10 @@ from .files import (
 
 _PIXEL_BYTES = 8
 """Of a value of an image: as it is decoded, and in an array."""
+
+
+_THUMBNAIL_PX = 360
+"""The longest side of the frame that a notebook shows."""
 
 
 class StampedImage(NamedTuple):
@@ -96,6 +101,34 @@ class Dataset:
         if isinstance(duration_us, int):
             parts.append(f"{duration_us / 1e6:.6g} s")
         return f"<Dataset {', '.join(parts)}>"
+
+    def _repr_html_(self) -> str:
+        duration_us, counts = self.meta.get("duration_us"), self.meta.get("counts")
+        rows = [("sensor", "unknown" if self.size is None else "{} x {} px".format(*self.size))]
+        if isinstance(duration_us, int):
+            rows.append(("duration", f"{duration_us / 1e6:.6g} s"))
+        if isinstance(counts, dict) and isinstance(counts.get("events"), int):
+            rows.append(("events", f"{counts['events']:,}"))
+        series = {
+            "frames": self.frames,
+            "depth maps": self.depth_maps,
+            "flow maps": self.flow_maps,
+            "masks": self.masks,
+            "normal maps": self.normal_maps,
+        }
+        rows += [(name, f"{len(images):,}") for name, images in series.items() if images]
+        return html_table(f"Dataset {self.path}", rows, below=self._html_frame())
+
+    def _html_frame(self) -> str:
+        """Return the middle frame as HTML; "" without frames."""
+        if not self.frames:
+            return ""
+        from PIL import Image
+
+        image, stream = Image.fromarray(self.read_image(len(self.frames) // 2)), io.BytesIO()
+        image.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
+        image.save(stream, "PNG")
+        return html_picture(stream.getvalue(), image.width)
 
     @cached_property
     def meta(self) -> dict[str, Any]:
