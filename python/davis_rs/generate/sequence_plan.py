@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from .._util.array_types import JsonObject, JsonValue
 from .._util.random_words import Words
 from .._util.yaml_file import read_yaml
 from ..geometry.camera import PRESETS
@@ -87,8 +87,8 @@ class SequencePlan:
     file: Path
     seed: int
     sequences: int
-    tree: Mapping[str, object]
-    identity: Mapping[str, object]
+    tree: Mapping[str, JsonValue]
+    identity: Mapping[str, JsonValue]
     digests: Mapping[str, str]
     shards: Shards | None = None
     accept_noise: bool = False
@@ -99,21 +99,21 @@ class SequencePlan:
         text = json.dumps([self.identity, self.digests], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def parameters(self, index: int) -> dict[str, Any]:
+    def parameters(self, index: int) -> JsonObject:
         """Draw the parameters of a sequence, in JSON's types, in the order of the keys' names.
 
         A value is a function of (the plan's seed, ``index``, its key path), so that another key, another order of keys
         or more sequences change none. The seeds that are not given are drawn as well: ``seed`` of the simulation, a
         motion's own, and that of a scene that is drawn.
         """
-        drawn: dict[str, Any] = draw(self.tree, self.seed, index)
+        drawn: JsonObject = draw(self.tree, self.seed, index)
         drawn["seed"] = self._drawn_seed(index, "seed")
         path = drawn.get("motion")
         if path is not None and path["kind"] in _SEEDED_MOTIONS and "seed" not in path:
             path["seed"] = self._drawn_seed(index, "motion.seed")
         if isinstance(drawn["scene"], dict) and "seed" not in drawn["scene"]:
             drawn["scene"]["seed"] = self._drawn_seed(index, "scene.seed")
-        in_order: dict[str, Any] = json.loads(json.dumps(drawn, sort_keys=True))
+        in_order: JsonObject = json.loads(json.dumps(drawn, sort_keys=True))
         return in_order
 
     def _drawn_seed(self, index: int, path: str) -> int:
@@ -190,7 +190,7 @@ def resolve(key: str, text: str, base: Path) -> str:
     return text if no_file or text in _NAMES[key] else str(base / text)
 
 
-def _digests(tree: Mapping[str, object], base: Path) -> dict[str, str]:
+def _digests(tree: Mapping[str, JsonValue], base: Path) -> dict[str, str]:
     named = {text for key, names in _NAMES.items() for text in _texts(tree.get(key)) if text not in names}
     named |= {text for path in _mappings(tree.get("motion")) for text in _texts(path.get("file"))}
     files = {text: base / text for text in sorted(named) if (base / text).is_file()}

@@ -195,7 +195,7 @@ def _setting(name: str, annotation: object, declared: Declared) -> Setting:
 
 
 def complete(
-    declaration: type[SettingsType], given: Mapping[str, object], *, taker: Callable[..., Any] | str
+    declaration: type[SettingsType], given: Mapping[str, object], *, taker: Callable[..., object] | str
 ) -> SettingsType:
     """Check the given settings and add the defaults of all others.
 
@@ -223,7 +223,7 @@ def only(declaration: type[SettingsType], settings: Settings) -> SettingsType:
     return declaration(**{name: getattr(settings, name) for name in settings_of(declaration)})
 
 
-Taker = TypeVar("Taker", bound=Callable[..., Any])
+Taker = TypeVar("Taker", bound=Callable[..., object])
 
 
 def takes_settings(declaration: type[Settings]) -> Callable[[Taker], Taker]:
