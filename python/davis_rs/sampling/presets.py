@@ -14,13 +14,13 @@ class Accuracy:
 
     Attributes:
         sampling: the rule of sampling in time.
-        samples: rays per pixel of renderers whose rays are a lattice. Mitsuba's integrators draw theirs at random:
-            their error is noise, for which ``samples="auto"`` chooses a number.
+        rays_per_pixel: of renderers whose rays are a lattice. Mitsuba's integrators draw theirs at random: their
+            error is noise, for which ``rays_per_pixel="auto"`` chooses a number.
         refine: refine each event's time by rendering near it.
     """
 
     sampling: TimeSampling
-    samples: int
+    rays_per_pixel: int
     refine: bool = False
 
 
