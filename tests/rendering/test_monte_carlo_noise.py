@@ -122,7 +122,8 @@ def test_the_estimate_is_what_whole_runs_have(of_the_box: NoiseEstimate) -> None
         assert estimate.share_at(rays_per_pixel) == pytest.approx(measured, rel=0.25)
     assert estimate.share_at(8) > 2 * estimate.share_at(64) > 0
     assert re.search(
-        r"of these events are Monte Carlo noise \(.*\) at 8 samples; 64 samples: about \d+ %$", str(estimate)
+        r"of these events are Monte Carlo noise \(.*\) at 8 rays per pixel; with 64 about \d+ %$",
+        str(estimate),
     )
     assert estimate_noise(scene, renderer="integrator") == estimate  # nothing but the scene and the seed decides
     assert estimate.rays < 1_300_000
@@ -254,7 +255,7 @@ def test_plan_says_it_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) ->
     """`davis-rs plan` of a scene that the integrator renders ends with the line; a plan of sequences takes auto."""
     assert main(["plan", *noisy_room(tmp_path), "--effect", "leak_rate_hz=0.1"]) == 0
     out = capsys.readouterr().out
-    assert re.search(r"of these events are Monte Carlo noise \(.*\) at 8 samples; 64 samples: about", out)
+    assert re.search(r"of these events are Monte Carlo noise \(.*\) at 8 rays per pixel; with 64 about", out)
     plan = tmp_path / "plan.yaml"
     plan.write_text("scene: three_planes\nduration: 0.02\nrays_per_pixel: auto\nnoise_share: 0.1\nmatte: true\n")
     drawn = load_sequence_plan(plan).parameters(0)
@@ -293,12 +294,15 @@ def test_a_run_that_would_be_mostly_noise_is_refused(tmp_path: Path) -> None:
     assert refused.returncode == 2
     assert not out.exists()
     told = refused.stderr.partition("davis-rs: error: ")[2]
-    assert re.match(r"about \d\d % of the events would be Monte Carlo noise \(.*\) at 2 samples; above 20 %", told)
+    assert re.match(
+        r"about \d\d % of the events would be Monte Carlo noise \(.*\) at 2 rays per pixel; above 20 %", told
+    )
     first, _, ways = told.partition(OBSTACLES)
     assert len(first.splitlines()) == 1
     auto, accept = ways.splitlines()
     assert re.fullmatch(
-        r"- --rays-per-pixel auto: with \d+ samples about \S+ % are noise.* and the run takes about \d+ \w+", auto
+        r"- --rays-per-pixel auto: with \d+ rays per pixel about \S+ % are noise.* and the run takes about \d+ \w+",
+        auto,
     )
     assert re.fullmatch(r"- --accept-noise: as it is, the run takes about \d+ \w+", accept)
 
@@ -365,20 +369,22 @@ def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
         return str(refused.value)
 
     assert refusal().splitlines() == [
-        "about 46 % of the events would be Monte Carlo noise (missing or spurious) at 8 samples; above 20 % nothing is "
-        "rendered",
+        "about 46 % of the events would be Monte Carlo noise (missing or spurious) at 8 rays per pixel; above 20 % "
+        "nothing is rendered",
         "what keeps the renderers without noise from this scene:",
         "- Mitsuba's integrators were asked for: give --renderer auto",
         "the ways on:",
         "- mend what is listed: then no event is noise",
-        "- --rays-per-pixel auto: with 1024 samples about 8 % are noise and the run takes about 4 hours",
+        "- --rays-per-pixel auto: with 1024 rays per pixel about 8 % are noise and the run takes about 4 hours",
         "- --accept-noise: as it is, the run takes about 2 minutes",
     ]
-    assert "with 377 samples about 13 % are noise and the run takes about 80 minutes" in refusal(noise_share=0.14)
+    assert "with 377 rays per pixel about 13 % are noise and the run takes about 80 minutes" in refusal(
+        noise_share=0.14
+    )
     assert "--rays-per-pixel" not in refusal(replace(estimate, measured=((8.0, 9.0),)), rays_per_pixel="auto")
     worse = refusal(replace(estimate, measured=((8.0, 9.0),)))
     assert worse.startswith("most of the events would be Monte Carlo noise (900 missing or spurious to 100 right ones)")
-    assert "with 1024 samples about 80 % are noise, still above the limit, and the run takes" in worse
+    assert "with 1024 rays per pixel about 80 % are noise, still above the limit, and the run takes" in worse
 
     for noise, settings in (
         (None, {}),

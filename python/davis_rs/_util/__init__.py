@@ -2,7 +2,7 @@
 
 - Arguments: ``argument_checks`` (numbers, sizes, kinds) raise ``argument_error``, which carries the names of
   arguments, so that the command line, plans and Python call them as their users do. ``close_names`` suggests what was
-  meant; ``names_elsewhere`` knows the names of other simulators.
+  meant; ``names_elsewhere`` knows the names of other simulators, ``former_names`` those that this project has changed.
 - Files: ``whole_file`` (a file gets its name when it is whole), ``holding`` (locks of what is written), ``untrusted``
   (what may be opened, libraries' errors as DecodeError), ``budget`` (how much one source may take), ``yaml_file``
   (strict YAML).

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from .._mitsuba.types import JitFloat, JitTensor, TensorLike
 from .._mitsuba.variants import FAST, default_variant, load_scene_source, variant
 from .._util.argument_error import ArgumentError
+from .._util.former_names import FormerAttribute, takes_former_names
 from ..geometry.camera import Camera
 from ..render.diffuse_materials import simplify_materials
 from ..render.motion.scene_updates import scene_motion
@@ -50,6 +51,9 @@ class DifferentiableRenderer:
         OSError: if a scene file cannot be read.
     """
 
+    samples = FormerAttribute("rays_per_pixel")
+
+    @takes_former_names(samples="rays_per_pixel")
     def __init__(
         self,
         scene: Scene,

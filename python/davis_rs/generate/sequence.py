@@ -32,7 +32,7 @@ from ..simulation.settings import (
 )
 from .motion import make_motion, moved
 from .random_scene import make_random_scene
-from .sequence_plan import KEYS, SETTINGS, resolve
+from .sequence_plan import FORMER_KEYS, KEYS, SETTINGS, resolve
 
 Made = TypeVar("Made")
 
@@ -63,7 +63,8 @@ class DrawnSequence:
     @cached_property
     def settings(self) -> JsonObject:
         """Return the settings of :func:`~davis_rs.simulate_to_folder`: neither the scene's keys nor the path's."""
-        given = {SETTINGS[key].name: value for key, value in self.parameters.items() if key in SETTINGS}
+        present = {FORMER_KEYS.get(key, key): value for key, value in self.parameters.items()}
+        given = {SETTINGS[key].name: value for key, value in present.items() if key in SETTINGS}
         for name in ("camera", "sensor"):
             if given.get(name) is not None:
                 given[name] = resolve(name, given[name], self.base)

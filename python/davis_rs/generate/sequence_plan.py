@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .._util.array_types import JsonObject, JsonValue
+from .._util.close_names import without_unit
+from .._util.former_names import is_now
 from .._util.random_words import Words
 from .._util.yaml_file import read_yaml
 from ..geometry.camera import PRESETS
@@ -20,7 +22,7 @@ from ..scene.load import BUILTIN_SCENES, GLTF, load_scene
 from ..scene.sequences import SEQUENCES
 from ..sensor.effects import EFFECTS
 from ..sensor.presets import SENSOR_SUFFIXES, SENSORS
-from ..simulation.settings import FolderSettings, Setting, settings_of
+from ..simulation.settings import FolderSettings, Setting, former_names_of, settings_of
 from .distributions import Choice, Distribution, draw
 from .parse import Parser, Where, effects, imu_effects, motion, scene, start_pose, value_of
 from .random_scene import FOLDERS
@@ -38,6 +40,9 @@ SETTINGS: dict[str, Setting] = {
     if setting.kind is not None and setting.name not in _NOT_KEYS
 }
 """The settings of a simulation that a plan may give or draw, by key."""
+
+FORMER_KEYS = {without_unit(former): without_unit(name) for former, name in former_names_of(FolderSettings).items()}
+"""Present keys by former ones. A former key stays in what is drawn, because draws depend on it."""
 
 _OF_PLAN = ("seed", "sequences", "shards", "accept_noise")
 """Keys of the plan, not of a sequence: they take no distributions."""
@@ -134,6 +139,9 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     Raises:
         OSError: if it, or a file that it names, cannot be read.
         ValueError: where it breaks a rule, naming file, key path, rule and value.
+
+    Warns:
+        FutureWarning: for a key by its former name.
     """
     file = Path(path)
     where = Where(file)
@@ -142,9 +150,14 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     for key, value in given.items():
         if key in _OF_PLAN:
             continue
-        if key not in KEYS:
+        present = FORMER_KEYS.get(key, key)
+        if key != present:
+            if present in given:
+                where.at(key).refuse(f"the only one, but {present} is given as well", value)
+            warnings.warn(f"{file}: {is_now(key, present)}", FutureWarning, stacklevel=2)
+        if present not in KEYS:
             where.unknown(key, (*_OF_PLAN, *KEYS), {name: f"effects: {{{name}: ...}}" for name in EFFECTS})
-        tree[key] = KEYS[key](value, where.at(key))
+        tree[key] = KEYS[present](value, where.at(key))
     if "scene" not in tree:
         raise ValueError(f"{file}: a plan needs a scene")
     seed = _integer(given.get("seed", 0), 0, where.at("seed"))

@@ -12,6 +12,7 @@ from typing import ClassVar, NamedTuple
 from .._mitsuba.types import Mitsuba, MitsubaScene
 from .._mitsuba.variants import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from .._util.argument_error import ArgumentError
+from .._util.former_names import takes_former_names
 from ..geometry.camera import Camera
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
@@ -229,6 +230,7 @@ RENDERERS = ("auto", *KINDS)
 """The values of the setting ``renderer``."""
 
 
+@takes_former_names(samples="rays_per_pixel", lattice_samples="lattice_rays_per_pixel")
 def make_renderer(
     scene: Scene,
     camera: Camera,

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .._util.former_names import FormerAttribute, takes_former_names
 from .rules import MaxDisplacement, TimeSampling
 from .tolerance import Tolerance
 
 
+@takes_former_names(samples="rays_per_pixel")
 @dataclass(frozen=True)
 class Accuracy:
     """The settings of sampling in time and space.
@@ -22,6 +24,8 @@ class Accuracy:
     sampling: TimeSampling
     rays_per_pixel: int
     refine: bool = False
+
+    samples = FormerAttribute("rays_per_pixel")
 
 
 DEFAULT_ACCURACY = "balanced"

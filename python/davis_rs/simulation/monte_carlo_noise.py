@@ -74,9 +74,6 @@ FEWEST_SEEDS, FEWEST_PIXELS = 12, 64
 FEWEST_EVENTS = 30
 """Of the reference: from fewer no share can be told."""
 
-SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
-"""What ``rays_per_pixel="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
-
 IntArray = npt.NDArray[np.int64]
 
 
@@ -88,7 +85,7 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewKeywords]) -> NoiseEstim
 
     >>> estimate = estimate_noise(load_scene("room.xml"))
     >>> print(estimate)
-    about 84 % of these events are Monte Carlo noise (missing or spurious) at 8 samples; 64 samples: about 34 %
+    about 84 % of these events are Monte Carlo noise (missing or spurious) at 8 rays per pixel; with 64 about 34 %
     >>> simulate(scene, rays_per_pixel=estimate.rays_per_pixel_for(0.05))
 
     Args:
@@ -207,7 +204,7 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
 
     def said(given: Callable[[str, str], str]) -> str:
         lines = [
-            f"{share_text(fraction, 'the events would be')} at {rays_per_pixel} samples; above {percent(limit)} "
+            f"{share_text(fraction, 'the events would be')} at {rays_per_pixel} rays per pixel; above {percent(limit)} "
             "nothing is rendered",
             "what keeps the renderers without noise from this scene:",
         ]
@@ -218,7 +215,7 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
         if settings.rays_per_pixel != AUTO:
             left = noise.share_at(by_auto)
             above = ", still above the limit," if left > limit else ""
-            auto = f"with {by_auto} samples about {percent(left)} are noise{above} and the run takes"
+            auto = f"with {by_auto} rays per pixel about {percent(left)} are noise{above} and the run takes"
             lines.append(f"- {given('rays_per_pixel', AUTO)}: {auto} {_about(noise.run_s(by_auto))}")
         lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {_about(noise.run_s(rays_per_pixel))}")
         return "\n".join(lines)

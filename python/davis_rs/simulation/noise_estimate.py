@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._util.former_names import FormerAttribute
+
 NOISE_LIMIT = 0.2
 """From a larger share of noise on, a run is refused that was not told to accept it; or from the ``noise_share`` that it
 was given on, if that is more."""
@@ -59,6 +61,9 @@ class NoiseEstimate:
     run_rays: int = 0
     noisy: bool = True
     ray_s: float = field(default=math.nan, compare=False)
+
+    samples = FormerAttribute("rays_per_pixel")
+    samples_for = FormerAttribute("rays_per_pixel_for")
 
     @property
     def known(self) -> bool:
@@ -114,12 +119,14 @@ class NoiseEstimate:
             return "no Monte Carlo noise: two seeds give the same light"
         if not self.measured:
             return (
-                f"too few events to tell how many are Monte Carlo noise at {self.rays_per_pixel} samples; log luma is "
-                f"wrong by {self.log_noise:.2g} C (rms)"
+                "too few events to tell how many are Monte Carlo noise at "
+                f"{self.rays_per_pixel} rays per pixel; log luma "
+                f"is wrong by {self.log_noise:.2g} C (rms)"
             )
-        told = f"{share_text(self.share_at(self.rays_per_pixel), 'these events are')} at {self.rays_per_pixel} samples"
+        share = share_text(self.share_at(self.rays_per_pixel), "these events are")
+        told = f"{share} at {self.rays_per_pixel} rays per pixel"
         more = 64 if self.rays_per_pixel < 64 else 4 * self.rays_per_pixel
-        return told if more > 1024 else f"{told}; {more} samples: about {percent(self.share_at(more))}"
+        return told if more > 1024 else f"{told}; with {more} about {percent(self.share_at(more))}"
 
 
 def share_text(fraction: float, these_are: str) -> str:

@@ -153,6 +153,7 @@ class ViewSettings(PixelSettings):
             high=1024,
             words=("auto",),
             metavar="N",
+            former_name="samples",
             group=_ACCURACY,
             text=int,
         ),
