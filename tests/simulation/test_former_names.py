@@ -29,8 +29,7 @@ def test_arguments_and_attributes() -> None:
     with pytest.warns(DeprecationWarning, match=IS_NOW) as told:
         renderer = make_renderer(scene, simulator.camera, samples=2)  # type: ignore[call-arg]
     assert [warning.filename for warning in told] == [__file__]
-    with pytest.warns(DeprecationWarning, match="^rays is called rays_per_pixel now$"):
-        assert renderer.rays == renderer.rays_per_pixel == 2
+    assert renderer.rays_per_pixel == 2
     with pytest.warns(DeprecationWarning, match=IS_NOW):
         accuracy = Accuracy(MaxDisplacement(), samples=5)  # type: ignore[call-arg]
     with pytest.warns(DeprecationWarning, match=IS_NOW):

@@ -9,7 +9,6 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
-from .._util.former_names import FormerAttribute
 from ..events.luma import LumaFrames, blur_3x3, blur_neighbourhoods
 from ..geometry.camera import Camera
 from ..geometry.lattice import rank1_lattice
@@ -57,8 +56,6 @@ class Renderer(ABC):
 
     def __init__(self, camera: Camera, *, rays_per_pixel: int, blur: bool, motion: SceneMotion = STILL) -> None:
         self.camera, self.rays_per_pixel, self.blur, self.motion = camera, rays_per_pixel, blur, motion
-
-    rays = FormerAttribute("rays_per_pixel")
 
     silhouettes: MovingSilhouettes | None = None
     """The edges of the geometry; None unless they were asked for."""
