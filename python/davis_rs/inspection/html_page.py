@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .._util.argument_checks import check_number
 from .._util.argument_error import ArgumentError
+from .._util.array_types import IntegerArray, JsonObject
 from .._util.close_names import names_checked
 from .._util.progress import progress
 from .._util.whole_file import write_whole
@@ -121,7 +121,7 @@ def view_html(
 
     duration_us = max(1, end_us - start_us)
     events = sample_events(sequence.events, max_events)
-    data: dict[str, Any] = {
+    data: JsonObject = {
         "width": sequence.size[0],
         "height": sequence.size[1],
         "start_us": start_us,
@@ -292,5 +292,5 @@ def _packed_path(sequence: VisualSequence) -> dict[str, object] | None:
     }
 
 
-def _in_time(sequence: VisualSequence, t_us: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.bool_]:
+def _in_time(sequence: VisualSequence, t_us: IntegerArray) -> npt.NDArray[np.bool_]:
     return np.asarray((t_us >= sequence.start_us) & (t_us <= sequence.end_us))

@@ -138,7 +138,7 @@ def simulate_to_folder(
         described = {
             **simulator.describe(),
             "effect_plan": None if plan is None else plan.describe(),
-            "monte_carlo_noise": None if made.noise is None else made.noise.describe(simulator.renderer.rays),
+            "monte_carlo_noise": None if made.noise is None else made.noise.describe(simulator.renderer.rays_per_pixel),
             "trajectory": scene.path.describe(),
             "start_time_ns": scene.path.start_time_ns,
             "pose_rate_hz": motion_capture.rate_hz,

@@ -76,9 +76,6 @@ FEWEST_SEEDS, FEWEST_PIXELS = 12, 64
 FEWEST_EVENTS = 30
 """Of the reference: from fewer no share can be told."""
 
-SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
-"""What ``samples="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
-
 IntArray = npt.NDArray[np.int64]
 
 
@@ -90,8 +87,8 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewKeywords]) -> NoiseEstim
 
     >>> estimate = estimate_noise(load_scene("room.xml"))
     >>> print(estimate)
-    about 84 % of these events are Monte Carlo noise (missing or spurious) at 8 samples; 64 samples: about 34 %
-    >>> simulate(scene, samples=estimate.samples_for(0.05))
+    about 84 % of these events are Monte Carlo noise (missing or spurious) at 8 rays per pixel; with 64 about 34 %
+    >>> simulate(scene, rays_per_pixel=estimate.rays_per_pixel_for(0.05))
 
     Args:
         scene: with the camera path.
@@ -159,10 +156,12 @@ def _frames(sampling: TimeSampling | None, look: _Look) -> float:
 def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_rays: int) -> NoiseEstimate:
     renderer = look.renderer
     if look.is_the_same():
-        return NoiseEstimate(renderer.rays, rays=look.rays, run_rays=run_rays, noisy=False)
+        return NoiseEstimate(renderer.rays_per_pixel, rays=look.rays, run_rays=run_rays, noisy=False)
     frames = look.luma()
     logs = np.log(np.concatenate([part.reshape(len(part), -1) for part in frames], 1, dtype=np.float64) + log_eps)
-    noise = float(np.sqrt(logs.var(0, ddof=1).mean())) * math.sqrt(look.base / renderer.rays) / min(thresholds)
+    noise = (
+        float(np.sqrt(logs.var(0, ddof=1).mean())) * math.sqrt(look.base / renderer.rays_per_pixel) / min(thresholds)
+    )
     measured, events = [], 0
     blocks = 1
     while blocks <= max(1, look.seeds // 4):
@@ -174,7 +173,7 @@ def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_
     if events < FEWEST_EVENTS:
         measured = []
     return NoiseEstimate(
-        renderer.rays, tuple(measured), noise, events, rays=look.rays, run_rays=run_rays, ray_s=look.ray_s
+        renderer.rays_per_pixel, tuple(measured), noise, events, rays=look.rays, run_rays=run_rays, ray_s=look.ray_s
     )
 
 
@@ -198,29 +197,29 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
     if noise is None:
         return
     limit = max(NOISE_LIMIT, settings.noise_share)
-    by_auto = noise.samples_for(settings.noise_share)
-    samples = by_auto if settings.samples == AUTO else noise.samples
-    fraction = noise.share_at(samples)
+    by_auto = noise.rays_per_pixel_for(settings.noise_share)
+    rays_per_pixel = by_auto if settings.rays_per_pixel == AUTO else noise.rays_per_pixel
+    fraction = noise.share_at(rays_per_pixel)
     if not fraction > limit:
         return
     obstacles = why_not_noise_free(view_scene(scene, settings).scene)
 
     def said(given: Callable[[str, str], str]) -> str:
         lines = [
-            f"{share_text(fraction, 'the events would be')} at {samples} samples; above {percent(limit)} nothing is "
-            "rendered",
+            f"{share_text(fraction, 'the events would be')} at {rays_per_pixel} rays per pixel; above {percent(limit)} "
+            "nothing is rendered",
             "what keeps the renderers without noise from this scene:",
         ]
         if settings.renderer != AUTO:
             lines.append(f"- Mitsuba's integrators were asked for: give {given('renderer', AUTO)}")
         lines += [f"- {obstacle}" for obstacle in obstacles]
         lines += ["the ways on:", "- mend what is listed: then no event is noise"]
-        if settings.samples != AUTO:
+        if settings.rays_per_pixel != AUTO:
             left = noise.share_at(by_auto)
             above = ", still above the limit," if left > limit else ""
-            auto = f"with {by_auto} samples about {percent(left)} are noise{above} and the run takes"
-            lines.append(f"- {given('samples', AUTO)}: {auto} {about(noise.run_s(by_auto))}")
-        lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {about(noise.run_s(samples))}")
+            auto = f"with {by_auto} rays per pixel about {percent(left)} are noise{above} and the run takes"
+            lines.append(f"- {given('rays_per_pixel', AUTO)}: {auto} {about(noise.run_s(by_auto))}")
+        lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {about(noise.run_s(rays_per_pixel))}")
         return "\n".join(lines)
 
     raise NoiseError(
@@ -237,7 +236,9 @@ class _Look:
     ) -> None:
         self.renderer, self.trajectory, self.spacing_px = renderer, trajectory, rule.pixels
         self.rays, self.ray_s = 0, math.nan
-        self.base = math.ceil(renderer.rays / 2 ** max(0, math.ceil(math.log2(renderer.rays / MOST_BASE_SAMPLES))))
+        self.base = math.ceil(
+            renderer.rays_per_pixel / 2 ** max(0, math.ceil(math.log2(renderer.rays_per_pixel / MOST_BASE_SAMPLES)))
+        )
         scalar = renderer.variant == SCALAR
         self.times = _stretches(renderer, trajectory, rule, 1 if scalar else STRETCHES)
         size = renderer.camera.width * renderer.camera.height
@@ -245,7 +246,7 @@ class _Look:
         keyframes = sum(len(t_us) for t_us in self.times)
         per_us = (keyframes - len(self.times)) / span_us if span_us else 0.0
         self.keyframes = per_us * trajectory.duration_s * 1e6 + 1
-        self.run_rays = round(self.keyframes * size * renderer.rays)
+        self.run_rays = round(self.keyframes * size * renderer.rays_per_pixel)
         # With a blur or a lens each pixel brings its neighbours.
         a_seed = keyframes * self.base * (2 * renderer.reach_px + 1) ** 2
         allowed = max(cost_share * self.run_rays, FEWEST_RAYS_SCALAR if scalar else FEWEST_RAYS) / a_seed

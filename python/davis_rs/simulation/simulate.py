@@ -77,14 +77,14 @@ class MadeSimulator:
         plan: of its effects, where they were to be planned.
         noise: how many of its events will be Monte Carlo noise, where Mitsuba's integrators render.
         noise_share: how many may be.
-        chose_samples: the number of samples was to be chosen.
+        chose_rays_per_pixel: the number of samples was to be chosen.
     """
 
     simulator: Simulator
     plan: EffectPlan | None
     noise: NoiseEstimate | None
     noise_share: float
-    chose_samples: bool
+    chose_rays_per_pixel: bool
 
     def packets(self, after_keyframe: Callable[[int, int], object] | None = None) -> Iterator[Packet]:
         """Yield the packets of :meth:`Simulator.run`, which is given ``after_keyframe``.
@@ -99,20 +99,25 @@ class MadeSimulator:
     @property
     def noise_line(self) -> str:
         """Return what is to be said of noise and samples; "" where there is nothing to say."""
-        samples = self.simulator.renderer.rays
+        rays_per_pixel = self.simulator.renderer.rays_per_pixel
         if self.noise is None or not self.noise.noisy:
             why = "draws nothing at random" if self.noise is None else "has no noise in this scene"
             name = self.simulator.renderer.name
-            return f"samples auto: {samples}, the default: the {name} {why}" if self.chose_samples else ""
-        if not self.chose_samples:
-            hint = f"; with samples auto as many are taken as keep it below {100 * self.noise_share:g} %"
+            return (
+                f"rays_per_pixel auto: {rays_per_pixel}, the default: the {name} {why}"
+                if self.chose_rays_per_pixel
+                else ""
+            )
+        if not self.chose_rays_per_pixel:
+            hint = f"; with rays_per_pixel auto as many are taken as keep it below {100 * self.noise_share:g} %"
             return f"{self.noise}{hint if self._above else ''}"
         if not self.noise.known:
-            return f"samples auto: {samples}, the default: {self.noise}"
+            return f"rays_per_pixel auto: {rays_per_pixel}, the default: {self.noise}"
         most = ", the most there are; still" if self._above else ";"
         return (
-            f"samples auto: {samples}{most} about {percent(self.noise.share_at(samples))} of the events are Monte "
-            f"Carlo noise, at most {100 * self.noise_share:g} % were asked for"
+            f"rays_per_pixel auto: {rays_per_pixel}{most} about "
+            f"{percent(self.noise.share_at(rays_per_pixel))} of the events are Monte Carlo noise, "
+            f"at most {100 * self.noise_share:g} % were asked for"
         )
 
     def warn_of_noise(self, stacklevel: int) -> None:
@@ -126,7 +131,7 @@ class MadeSimulator:
 
     @property
     def _above(self) -> bool:
-        return self.noise is not None and self.noise.share_at(self.simulator.renderer.rays) > self.noise_share
+        return self.noise is not None and self.noise.share_at(self.simulator.renderer.rays_per_pixel) > self.noise_share
 
 
 def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
@@ -152,10 +157,12 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
             "{effects_tolerance} is {:g}, but no effects are planned: it is for {effects:auto}",
             settings.effects_tolerance,
         )
-    chose_samples = settings.samples == AUTO
-    samples = None if chose_samples else settings.samples
+    chose_rays_per_pixel = settings.rays_per_pixel == AUTO
+    rays_per_pixel = None if chose_rays_per_pixel else settings.rays_per_pixel
     doing("loading the scene")
-    resolved = resolve(scene, replace(only(SimulatorSettings, settings), effects=effects, samples=samples))
+    resolved = resolve(
+        scene, replace(only(SimulatorSettings, settings), effects=effects, rays_per_pixel=rays_per_pixel)
+    )
     doing("making the renderer")
     renderer = resolved.renderer()
     doing("measuring noise")
@@ -167,11 +174,11 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
         log_eps=resolved.view.log_eps,
         sampling=resolved.sampling,
     )
-    if chose_samples and noise is not None:
-        samples = noise.samples_for(settings.noise_share)
-        if samples != renderer.rays:
-            resolved = replace(resolved, settings=replace(resolved.settings, samples=samples))
+    if chose_rays_per_pixel and noise is not None:
+        rays_per_pixel = noise.rays_per_pixel_for(settings.noise_share)
+        if rays_per_pixel != renderer.rays_per_pixel:
+            resolved = replace(resolved, settings=replace(resolved.settings, rays_per_pixel=rays_per_pixel))
             renderer = resolved.renderer()
     doing("making the simulator")
     simulator = Simulator.of_resolved(resolved, renderer)
-    return MadeSimulator(simulator, plan, noise, settings.noise_share, chose_samples)
+    return MadeSimulator(simulator, plan, noise, settings.noise_share, chose_rays_per_pixel)

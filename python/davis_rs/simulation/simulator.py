@@ -249,7 +249,7 @@ class Simulator:
             "contrast_threshold_off": self.contrast_threshold_off,
             "start_phase": self.start_phase,
             "log_eps": self.log_eps,
-            "samples": self.renderer.rays,
+            "rays_per_pixel": self.renderer.rays_per_pixel,
             "blur": self.renderer.blur,
             "sampling": repr(self.sampling),
             "refine": self.refine,

@@ -10,12 +10,13 @@ import warnings
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.array_types import JsonObject, UncheckedArray
 from ..._util.budget import Budget
 from ..._util.html_table import html_picture, html_table
 from ..._util.untrusted import decoding, read_charged, read_text
@@ -131,7 +132,7 @@ class Dataset:
         return html_picture(stream.getvalue(), image.width)
 
     @cached_property
-    def meta(self) -> dict[str, Any]:
+    def meta(self) -> JsonObject:
         """The contents of ``meta.json``."""
         path = self.path / META
         if not path.exists():
@@ -267,7 +268,7 @@ class Dataset:
         """Return intensity frame ``index``: uint8 (H, W)."""
         return self._read_png(self.frames[index].path, "L", "an 8-bit")
 
-    def _read_png(self, path: Path, mode: str, what: str) -> npt.NDArray[Any]:
+    def _read_png(self, path: Path, mode: str, what: str) -> UncheckedArray:
         """Return a grey image of a mode of Pillow."""
         from PIL import Image
 
@@ -376,7 +377,7 @@ _RATES = ("frame_rate_hz", "depth_rate_hz")
 """0 stands for none."""
 
 
-def _check_meta(path: Path, meta: dict[str, Any]) -> None:
+def _check_meta(path: Path, meta: JsonObject) -> None:
     """Refuse values of types that nobody expects."""
     for key, types in _META_TYPES.items():
         value = meta.get(key)
