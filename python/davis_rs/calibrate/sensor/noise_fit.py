@@ -14,8 +14,7 @@ from ...inspection.statistics import StreamStatistics
 from ...inspection.statistics.stream_statistics import Measured
 from ...sensor.effects import ShotNoise, ThresholdMismatch
 from ...sensor.parameters import SensorParameters
-from .finding import Finding, combined
-from .known_parameters import KnownParameters
+from .finding import Finding, KnownParameters, combined
 from .leak_fit import find_leak, mean_rate
 from .quiet_pixels import DIAGONALS, signal_in
 

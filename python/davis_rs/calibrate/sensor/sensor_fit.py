@@ -12,10 +12,9 @@ from ..._util.argument_checks import check_type
 from ...inspection.statistics import StreamStatistics
 from ...sensor.parameters import SensorParameters
 from ...sensor.presets import SensorFile, load_sensor_file
-from .finding import Finding
+from .finding import Finding, KnownParameters
 from .frame_fit import find_of_frames
 from .hot_pixel_fit import find_hot_pixels
-from .known_parameters import KnownParameters
 from .leak_fit import find_leak, find_leak_variation
 from .measured_recording import MeasuredRecording
 from .noise_fit import find_noise
