@@ -47,7 +47,7 @@ class TriggerKind(IntEnum):
 
 
 class Frame(NamedTuple):
-    """An intensity image of the active pixels.
+    """Holds an intensity image of the active pixels.
 
     Attributes:
         t: when the camera began with it, in microseconds, as all times.
@@ -71,7 +71,7 @@ class Frame(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """A piece of a camera's stream, by kind; each kind in the order of the stream.
+    """Holds a piece of a camera's stream, by kind; each kind in the order of the stream.
 
     Attributes:
         events: :data:`davis_rs.EVENT_DTYPE`.

@@ -33,7 +33,7 @@ from .table.renderer import TableRenderer
 
 @dataclass(frozen=True)
 class _Request:
-    """The arguments of :func:`make_renderer`.
+    """Holds the arguments of :func:`make_renderer`.
 
     Attributes:
         by_name: the renderer was named, not chosen by ``auto``.
@@ -77,7 +77,7 @@ class RendererKind(ABC):
 
 
 class _Tables(NamedTuple):
-    """A scene's tables, and what they were made from."""
+    """Holds a scene's tables, and what they were made from."""
 
     loaded: MitsubaScene
     replaced: tuple[str, ...]

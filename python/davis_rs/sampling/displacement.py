@@ -57,7 +57,7 @@ Rates = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class SpanEnd(NamedTuple):
-    """The end of a span between keyframes.
+    """Holds the end of a span between keyframes.
 
     Attributes:
         t_us: time of the trajectory.

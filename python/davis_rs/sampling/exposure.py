@@ -103,7 +103,7 @@ class _RowTimes:
 
     @property
     def instant(self) -> bool:
-        """Whether the exposure has no duration."""
+        """Return whether the exposure has no duration."""
         return bool(np.all(self.open_us == self.close_us))
 
     def fractions(self, edges_us: FloatArray) -> FloatArray:

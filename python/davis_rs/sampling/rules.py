@@ -63,7 +63,7 @@ class TimeSampling(ABC):
     @property
     @abstractmethod
     def interpolation(self) -> str:
-        """How log luma runs between keyframes: ``linear``, or ``hermite`` if keyframes have rates."""
+        """Return how log luma runs between keyframes: ``linear``, or ``hermite`` if keyframes have rates."""
 
     @abstractmethod
     def keyframes(self, stretch: Stretch) -> Iterator[Keyframe]:

@@ -28,7 +28,7 @@ _NO_PERMISSION = (
 
 
 class FoundDevice(NamedTuple):
-    """A device that has a DAVIS's vendor and product.
+    """Holds a device that has a DAVIS's vendor and product.
 
     Where it could not be opened, ``serial`` is None and ``problem`` says why.
     """

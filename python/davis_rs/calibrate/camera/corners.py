@@ -22,7 +22,7 @@ _LARGEST_WINDOW_PX = 6
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """A checkerboard in one frame.
+    """Holds a checkerboard in one frame.
 
     Attributes:
         t_us: the frame's time, microseconds.

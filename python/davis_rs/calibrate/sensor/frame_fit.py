@@ -55,7 +55,7 @@ def find_of_frames(recordings: Sequence[MeasuredRecording], leak_hz: Measured | 
 
 
 class _Receptor(NamedTuple):
-    """Of a recording: the lag in any light, and what the photoreceptor's lag times illuminance is."""
+    """Holds, of a recording, the lag in any light, and what the photoreceptor's lag times illuminance is."""
 
     lag_s: Measured
     lag_lux: Measured

@@ -116,7 +116,7 @@ def find_leak_variation(recordings: Sequence[StreamStatistics], off_over_on: flo
 
 
 class _Variation(NamedTuple):
-    """What one recording tells of both, or why it does not."""
+    """Holds what one recording tells of both, or why it does not."""
 
     spread: Measured | str
     jitter: Measured | str

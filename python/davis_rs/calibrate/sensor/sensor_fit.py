@@ -31,7 +31,7 @@ _BANDWIDTH_OVER_LIGHT = ("photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_
 
 @dataclass(frozen=True)
 class SensorFit:
-    """What recordings of one sensor tell of it.
+    """Holds what recordings of one sensor tell of it.
 
     Attributes:
         size: (width, height) in pixels.

@@ -43,7 +43,7 @@ SampleArray = npt.NDArray[np.void]
 
 
 class StampedFrame(NamedTuple):
-    """An intensity frame.
+    """Holds an intensity frame.
 
     Attributes:
         t_us: the middle of its exposure, in microseconds on the events' clock.

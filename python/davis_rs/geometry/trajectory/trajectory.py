@@ -32,7 +32,7 @@ _DIFFERENCE_STEP_S = 1e-4
 
 
 class TopSpeeds(NamedTuple):
-    """The fastest motion of a trajectory, and when its window begins: m/s, rad/s, and seconds for either."""
+    """Holds the fastest motion of a trajectory, and when its window begins: m/s, rad/s, and seconds for either."""
 
     speed_m_s: float
     rate_rad_s: float

@@ -27,7 +27,7 @@ from ..formats.destination import naming, part_of
 
 @dataclass(frozen=True)
 class ImageSeries:
-    """A time-stamped series of images in a dataset folder: a text list and a folder of numbered files."""
+    """Holds a time-stamped series of images in a dataset folder: a text list and a folder of numbered files."""
 
     list_name: str
     folder: str

@@ -35,7 +35,7 @@ class LeftOutWarning(UserWarning):
 
 @dataclass(frozen=True)
 class ConversionReport(WriteReport):
-    """What a conversion has written.
+    """Holds what a conversion has written.
 
     Attributes:
         parts: how many frames, samples and so on were written, by the names of the parts.
@@ -135,7 +135,7 @@ def convert(
 
 
 class _Item(NamedTuple):
-    """One frame, sample or the like, as its writer takes it."""
+    """Holds one frame, sample or the like, as its writer takes it."""
 
     t_us: int
     part: Part

@@ -96,12 +96,12 @@ class RandomAccess:
 
     @property
     def first_us(self) -> int | None:
-        """The time of the first event in microseconds, None without one."""
+        """Return the time of the first event in microseconds, None without one."""
         return self._block_us(0) if self.events else None
 
     @property
     def last_us(self) -> int | None:
-        """The time of the last event in microseconds, None without one."""
+        """Return the time of the last event in microseconds, None without one."""
         if not self.events:
             return None
         if self._blocks.last_us != UNKNOWN_US:

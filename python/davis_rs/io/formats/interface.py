@@ -40,7 +40,7 @@ class TruncatedFileWarning(UserWarning):
 
 @dataclass(frozen=True)
 class WriteReport:
-    """What a finished writer has written; ``first_us`` and ``last_us`` are None without events."""
+    """Holds what a finished writer has written; ``first_us`` and ``last_us`` are None without events."""
 
     path: str
     format: str
@@ -286,12 +286,12 @@ class EventReader(ABC):
 
     @property
     def events(self) -> int | None:
-        """The number of events, None where the file does not say."""
+        """Return the number of events, None where the file does not say."""
         return None
 
     @property
     def progress(self) -> float:
-        """The fraction of the file that the current iteration has read, 0 .. 1."""
+        """Return the fraction of the file that the current iteration has read, 0 .. 1."""
         return 0.0
 
     @final

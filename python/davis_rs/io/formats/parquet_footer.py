@@ -26,7 +26,8 @@ _LONGEST_PAGE_HEADER = 1 << 16
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a row group: its name, the bytes of its pages, and its values' least and largest, where stated."""
+    """Holds a column of a row group: its name, the bytes of its pages, and its values' least and largest, where
+    stated."""
 
     name: str
     begin: int
@@ -44,7 +45,7 @@ class RowGroup:
 
     @property
     def bytes(self) -> int:
-        """How many bytes of the file its columns have."""
+        """Return how many bytes of the file its columns have."""
         return sum(column.end - column.begin for column in self.columns)
 
 

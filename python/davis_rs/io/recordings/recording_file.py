@@ -20,7 +20,7 @@ KINDS = ("events", "imu", "frames", "triggers")
 
 @dataclass
 class Remarks:
-    """What reading a recording has found besides its contents.
+    """Holds what reading a recording has found besides its contents.
 
     Attributes:
         notes: what was assumed, and what was left out.
@@ -32,7 +32,7 @@ class Remarks:
 
 
 class Piece(NamedTuple):
-    """A part of a recording.
+    """Holds a part of a recording.
 
     Attributes:
         decoded: what it holds. Events may lie outside of the sensor.

@@ -16,7 +16,7 @@ from ...scene.light_profile import LightProfile
 
 @dataclass(frozen=True, eq=False)
 class SceneState:
-    """The state of a scene at n instants.
+    """Holds the state of a scene at n instants.
 
     Attributes:
         objects: pose and motion of each moving object at the instants: T_world_object, rates in the object's axes.

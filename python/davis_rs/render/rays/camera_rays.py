@@ -68,7 +68,7 @@ def _along(camera: Camera, axis: int, lattice: npt.NDArray[np.float64]) -> npt.N
 
 
 class Lanes(NamedTuple):
-    """A pixel for each lane, and the camera that sees it.
+    """Holds a pixel for each lane, and the camera that sees it.
 
     ``motion`` is the camera's velocity and angular rate in world axes; None without rates.
     """

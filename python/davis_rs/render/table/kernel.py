@@ -28,7 +28,7 @@ from .moving_lanes import Body, Surroundings
 
 
 class _Surface(NamedTuple):
-    """The hits of rays.
+    """Holds the hits of rays.
 
     Attributes:
         hit: whether anything is hit.

@@ -73,12 +73,12 @@ class CustomEffects:
 
     @property
     def on_luma(self) -> bool:
-        """Whether an effect acts on luma."""
+        """Return whether an effect acts on luma."""
         return any(True for _ in self._having("luma"))
 
     @property
     def on_log_intensity(self) -> bool:
-        """Whether an effect acts on log intensity."""
+        """Return whether an effect acts on log intensity."""
         return any(True for _ in self._having("log_intensity"))
 
     def luma(self, t_us: int, luma: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -30,7 +30,7 @@ class Effect(ABC):
     @property
     @abstractmethod
     def neutral(self) -> bool:
-        """Whether the effect changes nothing with these values; it is then off."""
+        """Return whether the effect changes nothing with these values; it is then off."""
 
     def settings(self) -> dict[str, float | None]:
         """Return the effect's parameters by name."""
