@@ -36,10 +36,10 @@ class Finding(NamedTuple):
         return f"{self.what:<22} {said}{f'; {self.note}' if self.note else ''}"
 
 
-def combined(found: Sequence[Measured]) -> Measured:
+def combined(values: Sequence[Measured]) -> Measured:
     """Return the mean of measurements of one quantity, weighted by their variances."""
-    weights = np.array([1 / max(one.sigma, 1e-150) ** 2 for one in found])
-    value = float(np.average([one.value for one in found], weights=weights))
+    weights = np.array([1 / max(one.sigma, 1e-150) ** 2 for one in values])
+    value = float(np.average([one.value for one in values], weights=weights))
     return Measured(value, float(1 / math.sqrt(weights.sum())))
 
 

@@ -140,18 +140,18 @@ def fit_sensor(
     """
     if not recordings:
         raise ValueError("at least one recording is needed")
-    for one in recordings:
+    for recording in recordings:
         made_by = "davis_rs.measure_recording(...) makes one of a file"
-        check_type("each of recordings", one, (StreamStatistics, MeasuredRecording), made_by)
+        check_type("each of recordings", recording, (StreamStatistics, MeasuredRecording), made_by)
     measured = [one if isinstance(one, MeasuredRecording) else MeasuredRecording(one) for one in recordings]
     streams = [one.statistics for one in measured]
     sizes = {one.size for one in streams}
     if len(sizes) > 1:
         listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
         raise ValueError(f"the recordings must be of one sensor: their sizes are {listed}")
-    for one in streams:
-        if one.duration_s <= 0:
-            raise ValueError(f"{one.name}: there are no two events at different times, nothing can be fitted")
+    for stream in streams:
+        if stream.duration_s <= 0:
+            raise ValueError(f"{stream.name}: there are no two events at different times, nothing can be fitted")
     shortest = min((one.any.least for one in streams if one.any.least is not None), default=None)
     leak = find_leak(streams)
     parity = list(find_parity(streams))

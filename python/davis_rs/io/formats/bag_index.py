@@ -88,20 +88,20 @@ class _Unpacked:
         """Begin another pass."""
         self._seen.clear()
 
-    def get(self, place: int, unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
+    def get(self, position: int, unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
         """Return what the chunk at a place unpacks to."""
-        if place in self._kept:
-            self._kept.move_to_end(place)
-            return self._kept[place]
+        if position in self._kept:
+            self._kept.move_to_end(position)
+            return self._kept[position]
         started = time.monotonic()
         data = unpack(packed)
-        if place in self._seen:
+        if position in self._seen:
             self._budget.spend(time.monotonic() - started, "the unpacking of the same chunks, again and again,")
-        self._seen.add(place)
+        self._seen.add(position)
         while len(self._kept) >= _KEPT:
             self._budget.give_back(len(self._kept.popitem(last=False)[1]))
         self._budget.take(len(data), "a chunk")
-        self._kept[place] = data
+        self._kept[position] = data
         return data
 
 

@@ -93,8 +93,8 @@ class CoreReader(EventReader):
         places = np.stack([byte, np.append(byte[1:], core.file_size)[: len(byte)], *state], axis=1)
         return blocks_of(events, first_us, places, *last_us[-1:].tolist())
 
-    def read_block(self, place: Place, events: int) -> EventArray:
-        byte, end, *state = place.tolist()
+    def read_block(self, position: Place, events: int) -> EventArray:
+        byte, end, *state = position.tolist()
         return self._core.read_block(byte, state, end)
 
     def _warn_left_over(self) -> None:

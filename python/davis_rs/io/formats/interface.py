@@ -367,7 +367,7 @@ class EventReader(ABC):
         """
         refuse(self.path, f"{self.format} holds nothing to find a place by")
 
-    def read_block(self, place: Place, events: int) -> EventArray:
+    def read_block(self, position: Place, events: int) -> EventArray:
         """Return the events of a block that :meth:`blocks` has given, unchecked.
 
         Raises:

@@ -37,12 +37,13 @@ class Piece(NamedTuple):
     Attributes:
         decoded: what it holds. Events may lie outside of the sensor.
         fraction: of the file that is read with it, 0..1.
-        place: where its events are, for :meth:`RecordingFile.events_at`; None where they follow from those before them.
+        position: where its events are, for :meth:`RecordingFile.events_at`; None where they follow from those before
+            them.
     """
 
     decoded: Decoded
     fraction: float
-    place: tuple[int, ...] | None = None
+    position: tuple[int, ...] | None = None
 
 
 class RecordingFile(ABC):
@@ -89,7 +90,7 @@ class RecordingFile(ABC):
         """
         return any(len(getattr(piece.decoded, kind)) for piece in self.pieces((kind,)))
 
-    def events_at(self, place: tuple[int, ...]) -> EventArray:
+    def events_at(self, position: tuple[int, ...]) -> EventArray:
         """Return the events of a piece that had this place.
 
         Raises:

@@ -38,8 +38,9 @@ _BLOCK = 4096
 
 @dataclass(frozen=True)
 class Imu:
-    """Describes an IMU that is rigidly fixed to the sensor. The default is an ideal one at the camera's centre, in camera
-    axes.
+    """Describes an IMU that is rigidly fixed to the sensor.
+
+    The default is an ideal one at the camera's centre, in camera axes.
 
     Args:
         rate_hz: sample k is stamped round(k 1e6 / rate) us; above 0, up to 1e6 Hz.
