@@ -36,7 +36,7 @@ TRIGGER_DTYPE = np.dtype([("t", "<i8"), ("kind", "u1")], align=True)
 
 
 class TriggerKind(IntEnum):
-    """The kind of a trigger; its number is that of the word in the camera's stream."""
+    """Names the kinds of triggers; a number is that of the word in the camera's stream."""
 
     TIMESTAMP_RESET = 1
     INPUT_FALLING = 2

@@ -52,7 +52,7 @@ class ManyRendersWarning(UserWarning):
 
 
 class TimeSampling(ABC):
-    """A rule for when luma is rendered, and how log luma runs in between.
+    """Decides when luma is rendered, and how log luma runs in between.
 
     Whatever the rule, there are keyframes where motion or light breaks (``davis_rs.sampling.breaks``).
     """

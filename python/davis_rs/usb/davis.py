@@ -25,7 +25,7 @@ READS_QUEUED_S = 0.02
 
 
 class Davis:
-    """A camera on the USB; made by :meth:`open`.
+    """Controls a camera on the USB; made by :meth:`open`.
 
     Iterating starts it, unless it runs already, and gives packets as they arrive: arrays of events, IMU samples, frames
     and triggers, times in microseconds since the start or the last timestamp reset. After 0.1 s of silence an empty

@@ -45,7 +45,7 @@ REQUEST_REGISTERS = 0xC2
 
 
 class Module(IntEnum):
-    """The parts of the camera's logic that have registers."""
+    """Names the parts of the camera's logic that have registers."""
 
     MULTIPLEXER = 0
     DVS = 1

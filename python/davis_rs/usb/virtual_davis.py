@@ -43,15 +43,15 @@ VIRTUAL_CHIPS = {
 
 
 class Stalled(Exception):
-    """The device refuses a request, as USB says it: by a stall."""
+    """Says that the device refuses a request, as USB says it: by a stall."""
 
 
 class Unplugged(Exception):
-    """The device is gone."""
+    """Says that the device is gone."""
 
 
 class VirtualDavis:
-    """A camera at high speed on a USB port.
+    """Imitates a camera at high speed on a USB port.
 
     Args:
         source: what it sends while it runs.

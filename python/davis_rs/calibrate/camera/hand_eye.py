@@ -228,7 +228,7 @@ def covariance_of_sum(terms: FloatArray) -> FloatArray:
 
 
 class Reprojection:
-    """The reprojection errors of the board's corners as a function of X and Z.
+    """Computes the reprojection errors of the board's corners as a function of X and Z.
 
     Args:
         hand_poses: A', (n, 4, 4), in the order of time.

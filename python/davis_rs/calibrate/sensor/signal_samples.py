@@ -185,7 +185,7 @@ class SignalSampler:
 
 
 class _Pieces:
-    """Events by pixel, to be asked for what lies around an instant."""
+    """Holds events by pixel, to be asked for what lies around an instant."""
 
     def __init__(self, events: EventArray, width: int, pixels: int) -> None:
         self.events = events

@@ -69,7 +69,7 @@ class ThresholdFit:
 
 
 class NotIdentifiable(Exception):
-    """What a recording does not tell, and why."""
+    """Says what a recording does not tell, and why."""
 
 
 def fit_thresholds(

@@ -41,7 +41,7 @@ class TopSpeeds(NamedTuple):
 
 
 class Trajectory(ABC):
-    """A camera's path over [0, ``duration_s``] seconds.
+    """Describes a camera's path over [0, ``duration_s``] seconds.
 
     A subclass sets ``duration_s`` and implements the five abstract methods; those that take times, (n,) in seconds,
     pass them through :meth:`times` first. One that knows its second derivatives implements them too: those of this
@@ -241,7 +241,7 @@ def _checked_breaks(breaks_s: npt.ArrayLike, duration_s: float) -> FloatArray:
 
 
 class CallableTrajectory(Trajectory):
-    """A path given by functions. Each must be exact: those that are given are not differentiated numerically.
+    """Describes a path given by functions. Each must be exact: those that are given are not differentiated numerically.
 
     Args:
         duration_s: > 0.
@@ -374,7 +374,7 @@ class SegmentTrajectory(Trajectory):
 
 
 class _Aligned(Trajectory):
-    """A trajectory moved rigidly, see :func:`align`."""
+    """Holds a trajectory moved rigidly, see :func:`align`."""
 
     def __init__(self, trajectory: Trajectory, pose: Pose, at_s: float) -> None:
         was = trajectory.pose(at_s)
@@ -424,7 +424,7 @@ def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajecto
 
 
 class _Cropped(Trajectory):
-    """A part of a trajectory, see :meth:`Trajectory.crop`."""
+    """Holds a part of a trajectory, see :meth:`Trajectory.crop`."""
 
     def __init__(self, trajectory: Trajectory, start_s: float, duration_s: float) -> None:
         self.duration_s = duration_s

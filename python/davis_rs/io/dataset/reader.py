@@ -59,7 +59,7 @@ class StampedImage(NamedTuple):
 
 
 class Dataset:
-    """A dataset folder, each part of it read when it is first asked for.
+    """Reads a dataset folder, each part of it read when it is first asked for.
 
     A part that the folder lacks is empty (``meta`` is then ``{}``), but for ``events`` and ``camera``, which raise
     FileNotFoundError. Times are parsed from text to integer microseconds without a float between; where a file of

@@ -30,7 +30,7 @@ from .write import open_writer
 
 
 class LeftOutWarning(UserWarning):
-    """The target of a conversion cannot hold all that its source has; the message names it."""
+    """Says that the target of a conversion cannot hold all that its source has; the message names it."""
 
 
 @dataclass(frozen=True)

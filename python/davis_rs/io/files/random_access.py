@@ -27,8 +27,8 @@ _CACHED_EVENTS = 1 << 18
 
 
 class _Opened:
-    """A reader in one process, with the blocks it has read last. A fork does not share it: its file position and its
-    lock would be shared too."""
+    """Keeps a reader in one process, with the blocks it has read last. A fork does not share it: its file position and
+    its lock would be shared too."""
 
     def __init__(self, reader: EventReader) -> None:
         self.process = os.getpid()

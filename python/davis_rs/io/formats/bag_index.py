@@ -73,7 +73,7 @@ def bag_index(path: Path, limit: int) -> Reader:
 
 
 class _Unpacked:
-    """The last chunks that were unpacked, because messages of chunks that overlap in time stand in turns in each.
+    """Keeps the last chunks that were unpacked, because messages of chunks that overlap in time stand in turns in each.
 
     An index can ask for its chunks in turns as often as it likes. So the time in which chunks are unpacked again within
     one pass over the messages is charged.
@@ -106,7 +106,7 @@ class _Unpacked:
 
 
 class _Bounded(io.BufferedReader):
-    """A file of which no more is asked than it has: a read takes memory for what is asked."""
+    """Wraps a file of which no more is asked than it has: a read takes memory for what is asked."""
 
     def __init__(self, path: Path) -> None:
         raw = io.FileIO(path)
@@ -120,7 +120,7 @@ class _Bounded(io.BufferedReader):
 
 
 class _BoundedPath:
-    """A path as rosbags takes one, whose file is :class:`_Bounded`."""
+    """Presents a path as rosbags takes one, whose file is :class:`_Bounded`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -130,7 +130,7 @@ def part_of(path: Path) -> Path:
 
 
 class PartFile:
-    """A file that is written next to its path, as ``NAME.part``, and takes its name when it is whole.
+    """Holds a file that is written next to its path, as ``NAME.part``, and takes its name when it is whole.
 
     Raises:
         FileExistsError: if the path exists and ``overwrite`` is not set, now or at the end.

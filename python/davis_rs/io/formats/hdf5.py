@@ -286,7 +286,7 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
 
 
 class Hdf5Format(Format):
-    """A layout of events in HDF5."""
+    """Describes a layout of events in HDF5."""
 
     suffixes = (".h5", ".hdf5")
     options = ("compression", "level")

@@ -32,7 +32,7 @@ def check_compression(compression: str, level: int) -> None:
 
 
 class GrowingDataset:
-    """A dataset that rows are appended to: numbers, or arrays of one shape.
+    """Holds a dataset that rows are appended to: numbers, or arrays of one shape.
 
     Rows wait until a chunk is full; :meth:`settle` writes those that wait as well, as a chunk that will be replaced.
 

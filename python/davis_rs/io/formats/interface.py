@@ -35,7 +35,7 @@ _Reader = TypeVar("_Reader", bound="EventReader")
 
 
 class TruncatedFileWarning(UserWarning):
-    """A file ends in the middle of a record, or was never finished; its complete records were read."""
+    """Says that a file ends in the middle of a record, or was never finished; its complete records were read."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class WriteReport:
 
 
 class Releasable(Protocol):
-    """A lock."""
+    """Describes a lock."""
 
     def release(self) -> None:
         """Let others have what is locked."""
@@ -386,7 +386,7 @@ class EventReader(ABC):
 
 
 class Format(ABC):
-    """One event format: how it is recognised, and who writes and reads it."""
+    """Describes one event format: how it is recognised, and who writes and reads it."""
 
     name: str
     """Its name, as ``format=`` takes it."""

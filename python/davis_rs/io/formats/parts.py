@@ -38,7 +38,7 @@ ALL_PARTS = tuple(part.name for part in PARTS)
 
 
 class CameraLike(Protocol):
-    """What a calibration has: OpenCV's pinhole camera with radial-tangential distortion, in pixels."""
+    """Names what a calibration has: OpenCV's pinhole camera with radial-tangential distortion, in pixels."""
 
     @property
     def width(self) -> int: ...

@@ -20,7 +20,7 @@ from .reading import ANY_SIZE, ReadRules
 
 
 class RecordedParts:
-    """What a camera's recording has next to its events, for a reader.
+    """Yields what a camera's recording has next to its events, for a reader.
 
     Attributes:
         recording: the file.
@@ -118,7 +118,7 @@ class RecordedReader(RecordedParts, EventReader):
 
 
 class RecordedFormat(Format):
-    """A format that only cameras' software writes.
+    """Describes a format that only cameras' software writes.
 
     Args:
         name: as ``format=`` and messages name it.

@@ -52,8 +52,8 @@ unit."""
 
 
 class Aedat2File(RecordingFile):
-    """A file of AEDAT 2.0. The samples of its frames are held in memory until all are there, where frames are asked
-    for, because nothing marks where one begins."""
+    """Reads a file of AEDAT 2.0. The samples of its frames are held in memory until all are there, where frames are
+    asked for, because nothing marks where one begins."""
 
     format = "AEDAT 2.0"
 
@@ -163,8 +163,8 @@ class Aedat2File(RecordingFile):
 
 
 class _Clock:
-    """Times of more than the file's 32 bits, which begin again at -2^31. ``base`` is what that has come to so far, and
-    ``last`` the stamp before."""
+    """Unwraps times of more than the file's 32 bits, which begin again at -2^31. ``base`` is what that has come to so
+    far, and ``last`` the stamp before."""
 
     def __init__(self, base: int, last: int) -> None:
         self.base, self.last = base, last

@@ -54,7 +54,7 @@ _LONGEST_HEADER = 1 << 20
 
 
 class Aedat3File(RecordingFile):
-    """A file of AEDAT 3.1. Of a chip that is not known, the size is not known either."""
+    """Reads a file of AEDAT 3.1. Of a chip that is not known, the size is not known either."""
 
     format = "AEDAT 3.1"
 
@@ -146,7 +146,7 @@ class Aedat3File(RecordingFile):
 
 
 class _LeftOut:
-    """How much was passed over: events that are not valid, and what is of other types."""
+    """Counts what was passed over: events that are not valid, and what is of other types."""
 
     def __init__(self) -> None:
         self.invalid = self.others = 0

@@ -21,7 +21,8 @@ RADIANS = math.pi / 180
 
 
 class RecordingWarning(UserWarning):
-    """Something of a recording is not there or was assumed: its end is cut off, or a conversion tells its notes."""
+    """Says that something of a recording is not there or was assumed: its end is cut off, or a conversion tells its
+    notes."""
 
 
 @dataclass(frozen=True, eq=False)

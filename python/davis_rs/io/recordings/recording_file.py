@@ -47,7 +47,7 @@ class Piece(NamedTuple):
 
 
 class RecordingFile(ABC):
-    """A recording of which the header was read.
+    """Reads a recording, of which the header was read already.
 
     Attributes:
         path: the file.

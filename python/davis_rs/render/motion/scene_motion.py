@@ -39,7 +39,7 @@ class SceneState:
 
 
 class SceneMotion:
-    """The trajectories of a scene's objects and the profiles of its lights, by their ids.
+    """Holds the trajectories of a scene's objects and the profiles of its lights, by their ids.
 
     Args:
         boxes: for each object the lowest and highest corner (2, 3) around it in its own frame, metres.

@@ -80,7 +80,7 @@ class Lanes(NamedTuple):
 
 
 class CameraRays:
-    """The lattice rays of a camera's pixels in Dr.Jit; tables for the last few numbers of rays are kept."""
+    """Makes the lattice rays of a camera's pixels in Dr.Jit; tables for the last few numbers of rays are kept."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera, self.pixels = camera, camera.width * camera.height

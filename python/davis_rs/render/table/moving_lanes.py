@@ -49,7 +49,7 @@ class Surroundings(NamedTuple):
 
 
 class MovingLanes:
-    """The objects' frames and the lights' factors at the views of many lanes.
+    """Holds the objects' frames and the lights' factors at the views of many lanes.
 
     Args:
         profiles: for each light the column of its profile in ``state``, or None.

@@ -51,7 +51,7 @@ class Surfaces(NamedTuple):
 
 
 class SceneSurfaces:
-    """The surfaces of a scene as a camera's pixels see them, whatever their material and light.
+    """Finds the surfaces of a scene as a camera's pixels see them, whatever their material and light.
 
     Args:
         scene: made of triangles alone.

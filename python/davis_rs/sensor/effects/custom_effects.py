@@ -26,7 +26,7 @@ _Float = TypeVar("_Float", np.float32, np.float64)
 
 
 class CustomEffects:
-    """A user's own effects, in the order in which they act; docs/effects.md says what methods one may have.
+    """Holds a user's own effects, in the order in which they act; docs/effects.md says what methods one may have.
 
     Each is an object with one or more of these methods, and need not derive from anything:
 
