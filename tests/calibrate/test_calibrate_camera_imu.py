@@ -14,10 +14,9 @@ from scipy.interpolate import BSpline
 
 from calibration_views import BOARD, CAMERA, board_camera, degrees_between, exact_view, found_views, path, write_folder
 from davis_rs.calibrate import BoardPose, board_pose, board_poses, calibrate_camera_imu, report
-from davis_rs.calibrate.camera.body_spline import BodySpline
+from davis_rs.calibrate.camera.body_spline import BodySpline, SplineBasis
 from davis_rs.calibrate.camera.inertial_problem import InertialProblem, Readings
 from davis_rs.calibrate.camera.reprojection import rotation_of
-from davis_rs.calibrate.camera.spline_basis import SplineBasis
 from davis_rs.cli.main import main
 from davis_rs.sensor.imu import Imu, ImuArray, ImuLag, ImuNoise, Mounting, simulate_imu
 

@@ -295,7 +295,7 @@ def test_all_but_luma_passes_through() -> None:
     assert np.array_equal(lens.depth(views), renderer.depth(views))
     assert np.array_equal(lens.flow(views), renderer.flow(views), equal_nan=True)
     assert lens.silhouettes is renderer.silhouettes is not None
-    for name in ("camera", "rays", "blur", "motion", "name", "reason", "variant", "poses_per_launch"):
+    for name in ("camera", "rays_per_pixel", "blur", "motion", "name", "reason", "variant", "poses_per_launch"):
         assert getattr(lens, name) == getattr(renderer, name), name
     assert (renderer.reach_px, lens.reach_px) == (1, 4)
     assert with_optics(renderer, Effects(vignetting=Vignetting())).reach_px == 1

@@ -44,7 +44,7 @@ _SHARED_RUSTUP_HOME = "/usr/local/rustup"  # of Rust's container images
 
 
 class Libllvm(NamedTuple):
-    """A libLLVM that Dr.Jit can use, and why it was chosen."""
+    """Holds a libLLVM that Dr.Jit can use, and why it was chosen."""
 
     path: Path
     origin: str

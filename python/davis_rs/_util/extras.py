@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from typing import Any
 
 
 @contextmanager
@@ -30,3 +31,20 @@ def require(extra: str, *modules: str) -> None:
     with from_extra(extra):
         for module in modules:
             import_module(module)
+
+
+def load_opencv(purpose: str, extra: str) -> Any:
+    """Import OpenCV and return the module.
+
+    Args:
+        purpose: what needs it, for the message.
+        extra: that brings it.
+
+    Raises:
+        ImportError: where it is not installed, saying how to get it.
+    """
+    try:
+        import cv2
+    except ImportError as error:
+        raise ImportError(f"{purpose} needs OpenCV: pip install 'davis_rs[{extra}]'") from error
+    return cv2

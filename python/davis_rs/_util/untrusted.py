@@ -100,7 +100,7 @@ def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
 
 
 @contextmanager
-def decoding(path: str | os.PathLike[str], place: str = "") -> Iterator[None]:
+def decoding(path: str | os.PathLike[str], where_inside: str = "") -> Iterator[None]:
     """Wraps a library that reads untrusted bytes. Its errors about the bytes become a :class:`DecodeError` with the
     file, the place and what the library said.
 
@@ -108,7 +108,7 @@ def decoding(path: str | os.PathLike[str], place: str = "") -> Iterator[None]:
     errors stay as they are.
 
     Args:
-        place: where in the file, such as ``"events 0..100"``.
+        where_inside: where in the file, such as ``"events 0..100"``.
     """
     try:
         yield
@@ -122,7 +122,7 @@ def decoding(path: str | os.PathLike[str], place: str = "") -> Iterator[None]:
             about_bytes = by_library or isinstance(error, _ABOUT_BYTES)
         if not about_bytes:
             raise
-        where = f"{os.fspath(path)}, {place}" if place else os.fspath(path)
+        where = f"{os.fspath(path)}, {where_inside}" if where_inside else os.fspath(path)
         raise DecodeError(f"{where}: {error}" if str(error) else f"{where}: {type(error).__name__}") from error
 
 

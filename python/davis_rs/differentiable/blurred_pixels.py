@@ -14,7 +14,8 @@ _BLUR = np.array([0.25, 0.5, 0.25])
 
 
 class BlurredPixels:
-    """The 3 x 3 blur of a renderer's frames, as a sum over neighbours; one pixel alone where it does not blur.
+    """Describes the 3 x 3 blur of a renderer's frames, as a sum over neighbours; one pixel alone where it does not
+    blur.
 
     Attributes:
         weights: float64 (m,) of the neighbours.

@@ -31,7 +31,7 @@ _IN_PLANE_M = 1e-11
 
 
 class ChangedRays(NamedTuple):
-    """Rays whose hit, or whose hidden lights, differ between the start and the end of a short time.
+    """Holds rays whose hit, or whose hidden lights, differ between the start and the end of a short time.
 
     Attributes:
         event: (m,) number of the event.
@@ -64,7 +64,7 @@ class ChangedRays(NamedTuple):
 
 
 class Passes(NamedTuple):
-    """The instants at which edges pass m rays.
+    """Holds the instants at which edges pass m rays.
 
     Attributes:
         fraction: (m,) of the way from the first view to the second; NaN where no edge is found.
@@ -77,7 +77,7 @@ class Passes(NamedTuple):
 
 
 class _LitPoints(NamedTuple):
-    """Points that rays hit, and a light, in a frame of the scene.
+    """Holds points that rays hit, and a light, in a frame of the scene.
 
     Attributes:
         point: (m, 3).
@@ -136,7 +136,8 @@ class _LitPoints(NamedTuple):
 
 
 class _Occluders(NamedTuple):
-    """The t triangles of a frame: each edge's start, direction and start x end, (3 t, 3); and the planes (t, 4)."""
+    """Holds the t triangles of a frame: each edge's start, direction and start x end, (3 t, 3); and the planes (t,
+    4)."""
 
     start: FloatArray
     along: FloatArray

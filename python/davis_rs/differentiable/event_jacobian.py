@@ -67,7 +67,7 @@ _US = 1e6
 
 
 class EventTimeModel:
-    """The times of a run's events as functions of its unknowns.
+    """Computes the times of a run's events as functions of its unknowns.
 
     Args:
         scene: with the camera path of the run, from the run's start on.

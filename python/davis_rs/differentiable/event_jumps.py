@@ -26,7 +26,7 @@ _ALIKE = 0.005
 
 
 class Jumps(NamedTuple):
-    """Events at which a ray jumps.
+    """Holds events at which a ray jumps.
 
     Attributes:
         found: (n,) whether the ray and its edge are known.

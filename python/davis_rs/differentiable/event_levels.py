@@ -14,7 +14,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 class EventLevels(NamedTuple):
-    """Events of ideal pixels, in the given order.
+    """Holds events of ideal pixels, in the given order.
 
     Attributes:
         t_us: (n,) their stamps, float64.

@@ -33,7 +33,7 @@ _SAME_US = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ResidualBlock:
-    """A block of a stream's events, pixel by pixel, with their residuals.
+    """Holds a block of a stream's events, pixel by pixel, with their residuals.
 
     Attributes:
         index: (k,) their numbers in the stream.
@@ -55,7 +55,7 @@ class ResidualBlock:
 
 @dataclass(frozen=True, eq=False)
 class LogLumaResidualBlock:
-    """A block of a stream's events, pixel by pixel, with their residuals.
+    """Holds a block of a stream's events, pixel by pixel, with their residuals.
 
     Attributes:
         index: (k,) their numbers in the stream.

@@ -28,7 +28,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 class EventTimes:
-    """The times of a stream's events, as a function of the camera's path and the thresholds.
+    """Computes the times of a stream's events, as a function of the camera's path and the thresholds.
 
     >>> times = EventTimes(scene, events, accuracy="exact")
     >>> t_us, ok = times(increments)

@@ -20,7 +20,7 @@ _VECTORS = {"point": "position", "directional": "direction"}
 
 
 class DifferentiableKernel(TableKernel):
-    """A table kernel whose textures and lights have names, and can be replaced."""
+    """Extends the table kernel: textures and lights have names, and can be replaced."""
 
     def __init__(self, table: SceneTable, mi: Mitsuba) -> None:
         super().__init__(table, mi)
@@ -112,7 +112,7 @@ class DifferentiableKernel(TableKernel):
 
 
 class _AttachedTable(SceneTable):
-    """A table with other lights, whose strengths and vectors may be Dr.Jit arrays."""
+    """Holds a table with other lights, whose strengths and vectors may be Dr.Jit arrays."""
 
     def __init__(self, table: SceneTable, lights: list[Light]) -> None:
         self.__dict__.update(table.__dict__)
@@ -124,7 +124,7 @@ class _AttachedTable(SceneTable):
 
 
 class _Components(list[JitFloat]):
-    """The components of a Dr.Jit vector, with the method of a NumPy vector that the kernel calls."""
+    """Holds the components of a Dr.Jit vector, with the method of a NumPy vector that the kernel calls."""
 
     def tolist(self) -> list[JitFloat]:
         return self

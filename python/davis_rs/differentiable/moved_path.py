@@ -21,7 +21,7 @@ _SMALL = 1e-4
 
 
 class MovedPath(Trajectory):
-    """A path whose poses are moved by increments: position + row[:3] in world axes, rotation times exp(row[3:]).
+    """Moves the poses of a path by increments: position + row[:3] in world axes, rotation times exp(row[3:]).
 
     Args:
         path: that is moved.

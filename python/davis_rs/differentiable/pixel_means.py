@@ -22,8 +22,8 @@ _RAYS_TOGETHER = 1 << 22
 
 
 class MeanLogLumaField(LogLumaField):
-    """A :class:`LogLumaField` whose derivatives by the camera's pose and motion are those of the mean over the whole
-    pixel.
+    """Gives a :class:`LogLumaField` whose derivatives by the camera's pose and motion are those of the mean over the
+    whole pixel.
 
     They are NaN where rays change for a reason that is no edge.
 

@@ -87,7 +87,7 @@ class DifferentiableRenderer:
 
     @property
     def parameters(self) -> dict[str, JitTensor]:
-        """What :meth:`luma` can replace, each a new ``mi.TensorXf`` with the scene's own value.
+        """Return what :meth:`luma` can replace, each a new ``mi.TensorXf`` with the scene's own value.
 
         For each shape ``<id>.reflectance`` (H, W, 3): its texels, linear RGB; (1, 1, 3) for a shape of one colour. For
         each light ``<id>.intensity`` (point, W/sr), ``<id>.irradiance`` (directional, W/m^2) or ``<id>.radiance``

@@ -14,7 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class SceneAt:
-    """A scene's objects and lights at n times, as constants; rays keep their derivatives.
+    """Holds a scene's objects and lights at n times, as constants; rays keep their derivatives.
 
     Args:
         t_s: (n,) seconds.

@@ -40,7 +40,7 @@ RayLuma = Callable[[Views, FloatArray], FloatArray]
 
 
 class Turn(NamedTuple):
-    """The contributions of m rays that change while the camera turns to the derivatives of their pixels.
+    """Holds the contributions of m rays that change while the camera turns to the derivatives of their pixels.
 
     Attributes:
         event: (m,) the index of the ray's pixel among the given ones.

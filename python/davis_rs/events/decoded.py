@@ -36,7 +36,7 @@ TRIGGER_DTYPE = np.dtype([("t", "<i8"), ("kind", "u1")], align=True)
 
 
 class TriggerKind(IntEnum):
-    """The kind of a trigger; its number is that of the word in the camera's stream."""
+    """Names the kinds of triggers; a number is that of the word in the camera's stream."""
 
     TIMESTAMP_RESET = 1
     INPUT_FALLING = 2
@@ -47,7 +47,7 @@ class TriggerKind(IntEnum):
 
 
 class Frame(NamedTuple):
-    """An intensity image of the active pixels.
+    """Holds an intensity image of the active pixels.
 
     Attributes:
         t: when the camera began with it, in microseconds, as all times.
@@ -71,7 +71,7 @@ class Frame(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """A piece of a camera's stream, by kind; each kind in the order of the stream.
+    """Holds a piece of a camera's stream, by kind; each kind in the order of the stream.
 
     Attributes:
         events: :data:`davis_rs.EVENT_DTYPE`.

@@ -26,7 +26,7 @@ _Integers = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class EventComparison:
-    """What :func:`compare_events` found.
+    """Holds what :func:`compare_events` found.
 
     Attributes:
         reference: how many events the reference stream holds.

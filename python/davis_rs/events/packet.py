@@ -13,7 +13,7 @@ from .arrays import EventArray
 
 
 class Displacement(NamedTuple):
-    """How far the points that a frame's pixels see move in the image within some time.
+    """Says how far the points that a frame's pixels see move in the image within some time.
 
     Attributes:
         pixels: float32 (H, W, 2), how far each goes in the image, pixels (x right, y down), through the lens. NaN where
@@ -28,7 +28,7 @@ class Displacement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Packet:
-    """One step of a sequence: its events, and the frame, depth map and other data at its end.
+    """Holds one step of a sequence: its events, and the frame, depth map and other data at its end.
 
     Consecutive packets tile time without a gap or an overlap, so their events in order are the stream.
 

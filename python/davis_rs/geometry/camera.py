@@ -85,7 +85,7 @@ class Camera:
 
     @property
     def distortion(self) -> tuple[float, float, float, float, float]:
-        """The coefficients (k1, k2, p1, p2, k3), in the order of ``calib.txt``."""
+        """Return the coefficients (k1, k2, p1, p2, k3), in the order of ``calib.txt``."""
         return (self.k1, self.k2, self.p1, self.p2, self.k3)
 
     def project(self, points: npt.ArrayLike) -> FloatArray:

@@ -65,12 +65,13 @@ class Renderer(ABC):
 
     @property
     def ray_bytes(self) -> float:
-        """Bytes of memory per pixel that its rays take, in kept tables or while all pixels are rendered at once."""
+        """Return bytes of memory per pixel that its rays take, in kept tables or while all pixels are rendered at
+        once."""
         return 16.0 * self.rays_per_pixel
 
     @property
     def reach_px(self) -> int:
-        """The largest distance in pixels, in x or y, from which blur and lens bring light to a pixel."""
+        """Return the largest distance in pixels, in x or y, from which blur and lens bring light to a pixel."""
         return int(self.blur) + (0 if self.optics is None else self.optics.reach)
 
     def luma(self, views: Views) -> LumaFrames:

@@ -33,7 +33,7 @@ from .table.renderer import TableRenderer
 
 @dataclass(frozen=True)
 class _Request:
-    """The arguments of :func:`make_renderer`.
+    """Holds the arguments of :func:`make_renderer`.
 
     Attributes:
         by_name: the renderer was named, not chosen by ``auto``.
@@ -54,7 +54,7 @@ class _Request:
 
 
 class RendererKind(ABC):
-    """A renderer that can be chosen.
+    """Describes a renderer that can be chosen.
 
     Attributes:
         name: the value of the setting ``renderer``.
@@ -77,7 +77,7 @@ class RendererKind(ABC):
 
 
 class _Tables(NamedTuple):
-    """A scene's tables, and what they were made from."""
+    """Holds a scene's tables, and what they were made from."""
 
     loaded: MitsubaScene
     replaced: tuple[str, ...]
@@ -86,7 +86,7 @@ class _Tables(NamedTuple):
 
 
 class NoiseFreeKind(RendererKind):
-    """A renderer of diffuse triangles whose light is computed, not drawn at random."""
+    """Describes a renderer of diffuse triangles whose light is computed, not drawn at random."""
 
     baked: ClassVar[bool] = False
 
@@ -126,7 +126,7 @@ class NoiseFreeKind(RendererKind):
 
 
 class NativeKind(NoiseFreeKind):
-    """The native renderer: the Rust core, under direct light."""
+    """Describes the native renderer: the Rust core, under direct light."""
 
     name, label = "native", "native renderer"
     summary = "diffuse meshes, direct light"
@@ -141,7 +141,7 @@ class NativeKind(NoiseFreeKind):
 
 
 class TableKind(NoiseFreeKind):
-    """The table kernel: the same scenes on Dr.Jit, with derivatives."""
+    """Describes the table kernel: the same scenes on Dr.Jit, with derivatives."""
 
     name, label = "table", "table kernel"
     summary = "the same, on LLVM"
@@ -163,7 +163,7 @@ class TableKind(NoiseFreeKind):
 
 
 class BakedKind(NoiseFreeKind):
-    """The native renderer under baked light, which is computed once."""
+    """Describes the native renderer under baked light, which is computed once."""
 
     name, label = "baked", "renderer of baked light"
     summary = "native, with the light of area lights and bounces computed once"

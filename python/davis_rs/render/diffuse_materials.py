@@ -42,7 +42,7 @@ _FLAT_NORMAL = (0.5, 0.5, 1.0)
 
 
 class _Diffuse(NamedTuple):
-    """The diffuse material that another one is or contains.
+    """Holds the diffuse material that another one is or contains.
 
     Attributes:
         colour: its reflectance, Mitsuba's own object.

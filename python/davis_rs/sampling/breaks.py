@@ -34,7 +34,7 @@ _SMALLEST_JUMP = 1e-9
 
 
 class Break(NamedTuple):
-    """One instant at which something is not smooth.
+    """Holds one instant at which something is not smooth.
 
     Attributes:
         before_us: the last microsecond before the break.

@@ -57,7 +57,7 @@ Rates = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class SpanEnd(NamedTuple):
-    """The end of a span between keyframes.
+    """Holds the end of a span between keyframes.
 
     Attributes:
         t_us: time of the trajectory.
@@ -69,7 +69,7 @@ class SpanEnd(NamedTuple):
 
 
 class DisplacementClock:
-    """The length of the fastest pixel's path, in pixels, over a trajectory's time.
+    """Measures the length of the fastest pixel's path, in pixels, over a trajectory's time.
 
     The speed of a pixel is its optical flow, from depth and the camera's twist; depth maps are rendered every 10 ms
     and pooled so that the nearest surface in 4 x 4 pixels and at both ends of the 10 ms counts, as if all stood still.

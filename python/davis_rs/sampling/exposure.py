@@ -94,7 +94,7 @@ def expose(
 
 
 class _RowTimes:
-    """The times at which the rows of a rolling shutter open and close, float64 (H,)."""
+    """Holds the times at which the rows of a rolling shutter open and close, float64 (H,)."""
 
     def __init__(self, height: int, t_us: int, exposure_us: int, row_readout_us: float) -> None:
         self.t_us = t_us
@@ -103,7 +103,7 @@ class _RowTimes:
 
     @property
     def instant(self) -> bool:
-        """Whether the exposure has no duration."""
+        """Return whether the exposure has no duration."""
         return bool(np.all(self.open_us == self.close_us))
 
     def fractions(self, edges_us: FloatArray) -> FloatArray:
@@ -240,7 +240,7 @@ def _fastest(stretch: Stretch, start_us: int, end_us: int) -> float:
 
 
 class _MeanProfile(LightProfile):
-    """A profile averaged over ``length_us`` around each instant."""
+    """Averages a profile over ``length_us`` around each instant."""
 
     def __init__(self, profile: LightProfile, length_us: float) -> None:
         self._profile, self._length_s = profile, length_us * 1e-6

@@ -60,7 +60,7 @@ class SparseSamples(NamedTuple):
 
 
 class Keyframe(NamedTuple):
-    """A rendered instant.
+    """Holds a rendered instant.
 
     Attributes:
         t_us: microseconds of the sequence.
@@ -77,7 +77,7 @@ class Keyframe(NamedTuple):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of a sequence that is to be rendered.
+    """Holds a stretch of a sequence that is to be rendered.
 
     Attributes:
         renderer: what renders it.

@@ -17,7 +17,7 @@ from .rules import TimeSampling
 
 
 class LumaRecorder(TimeSampling):
-    """A rule that passes on another rule's keyframes, counts them, and records log luma at some instants.
+    """Passes on another rule's keyframes, counts them, and records log luma at some instants.
 
     Attributes:
         keyframe_count: so far.
@@ -48,7 +48,7 @@ class LumaRecorder(TimeSampling):
 
 
 class CountedRenderer(Renderer):
-    """A renderer that counts another one's rays to surfaces, without shadow rays; luma and its rate share their rays.
+    """Counts another renderer's rays to surfaces, without shadow rays; luma and its rate share their rays.
 
     Attributes:
         count: rays so far.

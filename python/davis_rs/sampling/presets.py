@@ -12,7 +12,7 @@ from .tolerance import Tolerance
 @takes_former_names(samples="rays_per_pixel")
 @dataclass(frozen=True)
 class Accuracy:
-    """The settings of sampling in time and space.
+    """Holds the settings of sampling in time and space.
 
     Attributes:
         sampling: the rule of sampling in time.

@@ -52,7 +52,7 @@ class ManyRendersWarning(UserWarning):
 
 
 class TimeSampling(ABC):
-    """A rule for when luma is rendered, and how log luma runs in between.
+    """Decides when luma is rendered, and how log luma runs in between.
 
     Whatever the rule, there are keyframes where motion or light breaks (``davis_rs.sampling.breaks``).
     """
@@ -63,7 +63,7 @@ class TimeSampling(ABC):
     @property
     @abstractmethod
     def interpolation(self) -> str:
-        """How log luma runs between keyframes: ``linear``, or ``hermite`` if keyframes have rates."""
+        """Return how log luma runs between keyframes: ``linear``, or ``hermite`` if keyframes have rates."""
 
     @abstractmethod
     def keyframes(self, stretch: Stretch) -> Iterator[Keyframe]:

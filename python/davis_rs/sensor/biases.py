@@ -23,7 +23,7 @@ _ENABLED, _N_TYPE, _NORMAL, _NORMAL_CURRENT, _FINE_BIT, _COARSE_BIT = 1, 1 << 1,
 
 @dataclass(frozen=True)
 class CoarseFineBias:
-    """A bias current in the units of the chip.
+    """Describes a bias current in the units of the chip.
 
     Args:
         coarse: 0..7, each step about eight times the current of the one before. jAER's files store 7 - coarse.
@@ -47,13 +47,13 @@ class CoarseFineBias:
 
     @property
     def current_a(self) -> float:
-        """The nominal current in amperes: the coarse value's current x fine / 255."""
+        """Return the nominal current in amperes: the coarse value's current x fine / 255."""
         return COARSE_CURRENTS_A[self.coarse] * self.fine / FULL_FINE
 
 
 @dataclass(frozen=True)
 class ChipBias:
-    """One bias of a chip.
+    """Holds one bias of a chip.
 
     Attributes:
         name: as in the vendor's drivers.

@@ -28,7 +28,8 @@ _EVENT_BIN_US = 5_000
 
 @dataclass(frozen=True)
 class ClockAlignment:
-    """The clocks' relation t_mocap = (1 + ``drift``) t_camera + ``offset_s``; standard deviations from the residuals.
+    """Holds the clocks' relation t_mocap = (1 + ``drift``) t_camera + ``offset_s``; standard deviations from the
+    residuals.
 
     Attributes:
         offset_s, drift: seconds, and seconds a second.
@@ -120,7 +121,7 @@ def align_clocks(
 
 @dataclass(frozen=True, eq=False)
 class _Signal:
-    """A measurement by a sensor on the camera at its own times, and a comparison with the motion at other times.
+    """Holds a measurement by a sensor on the camera at its own times, and a comparison with the motion at other times.
 
     ``residuals`` takes times on the path (m,) and values (m, k), and returns residuals (m, k) in units of the root of
     the values' whole power, so that their sum of squares is the fraction that is not explained.

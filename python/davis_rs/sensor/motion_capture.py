@@ -45,7 +45,7 @@ class MocapNoise(Effect):
 
     @property
     def neutral(self) -> bool:
-        """Whether poses are exact."""
+        """Return whether poses are exact."""
         return self.position_m == 0 and self.rotation_rad == 0
 
     def apply(self, poses: GroundTruth, seed: int) -> GroundTruth:
@@ -62,7 +62,7 @@ class MocapNoise(Effect):
 
 @dataclass(frozen=True)
 class MocapClock(Effect):
-    """The motion capture's clock: at the camera's time t it shows (1 + ``drift``) t + ``offset_s``.
+    """Holds the motion capture's clock: at the camera's time t it shows (1 + ``drift``) t + ``offset_s``.
 
     Args:
         offset_s: -10..10 s.
@@ -88,7 +88,7 @@ class MocapClock(Effect):
 
     @property
     def neutral(self) -> bool:
-        """Whether it is the camera's clock."""
+        """Return whether it is the camera's clock."""
         return self.offset_s == 0 and self.drift == 0
 
 

@@ -57,7 +57,7 @@ _FRACTIONS = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "l
 @names_checked
 @dataclass(frozen=True, kw_only=True)
 class SensorParameters:
-    """The parameters of a sensor. None stands for what is not known or does not occur; the effect is then off.
+    """Holds the parameters of a sensor. None stands for what is not known or does not occur; the effect is then off.
 
     Illuminances (lux) are those of the scene as its ``lux_per_luma`` counts them; :meth:`effects` turns them into luma.
 
@@ -219,7 +219,7 @@ class SensorParameters:
 
     @property
     def start_phase(self) -> str:
-        """Where references lie at the first frame.
+        """Return where references lie at the first frame.
 
         ``stationary``, as in a camera that has run before; ``zero`` for ideal pixels, of which no parameter is given.
         It does not depend on which effects are on.

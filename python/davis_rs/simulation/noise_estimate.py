@@ -1,4 +1,4 @@
-"""Says what an estimate of Monte Carlo noise found: the fraction of events that are noise, by the number of samples."""
+"""Says what an estimate of Monte Carlo noise found: the fraction of events that are noise, by the rays per pixel."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class NoiseEstimate:
 
     Attributes:
         rays_per_pixel: rays a pixel of the run.
-        measured: (samples, share), measured, by increasing samples; empty where there is no noise, or too few events
+        measured: (rays per pixel, share), by increasing rays; empty where there is no noise, or too few events
             to tell.
         log_noise: root mean square of the noise of log luma at ``rays_per_pixel``, in units of C.
         events: how many the estimate saw without noise.

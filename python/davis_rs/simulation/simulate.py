@@ -1,4 +1,4 @@
-"""Runs a simulation as packets: effects are planned and samples chosen where that is asked for, then it runs."""
+"""Runs a simulation as packets: effects are planned and rays per pixel chosen where that is asked for, then it runs."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class MadeSimulator:
         plan: of its effects, where they were to be planned.
         noise: how many of its events will be Monte Carlo noise, where Mitsuba's integrators render.
         noise_share: how many may be.
-        chose_rays_per_pixel: the number of samples was to be chosen.
+        chose_rays_per_pixel: the number was to be chosen.
     """
 
     simulator: Simulator
@@ -98,7 +98,7 @@ class MadeSimulator:
 
     @property
     def noise_line(self) -> str:
-        """Return what is to be said of noise and samples; "" where there is nothing to say."""
+        """Return what is to be said of noise and rays per pixel; "" where there is nothing to say."""
         rays_per_pixel = self.simulator.renderer.rays_per_pixel
         if self.noise is None or not self.noise.noisy:
             why = "draws nothing at random" if self.noise is None else "has no noise in this scene"
@@ -135,7 +135,7 @@ class MadeSimulator:
 
 
 def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
-    """Make a simulator of a scene's camera path; plan its effects and choose its samples where that is asked for.
+    """Make a simulator of a scene's camera path; plan its effects and choose its rays per pixel where asked for.
 
     Effects are planned first, then noise is measured with the renderer, then the one simulator is made.
 

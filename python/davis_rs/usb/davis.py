@@ -25,7 +25,7 @@ READS_QUEUED_S = 0.02
 
 
 class Davis:
-    """A camera on the USB; made by :meth:`open`.
+    """Controls a camera on the USB; made by :meth:`open`.
 
     Iterating starts it, unless it runs already, and gives packets as they arrive: arrays of events, IMU samples, frames
     and triggers, times in microseconds since the start or the last timestamp reset. After 0.1 s of silence an empty
@@ -93,17 +93,17 @@ class Davis:
 
     @property
     def running(self) -> bool:
-        """Whether it was started and not stopped since."""
+        """Return whether it was started and not stopped since."""
         return self._running
 
     @property
     def lost_bytes(self) -> int:
-        """Number of bytes lost since the start because the program was too slow."""
+        """Return the number of bytes lost since the start because the program was too slow."""
         return 0 if self._reader is None else self._reader.lost_bytes
 
     @property
     def received_bytes(self) -> int:
-        """Number of bytes of the stream that have arrived since the start."""
+        """Return the number of bytes of the stream that have arrived since the start."""
         return 0 if self._reader is None else self._reader.received_bytes
 
     @property

@@ -16,7 +16,7 @@ _MOST_MHZ = 500
 
 @dataclass(frozen=True)
 class DavisDescription:
-    """A camera as its descriptors and registers describe it.
+    """Describes a camera as its descriptors and registers describe it.
 
     Attributes:
         chip: its name, such as "DAVIS240C".
@@ -56,7 +56,7 @@ class DavisDescription:
 
     @property
     def device(self) -> Device:
-        """What a decoder has to know of the camera.
+        """Return what a decoder has to know of the camera.
 
         Raises:
             ValueError: for a chip whose stream is not understood.
@@ -76,7 +76,7 @@ class DavisDescription:
 
     @property
     def frames_swapped(self) -> bool:
-        """Whether columns of the read-out are rows of the frame."""
+        """Return whether columns of the read-out are rows of the frame."""
         return bool(self.aps_orientation & _SWAPPED)
 
     def __str__(self) -> str:

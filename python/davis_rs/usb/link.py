@@ -28,7 +28,7 @@ _NO_PERMISSION = (
 
 
 class FoundDevice(NamedTuple):
-    """A device that has a DAVIS's vendor and product.
+    """Holds a device that has a DAVIS's vendor and product.
 
     Where it could not be opened, ``serial`` is None and ``problem`` says why.
     """
@@ -95,7 +95,7 @@ def explained(error: Exception, place: str) -> OSError:
 
 
 class UsbLink:
-    """An open camera: interface claimed, nothing written yet.
+    """Holds an open camera: interface claimed, nothing written yet.
 
     Raises:
         OSError: from every method, with what to do about it; errno ENODEV once the camera is unplugged.

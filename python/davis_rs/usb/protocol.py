@@ -45,7 +45,7 @@ REQUEST_REGISTERS = 0xC2
 
 
 class Module(IntEnum):
-    """The parts of the camera's logic that have registers."""
+    """Names the parts of the camera's logic that have registers."""
 
     MULTIPLEXER = 0
     DVS = 1
@@ -58,14 +58,14 @@ class Module(IntEnum):
 
 
 class Register(NamedTuple):
-    """The address of a register."""
+    """Holds the address of a register."""
 
     module: int
     parameter: int
 
 
 class Write(NamedTuple):
-    """One register and what goes into it, 0 to 2^32 - 1."""
+    """Holds one register and what goes into it, 0 to 2^32 - 1."""
 
     module: int
     parameter: int
@@ -73,7 +73,7 @@ class Write(NamedTuple):
 
     @property
     def register(self) -> Register:
-        """The register that it is written to."""
+        """Return the register that it is written to."""
         return Register(self.module, self.parameter)
 
 

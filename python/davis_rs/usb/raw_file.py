@@ -83,7 +83,7 @@ class RawWriter:
 
 
 class RawRecording:
-    """A recording that was written by :class:`RawWriter`.
+    """Reads a recording that was written by :class:`RawWriter`.
 
     Attributes:
         path: the file.

@@ -23,7 +23,7 @@ _SHIFTED_SOURCE = 1 << 4 | 33 << 10
 @names_checked
 @dataclass(frozen=True, kw_only=True)
 class DavisSettings:
-    """Settings of a camera; the defaults are those of the vendor's driver.
+    """Holds settings of a camera; the defaults are those of the vendor's driver.
 
     Attributes:
         biases: over the chip's defaults, "indoors" or "outdoors" (the sets of Mueggler et al., IJRR 2017), or names

@@ -17,7 +17,7 @@ QUEUE_BYTES = 1 << 26
 
 
 class Receiver(Protocol):
-    """What gives the data: :class:`davis_rs.usb.link.UsbLink`."""
+    """Describes what gives the data: :class:`davis_rs.usb.link.UsbLink`."""
 
     def receive(self, buffer: array[int], timeout_s: float) -> bytes:
         """Make one transfer, and return its bytes, none after a timeout."""

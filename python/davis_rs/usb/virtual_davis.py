@@ -23,7 +23,7 @@ Called anew whenever the camera's clock starts at zero: at a start and at a time
 
 
 class VirtualChip(NamedTuple):
-    """What a chip's registers tell: sizes and orientations on the wire, clocks in MHz."""
+    """Holds what a chip's registers tell: sizes and orientations on the wire, clocks in MHz."""
 
     identifier: int
     product: int
@@ -43,15 +43,15 @@ VIRTUAL_CHIPS = {
 
 
 class Stalled(Exception):
-    """The device refuses a request, as USB says it: by a stall."""
+    """Says that the device refuses a request, as USB says it: by a stall."""
 
 
 class Unplugged(Exception):
-    """The device is gone."""
+    """Says that the device is gone."""
 
 
 class VirtualDavis:
-    """A camera at high speed on a USB port.
+    """Imitates a camera at high speed on a USB port.
 
     Args:
         source: what it sends while it runs.
@@ -107,12 +107,12 @@ class VirtualDavis:
 
     @property
     def plugged(self) -> bool:
-        """Whether it is still there."""
+        """Return whether it is still there."""
         return self._plugged
 
     @property
     def streaming(self) -> bool:
-        """Whether the registers let data through."""
+        """Return whether the registers let data through."""
         path = (protocol.CHIP_RUN, protocol.USB_RUN, protocol.TIMESTAMP_RUN, protocol.MULTIPLEXER_RUN)
         on = self.registers.get
         return all(on(register) for register in path) and any(on(sensor) for sensor in protocol.SENSORS_RUN)

@@ -21,7 +21,7 @@ _WORST_RMS_PX = 1.0
 
 @dataclass(frozen=True, eq=False)
 class BoardPose:
-    """A camera before a board.
+    """Holds a camera before a board.
 
     Attributes:
         view: what it was found from.

@@ -25,7 +25,7 @@ _LEAST_SAMPLES = 50
 
 @dataclass(frozen=True, eq=False)
 class CameraImu:
-    """What calibrating a camera against an IMU found.
+    """Holds what calibrating a camera against an IMU found.
 
     Attributes:
         imu_camera: T_IMU,E, (4, 4), metres: maps camera axes to the IMU's.

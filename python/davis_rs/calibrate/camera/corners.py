@@ -23,7 +23,7 @@ _LARGEST_WINDOW_PX = 6
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """A checkerboard in one frame.
+    """Holds a checkerboard in one frame.
 
     Attributes:
         t_us: the frame's time, microseconds.
@@ -56,8 +56,8 @@ def find_corners(image: npt.NDArray[np.uint8], board: Checkerboard) -> FloatArra
     enlarged = cv2.resize(coded, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
     # OpenCV's fast check is left out: it misses one board in fifty.
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, corners = cv2.findChessboardCorners(enlarged, (columns, rows), flags=flags)
-    if not found:
+    detected, corners = cv2.findChessboardCorners(enlarged, (columns, rows), flags=flags)
+    if not detected:
         return None
     # Pixel centres lie at whole numbers in both, so the enlargement is about the image's corner, at -1/2.
     grid = ((corners.reshape(rows, columns, 2) + 0.5) / _ENLARGED - 0.5).astype(np.float32)

@@ -30,7 +30,7 @@ _MOST_LINEAR_VIEWS = 40
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """What a hand-eye calibration found.
+    """Holds what a hand-eye calibration found.
 
     Attributes:
         hand_camera: X = T_hand_camera, (4, 4), metres: where the camera is on the tracked body.
@@ -65,7 +65,7 @@ class HandEye:
 
 
 class HandEyePoses(NamedTuple):
-    """The two unknowns, X = T_hand_camera and Z = T_world_board, (4, 4) each."""
+    """Holds the two unknowns, X = T_hand_camera and Z = T_world_board, (4, 4) each."""
 
     x: FloatArray
     z: FloatArray
@@ -228,7 +228,7 @@ def covariance_of_sum(terms: FloatArray) -> FloatArray:
 
 
 class Reprojection:
-    """The reprojection errors of the board's corners as a function of X and Z.
+    """Computes the reprojection errors of the board's corners as a function of X and Z.
 
     Args:
         hand_poses: A', (n, 4, 4), in the order of time.

@@ -50,13 +50,13 @@ class Readings(NamedTuple):
 
     @property
     def rate_hz(self) -> float:
-        """How many there are a second."""
+        """Return how many there are a second."""
         return (len(self.t_s) - 1) / float(self.t_s[-1] - self.t_s[0])
 
 
 @dataclass(frozen=True, eq=False)
 class InertialState:
-    """All unknowns.
+    """Holds all unknowns.
 
     Attributes:
         turns, places: coefficients (size, 3) of the splines of small turns (see :class:`BodySpline`) and of the IMU's
@@ -120,7 +120,7 @@ class InertialProblem:
 
     @property
     def samples(self) -> int:
-        """Number of readings used."""
+        """Return the number of readings used."""
         return len(self._readings.t_s)
 
     def start(self) -> InertialState:

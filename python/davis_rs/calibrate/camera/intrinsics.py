@@ -29,7 +29,7 @@ _MOST_VIEWS = 80
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """What calibrating a camera by itself found.
+    """Holds what calibrating a camera by itself found.
 
     Attributes:
         camera: with k3 = 0.

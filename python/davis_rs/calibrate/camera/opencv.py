@@ -1,8 +1,10 @@
-"""Imports OpenCV, which calibration alone needs."""
+"""Imports an OpenCV that can calibrate."""
 
 from __future__ import annotations
 
 from typing import Any
+
+from ..._util import extras
 
 
 def load_opencv() -> Any:
@@ -11,10 +13,7 @@ def load_opencv() -> Any:
     Raises:
         ImportError: where it is not installed, or is OpenCV 5, which lacks the hand-eye solution.
     """
-    try:
-        import cv2
-    except ImportError as error:
-        raise ImportError("calibration needs OpenCV: pip install 'davis_rs[calibrate]'") from error
+    cv2 = extras.load_opencv("calibration", "calibrate")
     if not hasattr(cv2, "calibrateHandEye"):
         raise ImportError(
             f"calibration needs OpenCV 4, found {cv2.__version__}: pip install 'opencv-python-headless<5'"

@@ -36,13 +36,13 @@ def find_of_frames(recordings: Sequence[MeasuredRecording], leak_hz: Measured | 
             yield Finding(*names, None, why)
         return
     fits, receptors, reasons = [], [], []
-    for one in framed:
+    for recording in framed:
         try:
-            fits.append(_thresholds(one, leak_hz))
+            fits.append(_thresholds(recording, leak_hz))
         except NotIdentifiable as reason:
-            reasons.append(f"{one.statistics.name}: {reason}" if len(framed) > 1 else str(reason))
+            reasons.append(f"{recording.statistics.name}: {reason}" if len(framed) > 1 else str(reason))
             continue
-        if (receptor := _receptor(one, fits[-1])) is not None:
+        if (receptor := _receptor(recording, fits[-1])) is not None:
             receptors.append(receptor)
     if fits:
         yield from _of_thresholds(fits)
@@ -55,7 +55,7 @@ def find_of_frames(recordings: Sequence[MeasuredRecording], leak_hz: Measured | 
 
 
 class _Receptor(NamedTuple):
-    """Of a recording: the lag in any light, and what the photoreceptor's lag times illuminance is."""
+    """Holds, of a recording, the lag in any light, and what the photoreceptor's lag times illuminance is."""
 
     lag_s: Measured
     lag_lux: Measured
@@ -74,18 +74,18 @@ def _thresholds(recording: MeasuredRecording, leak_hz: Measured | None) -> Thres
     return fit() if fitted.lag_by_light is not None and _receptor(recording, fitted) is None else fitted
 
 
-def _receptor(recording: MeasuredRecording, found: ThresholdFit) -> _Receptor | None:
+def _receptor(recording: MeasuredRecording, fit: ThresholdFit) -> _Receptor | None:
     """Return what tells the photoreceptor; None where that lags too little to be told."""
-    by_light, lux, samples = found.lag_by_light, recording.lux, recording.samples
+    by_light, lux, samples = fit.lag_by_light, recording.lux, recording.samples
     if by_light is None or lux is None or samples is None or not _is_told(by_light):
         return None
     # The quiet pixels are those whose light is known.
     values = samples.mean[recording.statistics.quiet]
     values = values[np.isfinite(values)]
-    if not len(values) or not values.mean() > found.black.value:
+    if not len(values) or not values.mean() > fit.black.value:
         return None
-    per_value = lux / float(values.mean() - found.black.value)
-    return _Receptor(found.lag_s, Measured(by_light.value * per_value, by_light.sigma * per_value), lux)
+    per_value = lux / float(values.mean() - fit.black.value)
+    return _Receptor(fit.lag_s, Measured(by_light.value * per_value, by_light.sigma * per_value), lux)
 
 
 def _of_thresholds(fits: Sequence[ThresholdFit]) -> Iterator[Finding]:
@@ -150,20 +150,20 @@ def _exposure(framed: Sequence[MeasuredRecording]) -> Finding:
 
 def _noise(framed: Sequence[MeasuredRecording], fits: Sequence[ThresholdFit]) -> Iterator[Finding]:
     black = fits[0].black.value if fits else 0.0
-    found, reasons = [], []
-    for one in framed:
-        assert one.samples is not None
-        noise = fit_frame_noise(one.samples.noise, one.samples.lowest, one.samples.highest, black)
+    noises, reasons = [], []
+    for recording in framed:
+        assert recording.samples is not None
+        noise = fit_frame_noise(recording.samples.noise, recording.samples.lowest, recording.samples.highest, black)
         if isinstance(noise, FrameNoise):
-            found.append(noise)
+            noises.append(noise)
         else:
             reasons.append(noise)
-    if not found:
+    if not noises:
         yield Finding(*_READ, None, "; ".join(sorted(set(reasons))))
         return
     of_camera = all(one.source is not None and one.source.of_camera for one in framed)
     parameter = _READ[1] if of_camera else None
     unit = "" if of_camera else "in grey values of the frames; "
-    gain = combined([one.gain for one in found])
+    gain = combined([one.gain for one in noises])
     said = f"{unit}its square grows by {gain} a value (photon transfer)"
-    yield Finding(_READ[0], parameter, combined([one.read for one in found]), said)
+    yield Finding(_READ[0], parameter, combined([one.read for one in noises]), said)

@@ -24,7 +24,7 @@ factor of it."""
 
 
 class NoiseValues(NamedTuple):
-    """Values of pixels without events in three consecutive frames, float64 (n,) each.
+    """Holds values of pixels without events in three consecutive frames, float64 (n,) each.
 
     Attributes:
         level: the mean of the three values.

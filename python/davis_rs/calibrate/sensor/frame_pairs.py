@@ -25,7 +25,7 @@ class FramePairs:
     per cent.
 
     Args:
-        found: samples, by pixel and time.
+        sampled: samples, by pixel and time.
         width: of the sensor in pixels.
         left_out: bool (H, W): pixels that are not used.
 
@@ -41,9 +41,9 @@ class FramePairs:
         both.
     """
 
-    def __init__(self, found: SignalSamples, width: int, left_out: npt.NDArray[np.bool_] | None = None) -> None:
-        samples = found.samples
-        usable = (samples["value"] > found.lowest) & (samples["value"] < found.highest)
+    def __init__(self, sampled: SignalSamples, width: int, left_out: npt.NDArray[np.bool_] | None = None) -> None:
+        samples = sampled.samples
+        usable = (samples["value"] > sampled.lowest) & (samples["value"] < sampled.highest)
         if left_out is not None:
             usable &= ~left_out.ravel()[samples["pixel"]]
         samples = samples[usable]

@@ -28,7 +28,7 @@ _BLACK_SHARE = 0.02
 
 @dataclass(frozen=True)
 class FrameSource:
-    """Frames, and what is known of them.
+    """Holds frames, and what is known of them.
 
     Attributes:
         frames: makes an iterator over them, in the order of time.

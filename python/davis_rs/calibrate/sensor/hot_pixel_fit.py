@@ -42,22 +42,22 @@ def find_hot_pixels(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ..
     if others:
         unseen += f"; {others} more fire often, but at random or with both polarities, as noise does"
     if not seen:
-        share = Measured(0.0, math.sqrt(2) / pixels)
-        return Finding("hot pixels", "hot_pixel_fraction", share, unseen), Finding(*_RATE, None, "there are none")
+        fraction = Measured(0.0, math.sqrt(2) / pixels)
+        return Finding("hot pixels", "hot_pixel_fraction", fraction, unseen), Finding(*_RATE, None, "there are none")
     median, above = _log_normal(rates, least_hz)
-    share = Measured(min(seen / pixels / above, 1.0), math.sqrt(seen + 2) / pixels / above)
+    fraction = Measured(min(seen / pixels / above, 1.0), math.sqrt(seen + 2) / pixels / above)
     regular = (
         f"the median; {rates.min():.3g} to {rates.max():.3g} Hz; variation of intervals {np.median(variation):.2g} "
         "(median), 1 for a Poisson process"
     )
-    return Finding("hot pixels", "hot_pixel_fraction", share, unseen), Finding(*_RATE, median, regular)
+    return Finding("hot pixels", "hot_pixel_fraction", fraction, unseen), Finding(*_RATE, median, regular)
 
 
-def _usual(one: StreamStatistics) -> npt.NDArray[np.float64]:
+def _usual(stream: StreamStatistics) -> npt.NDArray[np.float64]:
     """Return events of a polarity in the pixels around each."""
     from scipy.ndimage import median_filter
 
-    return np.maximum(*(median_filter(counts, size=5, mode="mirror").astype(np.float64) for counts in one.counts))
+    return np.maximum(*(median_filter(counts, size=5, mode="mirror").astype(np.float64) for counts in stream.counts))
 
 
 def _of_calm(
@@ -66,8 +66,8 @@ def _of_calm(
     """Return rates and variations of the hot pixels there, those of the longest recording, and how many pixels are
     noisy."""
     pixels: dict[tuple[int, int], tuple[float, float, float]] = {}
-    for one in sorted(recordings, key=lambda one: one.duration_s):
-        hot = one.hot_pixels
+    for stream in sorted(recordings, key=lambda one: one.duration_s):
+        hot = stream.hot_pixels
         alike = (hot.variation < _MOST_VARIATION) & (hot.on_share > _LEAST_ON_SHARE)
         columns = (hot.x.tolist(), hot.y.tolist(), hot.rate_hz, hot.variation, alike)
         for x, y, rate, variation, periodic in zip(*columns, strict=True):

@@ -42,17 +42,17 @@ the time is a whole number of periods or not."""
 def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
     """Return the mean rate: ON less OFF events of quiet pixels, because events of noise come in pairs."""
     leaks, scatter = [], []
-    for one in recordings:
-        if not one.quiet.any():
+    for stream in recordings:
+        if not stream.quiet.any():
             continue
-        why = signal_in(one) or _signal_hides_leak(one)
+        why = signal_in(stream) or _signal_hides_leak(stream)
         if why is not None:
             return Finding(*_LEAK, None, why)
         # Noise adds to ON less OFF events where a pixel's thresholds differ, so pixels with the least of it tell.
-        calm = _calm(one)
-        net = (one.counts[1] - one.counts[0])[calm].astype(np.float64)
-        leaks.append(mean_rate(net, one.duration_s, 1 / (len(net) * one.duration_s)))
-        events = one.counts.sum(axis=0)[one.quiet]
+        calm = _calm(stream)
+        net = (stream.counts[1] - stream.counts[0])[calm].astype(np.float64)
+        leaks.append(mean_rate(net, stream.duration_s, 1 / (len(net) * stream.duration_s)))
+        events = stream.counts.sum(axis=0)[stream.quiet]
         scatter.append(float(events.var() / max(events.mean(), 1e-300)))
     if not leaks:
         return Finding(*_LEAK, None, "no pixel is quiet")
@@ -68,14 +68,14 @@ def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
     return Finding(*_LEAK, Measured(max(leak.value, 0.0), sigma), note)
 
 
-def _signal_hides_leak(one: StreamStatistics) -> str | None:
+def _signal_hides_leak(stream: StreamStatistics) -> str | None:
     """Return why ON less OFF events of the calm pixels are no leak; None if they may be.
 
     Where nearly every pixel has events, :func:`signal_in` cannot tell. But if pixels have more OFF events than they
     have ON events above these, and the difference is alike in neighbours, it comes from what they see.
     """
-    calm, net = _calm(one), (one.counts[1] - one.counts[0]).astype(np.float64)
-    extra, off = float(net[calm].mean()), float(one.counts[0][calm].mean())
+    calm, net = _calm(stream), (stream.counts[1] - stream.counts[0]).astype(np.float64)
+    extra, off = float(net[calm].mean()), float(stream.counts[0][calm].mean())
     pairs = np.concatenate([np.stack([net[a], net[b]])[:, calm[a] & calm[b]] for a, b in DIAGONALS], axis=1)
     if not 0 < extra < off or pairs.shape[1] < _LEAST_PAIRS or not pairs.std(axis=1).all():
         return None
@@ -84,8 +84,8 @@ def _signal_hides_leak(one: StreamStatistics) -> str | None:
     if alike < 4 / math.sqrt(pairs.shape[1] / 2):
         return None
     return (
-        f"the quietest pixels of {one.name} see signal: they have {off:.3g} OFF events and {extra:.3g} ON events more "
-        f"than these, which is alike in neighbours (correlation {alike:.2g})"
+        f"the quietest pixels of {stream.name} see signal: they have {off:.3g} OFF events and {extra:.3g} ON events "
+        f"more than these, which is alike in neighbours (correlation {alike:.2g})"
     )
 
 
@@ -116,18 +116,18 @@ def find_leak_variation(recordings: Sequence[StreamStatistics], off_over_on: flo
 
 
 class _Variation(NamedTuple):
-    """What one recording tells of both, or why it does not."""
+    """Holds what one recording tells of both, or why it does not."""
 
     spread: Measured | str
     jitter: Measured | str
 
 
-def _variation(one: StreamStatistics, off_over_on: float | None) -> _Variation:
-    why = signal_in(one)
+def _variation(stream: StreamStatistics, off_over_on: float | None) -> _Variation:
+    why = signal_in(stream)
     if why is not None:
         return _Variation(why, why)
-    calm = _calm(one)
-    off, on = (counts.astype(np.float64) for counts in one.counts)
+    calm = _calm(stream)
+    off, on = (counts.astype(np.float64) for counts in stream.counts)
     events, noise = float((on - off)[calm].mean()), float(off[calm].mean())
     if events < _LEAST_EVENTS:
         few = f"quiet pixels have {max(events, 0.0):.2g} leak events each, {_LEAST_EVENTS:g} are needed"
@@ -135,8 +135,8 @@ def _variation(one: StreamStatistics, off_over_on: float | None) -> _Variation:
     if noise > _MOST_NOISE * events:
         noisy = f"quiet pixels have {noise:.2g} noise events of each polarity for {events:.2g} leak events"
         return _Variation(noisy, noisy)
-    early = _variance_of_early_events(off_over_on, float(off[one.quiet].mean()) / events)
-    jitter = _jitter(one, calm & (off == 0), early)
+    early = _variance_of_early_events(off_over_on, float(off[stream.quiet].mean()) / events)
+    jitter = _jitter(stream, calm & (off == 0), early)
     return _Variation(_spread(on - off, calm, jitter if isinstance(jitter, Measured) else None), jitter)
 
 
@@ -154,12 +154,12 @@ def _variance_of_early_events(off_over_on: float | None, noise: float) -> Measur
         return Measured(0.2 * noise, 0.3 * noise)
     near = min(off_over_on / 2, 0.95)
     begins_off = math.exp(-_STEEPNESS * (off_over_on**2 - 1))
-    share = 2 * near**3 / 3 / (1 - near + begins_off)
-    return Measured(share * noise, (0.2 * share + 0.03) * noise)
+    fraction = 2 * near**3 / 3 / (1 - near + begins_off)
+    return Measured(fraction * noise, (0.2 * fraction + 0.03) * noise)
 
 
-def _jitter(one: StreamStatistics, alone: npt.NDArray[np.bool_], early: Measured) -> Measured | str:
-    count, total, squares = (part[alone] for part in one.on_intervals)
+def _jitter(stream: StreamStatistics, alone: npt.NDArray[np.bool_], early: Measured) -> Measured | str:
+    count, total, squares = (part[alone] for part in stream.on_intervals)
     enough = count > 1
     count, total, squares = count[enough], total[enough], squares[enough]
     freedom = int((count - 1).sum())
@@ -191,10 +191,10 @@ def _spread(net: npt.NDArray[np.float64], calm: npt.NDArray[np.bool_], jitter: M
     return Measured(value, math.hypot(sigma / (2 * value), _SPREAD_MODEL * value))
 
 
-def _calm(one: StreamStatistics) -> npt.NDArray[np.bool_]:
+def _calm(stream: StreamStatistics) -> npt.NDArray[np.bool_]:
     """Return those of the quiet pixels that have the fewest OFF events."""
-    off = one.counts[0]
-    return np.asarray(one.quiet & (off <= np.quantile(off[one.quiet], _CALM_SHARE)))
+    off = stream.counts[0]
+    return np.asarray(stream.quiet & (off <= np.quantile(off[stream.quiet], _CALM_SHARE)))
 
 
 def mean_rate(counts: npt.NDArray[np.float64], duration_s: float, least: float) -> Measured:

@@ -19,7 +19,7 @@ from .signal_samples import SignalSampler, SignalSamples
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRecording:
-    """What was measured of a recording, for :func:`fit_sensor`.
+    """Holds what was measured of a recording, for :func:`fit_sensor`.
 
     Attributes:
         statistics: of the events.

@@ -14,8 +14,7 @@ from ...inspection.statistics import StreamStatistics
 from ...inspection.statistics.stream_statistics import Measured
 from ...sensor.effects import ShotNoise, ThresholdMismatch
 from ...sensor.parameters import SensorParameters
-from .finding import Finding, combined
-from .known_parameters import KnownParameters
+from .finding import Finding, KnownParameters, combined
 from .leak_fit import find_leak, mean_rate
 from .quiet_pixels import DIAGONALS, signal_in
 
@@ -82,24 +81,24 @@ class _Quiet(NamedTuple):
     leak_hz: float
 
 
-def _off_rate(one: StreamStatistics) -> Measured | None:
+def _off_rate(stream: StreamStatistics) -> Measured | None:
     """Return OFF events of a quiet pixel per second; None where signal or too few events are seen.
 
     Pixels with low thresholds make most of the noise, and some of them look hot: they are counted.
     """
-    if not one.quiet.any() or signal_in(one) is not None:
+    if not stream.quiet.any() or signal_in(stream) is not None:
         return None
-    quiet = one.quiet.copy()
+    quiet = stream.quiet.copy()
     around = np.zeros(quiet.shape, np.int64)
     for here, there in DIAGONALS:
-        around[here] += one.quiet[there]
-        around[there] += one.quiet[here]
-    hot = one.hot_pixels
+        around[here] += stream.quiet[there]
+        around[there] += stream.quiet[here]
+    hot = stream.hot_pixels
     quiet[hot.y, hot.x] |= around[hot.y, hot.x] >= 2
-    off = one.counts[0][quiet].astype(np.float64)
+    off = stream.counts[0][quiet].astype(np.float64)
     if off.sum() < _LEAST_EVENTS:
         return None
-    return mean_rate(off, one.duration_s, 1 / (len(off) * one.duration_s))
+    return mean_rate(off, stream.duration_s, 1 / (len(off) * stream.duration_s))
 
 
 @dataclass(frozen=True)
@@ -150,10 +149,10 @@ class _Problem:
         if half is None:
             half, rest = math.exp(rest[0]), rest[1:]
         values, own, pulls = [], iter(rest.tolist()), []
-        for one in self.given:
-            values.append(next(own) if one.sigma > 0 else one.value)
-            if one.sigma > 0:
-                pulls.append((values[-1] - one.value) / one.sigma)
+        for measured in self.given:
+            values.append(next(own) if measured.sigma > 0 else measured.value)
+            if measured.sigma > 0:
+                pulls.append((values[-1] - measured.value) / measured.sigma)
         on, off, mismatch, bandwidth, model = values
         factors, weights = ThresholdMismatch(min(max(mismatch, 0.0), 1.0), column_parity=self.parity).nodes()
         # ON and OFF thresholds of a pixel are independent: each of one with each of the other.

@@ -18,17 +18,17 @@ class Pairs(NamedTuple):
     expected: float
 
 
-def signal_in(one: StreamStatistics) -> str | None:
+def signal_in(stream: StreamStatistics) -> str | None:
     """Return why the quiet pixels of a recording are not quiet; None if they are.
 
     Neighbours that fire together see signal. Where nearly every pixel has events this cannot be told, and is not.
     """
-    events = one.counts.sum(axis=0)
-    seen = neighbours_with_events(events, one.quiet)
+    events = stream.counts.sum(axis=0)
+    seen = neighbours_with_events(events, stream.quiet)
     if seen.observed <= seen.expected + 4 * math.sqrt(seen.expected) + 3:
         return None
     return (
-        f"the quietest pixels of {one.name} see signal: {seen.observed} pairs of neighbours have events, "
+        f"the quietest pixels of {stream.name} see signal: {seen.observed} pairs of neighbours have events, "
         f"{seen.expected:.3g} would by chance"
     )
 
@@ -40,12 +40,12 @@ def neighbours_with_events(counts: npt.NDArray[np.int64], quiet: npt.NDArray[np.
     :data:`~davis_rs.inspection.statistics.stream_statistics.QUIET_SHARE`.
     """
     fired = (counts > 0) & quiet
-    share = float(fired.sum() / max(quiet.sum(), 1))
+    fraction = float(fired.sum() / max(quiet.sum(), 1))
     observed, pairs = 0, 0
     for here, there in DIAGONALS:
         pairs += int(np.count_nonzero(quiet[here] & quiet[there]))
         observed += int(np.count_nonzero(fired[here] & fired[there]))
-    return Pairs(observed, pairs * share**2)
+    return Pairs(observed, pairs * fraction**2)
 
 
 DIAGONALS = ((np.s_[:-1, :-1], np.s_[1:, 1:]), (np.s_[:-1, 1:], np.s_[1:, :-1]))

@@ -12,10 +12,9 @@ from ..._util.argument_checks import check_type
 from ...inspection.statistics import StreamStatistics
 from ...sensor.parameters import SensorParameters
 from ...sensor.presets import SensorFile, load_sensor_file
-from .finding import Finding
+from .finding import Finding, KnownParameters
 from .frame_fit import find_of_frames
 from .hot_pixel_fit import find_hot_pixels
-from .known_parameters import KnownParameters
 from .leak_fit import find_leak, find_leak_variation
 from .measured_recording import MeasuredRecording
 from .noise_fit import find_noise
@@ -32,7 +31,7 @@ _BANDWIDTH_OVER_LIGHT = ("photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_
 
 @dataclass(frozen=True)
 class SensorFit:
-    """What recordings of one sensor tell of it.
+    """Holds what recordings of one sensor tell of it.
 
     Attributes:
         size: (width, height) in pixels.
@@ -141,18 +140,18 @@ def fit_sensor(
     """
     if not recordings:
         raise ValueError("at least one recording is needed")
-    for one in recordings:
+    for recording in recordings:
         made_by = "davis_rs.measure_recording(...) makes one of a file"
-        check_type("each of recordings", one, (StreamStatistics, MeasuredRecording), made_by)
+        check_type("each of recordings", recording, (StreamStatistics, MeasuredRecording), made_by)
     measured = [one if isinstance(one, MeasuredRecording) else MeasuredRecording(one) for one in recordings]
     streams = [one.statistics for one in measured]
     sizes = {one.size for one in streams}
     if len(sizes) > 1:
         listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
         raise ValueError(f"the recordings must be of one sensor: their sizes are {listed}")
-    for one in streams:
-        if one.duration_s <= 0:
-            raise ValueError(f"{one.name}: there are no two events at different times, nothing can be fitted")
+    for stream in streams:
+        if stream.duration_s <= 0:
+            raise ValueError(f"{stream.name}: there are no two events at different times, nothing can be fitted")
     shortest = min((one.any.least for one in streams if one.any.least is not None), default=None)
     leak = find_leak(streams)
     parity = list(find_parity(streams))

@@ -43,7 +43,7 @@ SampleArray = npt.NDArray[np.void]
 
 
 class StampedFrame(NamedTuple):
-    """An intensity frame.
+    """Holds an intensity frame.
 
     Attributes:
         t_us: the middle of its exposure, in microseconds on the events' clock.
@@ -185,7 +185,7 @@ class SignalSampler:
 
 
 class _Pieces:
-    """Events by pixel, to be asked for what lies around an instant."""
+    """Holds events by pixel, to be asked for what lies around an instant."""
 
     def __init__(self, events: EventArray, width: int, pixels: int) -> None:
         self.events = events

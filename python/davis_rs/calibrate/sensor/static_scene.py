@@ -67,5 +67,5 @@ def before_a_leak(luma: npt.NDArray[np.float32], engine: CrossingEngine, seed: i
     It leaves the references where a leak has them in a static scene that has lasted: below the signal, by any part of
     C_on. So events come at the leak's rate from the beginning.
     """
-    share = np.random.Generator(np.random.Philox(seed)).random(luma.shape)
-    return np.asarray(luma * np.exp(-share * engine.contrast_threshold), np.float32)
+    fraction = np.random.Generator(np.random.Philox(seed)).random(luma.shape)
+    return np.asarray(luma * np.exp(-fraction * engine.contrast_threshold), np.float32)

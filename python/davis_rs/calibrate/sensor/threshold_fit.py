@@ -69,11 +69,11 @@ class ThresholdFit:
 
 
 class NotIdentifiable(Exception):
-    """What a recording does not tell, and why."""
+    """Says what a recording does not tell, and why."""
 
 
 def fit_thresholds(
-    found: SignalSamples,
+    samples: SignalSamples,
     width: int,
     *,
     leak_hz: Measured | None = None,
@@ -103,7 +103,7 @@ def fit_thresholds(
     Errors are those of the jackknife over groups of tiles.
 
     Args:
-        found: samples of :class:`SignalSampler`.
+        samples: of :class:`SignalSampler`.
         width: of the sensor in pixels.
         leak_hz: what is known of the leak; None for nothing.
         black: what is known of the black level; None for nothing.
@@ -113,11 +113,11 @@ def fit_thresholds(
     Raises:
         NotIdentifiable: where the samples do not tell, with the reason.
     """
-    pairs = FramePairs(found, width, left_out)
+    pairs = FramePairs(samples, width, left_out)
     if len(pairs) < LEAST_PAIRS or len(pairs.pixel) < LEAST_PIXELS:
         raise NotIdentifiable(
-            f"{found.frames} frames make {len(pairs):,} pairs in {len(pairs.pixel):,} pixels in which events show how "
-            f"the signal went; {LEAST_PAIRS} in {LEAST_PIXELS} are needed"
+            f"{samples.frames} frames make {len(pairs):,} pairs in {len(pairs.pixel):,} pixels in which events show "
+            f"how the signal went; {LEAST_PAIRS} in {LEAST_PIXELS} are needed"
         )
     regression = _Regression(pairs, leak_hz or Measured(0.0, 0.3), black, over_light)
     for _ in range(_ROUNDS):

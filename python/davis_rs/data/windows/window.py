@@ -52,7 +52,7 @@ def no_images() -> WindowImages[Any]:
 
 @dataclass(frozen=True)
 class EventWindow:
-    """Events of a stretch of time, and what a dataset folder has of the same stretch.
+    """Holds events of a stretch of time, and what a dataset folder has of the same stretch.
 
     Attributes:
         start_us, end_us: the stretch, start_us <= t < end_us.

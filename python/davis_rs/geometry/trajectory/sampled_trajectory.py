@@ -25,7 +25,7 @@ class SampleError(ValueError):
 
 
 class PathChange(NamedTuple):
-    """The distance of a smoothed path from its samples: rms and largest, in metres and radians."""
+    """Holds the distance of a smoothed path from its samples: rms and largest, in metres and radians."""
 
     position_rms_m: float
     position_max_m: float

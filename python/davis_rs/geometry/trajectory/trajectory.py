@@ -35,7 +35,7 @@ _DIFFERENCE_STEP_S = 1e-4
 
 
 class TopSpeeds(NamedTuple):
-    """The fastest motion of a trajectory, and when its window begins: m/s, rad/s, and seconds for either."""
+    """Holds the fastest motion of a trajectory, and when its window begins: m/s, rad/s, and seconds for either."""
 
     speed_m_s: float
     rate_rad_s: float
@@ -44,7 +44,7 @@ class TopSpeeds(NamedTuple):
 
 
 class Trajectory(ABC):
-    """A camera's path over [0, ``duration_s``] seconds.
+    """Describes a camera's path over [0, ``duration_s``] seconds.
 
     A subclass sets ``duration_s`` and implements the five abstract methods; those that take times, (n,) in seconds,
     pass them through :meth:`times` first. One that knows its second derivatives implements them too: those of this
@@ -261,7 +261,7 @@ def _checked_breaks(breaks_s: npt.ArrayLike, duration_s: float) -> FloatArray:
 
 
 class CallableTrajectory(Trajectory):
-    """A path given by functions. Each must be exact: those that are given are not differentiated numerically.
+    """Describes a path given by functions. Each must be exact: those that are given are not differentiated numerically.
 
     Args:
         duration_s: > 0.
@@ -394,7 +394,7 @@ class SegmentTrajectory(Trajectory):
 
 
 class _Aligned(Trajectory):
-    """A trajectory moved rigidly, see :func:`align`."""
+    """Holds a trajectory moved rigidly, see :func:`align`."""
 
     def __init__(self, trajectory: Trajectory, pose: Pose, at_s: float) -> None:
         was = trajectory.pose(at_s)
@@ -444,7 +444,7 @@ def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajecto
 
 
 class _Cropped(Trajectory):
-    """A part of a trajectory, see :meth:`Trajectory.crop`."""
+    """Holds a part of a trajectory, see :meth:`Trajectory.crop`."""
 
     def __init__(self, trajectory: Trajectory, start_s: float, duration_s: float) -> None:
         self.duration_s = duration_s

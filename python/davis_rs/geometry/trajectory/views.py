@@ -14,7 +14,7 @@ from .trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """A camera's pose and motion at n instants, each array float64.
+    """Holds a camera's pose and motion at n instants, each array float64.
 
     Attributes:
         t_s: (n,) seconds of the sequence, by which objects and lights of a scene change.

@@ -65,8 +65,8 @@ class EventTruthFile(ABC):
 
 
 class Hdf5Truth(EventTruthFile):
-    """One data set a column, and the shapes' names as the attribute ``shape_names``. What was written can be read after
-    each packet."""
+    """Writes a data set for each column, and the shapes' names as the attribute ``shape_names``. What was written can
+    be read after each packet."""
 
     def __init__(self, path: Path, shape_names: Sequence[str]) -> None:
         with from_extra("hdf5"):
@@ -100,8 +100,8 @@ class Hdf5Truth(EventTruthFile):
 
 
 class NpzTruth(EventTruthFile):
-    """One array a column, and ``shape_names``. Columns are kept in files of their own, ``NAME.part.COLUMN``, until the
-    archive is made of them: an archive is whole or not there."""
+    """Writes one array a column, and ``shape_names``. Columns are kept in files of their own, ``NAME.part.COLUMN``,
+    until the archive is made of them: an archive is whole or not there."""
 
     def __init__(self, path: Path, shape_names: Sequence[str]) -> None:
         self._path, self._names = path, np.array(list(shape_names))

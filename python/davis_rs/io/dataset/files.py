@@ -27,7 +27,7 @@ from ..formats.destination import naming, part_of
 
 @dataclass(frozen=True)
 class ImageSeries:
-    """A time-stamped series of images in a dataset folder: a text list and a folder of numbered files."""
+    """Holds a time-stamped series of images in a dataset folder: a text list and a folder of numbered files."""
 
     list_name: str
     folder: str
@@ -110,7 +110,7 @@ def unfinished_told(path: Path) -> Iterator[None]:
 
 
 class EventFile:
-    """The events of a folder: a file of one format, ``events.txt`` for text.
+    """Holds the events of a folder: a file of one format, ``events.txt`` for text.
 
     Text is cut back on closing to the last packet that was written whole. The other formats keep their own promises
     (docs/formats.md): a packet that is refused leaves nothing.
@@ -146,7 +146,7 @@ class EventFile:
 
 
 class ImageFiles:
-    """The files of one image series; an image is listed once it is whole."""
+    """Writes the files of one image series; an image is listed once it is whole."""
 
     def __init__(self, root: Path, series: ImageSeries) -> None:
         self.count = 0

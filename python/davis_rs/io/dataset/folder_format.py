@@ -275,8 +275,8 @@ class FolderReader(EventReader):
     def blocks(self) -> Blocks:
         return self._events.blocks()
 
-    def read_block(self, place: Place, events: int) -> EventArray:
-        return self._events.read_block(place, events)
+    def read_block(self, position: Place, events: int) -> EventArray:
+        return self._events.read_block(position, events)
 
 
 def part_counts(dataset: Dataset) -> dict[str, int]:

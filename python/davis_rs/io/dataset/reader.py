@@ -57,14 +57,14 @@ _THUMBNAIL_PX = 360
 
 
 class StampedImage(NamedTuple):
-    """One image of a series: its time in microseconds and its file."""
+    """Holds one image of a series: its time in microseconds and its file."""
 
     t_us: int
     path: Path
 
 
 class Dataset:
-    """A dataset folder, each part of it read when it is first asked for.
+    """Reads a dataset folder, each part of it read when it is first asked for.
 
     A part that the folder lacks is empty (``meta`` is then ``{}``), but for ``events`` and ``camera``, which raise
     FileNotFoundError. Times are parsed from text to integer microseconds without a float between; where a file of
@@ -133,7 +133,7 @@ class Dataset:
 
     @cached_property
     def meta(self) -> JsonObject:
-        """The contents of ``meta.json``."""
+        """Return the contents of ``meta.json``."""
         path = self.path / META
         if not path.exists():
             return {}
@@ -151,12 +151,12 @@ class Dataset:
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """The sensor's (width, height): of ``meta.json``, else of the first frame; None if neither says."""
+        """Return the sensor's (width, height): of ``meta.json``, else of the first frame; None if neither says."""
         return self._size_and_source[0]
 
     @property
     def size_source(self) -> Path | None:
-        """The file that says :attr:`size`."""
+        """Return the file that says :attr:`size`."""
         return self._size_and_source[1]
 
     @cached_property
@@ -179,13 +179,14 @@ class Dataset:
 
     @cached_property
     def camera(self) -> Camera:
-        """The calibration; its size is :attr:`size`, or 240 x 180 (the public dataset's) where nothing says it."""
+        """Return the calibration; its size is :attr:`size`, or 240 x 180 (the public dataset's) where nothing says
+        it."""
         width, height = self.size or (240, 180)
         return Camera.from_calib(self.path / CALIBRATION, width=width, height=height)
 
     @cached_property
     def events(self) -> EventArray:
-        """All events, ``EVENT_DTYPE``."""
+        """Return all events, ``EVENT_DTYPE``."""
         path = event_file(self.path)
         with unfinished_told(path):
             reader = format_of_content(path).open_reader(path)
@@ -198,37 +199,37 @@ class Dataset:
 
     @cached_property
     def frames(self) -> list[StampedImage]:
-        """The intensity frames."""
+        """Return the intensity frames."""
         return self._series(FRAMES)
 
     @cached_property
     def depth_maps(self) -> list[StampedImage]:
-        """The depth maps."""
+        """Return the depth maps."""
         return self._series(DEPTH_MAPS)
 
     @cached_property
     def flow_maps(self) -> list[StampedImage]:
-        """The maps of optical flow (the public dataset has none)."""
+        """Return the maps of optical flow (the public dataset has none)."""
         return self._series(FLOW_MAPS)
 
     @cached_property
     def displacements(self) -> list[StampedImage]:
-        """The maps of how far points go in the image (likewise)."""
+        """Return the maps of how far points go in the image (likewise)."""
         return self._series(DISPLACEMENTS)
 
     @cached_property
     def masks(self) -> list[StampedImage]:
-        """The maps of shapes (likewise)."""
+        """Return the maps of shapes (likewise)."""
         return self._series(MASKS)
 
     @cached_property
     def normal_maps(self) -> list[StampedImage]:
-        """The maps of surface normals (likewise)."""
+        """Return the maps of surface normals (likewise)."""
         return self._series(NORMAL_MAPS)
 
     @cached_property
     def shape_names(self) -> tuple[str, ...]:
-        """The names of the shapes in :attr:`masks`: number 1 is the first."""
+        """Return the names of the shapes in :attr:`masks`: number 1 is the first."""
         path = self.path / SHAPE_NAMES
         if not path.exists():
             return ()
@@ -240,25 +241,25 @@ class Dataset:
 
     @cached_property
     def velocities(self) -> Velocities:
-        """How the camera moves, in its own axes (the public dataset does not say)."""
+        """Return how the camera moves, in its own axes (the public dataset does not say)."""
         layout = "timestamp vx vy vz wx wy wz ax ay az dwx dwy dwz"
         t_us, values = self._stamped_rows(VELOCITY, layout, "velocities")
         return Velocities(t_us, *np.split(values, 4, axis=1))
 
     @cached_property
     def luma(self) -> list[StampedImage]:
-        """The maps of exact linear luma (the public dataset has none)."""
+        """Return the maps of exact linear luma (the public dataset has none)."""
         return self._series(LUMA_MAPS)
 
     @cached_property
     def groundtruth(self) -> GroundTruth:
-        """The camera's poses."""
+        """Return the camera's poses."""
         t_us, poses = self._stamped_rows(GROUND_TRUTH, "timestamp px py pz qx qy qz qw", "poses")
         return GroundTruth(t_us, poses[:, :3], poses[:, 3:])
 
     @cached_property
     def imu(self) -> ImuArray:
-        """The samples of the IMU, ``IMU_DTYPE``: m/s^2 and rad/s."""
+        """Return the samples of the IMU, ``IMU_DTYPE``: m/s^2 and rad/s."""
         t_us, values = self._stamped_rows(INERTIAL, "timestamp ax ay az gx gy gz", "IMU samples")
         samples = np.zeros(len(t_us), IMU_DTYPE)
         samples["t"], samples["accel"], samples["gyro"] = t_us, values[:, :3], values[:, 3:]

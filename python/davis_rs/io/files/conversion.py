@@ -30,12 +30,12 @@ from .write import open_writer
 
 
 class LeftOutWarning(UserWarning):
-    """The target of a conversion cannot hold all that its source has; the message names it."""
+    """Says that the target of a conversion cannot hold all that its source has; the message names it."""
 
 
 @dataclass(frozen=True)
 class ConversionReport(WriteReport):
-    """What a conversion has written.
+    """Holds what a conversion has written.
 
     Attributes:
         parts: how many frames, samples and so on were written, by the names of the parts.
@@ -135,7 +135,7 @@ def convert(
 
 
 class _Item(NamedTuple):
-    """One frame, sample or the like, as its writer takes it."""
+    """Holds one frame, sample or the like, as its writer takes it."""
 
     t_us: int
     part: Part

@@ -19,7 +19,7 @@ ARRAYS_SUFFIX = ".npz"
 
 
 class DecodedOutput(Protocol):
-    """A file being written."""
+    """Holds a file that is being written."""
 
     def write(self, decoded: Decoded) -> None:
         """Append a piece of the stream."""
@@ -32,7 +32,7 @@ class DecodedOutput(Protocol):
 
 
 class EventsOutput:
-    """A file of events alone, in time order, of any format that :func:`~davis_rs.open_writer` writes.
+    """Writes a file of events alone, in time order, of any format that :func:`~davis_rs.open_writer` writes.
 
     Args:
         path: a file that does not exist yet. With ``backward="split"`` the next runs go to files next to it:

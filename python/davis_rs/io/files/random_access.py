@@ -27,8 +27,8 @@ _CACHED_EVENTS = 1 << 18
 
 
 class _Opened:
-    """A reader in one process, with the blocks it has read last. A fork does not share it: its file position and its
-    lock would be shared too."""
+    """Keeps a reader in one process, with the blocks it has read last. A fork does not share it: its file position and
+    its lock would be shared too."""
 
     def __init__(self, reader: EventReader) -> None:
         self.process = os.getpid()
@@ -96,12 +96,12 @@ class RandomAccess:
 
     @property
     def first_us(self) -> int | None:
-        """The time of the first event in microseconds, None without one."""
+        """Return the time of the first event in microseconds, None without one."""
         return self._block_us(0) if self.events else None
 
     @property
     def last_us(self) -> int | None:
-        """The time of the last event in microseconds, None without one."""
+        """Return the time of the last event in microseconds, None without one."""
         if not self.events:
             return None
         if self._blocks.last_us != UNKNOWN_US:

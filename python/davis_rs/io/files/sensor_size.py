@@ -12,7 +12,8 @@ from ..formats.interface import EventReader
 
 
 class SensorSizeWarning(UserWarning):
-    """A file does not say the sensor's size, and the size that its folder tells was taken; the message says where."""
+    """Says that a file does not say the sensor's size, and the size that its folder tells was taken; the message says
+    where."""
 
 
 def sensor_size(reader: EventReader, given: tuple[int, int] | None = None) -> tuple[int, int]:

@@ -73,7 +73,7 @@ def bag_index(path: Path, limit: int) -> Reader:
 
 
 class _Unpacked:
-    """The last chunks that were unpacked, because messages of chunks that overlap in time stand in turns in each.
+    """Keeps the last chunks that were unpacked, because messages of chunks that overlap in time stand in turns in each.
 
     An index can ask for its chunks in turns as often as it likes. So the time in which chunks are unpacked again within
     one pass over the messages is charged.
@@ -88,25 +88,25 @@ class _Unpacked:
         """Begin another pass."""
         self._seen.clear()
 
-    def get(self, place: int, unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
+    def get(self, position: int, unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
         """Return what the chunk at a place unpacks to."""
-        if place in self._kept:
-            self._kept.move_to_end(place)
-            return self._kept[place]
+        if position in self._kept:
+            self._kept.move_to_end(position)
+            return self._kept[position]
         started = time.monotonic()
         data = unpack(packed)
-        if place in self._seen:
+        if position in self._seen:
             self._budget.spend(time.monotonic() - started, "the unpacking of the same chunks, again and again,")
-        self._seen.add(place)
+        self._seen.add(position)
         while len(self._kept) >= _KEPT:
             self._budget.give_back(len(self._kept.popitem(last=False)[1]))
         self._budget.take(len(data), "a chunk")
-        self._kept[place] = data
+        self._kept[position] = data
         return data
 
 
 class _Bounded(io.BufferedReader):
-    """A file of which no more is asked than it has: a read takes memory for what is asked."""
+    """Wraps a file of which no more is asked than it has: a read takes memory for what is asked."""
 
     def __init__(self, path: Path) -> None:
         raw = io.FileIO(path)
@@ -120,7 +120,7 @@ class _Bounded(io.BufferedReader):
 
 
 class _BoundedPath:
-    """A path as rosbags takes one, whose file is :class:`_Bounded`."""
+    """Presents a path as rosbags takes one, whose file is :class:`_Bounded`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

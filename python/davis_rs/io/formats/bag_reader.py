@@ -113,11 +113,11 @@ class BagReader(RosReader):
         table = np.array(times, np.int64).reshape(-1, 3)
         return blocks_of(table[:, 1], table[:, 2], table[:, 0], last_us)
 
-    def read_block(self, place: Place, events: int) -> EventArray:
+    def read_block(self, position: Place, events: int) -> EventArray:
         if self._reader is None:
             refuse(self.path, "the bag has no index")
         connections = [c for c in self._reader.connections if _is_events(c.topic, c.msgtype)]
-        messages = self._reader.messages(connections, start=int(place[0]), stop=int(place[0]) + 1)
+        messages = self._reader.messages(connections, start=int(position[0]), stop=int(position[0]) + 1)
         raws = (RawMessage(c.topic, c.msgtype, t_ns, data) for c, t_ns, data in messages)
         return concatenate_events([self._event_array(raw)[0] for raw in raws])
 

@@ -19,7 +19,7 @@ _CONNECTION_HELD = 300
 
 
 class ScannedMessage(NamedTuple):
-    """A message, and the fraction of the file that lies behind it."""
+    """Holds a message, and the fraction of the file that lies behind it."""
 
     topic: str
     type: str

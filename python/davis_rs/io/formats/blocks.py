@@ -21,7 +21,7 @@ BLOCK = 1 << 14
 
 @dataclass(frozen=True)
 class Blocks:
-    """Where a file's events are.
+    """Says where a file's events are.
 
     Attributes:
         starts: int64 (n + 1,): the number of the first event of each block, and last the number of all events.

@@ -22,7 +22,7 @@ _SCANNED = 1 << 10
 
 
 class CoreWriter(EventWriter):
-    """A writer of a format of the core; ``options`` are those of :class:`davis_rs._core.EventFileWriter`."""
+    """Writes a format of the core; ``options`` are those of :class:`davis_rs._core.EventFileWriter`."""
 
     def __init__(self, destination: Destination, **options: Any) -> None:
         super().__init__(destination)
@@ -55,7 +55,7 @@ class CoreWriter(EventWriter):
 
 
 class CoreReader(EventReader):
-    """A reader of a format of the core."""
+    """Reads a format of the core."""
 
     def __init__(self, path: str | os.PathLike[str], *, format: str, limits: Limits, rules: ReadRules) -> None:
         super().__init__(path, format=format, rules=rules, extent=(limits.width, limits.height))
@@ -93,8 +93,8 @@ class CoreReader(EventReader):
         places = np.stack([byte, np.append(byte[1:], core.file_size)[: len(byte)], *state], axis=1)
         return blocks_of(events, first_us, places, *last_us[-1:].tolist())
 
-    def read_block(self, place: Place, events: int) -> EventArray:
-        byte, end, *state = place.tolist()
+    def read_block(self, position: Place, events: int) -> EventArray:
+        byte, end, *state = position.tolist()
         return self._core.read_block(byte, state, end)
 
     def _warn_left_over(self) -> None:

@@ -22,7 +22,7 @@ Target = str | os.PathLike[str] | BinaryIO
 
 @dataclass(frozen=True)
 class Limits:
-    """What a format can hold: whole microseconds 0 .. ``latest_us``, and sensors of ``width`` x ``height``."""
+    """Holds what a format can hold: whole microseconds 0 .. ``latest_us``, and sensors of ``width`` x ``height``."""
 
     latest_us: int = 2**63 - 1
     width: int = 65_535
@@ -44,7 +44,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Destination:
-    """What every writer is told: where it writes, in which format, and of which sensor.
+    """Holds what every writer is told: where it writes, in which format, and of which sensor.
 
     It checks nothing by itself, because each format has its own order of checks, and nothing may be made before they
     hold.
@@ -65,12 +65,12 @@ class Destination:
 
     @property
     def is_stream(self) -> bool:
-        """Whether it is a stream, which the writer must leave open."""
+        """Return whether it is a stream, which the writer must leave open."""
         return not isinstance(self.target, str | os.PathLike)
 
     @property
     def name(self) -> str:
-        """The path, or what a stream is called, for messages and reports."""
+        """Return the path, or what a stream is called, for messages and reports."""
         if isinstance(self.target, str | os.PathLike):
             return os.fspath(self.target)
         return str(getattr(self.target, "name", self.target))
@@ -130,7 +130,7 @@ def part_of(path: Path) -> Path:
 
 
 class PartFile:
-    """A file that is written next to its path, as ``NAME.part``, and takes its name when it is whole.
+    """Holds a file that is written next to its path, as ``NAME.part``, and takes its name when it is whole.
 
     Raises:
         FileExistsError: if the path exists and ``overwrite`` is not set, now or at the end.

@@ -217,8 +217,8 @@ class Hdf5Reader(EventReader):
         chunk = self._datasets[0].chunk
         return equal_blocks(self._count, BLOCK if chunk is None else max(chunk, BLOCK // 4))
 
-    def read_block(self, place: Place, events: int) -> EventArray:
-        return self._slice(int(place[0]), int(place[1]))
+    def read_block(self, position: Place, events: int) -> EventArray:
+        return self._slice(int(position[0]), int(position[1]))
 
     def _place(self, t_us: int | None, default: int) -> int:
         if t_us is None:
@@ -286,7 +286,7 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
 
 
 class Hdf5Format(Format):
-    """A layout of events in HDF5."""
+    """Describes a layout of events in HDF5."""
 
     suffixes = (".h5", ".hdf5")
     options = ("compression", "level")

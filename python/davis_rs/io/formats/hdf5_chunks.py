@@ -120,24 +120,24 @@ class Rows:
                 else:
                     shape = (min(self._dataset.chunks[0], len(self._dataset) - first), *self._dataset.shape[1:])
                     self._kept = np.empty(shape, self.dtype)
-                    for place in self._places:
-                        columns = self._unpack((first, *place))
-                        inside = (slice(o, o + n) for o, n in zip((0, *place), columns.shape, strict=True))
+                    for position in self._places:
+                        columns = self._unpack((first, *position))
+                        inside = (slice(o, o + n) for o, n in zip((0, *position), columns.shape, strict=True))
                         self._kept[tuple(inside)] = columns
             self._first = first
         return self._kept
 
-    def _unpack(self, place: tuple[int, ...]) -> UncheckedArray:
+    def _unpack(self, position: tuple[int, ...]) -> UncheckedArray:
         """Return what a chunk holds, as far as it lies within the dataset."""
         dataset = self._dataset
         inside = tuple(
-            slice(o, min(o + step, side)) for o, step, side in zip(place, dataset.chunks, dataset.shape, strict=True)
+            slice(o, min(o + step, side)) for o, step, side in zip(position, dataset.chunks, dataset.shape, strict=True)
         )
-        stored = dataset.id.get_chunk_info_by_coord(place)
+        stored = dataset.id.get_chunk_info_by_coord(position)
         if stored.size > os.path.getsize(self._path):
             message = f"a chunk of {dataset.name} is damaged: it says {stored.size} bytes, more than the file has"
             raise DecodeError(f"{os.fspath(self._path)}: {message}")
-        skipped, data = dataset.id.read_direct_chunk(place)
+        skipped, data = dataset.id.read_direct_chunk(position)
         filters = [number for k, number in enumerate(self._filters) if not skipped >> k & 1]
         if filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE]) and self._is_plain():
             with self._budget.borrow(2 * self._chunk_bytes, f"a chunk of {dataset.name}"):
@@ -145,7 +145,7 @@ class Rows:
             return values[tuple(slice(one.stop - one.start) for one in inside)]
         for number in filters:
             if number not in (_SHUFFLE, _FLETCHER) and _unpacked(number, data, self._limit) > self._limit:
-                raise above_limit(self._path, f"the chunk of {dataset.name} at {place[0]}", self._limit)
+                raise above_limit(self._path, f"the chunk of {dataset.name} at {position[0]}", self._limit)
         unfiltered: UncheckedArray = dataset[inside]
         return unfiltered
 

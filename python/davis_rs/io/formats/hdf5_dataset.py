@@ -32,7 +32,7 @@ def check_compression(compression: str, level: int) -> None:
 
 
 class GrowingDataset:
-    """A dataset that rows are appended to: numbers, or arrays of one shape.
+    """Holds a dataset that rows are appended to: numbers, or arrays of one shape.
 
     Rows wait until a chunk is full; :meth:`settle` writes those that wait as well, as a chunk that will be replaced.
 
@@ -83,8 +83,8 @@ class GrowingDataset:
         done = 0
         while done < len(values):
             count = min(len(values) - done, len(self._rows) - self._filled)
-            place = self._rows[self._filled : self._filled + count]
-            np.copyto(place, values[done : done + count], casting="unsafe")
+            target = self._rows[self._filled : self._filled + count]
+            np.copyto(target, values[done : done + count], casting="unsafe")
             self._filled += count
             done += count
             if self._filled == len(self._rows):
@@ -102,6 +102,6 @@ class GrowingDataset:
     def _write(self) -> None:
         self.dataset.resize(self._start + len(self._rows), axis=0)
         data = self._rows if self._codec is None else self._codec.encode(self._rows)
-        place = (self._start, *[0] * (self._rows.ndim - 1))
-        self.dataset.id.write_direct_chunk(place, bytes(data) if self._codec is None else data)
+        position = (self._start, *[0] * (self._rows.ndim - 1))
+        self.dataset.id.write_direct_chunk(position, bytes(data) if self._codec is None else data)
         self._hdf5.check()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Disk:
-    """An open file as h5py's ``fileobj`` driver takes it.
+    """Presents an open file as h5py's ``fileobj`` driver takes it.
 
     ``error`` is the system's refusal, after which writes go nowhere.
     """
@@ -126,7 +126,7 @@ class Disk:
 
 
 class Hdf5File:
-    """An HDF5 file that is written: ``file`` is h5py's, to be flushed and closed here alone.
+    """Holds an HDF5 file that is written: ``file`` is h5py's, to be flushed and closed here alone.
 
     Raises:
         ImportError: if a library is missing, with the extra that brings it.

@@ -41,7 +41,7 @@ _NUMBERS = 1 << 12
 
 
 class Series(NamedTuple):
-    """Where a series lies: the dataset of its arrays, and that of their times."""
+    """Says where a series lies: the dataset of its arrays, and that of their times."""
 
     values: str
     times: str

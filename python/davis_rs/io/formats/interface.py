@@ -35,12 +35,12 @@ _Reader = TypeVar("_Reader", bound="EventReader")
 
 
 class TruncatedFileWarning(UserWarning):
-    """A file ends in the middle of a record, or was never finished; its complete records were read."""
+    """Says that a file ends in the middle of a record, or was never finished; its complete records were read."""
 
 
 @dataclass(frozen=True)
 class WriteReport:
-    """What a finished writer has written; ``first_us`` and ``last_us`` are None without events."""
+    """Holds what a finished writer has written; ``first_us`` and ``last_us`` are None without events."""
 
     path: str
     format: str
@@ -51,7 +51,7 @@ class WriteReport:
 
 
 class Releasable(Protocol):
-    """A lock."""
+    """Describes a lock."""
 
     def release(self) -> None:
         """Let others have what is locked."""
@@ -286,12 +286,12 @@ class EventReader(ABC):
 
     @property
     def events(self) -> int | None:
-        """The number of events, None where the file does not say."""
+        """Return the number of events, None where the file does not say."""
         return None
 
     @property
     def progress(self) -> float:
-        """The fraction of the file that the current iteration has read, 0 .. 1."""
+        """Return the fraction of the file that the current iteration has read, 0 .. 1."""
         return 0.0
 
     @final
@@ -367,7 +367,7 @@ class EventReader(ABC):
         """
         refuse(self.path, f"{self.format} holds nothing to find a place by")
 
-    def read_block(self, place: Place, events: int) -> EventArray:
+    def read_block(self, position: Place, events: int) -> EventArray:
         """Return the events of a block that :meth:`blocks` has given, unchecked.
 
         Raises:
@@ -386,7 +386,7 @@ class EventReader(ABC):
 
 
 class Format(ABC):
-    """One event format: how it is recognised, and who writes and reads it."""
+    """Describes one event format: how it is recognised, and who writes and reads it."""
 
     name: str
     """Its name, as ``format=`` takes it."""

@@ -188,22 +188,22 @@ class _Names:
 
 def _inside(path: Path, chunk: bytes, names: _Names, fraction: float) -> Iterator[ScannedMessage]:
     """Yield the messages of a chunk, in its own order."""
-    place, content = 0, memoryview(chunk)
-    while place < len(chunk):
-        if len(chunk) - place < _HEAD.size:
+    position, content = 0, memoryview(chunk)
+    while position < len(chunk):
+        if len(chunk) - position < _HEAD.size:
             raise DecodeError(f"{path}: a chunk ends in the middle of a record")
-        kind, length = _HEAD.unpack_from(chunk, place)
-        place += _HEAD.size
-        if length > len(chunk) - place:
+        kind, length = _HEAD.unpack_from(chunk, position)
+        position += _HEAD.size
+        if length > len(chunk) - position:
             raise DecodeError(f"{path}: a record of {length} bytes goes beyond its chunk")
-        yield from names.take(kind, content[place : place + length], fraction)
-        place += length
+        yield from names.take(kind, content[position : position + length], fraction)
+        position += length
 
 
-def _string(content: memoryview, place: int) -> tuple[str, int]:
+def _string(content: memoryview, position: int) -> tuple[str, int]:
     """Return a string, and where it ends."""
-    (length,) = struct.unpack_from("<I", content, place)
-    end = place + 4 + length
+    (length,) = struct.unpack_from("<I", content, position)
+    end = position + 4 + length
     if end > len(content):
         raise ValueError(f"a string of {length} bytes goes beyond its record")
-    return bytes(content[place + 4 : end]).decode(), end
+    return bytes(content[position + 4 : end]).decode(), end

@@ -92,10 +92,10 @@ class NpyWriter(EventWriter):
                 raise BlockingIOError(f"{self.path} would block")
             rest = rest[taken:]
 
-    def _patch(self, place: int, data: bytes) -> None:
+    def _patch(self, position: int, data: bytes) -> None:
         """Replace bytes that are there."""
         end = self._file.tell()
-        self._file.seek(place)
+        self._file.seek(position)
         self._put(data)
         self._file.seek(end)
 
@@ -157,9 +157,9 @@ class NpyReader(EventReader):
         self._warn_missing()
         return equal_blocks(self._events, BLOCK)
 
-    def read_block(self, place: Place, events: int) -> EventArray:
+    def read_block(self, position: Place, events: int) -> EventArray:
         with self.path.open("rb") as file:
-            file.seek(self._offset + int(place[0]) * self._dtype.itemsize)
+            file.seek(self._offset + int(position[0]) * self._dtype.itemsize)
             return to_events(np.fromfile(file, self._dtype, events), self.path)
 
     def _warn_missing(self) -> None:
@@ -205,9 +205,9 @@ def read_header(file: IO[bytes], path: Path, max_event_bytes: int) -> tuple[np.d
             ``max_event_bytes``.
     """
     read = {1: (np.lib.format.read_array_header_1_0, 2), 2: (np.lib.format.read_array_header_2_0, 4)}
-    place = file.tell()
+    position = file.tell()
     begin = file.read(len(MAGIC) + 2)
-    with decoding(path, f"byte {place}"):
+    with decoding(path, f"byte {position}"):
         if not begin.startswith(MAGIC):
             raise ValueError(f"an array must begin with {MAGIC!r}, found {begin!r}")
         version = begin[len(MAGIC) :]
@@ -222,12 +222,12 @@ def read_header(file: IO[bytes], path: Path, max_event_bytes: int) -> tuple[np.d
         shape, _, dtype = read_rest(io.BytesIO(size + file.read(length)))
     if len(shape) != 1 or shape[0] < 0 or dtype.hasobject or not {"t", "x", "y", "p"} <= set(dtype.names or ()):
         raise DecodeError(
-            f"{path}, byte {place}: events must be a one-dimensional array with fields t, x, y, p; "
+            f"{path}, byte {position}: events must be a one-dimensional array with fields t, x, y, p; "
             f"found shape {shape} and dtype {dtype}"
         )
     for name in ("t", "x", "y", "p"):
         if dtype[name].kind not in "biuf" or dtype[name].shape:
-            raise DecodeError(f"{path}, byte {place}: the field {name} must hold one number, found {dtype[name]}")
+            raise DecodeError(f"{path}, byte {position}: the field {name} must hold one number, found {dtype[name]}")
     if dtype.itemsize > max_event_bytes:
         raise above_limit(path, "an event", max_event_bytes)
     return dtype, shape[0]

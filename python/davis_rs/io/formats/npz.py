@@ -208,16 +208,16 @@ def _local_header(crc: int, size: int) -> bytes:
     return _LOCAL.pack(b"PK\x03\x04", *fields) + _NAME + sizes
 
 
-def _directory(crc: int, size: int, place: int) -> bytes:
-    """Return the central directory, which begins at ``place``, and its two ends, of 64 and of 32 bits."""
+def _directory(crc: int, size: int, position: int) -> bytes:
+    """Return the central directory, which begins at ``position``, and its two ends, of 64 and of 32 bits."""
     sizes = struct.pack("<2H2Q", 1, 16, size, size)
     fields = (45, 45, 0, zipfile.ZIP_STORED, *_DATE, crc, _LATER, _LATER, len(_NAME), len(sizes), 0, 0, 0, 0, 0)
     entry = struct.pack("<4s6H3L5H2L", b"PK\x01\x02", *fields) + _NAME + sizes
-    end = place + len(entry)
+    end = position + len(entry)
     return b"".join(
         [
             entry,
-            struct.pack("<4sQ2H2L4Q", b"PK\x06\x06", 44, 45, 45, 0, 0, 1, 1, len(entry), place),
+            struct.pack("<4sQ2H2L4Q", b"PK\x06\x06", 44, 45, 45, 0, 0, 1, 1, len(entry), position),
             struct.pack("<4sLQL", b"PK\x06\x07", 0, end, 1),
             struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, 1, 1, len(entry), _LATER, 0),
         ]

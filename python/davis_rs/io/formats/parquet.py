@@ -188,8 +188,8 @@ class ParquetReader(EventReader):
         first_us = [_least_us(group) for _, group in groups]
         return blocks_of([group.rows for _, group in groups], first_us, [number for number, _ in groups])
 
-    def read_block(self, place: Place, events: int) -> EventArray:
-        return self._read_groups([int(place[0])])
+    def read_block(self, position: Place, events: int) -> EventArray:
+        return self._read_groups([int(position[0])])
 
     def _groups(self, start_us: int | None, stop_us: int | None) -> list[int]:
         groups = enumerate(self._row_groups)

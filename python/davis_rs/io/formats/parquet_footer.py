@@ -26,7 +26,8 @@ _LONGEST_PAGE_HEADER = 1 << 16
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a row group: its name, the bytes of its pages, and its values' least and largest, where stated."""
+    """Holds a column of a row group: its name, the bytes of its pages, and its values' least and largest, where
+    stated."""
 
     name: str
     begin: int
@@ -44,7 +45,7 @@ class RowGroup:
 
     @property
     def bytes(self) -> int:
-        """How many bytes of the file its columns have."""
+        """Return how many bytes of the file its columns have."""
         return sum(column.end - column.begin for column in self.columns)
 
 
@@ -122,19 +123,21 @@ def check_pages(path: Path, group: RowGroup, limit: int) -> None:
     """
     with path.open("rb") as file:
         for column in group.columns:
-            place = column.begin
-            while place < column.end:
-                length, unpacked, packed = _page(file, place, path)
+            position = column.begin
+            while position < column.end:
+                length, unpacked, packed = _page(file, position, path)
                 if unpacked > limit:
-                    raise above_limit(path, f"the page of column {column.name} at byte {place}", limit)
-                place += length + packed
-            if place != column.end:
-                raise DecodeError(f"{path}: column {column.name} ends at byte {column.end}, its last page at {place}")
+                    raise above_limit(path, f"the page of column {column.name} at byte {position}", limit)
+                position += length + packed
+            if position != column.end:
+                raise DecodeError(
+                    f"{path}: column {column.name} ends at byte {column.end}, its last page at {position}"
+                )
 
 
-def _page(file: BinaryIO, place: int, path: Path) -> tuple[int, int, int]:
+def _page(file: BinaryIO, position: int, path: Path) -> tuple[int, int, int]:
     """Return a page's lengths: of its header, unpacked, and packed."""
-    file.seek(place)
+    file.seek(position)
     header = CompactReader(file.read(_LONGEST_PAGE_HEADER))
     try:
         fields = header.struct()
@@ -142,5 +145,5 @@ def _page(file: BinaryIO, place: int, path: Path) -> tuple[int, int, int]:
         fields = {}
     unpacked, packed = fields.get(2, -1), fields.get(3, -1)
     if not (isinstance(unpacked, int) and isinstance(packed, int) and unpacked >= 0 and packed >= 0):
-        raise DecodeError(f"{path}, byte {place}: the header of a page is malformed")
+        raise DecodeError(f"{path}, byte {position}: the header of a page is malformed")
     return header.at, unpacked, packed

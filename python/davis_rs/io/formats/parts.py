@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 
 class Part(NamedTuple):
-    """One kind of data next to the events.
+    """Holds one kind of data next to the events.
 
     A reader that has it offers a method ``read``, which gives tuples (t_us, ...) in order of time; a writer that takes
     it offers a method ``write``, which takes what such a tuple holds.
@@ -38,7 +38,7 @@ ALL_PARTS = tuple(part.name for part in PARTS)
 
 
 class CameraLike(Protocol):
-    """What a calibration has: OpenCV's pinhole camera with radial-tangential distortion, in pixels."""
+    """Names what a calibration has: OpenCV's pinhole camera with radial-tangential distortion, in pixels."""
 
     @property
     def width(self) -> int: ...
@@ -54,11 +54,11 @@ class CameraLike(Protocol):
     def cy(self) -> float: ...
     @property
     def distortion(self) -> tuple[float, float, float, float, float]:
-        """The coefficients k1, k2, p1, p2, k3."""
+        """Return the coefficients k1, k2, p1, p2, k3."""
 
 
 class Calibration(NamedTuple):
-    """A calibration as a container has it; ``davis_rs.Camera(*calibration)`` is the camera."""
+    """Holds a calibration as a container has it; ``davis_rs.Camera(*calibration)`` is the camera."""
 
     width: int
     height: int
@@ -74,12 +74,12 @@ class Calibration(NamedTuple):
 
     @property
     def distortion(self) -> tuple[float, float, float, float, float]:
-        """The coefficients k1, k2, p1, p2, k3."""
+        """Return the coefficients k1, k2, p1, p2, k3."""
         return self.k1, self.k2, self.p1, self.p2, self.k3
 
 
 class ImuSample(NamedTuple):
-    """One IMU sample: ``acceleration`` in m/s^2 and ``angular_velocity`` in rad/s, float64 (3,)."""
+    """Holds one IMU sample: ``acceleration`` in m/s^2 and ``angular_velocity`` in rad/s, float64 (3,)."""
 
     t_us: int
     acceleration: npt.NDArray[np.float64]
@@ -87,7 +87,7 @@ class ImuSample(NamedTuple):
 
 
 class PoseSample(NamedTuple):
-    """One pose: ``position`` in metres, float64 (3,), ``quaternion`` (x, y, z, w), float64 (4,)."""
+    """Holds one pose: ``position`` in metres, float64 (3,), ``quaternion`` (x, y, z, w), float64 (4,)."""
 
     t_us: int
     position: npt.NDArray[np.float64]

@@ -25,7 +25,7 @@ _LATEST_US = 2**63 - 1
 
 @dataclass(frozen=True)
 class ReadRules:
-    """How a file is read.
+    """Says how a file is read.
 
     Attributes:
         backward: what is done with events that are earlier than one before them.
@@ -50,7 +50,7 @@ class ReadRules:
 
     @property
     def in_order(self) -> bool:
-        """Whether the file's times never decrease."""
+        """Return whether the file's times never decrease."""
         return self.backward == "refuse"
 
 

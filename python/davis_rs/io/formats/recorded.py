@@ -20,7 +20,7 @@ from .reading import ANY_SIZE, ReadRules
 
 
 class RecordedParts:
-    """What a camera's recording has next to its events, for a reader.
+    """Yields what a camera's recording has next to its events, for a reader.
 
     Attributes:
         recording: the file.
@@ -101,24 +101,24 @@ class RecordedReader(RecordedParts, EventReader):
         number, last_us = 0, 0
         for piece in self.recording.pieces(("events",), remarks):
             events = piece.decoded.events
-            if len(events) and piece.place is not None:
+            if len(events) and piece.position is not None:
                 first_us = int(events["t"][0])
                 if first_us < last_us:
                     raise DecodeError(
                         f"{self.path}: times may not go back: event {number} is at {first_us} us, after {last_us} us"
                     )
-                rows.append((len(events), first_us, piece.place))
+                rows.append((len(events), first_us, piece.position))
                 number, last_us = number + len(events), int(events["t"][-1])
         self._found(remarks)
         places = np.array([place for *_, place in rows], np.int64).reshape(len(rows), -1)
         return blocks_of([count for count, *_ in rows], [first_us for _, first_us, _ in rows], places, last_us)
 
-    def read_block(self, place: Place, events: int) -> EventArray:
-        return self.recording.events_at(tuple(place.tolist()))
+    def read_block(self, position: Place, events: int) -> EventArray:
+        return self.recording.events_at(tuple(position.tolist()))
 
 
 class RecordedFormat(Format):
-    """A format that only cameras' software writes.
+    """Describes a format that only cameras' software writes.
 
     Args:
         name: as ``format=`` and messages name it.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Topic(NamedTuple):
-    """A topic, the type of its messages, and other names under which known bags have it."""
+    """Holds a topic, the type of its messages, and other names under which known bags have it."""
 
     name: str
     type: str

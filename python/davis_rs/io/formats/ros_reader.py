@@ -20,7 +20,7 @@ from .ros_events import PacketDecoder
 
 
 class RawMessage(NamedTuple):
-    """A message as its bag has it."""
+    """Holds a message as its bag has it."""
 
     topic: str
     type: str

@@ -52,8 +52,8 @@ unit."""
 
 
 class Aedat2File(RecordingFile):
-    """A file of AEDAT 2.0. The samples of its frames are held in memory until all are there, where frames are asked
-    for, because nothing marks where one begins."""
+    """Reads a file of AEDAT 2.0. The samples of its frames are held in memory until all are there, where frames are
+    asked for, because nothing marks where one begins."""
 
     format = "AEDAT 2.0"
 
@@ -94,7 +94,7 @@ class Aedat2File(RecordingFile):
                 records = np.frombuffer(data, _RECORD, len(data) // _RECORD.itemsize)
                 if clock is None:
                     clock = _Clock.at_start(int(records["t"][0]) if len(records) else 0)
-                place = (at, len(records), clock.base, clock.last)
+                position = (at, len(records), clock.base, clock.last)
                 address = records["address"].astype(np.uint32)
                 t = clock.unwrapped(records["t"])
                 at += len(data)
@@ -109,7 +109,7 @@ class Aedat2File(RecordingFile):
                     piece = piece._replace(imu=imu.take(address, t))
                 if "frames" in kinds:
                     samples.append(self._samples(address, t))
-                yield Piece(piece, at / total, place)
+                yield Piece(piece, at / total, position)
                 if rest := len(data) % _RECORD.itemsize:
                     size = _RECORD.itemsize
                     remarks.cut.append(f"byte {at - rest}: the last record is cut off after {rest} of {size} bytes")
@@ -139,8 +139,8 @@ class Aedat2File(RecordingFile):
                     return True
         return False
 
-    def events_at(self, place: tuple[int, ...]) -> EventArray:
-        at, count, base, last = place
+    def events_at(self, position: tuple[int, ...]) -> EventArray:
+        at, count, base, last = position
         with self.path.open("rb") as file:
             file.seek(at)
             records = np.fromfile(file, _RECORD, count)
@@ -163,8 +163,8 @@ class Aedat2File(RecordingFile):
 
 
 class _Clock:
-    """Times of more than the file's 32 bits, which begin again at -2^31. ``base`` is what that has come to so far, and
-    ``last`` the stamp before."""
+    """Unwraps times of more than the file's 32 bits, which begin again at -2^31. ``base`` is what that has come to so
+    far, and ``last`` the stamp before."""
 
     def __init__(self, base: int, last: int) -> None:
         self.base, self.last = base, last

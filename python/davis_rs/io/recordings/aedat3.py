@@ -54,7 +54,7 @@ _LONGEST_HEADER = 1 << 20
 
 
 class Aedat3File(RecordingFile):
-    """A file of AEDAT 3.1. Of a chip that is not known, the size is not known either."""
+    """Reads a file of AEDAT 3.1. Of a chip that is not known, the size is not known either."""
 
     format = "AEDAT 3.1"
 
@@ -100,10 +100,10 @@ class Aedat3File(RecordingFile):
                 if kind in wanted:
                     for first in range(0, there, 1 if kind == _FRAME else _AT_ONCE):
                         count = 1 if kind == _FRAME else min(_AT_ONCE, there - first)
-                        place = (at + first * size, kind, size, overflow, count)
+                        position = (at + first * size, kind, size, overflow, count)
                         with budget.borrow(count * size, f"a packet at byte {at}"):
-                            decoded = self._part(file, place, left_out)
-                        yield Piece(decoded, (place[0] + count * size) / total, place)
+                            decoded = self._part(file, position, left_out)
+                        yield Piece(decoded, (position[0] + count * size) / total, position)
                 elif everything:
                     left_out.others += 1
                 if there < number:
@@ -118,13 +118,13 @@ class Aedat3File(RecordingFile):
             others = f"{left_out.others} packets of other types, or special events of other kinds, left out"
             remarks.notes.append(others)
 
-    def events_at(self, place: tuple[int, ...]) -> EventArray:
+    def events_at(self, position: tuple[int, ...]) -> EventArray:
         with self.path.open("rb") as file:
-            return self._part(file, place, _LeftOut()).events
+            return self._part(file, position, _LeftOut()).events
 
-    def _part(self, file: BinaryIO, place: tuple[int, ...], left_out: _LeftOut) -> Decoded:
+    def _part(self, file: BinaryIO, position: tuple[int, ...], left_out: _LeftOut) -> Decoded:
         """Return the events of one kind that stand at a place, or those of them that a cut file still has."""
-        at, kind, size, overflow, count = place
+        at, kind, size, overflow, count = position
         file.seek(at)
         data, base = file.read(count * size), overflow << 31
         if kind == _FRAME:
@@ -146,7 +146,7 @@ class Aedat3File(RecordingFile):
 
 
 class _LeftOut:
-    """How much was passed over: events that are not valid, and what is of other types."""
+    """Counts what was passed over: events that are not valid, and what is of other types."""
 
     def __init__(self) -> None:
         self.invalid = self.others = 0
@@ -166,10 +166,10 @@ def _triggers(pairs: npt.NDArray[np.void], base: int) -> npt.NDArray[np.void]:
     return trigger_array(t[kind > 0], kind[kind > 0])
 
 
-def _frame(place: str, data: bytes, base: int) -> Frame | None:
+def _frame(position: str, data: bytes, base: int) -> Frame | None:
     """Return a frame, or None if it is marked as not valid."""
     if len(data) < _FRAME_HEADER.size:
-        raise DecodeError(f"{place}: a frame has at least {_FRAME_HEADER.size} bytes, found {len(data)}")
+        raise DecodeError(f"{position}: a frame has at least {_FRAME_HEADER.size} bytes, found {len(data)}")
     info, start, end, exposed, covered, width, height, x, y = _FRAME_HEADER.unpack_from(data)
     if not info & 1:
         return None
@@ -178,7 +178,7 @@ def _frame(place: str, data: bytes, base: int) -> Frame | None:
         _FRAME_HEADER.size + 2 * width * height * channels > len(data)
     ):  # fmt: skip
         raise DecodeError(
-            f"{place}: a frame of {width} x {height} pixels in {channels} channels at ({x}, {y}) "
+            f"{position}: a frame of {width} x {height} pixels in {channels} channels at ({x}, {y}) "
             f"does not fit into {len(data)} bytes"
         )
     pixels = np.frombuffer(data, "<u2", width * height * channels, _FRAME_HEADER.size)

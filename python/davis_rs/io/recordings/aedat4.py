@@ -18,7 +18,7 @@ MAGIC = b"#!AER-DAT4.0\r\n"
 
 
 class Aedat4File(RecordingFile):
-    """A file of AEDAT 4.
+    """Reads a file of AEDAT 4.
 
     Attributes:
         has_events: whether it has a stream of events.

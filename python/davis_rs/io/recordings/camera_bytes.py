@@ -12,7 +12,7 @@ __all__ = ["MAGIC", "CameraBytesFile"]
 
 
 class CameraBytesFile(RecordingFile):
-    """A recording of :class:`davis_rs.RawWriter`."""
+    """Reads a recording of :class:`davis_rs.RawWriter`."""
 
     format = "camera bytes"
     one_way = "times in a camera's stream follow from those before them"

@@ -21,12 +21,13 @@ RADIANS = math.pi / 180
 
 
 class RecordingWarning(UserWarning):
-    """Something of a recording is not there or was assumed: its end is cut off, or a conversion tells its notes."""
+    """Says that something of a recording is not there or was assumed: its end is cut off, or a conversion tells its
+    notes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording, in the arrays of :class:`davis_rs.Decoder`, each in the order of the file.
+    """Holds a recording, in the arrays of :class:`davis_rs.Decoder`, each in the order of the file.
 
     Times are those of the file: of AEDAT 4 microseconds since 1970 (UTC), of the others those of the camera's clock;
     :meth:`from_start` makes them count from the first.
@@ -64,12 +65,12 @@ class Recording:
 
     @property
     def decoded(self) -> Decoded:
-        """Events, inertial samples, frames and triggers alone."""
+        """Return events, inertial samples, frames and triggers alone."""
         return Decoded(self.events, self.imu, self.frames, self.triggers)
 
     @property
     def device(self) -> Device:
-        """What a decoder or encoder has to know of the camera.
+        """Return what a decoder or encoder has to know of the camera.
 
         Raises:
             ValueError: if the chip is not known.
@@ -78,7 +79,7 @@ class Recording:
 
     @property
     def start_us(self) -> int:
-        """The first time in it, in microseconds; 0 if it is empty. Resets of the camera's clock do not count."""
+        """Return the first time in it, in microseconds; 0 if it is empty. Resets of the camera's clock do not count."""
         times = [int(part["t"].min()) for part in (self.events, self.imu, _dated(self.triggers)) if len(part)]
         return min([*times, *(frame.t for frame in self.frames)], default=0)
 

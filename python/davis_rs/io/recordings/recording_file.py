@@ -20,7 +20,7 @@ KINDS = ("events", "imu", "frames", "triggers")
 
 @dataclass
 class Remarks:
-    """What reading a recording has found besides its contents.
+    """Holds what reading a recording has found besides its contents.
 
     Attributes:
         notes: what was assumed, and what was left out.
@@ -32,21 +32,22 @@ class Remarks:
 
 
 class Piece(NamedTuple):
-    """A part of a recording.
+    """Holds a part of a recording.
 
     Attributes:
         decoded: what it holds. Events may lie outside of the sensor.
         fraction: of the file that is read with it, 0..1.
-        place: where its events are, for :meth:`RecordingFile.events_at`; None where they follow from those before them.
+        position: where its events are, for :meth:`RecordingFile.events_at`; None where they follow from those before
+            them.
     """
 
     decoded: Decoded
     fraction: float
-    place: tuple[int, ...] | None = None
+    position: tuple[int, ...] | None = None
 
 
 class RecordingFile(ABC):
-    """A recording of which the header was read.
+    """Reads a recording, of which the header was read already.
 
     Attributes:
         path: the file.
@@ -89,7 +90,7 @@ class RecordingFile(ABC):
         """
         return any(len(getattr(piece.decoded, kind)) for piece in self.pieces((kind,)))
 
-    def events_at(self, place: tuple[int, ...]) -> EventArray:
+    def events_at(self, position: tuple[int, ...]) -> EventArray:
         """Return the events of a piece that had this place.
 
         Raises:

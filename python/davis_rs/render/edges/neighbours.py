@@ -18,7 +18,7 @@ have in common than to render them twice. It was measured for pixels along edges
 
 
 class ImageMap(ABC):
-    """A linear map of images, which maps rates of luma in the same way; a frame is mirrored beyond its edge.
+    """Describes a linear map of images, which maps rates of luma in the same way; a frame is mirrored beyond its edge.
 
     Attributes:
         reach: the largest distance in pixels, in x or y, from which a pixel gets light.
@@ -36,7 +36,7 @@ class ImageMap(ABC):
 
 
 class Neighbours:
-    """The squares of pixels within ``reach`` around m pixels, mirrored at the frame's edge.
+    """Finds the squares of pixels within ``reach`` around m pixels, mirrored at the frame's edge.
 
     Attributes:
         wanted: int64 (2 reach + 1, 2 reach + 1, m), by y and x: view H W + pixel of all in the squares.

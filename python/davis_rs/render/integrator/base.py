@@ -39,7 +39,7 @@ def _integrator(scene: MitsubaScene, mi: Mitsuba) -> MitsubaIntegrator:
 
 
 class SceneRenderer(Renderer):
-    """A renderer of any scene through the integrator that the scene names.
+    """Renders any scene through the integrator that the scene names.
 
     Where objects move or lights flicker the scene itself is changed from view to view, see :class:`SceneUpdates`.
     A scene that is very small or very large is scaled first, see :func:`scale_scene`, and the views with it.

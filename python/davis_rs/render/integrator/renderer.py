@@ -19,7 +19,7 @@ from .base import SceneRenderer
 
 
 class IntegratorRenderer(SceneRenderer):
-    """A renderer of any scene through the integrator that the scene names, in the LLVM variant.
+    """Renders any scene through the integrator that the scene names, in the LLVM variant.
 
     The random numbers of a ray depend only on the seed and on its number in the frame. So a still image makes no
     events, and a single pixel has the same luma alone and in the frame. Rates are differences: Mitsuba's forward mode

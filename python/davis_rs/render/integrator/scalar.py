@@ -20,7 +20,7 @@ from .base import SceneRenderer
 
 
 class ScalarRenderer(SceneRenderer):
-    """A renderer of any scene, ray by ray in Mitsuba's scalar variant. It is slow, but runs everywhere.
+    """Renders any scene, ray by ray in Mitsuba's scalar variant. It is slow, but runs everywhere.
 
     Each ray seeds the sampler by its own number, so that its random numbers never depend on its neighbours' paths.
     """

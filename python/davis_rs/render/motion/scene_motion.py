@@ -16,7 +16,7 @@ from ...scene.light_profile import LightProfile
 
 @dataclass(frozen=True, eq=False)
 class SceneState:
-    """The state of a scene at n instants.
+    """Holds the state of a scene at n instants.
 
     Attributes:
         objects: pose and motion of each moving object at the instants: T_world_object, rates in the object's axes.
@@ -39,7 +39,7 @@ class SceneState:
 
 
 class SceneMotion:
-    """The trajectories of a scene's objects and the profiles of its lights, by their ids.
+    """Holds the trajectories of a scene's objects and the profiles of its lights, by their ids.
 
     Args:
         boxes: for each object the lowest and highest corner (2, 3) around it in its own frame, metres.

@@ -116,7 +116,7 @@ def like(value: MitsubaValue, values: FloatArray) -> MitsubaValue:
 
 
 class MovableShape:
-    """A shape of a loaded scene that can be moved from the pose that it was loaded in."""
+    """Moves a shape of a loaded scene, from the pose that it was loaded in."""
 
     def __init__(self, parameters: MitsubaParameters, key: str) -> None:
         self._parameters, self._key = parameters, key

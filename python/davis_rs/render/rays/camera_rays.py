@@ -68,7 +68,7 @@ def _along(camera: Camera, axis: int, lattice: npt.NDArray[np.float64]) -> npt.N
 
 
 class Lanes(NamedTuple):
-    """A pixel for each lane, and the camera that sees it.
+    """Holds a pixel for each lane, and the camera that sees it.
 
     ``motion`` is the camera's velocity and angular rate in world axes; None without rates.
     """
@@ -80,7 +80,7 @@ class Lanes(NamedTuple):
 
 
 class CameraRays:
-    """The lattice rays of a camera's pixels in Dr.Jit; tables for the last few numbers of rays are kept."""
+    """Makes the lattice rays of a camera's pixels in Dr.Jit; tables for the last few numbers of rays are kept."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera, self.pixels = camera, camera.width * camera.height

@@ -28,7 +28,7 @@ from .moving_lanes import Body, Surroundings
 
 
 class _Surface(NamedTuple):
-    """The hits of rays.
+    """Holds the hits of rays.
 
     Attributes:
         hit: whether anything is hit.
@@ -48,7 +48,7 @@ class _Surface(NamedTuple):
 
 
 class TableKernel:
-    """The scene table as Dr.Jit buffers, and traced code that computes luma from them.
+    """Holds the scene table as Dr.Jit buffers, and traced code that computes luma from them.
 
     The hit triangle is found without derivatives. All else follows from the ray by smooth operations, so derivatives
     of the ray pass through: those of luma are exact inside surfaces, and leave out edges.
@@ -281,7 +281,7 @@ def _may_hit_box(box: MitsubaBox, ray: JitRay) -> JitMask:
 
 
 class _PerRecord:
-    """A number for each record, which is not gathered where all records have the same."""
+    """Holds a number for each record, which is not gathered where all records have the same."""
 
     def __init__(self, values: npt.NDArray[np.integer], kind: JitArray) -> None:
         self._kind, self._same = kind, bool((values == values[0]).all())

@@ -14,7 +14,7 @@ from ..rays.camera_rays import CameraRays, Lanes
 
 
 class Body(NamedTuple):
-    """A moving object, for lanes of rays: the ray in the object's own frame, and the object's pose in the world.
+    """Holds a moving object, for lanes of rays: the ray in the object's own frame, and the object's pose in the world.
 
     A point has the same distance along this ray as along the ray in the world. ``turning`` is the object's angular rate
     in world axes; None without rates.
@@ -41,7 +41,7 @@ class Body(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """The moving bodies and flickering lights for lanes of rays; a factor is None where a light is
+    """Holds the moving bodies and flickering lights for lanes of rays; a factor is None where a light is
     steady."""
 
     bodies: Sequence[Body]
@@ -49,7 +49,7 @@ class Surroundings(NamedTuple):
 
 
 class MovingLanes:
-    """The objects' frames and the lights' factors at the views of many lanes.
+    """Holds the objects' frames and the lights' factors at the views of many lanes.
 
     Args:
         profiles: for each light the column of its profile in ``state``, or None.

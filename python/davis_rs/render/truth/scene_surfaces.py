@@ -31,7 +31,7 @@ Indices = npt.NDArray[np.int64]
 
 
 class Surfaces(NamedTuple):
-    """The surfaces that rays hit, each array with one row per ray; the rays of a frame are its pixels' centres.
+    """Holds the surfaces that rays hit, each array with one row per ray; the rays of a frame are its pixels' centres.
 
     Attributes:
         depth: float32 (m,), z along the optical axis, metres; inf where nothing is hit.
@@ -51,7 +51,7 @@ class Surfaces(NamedTuple):
 
 
 class SceneSurfaces:
-    """The surfaces of a scene as a camera's pixels see them, whatever their material and light.
+    """Finds the surfaces of a scene as a camera's pixels see them, whatever their material and light.
 
     Args:
         scene: made of triangles alone.
@@ -205,7 +205,7 @@ class SceneSurfaces:
 
     @cached_property
     def _rays(self) -> FloatArray:
-        """The rays (H W, 3) in camera axes, with z = 1."""
+        """Return the rays (H W, 3) in camera axes, with z = 1."""
         xy = ray_table(self.camera, 1)[0]
         return np.concatenate([xy, np.ones((len(xy), 1))], 1)
 

@@ -27,7 +27,7 @@ _SHOT, _READ, _COLUMN_NOISE, _PRNU, _DSNU, _COLUMN_OFFSET = range(6)
 
 @dataclass(frozen=True)
 class Aps(Effect):
-    """Frames of an active pixel sensor, instead of exact luma at an instant.
+    """Models frames of an active pixel sensor, instead of exact luma at an instant.
 
     A frame stamped t gathers light in (t - exposure_us, t]: it is stamped when the shutter closes, as a frame that is
     made while the camera moves must be. Who wants stamps in the middle subtracts half of the exposure. The shutter is
@@ -115,7 +115,7 @@ class Aps(Effect):
 
     @property
     def _exact(self) -> bool:
-        """Whether the exposure is read out unchanged."""
+        """Return whether the exposure is read out unchanged."""
         limits = (self.bits, self.full_scale_luma, self.full_well_e, self.electrons_per_dn)
         noise = (self.read_noise_dn, self.prnu, self.dsnu_dn, self.column_offset_dn, self.column_noise_dn)
         return limits == (None, None, None, None) and not any(noise)

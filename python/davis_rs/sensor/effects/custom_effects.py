@@ -26,7 +26,7 @@ _Float = TypeVar("_Float", np.float32, np.float64)
 
 
 class CustomEffects:
-    """A user's own effects, in the order in which they act; docs/effects.md says what methods one may have.
+    """Holds a user's own effects, in the order in which they act; docs/effects.md says what methods one may have.
 
     Each is an object with one or more of these methods, and need not derive from anything:
 
@@ -73,12 +73,12 @@ class CustomEffects:
 
     @property
     def on_luma(self) -> bool:
-        """Whether an effect acts on luma."""
+        """Return whether an effect acts on luma."""
         return any(True for _ in self._having("luma"))
 
     @property
     def on_log_intensity(self) -> bool:
-        """Whether an effect acts on log intensity."""
+        """Return whether an effect acts on log intensity."""
         return any(True for _ in self._having("log_intensity"))
 
     def luma(self, t_us: int, luma: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -17,7 +17,8 @@ Where = Literal["luma", "log intensity", "pixel", "stream", "frames", "imu", "gr
 
 
 class Effect(ABC):
-    """An imperfection of a real sensor: a frozen dataclass whose first field is what ``--effect NAME=VALUE`` sets.
+    """Describes an imperfection of a real sensor: a frozen dataclass whose first field is what ``--effect NAME=VALUE``
+    sets.
 
     Attributes:
         name: its name in :class:`~davis_rs.Effects` and on the command line, with its unit.
@@ -30,7 +31,7 @@ class Effect(ABC):
     @property
     @abstractmethod
     def neutral(self) -> bool:
-        """Whether the effect changes nothing with these values; it is then off."""
+        """Return whether the effect changes nothing with these values; it is then off."""
 
     def settings(self) -> dict[str, float | None]:
         """Return the effect's parameters by name."""
@@ -48,7 +49,7 @@ class Effect(ABC):
 
 
 class EngineEffect(Effect):
-    """An effect that the crossing engine simulates; the engine checks the ranges of its parameters."""
+    """Describes an effect that the crossing engine simulates; the engine checks the ranges of its parameters."""
 
     def __post_init__(self) -> None:
         for name, value in self.settings().items():

@@ -46,7 +46,7 @@ PLANNED = "auto"
 
 @dataclass(frozen=True, init=False)
 class Effects:
-    """The effects that make a sensor differ from ideal pixels; each is off unless it is given.
+    """Holds the effects that make a sensor differ from ideal pixels; each is off unless it is given.
 
     >>> Effects(refractory_period_us=100, leak_rate_hz=0.1)
 
@@ -134,7 +134,7 @@ class Effects:
 
     @property
     def optical(self) -> Effects:
-        """The effects of the lens, which act on luma."""
+        """Return the effects of the lens, which act on luma."""
         return Effects.of(effect for effect in self if effect.acts_on == "luma")
 
     def __bool__(self) -> bool:

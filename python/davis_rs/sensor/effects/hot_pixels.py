@@ -11,7 +11,7 @@ from .effect import EngineEffect, Where
 
 @dataclass(frozen=True)
 class HotPixels(EngineEffect):
-    """A fraction of the pixels fires by itself: nearly periodic ON events in each, whatever it sees.
+    """Models hot pixels: a fraction of the pixels fires by itself: nearly periodic ON events in each, whatever it sees.
 
     Which pixels these are depends only on the seed. Each has a rate of its own, log-normal, and a regularity of its
     own: the coefficient of variation (CV) of its intervals, which are log-normal and independent, lies between least_cv
@@ -48,5 +48,5 @@ class HotPixels(EngineEffect):
 
     @property
     def neutral(self) -> bool:
-        """Whether no pixel fires by itself."""
+        """Return whether no pixel fires by itself."""
         return self.fraction == 0 or self.rate_hz == 0

@@ -22,7 +22,7 @@ def warmth(temperature_c: float, doubling_c: float) -> float:
 
 @dataclass(frozen=True)
 class LeakRate(EngineEffect):
-    """The memorised reference drifts down, so that a static scene makes ON events.
+    """Models the leak: the memorised reference drifts down, so that a static scene makes ON events.
 
     It drifts by C_on times the rate, which is, on the mean of all pixels,
 
@@ -74,5 +74,5 @@ class LeakRate(EngineEffect):
 
     @property
     def neutral(self) -> bool:
-        """Whether nothing leaks."""
+        """Return whether nothing leaks."""
         return self.rate_hz == 0

@@ -15,7 +15,7 @@ from .lens_blur import blur_frame, blur_squares
 
 
 class Optics(ImageMap):
-    """The lens: image = vignetting x (point-spread function * scene).
+    """Models the lens: image = vignetting x (point-spread function * scene).
 
     The order is this because the fall-off is a fraction of the light that goes to an image point, wherever it then
     lands: a spot in the corner is as wide as one in the middle, and is dimmed as a whole. With spots of a few pixels,

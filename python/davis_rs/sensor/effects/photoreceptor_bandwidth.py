@@ -14,7 +14,7 @@ from .effect import EngineEffect, Where
 
 @dataclass(frozen=True)
 class PhotoreceptorBandwidth(EngineEffect):
-    """The photoreceptor and the source follower behind it: two first-order low-passes of log intensity.
+    """Models the photoreceptor and the source follower behind it: two first-order low-passes of log intensity.
 
     The photoreceptor is as fast as its photocurrent is large. In an interval between two samples its corner is f = hz *
     exp(mean log intensity), where exp(L) is luma + log_eps. ``log_eps`` is the dark current, so in the dark the corner
@@ -64,5 +64,5 @@ class PhotoreceptorBandwidth(EngineEffect):
 
     @property
     def neutral(self) -> bool:
-        """Whether both corners are infinite."""
+        """Return whether both corners are infinite."""
         return math.isinf(min(self.hz, self.source_follower_hz))

@@ -11,7 +11,7 @@ from .effect import EngineEffect, Where
 
 @dataclass(frozen=True)
 class Readout(EngineEffect):
-    """A bus that reads events out row by row (address-event representation).
+    """Models a bus that reads events out row by row (address-event representation).
 
     Pixels ask for their row. When the bus is free it grants the row whose request is the oldest, stamps all of that
     row's requests alike, and carries the row's address and their columns at its own pace. No event that
@@ -51,5 +51,5 @@ class Readout(EngineEffect):
 
     @property
     def neutral(self) -> bool:
-        """Whether events leave unchanged."""
+        """Return whether events leave unchanged."""
         return math.isinf(self.events_per_s) and self.row_us == 0 and self.latency_us == 0 and self.jitter_us == 0

@@ -32,5 +32,5 @@ class RefractoryPeriod(EngineEffect):
 
     @property
     def neutral(self) -> bool:
-        """Whether a pixel is ready at once."""
+        """Return whether a pixel is ready at once."""
         return self.period_us == 0

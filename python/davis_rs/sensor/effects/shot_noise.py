@@ -19,7 +19,8 @@ _MOST_RATIO = 100.0
 
 @dataclass(frozen=True)
 class ShotNoise(EngineEffect):
-    """Events of noise alone: in each pixel as many as a Gaussian process has crossings of that pixel's thresholds.
+    """Models events of noise alone: in each pixel as many as a Gaussian process has crossings of that pixel's
+    thresholds.
 
     Photons make white noise, whose density in log intensity is as one over light. It passes two poles: the
     photoreceptor's, which is proportional to light, and the source follower's, which is not. They are at x *
@@ -142,7 +143,7 @@ class ShotNoise(EngineEffect):
 
     @property
     def neutral(self) -> bool:
-        """Whether there is no noise."""
+        """Return whether there is no noise."""
         return self.rms == 0
 
 

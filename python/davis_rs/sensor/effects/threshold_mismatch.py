@@ -47,7 +47,7 @@ class ThresholdMismatch(EngineEffect):
 
     @property
     def neutral(self) -> bool:
-        """Whether all pixels are alike."""
+        """Return whether all pixels are alike."""
         return self.sigma == self.column_parity == self.columns == self.rows == 0
 
     def nodes(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

@@ -14,7 +14,7 @@ from ..effects.effect import Effect, Where, check_range
 
 @dataclass(frozen=True)
 class ImuSaturation(Effect):
-    """Each axis is clipped to its full scale.
+    """Clips each axis to its full scale.
 
     Args:
         acceleration_g: the full scale is +- this many g (of 9.80665 m/s^2), > 0.
@@ -40,7 +40,7 @@ class ImuSaturation(Effect):
 
     @property
     def neutral(self) -> bool:
-        """Whether both full scales are infinite."""
+        """Return whether both full scales are infinite."""
         return bool(np.isinf(self.acceleration_g) and np.isinf(self.rate_deg_s))
 
     def apply(self, values: FloatArray) -> FloatArray:
@@ -51,7 +51,7 @@ class ImuSaturation(Effect):
 
 @dataclass(frozen=True)
 class ImuQuantisation(Effect):
-    """Each value becomes the nearest code of a two's complement number, and so lies in its range.
+    """Rounds each value to the nearest code of a two's complement number, so that it lies in its range.
 
     One code is the full scale / 2^(bits - 1): by default 1 / 2048 g and 1 / 16.384 deg/s, as in the datasheet. The
     highest code is one below the full scale.
@@ -81,7 +81,7 @@ class ImuQuantisation(Effect):
 
     @property
     def neutral(self) -> bool:
-        """Whether values keep all their digits."""
+        """Return whether values keep all their digits."""
         return self.bits == 0
 
     def apply(self, values: FloatArray) -> FloatArray:

@@ -38,7 +38,9 @@ _BLOCK = 4096
 
 @dataclass(frozen=True)
 class Imu:
-    """An IMU that is rigidly fixed to the sensor. The default is an ideal one at the camera's centre, in camera axes.
+    """Describes an IMU that is rigidly fixed to the sensor.
+
+    The default is an ideal one at the camera's centre, in camera axes.
 
     Args:
         rate_hz: sample k is stamped round(k 1e6 / rate) us; above 0, up to 1e6 Hz.
@@ -93,14 +95,14 @@ class Imu:
 
     @property
     def lag_s(self) -> float:
-        """The age of the motion that a sample shows, in seconds."""
+        """Return the age of the motion that a sample shows, in seconds."""
         if self.lag is not None:
             return self.lag.total_s
         return self.low_pass.delay_s if self.low_pass is not None else 0.0
 
     @property
     def effective_mounting(self) -> Mounting:
-        """The mounting of the IMU; the identity if none was given."""
+        """Return the mounting of the IMU; the identity if none was given."""
         return self.mounting or Mounting(np.eye(4))
 
     def describe(self) -> dict[str, object]:

@@ -10,7 +10,7 @@ from ..effects.effect import Effect, Where, check_range
 
 @dataclass(frozen=True)
 class ImuLag(Effect):
-    """A sample stamped t shows the motion at t - ``total_s``, the delay of the low-pass included.
+    """Delays samples: one stamped t shows the motion at t - ``total_s``, the delay of the low-pass included.
 
     Args:
         total_s: 0..1 s, no less than the delay of the low-pass, if there is one. The default is what the paper found
@@ -32,5 +32,5 @@ class ImuLag(Effect):
 
     @property
     def neutral(self) -> bool:
-        """Whether a sample shows the motion of its stamp."""
+        """Return whether a sample shows the motion of its stamp."""
         return self.total_s == 0

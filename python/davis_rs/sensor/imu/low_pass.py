@@ -17,7 +17,7 @@ _BOX_BANDWIDTH = 0.22147  # of a box of half-width 1 s, Hz: where sin(x) / x is 
 
 @dataclass(frozen=True)
 class ImuLowPass(Effect):
-    """A causal filter of linear phase: the motion weighted by a Gaussian around t - ``delay_s``, cut at t.
+    """Models a causal filter of linear phase: the motion weighted by a Gaussian around t - ``delay_s``, cut at t.
 
     The width is the one that leaves 1 / sqrt(2) of a sine at ``bandwidth_hz`` (-3 dB). It acts on the continuous
     motion, so that nothing that the filter blocks is aliased, and it delays every frequency alike. The phase of

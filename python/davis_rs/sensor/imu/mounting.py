@@ -65,6 +65,6 @@ class Mounting:
 
     @property
     def lever_arm(self) -> FloatArray:
-        """The position of the IMU in camera axes, (3,), metres."""
+        """Return the position of the IMU in camera axes, (3,), metres."""
         arm: FloatArray = -self.rotation.T @ self.matrix[:3, 3]
         return arm

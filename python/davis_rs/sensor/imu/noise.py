@@ -47,7 +47,7 @@ class ImuNoise(Effect):
 
     @property
     def neutral(self) -> bool:
-        """Whether there is no noise."""
+        """Return whether there is no noise."""
         return not any(self.settings().values())
 
     def draw(self, count: int, rate_hz: float, seed: int) -> FloatArray:

@@ -60,7 +60,7 @@ _UNITS_OF_NAMES = {
 
 @dataclass(frozen=True)
 class SensorFile:
-    """The content of a sensor file.
+    """Holds the content of a sensor file.
 
     Attributes:
         parameters: of the sensor; those that the file does not give are None.
@@ -91,7 +91,7 @@ class SensorFile:
 
     @property
     def given(self) -> dict[str, float]:
-        """The parameters that are given, by name."""
+        """Return the parameters that are given, by name."""
         values = ((name, getattr(self.parameters, name)) for name in parameter_names())
         return {name: value for name, value in values if value is not None}
 

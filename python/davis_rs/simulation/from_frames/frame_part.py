@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_checks import as_size, parse_size
 from ..._util.argument_error import ArgumentError
+from ..._util.extras import load_opencv
 from .frame_source import FrameArray
 
 _SAME_SHAPE = 0.01
@@ -42,7 +43,7 @@ class FramePart(NamedTuple):
         """
         if self.size == (self.width, self.height):
             return np.ascontiguousarray(luma)
-        cv2 = _opencv()
+        cv2 = load_opencv("reducing frames to another size", "video")
         return np.asarray(cv2.resize(np.ascontiguousarray(luma), self.size, interpolation=cv2.INTER_AREA))
 
 
@@ -92,11 +93,3 @@ def frame_part(
     if max(result) > 65535:
         raise ArgumentError("a sensor has at most 65535 pixels each way, {} have more: give {size} or {crop}", full)
     return FramePart(left, top, wide, high, result)
-
-
-def _opencv() -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise ImportError("reducing frames to another size needs OpenCV: pip install 'davis_rs[video]'") from error
-    return cv2

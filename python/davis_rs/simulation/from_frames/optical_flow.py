@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
+from ..._util.extras import load_opencv
 
 LumaFrame = npt.NDArray[np.float32]
 FlowField = npt.NDArray[np.float32]
@@ -38,17 +39,8 @@ _TEXTURE = 3.0
 whatever smooth continuation makes of it, and no events come from there."""
 
 
-def opencv() -> Any:
-    """Import OpenCV.
-
-    Raises:
-        ImportError: saying how to get it.
-    """
-    try:
-        import cv2
-    except ImportError as error:
-        raise ImportError("optical flow needs OpenCV: pip install 'davis_rs[video]'") from error
-    return cv2
+def _opencv() -> Any:
+    return load_opencv("optical flow", "video")
 
 
 class FlowFinder:
@@ -61,7 +53,7 @@ class FlowFinder:
     """
 
     def __init__(self) -> None:
-        self._cv2 = opencv()
+        self._cv2 = _opencv()
         self._dis = self._cv2.DISOpticalFlow_create(self._cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
 
     def flow(self, before: LumaFrame, after: LumaFrame) -> FlowField:
@@ -98,7 +90,7 @@ class FlowFinder:
 
 def displacement(frame: LumaFrame, flow: FlowField) -> float:
     """Return how far the image moves, in pixels: the 98th percentile of pixels that have texture; 0 without any."""
-    cv2 = opencv()
+    cv2 = _opencv()
     grey = _as_grey(frame, _white(frame)).astype(np.float32)
     across, down = (cv2.Sobel(grey, -1, 1 - k, k, ksize=3, scale=1 / 8) for k in (0, 1))
     textured = across * across + down * down > np.float32(_TEXTURE**2)
@@ -157,7 +149,7 @@ class FlowPair:
     @staticmethod
     def _from(frame: LumaFrame, flow: FlowField, seen: LumaFrame, fraction: float) -> tuple[LumaFrame, LumaFrame]:
         """Move a frame, and how sure its pixels are, along its flow by a fraction of it."""
-        cv2 = opencv()
+        cv2 = _opencv()
         x, y = _grid(*frame.shape)
         step = np.float32(fraction)
         moved = flow
@@ -185,7 +177,7 @@ def _grid(height: int, width: int) -> tuple[LumaFrame, LumaFrame]:
 def _seen(there: FlowField, back: FlowField) -> LumaFrame:
     """Tell whether what moves by ``there`` comes back by ``back`` to where it was: 1, and 0 where it misses widely."""
     x, y = _grid(*there.shape[:2])
-    returned = opencv().remap(back, x + there[..., 0], y + there[..., 1], 1, None, _BORDER)
+    returned = _opencv().remap(back, x + there[..., 0], y + there[..., 1], 1, None, _BORDER)
     missed = (there[..., 0] + returned[..., 0]) ** 2 + (there[..., 1] + returned[..., 1]) ** 2
     return np.asarray(np.exp(-missed / np.float32(_AGREEMENT_PX**2)), np.float32)
 

@@ -21,7 +21,7 @@ _MOST_EVENTS = 3_000_000
 
 
 class Costs:
-    """Times of effects on the frames of a sequence: with the effect minus without, the median of three rounds."""
+    """Holds times of effects on the frames of a sequence: with the effect minus without, the median of three rounds."""
 
     def __init__(self, sequence: SequenceSample) -> None:
         self._sequence = sequence

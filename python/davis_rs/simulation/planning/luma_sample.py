@@ -131,7 +131,7 @@ def push_all(engine: CrossingEngine, segment: LumaSegment) -> list[EventArray]:
 
 
 def event_intervals_us(events: EventArray) -> IntArray:
-    """Times between consecutive events of a pixel."""
+    """Return the times between consecutive events of a pixel."""
     order = np.lexsort((events["t"], events["x"], events["y"]))
     ordered = events[order]
     same = (np.diff(ordered["x"].astype(int)) == 0) & (np.diff(ordered["y"].astype(int)) == 0)

@@ -26,7 +26,7 @@ from .image_camera import image_camera
 from .simulation_settings import SamplingSettings, SimulatorSettings, ViewSettings
 
 AUTO = "auto"
-"""In place of a number of samples: chosen by the noise, see :mod:`~davis_rs.simulation.monte_carlo_noise`."""
+"""In place of the rays per pixel, which ``make_simulator`` then chooses by the noise."""
 
 LOG_EPS = 1e-3
 """The dark level in units of luma where neither settings nor sensor say it."""
@@ -106,8 +106,8 @@ def resolve(scene: Scene, settings: SimulatorSettings) -> Resolved:
     Nothing is rendered, so that a mistake costs no time.
 
     Raises:
-        ValueError: for effects or samples that are still to be chosen, contradictions, a value out of range, or a
-            sensor for which there is not enough memory; else as :func:`view_scene`.
+        ValueError: for effects or rays per pixel that are still to be chosen, contradictions, a value out of range, or
+            a sensor for which there is not enough memory; else as :func:`view_scene`.
         OSError: as :func:`view_scene`.
     """
     if settings.rays_per_pixel == AUTO:
