@@ -17,6 +17,7 @@ from davis_rs import load_scene, simulate_to_folder
 from davis_rs._util import progress as module
 from davis_rs._util.progress import Forecast, Progress, each, progress, say, speed_of
 from davis_rs._util.quantities import events_a_second
+from davis_rs.simulation.planning import plan_effects
 
 PACKAGE = Path(module.__file__).parent
 
@@ -195,3 +196,20 @@ def test_a_run_tells_what_it_does_and_counts_keyframes(monkeypatch: pytest.Monke
     assert len(times) > 5, "packets end at 0 and at 0.06 s alone"
     assert moved[-1][1].startswith(f"{report.events:,} events, ")
     assert [events_a_second(rate) for rate in (12.3, 45_600, 4_230_000, 87.4e6)] == ["12/s", "46k/s", "4.2M/s", "87M/s"]
+
+
+@pytest.mark.usefixtures("llvm")
+def test_a_plan_tells_each_of_its_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One for the sample, one for each candidate, and those of the effects together."""
+    told: list[str] = []
+    for module_name in ("planner", "effects_together"):
+        monkeypatch.setattr(f"davis_rs.simulation.planning.{module_name}.doing", told.append)
+    candidates = {"leak_rate_hz": 0.1, "refractory_period_us": 200}
+    plan_effects(load_scene("three_planes").crop(0, 0.02), candidates, size=(24, 18))
+    assert told[:4] == [
+        "rendering a sample of the sequence",
+        "effect 1 of 2, refractory_period_us",
+        "effect 2 of 2, leak_rate_hz",
+        "the effects together",
+    ]
+    assert told[-1] == "the effects together, on other pixels"
