@@ -12,8 +12,9 @@ import termios
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
-from davis_rs import load_scene, simulate_to_folder
+from davis_rs import frames_to_folder, load_scene, open_frames, simulate_to_folder
 from davis_rs._util import progress as module
 from davis_rs._util.progress import Forecast, Progress, each, progress, say, speed_of
 from davis_rs._util.quantities import events_a_second
@@ -213,3 +214,18 @@ def test_a_plan_tells_each_of_its_steps(monkeypatch: pytest.MonkeyPatch) -> None
         "the effects together",
     ]
     assert told[-1] == "the effects together, on other pixels"
+
+
+def test_frames_tell_what_is_done_before_they_are_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The bar is there before the first frames are read."""
+    told: list[str] = []
+    monkeypatch.setattr("davis_rs.simulation.from_frames.frames_folder.doing", told.append)
+    moved: list[float] = []
+    monkeypatch.setattr(Progress, "to", lambda _, done, note="": moved.append(done))
+    (tmp_path / "images").mkdir()
+    for number in range(4):
+        Image.new("L", (24, 18), 40 * number + 20).save(tmp_path / "images" / f"{number}.png")
+    frames = open_frames(tmp_path / "images", fps=100)
+    frames_to_folder(frames, tmp_path / "d", interpolation="linear", quiet=True)
+    assert told == ["reading the first frames"]
+    assert moved == [1, 2, 3, 4]
