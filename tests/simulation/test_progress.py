@@ -18,7 +18,9 @@ from davis_rs import frames_to_folder, load_scene, open_frames, simulate_to_fold
 from davis_rs._util import progress as module
 from davis_rs._util.progress import Forecast, Progress, each, progress, say, speed_of
 from davis_rs._util.quantities import events_a_second
+from davis_rs.simulation.folder import _advice
 from davis_rs.simulation.planning import plan_effects
+from davis_rs.simulation.settings import FolderSettings, complete
 
 PACKAGE = Path(module.__file__).parent
 
@@ -229,3 +231,12 @@ def test_frames_tell_what_is_done_before_they_are_counted(monkeypatch: pytest.Mo
     frames_to_folder(frames, tmp_path / "d", interpolation="linear", quiet=True)
     assert told == ["reading the first frames"]
     assert moved == [1, 2, 3, 4]
+
+
+def test_a_run_is_told_of_the_fast_preset_only_where_it_decides() -> None:
+    told = {
+        _advice(complete(FolderSettings, given, taker="a test"))
+        for given in ({"accuracy": "fast"}, {"render_rate_hz": 1000.0}, {"tolerance": 0.1, "accuracy": "exact"})
+    }
+    assert told == {""}
+    assert _advice(complete(FolderSettings, {"accuracy": "exact"}, taker="a test")) == "--accuracy fast takes less"
