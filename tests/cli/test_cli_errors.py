@@ -65,6 +65,7 @@ def test_building_the_parser_imports_no_command() -> None:
         "davis_rs._util.close_names",
         "davis_rs._util.names_elsewhere",
         "davis_rs._util.progress",
+        "davis_rs._util.quantities",
         "davis_rs._util.terminal_text",
     }
 

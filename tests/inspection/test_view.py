@@ -18,7 +18,7 @@ from davis_rs.cli.main import main
 from davis_rs.events.packet import Packet
 from davis_rs.geometry.camera import Camera
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB, event_picture, view
-from davis_rs.inspection.video import make_video
+from davis_rs.inspection.video import _speed_text, make_video
 from davis_rs.inspection.visual_sequence import display_grey
 from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.io.files.sensor_size import SensorSizeWarning
@@ -81,6 +81,23 @@ def test_events_alone_make_a_figure(tmp_path: Path) -> None:
     assert count_of(pixels, OFF_RGB) > 100
 
 
+def test_what_is_not_there_has_no_panel(folder: Path, tmp_path: Path) -> None:
+    """Letters follow the panels that there are; long times are told in seconds."""
+
+    def titles(source: Path, **chosen: Any) -> list[str]:
+        shown = (axes.get_title() for axes in view(source, **chosen).axes)
+        return [title for title in shown if title.startswith("(")]
+
+    with pytest.warns(UserWarning, match="leaves out"):
+        convert(folder, tmp_path / "e.npy")
+    alone = titles(tmp_path / "e.npy", size=(WIDTH, HEIGHT), window_s=1.93)
+    assert [title[:4] for title in alone] == ["(a) ", "(b) "]
+    assert "events in 1.93 s: ON red" in alone[0]
+    assert alone[1].endswith(", 1.93 s"), "not twenty windows, of which the sequence would fill a small part"
+    assert titles(folder)[0].startswith("(a) intensity frame")
+    assert not any("no " in title for title in titles(folder))
+
+
 def test_a_dataset_without_events_makes_a_figure(tmp_path: Path) -> None:
     """A camera that rests gives an empty cloud, not an error."""
     with DatasetWriter(tmp_path / "d", Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)) as writer:
@@ -134,6 +151,20 @@ def test_the_video_shows_frames_and_events(folder: Path, tmp_path: Path, suffix:
         assert count_of(left, rgb, within=40) == 0
 
 
+def test_a_video_of_noise_stays_below_five_megabytes(tmp_path: Path) -> None:
+    """Ten seconds of what no codec can compress well; the caption says how fast it plays."""
+    random, count = np.random.default_rng(1), 400_000
+    events = np.zeros(count, EVENT_DTYPE)
+    events["t"] = np.sort(random.integers(0, 1_000_000, count))
+    events["x"], events["y"], events["p"] = (random.integers(0, most, count) for most in (240, 180, 2))
+    np.save(tmp_path / "e.npy", events)
+    video = make_video(tmp_path / "e.npy", tmp_path / "v.mp4", size=(240, 180))
+    assert 2_000_000 < video.stat().st_size < 5_000_000
+    assert [_speed_text(speed) for speed in (0.1, 1, 0.3, 2.5)] == [
+        "10 x slower", "real time", "3.33 x slower", "2.5 x faster"
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("name", "arguments", "rule"),
     [
@@ -159,7 +190,7 @@ def test_a_missing_library_says_how_to_get_it(folder: Path, tmp_path: Path, modu
     program = (
         f"import sys; sys.modules[{module!r}] = None\n"
         "from davis_rs.inspection.figure import view\n"
-        "from davis_rs.inspection.video import make_video\n"
+        "from davis_rs.inspection.video import _speed_text, make_video\n"
         f"try: {call}({arguments})\n"
         "except ImportError as error: print(error)"
     )

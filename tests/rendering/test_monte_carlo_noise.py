@@ -129,6 +129,17 @@ def test_the_estimate_is_what_whole_runs_have(of_the_box: NoiseEstimate) -> None
     assert estimate.rays < 1_300_000
 
 
+@pytest.mark.usefixtures("llvm", "few_seeds")
+def test_the_measuring_of_noise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each rendering is counted, of as many as there are: it may take minutes."""
+    told: list[str] = []
+    monkeypatch.setattr(monte_carlo_noise, "doing", told.append)
+    estimate_noise(plain_box(), renderer="integrator")
+    count = len(told)
+    assert count >= 12
+    assert told == [f"measuring noise, {done} of {count} renderings" for done in range(count)]
+
+
 @pytest.mark.usefixtures("llvm")
 def test_more_light_paths_have_less_noise_by_their_root(of_the_box: NoiseEstimate) -> None:
     """Log luma's noise is told in C, and halves with four times the samples."""

@@ -12,11 +12,15 @@ import termios
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
-from davis_rs import load_scene, simulate_to_folder
+from davis_rs import frames_to_folder, load_scene, open_frames, simulate_to_folder
 from davis_rs._util import progress as module
 from davis_rs._util.progress import Forecast, Progress, each, progress, say, speed_of
 from davis_rs._util.quantities import events_a_second
+from davis_rs.simulation.folder import _advice
+from davis_rs.simulation.planning import plan_effects
+from davis_rs.simulation.settings import FolderSettings, complete
 
 PACKAGE = Path(module.__file__).parent
 
@@ -195,3 +199,44 @@ def test_a_run_tells_what_it_does_and_counts_keyframes(monkeypatch: pytest.Monke
     assert len(times) > 5, "packets end at 0 and at 0.06 s alone"
     assert moved[-1][1].startswith(f"{report.events:,} events, ")
     assert [events_a_second(rate) for rate in (12.3, 45_600, 4_230_000, 87.4e6)] == ["12/s", "46k/s", "4.2M/s", "87M/s"]
+
+
+@pytest.mark.usefixtures("llvm")
+def test_a_plan_tells_each_of_its_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One for the sample, one for each candidate, and those of the effects together."""
+    told: list[str] = []
+    for module_name in ("planner", "effects_together"):
+        monkeypatch.setattr(f"davis_rs.simulation.planning.{module_name}.doing", told.append)
+    candidates = {"leak_rate_hz": 0.1, "refractory_period_us": 200}
+    plan_effects(load_scene("three_planes").crop(0, 0.02), candidates, size=(24, 18))
+    assert told[:4] == [
+        "rendering a sample of the sequence",
+        "effect 1 of 2, refractory_period_us",
+        "effect 2 of 2, leak_rate_hz",
+        "the effects together",
+    ]
+    assert told[-1] == "the effects together, on other pixels"
+
+
+def test_frames_tell_what_is_done_before_they_are_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The bar is there before the first frames are read."""
+    told: list[str] = []
+    monkeypatch.setattr("davis_rs.simulation.from_frames.frames_folder.doing", told.append)
+    moved: list[float] = []
+    monkeypatch.setattr(Progress, "to", lambda _, done, note="": moved.append(done))
+    (tmp_path / "images").mkdir()
+    for number in range(4):
+        Image.new("L", (24, 18), 40 * number + 20).save(tmp_path / "images" / f"{number}.png")
+    frames = open_frames(tmp_path / "images", fps=100)
+    frames_to_folder(frames, tmp_path / "d", interpolation="linear", quiet=True)
+    assert told == ["reading the first frames"]
+    assert moved == [1, 2, 3, 4]
+
+
+def test_a_run_is_told_of_the_fast_preset_only_where_it_decides() -> None:
+    told = {
+        _advice(complete(FolderSettings, given, taker="a test"))
+        for given in ({"accuracy": "fast"}, {"render_rate_hz": 1000.0}, {"tolerance": 0.1, "accuracy": "exact"})
+    }
+    assert told == {""}
+    assert _advice(complete(FolderSettings, {"accuracy": "exact"}, taker="a test")) == "--accuracy fast takes less"

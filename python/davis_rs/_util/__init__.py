@@ -9,6 +9,7 @@
 - Long work: ``progress`` (all bars), ``read_ahead`` (prefetches in a background thread), ``stop_requests`` (Ctrl-C is
   deferred to a safe point), ``folder_report`` (what a run wrote), ``terminal_text`` (text that
   came from files is escaped).
+- For people: ``quantities`` (times, rates and values with their units), ``html_table`` (what a notebook shows).
 - ``memory_forecast``: how much a run will take, and what there is. ``random_words``: a draw is the SHA-256 of (seed,
   sequence, key), so that a new key changes no other draw.
   ``extras``: libraries that only some parts need.

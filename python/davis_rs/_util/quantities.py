@@ -54,6 +54,8 @@ def with_unit(name: str, value: object) -> str:
     """Return a value as text, with the unit that the end of its name says: ``refractory_period_us`` is in us."""
     if value is None:
         return "-"
-    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    text = str(value)
+    if isinstance(value, float):
+        text = f"{value:,.0f}" if 1e5 <= abs(value) < 1e15 else f"{value:.6g}"
     unit = next((unit for end, unit in _UNITS.items() if name.endswith(end)), "")
     return f"{text} {unit}".rstrip()

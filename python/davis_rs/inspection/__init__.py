@@ -1,6 +1,7 @@
 """Looks back at datasets: checks, comparisons, summaries, pictures.
 
-``check``, ``summary``, ``video``, ``rerun_recording`` -> ``figure`` -> ``truth_panels`` -> ``flow_picture``;
+``check``, ``summary``, ``video``, ``event_image``, ``rerun_recording`` -> ``figure`` -> ``truth_panels`` ->
+``flow_picture``;
 ``html_page`` (a page for browsers; its program is in ``web``); all -> ``visual_sequence`` (what is drawn of a
 folder, an event file or a recording) -> ``dataset_description``. ``statistics`` measures streams and compares them.
 """

@@ -13,8 +13,9 @@ from .._util.argument_checks import check_number
 from .._util.argument_error import ArgumentError
 from .._util.close_names import names_checked
 from .._util.extras import from_extra
+from .._util.quantities import time_text
 from ..events.arrays import EventArray
-from .truth_panels import truth_panels
+from .truth_panels import Panel, truth_panels
 from .visual_sequence import VisualSequence, display_grey, nearest, open_visual_sequence
 
 if TYPE_CHECKING:
@@ -50,13 +51,13 @@ def view(
     window_s: float | None = None,
     size: tuple[int, int] | None = None,
 ) -> Figure:
-    """Draw one moment of a sequence as a figure of four panels or more, 7.2 inches wide; in a notebook it shows itself.
+    """Draw one moment of a sequence as a figure of some panels, 7.2 inches wide; in a notebook it shows itself.
 
     The intensity frame; the events of a short window around it, ON red and OFF blue, over the faded frame; the depth
     map (grey where nothing is hit); and column over time of the events of a few middle rows, in a longer window. Where
     a folder has them, below: optical flow as the usual colour wheel, shapes, and surface normals. Frames hold linear
-    light, so they are drawn with sRGB's transfer curve. What the source does not have is left empty, and
-    the title says so. ``savefig`` of the figure writes PNG, PDF, SVG and others, by the suffix.
+    light, so they are drawn with sRGB's transfer curve. What the source does not have gets no panel. ``savefig`` of the
+    figure writes PNG, PDF, SVG and others, by the suffix.
 
     Args:
         source: a dataset folder, an event file of any format, or a recording (AEDAT, or a camera's bytes).
@@ -94,15 +95,18 @@ def view(
         sequence.events[in_band],
         t_us,
         _BAND_EVENTS_A_COLUMN * width,
-        None if window_s is None else _BAND_WINDOWS * window_s,
+        None if window_s is None else min(_BAND_WINDOWS * window_s, max((end_us - start_us) / 1e6, window_s)),
     )
     grey = np.ones((height, width)) if frame is None else display_grey(sequence.read_frame(frame))
 
     with mpl.rc_context(_STYLE):
         # The three pictures have one size, whatever stands next to them.
         panel_in = _PANEL_WIDTH * _WIDTH_IN * height / width
-        more = truth_panels(sequence, t_us)
-        rows_of_panels = 2 + (len(more) + 1) // 2
+        panels = _panels(sequence, t_us, grey, frame, depth, shown, shown_ms)
+        if len(band):
+            panels.append(lambda ax, letter: _draw_band(ax, letter, band, rows, t_us, band_ms, width))
+        panels += truth_panels(sequence, t_us)
+        rows_of_panels = (len(panels) + 1) // 2
         height_in = rows_of_panels * (_TITLE_IN + panel_in + _TICKS_IN) + _LABEL_IN
         figure = _make_figure((_WIDTH_IN, height_in))
         row = (_TITLE_IN + panel_in + _TICKS_IN) / height_in
@@ -111,21 +115,14 @@ def view(
             left, bottom = (_LEFT, _RIGHT)[number % 2], (rows_of_panels - 1 - number // 2) * row
             return figure.add_axes((left, bottom + _TICKS_IN / height_in, _PANEL_WIDTH, panel_in / height_in))
 
-        axes = [panel(number) for number in (0, 1, 2, *range(4, 4 + len(more)))]
         figure.text(0.5, 1 - 0.6 * _LABEL_IN / height_in, sequence.label, ha="center", va="center", fontsize=9)
-        for ax in axes:
-            ax.set_xticks(_ticks(width))
-            ax.set_yticks(_ticks(height))
-            ax.tick_params(labelsize=6, width=0.5, length=2, pad=1.5)
-        axes[0].imshow(grey, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
-        axes[0].set_title("(a) intensity frame, " + _time(t_us) if frame is not None else "(a) no intensity frames")
-        axes[1].imshow(event_picture(grey, shown), interpolation="nearest")
-        counted = f"{len(shown):,} events in {shown_ms:.3g} ms: ON red, OFF blue"
-        axes[1].set_title("(b) " + (counted if len(shown) else "no events in this window"))
-        _draw_depth(axes[2], sequence, depth)
-        for ax, draw, letter in zip(axes[3:], more, "efg", strict=False):
+        for number, (draw, letter) in enumerate(zip(panels, "abcdefgh", strict=False)):
+            ax = panel(number)
             draw(ax, letter)
-        _draw_band(panel(3), band, rows, t_us, band_ms, width)
+            if ax.images:  # others have their own ticks
+                ax.set_xticks(_ticks(width))
+                ax.set_yticks(_ticks(height))
+                ax.tick_params(labelsize=6, width=0.5, length=2, pad=1.5)
     return figure
 
 
@@ -186,13 +183,36 @@ def events_around(events: EventArray, t_us: int, count: float, window_s: float |
     return events[window], 2 * half_us / 1e3
 
 
-def _draw_depth(ax: Axes, sequence: VisualSequence, index: int | None) -> None:
-    if index is None:
-        ax.set_title("(c) no depth maps")
-        ax.set_axis_off()
-        return
+def _panels(
+    sequence: VisualSequence,
+    t_us: int,
+    grey: npt.NDArray[np.float64],
+    frame: int | None,
+    depth: int | None,
+    events: EventArray,
+    events_ms: float,
+) -> list[Panel]:
+    """Return the pictures that there are: frame, events over it, depth."""
+
+    def draw_frame(ax: Axes, letter: str) -> None:
+        ax.imshow(grey, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
+        ax.set_title(f"({letter}) intensity frame, {_time(t_us)}")
+
+    def draw_events(ax: Axes, letter: str) -> None:
+        ax.imshow(event_picture(grey, events), interpolation="nearest")
+        counted = f"{len(events):,} events in {time_text(1e3 * events_ms)}: ON red, OFF blue"
+        ax.set_title(f"({letter}) " + (counted if len(events) else "no events in this window"))
+
+    panels: list[Panel] = [] if frame is None else [draw_frame]
+    panels.append(draw_events)
+    if depth is not None:
+        panels.append(lambda ax, letter: _draw_depth(ax, letter, sequence, depth))
+    return panels
+
+
+def _draw_depth(ax: Axes, letter: str, sequence: VisualSequence, index: int) -> None:
     depth = np.ma.masked_invalid(sequence.read_depth(index))
-    title = f"(c) depth, {_time(sequence.depth_times[index])}"
+    title = f"({letter}) depth, {_time(sequence.depth_times[index])}"
     least: float | None = None
     most: float | None = None
     if depth.count() == 0:
@@ -211,17 +231,20 @@ def _draw_depth(ax: Axes, sequence: VisualSequence, index: int | None) -> None:
         bar.ax.tick_params(width=0.6, length=2, labelsize=6)
 
 
-def _draw_band(ax: Axes, events: EventArray, rows: tuple[int, int], t_us: int, span_ms: float, width: int) -> None:
+def _draw_band(
+    ax: Axes, letter: str, events: EventArray, rows: tuple[int, int], t_us: int, span_ms: float, width: int
+) -> None:
     """Draw column over time of all events of a few rows: what moves evenly draws straight lines."""
     colours = np.where(events["p"][:, None] == 1, ON_RGB, OFF_RGB) / 255.0
-    ax.scatter((events["t"] - t_us) / 1e3, events["x"], c=colours, s=1.5, linewidths=0, rasterized=True)
-    counted = f"{len(events):,} events of rows {rows[0]} to {rows[1] - 1}" if len(events) else "no events"
-    ax.set_title(f"(d) {counted}, {span_ms:.3g} ms" if len(events) else f"(d) {counted}")
-    reach = span_ms / 2 if span_ms > 0 else 1.0
+    unit_us, unit = (1e6, "s") if span_ms >= 2e3 else (1e3, "ms")
+    ax.scatter((events["t"] - t_us) / unit_us, events["x"], c=colours, s=1.5, linewidths=0, rasterized=True)
+    counted = f"{len(events):,} events of rows {rows[0]} to {rows[1] - 1}"
+    ax.set_title(f"({letter}) {counted}, {time_text(1e3 * span_ms)}")
+    reach = 1e3 * span_ms / unit_us / 2 if span_ms > 0 else 1.0
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-0.5, width - 0.5)
     ax.set_yticks(_ticks(width))
-    ax.set_xlabel(f"time from {t_us / 1e6:.3f} s (ms)", labelpad=1, fontsize=7)
+    ax.set_xlabel(f"time from {t_us / 1e6:.3f} s ({unit})", labelpad=1, fontsize=7)
     ax.text(-0.01, 1.015, "x (px)", transform=ax.transAxes, ha="right", va="bottom", fontsize=6)
     ax.tick_params(labelsize=6, width=0.5, length=2, pad=1.5)
 

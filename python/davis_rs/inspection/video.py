@@ -23,6 +23,12 @@ _CAPTION_HEIGHT = 28
 _GAP = 8
 
 
+_FILE_BYTES = 4_500_000
+"""Of an .mp4, as far as its length allows it."""
+
+_LEAST_BITS_A_SECOND = 500_000
+
+
 @names_checked
 def make_video(
     source: str | Path,
@@ -40,7 +46,7 @@ def make_video(
 
     Args:
         source: a dataset folder, an event file of any format, or a recording (AEDAT, or a camera's bytes).
-        output: the file to write: ``.mp4`` (H.264) or ``.gif``.
+        output: the file to write: ``.mp4`` (H.264; 5 MB at most up to 70 s of video, then 0.5 Mbit/s) or ``.gif``.
         fps: pictures a second. A GIF counts in hundredths of a second, so there 50 at most.
         speed: seconds of the sequence in a second of the video; 1 is real time, 0.1 ten times slower.
         size: (width, height) of the sensor in pixels, where the source does not say.
@@ -71,16 +77,33 @@ def make_video(
         raise ValueError(f"{source} has neither events nor frames: there is nothing to show in a video")
     step_us = 1e6 * speed / fps
     count = max(1, math.ceil((sequence.end_us - sequence.start_us) / step_us))
-    options = (
-        {"fps": fps, "quality": 8, "macro_block_size": 2} if suffix == ".mp4" else {"duration": 1000 / fps, "loop": 0}
-    )
+    if suffix == ".mp4":
+        # The best quality of libx264's own scale that keeps the file small: what moves like noise would fill a disk.
+        most = f"{max(_LEAST_BITS_A_SECOND, 8 * _FILE_BYTES * fps / count):.0f}"
+        limited = ["-crf", "18", "-maxrate", most, "-bufsize", most]
+        options = {"fps": fps, "quality": None, "macro_block_size": 2, "ffmpeg_params": limited}
+    else:
+        options = {"duration": 1000 / fps, "loop": 0}
     with whole_file(output) as place, imageio.get_writer(place, **options) as writer:
-        for picture in each(_pictures(sequence, step_us, count), "drawing", count, unit="pictures", show=show_progress):
+        for picture in each(
+            _pictures(sequence, step_us, count, _speed_text(speed)),
+            "drawing",
+            count,
+            unit="pictures",
+            show=show_progress,
+        ):
             writer.append_data(picture)
     return output
 
 
-def _pictures(sequence: VisualSequence, step_us: float, count: int) -> Iterator[npt.NDArray[np.uint8]]:
+def _speed_text(speed: float) -> str:
+    """Write how fast a video plays."""
+    if speed == 1:
+        return "real time"
+    return f"{1 / speed:.3g} x slower" if speed < 1 else f"{speed:.3g} x faster"
+
+
+def _pictures(sequence: VisualSequence, step_us: float, count: int, speed: str) -> Iterator[npt.NDArray[np.uint8]]:
     """Yield the pictures of the video, uint8 (even height, even width, 3)."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -103,6 +126,6 @@ def _pictures(sequence: VisualSequence, step_us: float, count: int) -> Iterator[
             (panel_width + _GAP, Image.fromarray(event_picture(grey, events[window]))),
         ):
             picture.paste(panel.resize((panel_width, panel_height), Image.Resampling.NEAREST), (left, 0))
-        caption = f"t = {end_us / 1e6:.4f} s"
+        caption = f"t = {end_us / 1e6:.4f} s, {speed}"
         ImageDraw.Draw(picture).text((size[0] / 2, panel_height + _CAPTION_HEIGHT / 2), caption, "black", font, "mm")
         yield np.asarray(picture)

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..._util.progress import doing
 from ...events.arrays import EventArray, concatenate_events
 from ...sensor.effects import Effect, Effects, with_optics
 from .bus import carried_events
@@ -84,6 +85,7 @@ class EffectsTogether:
 
     def forecast(self, costs: Costs, chosen: Effects) -> SetForecast:
         """Say what a set does on the pixels of the sample, and how it compares with all candidates on held-out ones."""
+        doing("the effects together, on other pixels")
         estimator, sequence = self._estimator, self._estimator.sequence
         chosen = Effects.of(effect for effect in chosen if effect.name != "aps")
         with_set = chosen.with_defaults(self._kept)
@@ -105,6 +107,7 @@ class EffectsTogether:
     def _error(self, pixels: _Pixels, out: Sequence[Effect]) -> float:
         """Return the error of leaving these out of everything."""
         names = {effect.name for effect in out}
+        doing(f"the effects together, without {', '.join(sorted(names))}")
         rest = Effects.of(effect for effect in self._everything if effect.name not in names)
         return pixels.omission(rest, self._everything)[0].worst_percent
 
