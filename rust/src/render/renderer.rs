@@ -38,6 +38,8 @@ pub struct Renderer {
     rooms: Spares<Room>,
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
+    /// Whether tiles find their triangles by beams, see [`SMALL`].
+    by_beams: bool,
     /// Of the scene, once somebody wants to know them.
     pub(crate) edges: OnceLock<Edges>,
 }
@@ -45,6 +47,10 @@ pub struct Renderer {
 /// How many views are done band by band together, at most, and how many triangles they may have in all.
 const MOST_TOGETHER: usize = 8;
 const MOST_TRIANGLES_TOGETHER: usize = 1 << 15;
+
+/// Scenes of so many triangles are looked through by each tile from front to back. Smaller ones have triangles that cover
+/// many rays: to set up each once for all tiles of a view takes less time.
+const SMALL: usize = 1 << 14;
 
 /// How many views a thread takes at a time where single pixels are wanted.
 const VIEWS_OF_SAMPLES: usize = 16;
@@ -82,7 +88,8 @@ impl Renderer {
         let threads = threads.map(Threads::start).transpose()?;
         let still = still_cones(&scene);
         let (rooms, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
-        Ok(Self { scene, still, threads, rooms, scratch, pixels, edges: OnceLock::new() })
+        let by_beams = scene.triangles() >= SMALL;
+        Ok(Self { scene, still, threads, rooms, scratch, pixels, by_beams, edges: OnceLock::new() })
     }
 
     /// The scene.
@@ -203,7 +210,7 @@ impl Renderer {
         let both = bands(rays, depth).into_iter().zip(bands(rays, triangles)).collect();
         self.each_tile(rays, views, both, |of, tile, (scratch, _), _, (depth, triangles)| {
             let (mut depths, mut hit) = ([f32::INFINITY; PIXELS], [NO_TRIANGLE; PIXELS]);
-            tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, triangle| {
+            tile::nearest(of, tile, scratch, |ray, inverse, triangle| {
                 depths[ray] = 1.0 / inverse;
                 hit[ray] = self.scene.surfaces[triangle as usize].number;
             });
@@ -291,8 +298,10 @@ impl Renderer {
             .zip(&lights)
             .zip(&mut rooms)
             .map(|((view, lights), Room { bins, cones })| {
-                bins.fill(&self.scene, view, rays, None);
-                self.tile_view(rays, view, lights, bins, cones)
+                if !self.by_beams {
+                    bins.fill(&self.scene, view, rays, None);
+                }
+                TileView { by_beams: self.by_beams, ..self.tile_view(rays, view, lights, bins, cones) }
             })
             .collect();
         work(&ready);
@@ -313,7 +322,7 @@ impl Renderer {
     ) -> TileView<'a> {
         moving_cones(&self.scene, view, lights, cones);
         let lit = Surroundings { scene: &self.scene, view, lights, still: &self.still, moving: cones };
-        TileView { rays, lit, background: background(&self.scene, view), bins }
+        TileView { rays, lit, background: background(&self.scene, view), bins, by_beams: false }
     }
 
     /// What each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were found.
@@ -547,5 +556,90 @@ mod tests {
             [17_854_218_977_312_245_001, 17_650_990_199_588_181_821],
         ];
         assert_eq!(found, seen);
+    }
+
+    /// Adds what is hard to a scene: the same triangle twice, in both orders; triangles that share edges and corners which
+    /// rays pass through exactly; needles; what is seen from its side; what is huge, and what has no size or is not finite.
+    fn add_hard_triangles(tables: &mut SceneTables, numbers: &mut Numbers) {
+        let mut hard: Vec<[[f64; 3]; 3]> = vec![];
+        for i in 0..8 {
+            let corner = |k: usize| {
+                let angle = std::f64::consts::FRAC_PI_4 * ((i + k) % 8) as f64;
+                [0.5 * angle.cos().round(), 0.5 * angle.sin().round(), 1.5]
+            };
+            hard.push([[0.0, 0.0, 1.5], corner(0), corner(1)]);
+        }
+        for _ in 0..20 {
+            let [a, b, c] = [numbers.vector(1.0), numbers.vector(1.0), numbers.vector(1.0)];
+            let between = |t: f64| [0, 1, 2].map(|k| a[k] + t * (b[k] - a[k]) + 1e-6 * c[k]);
+            hard.extend([[a, b, c], [c, b, a], [b, c, a], [a, b, between(0.4)], [a, a, b], [a, a, a]]);
+            hard.push([a, b, [c[0], f64::NAN, c[2]]]);
+            hard.push([a.map(|x| 1e6 * x), b.map(|x| 1e6 * x), c]);
+            // In the plane of the camera's place, and far behind it.
+            hard.push([[0.0, 0.0, -2.0], [1.0, 1.0, a[0]], [2.0, 2.0, a[1]]]);
+            hard.push([[a[0], a[1], -9.0], b, c]);
+        }
+        for (i, corners) in hard.into_iter().enumerate() {
+            let [a, b, c] = corners;
+            let [u, v]: [[f64; 3]; 2] = [std::array::from_fn(|j| b[j] - a[j]), std::array::from_fn(|j| c[j] - a[j])];
+            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+            let n = if length > 0.0 { n.map(|x| x / length) } else { [0.0; 3] };
+            tables.planes.push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
+            tables.corners.push(corners);
+            tables.uv_maps.push([[0.1, 0.2, 0.3, 0.4], [0.4, 0.3, 0.2, 0.1]]);
+            tables.normal_maps.push([0, 1, 2].map(|k| [0.0, 0.0, 0.0, n[k]]));
+            tables.textures.push(0);
+            tables.two_sided.push(true);
+            tables.frames.push((i / 3 % 2) as u32);
+        }
+    }
+
+    /// Whether tiles find their triangles by bins or by beams changes no bit of luma, rates, depths or triangles.
+    #[test]
+    fn beams_and_bins_see_the_same() {
+        let (width, height) = (45, 27);
+        let mut numbers = Numbers(3);
+        for (count, rays) in [(0, 5), (1, 1), (7, 8), (60, 9), (1500, 5), (20_000, 5)] {
+            let rays: [PixelRays; 2] = [rays, 1].map(|rays| {
+                let table: Vec<f32> = (0..rays)
+                    .flat_map(|ray| (0..width * height).map(move |pixel| (ray, pixel % width, pixel / width)))
+                    .flat_map(|(ray, x, y)| {
+                        let at =
+                            |place: usize, shift: usize| (place as f32 + (ray * shift % 5) as f32 * 0.2) / 20.0 - 1.0;
+                        [at(x, 1), at(y, 2)]
+                    })
+                    .collect();
+                PixelRays::new(width, height, rays, &table).unwrap()
+            });
+            let mut tables = tables(&mut numbers, count);
+            if count < 10_000 {
+                add_hard_triangles(&mut tables, &mut numbers);
+            }
+            let mut renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+            let level = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            let turned = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]];
+            let views: Vec<View> = [(level, [0.0, 0.0, -2.0]), (turned, [-1.5, 0.1, -1.5]), (level, [0.1, 0.2, 0.3])]
+                .into_iter()
+                .map(|(rotation, position)| {
+                    let pose = Pose { position, rotation, velocity: [0.3; 3], angular_rate: [0.2; 3] };
+                    let other = Pose { position: numbers.vector(1.0), ..pose };
+                    View { poses: vec![pose, other], factors: vec![[1.0, 0.3], [0.7, 0.0], [1.0, -0.2]] }
+                })
+                .collect();
+            let size = width * height * views.len();
+            let mut see = |by_beams: bool| {
+                renderer.by_beams = by_beams;
+                let (mut luma, mut rate, mut depth) = (vec![0f32; size], vec![0f32; size], vec![0f32; size]);
+                let mut triangles = vec![0; size];
+                renderer.luma(&rays[0], &views, &mut luma, Some(&mut rate)).unwrap();
+                renderer.depth(&rays[1], &views, &mut depth, &mut triangles).unwrap();
+                let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect::<Vec<_>>();
+                (triangles, bits(depth), bits(luma), bits(rate))
+            };
+            let (bins, beams) = (see(false), see(true));
+            assert!(bins.0 == beams.0, "triangles of {count}");
+            assert!(bins == beams, "luma of {count}");
+        }
     }
 }

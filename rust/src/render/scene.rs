@@ -7,6 +7,8 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::geometry::hierarchy::Hierarchy;
 use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::geometry::view::View;
@@ -15,6 +17,10 @@ use super::light::light_map::{Emission, LightMapTables, SideMap};
 use super::light::sky::Sky;
 use super::light::texture::{self, Texture};
 use crate::error::{Error, Result};
+use crate::threads::SHARED;
+
+/// Scenes of so many triangles are made ready on all threads.
+const MANY: usize = 1 << 13;
 
 /// What shines: where, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -167,36 +173,49 @@ impl Scene {
                 *place = sub(*place, tables.centre);
             }
         }
-        for frame in 0..tables.frame_count {
-            let members: Vec<usize> = (0..tables.corners.len())
-                .filter(|&i| tables.frames[i] as usize == frame && has_area(&tables.corners[i]))
-                .collect();
-            scene.push_frame(tables, &light_maps, frame, &members);
+        let mut push_frames = |parallel: bool| {
+            for frame in 0..tables.frame_count {
+                let members: Vec<usize> = (0..tables.corners.len())
+                    .filter(|&i| tables.frames[i] as usize == frame && has_area(&tables.corners[i]))
+                    .collect();
+                scene.push_frame(tables, &light_maps, frame, &members, parallel);
+            }
+        };
+        // Threads are started for no scene that is ready before they are.
+        if tables.corners.len() < MANY {
+            push_frames(false);
+        } else {
+            SHARED.pool()?.install(|| push_frames(true));
         }
         Ok(scene)
     }
 
-    fn push_frame(&mut self, tables: &SceneTables, light_maps: &[[SideMap; 2]], frame: usize, members: &[usize]) {
-        let bounds: Vec<Bounds> = members.iter().map(|&i| Bounds::of(&tables.corners[i])).collect();
-        let around = bounds.iter().fold(Bounds::NONE, |all, b| all.with(b));
+    fn push_frame(
+        &mut self,
+        tables: &SceneTables,
+        light_maps: &[[SideMap; 2]],
+        frame: usize,
+        members: &[usize],
+        parallel: bool,
+    ) {
+        let bounds = members.iter().map(|&i| Bounds::of(&tables.corners[i]));
         let centre = if frame == 0 {
             tables.centre
         } else if members.is_empty() {
             [0.0; 3]
         } else {
-            around.centre()
+            bounds.clone().fold(Bounds::NONE, |all, b| all.with(&b)).centre()
         };
-        let own: Vec<Bounds> =
-            bounds.iter().map(|b| Bounds { low: sub(b.low, centre), high: sub(b.high, centre) }).collect();
-        let (hierarchy, order) = Hierarchy::new(&own);
+        let own = bounds.map(|b| Bounds { low: sub(b.low, centre), high: sub(b.high, centre) });
+        let (hierarchy, order) = Hierarchy::new(own, parallel);
         let first = self.corners.len();
-        for &at in &order {
-            let i = members[at as usize];
+        let corners = |at: &u32| tables.corners[members[*at as usize]].map(|corner| sub(corner, centre));
+        let surface = |at: &u32| {
+            let i = members[*at as usize];
             let moved = |map: [f64; 4]| [map[0], map[1], map[2], map[3] + dot([map[0], map[1], map[2]], centre)];
             let plane = moved(tables.planes[i]);
             let normal = tables.normal_maps.get(i).map(|maps| maps.map(moved)).filter(|maps| is_smooth(maps, &plane));
-            self.corners.push(tables.corners[i].map(|corner| sub(corner, centre)));
-            self.surfaces.push(Surface {
+            Surface {
                 #[allow(clippy::cast_possible_truncation, reason = "there are fewer triangles than 2^32")]
                 number: i as u32,
                 plane,
@@ -211,7 +230,14 @@ impl Scene {
                     Box::new(sides.clone().map(|side| SideMap { u: moved(side.u), v: moved(side.v), ..side }))
                 }),
                 emission: tables.emissions.get(i).copied().flatten(),
-            });
+            }
+        };
+        if parallel {
+            self.corners.par_extend(order.par_iter().map(corners));
+            self.surfaces.par_extend(order.par_iter().map(surface));
+        } else {
+            self.corners.extend(order.iter().map(corners));
+            self.surfaces.extend(order.iter().map(surface));
         }
         self.frames.push(Frame { centre, triangles: first..self.corners.len(), hierarchy });
     }

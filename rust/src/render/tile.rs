@@ -17,6 +17,7 @@ use super::light::patch::Patch;
 use super::light::shade::Shader;
 use super::samples::Pixels;
 use super::time::tracks::Sight;
+use super::visibility::beam::Beam;
 use super::visibility::bins::{Bins, Entry, Seen};
 use super::visibility::nearest::{NOTHING, Nearest};
 use super::visibility::sorted::{Picked, Portion, Sorted};
@@ -28,6 +29,8 @@ pub(crate) struct TileView<'a> {
     /// Luma of what is not hit, and its rate.
     pub(crate) background: (f32, f32),
     pub(crate) bins: &'a Bins,
+    /// Whether each tile finds its triangles by a [`Beam`], and the bins are empty.
+    pub(crate) by_beams: bool,
 }
 
 /// Room for a tile's work.
@@ -35,6 +38,7 @@ pub(crate) struct TileView<'a> {
 pub(crate) struct TileScratch {
     list: Vec<Entry>,
     rays: TileRays,
+    beam: Beam,
     pub(crate) nearest: Nearest,
     caster: Caster,
     sorted: Vec<Sorted>,
@@ -46,6 +50,9 @@ pub(crate) struct TileScratch {
 
 /// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
 pub(crate) type Shaders<'a> = Vec<Shader<'a>>;
+
+/// Shadows on more triangles than this, which are small then, are found by rays.
+const MANY_RECEIVERS: usize = 16;
 
 /// Among more than this none is looked for.
 const FEW_SHADERS: usize = 8;
@@ -72,8 +79,15 @@ pub(crate) fn luma<'a, const RATE: bool>(
 ) {
     let mut room = std::mem::take(&mut scratch.rays);
     let part = of.rays.of_tile(tile, &mut room);
-    of.bins.of_tile(tile, part.around, &mut scratch.list);
-    shade::<RATE>(of, &part, scratch, before);
+    if of.by_beams {
+        let mut beam = std::mem::take(&mut scratch.beam);
+        beam.find(of.lit.scene, of.lit.view, &part, &mut scratch.nearest, &mut scratch.list);
+        shade::<RATE>(of, &beam.seen, &part, scratch, before);
+        scratch.beam = beam;
+    } else {
+        find(of.bins, tile, &part, scratch);
+        shade::<RATE>(of, &of.bins.seen, &part, scratch, before);
+    }
     scratch.rays = room;
     image.luma = mean(&scratch.luma);
     if RATE {
@@ -85,8 +99,8 @@ pub(crate) fn luma<'a, const RATE: bool>(
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
-    of.bins.of_tile(number, part.around, &mut scratch.list);
-    shade::<false>(of, &part, scratch, &mut vec![]);
+    find(of.bins, number, &part, scratch);
+    shade::<false>(of, &of.bins.seen, &part, scratch, &mut vec![]);
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
@@ -94,8 +108,8 @@ pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
     let part = pixels.part();
-    of.bins.of_tile(number, part.around, &mut scratch.list);
-    shade::<true>(of, &part, scratch, &mut vec![]);
+    find(of.bins, number, &part, scratch);
+    shade::<true>(of, &of.bins.seen, &part, scratch, &mut vec![]);
     let nearest = &scratch.nearest;
     let seen = |place: u32| &of.bins.seen[scratch.list[place as usize].seen as usize];
     for ray in 0..pixels.count() * of.rays.rays() {
@@ -114,10 +128,27 @@ pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mu
     }
 }
 
-/// Luma of rays, and its rate. `before` are the shaders of the tile before, and then those of this one.
+/// Finds what the rays of a tile see by bins; `number` is the tile's in them.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut TileScratch, before: &mut Shaders<'a>) {
+fn find(bins: &Bins, number: usize, part: &Part, scratch: &mut TileScratch) {
+    bins.of_tile(number, part.around, &mut scratch.list);
+    if !scratch.list.is_empty() {
+        scratch.nearest.find(bins, &scratch.list, part);
+    }
+}
+
+/// Luma of rays, and its rate. `all` are the triangles of the tile's list; `before` are the shaders of the tile before, and
+/// then those of this one.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn shade<'a, const RATE: bool>(
+    of: &TileView<'a>,
+    all: &[Seen],
+    part: &Part,
+    scratch: &mut TileScratch,
+    before: &mut Shaders<'a>,
+) {
     let Part { x, y, around, .. } = *part;
     let TileScratch { list, nearest, caster, sorted, visible, picked, luma, rate, .. } = scratch;
     luma.clear();
@@ -126,7 +157,6 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
     rate.resize(if RATE { x.len() } else { 0 }, of.background.1);
     visible.clear();
     if !list.is_empty() {
-        nearest.find(of.bins, list, part);
         visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
     }
     if let Some(sky) = &of.lit.scene.sky {
@@ -143,13 +173,13 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
             }
         }
     }
-    let seen = |place: u32| &of.bins.seen[list[place as usize].seen as usize];
+    let seen = |place: u32| &all[list[place as usize].seen as usize];
     let shaders = shaders(of, visible.iter().map(|&place| seen(place)), before);
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
     while at < visible.len() {
         // Neighbours in space follow each other in the list: what shadows them is searched for together.
-        let first = at;
+        let (first, mut by_rays) = (at, false);
         at += 1;
         if of.lit.scene.shadows {
             let mut patch = Patch::new(&of.lit, seen(visible[first]), around);
@@ -159,22 +189,26 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
                 patch = both;
                 at += 1;
             }
-            let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
-            caster
-                .shadow
-                .search(&of.lit, &patch, alone, |light| shaders[first..at].iter().any(|one| one.lit_by(light)));
+            let falls = |light: usize| shaders[first..at].iter().any(|one| one.lit_by(light));
+            by_rays = at - first > MANY_RECEIVERS;
+            if by_rays {
+                caster.shadow.by_rays(&of.lit, falls);
+            } else {
+                let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
+                caster.shadow.search(&of.lit, &patch, alone, falls);
+            }
         }
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
         for (sorted, &place) in sorted.iter_mut().zip(run) {
-            sorted.of_triangle(nearest, place);
+            sorted.of_triangle(nearest, place, !by_rays);
         }
         if of.lit.scene.shadows && caster.shadow.falls() {
             caster.clear();
             for (sorted, &place) in sorted.iter().zip(run) {
                 caster.fall_on(&of.lit, seen(place), &sorted.scattered);
             }
-            caster.cast(x, y);
+            caster.cast(&of.lit, x, y);
         }
         for (number, ((shader, &place), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
@@ -263,19 +297,24 @@ fn pixel_mean(rays: &[f32]) -> f32 {
 
 /// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(crate) fn nearest<Each: FnMut(usize, f32, u32)>(
-    bins: &Bins,
-    rays: &PixelRays,
+pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
+    of: &TileView,
     tile: usize,
     scratch: &mut TileScratch,
     mut each: Each,
 ) {
-    let part = rays.of_tile(tile, &mut scratch.rays);
-    bins.of_tile(tile, part.around, &mut scratch.list);
+    let part = of.rays.of_tile(tile, &mut scratch.rays);
+    let TileScratch { list, nearest, beam, .. } = scratch;
+    let all = if of.by_beams {
+        beam.find(of.lit.scene, of.lit.view, &part, nearest, list);
+        &beam.seen
+    } else {
+        of.bins.of_tile(tile, part.around, list);
+        nearest.find(of.bins, list, &part);
+        &of.bins.seen
+    };
     let (x, y) = (part.x, part.y);
-    let nearest = &mut scratch.nearest;
-    nearest.find(bins, &scratch.list, &part);
-    let seen = |place: u32| &bins.seen[scratch.list[place as usize].seen as usize];
+    let seen = |place: u32| &all[list[place as usize].seen as usize];
     let per_block = x.len() / BLOCKS;
     for ray in 0..x.len() {
         let only = nearest.only[ray / per_block];

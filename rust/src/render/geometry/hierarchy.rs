@@ -5,20 +5,11 @@
 //! What must not break: a triangle that touches the region is always found. One too many costs only time, so boxes are
 //! rounded outward.
 
-#![allow(clippy::cast_precision_loss, reason = "scenes have fewer than 2^31 triangles")]
-
 use std::ops::Range;
 
+use super::bvh_builder::{self, Item, build};
 use super::vector::{Bounds, largest};
-
-/// Triangles in a leaf, at most; unless they all lie at one place.
-const LEAF: usize = WIDTH;
-
-/// Candidates for a cut along an axis.
-const CUTS: usize = 12;
-
-/// What a visit to a node costs, in tests of a triangle.
-const VISIT: f64 = 0.5;
+use crate::prefetch::prefetch;
 
 /// Boxes side by side in a node, which are tested together.
 pub(crate) const WIDTH: usize = 8;
@@ -47,7 +38,32 @@ pub(crate) trait Region {
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
 }
 
-/// Boxes in boxes. Triangles are numbered in its order: those of a leaf, and of any node, follow each other.
+/// A part of space that is looked through from front to back.
+pub(crate) trait Ahead {
+    /// How near boxes may be, infinite for those that do not meet the region.
+    fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH];
+}
+
+/// What is done with triangles that are found from front to back; a trait, because closures may not be inlined always.
+pub(crate) trait Leaves {
+    /// How far triangles may lie that are still looked for.
+    fn farthest(&self) -> f32;
+
+    /// Is told of triangles that are waiting to be looked at.
+    fn expect(&self, leaf: Range<usize>);
+
+    fn look_at(&mut self, leaf: Range<usize>);
+}
+
+/// A box that is still to be looked into: how near it may be, and its node or triangles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Waiting {
+    distance: f32,
+    first: u32,
+    count: u32,
+}
+
+/// Boxes in boxes. Triangles are numbered in the order of a visit: those of a leaf follow each other.
 #[derive(Debug, Default)]
 pub(crate) struct Hierarchy {
     nodes: Vec<Node>,
@@ -55,67 +71,64 @@ pub(crate) struct Hierarchy {
     pub(crate) reach: f64,
 }
 
-/// A node of two, before these are gathered into nodes of [`WIDTH`].
-struct Fork {
-    bounds: Bounds,
-    range: Range<usize>,
-    /// The first of two that lie side by side; None for a leaf.
-    first: Option<usize>,
-}
-
 impl Hierarchy {
-    /// The hierarchy of triangles with these bounds, and in its order their old numbers.
-    pub(crate) fn new(bounds: &[Bounds]) -> (Self, Vec<u32>) {
-        let mut order: Vec<u32> = (0..index(bounds.len())).collect();
+    /// The hierarchy of triangles with these bounds, and in its order their old numbers; `parallel` where the threads of
+    /// this pool may build it.
+    pub(crate) fn new(bounds: impl Iterator<Item = Bounds>, parallel: bool) -> (Self, Vec<u32>) {
+        let mut items: Vec<Item> = (0..).zip(bounds).map(|(number, bounds)| Item { bounds, number }).collect();
         let mut hierarchy = Self::default();
-        if bounds.is_empty() {
-            return (hierarchy, order);
+        if items.is_empty() {
+            return (hierarchy, vec![]);
         }
-        let fork = |range: Range<usize>, order: &[u32]| {
-            let bounds = order[range.clone()].iter().fold(Bounds::NONE, |all, &i| all.with(&bounds[i as usize]));
-            Fork { bounds, range, first: None }
-        };
-        let mut forks = vec![fork(0..order.len(), &order)];
-        hierarchy.reach = largest(forks[0].bounds.low).max(largest(forks[0].bounds.high));
-        let mut at = 0;
-        while at < forks.len() {
-            let range = forks[at].range.clone();
-            if let Some(middle) = split(&forks[at].bounds, bounds, &mut order[range.clone()]) {
-                forks[at].first = Some(forks.len());
-                forks.push(fork(range.start..range.start + middle, &order));
-                forks.push(fork(range.start + middle..range.end, &order));
+        let root = build(&mut items, parallel);
+        hierarchy.reach = largest(root.bounds.low).max(largest(root.bounds.high));
+        hierarchy.gather(vec![&root]);
+        let order = hierarchy.number_by_visits();
+        (hierarchy, order.into_iter().map(|at| items[at].number).collect())
+    }
+
+    /// Numbers triangles in the order in which a visit finds them; gives their places in the order of the binary tree.
+    fn number_by_visits(&mut self) -> Vec<usize> {
+        let mut order = vec![];
+        let mut stack = vec![0];
+        while let Some(at) = stack.pop() {
+            let node = &mut self.nodes[at];
+            for lane in (0..node.used).rev() {
+                let first = node.first[lane] as usize;
+                if node.count[lane] == 0 {
+                    stack.push(first);
+                } else {
+                    node.first[lane] = index(order.len());
+                    order.extend(first..first + node.count[lane] as usize);
+                }
             }
-            at += 1;
         }
-        hierarchy.gather(&forks, vec![0]);
-        (hierarchy, order)
+        order
     }
 
     /// Collapses the binary tree into a wide node, largest area first, and does the same below it. Returns the node's
     /// index.
-    fn gather(&mut self, forks: &[Fork], mut members: Vec<usize>) -> u32 {
+    fn gather(&mut self, mut members: Vec<&bvh_builder::Node>) -> u32 {
         while members.len() < WIDTH {
-            let open = (0..members.len()).filter(|&i| forks[members[i]].first.is_some());
-            let area = |i: usize| forks[members[i]].bounds.half_area();
-            let Some(largest) = open.max_by(|&i, &j| area(i).total_cmp(&area(j))) else { break };
-            let first = forks[members[largest]].first.unwrap_or_default();
+            let open = members.iter().enumerate().filter_map(|(at, member)| Some((at, member.children.as_deref()?)));
+            let area = |(at, _): &(usize, _)| members[*at].bounds.half_area();
+            let Some((largest, [first, second])) = open.max_by(|a, b| area(a).total_cmp(&area(b))) else { break };
             members[largest] = first;
-            members.insert(largest + 1, first + 1);
+            members.insert(largest + 1, second);
         }
         let number = self.nodes.len();
         let boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
         self.nodes.push(Node { boxes, first: [0; WIDTH], count: [0; WIDTH], used: members.len() });
         for (lane, &member) in members.iter().enumerate() {
-            let fork = &forks[member];
-            let (first, count) = match fork.first {
-                Some(first) => (self.gather(forks, vec![first, first + 1]), 0),
-                None => (index(fork.range.start), index(fork.range.len())),
+            let (first, count) = match member.children.as_deref() {
+                Some([first, second]) => (self.gather(vec![first, second]), 0),
+                None => (index(member.range.start), index(member.range.len())),
             };
             let node = &mut self.nodes[number];
             (node.first[lane], node.count[lane]) = (first, count);
             for axis in 0..3 {
-                node.boxes.low[axis][lane] = below(fork.bounds.low[axis]);
-                node.boxes.high[axis][lane] = -below(-fork.bounds.high[axis]);
+                node.boxes.low[axis][lane] = below(member.bounds.low[axis]);
+                node.boxes.high[axis][lane] = -below(-member.bounds.high[axis]);
             }
         }
         index(number)
@@ -146,6 +159,41 @@ impl Hierarchy {
             }
         }
     }
+
+    /// Looks at the triangles of leaves whose boxes may meet the region, nearer boxes first.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    pub(crate) fn visit_from_front(&self, waiting: &mut Vec<Waiting>, region: &impl Ahead, leaves: &mut impl Leaves) {
+        waiting.clear();
+        if !self.nodes.is_empty() {
+            waiting.push(Waiting { distance: f32::NEG_INFINITY, first: 0, count: 0 });
+        }
+        while let Some(next) = waiting.pop() {
+            if next.distance > leaves.farthest() {
+                continue;
+            }
+            if next.count > 0 {
+                leaves.look_at(next.first as usize..(next.first + next.count) as usize);
+                continue;
+            }
+            let node = &self.nodes[next.first as usize];
+            let distances = region.nearness(&node.boxes);
+            let begin = waiting.len();
+            for lane in (0..node.used).filter(|&lane| distances[lane] < f32::INFINITY) {
+                let new = Waiting { distance: distances[lane], first: node.first[lane], count: node.count[lane] };
+                if new.count > 0 {
+                    leaves.expect(new.first as usize..(new.first + new.count) as usize);
+                } else {
+                    let Boxes { low, high } = &self.nodes[new.first as usize].boxes;
+                    prefetch(low);
+                    prefetch(high);
+                }
+                // The nearest comes last, to be taken first.
+                let at = begin + waiting[begin..].iter().filter(|other| other.distance > new.distance).count();
+                waiting.insert(at, new);
+            }
+        }
+    }
 }
 
 /// A float32 at or below a number, as near as there is.
@@ -158,68 +206,6 @@ pub(crate) fn below(x: f64) -> f32 {
 #[allow(clippy::cast_possible_truncation, reason = "scenes have fewer than 2^31 triangles")]
 fn index(n: usize) -> u32 {
     n as u32
-}
-
-/// Orders triangles so that those before the returned place are one child, the rest the other; None for a leaf.
-///
-/// The cut is the one with the least expected cost by the surface area heuristic.
-///
-/// Source: Wald, On fast construction of SAH-based bounding volume hierarchies, 2007.
-fn split(around: &Bounds, bounds: &[Bounds], order: &mut [u32]) -> Option<usize> {
-    if order.len() <= 1 {
-        return None;
-    }
-    let centres = Bounds::of(&order.iter().map(|&i| bounds[i as usize].centre()).collect::<Vec<_>>());
-    let whole = order.len() as f64;
-    let mut best: Option<(f64, usize, usize)> = None;
-    for axis in 0..3 {
-        let extent = centres.high[axis] - centres.low[axis];
-        if extent <= 0.0 {
-            continue;
-        }
-        let mut bins = [(0usize, Bounds::NONE); CUTS];
-        for &i in order.iter() {
-            let (count, all) = &mut bins[bin(&bounds[i as usize], &centres, axis)];
-            *count += 1;
-            *all = all.with(&bounds[i as usize]);
-        }
-        let mut right = [(0usize, Bounds::NONE); CUTS];
-        let mut sum = (0, Bounds::NONE);
-        for (at, bin) in bins.iter().enumerate().rev() {
-            sum = (sum.0 + bin.0, sum.1.with(&bin.1));
-            right[at] = sum;
-        }
-        let mut left = (0, Bounds::NONE);
-        for cut in 1..CUTS {
-            left = (left.0 + bins[cut - 1].0, left.1.with(&bins[cut - 1].1));
-            if left.0 == 0 || right[cut].0 == 0 {
-                continue;
-            }
-            let cost = left.1.half_area() * left.0 as f64 + right[cut].1.half_area() * right[cut].0 as f64;
-            if best.is_none_or(|(least, ..)| cost < least) {
-                best = Some((cost, axis, cut));
-            }
-        }
-    }
-    let (cost, axis, cut) = best?;
-    if order.len() <= LEAF && cost + 2.0 * VISIT * around.half_area() >= whole * around.half_area() {
-        return None;
-    }
-    let mut left = Vec::with_capacity(order.len());
-    let mut right = Vec::new();
-    for &i in order.iter() {
-        if bin(&bounds[i as usize], &centres, axis) < cut { left.push(i) } else { right.push(i) }
-    }
-    let middle = left.len();
-    left.extend(right);
-    order.copy_from_slice(&left);
-    Some(middle)
-}
-
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of CUTS")]
-fn bin(bounds: &Bounds, centres: &Bounds, axis: usize) -> usize {
-    let share = (bounds.centre()[axis] - centres.low[axis]) / (centres.high[axis] - centres.low[axis]);
-    ((share * CUTS as f64) as usize).min(CUTS - 1)
 }
 
 #[cfg(test)]
@@ -250,7 +236,7 @@ mod tests {
                     high: std::array::from_fn(|i| f64::from(low[i]) + f64::from(size[i])),
                 })
                 .collect();
-            let (hierarchy, order) = Hierarchy::new(&bounds);
+            let (hierarchy, order) = Hierarchy::new(bounds.iter().copied(), false);
             let mut sorted = order.clone();
             sorted.sort_unstable();
             prop_assert_eq!(sorted, (0..index(bounds.len())).collect::<Vec<_>>());

@@ -1,5 +1,6 @@
 //! Vectors, linear functions over the image, boxes around triangles, and a camera's views and rays.
 
+mod bvh_builder;
 pub(super) mod hierarchy;
 pub(super) mod linear;
 pub(super) mod pixel_rays;

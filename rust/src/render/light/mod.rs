@@ -1,5 +1,6 @@
 //! Light that reaches the camera: lights and their shadows, baked light, textures, and the sky.
 
+pub(super) mod any_hit;
 pub(super) mod beam;
 pub(super) mod cast;
 pub(super) mod cone;

@@ -8,6 +8,7 @@
 
 use multiversion::multiversion;
 
+use super::any_hit::Before;
 use super::cone::{FrameCones, Gathered, Packet, Shaft, Source};
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::patch::Patch;
@@ -91,6 +92,8 @@ struct LightShadow {
     /// Those that are in use come first.
     frames: Vec<Occluders>,
     used: usize,
+    /// Whether the hierarchy is asked for single places.
+    by_rays: bool,
     farthest: f32,
 }
 
@@ -114,14 +117,7 @@ impl Shadow {
         falls: impl Fn(usize) -> bool,
     ) {
         let (scene, view) = (of.scene, of.view);
-        self.lights.resize_with(of.lights.len(), LightShadow::default);
-        for shadow in &mut self.lights {
-            (shadow.dark, shadow.used) = (false, 0);
-        }
-        self.world = Placing::new(&view.poses[0]);
-        #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-        let step = scene.step as f32;
-        self.step = step;
+        self.begin(of);
         let corners = patch.corners(view);
         let depth = corners.iter().fold(0.0f64, |most, corner| most.max(corner[2]));
         let part = |frame: usize| {
@@ -146,6 +142,46 @@ impl Shadow {
                 }
             }
         }
+    }
+
+    /// Looks for nothing before single places are known, which are then asked for.
+    pub(crate) fn by_rays(&mut self, of: &Surroundings, falls: impl Fn(usize) -> bool) {
+        self.begin(of);
+        for (number, shadow) in self.lights.iter_mut().enumerate().filter(|(number, _)| falls(*number)) {
+            let source = source(&of.lights[number], &of.view.poses[0]);
+            shadow.by_rays = source.is_some();
+            shadow.farthest = if matches!(source, Some(Source::Point(_))) { of.scene.farthest } else { f32::INFINITY };
+        }
+    }
+
+    /// Forgets what was found for another patch.
+    fn begin(&mut self, of: &Surroundings) {
+        self.lights.resize_with(of.lights.len(), LightShadow::default);
+        for shadow in &mut self.lights {
+            (shadow.dark, shadow.used, shadow.by_rays) = (false, 0, false);
+        }
+        self.world = Placing::new(&of.view.poses[0]);
+        #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+        let step = of.scene.step as f32;
+        self.step = step;
+    }
+
+    /// What the hierarchy of each frame has between places and a light, where it is to be asked for them.
+    pub(crate) fn before<'a>(
+        &self,
+        of: &'a Surroundings,
+        number: usize,
+    ) -> impl Iterator<Item = (usize, Before<'a>)> + use<'a> {
+        let LightShadow { by_rays, farthest, .. } = self.lights[number];
+        let frames = of.scene.frames.iter().zip(&of.view.poses).enumerate();
+        frames.filter(move |(_, (frame, _))| by_rays && !frame.triangles.is_empty()).filter_map(
+            move |(at, (frame, pose))| {
+                let source = source(&of.lights[number], pose)?;
+                let packets = if at == 0 { &of.still[number] } else { &of.moving[at - 1][number] };
+                let (hierarchy, first) = (&frame.hierarchy, frame.triangles.start);
+                Some((at, Before { hierarchy, first, packets, source, farthest }))
+            },
+        )
     }
 
     fn search_frame(
@@ -180,14 +216,14 @@ impl Shadow {
 
     /// Whether single places may be hidden from any light.
     pub(crate) fn falls(&self) -> bool {
-        self.lights.iter().any(|shadow| shadow.used > 0)
+        self.lights.iter().any(|shadow| shadow.used > 0 || shadow.by_rays)
     }
 
     /// Whether anything may hide a light of this number.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn hides(&self, light: usize) -> bool {
-        self.lights.get(light).is_some_and(|shadow| shadow.dark || shadow.used > 0)
+        self.lights.get(light).is_some_and(|shadow| shadow.dark || shadow.used > 0 || shadow.by_rays)
     }
 
     /// Whether nothing of a light reaches them.

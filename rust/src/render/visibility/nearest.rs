@@ -66,11 +66,7 @@ impl Nearest {
             self.only[..blocks.len()].fill(0);
             return;
         }
-        self.place.clear();
-        self.place.resize(x.len(), NOTHING);
-        self.inverse_depth.clear();
-        self.inverse_depth.resize(x.len(), 0.0);
-        self.sorted.iter_mut().for_each(Vec::clear);
+        self.see_nothing(x.len());
         let length = self.length;
         if list.len() > MANY {
             self.order(bins, list, around);
@@ -83,6 +79,34 @@ impl Nearest {
             } else {
                 self.find_among_few(bins, list, (x, y), block, part);
             }
+        }
+    }
+
+    /// Makes ready for so many rays, none of which has seen anything yet.
+    fn see_nothing(&mut self, rays: usize) {
+        self.place.clear();
+        self.place.resize(rays, NOTHING);
+        self.inverse_depth.clear();
+        self.inverse_depth.resize(rays, 0.0);
+        self.sorted.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Makes ready for rays that lie in some blocks, where what they see is found by others.
+    pub(super) fn begin(&mut self, part: &Part) {
+        self.blocks = part.blocks.len();
+        self.length = part.x.len() / part.blocks.len();
+        self.only = [NOTHING; BLOCKS];
+        self.see_nothing(part.x.len());
+    }
+
+    /// Sorts rays whose places in a list of triangles were found by others.
+    pub(super) fn end(&mut self, list: usize) {
+        self.counts.clear();
+        self.counts.resize(list, [0; BLOCKS]);
+        self.ends.clear();
+        self.ends.resize(list, [0; BLOCKS]);
+        for block in 0..self.blocks {
+            self.sort(block, self.length);
         }
     }
 

@@ -1,0 +1,116 @@
+//! Any hits: whether anything lies between places and a light, for a few places at a time.
+//!
+//! Where a part of the image sees many small triangles, what may throw shadows on all of them is a long list. Here the
+//! hierarchy is asked for a few neighbouring places instead.
+//!
+//! What must not break: a place is hidden if the [`cone`](super::cone) of any triangle but its own hides it, with the same
+//! bits as where the cones are listed before.
+
+use multiversion::multiversion;
+
+use super::cone::{Packet, Shaft, Source};
+use crate::render::geometry::hierarchy::{Hierarchy, WIDTH, below};
+use crate::render::lanes::{Lanes, STEP};
+
+/// Places that are tested together, in the frame of what may hide them.
+pub(crate) struct Places {
+    places: [[f32; STEP]; 3],
+    /// The triangle that each lies on.
+    own: [u32; STEP],
+    /// Their lowest and highest coordinates.
+    bounds: [[f32; 3]; 2],
+    /// How far what hides them may be off by rounding.
+    slack: f32,
+    hidden: [u32; STEP],
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Places {
+    /// Those from the first of some lanes on; `depth` and `step` are theirs, and those that are 1 in `hidden` are known.
+    #[inline(always)]
+    pub(crate) fn new(
+        first: usize,
+        all: &[Lanes; 3],
+        own: &[u32],
+        depth: &Lanes,
+        step: &Lanes,
+        hidden: &[u32],
+    ) -> Self {
+        let mut of = Self {
+            places: [[0.0; STEP]; 3],
+            own: [0; STEP],
+            bounds: [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]],
+            slack: 0.0,
+            hidden: [0; STEP],
+        };
+        of.own.copy_from_slice(&own[first..first + STEP]);
+        of.hidden.copy_from_slice(&hidden[first..first + STEP]);
+        let (mut farthest, mut longest) = (0f32, 0f32);
+        for axis in 0..3 {
+            of.places[axis].copy_from_slice(&all[axis][first..first + STEP]);
+            let [low, high] = &mut of.bounds;
+            for value in of.places[axis] {
+                low[axis] = if value < low[axis] { value } else { low[axis] };
+                high[axis] = if value > high[axis] { value } else { high[axis] };
+            }
+            farthest = farthest.max(low[axis].abs()).max(high[axis].abs());
+        }
+        for i in first..first + STEP {
+            farthest = farthest.max(depth[i]);
+            longest = longest.max(step[i]);
+        }
+        of.slack = 1.001 * longest + 2e-6 * farthest;
+        of
+    }
+
+    pub(crate) fn hidden(&self) -> &[u32; STEP] {
+        &self.hidden
+    }
+
+    fn all_hidden(&self) -> bool {
+        self.hidden.iter().fold(1, |all, one| all & one) == 1
+    }
+
+    /// Tests the triangles of a leaf; says whether any place is left that none hides.
+    #[inline(always)]
+    fn test(&mut self, first: usize, packets: &[Packet], leaf: std::ops::Range<usize>, farthest: f32) -> bool {
+        for number in leaf.start / WIDTH..leaf.end.div_ceil(WIDTH) {
+            let packet = &packets[number];
+            let hides = packet.hides(&self.bounds, farthest);
+            let lanes =
+                leaf.start.max(number * WIDTH) - number * WIDTH..leaf.end.min((number + 1) * WIDTH) - number * WIDTH;
+            for lane in lanes.filter(|&lane| hides.any[lane]) {
+                let (cone, triangle) = (packet.cone(lane), u32::try_from(first + number * WIDTH + lane));
+                let triangle = triangle.unwrap_or(u32::MAX);
+                let [x, y, z] = &self.places;
+                for i in 0..STEP {
+                    let meets = cone.hides_place(x[i], y[i], z[i], farthest);
+                    self.hidden[i] |= u32::from(meets) & u32::from(self.own[i] != triangle);
+                }
+            }
+        }
+        !self.all_hidden()
+    }
+}
+
+/// Triangles that may hide places from a light: those of a frame, which begin at `first` in the scene, and their cones.
+pub(crate) struct Before<'a> {
+    pub(crate) hierarchy: &'a Hierarchy,
+    pub(crate) first: usize,
+    pub(crate) packets: &'a [Packet],
+    pub(crate) source: Source,
+    pub(crate) farthest: f32,
+}
+
+/// Finds which of the places triangles hide.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(crate) fn hide(before: &Before, places: &mut Places, stack: &mut Vec<u32>) {
+    if places.all_hidden() {
+        return;
+    }
+    let slack = f64::from(places.slack);
+    let [low, high] = places.bounds;
+    let around = [low.map(|x| below(f64::from(x) - slack)), high.map(|x| -below(-f64::from(x) - slack))];
+    let shaft = Shaft::new(&around, &before.source);
+    before.hierarchy.visit(stack, &shaft, |leaf| places.test(before.first, before.packets, leaf, before.farthest));
+}
