@@ -16,7 +16,7 @@ use super::light::lights::{SeenLight, Surroundings, background, seen_lights};
 use super::light::shadows::{moving_cones, still_cones};
 use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
-use super::tile::{self, Shaders, TileImage, TileScratch, TileView};
+use super::tile::{self, Shaders, TileImage, TileScratch, TileView, Ways};
 use super::time::edges::Edges;
 use super::time::tracks::Sight;
 use super::visibility::bins::Bins;
@@ -38,8 +38,7 @@ pub struct Renderer {
     rooms: Spares<Room>,
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
-    /// Whether tiles find their triangles by beams, see [`SMALL`].
-    by_beams: bool,
+    ways: Ways,
     /// Of the scene, once somebody wants to know them.
     pub(crate) edges: OnceLock<Edges>,
 }
@@ -51,6 +50,9 @@ const MOST_TRIANGLES_TOGETHER: usize = 1 << 15;
 /// Scenes of so many triangles are looked through by each tile from front to back. Smaller ones have triangles that cover
 /// many rays: to set up each once for all tiles of a view takes less time.
 const SMALL: usize = 1 << 14;
+
+/// Tiles that see more triangles than this find shadows by rays: the triangles are small.
+const MANY_RECEIVERS: usize = 48;
 
 /// How many views a thread takes at a time where single pixels are wanted.
 const VIEWS_OF_SAMPLES: usize = 16;
@@ -88,8 +90,8 @@ impl Renderer {
         let threads = threads.map(Threads::start).transpose()?;
         let still = still_cones(&scene);
         let (rooms, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
-        let by_beams = scene.triangles() >= SMALL;
-        Ok(Self { scene, still, threads, rooms, scratch, pixels, by_beams, edges: OnceLock::new() })
+        let ways = Ways { beams: scene.triangles() >= SMALL, receivers: MANY_RECEIVERS };
+        Ok(Self { scene, still, threads, rooms, scratch, pixels, ways, edges: OnceLock::new() })
     }
 
     /// The scene.
@@ -298,10 +300,10 @@ impl Renderer {
             .zip(&lights)
             .zip(&mut rooms)
             .map(|((view, lights), Room { bins, cones })| {
-                if !self.by_beams {
+                if !self.ways.beams {
                     bins.fill(&self.scene, view, rays, None);
                 }
-                TileView { by_beams: self.by_beams, ..self.tile_view(rays, view, lights, bins, cones) }
+                TileView { ways: self.ways, ..self.tile_view(rays, view, lights, bins, cones) }
             })
             .collect();
         work(&ready);
@@ -322,7 +324,13 @@ impl Renderer {
     ) -> TileView<'a> {
         moving_cones(&self.scene, view, lights, cones);
         let lit = Surroundings { scene: &self.scene, view, lights, still: &self.still, moving: cones };
-        TileView { rays, lit, background: background(&self.scene, view), bins, by_beams: false }
+        TileView {
+            rays,
+            lit,
+            background: background(&self.scene, view),
+            bins,
+            ways: Ways { beams: false, ..self.ways },
+        }
     }
 
     /// What each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were found.
@@ -595,9 +603,9 @@ mod tests {
         }
     }
 
-    /// Whether tiles find their triangles by bins or by beams changes no bit of luma, rates, depths or triangles.
+    /// No way to do a tile changes a bit of luma, rates, depths or triangles.
     #[test]
-    fn beams_and_bins_see_the_same() {
+    fn every_way_sees_the_same() {
         let (width, height) = (45, 27);
         let mut numbers = Numbers(3);
         for (count, rays) in [(0, 5), (1, 1), (7, 8), (60, 9), (1500, 5), (20_000, 5)] {
@@ -628,8 +636,8 @@ mod tests {
                 })
                 .collect();
             let size = width * height * views.len();
-            let mut see = |by_beams: bool| {
-                renderer.by_beams = by_beams;
+            let mut see = |beams: bool, receivers: usize| {
+                renderer.ways = Ways { beams, receivers };
                 let (mut luma, mut rate, mut depth) = (vec![0f32; size], vec![0f32; size], vec![0f32; size]);
                 let mut triangles = vec![0; size];
                 renderer.luma(&rays[0], &views, &mut luma, Some(&mut rate)).unwrap();
@@ -637,9 +645,12 @@ mod tests {
                 let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect::<Vec<_>>();
                 (triangles, bits(depth), bits(luma), bits(rate))
             };
-            let (bins, beams) = (see(false), see(true));
-            assert!(bins.0 == beams.0, "triangles of {count}");
-            assert!(bins == beams, "luma of {count}");
+            let seen = see(false, usize::MAX);
+            for (beams, receivers) in [(false, 0), (true, usize::MAX), (true, 0), (true, 48)] {
+                let other = see(beams, receivers);
+                assert!(seen.0 == other.0, "triangles of {count} by {beams} and {receivers}");
+                assert!(seen == other, "luma of {count} by {beams} and {receivers}");
+            }
         }
     }
 }

@@ -29,8 +29,16 @@ pub(crate) struct TileView<'a> {
     /// Luma of what is not hit, and its rate.
     pub(crate) background: (f32, f32),
     pub(crate) bins: &'a Bins,
-    /// Whether each tile finds its triangles by a [`Beam`], and the bins are empty.
-    pub(crate) by_beams: bool,
+    pub(crate) ways: Ways,
+}
+
+/// In which way tiles are done. It changes the time, and no bit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ways {
+    /// Whether each tile finds its triangles by a [`Beam`]; the bins are not filled then.
+    pub(crate) beams: bool,
+    /// Shadows on more triangles of a tile than this are found by rays.
+    pub(crate) receivers: usize,
 }
 
 /// Room for a tile's work.
@@ -50,9 +58,6 @@ pub(crate) struct TileScratch {
 
 /// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
 pub(crate) type Shaders<'a> = Vec<Shader<'a>>;
-
-/// Shadows on more triangles than this, which are small then, are found by rays.
-const MANY_RECEIVERS: usize = 16;
 
 /// Among more than this none is looked for.
 const FEW_SHADERS: usize = 8;
@@ -79,7 +84,7 @@ pub(crate) fn luma<'a, const RATE: bool>(
 ) {
     let mut room = std::mem::take(&mut scratch.rays);
     let part = of.rays.of_tile(tile, &mut room);
-    if of.by_beams {
+    if of.ways.beams {
         let mut beam = std::mem::take(&mut scratch.beam);
         beam.find(of.lit.scene, of.lit.view, &part, &mut scratch.nearest, &mut scratch.list);
         shade::<RATE>(of, &beam.seen, &part, scratch, before);
@@ -177,11 +182,15 @@ fn shade<'a, const RATE: bool>(
     let shaders = shaders(of, visible.iter().map(|&place| seen(place)), before);
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
+    let by_rays = of.lit.scene.shadows && visible.len() > of.ways.receivers;
     while at < visible.len() {
-        // Neighbours in space follow each other in the list: what shadows them is searched for together.
-        let (first, mut by_rays) = (at, false);
+        let first = at;
         at += 1;
-        if of.lit.scene.shadows {
+        if by_rays {
+            at = visible.len();
+            caster.shadow.by_rays(&of.lit, |light| shaders.iter().any(|one| one.lit_by(light)));
+        } else if of.lit.scene.shadows {
+            // Neighbours in space follow each other in the list: what shadows them is searched for together.
             let mut patch = Patch::new(&of.lit, seen(visible[first]), around);
             while at < visible.len() {
                 let other = Patch::new(&of.lit, seen(visible[at]), around);
@@ -190,13 +199,8 @@ fn shade<'a, const RATE: bool>(
                 at += 1;
             }
             let falls = |light: usize| shaders[first..at].iter().any(|one| one.lit_by(light));
-            by_rays = at - first > MANY_RECEIVERS;
-            if by_rays {
-                caster.shadow.by_rays(&of.lit, falls);
-            } else {
-                let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
-                caster.shadow.search(&of.lit, &patch, alone, falls);
-            }
+            let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
+            caster.shadow.search(&of.lit, &patch, alone, falls);
         }
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
@@ -305,7 +309,7 @@ pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
 ) {
     let part = of.rays.of_tile(tile, &mut scratch.rays);
     let TileScratch { list, nearest, beam, .. } = scratch;
-    let all = if of.by_beams {
+    let all = if of.ways.beams {
         beam.find(of.lit.scene, of.lit.view, &part, nearest, list);
         &beam.seen
     } else {

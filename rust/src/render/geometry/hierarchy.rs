@@ -204,7 +204,7 @@ pub(crate) fn below(x: f64) -> f32 {
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "scenes have fewer than 2^31 triangles")]
-fn index(n: usize) -> u32 {
+pub(crate) fn index(n: usize) -> u32 {
     n as u32
 }
 

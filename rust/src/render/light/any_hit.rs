@@ -6,10 +6,12 @@
 //! What must not break: a place is hidden if the [`cone`](super::cone) of any triangle but its own hides it, with the same
 //! bits as where the cones are listed before.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 
 use super::cone::{Packet, Shaft, Source};
-use crate::render::geometry::hierarchy::{Hierarchy, WIDTH, below};
+use crate::render::geometry::hierarchy::{Hierarchy, WIDTH, below, index};
 use crate::render::lanes::{Lanes, STEP};
 
 /// Places that are tested together, in the frame of what may hide them.
@@ -73,20 +75,14 @@ impl Places {
 
     /// Tests the triangles of a leaf; says whether any place is left that none hides.
     #[inline(always)]
-    fn test(&mut self, first: usize, packets: &[Packet], leaf: std::ops::Range<usize>, farthest: f32) -> bool {
-        for number in leaf.start / WIDTH..leaf.end.div_ceil(WIDTH) {
-            let packet = &packets[number];
-            let hides = packet.hides(&self.bounds, farthest);
-            let lanes =
-                leaf.start.max(number * WIDTH) - number * WIDTH..leaf.end.min((number + 1) * WIDTH) - number * WIDTH;
-            for lane in lanes.filter(|&lane| hides.any[lane]) {
-                let (cone, triangle) = (packet.cone(lane), u32::try_from(first + number * WIDTH + lane));
-                let triangle = triangle.unwrap_or(u32::MAX);
-                let [x, y, z] = &self.places;
-                for i in 0..STEP {
-                    let meets = cone.hides_place(x[i], y[i], z[i], farthest);
-                    self.hidden[i] |= u32::from(meets) & u32::from(self.own[i] != triangle);
-                }
+    fn test(&mut self, first: usize, packets: &[Packet], leaf: Range<usize>, farthest: f32) -> bool {
+        let [x, y, z] = &self.places;
+        for at in leaf {
+            // Leaves have few triangles: to test each takes no longer than to find out which of them matter.
+            let (cone, triangle) = (packets[at / WIDTH].cone(at % WIDTH), index(first + at));
+            for i in 0..STEP {
+                let meets = cone.hides_place(x[i], y[i], z[i], farthest);
+                self.hidden[i] |= u32::from(meets) & u32::from(self.own[i] != triangle);
             }
         }
         !self.all_hidden()

@@ -10,10 +10,11 @@
 use std::ops::Range;
 
 use super::bins::{Cover, Entry, NEARER, Pyramid, Seen};
-use super::leaf::set_up;
+
 use super::nearest::{NOTHING, Nearest};
+use super::set_up::set_up;
 use crate::prefetch::prefetch;
-use crate::render::geometry::hierarchy::{Leaves, WIDTH, Waiting};
+use crate::render::geometry::hierarchy::{Leaves, WIDTH, Waiting, index};
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::{BLOCKS, LANES, Part};
 use crate::render::geometry::view::{Pose, View};
@@ -180,6 +181,32 @@ struct Walk<'a> {
     pixels: &'a mut Pixels,
     set_up: &'a mut Vec<Seen>,
     tested: &'a mut Vec<Seen>,
+    /// Triangles that are set up next, and how many they are: leaves have few, and vector code takes [`WIDTH`].
+    next: [u32; WIDTH],
+    count: usize,
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Walk<'_> {
+    /// Looks at the triangles that were gathered.
+    #[inline(always)]
+    fn look(&mut self) {
+        self.set_up.clear();
+        set_up(self.scene, self.pose, &self.next[..self.count], self.around, self.set_up);
+        self.count = 0;
+        for seen in &*self.set_up {
+            let mut any = false;
+            for (block, part) in self.blocks.iter().enumerate() {
+                let hidden = seen.nearest_in(part) < self.pixels.closed[block];
+                if !hidden && !matches!(seen.covers(part), Cover::Nothing) {
+                    any |= self.pixels.look_at(seen, block, self.tested);
+                }
+            }
+            if any {
+                self.tested.push(*seen);
+            }
+        }
+    }
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
@@ -202,21 +229,11 @@ impl Leaves for Walk<'_> {
 
     #[inline(always)]
     fn look_at(&mut self, leaf: Range<usize>) {
-        self.set_up.clear();
-        for first in leaf.clone().step_by(WIDTH) {
-            let count = WIDTH.min(leaf.end - first);
-            set_up(self.scene, self.pose, self.first + first, count, self.around, self.set_up);
-        }
-        for seen in &*self.set_up {
-            let mut any = false;
-            for (block, part) in self.blocks.iter().enumerate() {
-                let hidden = seen.nearest_in(part) < self.pixels.closed[block];
-                if !hidden && !matches!(seen.covers(part), Cover::Nothing) {
-                    any |= self.pixels.look_at(seen, block, self.tested);
-                }
-            }
-            if any {
-                self.tested.push(*seen);
+        for triangle in self.first + leaf.start..self.first + leaf.end {
+            self.next[self.count] = index(triangle);
+            self.count += 1;
+            if self.count == WIDTH {
+                self.look();
             }
         }
     }
@@ -241,8 +258,10 @@ impl Beam {
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
             let pyramid = Pyramid::new(around, pose, frame.hierarchy.reach);
             let first = frame.triangles.start;
-            let mut walk = Walk { scene, pose, first, around, blocks, pixels, set_up, tested };
+            let (next, count) = ([0; WIDTH], 0);
+            let mut walk = Walk { scene, pose, first, around, blocks, pixels, set_up, tested, next, count };
             frame.hierarchy.visit_from_front(waiting, &pyramid, &mut walk);
+            walk.look();
         }
         self.list_seen(list);
         nearest.begin(part);

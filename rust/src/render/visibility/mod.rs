@@ -3,6 +3,6 @@
 pub(super) mod beam;
 pub(super) mod bins;
 pub(super) mod first_hit;
-mod leaf;
 pub(super) mod nearest;
+mod set_up;
 pub(super) mod sorted;

@@ -1,4 +1,4 @@
-//! Sets up the triangles of a leaf of the hierarchy together, in vector code of float64.
+//! Sets up triangles of a view a few at a time, in vector code of float64.
 //!
 //! What must not break: each triangle has the bits that [`Seen::new`](super::bins) gives it alone.
 
@@ -18,16 +18,14 @@ type Vectors = [Numbers; 3];
 /// Adds those of some triangles, at most [`WIDTH`], that may have a part before the camera and in a part of the image.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-#[allow(
-    clippy::cast_possible_truncation,
-    reason = "float64 is rounded to float32; a scene has fewer than 2^30 triangles"
-)]
-pub(super) fn set_up(scene: &Scene, pose: &Pose, first: usize, count: usize, part: &Rect, found: &mut Vec<Seen>) {
-    let last = first + count - 1;
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+pub(super) fn set_up(scene: &Scene, pose: &Pose, triangles: &[u32], part: &Rect, found: &mut Vec<Seen>) {
+    let (Some(&last), count) = (triangles.last(), triangles.len()) else { return };
+    // The last one stands for what is missing.
+    let numbers: [u32; WIDTH] = std::array::from_fn(|i| triangles.get(i).copied().unwrap_or(last));
     let mut corners = [[[0.0; WIDTH]; 3]; 3];
     for i in 0..WIDTH {
-        // The last one stands for what is missing.
-        let triangle = &scene.corners[(first + i).min(last)];
+        let triangle = &scene.corners[numbers[i] as usize];
         for (vectors, corner) in corners.iter_mut().zip(triangle) {
             for axis in 0..3 {
                 vectors[axis][i] = corner[axis] - pose.position[axis];
@@ -45,7 +43,7 @@ pub(super) fn set_up(scene: &Scene, pose: &Pose, first: usize, count: usize, par
     let mut normals = [[0.0; WIDTH]; 3];
     let mut heights = [0.0; WIDTH];
     for i in 0..WIDTH {
-        let plane = &scene.surfaces[(first + i).min(last)].plane;
+        let plane = &scene.surfaces[numbers[i] as usize].plane;
         for axis in 0..3 {
             normals[axis][i] = plane[axis];
         }
@@ -63,7 +61,7 @@ pub(super) fn set_up(scene: &Scene, pose: &Pose, first: usize, count: usize, par
         let inverse_depth = Linear([0, 1, 2].map(|axis| (normals[axis][i] * inverse) as f32));
         let front = corners.iter().fold(f64::INFINITY, |least, corner| least.min(corner[2][i]));
         let nearest = if front > 0.0 { (1.0 / front) as f32 * NEARER } else { f32::INFINITY };
-        found.push(Seen { edges, inverse_depth, nearest, triangle: (first + i) as u32 });
+        found.push(Seen { edges, inverse_depth, nearest, triangle: numbers[i] });
     }
 }
 
