@@ -49,10 +49,10 @@ const MOST_TRIANGLES_TOGETHER: usize = 1 << 15;
 
 /// Scenes of so many triangles are looked through by each tile from front to back. Smaller ones have triangles that cover
 /// many rays: to set up each once for all tiles of a view takes less time.
-const SMALL: usize = 1 << 14;
+const SMALL: usize = 1 << 16;
 
-/// Tiles that see more triangles than this find shadows by rays: the triangles are small.
-const MANY_RECEIVERS: usize = 48;
+/// Tiles that see more triangles than this find shadows by rays: what may hide all of them would be a long list.
+const MANY_RECEIVERS: usize = 8;
 
 /// How many views a thread takes at a time where single pixels are wanted.
 const VIEWS_OF_SAMPLES: usize = 16;

@@ -209,6 +209,7 @@ pub(crate) fn index(n: usize) -> u32 {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation, reason = "small numbers")]
 mod tests {
     use super::*;
     use proptest::prelude::*;
@@ -247,9 +248,80 @@ mod tests {
                 found.extend(order[range].iter().copied().filter(|&i| holds(&bounds[i as usize])));
                 true
             });
+            // What a visit finds first has the lower number.
+            let places: Vec<usize> = found.iter().map(|one| order.iter().position(|i| i == one).unwrap()).collect();
+            prop_assert!(places.is_sorted());
             found.sort_unstable();
             let expected: Vec<u32> = (0..index(bounds.len())).filter(|&i| holds(&bounds[i as usize])).collect();
             prop_assert_eq!(found, expected);
+            // From front to back, every box is looked into that is not farther than what is looked for.
+            let mut ahead = Along { found: vec![], farthest: probe[0] as f32 };
+            hierarchy.visit_from_front(&mut vec![], &ahead.clone(), &mut ahead);
+            let near: Vec<u32> = (0..index(bounds.len())).filter(|&i| bounds[i as usize].low[0] <= probe[0]).collect();
+            let mut looked_at: Vec<u32> = ahead.found.iter().map(|&i| order[i]).collect();
+            looked_at.sort_unstable();
+            looked_at.retain(|i| near.contains(i));
+            prop_assert_eq!(looked_at, near);
+        }
+    }
+
+    /// Boxes along x, the lowest first.
+    #[derive(Clone)]
+    struct Along {
+        found: Vec<usize>,
+        farthest: f32,
+    }
+
+    impl Ahead for Along {
+        fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH] {
+            boxes.low[0]
+        }
+    }
+
+    impl Leaves for Along {
+        fn farthest(&self) -> f32 {
+            self.farthest
+        }
+
+        fn expect(&self, _: Range<usize>) {}
+
+        fn look_at(&mut self, leaf: Range<usize>) {
+            self.found.extend(leaf);
+        }
+    }
+
+    /// Nodes as text, which two hierarchies can be compared by.
+    fn text(hierarchy: &Hierarchy) -> String {
+        format!("{:?}", hierarchy.nodes)
+    }
+
+    /// Threads change neither the tree nor the order, also where all triangles lie on each other, in a plane, or ever
+    /// closer to a point, so that cuts take off few of them.
+    #[test]
+    fn threads_build_the_same_tree() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        let count = 20_000;
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            f64::from((state >> 40) as u32) / f64::from(1 << 24)
+        };
+        let soup: Vec<[f64; 3]> = (0..count).map(|_| [random(), random(), random()]).collect();
+        let kinds: [Box<dyn Fn(usize) -> [f64; 3] + Sync>; 4] = [
+            Box::new(|i| soup[i]),
+            Box::new(|_| [1.0; 3]),
+            Box::new(|i| [soup[i][0], 2.0, soup[i][1]]),
+            Box::new(|i| [0.9f64.powi(i32::try_from(i).unwrap()), 0.0, 0.0]),
+        ];
+        for middle in kinds {
+            let bounds = || (0..count).map(|i| Bounds { low: middle(i), high: middle(i).map(|x| x + 0.01) });
+            let (alone, order) = Hierarchy::new(bounds(), false);
+            let (together, same) = pool.install(|| Hierarchy::new(bounds(), true));
+            assert_eq!(order, same);
+            assert_eq!(text(&alone), text(&together));
+            let mut sorted = order;
+            sorted.sort_unstable();
+            assert_eq!(sorted, (0..index(count)).collect::<Vec<_>>());
         }
     }
 }

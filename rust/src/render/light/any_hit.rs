@@ -16,7 +16,7 @@ use crate::render::lanes::{Lanes, STEP};
 
 /// Places that are tested together, in the frame of what may hide them.
 pub(crate) struct Places {
-    places: [[f32; STEP]; 3],
+    coordinates: [[f32; STEP]; 3],
     /// The triangle that each lies on.
     own: [u32; STEP],
     /// Their lowest and highest coordinates.
@@ -39,7 +39,7 @@ impl Places {
         hidden: &[u32],
     ) -> Self {
         let mut of = Self {
-            places: [[0.0; STEP]; 3],
+            coordinates: [[0.0; STEP]; 3],
             own: [0; STEP],
             bounds: [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]],
             slack: 0.0,
@@ -49,9 +49,9 @@ impl Places {
         of.hidden.copy_from_slice(&hidden[first..first + STEP]);
         let (mut farthest, mut longest) = (0f32, 0f32);
         for axis in 0..3 {
-            of.places[axis].copy_from_slice(&all[axis][first..first + STEP]);
+            of.coordinates[axis].copy_from_slice(&all[axis][first..first + STEP]);
             let [low, high] = &mut of.bounds;
-            for value in of.places[axis] {
+            for value in of.coordinates[axis] {
                 low[axis] = if value < low[axis] { value } else { low[axis] };
                 high[axis] = if value > high[axis] { value } else { high[axis] };
             }
@@ -76,7 +76,7 @@ impl Places {
     /// Tests the triangles of a leaf; says whether any place is left that none hides.
     #[inline(always)]
     fn test(&mut self, first: usize, packets: &[Packet], leaf: Range<usize>, farthest: f32) -> bool {
-        let [x, y, z] = &self.places;
+        let [x, y, z] = &self.coordinates;
         for at in leaf {
             // Leaves have few triangles: to test each takes no longer than to find out which of them matter.
             let (cone, triangle) = (packets[at / WIDTH].cone(at % WIDTH), index(first + at));

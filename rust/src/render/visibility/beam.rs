@@ -15,7 +15,7 @@ use super::nearest::{NOTHING, Nearest};
 use super::set_up::set_up;
 use crate::prefetch::prefetch;
 use crate::render::geometry::hierarchy::{Leaves, WIDTH, Waiting, index};
-use crate::render::geometry::linear::{Linear, Rect};
+use crate::render::geometry::linear::Linear;
 use crate::render::geometry::pixel_rays::{BLOCKS, LANES, Part};
 use crate::render::geometry::view::{Pose, View};
 use crate::render::scene::Scene;
@@ -41,6 +41,8 @@ pub(crate) struct Beam {
 /// The rays of a tile pixel by pixel, and what they see so far.
 #[derive(Debug, Default)]
 struct Pixels {
+    /// Whether the tile's rays are here: they are brought when the first triangle is.
+    taken: bool,
     /// Rays of a pixel; the last one stands for what is missing of a multiple of [`TOGETHER`].
     rays: usize,
     x: Vec<f32>,
@@ -59,6 +61,7 @@ impl Pixels {
     /// Takes the rays of another tile.
     #[inline(always)]
     fn take(&mut self, part: &Part) {
+        self.taken = true;
         let rays = part.x.len() / (part.blocks.len() * LANES);
         self.rays = rays.next_multiple_of(TOGETHER);
         let count = part.blocks.len() * LANES * self.rays;
@@ -68,7 +71,6 @@ impl Pixels {
         self.inverse_depth.fill(0.0);
         self.place.clear();
         self.place.resize(count, NOTHING);
-        self.closed = [0.0; BLOCKS];
         self.around.clear();
         for block in 0..part.blocks.len() {
             let mut around = [[f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]].repeat(2);
@@ -176,8 +178,7 @@ struct Walk<'a> {
     pose: &'a Pose,
     /// The first triangle of the frame.
     first: usize,
-    around: &'a Rect,
-    blocks: &'a [Rect],
+    part: &'a Part<'a>,
     pixels: &'a mut Pixels,
     set_up: &'a mut Vec<Seen>,
     tested: &'a mut Vec<Seen>,
@@ -192,11 +193,17 @@ impl Walk<'_> {
     #[inline(always)]
     fn look(&mut self) {
         self.set_up.clear();
-        set_up(self.scene, self.pose, &self.next[..self.count], self.around, self.set_up);
+        set_up(self.scene, self.pose, &self.next[..self.count], self.part.around, self.set_up);
         self.count = 0;
+        if self.set_up.is_empty() {
+            return;
+        }
+        if !self.pixels.taken {
+            self.pixels.take(self.part);
+        }
         for seen in &*self.set_up {
             let mut any = false;
-            for (block, part) in self.blocks.iter().enumerate() {
+            for (block, part) in self.part.blocks.iter().enumerate() {
                 let hidden = seen.nearest_in(part) < self.pixels.closed[block];
                 if !hidden && !matches!(seen.covers(part), Cover::Nothing) {
                     any |= self.pixels.look_at(seen, block, self.tested);
@@ -213,7 +220,7 @@ impl Walk<'_> {
 impl Leaves for Walk<'_> {
     #[inline(always)]
     fn farthest(&self) -> f32 {
-        let closed = self.pixels.closed[..self.blocks.len()].iter().fold(f32::INFINITY, |a, &b| a.min(b));
+        let closed = self.pixels.closed[..self.part.blocks.len()].iter().fold(f32::INFINITY, |a, &b| a.min(b));
         // As near as a triangle may be taken to be, see `Seen`, and a rounding more.
         NEARER * NEARER / closed
     }
@@ -251,20 +258,23 @@ impl Beam {
         nearest: &mut Nearest,
         list: &mut Vec<Entry>,
     ) {
-        self.pixels.take(part);
+        (self.pixels.taken, self.pixels.closed) = (false, [0.0; BLOCKS]);
         self.tested.clear();
         let Self { tested, waiting, pixels, set_up, .. } = self;
-        let (around, blocks) = (part.around, part.blocks);
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
-            let pyramid = Pyramid::new(around, pose, frame.hierarchy.reach);
+            let pyramid = Pyramid::new(part.around, pose, frame.hierarchy.reach);
             let first = frame.triangles.start;
             let (next, count) = ([0; WIDTH], 0);
-            let mut walk = Walk { scene, pose, first, around, blocks, pixels, set_up, tested, next, count };
+            let mut walk = Walk { scene, pose, first, part, pixels, set_up, tested, next, count };
             frame.hierarchy.visit_from_front(waiting, &pyramid, &mut walk);
             walk.look();
         }
-        self.list_seen(list);
         nearest.begin(part);
+        self.list_seen(list);
+        if list.is_empty() {
+            nearest.end(0);
+            return;
+        }
         let Self { pixels, places, .. } = self;
         let rays = nearest.length / LANES;
         for (group, (to, depths)) in
@@ -286,7 +296,9 @@ impl Beam {
         self.places.clear();
         self.places.resize(self.tested.len(), NOTHING);
         self.order.clear();
-        for &place in self.pixels.place.iter().filter(|&&place| place != NOTHING) {
+        // Where nothing was tested, the rays are those of another tile.
+        let rays = if self.tested.is_empty() { &[] } else { self.pixels.place.as_slice() };
+        for &place in rays.iter().filter(|&&place| place != NOTHING) {
             if self.places[place as usize] == NOTHING {
                 self.places[place as usize] = 0;
                 self.order.push((self.tested[place as usize].triangle, place));
