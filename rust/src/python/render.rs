@@ -1,5 +1,7 @@
 //! `SceneRenderer` and `PixelRays` for Python.
 
+use std::borrow::Cow;
+
 use numpy::{Element, IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -175,21 +177,18 @@ impl PySceneRenderer {
         end: f64,
         threads: Option<usize>,
     ) -> PyResult<Self> {
-        let (u_maps, v_maps) = (groups::<f64, 4>(u_maps, "u_maps")?, groups::<f64, 4>(v_maps, "v_maps")?);
-        if u_maps.len() != v_maps.len() {
-            return Err(PyValueError::new_err(format!(
-                "{} u_maps need as many v_maps, got {}",
-                u_maps.len(),
-                v_maps.len()
-            )));
-        }
+        let (corners, planes) = (column::<f64>(corners, "corners")?, column::<f64>(planes, "planes")?);
+        let (u_maps, v_maps) = (column::<f64>(u_maps, "u_maps")?, column::<f64>(v_maps, "v_maps")?);
+        let normal_maps = normal_maps.map(|maps| column::<f64>(maps, "normal_maps")).transpose()?;
         let tables = SceneTables {
-            corners: groups::<f64, 9>(corners, "corners")?.into_iter().map(rows).collect(),
-            planes: groups(planes, "planes")?,
-            uv_maps: u_maps.into_iter().zip(v_maps).map(|(u, v)| [u, v]).collect(),
-            normal_maps: normal_maps.map_or(Ok(vec![]), |maps| {
-                PyResult::Ok(groups::<f64, 12>(maps, "normal_maps")?.into_iter().map(rows).collect())
-            })?,
+            corners: matrices(&corners, "corners")?.into(),
+            planes: grouped(&planes, "planes")?.into(),
+            u_maps: grouped(&u_maps, "u_maps")?.into(),
+            v_maps: grouped(&v_maps, "v_maps")?.into(),
+            normal_maps: match &normal_maps {
+                None => Cow::default(),
+                Some(maps) => matrices(maps, "normal_maps")?.into(),
+            },
             textures: column::<u32>(textures, "textures")?.as_slice()?.to_vec(),
             two_sided: column::<u32>(two_sided, "two_sided")?.as_slice()?.iter().map(|&flag| flag != 0).collect(),
             frames: column::<u32>(frames, "frames")?.as_slice()?.to_vec(),
@@ -603,15 +602,31 @@ fn light(
 
 /// A flat array as groups of N numbers.
 fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[T; N]>> {
-    let array: PyReadonlyArray1<T> = column(array, name)?;
-    let (groups, rest) = array.as_slice()?.as_chunks::<N>();
-    if !rest.is_empty() {
-        return Err(PyValueError::new_err(format!(
-            "{name} must be groups of {N}, got {} numbers",
-            array.as_slice()?.len()
-        )));
+    Ok(grouped(&column(array, name)?, name)?.to_vec())
+}
+
+/// As [`groups`], without a copy.
+fn grouped<'a, T: Element, const N: usize>(array: &'a PyReadonlyArray1<'_, T>, name: &str) -> PyResult<&'a [[T; N]]> {
+    match array.as_slice()?.as_chunks::<N>() {
+        (groups, []) => Ok(groups),
+        _ => Err(no_groups(N, array.len()?, name)),
     }
-    Ok(groups.to_vec())
+}
+
+/// A flat array as matrices of K rows of M numbers, without a copy.
+fn matrices<'a, const M: usize, const K: usize>(
+    array: &'a PyReadonlyArray1<'_, f64>,
+    name: &str,
+) -> PyResult<&'a [[[f64; M]; K]]> {
+    let (rows, rest) = array.as_slice()?.as_chunks::<M>();
+    match (rows.as_chunks::<K>(), rest) {
+        ((matrices, []), []) => Ok(matrices),
+        _ => Err(no_groups(K * M, array.len()?, name)),
+    }
+}
+
+fn no_groups(size: usize, got: usize, name: &str) -> PyErr {
+    PyValueError::new_err(format!("{name} must be groups of {size}, got {got} numbers"))
 }
 
 /// Rows of a matrix.

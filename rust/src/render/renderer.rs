@@ -433,7 +433,7 @@ mod tests {
     }
 
     /// A wall, and before it many triangles: every second one moves, every third one is smooth.
-    fn tables(numbers: &mut Numbers, count: usize) -> SceneTables {
+    fn tables(numbers: &mut Numbers, count: usize) -> SceneTables<'static> {
         let mut tables = SceneTables {
             frame_count: 2,
             layouts: vec![[0, 3, 2, 0], [20, 1, 1, 1], [29, 2, 2, 2]],
@@ -474,12 +474,13 @@ mod tests {
             let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
             let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
             let n = n.map(|x| x / length);
-            tables.planes.push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
-            tables.corners.push(corners);
+            tables.planes.to_mut().push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
+            tables.corners.to_mut().push(corners);
             let mut map = || -> [f64; 4] { std::array::from_fn(|_| numbers.next()) };
-            tables.uv_maps.push([map(), map()]);
+            tables.u_maps.to_mut().push(map());
+            tables.v_maps.to_mut().push(map());
             let bent = if i % 3 == 2 { 0.3 } else { 0.0 };
-            tables.normal_maps.push([0, 1, 2].map(|k| [bent * map()[0], 0.0, bent * map()[1], n[k]]));
+            tables.normal_maps.to_mut().push([0, 1, 2].map(|k| [bent * map()[0], 0.0, bent * map()[1], n[k]]));
             tables.textures.push((i % 3) as u32);
             tables.two_sided.push(i % 5 != 0);
             tables.frames.push((i % 2) as u32);
@@ -593,10 +594,11 @@ mod tests {
             let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
             let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
             let n = if length > 0.0 { n.map(|x| x / length) } else { [0.0; 3] };
-            tables.planes.push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
-            tables.corners.push(corners);
-            tables.uv_maps.push([[0.1, 0.2, 0.3, 0.4], [0.4, 0.3, 0.2, 0.1]]);
-            tables.normal_maps.push([0, 1, 2].map(|k| [0.0, 0.0, 0.0, n[k]]));
+            tables.planes.to_mut().push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
+            tables.corners.to_mut().push(corners);
+            tables.u_maps.to_mut().push([0.1, 0.2, 0.3, 0.4]);
+            tables.v_maps.to_mut().push([0.4, 0.3, 0.2, 0.1]);
+            tables.normal_maps.to_mut().push([0, 1, 2].map(|k| [0.0, 0.0, 0.0, n[k]]));
             tables.textures.push(0);
             tables.two_sided.push(true);
             tables.frames.push((i / 3 % 2) as u32);

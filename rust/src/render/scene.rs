@@ -5,6 +5,7 @@
 //!
 //! What must not break: everything that later code takes for granted about the tables is checked in [`Scene::new`].
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -53,17 +54,19 @@ pub struct Light {
 }
 
 /// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the world,
-/// or that of the body that it belongs to.
+/// or that of the body that it belongs to. What takes most memory may be borrowed.
 #[derive(Clone, Debug, Default)]
-pub struct SceneTables {
+pub struct SceneTables<'a> {
     /// Corners, metres.
-    pub corners: Vec<[[f64; 3]; 3]>,
+    pub corners: Cow<'a, [[[f64; 3]; 3]]>,
     /// Unit normal n on the front and offset d of the plane n . p + d = 0.
-    pub planes: Vec<[f64; 4]>,
-    /// Texture coordinates u and v of a place p: `map[..3] . p + map[3]`.
-    pub uv_maps: Vec<[[f64; 4]; 2]>,
+    pub planes: Cow<'a, [[f64; 4]]>,
+    /// The texture coordinate u of a place p: `map[..3] . p + map[3]`.
+    pub u_maps: Cow<'a, [[f64; 4]]>,
+    /// The texture coordinate v.
+    pub v_maps: Cow<'a, [[f64; 4]]>,
     /// The shading normal before it is normalised, a map for each component; empty where every triangle is flat.
-    pub normal_maps: Vec<[[f64; 4]; 3]>,
+    pub normal_maps: Cow<'a, [[[f64; 4]; 3]]>,
     /// The number of its texture.
     pub textures: Vec<u32>,
     /// Whether the back reflects too.
@@ -219,8 +222,8 @@ impl Scene {
                 #[allow(clippy::cast_possible_truncation, reason = "there are fewer triangles than 2^32")]
                 number: i as u32,
                 plane,
-                u: moved(tables.uv_maps[i][0]),
-                v: moved(tables.uv_maps[i][1]),
+                u: moved(tables.u_maps[i]),
+                v: moved(tables.v_maps[i]),
                 normal: normal.map(Box::new),
                 texture: tables.textures[i],
                 two_sided: tables.two_sided[i],
@@ -292,7 +295,8 @@ fn check(tables: &SceneTables) -> Result<()> {
     let refuse = |message: String| Err(Error::Argument(message));
     for (name, length) in [
         ("planes", tables.planes.len()),
-        ("uv_maps", tables.uv_maps.len()),
+        ("u_maps", tables.u_maps.len()),
+        ("v_maps", tables.v_maps.len()),
         ("textures", tables.textures.len()),
         ("two_sided", tables.two_sided.len()),
         ("frames", tables.frames.len()),

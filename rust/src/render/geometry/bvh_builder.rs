@@ -25,7 +25,7 @@ use std::ops::Range;
 use super::vector::{Bounds, Vector};
 
 /// Triangles in a leaf, at most; unless they all lie at one place.
-const LEAF: usize = super::hierarchy::WIDTH;
+const LEAF: usize = 8;
 
 /// Candidates for a cut along an axis.
 const CUTS: usize = 12;
