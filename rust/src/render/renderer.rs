@@ -655,4 +655,71 @@ mod tests {
             }
         }
     }
+
+    /// What rays see is what they meet first in float64, whichever way: no ray passes a triangle that it meets well inside,
+    /// and none sees what it does not meet. Corners and edges of a fan lie on rays exactly.
+    #[test]
+    fn rays_see_what_they_meet_first() {
+        let (width, height) = (33, 33);
+        let table: Vec<f32> = (0..width * height)
+            .flat_map(|pixel| [pixel % width, pixel / width].map(|at| at as f32 / 16.0 - 1.0))
+            .collect();
+        let rays = PixelRays::new(width, height, 1, &table).unwrap();
+        let mut numbers = Numbers(5);
+        for count in [0, 1, 40, 700] {
+            let mut tables = tables(&mut numbers, count);
+            add_hard_triangles(&mut tables, &mut numbers);
+            let mut renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+            let rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            // The same in both frames, so that nothing has to be turned.
+            let pose = Pose { position: [0.0; 3], rotation, velocity: [0.0; 3], angular_rate: [0.0; 3] };
+            let view = View { poses: vec![pose; 2], factors: vec![[1.0, 0.0]; 3] };
+            for beams in [false, true] {
+                renderer.ways.beams = beams;
+                let (mut depth, mut triangle) = (vec![0f32; rays.pixels()], vec![0; rays.pixels()]);
+                renderer.depth(&rays, std::slice::from_ref(&view), &mut depth, &mut triangle).unwrap();
+                for (pixel, ray) in table.chunks_exact(2).enumerate() {
+                    let ray = [f64::from(ray[0]), f64::from(ray[1]), 1.0];
+                    let met = |i: usize| met(&tables.corners[i], ray);
+                    let first = (0..tables.corners.len())
+                        .filter_map(|i| met(i).filter(|met| met.inside > 1e-5 && met.slant > 1e-3))
+                        .fold(f64::INFINITY, |least, met| least.min(met.depth));
+                    let seen = f64::from(depth[pixel]);
+                    assert!(seen <= first * (1.0 + 1e-4), "{beams} {count}: {ray:?} sees {seen}, not {first}");
+                    if triangle[pixel] != NO_TRIANGLE {
+                        let met = met(triangle[pixel] as usize).unwrap();
+                        assert!(met.inside > -1e-5, "{beams} {count}: {ray:?} passes {}", triangle[pixel]);
+                        assert!(met.slant < 1e-3 || (met.depth / seen - 1.0).abs() < 1e-4, "{seen} is {}", met.depth);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Where a ray from the origin meets a triangle's plane: its depth, the sine of the angle to the plane, and how far
+    /// inside of the triangle that is, in units of its image, negative outside.
+    struct Met {
+        depth: f64,
+        slant: f64,
+        inside: f64,
+    }
+
+    /// None behind the origin, or for a triangle that is not one.
+    fn met(corners: &[[f64; 3]; 3], ray: [f64; 3]) -> Option<Met> {
+        use super::super::geometry::vector::{cross, dot, scale, sub};
+        let [a, b, c] = *corners;
+        let normal = cross(sub(b, a), sub(c, a));
+        let along = dot(normal, ray);
+        let depth = dot(normal, a) / along;
+        if !(depth > 0.0 && depth.is_finite()) {
+            return None;
+        }
+        let side = dot(a, cross(b, c)).signum();
+        let inside = [cross(b, c), cross(c, a), cross(a, b)].map(|edge| {
+            let edge = scale(edge, side);
+            dot(edge, ray) / (edge[0] * edge[0] + edge[1] * edge[1]).sqrt().max(1e-300)
+        });
+        let slant = along.abs() / (dot(normal, normal) * dot(ray, ray)).sqrt();
+        Some(Met { depth, slant, inside: inside.into_iter().fold(f64::INFINITY, f64::min) })
+    }
 }
