@@ -589,20 +589,34 @@ mod tests {
             hard.push([[a[0], a[1], -9.0], b, c]);
         }
         for (i, corners) in hard.into_iter().enumerate() {
-            let [a, b, c] = corners;
-            let [u, v]: [[f64; 3]; 2] = [std::array::from_fn(|j| b[j] - a[j]), std::array::from_fn(|j| c[j] - a[j])];
-            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-            let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-            let n = if length > 0.0 { n.map(|x| x / length) } else { [0.0; 3] };
-            tables.planes.to_mut().push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
-            tables.corners.to_mut().push(corners);
-            tables.u_maps.to_mut().push([0.1, 0.2, 0.3, 0.4]);
-            tables.v_maps.to_mut().push([0.4, 0.3, 0.2, 0.1]);
-            tables.normal_maps.to_mut().push([0, 1, 2].map(|k| [0.0, 0.0, 0.0, n[k]]));
-            tables.textures.push(0);
-            tables.two_sided.push(true);
-            tables.frames.push((i / 3 % 2) as u32);
+            add(tables, corners, (i / 3 % 2) as u32);
         }
+    }
+
+    /// Adds a slanted wall, whose box is nearer than what lies just before it.
+    fn add_slanted_wall(tables: &mut SceneTables, numbers: &mut Numbers) {
+        add(tables, [[-30.0, -30.0, -6.0], [30.0, -30.0, 12.0], [0.0, 60.0, 3.0]], 0);
+        for _ in 0..300 {
+            let [x, y, _] = numbers.vector(1.0);
+            let before = |x: f64, y: f64| [x, y, 2.95 + 0.3 * x];
+            add(tables, [before(x, y), before(x + 0.1, y), before(x, y + 0.1)], 0);
+        }
+    }
+
+    fn add(tables: &mut SceneTables, corners: [[f64; 3]; 3], frame: u32) {
+        let [a, b, c] = corners;
+        let [u, v]: [[f64; 3]; 2] = [std::array::from_fn(|j| b[j] - a[j]), std::array::from_fn(|j| c[j] - a[j])];
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        let n = if length > 0.0 { n.map(|x| x / length) } else { [0.0; 3] };
+        tables.planes.to_mut().push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
+        tables.corners.to_mut().push(corners);
+        tables.u_maps.to_mut().push([0.1, 0.2, 0.3, 0.4]);
+        tables.v_maps.to_mut().push([0.4, 0.3, 0.2, 0.1]);
+        tables.normal_maps.to_mut().push([0, 1, 2].map(|k| [0.0, 0.0, 0.0, n[k]]));
+        tables.textures.push(0);
+        tables.two_sided.push(true);
+        tables.frames.push(frame);
     }
 
     /// No way to do a tile changes a bit of luma, rates, depths or triangles.
@@ -623,8 +637,10 @@ mod tests {
                 PixelRays::new(width, height, rays, &table).unwrap()
             });
             let mut tables = tables(&mut numbers, count);
-            if count < 10_000 {
-                add_hard_triangles(&mut tables, &mut numbers);
+            match count {
+                1 => add_slanted_wall(&mut tables, &mut numbers),
+                20_000 => {}
+                _ => add_hard_triangles(&mut tables, &mut numbers),
             }
             let mut renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
             let level = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];

@@ -21,7 +21,7 @@ pub(crate) struct Places {
     own: [u32; STEP],
     /// Their lowest and highest coordinates.
     bounds: [[f32; 3]; 2],
-    /// How far what hides them may be off by rounding.
+    /// How far they may be off by rounding, and a step off the surface.
     slack: f32,
     hidden: [u32; STEP],
 }
@@ -104,7 +104,8 @@ pub(crate) fn hide(before: &Before, places: &mut Places, stack: &mut Vec<u32>) {
     if places.all_hidden() {
         return;
     }
-    let slack = f64::from(places.slack);
+    // What may hide them is rounded too, by as much as it is large.
+    let slack = f64::from(places.slack) + 1e-6 * before.hierarchy.reach;
     let [low, high] = places.bounds;
     let around = [low.map(|x| below(f64::from(x) - slack)), high.map(|x| -below(-f64::from(x) - slack))];
     let shaft = Shaft::new(&around, &before.source);

@@ -134,7 +134,8 @@ impl Shadow {
                 continue;
             }
             let part = part(frame);
-            let grown = part.grown(step + 1e-6 * (reach(&part) + depth));
+            let around = scene.frames[frame].hierarchy.reach;
+            let grown = part.grown(step + 1e-6 * (reach(&part) + depth + around));
             let part = [grown.low.map(below), grown.high.map(|x| -below(-x))];
             for number in (0..of.lights.len()).filter(|&number| falls(number)) {
                 if !self.lights[number].dark {
