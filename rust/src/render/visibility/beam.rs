@@ -10,8 +10,7 @@
 use std::ops::Range;
 
 use super::bins::{Cover, Entry, NEARER, Pyramid, Seen};
-
-use super::nearest::{NOTHING, Nearest};
+use super::nearest::{NOTHING, Nearest, least};
 use super::set_up::set_up;
 use crate::prefetch::prefetch;
 use crate::render::geometry::hierarchy::{Leaves, WIDTH, Waiting, index};
@@ -31,10 +30,12 @@ pub(crate) struct Beam {
     /// All that any ray saw before it saw a nearer one.
     tested: Vec<Seen>,
     pixels: Pixels,
+    /// Buffers of the walk.
     set_up: Vec<Seen>,
     waiting: Vec<Waiting>,
     /// Of each triangle that was tested its place among those that are seen.
     places: Vec<u32>,
+    /// Those that are seen, by their numbers in the scene, and their places among those that were tested.
     order: Vec<(u32, u32)>,
 }
 
@@ -157,19 +158,6 @@ fn may_meet(seen: &Seen, [left, right, top, bottom]: &[[f32; LANES]; 4]) -> u32 
         meets[i] = u32::from((a[i] >= 0.0) & (b[i] >= 0.0) & (c[i] >= 0.0)) << i;
     }
     meets.iter().fold(0, |all, bit| all | bit)
-}
-
-/// The least of some inverse depths, whose number is a multiple of [`LANES`].
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn least(values: &[f32]) -> f32 {
-    let mut lanes = [f32::INFINITY; LANES];
-    for chunk in values.chunks_exact(LANES) {
-        for i in 0..LANES {
-            lanes[i] = if chunk[i] < lanes[i] { chunk[i] } else { lanes[i] };
-        }
-    }
-    lanes.iter().fold(f32::INFINITY, |a, &b| a.min(b))
 }
 
 /// A walk through the hierarchy of one frame.

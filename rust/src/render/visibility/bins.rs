@@ -60,7 +60,7 @@ impl Seen {
         clippy::cast_possible_truncation,
         reason = "float64 is rounded to float32; scenes have fewer than 2^30 triangles"
     )]
-    pub(super) fn new(scene: &Scene, pose: &Pose, triangle: usize, corners: &[Vector; 3]) -> Option<Self> {
+    fn new(scene: &Scene, pose: &Pose, triangle: usize, corners: &[Vector; 3]) -> Option<Self> {
         let plane = &scene.surfaces[triangle].plane;
         let normal = [plane[0], plane[1], plane[2]];
         let height = dot(normal, pose.position) + plane[3];

@@ -248,10 +248,10 @@ fn count(places: &[u32], place: u32) -> u32 {
     places.iter().map(|&one| u32::from(one == place)).sum()
 }
 
-/// The least of some inverse depths.
+/// The least of some inverse depths, whose number is a multiple of [`LANES`].
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn least(values: &[f32]) -> f32 {
+pub(super) fn least(values: &[f32]) -> f32 {
     let mut lanes = [f32::INFINITY; LANES];
     for chunk in values.chunks_exact(LANES) {
         for i in 0..LANES {
