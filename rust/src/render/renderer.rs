@@ -51,7 +51,9 @@ const MOST_TRIANGLES_TOGETHER: usize = 1 << 15;
 /// many rays: to set up each once for all tiles of a view takes less time.
 const SMALL: usize = 1 << 16;
 
-/// Tiles that see more triangles than this find shadows by rays: what may hide all of them would be a long list.
+/// In scenes of so many triangles, tiles that see more than [`MANY_RECEIVERS`] of them find shadows by rays: what may hide
+/// all of these would be a long list.
+const MANY: usize = 1 << 13;
 const MANY_RECEIVERS: usize = 8;
 
 /// How many views a thread takes at a time where single pixels are wanted.
@@ -90,7 +92,8 @@ impl Renderer {
         let threads = threads.map(Threads::start).transpose()?;
         let still = still_cones(&scene);
         let (rooms, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
-        let ways = Ways { beams: scene.triangles() >= SMALL, receivers: MANY_RECEIVERS };
+        let receivers = if scene.triangles() >= MANY { MANY_RECEIVERS } else { usize::MAX };
+        let ways = Ways { beams: scene.triangles() >= SMALL, receivers };
         Ok(Self { scene, still, threads, rooms, scratch, pixels, ways, edges: OnceLock::new() })
     }
 

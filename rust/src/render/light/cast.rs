@@ -284,10 +284,6 @@ fn test(
         let any = if few { [true; WIDTH] } else { packet.hides(&part, farthest).any };
         for (lane, &triangle) in triangles.iter().enumerate().filter(|(lane, _)| any[*lane]) {
             let cone = packet.cone(lane);
-            // Most triangles of a list lie beyond all places or do not reach to them.
-            if !cone.may_hide((x, y, z), n, farthest) {
-                continue;
-            }
             for i in 0..n {
                 let meets = cone.hides_place(x[i], y[i], z[i], farthest);
                 hidden[i] |= u32::from(meets) & u32::from(own(i) != triangle);

@@ -7,7 +7,6 @@
 
 use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
 use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
-use crate::render::lanes::Lanes;
 
 /// Seen from its side a triangle hides nothing: it is this share as wide as its corners are far from the light.
 const EDGE_ON: f64 = 1e-7;
@@ -74,19 +73,6 @@ impl Cone {
             & (at(&self.edges[1], x, y, z) >= 0.0)
             & (at(&self.edges[2], x, y, z) >= 0.0);
         inside & (height < 0.0) & (height >= -farthest)
-    }
-
-    /// Whether any of the first n places lies behind the triangle's plane.
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-    pub(crate) fn may_hide(&self, (x, y, z): (&Lanes, &Lanes, &Lanes), n: usize, farthest: f32) -> bool {
-        let mut any = 0;
-        for i in 0..n {
-            let height = at(&self.height, x[i], y[i], z[i]);
-            any |= u32::from((height < 0.0) & (height >= -farthest));
-        }
-        any != 0
     }
 }
 
