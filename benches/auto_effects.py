@@ -34,7 +34,7 @@ def shown(name: str, *, whole: bool) -> Scene:
 def counted(scene: Scene, lux: float, **settings: object) -> tuple[int, float, str]:
     """Events of a whole run, the error that was forecast in percent, and the effects on events that it had."""
     rates = {"frame_rate_hz": 0, "depth_rate_hz": 0, "lux_per_luma": lux}
-    made = make_simulator(scene, complete(SimulationSettings, {**rates, **settings}, of=counted))
+    made = make_simulator(scene, complete(SimulationSettings, {**rates, **settings}, taker=counted))
     events = sum(len(packet.events) for packet in made.simulator.run())
     together = None if made.plan is None else made.plan.together
     forecast = float("nan") if together is None else together.omission.count_percent

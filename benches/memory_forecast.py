@@ -38,11 +38,11 @@ from pathlib import Path
 forecasts = []
 from davis_rs.simulation.from_frames.frame_run import FrameRun
 from davis_rs.simulation.simulator import Simulator
-for made in (Simulator, FrameRun):
-    def init(self, *arguments, before=made.__init__, **settings):
+for made, name in ((Simulator, "_set_up"), (FrameRun, "__init__")):
+    def set_up(self, *arguments, before=getattr(made, name), **settings):
         before(self, *arguments, **settings)
         forecasts.append(self.memory.bytes)
-    made.__init__ = init
+    setattr(made, name, set_up)
 from davis_rs.cli import main
 status = main(sys.argv[1:])
 peak = re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())  # unlike ru_maxrss, not of the parent

@@ -1,4 +1,4 @@
-"""Instructions that a frame takes in an ideal engine, and a stream in the decoder, here and at another revision.
+"""Instructions that a frame takes in an engine, and a stream in the decoder, here and at another revision.
 
     python benches/instructions/instructions.py REVISION
 
@@ -17,7 +17,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 FRAMES = 40
 KINDS = {
-    "frames": ("dense", "quiet", "still", "hermite"),
+    "frames": ("dense", "quiet", "still", "hermite", "sensor"),
     "streams": ("decode-dense", "decode-sparse", "decode-frames"),
 }
 """Of each program: frames of 240 x 180 pixels by how many of them change, streams of a camera by what is in them."""

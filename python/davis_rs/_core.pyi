@@ -1,13 +1,14 @@
-"""The Rust core."""
+"""The Rust core. The types are kept here; all else is made by ``.ci/stub`` from the extension module."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, BinaryIO, Protocol, TypedDict, final
+from typing import Any, BinaryIO, TypedDict, final
 
 import numpy as np
 import numpy.typing as npt
 
 from .events.decoded import Decoded, Frame
+from .sensor.effects import EffectsLike
 
 __all__ = [
     "RUST_SYSROOT",
@@ -44,9 +45,6 @@ RUST_SYSROOT: str
 """The Rust toolchain that built this module, as ``rustc --print sysroot`` named it; empty if it could not be asked."""
 
 _SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
-
-class _Effects(Protocol):
-    def engine_settings(self) -> dict[str, dict[str, Any]]: ...
 
 class _Aedat4(TypedDict):
     events: npt.NDArray[np.void]
@@ -100,18 +98,23 @@ class Device:
     @property
     def chip(self) -> str:
         """The chip's name."""
+
     @property
     def width(self) -> int:
         """Number of columns of the events' image: x is less than this."""
+
     @property
     def height(self) -> int:
         """Number of rows of the events' image: y is less than this."""
+
     @property
     def frame_width(self) -> int:
         """Columns of a full frame."""
+
     @property
     def frame_height(self) -> int:
         """Rows of a full frame."""
+
     @property
     def adc_mhz(self) -> float:
         """Clock of the frame converter in MHz, in which exposures are counted."""
@@ -154,9 +157,11 @@ class Decoder:
         Raises:
             ValueError: for data of another kind.
         """
+
     @property
     def device(self) -> Device:
         """The camera whose stream is decoded."""
+
     @property
     def stats(self) -> dict[str, int]:
         """Counts of faults in the stream, by kind; all zero for one without a fault.
@@ -170,7 +175,7 @@ class Decoder:
         - ``imu_stray_words``: words of inertial samples where none had begun, a second end among them; ignored
         - ``imu_repeated_scales``: scales that came again within a sample, which then begins anew
         - ``frame_stray_words``: words of frames where none had begun; ignored
-        - ``samples_missing``: samples that their column lacked; 0 in their place
+        - ``samples_missing``: samples that their column lacked; 0 instead
         - ``samples_extra``: samples beyond the end of their column or of the region; ignored
         - ``exposure_words_extra``: exposure words beyond the third of a frame; ignored
         - ``exposure_marks_missing``: frames without start or end of exposure; that time is then the one before it
@@ -200,10 +205,10 @@ class Encoder:
     def __new__(cls, device: str | Device, *, accel_range: int = 1, gyro_range: int = 1) -> Encoder: ...
     def encode(
         self,
-        events: npt.NDArray[Any] | None = None,
-        imu: npt.NDArray[Any] | None = None,
+        events: npt.NDArray[np.void] | None = None,
+        imu: npt.NDArray[np.void] | None = None,
         frames: Iterable[Frame] | None = None,
-        triggers: npt.NDArray[Any] | None = None,
+        triggers: npt.NDArray[np.void] | None = None,
     ) -> bytes:
         """Encode the next packet and return its bytes; the GIL is released.
 
@@ -223,6 +228,7 @@ class Encoder:
             ValueError: for times that go back, or what does not fit the camera, with the index; nothing is encoded
                 then.
         """
+
     @property
     def device(self) -> Device:
         """The camera whose stream is made."""
@@ -253,8 +259,9 @@ class CrossingEngine:
         contrast_threshold_off: C_off, likewise; None means C_on.
         log_eps: dark level in units of luma, > 0.
         interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
-        effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
-            None for ideal pixels.
+        effects: :class:`davis_rs.Effects`, or what stands for them in other calls: texts such as
+            ``"refractory_period_us=100"``, or numbers and parameters by name. Those on the log signal, in the pixel and
+            on the stream act here. None for ideal pixels.
         start_phase: where references lie at the first frame: ``zero``, at its log intensity; ``stationary``, so that
             L - R is uniform in (-C_off, C_on), drawn for each pixel, as in a camera that has run before.
         seed: of thresholds, start phases and noise, 0..2^64 - 1; None means 0.
@@ -275,9 +282,9 @@ class CrossingEngine:
         *,
         contrast_threshold: float | npt.NDArray[np.floating[Any]] | None = None,
         contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
-        log_eps: float = 1e-3,
+        log_eps: float = 0.001,
         interpolation: str = "linear",
-        effects: _Effects | Mapping[str, Mapping[str, float | None]] | None = None,
+        effects: EffectsLike | None = None,
         start_phase: str = "zero",
         seed: int | None = None,
         threads: int | None = None,
@@ -315,6 +322,7 @@ class CrossingEngine:
                 events. The engine is then as it was.
             MemoryError: if there is no memory for the events. The engine is then as it was.
         """
+
     def push_log(
         self,
         t_us: int,
@@ -330,7 +338,7 @@ class CrossingEngine:
             log_intensity: natural logarithm, shape (height, width), within +-746; float64 in C order is taken without
                 a copy, float32 is widened.
             slope: for Hermite interpolation, dL/dt per second, likewise; see ``dluma_dt`` of :meth:`push`.
-            sparse: as of :meth:`push`, with log intensity in place of luma.
+            sparse: as of :meth:`push`, with log intensity instead of luma.
 
         Returns:
             Events (:data:`davis_rs.EVENT_DTYPE`), as of :meth:`push`.
@@ -339,41 +347,50 @@ class CrossingEngine:
             ValueError: as :meth:`push`, for log intensity that is NaN or beyond +-746, or an engine that has been fed
                 with luma. The engine is then as it was.
         """
+
     def flush(self) -> npt.NDArray[np.void]:
         """Return the events that the readout effect still holds: requested up to the last frame, stamped after it.
 
         Returns:
             Events (:data:`davis_rs.EVENT_DTYPE`), sorted; none without that effect.
         """
+
     @property
     def dropped_events(self) -> int:
         """How many events the readout effect has dropped so far; 0 without it."""
+
     @property
     def missed_events(self) -> int:
         """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
+
     @property
     def contrast_threshold(self) -> float | npt.NDArray[np.float64]:
         """C_on in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
+
     @property
     def contrast_threshold_off(self) -> float | npt.NDArray[np.float64]:
         """C_off in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
+
     @property
     def reference(self) -> npt.NDArray[np.float64]:
         """The reference R in log intensity, float64, shape (height, width).
 
         NaN before the first frame, and where a refractory period holds a pixel in reset.
         """
+
     @property
     def last_event_us(self) -> npt.NDArray[np.int64]:
         """The surface of active events: the time of each pixel's last event in microseconds, -1 where there was none.
 
         int64, shape (height, width).
         """
+
     def state(self) -> dict[str, Any]:
         """Return what decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
 
         For :meth:`from_state`, and for NumPy's or any other storage; pickling stores the same.
         """
+
     @staticmethod
     def from_state(state: dict[str, Any], *, threads: int | None = None) -> CrossingEngine:
         """Return an engine that continues from :meth:`state` as the original engine would have.
@@ -431,6 +448,7 @@ class EventFileWriter:
                 a writer that is finished.
             OSError: if the file refuses.
         """
+
     def flush(self) -> None:
         """Hand everything to the operating system.
 
@@ -438,12 +456,14 @@ class EventFileWriter:
             ValueError: for a writer that is finished.
             OSError: if the file refuses.
         """
+
     def finish(self) -> int:
         """Write what is left, close the file and return its size in bytes; again, only the size.
 
         Raises:
             OSError: if the file refuses; it is closed then.
         """
+
     def abandon(self) -> None:
         """Close the file as it is, without what is left to write."""
 
@@ -487,9 +507,10 @@ class EventFileReader:
         """Read until there is an event or the size is known; for a reader that will read nothing else.
 
         Raises:
-            DecodeError: where the file breaks its format, with the place.
+            DecodeError: where the file breaks its format, with its position.
             OSError: if the file refuses.
         """
+
     def read(self, enough: int) -> npt.NDArray[np.void]:
         """Read the next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
 
@@ -497,9 +518,10 @@ class EventFileReader:
             Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
 
         Raises:
-            DecodeError: where the file breaks its format, with the place.
+            DecodeError: where the file breaks its format, with its position.
             OSError: if the file refuses.
         """
+
     def scan(self, enough: int) -> npt.NDArray[np.int64]:
         """Find the blocks that can be read by themselves: the next ones, from where the reader is; the GIL is released.
 
@@ -511,9 +533,11 @@ class EventFileReader:
             last one in microseconds, and five numbers that the decoder carries.
 
         Raises:
-            DecodeError: where the file breaks its format, or for a time that is below 0 or goes back, with the place.
+            DecodeError: where the file breaks its format, or for a time that is negative or goes back, with its
+                position.
             OSError: if the file refuses.
         """
+
     def read_block(self, byte: int, state: Sequence[int], end: int) -> npt.NDArray[np.void]:
         """Read the events of a block that :meth:`scan` has found in this file; the GIL is released.
 
@@ -526,22 +550,27 @@ class EventFileReader:
             Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
 
         Raises:
-            DecodeError: where the file breaks its format, with the place.
+            DecodeError: where the file breaks its format, with its position.
             OSError: if the file refuses.
             ValueError: for a state that no decoder has.
         """
+
     @property
     def over(self) -> bool:
         """Whether the end of the file was reached."""
+
     @property
     def size(self) -> tuple[int, int] | None:
         """The sensor's (width, height), where the file says it and once that part was read; None otherwise."""
+
     @property
     def bytes(self) -> int:
         """How many bytes of the file were decoded so far."""
+
     @property
     def file_size(self) -> int:
         """How many bytes the file has."""
+
     @property
     def left_over(self) -> int:
         """Number of bytes left at the end of the file that are no complete record."""
@@ -577,18 +606,23 @@ class Aedat4Recording:
             OSError: if it cannot be read.
             DecodeError: for the first packet that does not follow the format, with its byte.
         """
+
     @property
     def size(self) -> tuple[int, int] | None:
         """The sensor's (width, height), where the header says."""
+
     @property
     def source(self) -> str:
         """The camera that the header names, or ""."""
+
     @property
     def has_events(self) -> bool:
         """Whether the header announces a stream of events."""
+
     @property
     def bytes(self) -> int:
         """Bytes of the file that were read."""
+
     @property
     def cut(self) -> str | None:
         """What the end of the file cuts off, and where; known once it was read to its end."""
@@ -738,7 +772,7 @@ class SceneRenderer:
     Args:
         corners: float64 (t, 3, 3), metres.
         planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
-        u_maps, v_maps: float64 (t, 4), affine maps of a place (x, y, z, 1) to texture coordinates.
+        u_maps, v_maps: float64 (t, 4), affine maps of a point (x, y, z, 1) to texture coordinates.
         normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
         textures: uint32 (t), the number of the triangle's texture.
         two_sided: uint32 (t), 1 where the back of the triangle reflects too.
@@ -747,14 +781,14 @@ class SceneRenderer:
         layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
         texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
         lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
-            ``point``, whose vector is its place, ``directional``, whose vector is the unit vector along which it
+            ``point``, whose vector is its position, ``directional``, whose vector is the unit vector along which it
             travels, ``constant``, ``baked``, or ``visible``: baked lights take the light maps' texels one after the
             other, and visible ones fall on nothing, but emissions and the sky are theirs. The beam is that of a point:
             None where it shines alike to all sides; (unit vector, None) where it does with the cosine of the angle to
             it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which it shines fully, and at
             all.
         light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
-            (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
+            (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
             int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
         emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
             (t); None where none does.
@@ -803,7 +837,7 @@ class SceneRenderer:
 
         Args:
             rays: of the sensor.
-            views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: places
+            views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: positions
                 (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
                 in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
                 of the lights; the rates of these factors (n, l), 1/s.
@@ -963,7 +997,7 @@ class SceneRenderer:
                 pixels or steps.
         """
 
-    def ray_sights(
+    def ray_hits(
         self, rays: PixelRays, views: _Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], npt.NDArray[np.float64]]:
         """Find what each ray of single pixels sees, in float64.
@@ -975,7 +1009,7 @@ class SceneRenderer:
 
         Returns:
             The number of the triangle that is hit, uint32, flat (k, r), 2^32 - 1 where none is; which lights are hidden
-            from the place, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
+            from the point, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
             and luma, float64 in the same shape.
 
         Raises:
@@ -1015,7 +1049,13 @@ def latest_times(
     """
 
 def voxel_grid(
-    events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, endpoint: bool
+    events: npt.NDArray[np.void],
+    size: tuple[int, int],
+    bins: int,
+    start_us: int,
+    stop_us: int,
+    include_stop: bool,
+    endpoint: bool,
 ) -> npt.NDArray[np.float64]:
     """Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.events.represent.voxel_grid` is made of it.
 
@@ -1025,7 +1065,8 @@ def voxel_grid(
         events: anything with the fields t, x, y, p; those outside of the window are left out.
         size: (width, height) of the sensor.
         bins: number of planes, >= 1.
-        start_us, stop_us: the window in microseconds, both ends included; the first plane is at ``start_us``.
+        start_us, stop_us: the window in microseconds, start <= t < stop; the first plane is at ``start_us``.
+        include_stop: whether events at ``stop_us`` count too.
         endpoint: whether the last plane is at ``stop_us``, or one step before it.
 
     Returns:
@@ -1036,7 +1077,13 @@ def voxel_grid(
     """
 
 def spike_tensor(
-    events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, times: bool
+    events: npt.NDArray[np.void],
+    size: tuple[int, int],
+    bins: int,
+    start_us: int,
+    stop_us: int,
+    include_stop: bool,
+    times: bool,
 ) -> npt.NDArray[np.float64]:
     """Sum measurements of events in planes of time, by polarity: :func:`davis_rs.events.represent.event_spike_tensor`.
 
@@ -1046,9 +1093,9 @@ def spike_tensor(
         events: anything with the fields t, x, y, p; those outside of the window are left out.
         size: (width, height) of the sensor.
         bins: number of planes of each polarity, >= 1.
-        start_us, stop_us: the window in microseconds, both ends included; planes go from ``start_us`` to
-            ``stop_us``.
-        times: whether an event adds its place in the window (0 at the start, 1 at the end), or one.
+        start_us, stop_us: the window in microseconds, start <= t < stop; planes go from ``start_us`` to ``stop_us``.
+        include_stop: whether events at ``stop_us`` count too.
+        times: whether an event adds its position in the window (0 at the start, 1 at the end), or one.
 
     Returns:
         float64, shape (2 * bins, height, width), OFF before ON.

@@ -17,26 +17,26 @@ pub struct Event {
 }
 
 impl Event {
-    /// An event at `t` microseconds in pixel (`x`, `y`); `on` is its polarity.
+    /// Returns an event at `t` microseconds in pixel (`x`, `y`); `on` is its polarity.
     #[must_use]
     pub const fn new(t: i64, x: u16, y: u16, on: bool) -> Self {
         Self { t, x, y, p: on as u8, padding: [0; 3] }
     }
 
-    /// The same event at another time.
+    /// Returns the same event at another time.
     pub(crate) const fn at(self, t: i64) -> Self {
         Self { t, ..self }
     }
 
-    /// An event at `t` microseconds, of the bytes of its other fields, first one lowest: made of two words, it is stored
-    /// as two words.
+    /// Returns an event at `t` microseconds, of the bytes of its other fields, first one lowest: made of two words, it
+    /// is stored as two words.
     #[inline]
-    pub(crate) const fn from_words(t: i64, place: u64) -> Self {
-        let [x0, x1, y0, y1, p, padding @ ..] = place.to_le_bytes();
+    pub(crate) const fn from_words(t: i64, fields: u64) -> Self {
+        let [x0, x1, y0, y1, p, padding @ ..] = fields.to_le_bytes();
         Self { t, x: u16::from_le_bytes([x0, x1]), y: u16::from_le_bytes([y0, y1]), p, padding }
     }
 
-    /// The row-major index of its pixel.
+    /// Returns the row-major index of its pixel.
     #[inline]
     pub(crate) fn pixel(&self, size: SensorSize) -> usize {
         usize::from(self.y) * usize::from(size.width) + usize::from(self.x)
@@ -53,13 +53,13 @@ pub struct SensorSize {
 }
 
 impl SensorSize {
-    /// The number of pixels.
+    /// Returns the number of pixels.
     #[must_use]
     pub const fn pixels(self) -> usize {
         self.width as usize * self.height as usize
     }
 
-    /// (x, y) of a pixel by its row-major index.
+    /// Returns (x, y) of a pixel by its row-major index.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, reason = "the quotient and remainder fit the sensor's u16 sides")]
     pub const fn xy(self, index: usize) -> (u16, u16) {

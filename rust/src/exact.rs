@@ -16,26 +16,26 @@ pub(crate) struct Expansion {
 }
 
 impl Expansion {
-    /// The expansion of one float.
+    /// Returns the expansion of one float.
     pub(crate) fn new(value: f64) -> Self {
         Self { parts: [0.0; CAPACITY], len: 0 }.plus(value)
     }
 
-    /// `self + value`, exactly (Shewchuk's grow-expansion, with zeros left out).
+    /// Returns `self + value`, exactly (Shewchuk's grow-expansion, with zeros left out).
     #[must_use]
     pub(crate) fn plus(mut self, value: f64) -> Self {
         self.add(value);
         self
     }
 
-    /// `self + a * b`, exactly.
+    /// Returns `self + a * b`, exactly.
     #[must_use]
     pub(crate) fn plus_product(mut self, a: f64, b: f64) -> Self {
         self.add_product(a, b);
         self
     }
 
-    /// `self * factor`, exactly.
+    /// Returns `self * factor`, exactly.
     #[must_use]
     pub(crate) fn times(&self, factor: f64) -> Self {
         let mut product = Self { parts: [0.0; CAPACITY], len: 0 };
@@ -68,7 +68,7 @@ impl Expansion {
         self.add(product);
     }
 
-    /// The sign of the exact value: -1, 0 or 1, that of its largest part.
+    /// Returns the sign of the exact value: -1, 0 or 1, that of its largest part.
     pub(crate) fn sign(&self) -> i32 {
         match self.parts[..self.len].last() {
             Some(&largest) if largest > 0.0 => 1,
@@ -77,13 +77,13 @@ impl Expansion {
         }
     }
 
-    /// The value, rounded to a float within one ulp.
+    /// Returns the value, rounded to a float within one ulp.
     pub(crate) fn value(&self) -> f64 {
         self.parts[..self.len].iter().sum()
     }
 }
 
-/// (a + b rounded, the rounding error), exactly (Knuth).
+/// Returns (a + b rounded, the rounding error), exactly (Knuth).
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let b_part = sum - a;

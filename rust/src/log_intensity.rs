@@ -5,7 +5,7 @@ use multiversion::multiversion;
 use crate::error::{Error, Result};
 use crate::event::SensorSize;
 
-/// `L = ln(luma + log_eps)` in float64, within 1 ulp of the exact logarithm of the float64 sum.
+/// Computes `L = ln(luma + log_eps)` in float64, within 1 ulp of the exact logarithm of the float64 sum.
 ///
 /// A fixed sequence of IEEE additions, multiplications and one division, without fused operations: the same to the last
 /// bit on every processor and in every vector width. The C library's logarithm is not, since it picks another at run
@@ -15,7 +15,7 @@ pub fn log_intensity(luma: f32, log_eps: f64) -> f64 {
     ln(f64::from(luma) + log_eps)
 }
 
-/// [`log_intensity`] of many pixels, in vector registers.
+/// Computes [`log_intensity`] of many pixels, in vector registers.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn log_intensities(luma: &[f32], log_eps: f64, logs: &mut [f64]) {
     for (log, &y) in logs.iter_mut().zip(luma) {
@@ -23,7 +23,7 @@ pub(crate) fn log_intensities(luma: &[f32], log_eps: f64, logs: &mut [f64]) {
     }
 }
 
-/// The natural logarithm of a positive normal number, below 1 ulp.
+/// Returns the natural logarithm of a positive normal number, below 1 ulp.
 ///
 /// The scheme and coefficients of Sun's fdlibm (`e_log`): x = 2^k (1 + f) with 1 + f in [sqrt(1/2), sqrt(2)), and
 /// ln(1 + f) = f - f^2 / 2 + s (f^2 / 2 + R) with s = f / (2 + f) and R a polynomial in s^2. Without branches, so that
@@ -61,7 +61,8 @@ pub(crate) fn ln(x: f64) -> f64 {
     s * (half_square + (even + odd)) + k * LN2_LOW - half_square + f + k * LN2_HIGH
 }
 
-/// [`log_intensity`] of a whole frame, checked: the frame may hold neither NaN nor infinities nor negative luma.
+/// Computes [`log_intensity`] of a whole frame, checked: the frame may hold neither NaN nor infinities nor negative
+/// luma.
 ///
 /// # Errors
 /// [`Error::Argument`] naming the first bad pixel, or an unusable `log_eps`.
@@ -93,13 +94,13 @@ pub(crate) fn check_luma(luma: &[f32], size: SensorSize, t_us: Option<i64>) -> R
     check_none(bad, size, t_us, |i| format!("{LUMA_RULE}, got {}", luma[i]))
 }
 
-/// Is every value finite and >= 0? Without an early exit, so that it becomes vector code.
+/// Returns whether every value is finite and >= 0. Without an early exit, so that it becomes vector code.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn all_luma_valid(luma: &[f32]) -> bool {
     luma.iter().fold(true, |valid, y| valid & (0.0..=f32::MAX).contains(y))
 }
 
-/// The error for a frame's first bad pixel, if there is one.
+/// Returns the error for a frame's first bad pixel, if there is one.
 pub(crate) fn check_none(
     bad: Option<usize>,
     size: SensorSize,

@@ -10,14 +10,14 @@ const BUCKET_BITS: u32 = 12;
 
 /// An event of an interval, in whatever form.
 pub(crate) trait Stamped: Copy {
-    /// Its time since the interval's start.
+    /// Returns its time since the interval's start.
     fn tick(self, start_us: i64) -> i64;
 
-    /// The bits of its place on the sensor.
+    /// The bits of its position on the sensor.
     const PLACE: u64;
 
-    /// The event. `place` is [`Self::PLACE`], as a number that the compiler does not know: if it knew which bits are zero,
-    /// it would store events byte by byte.
+    /// Returns the event. `place` is [`Self::PLACE`], as a number that the compiler does not know: if it knew which
+    /// bits are zero, it would store events byte by byte.
     fn event(self, start_us: i64, place: u64) -> Event;
 }
 
@@ -78,12 +78,12 @@ impl TimeSort {
             self.starts[i] += self.starts[i - 1];
         }
         let place_bits = black_box(E::PLACE);
-        let (starts, places) = (&mut self.starts[..buckets], &mut sorted[..]);
+        let (starts, slots) = (&mut self.starts[..buckets], &mut sorted[..]);
         for part in parts {
             for &event in part {
-                let place = &mut starts[bucket(event)];
-                places[*place] = event.event(start_us, place_bits);
-                *place += 1;
+                let next = &mut starts[bucket(event)];
+                slots[*next] = event.event(start_us, place_bits);
+                *next += 1;
             }
         }
         if shift > 0 {

@@ -1,4 +1,4 @@
-//! Random draws that are a function of their place alone.
+//! Random draws that are a function of (seed, purpose, pixel, index) alone.
 //!
 //! A draw is named by (seed, purpose, pixel, index): whoever asks for it, on whatever thread and after whatever other
 //! draws, gets the same. The generator is Philox 4x32 with ten rounds: Salmon, Moraes, Dror and Shaw, "Parallel random
@@ -24,7 +24,7 @@ pub(crate) enum Purpose {
     ThresholdRow = 12,
 }
 
-/// 128 random bits, by their place.
+/// 128 random bits, a function of (seed, purpose, pixel, index).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Draw([u32; 4]);
 
@@ -34,24 +34,24 @@ impl Draw {
         Self(philox(halves(seed), [low, high, pixel, purpose as u32]))
     }
 
-    /// Uniform in (0, 1), 52 bits: from the first half.
+    /// Returns a number uniform in (0, 1), 52 bits: from the first half.
     pub(crate) fn uniform(self) -> f64 {
         // 32 bits and 20 more; the half keeps it clear of both ends.
         let integer = f64::from(self.0[0]) * 1_048_576.0 + f64::from(self.0[1] >> 12);
         (integer + 0.5) / 4_503_599_627_370_496.0
     }
 
-    /// Uniform in (0, 1), 32 bits: from the third quarter.
+    /// Returns a number uniform in (0, 1), 32 bits: from the third quarter.
     pub(crate) fn second_uniform(self) -> f64 {
         (f64::from(self.0[2]) + 0.5) / 4_294_967_296.0
     }
 
-    /// Exponential with mean 1.
+    /// Returns an exponential number with mean 1.
     pub(crate) fn exponential(self) -> f64 {
         -ln(self.uniform())
     }
 
-    /// Normal with mean 0 and variance 1 (Box and Muller).
+    /// Returns a normal number with mean 0 and variance 1 (Box and Muller).
     pub(crate) fn normal(self) -> f64 {
         (2.0 * self.exponential()).sqrt() * libm::cos(std::f64::consts::TAU * self.second_uniform())
     }

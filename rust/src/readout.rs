@@ -1,14 +1,14 @@
 //! The readout bus (the effect `readout`): events wait for a shared bus, which reads them out row by row.
 //!
-//! A pixel that fires only requests its row. The bus grants one row after the other and carries a limited number of events
-//! a second, so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels have a readout of
-//! their own, which is in `aer::frame_assembler`.)
+//! A pixel that fires only requests its row. The bus grants one row after the other and carries a limited number of
+//! events a second, so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels
+//! have a readout of their own, which is in `aer::frame_assembler`.)
 //!
 //! A pixel's reset waits for the bus: from its request until its event is read out, and for the refractory period after
 //! that, it cannot make another one. What reaches a level meanwhile is no event, and is counted as missed.
 //!
-//! What must not break: every event leaves once or is counted as dropped or missed, stamps never decrease, and the result
-//! does not depend on how the stream is split into calls.
+//! What must not break: every event leaves once or is counted as dropped or missed, stamps never decrease, and the
+//! result does not depend on how the stream is split into calls.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -20,8 +20,9 @@ use crate::random::{Draw, Purpose};
 /// The parameters of a row-wise arbiter (address-event representation).
 ///
 /// Pixels ask for their row. The bus grants the row whose oldest request came first, and reads all of its requests in
-/// one burst: one stamp, the row's address, then a column a turn. Source: Brandli, Berner, Yang, Liu and Delbruck, "A 240 x 180 130 dB 3 us
-/// latency global shutter spatiotemporal vision sensor", IEEE JSSC 49(10), 2014 (word-serial burst mode).
+/// one burst: one stamp, the row's address, then a column a turn. Source: Brandli, Berner, Yang, Liu and Delbruck, "A
+/// 240 x 180 130 dB 3 us latency global shutter spatiotemporal vision sensor", IEEE JSSC 49(10), 2014 (word-serial
+/// burst mode).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadoutParameters {
     /// Events that the bus carries in a second, > 0; infinite for any number at once.
@@ -38,7 +39,7 @@ pub struct ReadoutParameters {
 }
 
 impl ReadoutParameters {
-    /// Whether events leave as they come.
+    /// Returns whether events leave as they come.
     #[must_use]
     pub fn is_neutral(&self) -> bool {
         self.events_per_s.is_infinite() && self.row_us == 0.0 && self.latency_us == 0.0 && self.jitter_us == 0.0
@@ -66,7 +67,8 @@ impl ReadoutParameters {
     }
 }
 
-/// The furthest that stamps can lie ahead of the last frame: latency, jitter and a whole row at one event a second are less.
+/// The furthest that stamps can lie ahead of the last frame: latency, jitter and a whole row at one event a second are
+/// less.
 const LONGEST_AHEAD_US: i64 = 1 << 50;
 
 /// What a readout still holds, as plain data to be stored.
@@ -76,7 +78,7 @@ pub struct ReadoutState {
     pub waiting: Vec<Event>,
     /// Events that were read, with stamps that lie ahead.
     pub stamped: Vec<Event>,
-    /// When the bus falls free: whole microseconds, and a share of the next.
+    /// When the bus falls free: whole microseconds, and a fraction of the next.
     pub free_us: i64,
     /// See `free_us`.
     pub free_share: f64,
@@ -116,7 +118,7 @@ pub(crate) struct Readout {
 }
 
 impl Readout {
-    /// A bus that nothing waits for, of pixels that are held in reset for `refractory_us`.
+    /// Returns a bus that nothing waits for, of pixels that are held in reset for `refractory_us`.
     #[allow(clippy::cast_possible_truncation, reason = "periods are at most 1e15 us")]
     pub(crate) fn new(size: SensorSize, parameters: ReadoutParameters, seed: u64, refractory_us: f64) -> Self {
         Self {
@@ -217,7 +219,7 @@ impl Readout {
         in_order(events);
     }
 
-    /// Everything that is left.
+    /// Returns everything that is left.
     pub(crate) fn flush(&mut self) -> Vec<Event> {
         self.grant(i64::MAX);
         let mut events: Vec<Event> = self.stamped.drain(..).collect();
@@ -250,24 +252,24 @@ impl Readout {
     fn grant(&mut self, until_us: i64) {
         let us_per_event = 1e6 / self.parameters.events_per_s;
         while let Some(&Reverse((first_us, row))) = self.requests.peek() {
-            // Whole microseconds apart from their share: a float of both loses the share in a long time.
-            let (now_us, share) =
+            // Whole microseconds apart from their fraction: a float of both loses the fraction in a long time.
+            let (now_us, fraction) =
                 if first_us > self.free_us { (first_us, 0.0) } else { (self.free_us, self.free_share) };
-            if now_us > until_us || (now_us == until_us && share > 0.0) {
+            if now_us > until_us || (now_us == until_us && fraction > 0.0) {
                 return;
             }
             self.requests.pop();
             let queue = &mut self.rows[usize::from(row)];
             let waiting = queue.partition_point(|event| event.t <= now_us);
             let longest_us = self.parameters.drop_after_us.unwrap_or(f64::INFINITY);
-            let late = queue.partition_point(|event| (now_us - event.t) as f64 + share > longest_us);
+            let late = queue.partition_point(|event| (now_us - event.t) as f64 + fraction > longest_us);
             for event in queue.drain(..late) {
-                self.ready_us[event.pixel(self.size)] = (now_us + share.ceil() as i64).saturating_add(self.reset_us);
+                self.ready_us[event.pixel(self.size)] = (now_us + fraction.ceil() as i64).saturating_add(self.reset_us);
             }
             self.dropped += late as u64;
             let burst = waiting - late;
             if burst > 0 {
-                let delay_us = share + delay(&self.parameters, self.seed, row, self.bursts);
+                let delay_us = fraction + delay(&self.parameters, self.seed, row, self.bursts);
                 let stamp_us = (now_us + delay_us.ceil() as i64).max(self.last_stamp_us);
                 let first = self.stamped.len();
                 for event in queue.drain(..burst) {
@@ -277,7 +279,7 @@ impl Readout {
                 self.stamped.make_contiguous()[first..].sort_by_key(|event| event.x);
                 self.last_stamp_us = stamp_us;
                 self.bursts += 1;
-                let free = share + self.parameters.row_us + burst as f64 * us_per_event;
+                let free = fraction + self.parameters.row_us + burst as f64 * us_per_event;
                 (self.free_us, self.free_share) = (now_us + free.floor() as i64, free.fract());
             }
             if let Some(next) = queue.front() {
@@ -287,7 +289,7 @@ impl Readout {
     }
 }
 
-/// The time from a burst's grant to its stamp, in microseconds. It is never negative, whatever the jitter is.
+/// Returns the time from a burst's grant to its stamp, in microseconds. It is never negative, whatever the jitter is.
 fn delay(p: &ReadoutParameters, seed: u64, row: u16, burst: u64) -> f64 {
     let jitter_us = if p.jitter_us > 0.0 {
         p.jitter_us * Draw::at(seed, Purpose::ReadoutJitter, row.into(), burst).normal()
@@ -317,8 +319,8 @@ mod tests {
 
     fn requests() -> impl Strategy<Value = Vec<Event>> {
         // Half of them of a few pixels, which ask again and again.
-        let place = prop_oneof![(0u16..8, 0u16..16), (2u16..4, 5u16..7)];
-        prop::collection::vec((0i64..300, place, any::<bool>()), 0..200).prop_map(|events| {
+        let pixel = prop_oneof![(0u16..8, 0u16..16), (2u16..4, 5u16..7)];
+        prop::collection::vec((0i64..300, pixel, any::<bool>()), 0..200).prop_map(|events| {
             let mut events: Vec<Event> = events.into_iter().map(|(t, (y, x), on)| Event::new(t, x, y, on)).collect();
             in_order(&mut events);
             events
@@ -355,9 +357,9 @@ mod tests {
             // Of each pixel: the first request that comes when it can ask, and then the first after its reset.
             #[allow(clippy::cast_possible_truncation, reason = "small")]
             let reset_us = refractory_us.max(1.0).ceil() as i64;
-            let places: std::collections::BTreeSet<_> = requests.iter().map(|event| (event.x, event.y)).collect();
-            for place in places {
-                let own = |events: &[Event]| events.iter().filter(|event| (event.x, event.y) == place).copied().collect::<Vec<_>>();
+            let pixels: std::collections::BTreeSet<_> = requests.iter().map(|event| (event.x, event.y)).collect();
+            for pixel in pixels {
+                let own = |events: &[Event]| events.iter().filter(|event| (event.x, event.y) == pixel).copied().collect::<Vec<_>>();
                 let (mut came, mut ready_us) = (own(&requests).into_iter(), 0);
                 for left in own(&whole) {
                     let asked = came.find(|event| event.t >= ready_us).unwrap();
@@ -387,7 +389,8 @@ mod tests {
             let mut events = requests.clone();
             bus.pass(&mut events, 300);
             events.extend(bus.flush());
-            // From any stamp on: a burst has its stamp before it is carried, so one row's worth goes on top, and a microsecond of rounding.
+            // From any stamp on: a burst has its stamp before it is carried, so one row's worth goes on top, and a
+            // microsecond of rounding.
             for (i, first) in events.iter().enumerate() {
                 for (n, last) in (0u32..).zip(&events[i..]) {
                     let us = f64::from(u32::try_from(last.t - first.t).unwrap());

@@ -44,7 +44,7 @@ impl Threads {
         Ok(threads)
     }
 
-    /// The threads of this process.
+    /// Returns the threads of this process.
     ///
     /// # Errors
     ///
@@ -70,7 +70,7 @@ impl Threads {
         Ok(pool)
     }
 
-    /// How many there are, where a number was asked for.
+    /// Returns how many there are, where a number was asked for.
     pub(crate) fn count(&self) -> Option<usize> {
         self.count.map(NonZeroUsize::get)
     }

@@ -103,7 +103,7 @@ def test_each_command_has_its_help(command: str, capsys: pytest.CaptureFixture[s
         (["frames", "x", "-o", "x", "--stop_time", "3"], "did you mean --stop? (stop_time in v2e)"),
         (
             ["simulate", "x", "-o", "x", "--refractory_period_ns", "30"],
-            "refractory_period_us=VALUE? (refractory_period_ns in ESIM; here in microseconds)",
+            "refractory_period_us=VALUE? (refractory_period_ns in ESIM and rpg_vid2e; here in microseconds)",
         ),
         (["simulate", "x", "-o", "x", "--leak-rate", "3"], "did you mean --effect leak_rate_hz=VALUE?"),
         (["plan", "three_planes", "--size", "240"], "--size: must be WIDTHxHEIGHT in pixels"),

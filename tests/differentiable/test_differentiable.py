@@ -363,7 +363,7 @@ def test_edges_that_are_not_found_are_told(mi: Any, monkeypatch: pytest.MonkeyPa
 
     def half(self: EdgePasses, ends: tuple[Views, Views], rays: ChangedRays) -> Passes:
         passes = whole(self, ends, rays)
-        passes.share[::2] = np.nan
+        passes.fraction[::2] = np.nan
         return passes
 
     renderer = DifferentiableRenderer(scene(HALF_PLANE), Camera(24, 18, 22.0, 22.0, 11.5, 8.5), samples=64)

@@ -114,7 +114,7 @@ def test_a_change_without_an_edge_is_not_known(monkeypatch: pytest.MonkeyPatch) 
 
     def lost(self: EdgePasses, ends: tuple[Views, Views], rays: ChangedRays) -> Passes:
         passes = whole(self, ends, rays)
-        passes.share[::20] = np.nan
+        passes.fraction[::20] = np.nan
         return passes
 
     monkeypatch.setattr(EdgePasses, "passes", lost)

@@ -411,8 +411,8 @@ def test_pixels_of_a_part_go_straight_to_it() -> None:
     assert not set(looked_at.held_out.tolist()) & set(looked_at.pixel.tolist())
     frames = keyframes(renderer, sequence)
     assert sample.pixel_frames == (len(frames) - 1) * 48 * 36
-    late = sample.parts[0]._replace(t_us=sample.parts[0].t_us[10:], luma=sample.parts[0].luma[10:])
-    events = sample.part_events(late, None)
+    late = sample.segments[0]._replace(t_us=sample.segments[0].t_us[10:], luma=sample.segments[0].luma[10:])
+    events = sample.segment_events(late, None)
     assert events["t"].min() > late.t_us[0]
     reference = sample.engine_at(late, None).reference
     crossed = (reference - np.log(sample.origin[0] + 1e-3)) / C

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -500,7 +501,7 @@ def test_neutral_is_off() -> None:
         {"column_noise_dn": 0.1},
         {"row_readout_us": 1.0},
     ):
-        assert not Aps(**{**IDEAL.settings(), **change}).neutral
+        assert not replace(IDEAL, **change).neutral
     assert Aps(5_000).settings() == {
         "exposure_us": 5_000,
         "read_noise_dn": 2.9,

@@ -14,6 +14,7 @@ import pytest
 
 import davis_rs
 from davis_rs import CrossingEngine, Effects, Simulator, load_scene
+from davis_rs._core import check_effects
 from davis_rs.sensor.effects import (
     EFFECTS,
     Aps,
@@ -181,12 +182,21 @@ def test_an_effect_that_is_not_there_is_refused() -> None:
     """By its name."""
     with pytest.raises(TypeError, match="leak_rate"):
         Effects(leak_rate=0.1)  # type: ignore[call-arg]
-    with pytest.raises(ValueError, match='no effect "leak_rate" of the crossing engine'):
+    with pytest.raises(ValueError, match=r"no effect 'leak_rate'; .*did you mean leak_rate_hz"):
         CrossingEngine(1, 1, effects={"leak_rate": {"rate_hz": 1.0}})
-    with pytest.raises(ValueError, match="leak_rate_hz must have rate_hz"):
+    with pytest.raises(ValueError, match=r"leak_rate_hz.*rate_hz"):
         CrossingEngine(1, 1, effects={"leak_rate_hz": {}})
-    with pytest.raises(ValueError, match=r"effects must be davis_rs\.Effects or None, got 3"):
+    with pytest.raises(ValueError, match=r"effects must be Effects, a mapping by name, or texts NAME=VALUE, got 3"):
         CrossingEngine(1, 1, effects=3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="vignetting does not act in the crossing engine"):
+        CrossingEngine(1, 1, effects="vignetting")
+    with pytest.raises(davis_rs.ArgumentError, match="is for a scene that can be rendered"):
+        CrossingEngine(1, 1, effects="auto")
+    # As the core is told, without a parser.
+    with pytest.raises(ValueError, match='no effect "leak_rate" of the crossing engine'):
+        check_effects({"leak_rate": {"rate_hz": 1.0}})
+    with pytest.raises(ValueError, match="leak_rate_hz must have rate_hz"):
+        check_effects({"leak_rate_hz": {}})
 
 
 # The command line's words.
@@ -345,10 +355,12 @@ def test_a_seed_out_of_range_is_refused() -> None:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_effects_are_taken_in_one_grammar_everywhere(form: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a simulator, a run over frames and the planner of effects; the simulation plans what it is asked for."""
+    """By a simulator, a run over frames, the engine and the planner; the simulation plans what it is asked for."""
+    assert repr(CrossingEngine(2, 2, effects=form)) == repr(CrossingEngine(2, 2, effects=FORMS[0]))
+    assert pickle.dumps(CrossingEngine(2, 2, effects=form)) == pickle.dumps(CrossingEngine(2, 2, effects=FORMS[0]))
     assert Simulator(PLANES, size=(6, 4), effects=form).effects == FORMS[0]
     frames = ArrayFrames(np.ones((2, 4, 6), np.float32), [0, 1000])
-    assert FrameRun(frames, complete(FrameSettings, {"effects": form}, of="a test")).effects == FORMS[0]
+    assert FrameRun(frames, complete(FrameSettings, {"effects": form}, taker="a test")).effects == FORMS[0]
     taken: list[Effects] = []
     monkeypatch.setattr(
         planner, "plan_effects_of", lambda _, __, effects, *, keep, **___: taken.extend([effects, keep])

@@ -198,7 +198,7 @@ def test_planned_effects_make_as_many_events_as_all_of_them(name: str, lux: floa
     scene, counts = load_scene(name).crop(0.5, 0.1), []
     settings = {"camera": SMALL, "frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "lux_per_luma": lux}
     for of in ({"sensor": replace(SENSORS["davis240c"], width=None, height=None)}, {"effects": "auto"}):
-        made = make_simulator(scene, complete(SimulationSettings, {**settings, **of}, of="a test"))
+        made = make_simulator(scene, complete(SimulationSettings, {**settings, **of}, taker="a test"))
         counts.append(sum(len(packet.events) for packet in made.simulator.run()))
     assert made.plan is not None
     assert len(list(made.plan.effects)) <= len(made.plan.items) - 2

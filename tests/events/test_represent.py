@@ -71,13 +71,13 @@ def test_time_surfaces_are_those_of_a_loop(events: EventArray, tau_us: float, af
 
 
 def grid_of_a_loop(
-    events: EventArray, bins: int, start_us: int, stop_us: int, endpoint: bool
+    events: EventArray, bins: int, start_us: int, stop_us: int, endpoint: bool, given: bool
 ) -> npt.NDArray[np.float64]:
-    """The definition: each event times the triangle around each plane."""
+    """The definition: each event times the triangle around each plane; the stop of a given window is not in it."""
     grid = np.zeros((bins, HEIGHT, WIDTH))
     steps = bins - 1 if endpoint else bins
     for t, x, y, p in events.tolist():
-        if start_us <= t <= stop_us:
+        if start_us <= t < stop_us + (not given):
             position = steps * (t - start_us) / max(1, stop_us - start_us)
             for plane in range(bins):
                 grid[plane, y, x] += (2 * p - 1) * max(0.0, 1 - abs(position - plane))
@@ -95,7 +95,7 @@ def test_voxel_grids_are_the_definitions(events: EventArray, bins: int, endpoint
     else:
         start, stop = first, last
         grid = voxel_grid(events, SIZE, bins, endpoint=endpoint, dtype=np.float64)
-    np.testing.assert_allclose(grid, grid_of_a_loop(events, bins, start, stop, endpoint), atol=1e-12)
+    np.testing.assert_allclose(grid, grid_of_a_loop(events, bins, start, stop, endpoint, window), atol=1e-12)
 
 
 def test_all_polarity_is_in_the_grid() -> None:
@@ -118,25 +118,28 @@ def test_spike_tensors_are_the_definitions(
     """Gehrig et al.'s trilinear kernel, each polarity by itself; packets add up to the whole."""
     first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
     start, stop = (first + 3, first + 1003) if window else (first, last)
-    expected = np.zeros((2 * bins, HEIGHT, WIDTH))
-    for t, x, y, p in events.tolist():
-        if start <= t <= stop:
-            place = (t - start) / max(1, stop - start)
-            for plane in range(bins):
-                share = max(0.0, 1 - abs(place * (bins - 1) - plane))
-                expected[p * bins + plane, y, x] += share * (place if measurement == "time" else 1)
+
+    def tensor_of_a_loop(until: int) -> npt.NDArray[np.float64]:
+        expected = np.zeros((2 * bins, HEIGHT, WIDTH))
+        for t, x, y, p in events.tolist():
+            if start <= t < until:
+                position = (t - start) / max(1, stop - start)
+                for plane in range(bins):
+                    fraction = max(0.0, 1 - abs(position * (bins - 1) - plane))
+                    expected[p * bins + plane, y, x] += fraction * (position if measurement == "time" else 1)
+        return expected
 
     def tensor(part: EventArray) -> npt.NDArray[np.float64]:
         return event_spike_tensor(
             part, SIZE, bins, start_us=start, stop_us=stop, measurement=measurement, dtype=np.float64
         )
 
-    np.testing.assert_allclose(tensor(events), expected, atol=1e-12)
-    np.testing.assert_allclose(tensor(events[:7]) + tensor(events[7:]), expected, atol=1e-12)
+    np.testing.assert_allclose(tensor(events), tensor_of_a_loop(stop), atol=1e-12)
+    np.testing.assert_allclose(tensor(events[:7]) + tensor(events[7:]), tensor_of_a_loop(stop), atol=1e-12)
     if not window:
         own = event_spike_tensor(events, SIZE, bins, measurement=measurement)
         assert own.dtype == np.float32
-        np.testing.assert_allclose(own, expected, atol=1e-5)
+        np.testing.assert_allclose(own, tensor_of_a_loop(stop + 1), atol=1e-5)
 
 
 @settings(EXAMPLES, max_examples=60)
@@ -147,13 +150,36 @@ def test_last_times_are_those_of_a_loop(events: EventArray, count: int, window: 
     start, stop = (first + 3, first + 1003) if window else (first, last)
     expected = np.zeros((2, count, HEIGHT, WIDTH))
     for p, y, x in np.ndindex(2, HEIGHT, WIDTH):
-        times = [t for t, *rest in events.tolist() if rest == [x, y, p] and start <= t <= stop]
+        times = [t for t, *rest in events.tolist() if rest == [x, y, p] and start <= t < stop + (not window)]
         for rank, t in enumerate(sorted(times, reverse=True)[:count]):
             expected[p, rank, y, x] = (t - start) / max(1, stop - start)
     limits: dict[str, Any] = {"start_us": start, "stop_us": stop} if window else {}
     found = last_event_times(events, SIZE, count, **limits)
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, expected.reshape(2 * count, HEIGHT, WIDTH), atol=1e-6)
+
+
+def test_a_given_window_is_half_open_and_none_has_all_events() -> None:
+    """An event at ``stop_us`` counts only where no stop is given: neighbouring windows share no event."""
+    events = np.array([(0, 0, 0, 1), (4, 1, 0, 1), (8, 2, 0, 1)], EVENT_DTYPE)
+    makers: dict[str, Any] = {
+        "voxel_grid": lambda **window: voxel_grid(events, SIZE, 1, **window),
+        "est": lambda **window: event_spike_tensor(events, SIZE, 1, measurement="count", **window)[1:],
+        "last_times": lambda **window: last_event_times(events, SIZE, **window)[1:] > 0,
+    }
+    for name, make in makers.items():
+        first = 0 if name == "last_times" else 1  # an event at the start is at position 0
+        for window, counted in (
+            ({}, [first, 1, 1]),
+            ({"start_us": 0}, [first, 1, 1]),
+            ({"start_us": 0, "stop_us": 8}, [first, 1, 0]),
+            ({"start_us": 4, "stop_us": 9}, [0, first, 1]),
+            ({"stop_us": 4}, [first, 0, 0]),
+            ({"stop_us": 0}, [0, 0, 0]),
+            ({"start_us": 8, "stop_us": 8}, [0, 0, 0]),
+            ({"start_us": 8}, [0, 0, first]),
+        ):
+            assert make(**window)[0, 0, :3].tolist() == counted, (name, window)
 
 
 def test_strangers_and_impossible_arguments_are_refused() -> None:

@@ -139,7 +139,7 @@ def test_auto_takes_cubics_where_the_image_hardly_moves() -> None:
     slow = moving_texture(5, 0.4, WIDTH, HEIGHT)
     assert np.array_equal(events(slow, "auto"), events(slow, "cubic"))
     mixed = np.concatenate([slow, moving_texture(5, 5.0, WIDTH, HEIGHT)[1:]])
-    run = FrameRun(ArrayFrames(mixed, [30_000_000 * k for k in range(9)]), complete(FrameSettings, {}, of="a test"))
+    run = FrameRun(ArrayFrames(mixed, [30_000_000 * k for k in range(9)]), complete(FrameSettings, {}, taker="a test"))
     for _ in run.packets():
         pass
     found = run.describe()["interpolation"]

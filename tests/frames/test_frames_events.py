@@ -111,7 +111,7 @@ def test_effects_may_be_texts_and_a_sensor_brings_its_own() -> None:
     )
     run = FrameRun(
         ArrayFrames(BARS, [1000 * t for t in STAMPS]),
-        complete(FrameSettings, {"sensor": sensor, "effects": ["leak_rate_hz=3"]}, of="a test"),
+        complete(FrameSettings, {"sensor": sensor, "effects": ["leak_rate_hz=3"]}, taker="a test"),
     )
     assert run.contrast_threshold == run.contrast_threshold_off == 0.2
     assert run.effects == Effects(refractory_period_us=8000, leak_rate_hz=3)
@@ -133,7 +133,7 @@ def test_start_phases_are_a_setting_and_those_of_a_sensor() -> None:
     def made(**settings: Any) -> FrameRun:
         settings = {"interpolation": "linear", "contrast_threshold": 0.2, "log_eps": 1e-3, **settings}
         return FrameRun(
-            ArrayFrames(frames, [0, 40_000, 80_000, 120_000]), complete(FrameSettings, settings, of="a test")
+            ArrayFrames(frames, [0, 40_000, 80_000, 120_000]), complete(FrameSettings, settings, taker="a test")
         )
 
     counts: dict[str, int] = {}

@@ -82,9 +82,11 @@ def test_range_and_bits_come_out_as_light(tmp_path: Path, pixel_format: str, col
     if colour_range == FULL and pixel_format in ("gray", "yuv444p"):
         assert np.abs(values - RAMP[..., None]).max() < 0.01
     assert np.ptp(values, axis=2).max() < 0.01  # grey stays grey
+    bits = source.describe()["bits"]
+    assert isinstance(bits, int)
     assert source.encoding(frame).levels == {
         (FULL, 8): 255, (LIMITED, 8): 219, (FULL, 10): 1023, (LIMITED, 10): 876, (FULL, 12): 4095, (LIMITED, 12): 3504,
-    }[colour_range, source.describe()["bits"]]  # fmt: skip
+    }[colour_range, bits]  # fmt: skip
     assert source.describe()["range"] == ("full" if colour_range == FULL else "limited")
 
 
@@ -154,7 +156,7 @@ def test_white_is_a_value_of_the_video_itself(
 
     def run(**settings: Any) -> FrameRun:
         settings = {"interpolation": "linear", "transfer": "linear", **settings}
-        return FrameRun(open_frames(path), complete(FrameSettings, settings, of="a test"))
+        return FrameRun(open_frames(path), complete(FrameSettings, settings, taker="a test"))
 
     def luma(**settings: Any) -> npt.NDArray[np.float32]:
         image = next(run(**settings).packets()).luma

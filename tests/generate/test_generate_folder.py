@@ -11,6 +11,7 @@ import pytest
 
 from davis_rs.generate.folder import (
     CHECKSUMS,
+    ManifestLine,
     damage,
     discard,
     discard_hidden,
@@ -139,7 +140,10 @@ def test_a_kill_leaves_all_of_a_folder_or_nothing(tmp_path: Path) -> None:
 
 def test_a_manifest_is_not_written_for_every_line(tmp_path: Path) -> None:
     """All of it each time: for many sequences that would take longer than making them. It is whole at the end."""
-    lines = [{"name": f"sequence_{number:05d}"} for number in range(3)]
+    lines: list[ManifestLine] = [
+        {"name": f"sequence_{number:05d}", "parameters": {}, "events": 0, "duration_us": 0, "files": 0, "sha256": ""}
+        for number in range(3)
+    ]
     for period_s, known in ((3600.0, 1), (0.0, 3)):
         manifest = Manifest(tmp_path, {lines[0]["name"]: lines[0]}, period_s=period_s)
         for line in lines[1:]:

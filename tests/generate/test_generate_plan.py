@@ -89,7 +89,7 @@ def test_a_known_name_is_no_file(tmp_path: Path) -> None:
     assert (plan.digests, plan.sha256) == ({}, before)
     [sequence] = draw_sequences(plan)
     assert sequence.scene().name == sequence.parameters["scene"]
-    viewed = view_scene(sequence.scene(), complete(FolderSettings, sequence.settings, of="a plan"))
+    viewed = view_scene(sequence.scene(), complete(FolderSettings, sequence.settings, taker="a plan"))
     assert viewed.camera == davis_rs.load_camera("ideal")
 
 
@@ -99,7 +99,7 @@ def test_files_lie_beside_the_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (tmp_path / "elsewhere" / "calib.txt").write_text("200 200 119.5 89.5 0 0 0 0 0")
     monkeypatch.chdir(tmp_path / "elsewhere")
     [sequence] = draw_sequences(load_sequence_plan(write_plan(tmp_path, camera="calib.txt", sequences=1)))
-    settings = complete(FolderSettings, sequence.settings, of="a plan")
+    settings = complete(FolderSettings, sequence.settings, taker="a plan")
     with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'calib.txt'}")):
         view_scene(sequence.scene(), settings)
 

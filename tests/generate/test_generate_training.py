@@ -24,7 +24,7 @@ from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.job import make_sequence
 from davis_rs.generate.local import Outcome
 from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
-from davis_rs.render import kept_scenes
+from davis_rs.render import scene_cache
 from davis_rs.scene.builtin.random_planes import random_textured_planes
 from generated import files_of
 
@@ -40,7 +40,7 @@ def in_this_process() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("davis_rs.generate.local.run_locally", run_here)
-        patch.setattr(kept_scenes, "_kept", None)
+        patch.setattr(scene_cache, "_cache", None)
         yield
 
 
@@ -345,11 +345,11 @@ def test_a_scene_that_is_kept_gives_the_same_bytes(tmp_path: Path, monkeypatch: 
     plan = load_sequence_plan(write_plan(tmp_path, **changes, flow_interval=None))
     assert len({plan.parameters(k)["scene"] for k in range(4)}) == 2
     for name, keeps in (("kept", True), ("fresh", False)):
-        monkeypatch.setattr(kept_scenes, "_kept", OrderedDict() if keeps else None)
+        monkeypatch.setattr(scene_cache, "_cache", OrderedDict() if keeps else None)
         (tmp_path / name).mkdir()
         for one in draw_sequences(plan):
             make_sequence(one, tmp_path / name, 1)
-        assert not keeps or 0 < len(kept_scenes._kept or ()) <= 6  # of two scenes, for all sequences
+        assert not keeps or 0 < len(scene_cache._cache or ()) <= 6  # of two scenes, for all sequences
     assert files_of(tmp_path / "kept") == files_of(tmp_path / "fresh")
 
 

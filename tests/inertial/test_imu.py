@@ -332,7 +332,7 @@ def test_kalibr_files_hold_what_was_simulated() -> None:
         "gyroscope_random_walk": 2.66e-5,
     }
     chain = yaml.safe_load(kalibr_camera_chain(camera, imu))["cam0"]
-    assert np.allclose(np.array(chain["T_cam_imu"]) @ imu.place.matrix, np.eye(4), atol=1e-15)
+    assert np.allclose(np.array(chain["T_cam_imu"]) @ imu.effective_mounting.matrix, np.eye(4), atol=1e-15)
     assert chain["intrinsics"] == [camera.fx, camera.fy, camera.cx, camera.cy]
     assert chain["distortion_coeffs"] == [camera.k1, camera.k2, camera.p1, camera.p2]
     assert chain["resolution"] == [240, 180]

@@ -581,7 +581,7 @@ def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypa
     ("parts", "message"),
     [
         ({"panel": lamp(2.0, [1.0, -1.0, 1.0])}, r"'panel\.emitter', a AreaLight, has radiance\.value -1; light is"),
-        ({"panel": lamp(2.0, 1.0, (0.4, 0.0))}, "a lamp on a shape needs a shape with an area"),
+        ({"panel": lamp(2.0, 1.0, (0.4, 0.0))}, "an area light needs a shape with an area"),
         (
             {"bulb": {"type": "point", "intensity": {"type": "rgb", "value": [1.0, -2.0, 0.0]}}},
             r"'bulb', a PointLight, has intensity\.value -2",

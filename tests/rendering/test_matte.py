@@ -94,7 +94,7 @@ def test_what_has_a_diffuse_colour_is_matte_on_wish(bsdf: dict[str, Any], plugin
     )
     after = make_renderer(scene_of(shiny, matte=True), CAMERA, samples=2)
     assert "native" in after.name
-    assert after.reason.endswith(f"; taken as matte: varnish ({plugins})")
+    assert after.reason.endswith(f"; taken as diffuse: varnish ({plugins})")
     np.testing.assert_array_equal(after.luma(Views.at_rest([POSE])), luma(scene_of(MATTE)))
     theirs = luma(scene_of(shiny, matte=True), "integrator")
     np.testing.assert_allclose(theirs, luma(scene_of(MATTE)), rtol=2e-4)
@@ -120,7 +120,7 @@ def test_what_has_no_diffuse_colour_stays(bsdf: dict[str, Any]) -> None:
     """Metal, glass and what light goes through are neither recognised nor replaced, and no line says so."""
     renderer = make_renderer(scene_of(bsdf, matte=True), CAMERA, samples=1)
     assert "Mitsuba's" in renderer.name
-    assert "taken as matte: nothing" in renderer.reason
+    assert "taken as diffuse: nothing" in renderer.reason
 
 
 def test_principled_is_never_diffuse_by_itself() -> None:

@@ -43,7 +43,8 @@ from davis_rs.simulation import monte_carlo_noise
 from davis_rs.simulation.folder import simulate_to_folder
 from davis_rs.simulation.monte_carlo_noise import estimate_noise_of, refuse_noise
 from davis_rs.simulation.noise_estimate import percent, share_text
-from davis_rs.simulation.settings import FolderSettings, complete
+from davis_rs.simulation.settings import FolderSettings, SimulationSettings, complete
+from davis_rs.simulation.simulate import make_simulator
 from lamp_box import lamp_box
 
 SIZE = (40, 30)
@@ -193,6 +194,32 @@ def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], 
 
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.usefixtures("few_seeds")
+def test_noise_is_measured_before_the_one_simulator_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where samples are chosen, too: a second simulator would load effects of the user's own twice."""
+    scene = plain_box()
+    estimate = estimate_noise(scene, renderer="integrator")
+    assert estimate is not None
+    made: list[str] = []
+    setting_up, measuring = Simulator._set_up, estimate_noise_of
+
+    def set_up(*given: Any) -> None:
+        made.append("simulator")
+        setting_up(*given)
+
+    def measured(*given: Any, **named: Any) -> Any:
+        made.append("noise")
+        return measuring(*given, **named)
+
+    monkeypatch.setattr(Simulator, "_set_up", set_up)
+    monkeypatch.setattr("davis_rs.simulation.simulate.estimate_noise_of", measured)
+    settings = {"renderer": "integrator", "accuracy": "paper", "samples": "auto", "noise_share": estimate.share_at(20)}
+    simulator = make_simulator(scene, complete(SimulationSettings, settings, taker="a test")).simulator
+    assert simulator.renderer.rays == 21
+    assert made == ["noise", "simulator"]
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.usefixtures("few_seeds")
 def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """And the run is the same as with that number given."""
     scene = plain_box()
@@ -325,7 +352,7 @@ def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
     assert estimate.run_s(16) == 2 * estimate.run_s(8) == pytest.approx(200)
 
     def refusal(noise: NoiseEstimate | None = estimate, **settings: Any) -> str:
-        given = complete(FolderSettings, {"renderer": "integrator", **settings}, of="the test")
+        given = complete(FolderSettings, {"renderer": "integrator", **settings}, taker="the test")
         with pytest.raises(NoiseError) as refused:
             refuse_noise(noise, floor, given)
         return str(refused.value)
@@ -354,7 +381,7 @@ def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
         (estimate, {"noise_share": 0.5}),
         (estimate, {"samples": "auto"}),
     ):
-        refuse_noise(noise, floor, complete(FolderSettings, settings, of="the test"))
+        refuse_noise(noise, floor, complete(FolderSettings, settings, taker="the test"))
 
 
 @pytest.mark.usefixtures("llvm")

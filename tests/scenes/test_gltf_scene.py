@@ -21,7 +21,7 @@ from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.render.scene_tables.scene_texture import WRAP_MODES
-from davis_rs.render.truth import lost_look_shares
+from davis_rs.render.truth import lost_look_fractions
 from davis_rs.scene.files import gltf_mesh
 from davis_rs.scene.textures import from_srgb
 from gltf_files import CORNERS, FACES, UV, Gltf, quad
@@ -416,8 +416,8 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
         simulator = Simulator(scene, samples=1)
     (warning,) = caught
     assert str(warning.message) == (
-        f"{tmp_path / 'scene.glb'}: surfaces are matte and opaque here; these looks are lost, with their share of the "
-        "image along the camera path: metal of right (50 %); not in view: light of their own of lamp; share not "
+        f"{tmp_path / 'scene.glb'}: surfaces are diffuse and opaque here; these looks are lost, with their fraction of "
+        "the image along the camera path: metal of right (50 %); not in view: light of their own of lamp; fraction not "
         "known: the range of the light (it shines without end) of bulb"
     )
     assert simulator.describe()["lost_looks"] == {
@@ -431,17 +431,17 @@ def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> Non
     """Where nothing says where the camera is, and where a shape is not made of triangles; the looks are told."""
     scene = saved(halves(metallicFactor=1.0), tmp_path)
     (look,) = scene.lost_looks
-    assert lost_look_shares(scene, scene.own_camera) == {look: 0.5}
-    assert lost_look_shares(replace(scene, trajectory=None), scene.own_camera) == {look: 0.5}  # at its start
+    assert lost_look_fractions(scene, scene.own_camera) == {look: 0.5}
+    assert lost_look_fractions(replace(scene, trajectory=None), scene.own_camera) == {look: 0.5}  # at its start
     nowhere = replace(scene, trajectory=None, start=None)
-    assert lost_look_shares(nowhere, scene.own_camera) == {look: None}
+    assert lost_look_fractions(nowhere, scene.own_camera) == {look: None}
 
     def with_ball() -> Any:
         return {**scene.source(), "ball": {"type": "sphere"}}  # type: ignore[dict-item]
 
     changed = replace(scene, source=with_ball)
-    assert lost_look_shares(changed, scene.own_camera) == {look: None}
-    with pytest.warns(LostLookWarning, match=r"share not known: metal of right$"):
+    assert lost_look_fractions(changed, scene.own_camera) == {look: None}
+    with pytest.warns(LostLookWarning, match=r"fraction not known: metal of right$"):
         Simulator(changed, samples=1)
 
 

@@ -111,7 +111,7 @@ def test_prints_are_pinned() -> None:
         stones(96, 128, 1, low=0.1, high=0.8, stone=12.0),
         blocks(64, 2, low=0.1, high=0.9, count=20),
         text(96, 3, line=12, ink=0.1, paper=0.9),
-        plain_shapes(96, 128, 4, cell=32, radius=(4.0, 10.0), share=0.8, ink=0.1, paper=0.9),
+        plain_shapes(96, 128, 4, cell=32, radius=(4.0, 10.0), fraction=0.8, ink=0.1, paper=0.9),
     )
     for print_ in made:
         assert print_.dtype == np.float32

@@ -16,8 +16,7 @@ from davis_rs._util import memory_forecast
 from davis_rs._util.memory_forecast import MemoryForecast, simulation_forecast
 from davis_rs.geometry.camera import PRESETS, Camera
 from davis_rs.geometry.trajectory.views import Views
-from davis_rs.render.rays.camera_rays import ray_table
-from davis_rs.render.rays.pixel_rays import pixel_rays, table_bytes
+from davis_rs.render.rays.camera_rays import pixel_rays, ray_table, table_bytes
 from davis_rs.simulation.from_frames.frame_run import FrameRun
 from davis_rs.simulation.settings import FrameSettings, complete
 
@@ -152,7 +151,7 @@ print(int(peak.group(1)) * 1024, made.memory.bytes)
 @pytest.mark.parametrize("camera", [PRESETS["ideal"], PRESETS["davis240c"]], ids=["columns and rows", "parts"])
 def test_rays_in_parts_are_those_of_a_table(camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
     """To the bit: what a renderer makes of them is the same."""
-    monkeypatch.setattr("davis_rs.render.rays.pixel_rays._PART_BYTES", 1 << 20)
+    monkeypatch.setattr("davis_rs.render.rays.camera_rays._BLOCK_BYTES", 1 << 20)
     scene = davis_rs.load_scene("three_walls")
     renderer = davis_rs.Simulator(scene, camera=camera, renderer="native").renderer
     views = Views.along(scene.path, np.array([0.0, 0.3, 0.9]))
@@ -188,6 +187,6 @@ def test_frames_are_forecast_by_their_size(tmp_path: Path) -> None:
     """A frame that is larger than its part that is taken counts whole."""
     np.save(tmp_path / "frames.npy", np.zeros((3, 60, 80), np.uint8))
     source = davis_rs.open_frames(tmp_path / "frames.npy", fps=100)
-    runs = [FrameRun(source, complete(FrameSettings, {"crop": crop}, of="a test")) for crop in (None, "40x30")]
+    runs = [FrameRun(source, complete(FrameSettings, {"crop": crop}, taker="a test")) for crop in (None, "40x30")]
     whole, part = (sum(run.memory.bytes_per_pixel.values()) for run in runs)
     assert part > whole

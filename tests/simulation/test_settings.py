@@ -6,12 +6,14 @@ import inspect
 import json
 import pydoc
 import re
+from dataclasses import FrozenInstanceError, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from settings_keywords import keywords_source
 
 import davis_rs
 from davis_rs import (
@@ -29,6 +31,7 @@ from davis_rs.generate import load_sequence_plan
 from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.sequence_plan import KEYS, SETTINGS
 from davis_rs.geometry.camera import Camera
+from davis_rs.sensor.presets import SENSORS
 from davis_rs.simulation.settings import (
     FolderSettings,
     FrameFolderSettings,
@@ -38,6 +41,8 @@ from davis_rs.simulation.settings import (
     SimulatorSettings,
     ViewSettings,
     complete,
+    keywords,
+    resolve,
     settings_of,
 )
 
@@ -90,8 +95,8 @@ def test_the_defaults_are_those_of_python_plan_and_command_line(
     plan = tmp_path / "plan.yaml"
     plan.write_text("scene: three_planes\n")
     [sequence] = draw_sequences(load_sequence_plan(plan))
-    defaults = complete(FolderSettings, {}, of="nobody")
-    assert complete(FolderSettings, sequence.settings, of="a plan") == defaults
+    assert complete(FolderSettings, sequence.settings, taker="a plan") == FolderSettings()
+    defaults = FolderSettings().by_name()
     assert {name: one.default for name, one in shown(simulate_to_folder).items() if name in defaults} == defaults
     assert command_line(monkeypatch) == {"accept_noise": False}  # the library only warns
 
@@ -161,6 +166,25 @@ def test_a_plan_has_no_keys_but_those_of_settings_scene_and_path() -> None:
     assert {setting.name for setting in SETTINGS.values()} <= {*NAMES}
 
 
+def test_type_checkers_know_the_settings_that_are_declared() -> None:
+    """The TypedDicts of keyword arguments are those that the declarations make."""
+    assert Path(keywords.__file__).read_text() == keywords_source()
+
+
+def test_what_is_resolved_serves_a_simulator_and_stays_as_it_is() -> None:
+    """Nothing of it is changed by the run; the settings are those that were given, with the sensor decided."""
+    settings = complete(SimulatorSettings, {"camera": SMALL, "sensor": "davis240c", "log_eps": None}, taker="a test")
+    settings = replace(settings, sensor=replace(SENSORS["davis240c"], width=None, height=None))
+    resolved = resolve(PLANES.crop(0, 0.01), settings)
+    before = replace(resolved, settings=replace(settings))
+    simulator = Simulator.of_resolved(resolved, resolved.renderer())
+    assert sum(len(packet.events) for packet in simulator.run()) > 0
+    assert resolved == before
+    assert simulator.settings is resolved.settings
+    with pytest.raises(FrozenInstanceError):
+        resolved.settings.seed = 1  # type: ignore[misc]
+
+
 @pytest.mark.parametrize("taker", [Simulator, davis_rs.simulate, plan_effects])
 def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
     """A TypeError as of any function, at once; a setting of another function is none here."""
@@ -178,6 +202,11 @@ def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
         ("pos_thres", "contrast_threshold? (pos_thres in v2e)"),
         ("contrast_threshold_neg", "contrast_threshold_off? (contrast_threshold_neg in ESIM)"),
         ("Cp", "contrast_threshold? (cp in rpg_vid2e)"),
+        ("spp", "samples? (spp in Mitsuba)"),
+        (
+            "simulation_post_gaussian_blur_sigma",
+            "effects={'lens_blur_px': ...}? (simulation_post_gaussian_blur_sigma in",
+        ),
         ("leak_rate_hz", "effects={'leak_rate_hz': ...}"),
         ("leak_rate", "effects={'leak_rate_hz': ...}"),
         ("refractory_period_s", "effects={'refractory_period_us': ...}? (refractory_period_s in v2e; here in micro"),

@@ -1,5 +1,8 @@
-"""Scene files before Mitsuba reads them: it ends the process at XML that is nested too deeply, and at a PLY mesh whose
-faces name vertices that there are not; and it decodes images of any size."""
+"""Checks scene files before Mitsuba reads them.
+
+Mitsuba ends the process at XML that is nested too deeply, and at a PLY mesh whose faces name missing vertices; and it
+decodes images of any size.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,6 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 from xml.parsers import expat
 
 import numpy as np
@@ -19,10 +21,10 @@ from .._util.budget import Budget
 from .._util.untrusted import decoding, read_charged, regular_file
 
 DEEPEST = 100
-"""Elements within elements; Mitsuba's own scenes have less than ten."""
+"""How deep elements may be nested; Mitsuba's own scenes have less than ten levels."""
 _MOST_INCLUDED = 15
 _TEXEL_BYTES = 16
-"""Of an image: as Mitsuba holds it, and as a renderer does."""
+"""Bytes per texel of an image: as Mitsuba holds it, and as a renderer does."""
 
 _DTYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -36,8 +38,8 @@ def check_scene_file(path: Path, included: int = 0, budget: Budget | None = None
     """Check an XML file, those that it includes, and the PLY meshes and images that they name.
 
     Args:
-        included: in so many others.
-        budget: what all of them together may take; a new one if not given.
+        included: how many files include it, one in the other.
+        budget: what all files together may take; a new one if not given.
 
     Raises:
         OSError: if the file cannot be read.
@@ -60,7 +62,7 @@ def check_scene_file(path: Path, included: int = 0, budget: Budget | None = None
 
 
 def _charge_image(path: Path, budget: Budget) -> None:
-    """Charge an image by its header; what is none, or of a kind that only Mitsuba knows, is left to Mitsuba."""
+    """Charge a budget for an image by its header; files that Pillow and OpenEXR do not know are left to Mitsuba."""
     from PIL import Image, UnidentifiedImageError
 
     width = height = 0
@@ -72,7 +74,7 @@ def _charge_image(path: Path, budget: Budget) -> None:
         width, height = (high - low + 1).tolist()
     else:
         with warnings.catch_warnings(), decoding(path):
-            warnings.simplefilter("ignore")  # of Pillow's own limit, in whose place the budget is
+            warnings.simplefilter("ignore")  # of Pillow's own limit, which the budget replaces
             try:
                 with Image.open(regular_file(path)) as image:
                     width, height = image.size
@@ -81,7 +83,7 @@ def _charge_image(path: Path, budget: Budget) -> None:
     budget.take(_TEXEL_BYTES * width * height, f"the image {path} of {width} x {height} texels")
 
 
-def check_scene_dictionary(node: Mapping[str, Any]) -> None:
+def check_scene_dictionary(node: Mapping[str, object]) -> None:
     """Check the PLY meshes that a scene dictionary names.
 
     Raises:
@@ -96,7 +98,7 @@ def check_scene_dictionary(node: Mapping[str, Any]) -> None:
 
 
 def _file_names(path: Path, budget: Budget) -> list[str]:
-    """The files that a scene file names, with its defaults in the place of its variables."""
+    """Return the files that a scene file names, with its defaults put in for its variables."""
     depth, names, defaults = 0, list[str](), dict[str, str]()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -125,7 +127,7 @@ def _file_names(path: Path, budget: Budget) -> list[str]:
 
 
 def check_ply(path: Path, budget: Budget) -> None:
-    """Refuse a mesh whose faces name vertices that there are not.
+    """Refuse a PLY mesh whose faces name missing vertices.
 
     Raises:
         OSError: if it cannot be read.
@@ -139,9 +141,9 @@ def check_ply(path: Path, budget: Budget) -> None:
             indices = _ascii_indices(data[begin:].split(), elements)
         else:
             indices = _binary_indices(memoryview(data)[begin:], elements, "<" if "little" in form else ">")
-        for part in indices:
-            if len(part) and not (int(part.min()) >= 0 and int(part.max()) < count):
-                wrong = part[(part < 0) | (part >= count)][0]
+        for block in indices:
+            if len(block) and not (int(block.min()) >= 0 and int(block.max()) < count):
+                wrong = block[(block < 0) | (block >= count)][0]
                 raise ValueError(f"a face names vertex {wrong} of {count}")
 
 
@@ -149,7 +151,7 @@ _Elements = list[tuple[str, int, list[list[str]]]]
 
 
 def _header(data: bytes) -> tuple[str, _Elements, int]:
-    """Format; name, number and properties of the elements; and where they begin."""
+    """Parse the header: format; name, number and properties of the elements; and where they begin."""
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0:
         raise ValueError("it must begin with 'ply', and its header must end")
@@ -173,13 +175,13 @@ def _ascii_indices(words: list[bytes], elements: _Elements) -> Iterator[npt.NDAr
     at = 0
     for _, number, properties in elements:
         for _ in range(number):
-            for one in properties:
+            for entry in properties:
                 length = 1
-                if one[0] == "list":
+                if entry[0] == "list":
                     length, at = int(words[at]), at + 1
                 if at + length > len(words) or length < 0:
                     raise ValueError("it ends before its elements do")
-                if one[0] == "list" and one[-1] in _FACES:
+                if entry[0] == "list" and entry[-1] in _FACES:
                     yield np.array(words[at : at + length], np.int64)
                 at += length
 
@@ -187,45 +189,46 @@ def _ascii_indices(words: list[bytes], elements: _Elements) -> Iterator[npt.NDAr
 def _binary_indices(data: memoryview, elements: _Elements, order: str) -> Iterator[npt.NDArray[np.int64]]:
     at = 0
     for _, number, properties in elements:
-        if all(one[0] != "list" for one in properties):
-            at += number * sum(np.dtype(_DTYPES[one[0]]).itemsize for one in properties)
+        if all(entry[0] != "list" for entry in properties):
+            at += number * sum(np.dtype(_DTYPES[entry[0]]).itemsize for entry in properties)
             continue
         rows = _equal_rows(data[at:], number, properties, order)
         if rows is not None:
             at += rows.nbytes
-            yield from (rows[f"values{k}"].ravel().astype(np.int64)
-                        for k, one in enumerate(properties) if one[0] == "list" and one[-1] in _FACES)  # fmt: skip
+            for k, entry in enumerate(properties):
+                if entry[0] == "list" and entry[-1] in _FACES:
+                    yield rows[f"values{k}"].ravel().astype(np.int64)
             continue
         for _ in range(number):
-            for one in properties:
-                length, kind = 1, one[0]
-                if one[0] == "list":
-                    count = np.dtype(order + _DTYPES[one[1]])
-                    length, kind, at = int(np.frombuffer(data, count, 1, at)[0]), one[2], at + count.itemsize
+            for entry in properties:
+                length, kind = 1, entry[0]
+                if entry[0] == "list":
+                    count = np.dtype(order + _DTYPES[entry[1]])
+                    length, kind, at = int(np.frombuffer(data, count, 1, at)[0]), entry[2], at + count.itemsize
                 dtype = np.dtype(order + _DTYPES[kind])
                 if length < 0:
                     raise ValueError(f"a list of {length} values")
                 values = np.frombuffer(data, dtype, length, at) if length else np.zeros(0, dtype)
-                if one[0] == "list" and one[-1] in _FACES:
+                if entry[0] == "list" and entry[-1] in _FACES:
                     yield values.astype(np.int64)
                 at += values.nbytes
 
 
-def _equal_rows(data: memoryview, number: int, properties: list[list[str]], order: str) -> npt.NDArray[Any] | None:
-    """The rows as one array, where each list has as many values as in the first row; triangles have."""
-    fields: list[Any] = []
+def _equal_rows(data: memoryview, number: int, properties: list[list[str]], order: str) -> npt.NDArray[np.void] | None:
+    """Read the rows as one array if each list is as long as in the first row, as triangles are; else return None."""
+    fields: list[tuple[str, str | np.dtype[np.generic]] | tuple[str, str, tuple[int]]] = []
     at = 0
-    for k, one in enumerate(properties):
-        if one[0] != "list":
-            fields.append((f"value{k}", order + _DTYPES[one[0]]))
+    for k, entry in enumerate(properties):
+        if entry[0] != "list":
+            fields.append((f"value{k}", order + _DTYPES[entry[0]]))
         elif number:
-            count = np.dtype(order + _DTYPES[one[1]])
+            count = np.dtype(order + _DTYPES[entry[1]])
             length = int(np.frombuffer(data, count, 1, at)[0])
             if not 0 <= length < 1 << 16:
                 return None
-            fields += [(f"count{k}", count), (f"values{k}", order + _DTYPES[one[2]], (length,))]
+            fields += [(f"count{k}", count), (f"values{k}", order + _DTYPES[entry[2]], (length,))]
         else:
-            fields.append((f"values{k}", order + _DTYPES[one[2]], (0,)))
+            fields.append((f"values{k}", order + _DTYPES[entry[2]], (0,)))
         at = np.dtype(fields).itemsize
     dtype = np.dtype(fields)
     if number * dtype.itemsize > len(data):

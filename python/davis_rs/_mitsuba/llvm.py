@@ -1,9 +1,9 @@
-"""Which libLLVM Mitsuba's fast variant shall use, decided before Dr.Jit is imported.
+"""Decides which libLLVM Mitsuba's fast variant shall use, before Dr.Jit is imported.
 
 Dr.Jit takes the first libLLVM that it finds. Versions 15 and 16 pass its initialisation and then abort the process at
 the first kernel, which nothing can catch; 14 and older are refused. So a usable library is looked for here, by version,
 and named to Dr.Jit through ``DRJIT_LIBLLVM_PATH``. The system's libraries come first. Where there is none, that of a
-Rust toolchain from rustup serves: it exports what Dr.Jit asks for, and whoever built this package has one.
+Rust toolchain from rustup serves: it exports what Dr.Jit needs, and every machine that built this package has one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Libllvm(NamedTuple):
 
 
 def find_libllvm() -> Libllvm | None:
-    """The usable libLLVM to take, or None.
+    """Find the libLLVM to use, or return None.
 
     A library named in ``DRJIT_LIBLLVM_PATH`` is the only candidate. Otherwise it is the newest of the system (or of a
     conda environment); without one that of the Rust toolchain that built this package; without that the newest of
@@ -59,14 +59,14 @@ def find_libllvm() -> Libllvm | None:
     """
     named = os.environ.get("DRJIT_LIBLLVM_PATH")
     if named:
-        places: list[tuple[Iterable[Path], str]] = [([Path(named)], "named in DRJIT_LIBLLVM_PATH")]
+        sources: list[tuple[Iterable[Path], str]] = [([Path(named)], "named in DRJIT_LIBLLVM_PATH")]
     else:
-        places = [
+        sources = [
             (_of_the_system(), "the newest of the system"),
             (_of_the_build(), "of the Rust toolchain that built davis_rs; the system has none"),
             (_of_rustup(), "of a Rust toolchain; the system has none"),
         ]
-    for candidates, origin in places:
+    for candidates, origin in sources:
         if (newest := _newest_usable(candidates)) is not None:
             return Libllvm(newest, origin)
     return None
@@ -85,7 +85,8 @@ def why_none() -> str:
 
 
 def libllvm_major(path: Path) -> int | None:
-    """The major version of a libLLVM, from its real file name or else by asking it; None if it cannot be loaded."""
+    """Return the major version of a libLLVM, from its real file name or else by asking it; None if it cannot be
+    loaded."""
     if not path.is_file():
         return None
     match = re.search(r"libLLVM-(\d+)|libLLVM\.so\.(\d+)", path.resolve().name)
@@ -119,7 +120,8 @@ def _of_rustup() -> Iterable[Path]:
 
 
 def _ask_version(path: Path) -> int | None:
-    """LLVMGetVersion (there since LLVM 16), called in a process of its own: a library loaded here would be Dr.Jit's."""
+    """Return LLVMGetVersion (there since LLVM 16), called in a process of its own: a library loaded here would be
+    Dr.Jit's."""
     program = (
         "import ctypes, sys; v = ctypes.c_uint(); "
         "ctypes.CDLL(sys.argv[1]).LLVMGetVersion(ctypes.byref(v), None, None); print(v.value)"

@@ -1,4 +1,4 @@
-"""The only door to Mitsuba and Dr.Jit: imported on first use, under a variant set only for the time of a call."""
+"""Imports Mitsuba and Dr.Jit on first use, and sets a variant for the time of a call."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ import numpy as np
 from .._util.stop_requests import interrupts_deferred
 from .files import check_scene_dictionary, check_scene_file
 from .llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
+from .types import DrJit, Mitsuba, MitsubaScene, SceneDictionary
 
 FAST, SCALAR = "llvm_ad_rgb", "scalar_rgb"
 
 _FIRST_USE = threading.RLock()
-"""Held while Mitsuba is imported and tried out: a second thread would find the module half made."""
+"""Held while Mitsuba is imported and tried out, because a second thread would find a module half initialised."""
 
 
-def _modules() -> tuple[Any, Any]:
-    """Return (mitsuba, drjit), imported by one thread while the others wait."""
+def _modules() -> tuple[Mitsuba, DrJit]:
+    """Import (mitsuba, drjit) in one thread while the others wait."""
     with _FIRST_USE:
         with nullcontext() if "mitsuba" in sys.modules else interrupts_deferred():
             import drjit as dr
@@ -68,8 +69,8 @@ def _usable_variant() -> tuple[str, str]:
 
 
 @contextmanager
-def variant(name: str) -> Iterator[tuple[Any, Any]]:
-    """Set a variant in ``with variant(name) as (mi, dr):``; the caller's own is restored afterwards."""
+def variant(name: str) -> Iterator[tuple[Mitsuba, DrJit]]:
+    """Set a variant in ``with variant(name) as (mi, dr):``, and restore the caller's own afterwards."""
     mi, dr = _modules()
     before = mi.variant()
     if before != name:
@@ -82,23 +83,23 @@ def variant(name: str) -> Iterator[tuple[Any, Any]]:
 
 
 def variant_is_free() -> bool:
-    """Whether nobody has set a variant yet, we included."""
+    """Return whether nobody has set a variant yet, we included."""
     return _modules()[0].variant() is None
 
 
 def stay_in(name: str) -> None:
-    """Set a variant for good, where it was free: what renders in it then need not change it for each frame."""
+    """Set a variant for good where none was set, so that a renderer need not change it for each frame."""
     _set_variant(_modules()[0], name)
 
 
-def _set_variant(mi: Any, name: str) -> None:
+def _set_variant(mi: Mitsuba, name: str) -> None:
     """Set Mitsuba's variant.
 
-    To set one that differentiates takes Mitsuba 0.2 s, because it loads its integrators in Python again. Where they are
-    those of that variant already, it is spared that: it takes their package for new if that has no ``common``, imports
-    the modules, which are there, and puts them back.
+    Setting a variant with derivatives takes Mitsuba 0.2 s, because it reloads its Python integrators. This function
+    avoids that where the integrators are already those of the variant: Mitsuba takes their package for new if it has no
+    ``common``, and then only imports the modules, which are there. ``common`` is put back afterwards.
 
-    Dr.Jit counts how often their functions are decorated, and after 140 changes warns as of the caller's doing.
+    Dr.Jit counts how often functions are decorated, and after 140 changes of variant it would warn the caller.
     """
     integrators: Any = sys.modules.get("mitsuba.python.ad.integrators")
     common = getattr(integrators, "common", None)
@@ -115,11 +116,11 @@ def _set_variant(mi: Any, name: str) -> None:
             vars(integrators).setdefault("common", common)
 
 
-def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:
+def load_scene_source(source: Path | Mapping[str, object], mi: Mitsuba) -> MitsubaScene:
     """Load a Mitsuba XML file or scene dictionary.
 
     In a dictionary, NumPy arrays stand for what Mitsuba wants there: ``to_world`` and ``to_uv`` for transforms, any
-    other key for a tensor (a bitmap's ``data``). Equal objects are not merged, so that every one keeps its name.
+    other key for a tensor (a bitmap's ``data``). Equal objects are not merged, so that each keeps its name.
 
     Raises:
         OSError: if the XML file cannot be read.
@@ -137,7 +138,7 @@ def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:
         else:
             scene = mi.load_dict(_with_mitsuba_types(source, mi), optimize=False)
     except RuntimeError as error:
-        hint = "; a lamp on a shape needs a shape with an area" if "no probability mass" in str(error) else ""
+        hint = "; an area light needs a shape with an area" if "no probability mass" in str(error) else ""
         raise ValueError(f"Mitsuba cannot load {name}: {error}{hint}") from None
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"{name} must describe a scene, got a {type(scene).__name__}")
@@ -146,8 +147,8 @@ def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:
     return scene
 
 
-def _with_mitsuba_types(node: Mapping[str, Any], mi: Any) -> dict[str, Any]:
-    def convert(key: str, value: Any) -> Any:
+def _with_mitsuba_types(node: Mapping[str, object], mi: Mitsuba) -> SceneDictionary:
+    def convert(key: str, value: object) -> object:
         if isinstance(value, Mapping):
             return _with_mitsuba_types(value, mi)
         if isinstance(value, np.ndarray):
@@ -158,9 +159,9 @@ def _with_mitsuba_types(node: Mapping[str, Any], mi: Any) -> dict[str, Any]:
 
 
 def versions(variant_name: str) -> dict[str, str]:
-    """Versions of what renders, for a record of the run."""
+    """Return the versions of Mitsuba, Dr.Jit and LLVM, for a record of the run."""
     mi, dr = _modules()
-    found = {"mitsuba": mi.__version__, "drjit": dr.__version__, "variant": variant_name}
+    names = {"mitsuba": mi.__version__, "drjit": dr.__version__, "variant": variant_name}
     if variant_name == FAST:
-        found["llvm"] = ".".join(map(str, dr.detail.llvm_version()))
-    return found
+        names["llvm"] = ".".join(map(str, dr.detail.llvm_version()))
+    return names

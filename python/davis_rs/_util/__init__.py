@@ -1,4 +1,4 @@
-"""Helpers that know nothing of cameras: arguments and their errors, files that appear when they are whole, progress.
+"""Holds helpers that know nothing of cameras: arguments and their errors, whole files, progress.
 
 - Arguments: ``argument_checks`` (numbers, sizes, kinds) raise ``argument_error``, which carries the names of
   arguments, so that the command line, plans and Python call them as their users do. ``close_names`` suggests what was

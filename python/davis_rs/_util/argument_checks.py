@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import TypeGuard
 
 from .argument_error import ArgumentError
 
 
-def is_number(value: object, *, whole: bool = False) -> bool:
-    """Whether a value is one number, an integer where it must be ``whole``; a truth value is none."""
+def is_number(value: object, *, whole: bool = False) -> TypeGuard[float]:
+    """Tell whether a value is one number, an integer where it must be ``whole``; a truth value is none."""
     single = not isinstance(value, bool) and getattr(value, "shape", ()) == ()
     return single and hasattr(value, "__index__" if whole else "__float__")
 
 
 def check_number(
     argument: str,
-    value: Any,
+    value: object,
     low: float = -math.inf,
     high: float = math.inf,
     *,
@@ -37,9 +37,10 @@ def check_number(
     Raises:
         ArgumentError: with the rule and the value.
     """
-    one = is_number(value, whole=whole)
-    if one and math.isfinite(value) and low <= value <= high and not (above_low and value == low):
+    inside = is_number(value, whole=whole) and math.isfinite(value) and low <= value <= high
+    if inside and not (above_low and value == low):
         return
+    single = is_number(value, whole=whole)
     least = "" if low == -math.inf else f"{'>' if above_low else '>='} {_written(low)}"
     if high < math.inf:
         range_text = f"{least} and at most {_written(high)}" if above_low else f"in {_written(low)}..{_written(high)}"
@@ -47,19 +48,19 @@ def check_number(
         range_text = least
     if whole:
         rule = f"be an integer {range_text}"
-    elif not one:
+    elif not single:
         rule = "be a number"
     elif high < math.inf:
         rule = f"be {range_text}" if above_low else f"lie {range_text}"
     else:
         rule = f"be finite and {range_text}" if range_text else "be finite"
-    ending = f" {unit}" if unit and one else ""
-    got = value if one else repr(value)
+    ending = f" {unit}" if unit and single else ""
+    got = value if single else repr(value)
     raise ArgumentError("{argument} must {}{}, got {}", rule.rstrip(), ending, got, argument=argument)
 
 
 def _written(bound: float) -> str:
-    """A bound as people write it."""
+    """Write a bound as people do."""
     return str(int(bound)) if bound == int(bound) else f"{bound:g}"
 
 
@@ -78,7 +79,7 @@ def as_size(size: Sequence[int] | str, argument: str = "size") -> tuple[int, int
     Raises:
         ArgumentError: for something else, or sides outside of 1..65535.
     """
-    pair: Any = size
+    pair: Sequence[int] | str = size
     if isinstance(size, str):
         match = re.fullmatch(r"(\d{1,5})\s*[xX]\s*(\d{1,5})", size.strip())
         if match is None:
@@ -108,5 +109,5 @@ def check_type(argument: str, value: object, kind: type | tuple[type, ...], hint
         TypeError: naming the argument, what it must be and what it is.
     """
     if not isinstance(value, kind):
-        kinds = " or ".join(one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,)))
+        kinds = " or ".join(wanted.__name__ for wanted in (kind if isinstance(kind, tuple) else (kind,)))
         raise TypeError(f"{argument} must be {kinds}, got {type(value).__name__}; {hint}")

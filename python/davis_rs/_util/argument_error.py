@@ -1,4 +1,4 @@
-"""Errors that carry the names of the arguments that they are about, so that each way in calls them as its users do."""
+"""Gives errors the names of the arguments that they are about, so that each way in calls them as its users do."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class Argument(NamedTuple):
-    """An argument in a message.
+    """Names an argument in a message.
 
     Attributes:
         name: in Python.
@@ -26,13 +26,13 @@ Spelling = Callable[[Argument], str]
 
 
 def in_python(argument: Argument) -> str:
-    """An argument as Python has it: ``fps``, or with a value ``overwrite=True`` and ``effects='auto'``."""
+    """Write an argument as Python has it: ``fps``, or with a value ``overwrite=True`` and ``effects='auto'``."""
     value = argument.value if argument.value in ("True", "False") else repr(argument.value)
     return f"{argument.name}={value}" if argument.value else argument.name
 
 
 class NamesArguments:
-    """What errors have in common that carry the names of arguments.
+    """Holds what errors have in common that carry the names of arguments.
 
     Attributes:
         parts: the message, in pieces of text and arguments.
@@ -42,12 +42,12 @@ class NamesArguments:
 
     @property
     def argument(self) -> str:
-        """The name of the argument that is at fault: the first one in the message."""
+        """Return the name of the argument that is at fault: the first one in the message."""
         return self.arguments[0]
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """The names of all arguments in the message, in their order."""
+        """Return the names of all arguments in the message, in their order."""
         return tuple(dict.fromkeys(part.name for part in self.parts if isinstance(part, Argument)))
 
     def told(self, spelling: Spelling = in_python) -> str:
@@ -56,7 +56,7 @@ class NamesArguments:
 
 
 class ArgumentError(NamesArguments, ValueError):
-    """An argument is missing, or has a value that is refused; the message says the rule and the value.
+    """Refuses an argument that is missing or has a wrong value; the message says the rule and the value.
 
     >>> raise ArgumentError("{fps} must be positive and finite, got {}", fps)
 
@@ -83,7 +83,7 @@ class ArgumentError(NamesArguments, ValueError):
 
 
 class OverwriteError(NamesArguments, FileExistsError):
-    """A file or folder is there already, and is replaced only where an argument asks for it.
+    """Refuses to replace a file or folder that is there already, unless an argument asks for it.
 
     Args:
         path: of the file or the folder.
@@ -99,7 +99,7 @@ class OverwriteError(NamesArguments, FileExistsError):
 
 
 def told(error: BaseException, spelling: Spelling) -> str:
-    """What an error says, with the arguments that it names written in a way of the caller's."""
+    """Say what an error says, with the arguments that it names written in a way of the caller's."""
     return error.told(spelling) if isinstance(error, NamesArguments) else str(error)
 
 
@@ -113,16 +113,16 @@ def _parts(rule: str, values: Sequence[object], names: Mapping[str, str | Sequen
         elif name is not None:
             # The value may hold empty braces itself.
             pieces = formatter.parse(spec or "")
-            value = "".join(one[0] if one[1] is None else f"{one[0]}{next(left)}" for one in pieces)
+            value = "".join(piece[0] if piece[1] is None else f"{piece[0]}{next(left)}" for piece in pieces)
             given = names.get(name, name)
-            for place, one in enumerate([given] if isinstance(given, str) else given):
-                parts += [", "] if place else []
-                parts.append(Argument(one, value))
+            for index, argument in enumerate([given] if isinstance(given, str) else given):
+                parts += [", "] if index else []
+                parts.append(Argument(argument, value))
     return tuple(part for part in parts if part)
 
 
 def _rule(parts: Sequence[str | Argument]) -> str:
-    """A rule without values that gives these parts."""
+    """Return a rule without values that gives these parts."""
     return "".join(
         f"{{{part.name}:{_plain(part.value)}}}" if isinstance(part, Argument) else _plain(part) for part in parts
     )

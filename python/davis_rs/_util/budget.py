@@ -1,4 +1,4 @@
-"""What the reading of one source of untrusted bytes may take, of memory, of parts and of time."""
+"""Limits what the reading of one source of untrusted bytes may take, of memory, of parts and of time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ VARIABLE = "DAVIS_RS_READ_BUDGET"
 
 
 class Limits(NamedTuple):
-    """What a source may take, unless :data:`VARIABLE` says otherwise.
+    """Holds what a source may take, unless :data:`VARIABLE` says otherwise.
 
     Attributes:
         bytes: that are held in memory at one time.
@@ -30,7 +30,7 @@ class Limits(NamedTuple):
 
 
 class Budget:
-    """An account of what one source takes. Everything that the source makes a reader open or hold is charged to it.
+    """Accounts for what one source takes: everything that it makes a reader open or hold is charged to it.
 
     One account for all of it, because a file with many parts can fill memory although none of them is large. A reader
     makes one, hands it to what it opens, and charges **before** it allocates.
@@ -99,7 +99,7 @@ class Budget:
         self._end = time.monotonic() + self.limits.seconds
 
     def check_time(self, what: str) -> None:
-        """Go on only while there is time left.
+        """Refuse to go on when there is no time left.
 
         Raises:
             DecodeError: once it is over; ``what`` says in the message what took so long.
@@ -118,7 +118,7 @@ class Budget:
             raise self._error(f"{what} has taken more than {self.limits.seconds:g} s", "seconds")
 
     def out_of_time(self) -> bool:
-        """Whether there is no time left: for libraries' callbacks, which must not raise."""
+        """Tell whether there is no time left: for libraries' callbacks, which must not raise."""
         return time.monotonic() > self._end
 
     def _error(self, message: str, limit: str) -> DecodeError:
@@ -130,20 +130,20 @@ _ENTRY = re.compile(r"(bytes|items|seconds)=([0-9.]+(?:e[0-9]+)?)(|KiB|MiB|GiB|T
 
 
 def limits_in_use() -> Limits:
-    """The limits of :data:`VARIABLE`; what it does not name has its default.
+    """Return the limits of :data:`VARIABLE`; what it does not name has its default.
 
     Raises:
         ValueError: if the variable cannot be understood.
     """
     limits = Limits()
     for entry in os.environ.get(VARIABLE, "").split():
-        found = _ENTRY.fullmatch(entry)
+        parsed = _ENTRY.fullmatch(entry)
         try:
-            name, number, unit = found.groups() if found else ("", "", "")
+            name, number, unit = parsed.groups() if parsed else ("", "", "")
             value = float(number) * _UNITS[unit.lower()]
         except ValueError:
-            found = None
-        if found is None or not 0 < value < 2**62 or (unit and name.lower() != "bytes"):
+            parsed = None
+        if parsed is None or not 0 < value < 2**62 or (unit and name.lower() != "bytes"):
             raise ValueError(f"{VARIABLE} is like 'bytes=8GiB items=1e8 seconds=600': got {entry!r}")
         match name.lower():
             case "bytes":
@@ -157,7 +157,7 @@ def limits_in_use() -> Limits:
 
 def readable_bytes(size: int) -> str:
     """Write a number of bytes in the unit that suits it."""
-    for unit, one in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
-        if size >= one:
-            return f"{size / one:.3g} {unit}"
+    for unit, unit_bytes in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
+        if size >= unit_bytes:
+            return f"{size / unit_bytes:.3g} {unit}"
     return f"{size} bytes"

@@ -1,4 +1,4 @@
-"""Did you mean ...? for names that users type."""
+"""Asks "did you mean ...?" for names that users type."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LISTED = 12
 
 
 def did_you_mean(given: str, names: Iterable[str], effects: Mapping[str, str] | None = None) -> str:
-    """A question that names what was probably meant, to be put behind a message; empty where nothing is close.
+    """Return a question that names what was probably meant, to be put behind a message; "" where nothing is close.
 
     Args:
         names: that are allowed in its place.
@@ -46,12 +46,12 @@ def did_you_mean(given: str, names: Iterable[str], effects: Mapping[str, str] | 
 
 
 def without_unit(name: str) -> str:
-    """The name of a setting without the unit with which it ends."""
+    """Return the name of a setting without the unit with which it ends."""
     return next((name.removesuffix(unit) for unit in _UNITS if name.endswith(unit)), name)
 
 
 def names_of(taker: Callable[..., Any]) -> list[str]:
-    """The arguments that a function or a class takes by name."""
+    """List the arguments that a function or a class takes by name."""
     parameters = inspect.signature(taker).parameters.values()
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     return [one.name for one in parameters if one.kind in by_name and one.name != "self"]
@@ -71,7 +71,7 @@ def names_checked(taker: Taker) -> Taker:
     names = frozenset(names_of(taker))
 
     @wraps(taker)
-    def checked(*arguments: Any, **by_name: Any) -> Any:
+    def checked(*arguments: object, **by_name: object) -> object:
         for name in by_name:
             if name not in names:
                 raise TypeError(no_argument(taker, name, names_of(taker)))
@@ -81,10 +81,16 @@ def names_checked(taker: Taker) -> Taker:
 
 
 def no_argument(
-    of: Callable[..., Any] | str, given: str, names: Iterable[str], effects: Mapping[str, str] | None = None
+    taker: Callable[..., Any] | str, given: str, names: Iterable[str], effects: Mapping[str, str] | None = None
 ) -> str:
-    """What is said of an argument that a function does not have."""
-    who = of if isinstance(of, str) else of.__qualname__.removesuffix(".__init__")
+    """Say of an argument that a function does not have it, and name the one that is close.
+
+    Args:
+        taker: the function or class, or who else takes arguments.
+        given: the argument.
+        names, effects: as of :func:`did_you_mean`.
+    """
+    who = taker if isinstance(taker, str) else taker.__qualname__.removesuffix(".__init__")
     near = did_you_mean(given, names := list(names), effects)
     listed = f"; it has {', '.join(names)}" if len(names) <= _LISTED else ""
     return f"{who} has no argument {given!r}{near or listed}"

@@ -1,4 +1,4 @@
-"""Libraries that only some parts need: the extras of pyproject.toml."""
+"""Imports libraries that only some parts need: the extras of pyproject.toml."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from importlib import import_module
 
 @contextmanager
 def from_extra(extra: str) -> Iterator[None]:
-    """Around imports: one that is missing is told with the extra of davis_rs that brings it.
+    """Name the extra of davis_rs that brings a library, where an import within the block does not find it.
 
     Raises:
         ImportError: if a library is missing.

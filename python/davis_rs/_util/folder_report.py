@@ -1,4 +1,4 @@
-"""What a run wrote into a dataset folder, and when that begins, each in one line for people."""
+"""Says in one line for people what a run wrote into a dataset folder, and when that begins."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 
 
 def start_line(start_time_ns: int, clock: str) -> str:
-    """What t = 0 of a folder is on the clock of its input, exactly: "t = 0 is 1000.25 s on the clock of ..."."""
+    """Say what t = 0 of a folder is on the clock of its input, exactly: "t = 0 is 1000.25 s on the clock of ..."."""
     seconds = (Decimal(start_time_ns) / 10**9).normalize()
     return f"t = 0 is {seconds:f} s on the clock of {clock}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class FolderReport:
-    """What a run wrote into a folder.
+    """Says what a run wrote into a folder.
 
     Attributes:
         path: the folder.

@@ -1,4 +1,4 @@
-"""Files and folders that one writer has to itself."""
+"""Locks files and folders that one writer has to itself."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 class Hold:
-    """A lock on a file or folder that exists, until it is released, is no longer referred to, or the process ends.
+    """Locks a file or folder that exists, until it is released, is no longer referred to, or the process ends.
 
     The lock is the system's own (flock): nothing is left behind, whatever becomes of the process. On a file system
     without locks there is none.
@@ -48,7 +48,7 @@ class Hold:
 
 
 class FileHold:
-    """A lock on a file that is written, and on ``NAME.part``, under which it is made. Locks whichever of the two exist.
+    """Locks a file that is written, and ``NAME.part``, under which it is made: whichever of the two exist.
 
     Raises:
         OSError: EBUSY, if another writer has one of them.

@@ -1,4 +1,4 @@
-"""How much memory a run will take, before it takes any: told if it is much, refused if there is not so much."""
+"""Forecasts how much memory a run will take: told if it is much, refused if there is not so much."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WORKER_BYTES = 250 << 20
 
 @dataclass(frozen=True)
 class MemoryForecast:
-    """What a run will take in addition to what its process has when it begins, which includes the scene's textures.
+    """Says what a run will take in addition to what its process has when it begins, with the scene's textures.
 
     Args:
         width, height: of the sensor, in pixels.
@@ -34,7 +34,7 @@ class MemoryForecast:
 
     @property
     def bytes(self) -> int:
-        """All of it."""
+        """Return the sum of all."""
         return math.ceil(self.width * self.height * sum(self.bytes_per_pixel.values()))
 
     def refuse(self, available: int | None = None) -> None:
@@ -59,7 +59,7 @@ class MemoryForecast:
         )
 
     def line(self, available: int | None = None) -> str:
-        """What is to be said of a run that takes much of the memory; "" of others."""
+        """Return what is to be said of a run that takes much of the memory; "" of others."""
         available = available_bytes() if available is None else available
         if available is None or self.bytes <= TOLD_ABOVE * available:
             return ""
@@ -69,7 +69,7 @@ class MemoryForecast:
         )
 
     def workers(self, most: int, available: int | None = None) -> int:
-        """How many of ``most`` processes can make such runs at the same time; at least 1."""
+        """Return how many of ``most`` processes can make such runs at the same time; at least 1."""
         available = available_bytes() if available is None else available
         if available is None:
             return most
@@ -86,7 +86,7 @@ def simulation_forecast(
     truth: bool = False,
     ray_bytes: float = 0,
 ) -> MemoryForecast:
-    """The forecast of a simulation.
+    """Forecast the memory of a simulation.
 
     Bytes a pixel are measured (``python benches/memory_forecast.py``), with room to spare for events.
 
@@ -112,7 +112,7 @@ def simulation_forecast(
 def frames_forecast(
     size: tuple[int, int], *, frame_bytes: float, flow: bool = False, effects: bool = False
 ) -> MemoryForecast:
-    """The forecast of a run over frames.
+    """Forecast the memory of a run over frames.
 
     Args:
         size: of the sensor, (width, height) in pixels.
@@ -137,9 +137,10 @@ _OF_FRAMES, _FRAMES_AT_ONCE, _FLOW = 130, 8, 2400
 
 
 def available_bytes() -> int | None:
-    """What this process may still take: by the system, by its control groups and by its limits; None if nobody says."""
-    found = [_of_the_system(), _of_the_limit(), *_of_the_groups()]
-    return min((max(0, size) for size in found if size is not None), default=None)
+    """Return what this process may still take, by the system, its control groups and its limits; None if nobody
+    says."""
+    limits = [_of_the_system(), _of_the_limit(), *_of_the_groups()]
+    return min((max(0, size) for size in limits if size is not None), default=None)
 
 
 def _of_the_system() -> int | None:
@@ -148,7 +149,7 @@ def _of_the_system() -> int | None:
 
 
 def _of_the_limit() -> int | None:
-    """What RLIMIT_AS leaves of the address space."""
+    """Return what RLIMIT_AS leaves of the address space."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     pages = _read(Path("/proc/self/statm")).split()
     if limit == resource.RLIM_INFINITY or not pages:
@@ -157,8 +158,8 @@ def _of_the_limit() -> int | None:
 
 
 def _of_the_groups(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> list[int]:
-    """What the control groups leave that this process is in, of both versions; caches can be given up."""
-    found = []
+    """Return what the control groups leave that this process is in, of both versions; caches can be given up."""
+    left = []
     for line in _read(own).splitlines():
         number, controllers, path = line.split(":", 2)
         version_2 = (number, controllers) == ("0", "")
@@ -175,8 +176,8 @@ def _of_the_groups(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/
             if most.isdigit() and used.isdigit() and int(most) < _NO_LIMIT:
                 stat = _fields(group / "memory.stat")
                 cached = stat.get("inactive_file", 0) if version_2 else stat.get("total_inactive_file", 0)
-                found.append(int(most) - int(used) + cached)
-    return found
+                left.append(int(most) - int(used) + cached)
+    return left
 
 
 _NO_LIMIT = 1 << 60

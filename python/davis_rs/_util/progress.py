@@ -1,4 +1,4 @@
-"""Progress of long work, alike for all of it: a bar in a terminal, a plain line now and then in a pipe or a log."""
+"""Shows the progress of long work: a bar in a terminal, a plain line now and then in a pipe or a log."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _Item = TypeVar("_Item")
 
 
 class Progress:
-    """How far a piece of work is. This one shows nothing.
+    """Counts how far a piece of work is; shows nothing.
 
     Attributes:
         done, total: in the work's own unit; ``total`` may be corrected on the way.
@@ -65,7 +65,7 @@ def progress(what: str, total: float, *, unit: str = "", start: float = 0.0, sho
 
 
 def each(items: Iterable[_Item], what: str, total: int, *, unit: str = "", show: bool = True) -> Iterator[_Item]:
-    """The items, one after the other, with a bar that counts them."""
+    """Yield the items, one after the other, with a bar that counts them."""
     with progress(what, total, unit=unit, show=show) as bar:
         for item in items:
             yield item
@@ -81,7 +81,7 @@ def say(text: str) -> None:
 
 
 def speed_of(done: float, seconds: float, unit: str) -> str:
-    """How fast, to two digits however slow: 0.0043 s/s."""
+    """Write a speed to two digits however slow: 0.0043 s/s."""
     if done <= 0 or seconds <= 0:
         return f"?{unit}/s"
     rate = done / seconds
@@ -89,7 +89,7 @@ def speed_of(done: float, seconds: float, unit: str) -> str:
 
 
 class _Bar(Progress):
-    """A bar of tqdm's."""
+    """Shows a bar of tqdm's."""
 
     def __init__(self, what: str, total: float, unit: str, start: float) -> None:
         from tqdm import tqdm
@@ -129,7 +129,7 @@ _shown: list[_Bar] = []
 
 
 class _Lines(Progress):
-    """A line a minute."""
+    """Shows a line a minute."""
 
     def __init__(self, what: str, total: float, unit: str, start: float) -> None:
         super().__init__(total)
@@ -143,10 +143,10 @@ class _Lines(Progress):
             return
         self._said = now
         speed = speed_of(self.done - self._start, now - self._began, self._unit)
-        share = 100 * self.done / self.total if self.total else 100.0
+        percent = 100 * self.done / self.total if self.total else 100.0
         more = f", {note}" if note else ""
         tell(
-            f"{self._what}: {share:.0f} %, {self.done:.4g} of {self.total:.4g}{self._unit}, {speed}{more}",
+            f"{self._what}: {percent:.0f} %, {self.done:.4g} of {self.total:.4g}{self._unit}, {speed}{more}",
             file=sys.stderr,
             flush=True,
         )

@@ -1,4 +1,4 @@
-"""Random words that are a function of what they are for: no stream, no state."""
+"""Draws random words that are a function of what they are for: no stream, no state."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 
 
 class Words:
-    """Random words that are a function of (seed, index, path) alone, the same on every machine.
+    """Draws random words that are a function of (seed, index, path) alone, the same on every machine.
 
     Word k is the first eight bytes of SHA-256 of the text ``seed/index/path/k``: no library's generator, whose stream
     may change, and no state that one value would leave to the next.
@@ -17,19 +17,19 @@ class Words:
         self._taken = 0
 
     def word(self) -> int:
-        """Uniform in 0..2^64 - 1."""
+        """Draw an integer, uniform in 0..2^64 - 1."""
         digest = hashlib.sha256(f"{self._of}/{self._taken}".encode()).digest()
         self._taken += 1
         return int.from_bytes(digest[:8], "big")
 
     def unit(self) -> float:
-        """Uniform in the open interval (0, 1), in steps of 2^-52."""
+        """Draw a number, uniform in the open interval (0, 1), in steps of 2^-52."""
         return ((self.word() >> 12) + 0.5) * 2.0**-52
 
     def uniform(self, low: float, high: float) -> float:
-        """Uniform between two numbers."""
+        """Draw a number, uniform between two."""
         return min(max(low + self.unit() * (high - low), low), high)
 
     def below(self, count: int) -> int:
-        """Uniform in 0..count - 1."""
+        """Draw an integer, uniform in 0..count - 1."""
         return self.word() * count >> 64

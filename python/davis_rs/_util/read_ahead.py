@@ -13,7 +13,8 @@ _PATIENCE_S = 0.1
 
 
 def read_ahead(items: Iterable[_Item], *, most: int) -> Iterator[_Item]:
-    """The same items in the same order, made in another thread; its exceptions come out where the item would have.
+    """Yield the same items in the same order, made in another thread; its exceptions come out where the item would
+    have.
 
     The thread ends when the iterator is closed or dropped.
 

@@ -1,4 +1,4 @@
-"""Shuts down gracefully: defers SIGINT and SIGTERM to a safe point."""
+"""Defers SIGINT and SIGTERM to a safe point, for a graceful shutdown."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
 
 @contextmanager
@@ -20,7 +19,7 @@ def stop_requests() -> Iterator[Callable[[], bool]]:
         signal.signal(number, before[number])
 
     try:
-        before: dict[int, Any] = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         for number in before:
             signal.signal(number, wish)
     except ValueError:  # not in the main thread: signals are the caller's

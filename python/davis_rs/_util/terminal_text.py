@@ -1,4 +1,4 @@
-"""Text for terminals. What comes from files, cameras and names may hold orders for a terminal, which are escaped."""
+"""Escapes text for terminals: what comes from files, cameras and names may hold orders for a terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ _ESCAPED_IN_A_LINE = re.compile(f"[\t\n{_ORDERS}{_DIRECTIONS}{_LINES}{_NOT_TEXT}
 
 
 def printable(text: object, *, lines: bool = False) -> str:
-    """Text with what is not printable written as in Python: ``\\x1b`` for an escape, ``\\xff`` for a byte that is not
+    """Return text with what is not printable written as in Python: ``\x1b`` for an escape, ``\xff`` for a byte that
+    is notot
     UTF-8.
 
     Args:
@@ -31,8 +32,8 @@ def tell(text: object = "", *, file: TextIO | None = None, end: str = "\n", flus
     print(printable(text, lines=True), file=file, end=end, flush=flush)
 
 
-def _escape(found: re.Match[str]) -> str:
-    character = found[0]
+def _escape(match: re.Match[str]) -> str:
+    character = match[0]
     if "\udc80" <= character <= "\udcff":
         return f"\\x{ord(character) - 0xDC00:02x}"
     return character.encode("unicode_escape").decode("ascii")

@@ -1,4 +1,4 @@
-"""Bytes that others wrote: what may be opened, how much is taken, and how libraries' errors about them are told."""
+"""Guards against bytes that others wrote: what may be opened, how much is taken, how libraries' errors are told."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_TEXT_BYTES = 1 << 30
 
 
 def check_max_packet_bytes(max_packet_bytes: int) -> int:
-    """The limit itself.
+    """Refuse a limit that is none.
 
     Raises:
         ValueError: if it is not positive.
@@ -38,7 +38,7 @@ def check_max_packet_bytes(max_packet_bytes: int) -> int:
 
 
 def above_limit(path: str | os.PathLike[str], what: str, limit: int) -> DecodeError:
-    """The error for a part of a compressed file that has more bytes than it may."""
+    """Make the error for a part of a compressed file that has more bytes than it may."""
     message = f"{what} may have {limit} bytes unpacked, this has more; max_packet_bytes (--max-packet-bytes) allows it"
     return DecodeError(f"{os.fspath(path)}: {message}")
 
@@ -58,7 +58,7 @@ def regular_file(path: str | os.PathLike[str]) -> Path:
 
 
 def read_limited(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> bytes:
-    """The contents of a file that is held in memory.
+    """Read the contents of a file that is held in memory.
 
     Raises:
         OSError: if it cannot be read, or is no regular file.
@@ -72,7 +72,7 @@ def read_limited(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> b
 
 
 def read_charged(path: str | os.PathLike[str], budget: Budget) -> bytes:
-    """The contents of a file that is held in memory, charged to the account of the source that names it.
+    """Read the contents of a file that is held in memory, charged to the budget of the source that names it.
 
     Raises:
         OSError: if it cannot be read, or is no regular file.
@@ -85,7 +85,7 @@ def read_charged(path: str | os.PathLike[str], budget: Budget) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
-    """The contents of a file in UTF-8, with or without a byte-order mark.
+    """Read a file in UTF-8, with or without a byte-order mark.
 
     Raises:
         OSError: if it cannot be read, or is no regular file.
@@ -95,8 +95,8 @@ def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        found = f"{data[error.start]:#04x}"
-        raise DecodeError(f"{os.fspath(path)}: not a text file, byte {error.start} is {found}") from None
+        byte = f"{data[error.start]:#04x}"
+        raise DecodeError(f"{os.fspath(path)}: not a text file, byte {error.start} is {byte}") from None
 
 
 @contextmanager
@@ -138,7 +138,7 @@ _LIBRARIES = {"PIL", "backports", "compression", "cv2", "h5py", "pyarrow", "rosb
 
 
 def guarded(path: str | os.PathLike[str], items: Iterator[_Item]) -> Iterator[_Item]:
-    """The same items, each made within :func:`decoding`."""
+    """Yield the same items, each made within :func:`decoding`."""
     while True:
         with decoding(path):
             try:

@@ -1,4 +1,4 @@
-"""Files and folders that get their name when they are whole."""
+"""Writes files and folders that get their name when they are whole."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .holding import FileHold, Hold
 
 
 class Workplace:
-    """A place next to a path where what the path will name is made.
+    """Makes a file or folder next to its path, and gives it that path when it is whole.
 
     It is a hidden folder ``.NAME.HEX.part``, in which the file or folder has its own name already, because libraries
     choose a format by the suffix. :meth:`put` gives it its path, :meth:`discard` removes what is left. What a killed
@@ -108,7 +108,7 @@ class Workplace:
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> Iterator[Path]:
-    """A path to write a file to, which becomes ``path`` when the block ends; after an error there is nothing.
+    """Give a path to write a file to, which becomes ``path`` when the block ends; after an error there is nothing.
 
     A pipe or a device is written to as it is.
 
@@ -132,12 +132,12 @@ def whole_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
 
 def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Write a file at once, in UTF-8 if it is text; see :func:`whole_file`."""
-    with whole_file(path) as place:
-        place.write_bytes(content.encode() if isinstance(content, str) else content)
+    with whole_file(path) as working:
+        working.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def is_sink(path: Path) -> bool:
-    """Whether a path is a pipe or a device: nothing is there to be replaced."""
+    """Tell whether a path is a pipe or a device: nothing is there to be replaced."""
     return path.exists() and not (path.is_file() or path.is_dir())
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 from .untrusted import read_text
 
@@ -13,8 +12,8 @@ MOST_NODES = 20_000
 DEEPEST = 50
 
 
-def read_yaml(path: Path) -> Any:
-    """What a YAML file holds: a key that stands twice is refused, and ``1e-3`` is a number, as in YAML 1.2 and JSON.
+def read_yaml(path: Path) -> object:
+    """Read a YAML file: a key that stands twice is refused, and ``1e-3`` is a number, as in YAML 1.2 and JSON.
 
     Raises:
         OSError: if it cannot be read, or is no regular file.
@@ -25,12 +24,12 @@ def read_yaml(path: Path) -> Any:
 
     class Loader(yaml.SafeLoader):
         # The scanner looks at all open brackets for each new one: seconds for some thousands of them.
-        def fetch_flow_collection_start(self, token: Any) -> None:
+        def fetch_flow_collection_start(self, token: object) -> None:
             if self.flow_level >= DEEPEST:
                 raise RecursionError
             super().fetch_flow_collection_start(token)
 
-    def mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
+    def mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[object, object]:
         seen: set[str] = set()
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             if key.value in seen:
@@ -61,14 +60,14 @@ def read_yaml(path: Path) -> Any:
     return content
 
 
-def _check_extent(path: Path, content: Any) -> None:
+def _check_extent(path: Path, content: object) -> None:
     """Refuse what aliases make large, or endless: each place where one stands counts."""
     count, level = 0, [content]
     for _ in range(DEEPEST):
         count += len(level)
         if count > MOST_NODES:
             raise ValueError(f"{path}: it may hold {MOST_NODES} values, its aliases counted wherever they stand")
-        below: list[Any] = []
+        below: list[object] = []
         for node in level:
             below.extend(node.values() if isinstance(node, dict) else node if isinstance(node, list) else ())
             if len(below) > MOST_NODES:

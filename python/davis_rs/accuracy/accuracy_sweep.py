@@ -1,4 +1,4 @@
-"""What accuracy costs in time: settings of the simulator, each measured against references and by the clock."""
+"""Sweeps settings of the simulator, each measured against references and by the clock."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ measured over ``_LOOK_S`` seconds."""
 
 
 class Errors(NamedTuple):
-    """How far a setting's events and log luma are from a reference's.
+    """Says how far a setting's events and log luma are from a reference's.
 
     Attributes:
         median_us, p99_us: of the absolute time error of events that have a partner.
@@ -61,7 +61,7 @@ class Errors(NamedTuple):
 
 @dataclass
 class Measurement:
-    """What was measured of a setting.
+    """Holds what was measured of a setting.
 
     Attributes:
         events: how many it made in the judged part.
@@ -90,7 +90,7 @@ class Measurement:
 
 
 class Sweep:
-    """Settings on one scene, judged on a short part of a trajectory and timed on a longer one.
+    """Judges settings on a short part of a trajectory, and times them on a longer one.
 
     Args:
         scene: with its camera path, see :meth:`Scene.with_trajectory`.
@@ -147,7 +147,7 @@ class Sweep:
 
     @property
     def timed_s(self) -> float:
-        """How long the timed part is, in seconds of the trajectory."""
+        """Return how long the timed part is, in seconds of the trajectory."""
         return self._timed.path.duration_s
 
     def measure(self, setting: Setting, *, same_rays: bool = True) -> Measurement:
@@ -181,7 +181,7 @@ class Sweep:
         return Measurement(setting, len(events), *rates, in_time, in_all, kept_percent, slow, [wall_s_per_s])
 
     def time(self, setting: Setting) -> float:
-        """Wall time per simulated second, of one run that keeps nothing."""
+        """Return the wall time per simulated second, of one run that keeps nothing."""
         simulator = self._ready(setting, setting.sampling, self._timed)
         started = time.perf_counter()
         for _ in simulator.run():
@@ -203,7 +203,7 @@ class Sweep:
         self._fine_log = self.recipe.log_luma(self.fine.luma[chosen])
 
     def _same_crossings(self, samples: int) -> EventArray:
-        """The exact crossings of the same rays."""
+        """Return the exact crossings of the same rays."""
         if samples not in self._crossings:
             self._crossings[samples] = exact_crossings(self._renderer(samples), self.recipe).events
         return self._crossings[samples]
@@ -217,16 +217,16 @@ class Sweep:
 
     def _errors(self, events: EventArray, log: FloatArray, reference: EventArray, reference_log: FloatArray) -> Errors:
         size, window = (self.camera.width, self.camera.height), self.recipe.window_us * TICKS_PER_US
-        found = compare_events(in_ticks(events), reference, size=size, window_us=window)
+        comparison = compare_events(in_ticks(events), reference, size=size, window_us=window)
         log_rms = float(np.sqrt(np.mean((log - reference_log) ** 2))) / self.recipe.contrast_threshold
-        median_us, p99_us = found.median_us / TICKS_PER_US, found.p99_us / TICKS_PER_US
-        return Errors(median_us, p99_us, found.missing_percent, found.spurious_percent, log_rms)
+        median_us, p99_us = comparison.median_us / TICKS_PER_US, comparison.p99_us / TICKS_PER_US
+        return Errors(median_us, p99_us, comparison.missing_percent, comparison.spurious_percent, log_rms)
 
     def _renderer(self, samples: int) -> Renderer:
         return make_renderer(self._judged, self.camera, samples=samples)
 
     def _ready(self, setting: Setting, sampling: TimeSampling, scene: Scene) -> Simulator:
-        """A simulator that has all of what a renderer makes when it is first asked for luma."""
+        """Make a simulator that has all of what a renderer makes when it is first asked for luma."""
         simulator = self._simulator(setting, sampling, scene)
         simulator.renderer.luma(self.recipe.views(np.zeros(1, np.int64)))
         return simulator
@@ -262,7 +262,7 @@ def sweep(prepared: Sweep, settings: Sequence[Setting], rounds: int) -> Iterator
 
 
 def half_way_s(renderer: Renderer, trajectory: Trajectory) -> float:
-    """The time in seconds at which the fastest pixel has gone half of its path; 0 if nothing moves.
+    """Return the time in seconds at which the fastest pixel has gone half of its path; 0 if nothing moves.
 
     The path is added up from short looks, one in each of many equal parts of the trajectory: to follow all of a long
     one would take minutes.

@@ -1,4 +1,4 @@
-"""Brute force: luma rendered at every few microseconds, whatever happens; slow, and blind to no cause."""
+"""Renders luma at every few microseconds, whatever happens: slow, and blind to no cause."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 class DenseProbe(NamedTuple):
-    """What :func:`dense_probe` finds.
+    """Says what :func:`dense_probe` finds.
 
     Attributes:
         events: along lines between its frames.
@@ -38,17 +38,17 @@ def dense_probe(
     engine = CrossingEngine(camera.width, camera.height, contrast_threshold=contrast_threshold, log_eps=log_eps)
     unchanged_until = np.zeros((camera.height, camera.width), np.int64)
     still = np.ones(unchanged_until.shape, np.bool_)
-    found, first = [], None
+    pieces, first = [], None
     for start in range(0, len(times), renderer.poses_per_launch):
         batch = times[start : start + renderer.poses_per_launch]
         for t_us, luma in zip(batch.tolist(), renderer.luma(Views.along(trajectory, batch * 1e-6)), strict=True):
             first = luma.copy() if first is None else first
             still &= luma == first
             unchanged_until[still] = t_us
-            found.append(engine.push_log(t_us, log_intensity(luma, log_eps)))
-    return DenseProbe(concatenate_events(found), unchanged_until)
+            pieces.append(engine.push_log(t_us, log_intensity(luma, log_eps)))
+    return DenseProbe(concatenate_events(pieces), unchanged_until)
 
 
 def early(events: EventArray, probe: DenseProbe, *, by_us: int) -> int:
-    """How many events come more than ``by_us`` before their pixel's luma first changes."""
+    """Count the events that come more than ``by_us`` before their pixel's luma first changes."""
     return int((events["t"] < probe.unchanged_until_us[events["y"], events["x"]] - by_us).sum())

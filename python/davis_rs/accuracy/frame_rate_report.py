@@ -1,4 +1,4 @@
-"""What a frame rate costs, as a table and as a picture."""
+"""Writes what a frame rate costs, as a table and as a picture."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _COLOURS = {"linear": "#D55E00", "cubic": "#0072B2", "flow": "#009E73", "auto": 
 
 
 def write_frame_rates_csv(measured: Sequence[VideoErrors], path: Path) -> None:
-    """A line for each setting."""
-    with whole_file(path) as place, place.open("w", newline="", encoding="utf-8") as file:
+    """Write a line for each setting."""
+    with whole_file(path) as working, working.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_COLUMNS)
-        for one in measured:
-            writer.writerow([*one.setting, *(f"{value:.6g}" for value in one[1:])])
+        for errors in measured:
+            writer.writerow([*errors.setting, *(f"{value:.6g}" for value in errors[1:])])
 
 
 def frame_rates_markdown(measured: Sequence[VideoErrors], facts: Mapping[str, str]) -> str:
-    """A page: the facts, and a table; of each rate and depth the least error in bold."""
+    """Write a page: the facts, and a table; of each rate and depth the least error in bold."""
     lines = ["# Frame rates", "", *(f"- {name}: {text}" for name, text in facts.items()), ""]
     lines += [
         "Errors of time are in microseconds, missing and spurious events in per cent of the exact ones. Bold: the",
@@ -38,25 +38,25 @@ def frame_rates_markdown(measured: Sequence[VideoErrors], facts: Mapping[str, st
         "| frames/s | px a frame | values | interpolation | events | median | p99 | missing + spurious |",
         "|---:|---:|---|---|---:|---:|---:|---:|",
     ]
-    for one in measured:
+    for errors in measured:
         rivals = [
             other
             for other in measured
-            if other.setting[:2] == one.setting[:2] and other.setting.interpolation != "auto"
+            if other.setting[:2] == errors.setting[:2] and other.setting.interpolation != "auto"
         ]
         cells = [
-            f"{one.setting.fps:g}",
-            f"{one.displacement_px:.2f}",
-            "8 bits" if one.setting.bits == 8 else "float",
-            one.setting.interpolation,
-            f"{one.events:,}",
-            _bold(f"{one.median_us:.0f}", one.median_us, [other.median_us for other in rivals], one),
-            _bold(f"{one.p99_us:.0f}", one.p99_us, [other.p99_us for other in rivals], one),
+            f"{errors.setting.fps:g}",
+            f"{errors.displacement_px:.2f}",
+            "8 bits" if errors.setting.bits == 8 else "float",
+            errors.setting.interpolation,
+            f"{errors.events:,}",
+            _bold(f"{errors.median_us:.0f}", errors.median_us, [other.median_us for other in rivals], errors),
+            _bold(f"{errors.p99_us:.0f}", errors.p99_us, [other.p99_us for other in rivals], errors),
             _bold(
-                f"{one.missing_percent:.2f} + {one.spurious_percent:.2f}",
-                _wrong(one),
+                f"{errors.missing_percent:.2f} + {errors.spurious_percent:.2f}",
+                _wrong(errors),
                 [_wrong(other) for other in rivals],
-                one,
+                errors,
             ),
         ]
         lines.append("| " + " | ".join(cells) + " |")
@@ -64,7 +64,7 @@ def frame_rates_markdown(measured: Sequence[VideoErrors], facts: Mapping[str, st
 
 
 def draw_frame_rates(measured: Sequence[VideoErrors], path: Path, title: str) -> None:
-    """Three panels: median, 99th percentile, missing and spurious, against frames a second.
+    """Draw three panels: median, 99th percentile, missing and spurious, against frames a second.
 
     Raises:
         ImportError: without matplotlib, saying how to get it.
@@ -77,21 +77,25 @@ def draw_frame_rates(measured: Sequence[VideoErrors], path: Path, title: str) ->
     figure = Figure(figsize=(13.5, 4.9), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     panels = {
-        "median time error (ms)": lambda one: one.median_us / 1000,
-        "99th percentile of the time error (ms)": lambda one: one.p99_us / 1000,
+        "median time error (ms)": lambda errors: errors.median_us / 1000,
+        "99th percentile of the time error (ms)": lambda errors: errors.p99_us / 1000,
         "missing + spurious events (% of the exact ones)": _wrong,
     }
-    rates = sorted({one.setting.fps for one in measured})
+    rates = sorted({errors.setting.fps for errors in measured})
     for axis, (label, value) in zip(figure.subplots(1, 3), panels.items(), strict=True):
         for rule, colour in _COLOURS.items():
             for bits, style in ((32, "-"), (8, "--")):
-                own = [one for one in measured if one.setting.interpolation == rule and one.setting.bits == bits]
+                own = [
+                    errors
+                    for errors in measured
+                    if errors.setting.interpolation == rule and errors.setting.bits == bits
+                ]
                 if not own:
                     continue
                 name = f"{rule}, {'8 bits' if bits == 8 else 'float'}"
                 marker = {"marker": "o", "ms": 4} if rule != "auto" else {"marker": "x", "ms": 7}
                 width = 1.6 if rule != "auto" else 0.7
-                x, y = [one.setting.fps for one in own], [value(one) for one in own]
+                x, y = [errors.setting.fps for errors in own], [value(errors) for errors in own]
                 axis.plot(x, y, style, color=colour, lw=width, label=name, **marker)
         axis.set_xscale("log")
         axis.set_yscale("log")
@@ -106,13 +110,13 @@ def draw_frame_rates(measured: Sequence[VideoErrors], path: Path, title: str) ->
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     figure.suptitle(title, fontsize=11)
-    with whole_file(path) as place:
-        figure.savefig(place, format="png")
+    with whole_file(path) as working:
+        figure.savefig(working, format="png")
 
 
-def _wrong(one: VideoErrors) -> float:
-    return one.missing_percent + one.spurious_percent
+def _wrong(errors: VideoErrors) -> float:
+    return errors.missing_percent + errors.spurious_percent
 
 
-def _bold(text: str, value: float, rivals: Sequence[float], one: VideoErrors) -> str:
-    return f"**{text}**" if one.setting.interpolation != "auto" and value == min(rivals) else text
+def _bold(text: str, value: float, rivals: Sequence[float], errors: VideoErrors) -> str:
+    return f"**{text}**" if errors.setting.interpolation != "auto" and value == min(rivals) else text

@@ -1,4 +1,4 @@
-"""What a frame rate costs: a scene rendered as video, made into events, and judged against the exact stream."""
+"""Measures what a frame rate costs: a scene is rendered as video, made into events, and judged by the exact stream."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LONGEST_WINDOW_US = 10_000
 
 
 class VideoSetting(NamedTuple):
-    """How a scene becomes video, and video events.
+    """Says how a scene becomes video, and video events.
 
     Attributes:
         fps: frames a second.
@@ -46,7 +46,7 @@ class VideoSetting(NamedTuple):
 
 
 class VideoErrors(NamedTuple):
-    """How far the events of a video are from the exact ones.
+    """Says how far the events of a video are from the exact ones.
 
     Attributes:
         setting: of the video.
@@ -66,13 +66,13 @@ class VideoErrors(NamedTuple):
 
 
 def video_settings(rates: tuple[float, ...] = FRAME_RATES) -> list[VideoSetting]:
-    """All of them: each rate, floating point and 8 bits, each interpolation."""
+    """List all settings: each rate, floating point and 8 bits, each interpolation."""
     rules = [rule for rule in INTERPOLATIONS if rule != "auto"]
     return [VideoSetting(fps, bits, rule) for fps in rates for bits in (32, 8) for rule in (*rules, "auto")]
 
 
 class FrameRateSweep:
-    """A part of a scene's camera path, as video of several rates.
+    """Renders a part of a scene's camera path as video of several rates, and judges its events.
 
     Frames are instants, without an exposure; the exact stream is that of the same rays, so that errors are those of
     time (and with 8 bits, of rounding and clipping).
@@ -116,7 +116,7 @@ class FrameRateSweep:
         self._reference: EventArray | None = None
 
     def measure(self, settings: list[VideoSetting]) -> Iterator[VideoErrors]:
-        """The errors of each setting; the first one takes the time of the exact stream."""
+        """Yield the errors of each setting; the first one takes the time of the exact stream."""
         for setting in settings:
             yield self._errors(setting)
 
@@ -141,7 +141,7 @@ class FrameRateSweep:
         if self._reference is None:
             self._reference = exact_crossings(self._renderer, self._recipe).events
         judged = self._reference[self._reference["t"] <= times[-1] * TICKS_PER_US]
-        found = compare_events(
+        comparison = compare_events(
             in_ticks(events),
             judged,
             size=(self.camera.width, self.camera.height),
@@ -151,10 +151,10 @@ class FrameRateSweep:
             setting,
             self.path_px / self.duration_s / setting.fps,
             len(events),
-            found.median_us / TICKS_PER_US,
-            found.p99_us / TICKS_PER_US,
-            found.missing_percent,
-            found.spurious_percent,
+            comparison.median_us / TICKS_PER_US,
+            comparison.p99_us / TICKS_PER_US,
+            comparison.missing_percent,
+            comparison.spurious_percent,
         )
 
     def _frames(self, times: list[int]) -> npt.NDArray[np.float32]:

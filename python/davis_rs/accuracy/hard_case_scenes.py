@@ -1,11 +1,10 @@
-"""Hard cases: small scenes in which sampling in time or space is easily wrong, each with what makes it so."""
+"""Makes hard cases: small scenes in which sampling in time or space is easily wrong, each with what makes it so."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +33,7 @@ _WIRES_M = 0.5
 
 @dataclass(frozen=True)
 class HardCase:
-    """A scene with its camera path, and how it is seen.
+    """Holds a scene with its camera path, and how it is seen.
 
     Attributes:
         name: of few words.
@@ -54,17 +53,17 @@ class HardCase:
 
     @property
     def part(self) -> Scene:
-        """What is simulated."""
+        """Return the part of the scene's path that is simulated."""
         return self.scene.crop(self.start_s)
 
     @property
     def true_part(self) -> Scene:
-        """What brute force renders."""
+        """Return the part that brute force renders."""
         return (self.true_scene or self.scene).crop(self.start_s)
 
 
 def hard_cases() -> list[HardCase]:
-    """All of them, for cameras of 32 x 24 pixels, some hundredths of a second each."""
+    """Make all hard cases, for cameras of 32 x 24 pixels, some hundredths of a second each."""
     step = [CAUSE_S, CAUSE_S + 1e-6]
     brighter, on = SampledProfile(step, [1.0, 1e6]), SampledProfile(step, [0.0, 1.0])
     square = Flicker(130.0, modulation=0.5, phase_rad=0.3, waveform="square")
@@ -102,7 +101,7 @@ def room(
     scale: float = 1.0,
     texel: float = 0.02,
 ) -> Scene:
-    """A textured floor with a box on it, under a lamp that throws the box's shadow.
+    """Make a textured floor with a box on it, under a lamp that throws the box's shadow.
 
     Args:
         light: the lamp's profile.
@@ -115,12 +114,12 @@ def room(
 
 
 def wires(trajectory: Trajectory, *, shadows: bool = True) -> Scene:
-    """Thin level boxes over the same floor: 0.3, 0.45 and 1 px thick as a camera 2 m above the floor sees them."""
+    """Make thin level boxes over the same floor: 0.3, 0.45 and 1 px thick as a camera 2 m above the floor sees them."""
     return Scene("wires", _wires, camera=_camera(), trajectory=trajectory, shadows=shadows)
 
 
 def late() -> Scene:
-    """A camera that swings for more than a day, in a light that flickers."""
+    """Make a camera that swings for more than a day, in a light that flickers."""
     hertz, reach = 2.0, 1.0 / (2 * np.pi * 2.0)
     angle = 2 * np.pi * hertz
     path = _straight(
@@ -132,12 +131,12 @@ def late() -> Scene:
 
 
 def still(duration_s: float) -> Trajectory:
-    """No motion."""
+    """Make a camera path without motion."""
     return SegmentTrajectory(_down(), _down(), duration_s)
 
 
 def sideways(duration_s: float, speed_m_s: float, *, scale: float = 1.0) -> Trajectory:
-    """A straight path over the floor."""
+    """Make a straight path over the floor."""
     start = _down(scale)
     end = Pose(start.position + scale * speed_m_s * duration_s * np.array([0.8, 0.6, 0.0]), start.quaternion)
     return SegmentTrajectory(start, end, duration_s)
@@ -158,7 +157,7 @@ def starting(*, declared: bool = True, duration_s: float = 0.03, speed_m_s: floa
 
 
 def turning(duration_s: float, rate_rad_s: float) -> Trajectory:
-    """A turn on the spot, about an axis that is none of the camera's."""
+    """Make a turn on the spot, about an axis that is none of the camera's."""
     from scipy.spatial.transform import Rotation
 
     start = _down()
@@ -211,7 +210,7 @@ def _matrix(rotation: FloatArray, position: FloatArray) -> FloatArray:
     return matrix
 
 
-def _room(scale: float, texel: float) -> dict[str, Any]:
+def _room(scale: float, texel: float) -> dict[str, object]:
     box = np.diag([0.03 * scale, 0.025 * scale, 0.03 * scale, 1.0])
     box[:3, 3] = np.array([0.05, 0.03, 0.03]) * scale
     return {
@@ -223,8 +222,8 @@ def _room(scale: float, texel: float) -> dict[str, Any]:
     }
 
 
-def _floor(scale: float, texel: float) -> dict[str, Any]:
-    """A floor of squares of random grey, the brightest three times as bright as the darkest."""
+def _floor(scale: float, texel: float) -> dict[str, object]:
+    """Make a floor of squares of random grey, the brightest three times as bright as the darkest."""
     grey = np.random.Generator(np.random.PCG64(7)).uniform(0.25, 0.75, (_TEXELS, _TEXELS))
     data = np.repeat(grey[..., None], 3, -1).astype(np.float32)
     half = _TEXELS * texel / 2 * scale
@@ -235,7 +234,7 @@ def _floor(scale: float, texel: float) -> dict[str, Any]:
     }
 
 
-def _wires() -> dict[str, Any]:
+def _wires() -> dict[str, object]:
     parts = _room(1.0, 0.02)
     del parts["box"]
     for k, (x, pixels) in enumerate(zip(np.linspace(-0.09, 0.11, 6), [0.3, 0.45, 1.0] * 2, strict=True)):

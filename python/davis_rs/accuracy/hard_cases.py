@@ -1,4 +1,4 @@
-"""The presets of accuracy on hard cases, each against brute force on the same rays: a table."""
+"""Compares the presets of accuracy on hard cases with brute force on the same rays: a table."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _WINDOW_US = (1_000, 10_000)
 
 @dataclass(frozen=True)
 class HardCaseResult:
-    """What one preset makes of one case.
+    """Says what one preset makes of one case.
 
     Attributes:
         keyframes: how many were rendered.
@@ -48,7 +48,7 @@ class HardCaseResult:
 
 
 def measure_hard_cases(cases: Sequence[HardCase]) -> Iterator[HardCaseResult]:
-    """Case by case and preset by preset; the rays of brute force are those of the preset."""
+    """Measure case by case and preset by preset; the rays of brute force are those of the preset."""
     for case in cases:
         references: dict[int, DenseProbe] = {}
         for preset in ACCURACY:
@@ -86,7 +86,7 @@ def _simulator(case: HardCase, scene: Scene, preset: str) -> Simulator:
 
 
 def _window_us(renderer: Renderer, case: HardCase) -> int:
-    """The time in which the fastest pixel moves by one, at the end of the path, within limits."""
+    """Return the time in which the fastest pixel moves by one, at the end of the path, within limits."""
     path = case.part.path
     speeds = np.linalg.norm(renderer.flow(Views.along(path, [path.duration_s])), axis=-1)
     fastest = max(float(np.nanmax(speeds)), 1e-9)
@@ -94,7 +94,7 @@ def _window_us(renderer: Renderer, case: HardCase) -> int:
 
 
 def hard_cases_page(results: Sequence[HardCaseResult], facts: Mapping[str, str]) -> str:
-    """The page that shows them."""
+    """Write the page that shows them."""
     lines = ["# Hard cases", "", *(f"- {name}: {text}" for name, text in facts.items()), ""]
     lines += [
         "Small scenes in which sampling in time or space is easily wrong, simulated with each preset of",
@@ -107,15 +107,15 @@ def hard_cases_page(results: Sequence[HardCaseResult], facts: Mapping[str, str])
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     for result in results:
-        found = result.compared
+        comparison = result.compared
         cells = [
             result.case.name,
             result.preset,
             f"{result.keyframes:,}",
-            f"{found.compared:,}",
-            f"{found.reference:,}",
-            f"{found.missing_percent:.2f} + {found.spurious_percent:.2f}",
-            f"{found.median_us:.0f} / {found.p99_us:.0f}",
+            f"{comparison.compared:,}",
+            f"{comparison.reference:,}",
+            f"{comparison.missing_percent:.2f} + {comparison.spurious_percent:.2f}",
+            f"{comparison.median_us:.0f} / {comparison.p99_us:.0f}",
             f"{result.early:,}",
         ]
         lines.append("| " + " | ".join(cells) + " |")

@@ -1,4 +1,4 @@
-"""What baked light saves and errs: against Mitsuba's path tracer, on a few instants of a camera's path."""
+"""Measures what baked light saves and errs, against Mitsuba's path tracer, on a few instants of a camera's path."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ HEADS = ("light", "bake s", "ms a frame", "events", "median us", "p99 us", "miss
 
 @dataclass(frozen=True)
 class LightErrors:
-    """How far events, and log luma, of one way to light a scene are from the reference's.
+    """Says how far events, and log luma, of one way to light a scene are from the reference's.
 
     Attributes:
         what: is judged, for people.
@@ -59,14 +59,14 @@ class LightErrors:
     log_rms: float
 
     def __str__(self) -> str:
-        """A row of a table in Markdown, under :data:`HEADS`."""
+        """Write a row of a table in Markdown, under :data:`HEADS`."""
         cost = ["" if value is None else f"{value:.3g}" for value in (self.bake_s, self.frame_ms)]
         figures = [f"{self.events:,}", f"{self.median_us:.0f}", f"{self.p99_us:.0f}", f"{self.wrong_percent:.1f}"]
         return f"| {' | '.join([self.what, *cost, *figures, f'{self.log_rms:.3f}'])} |"
 
 
 class LightComparison:
-    """Baked light, and the path tracer with few samples, against the mean luma of independent runs with many.
+    """Compares baked light, and the path tracer with few samples, with the mean luma of independent runs with many.
 
     All see the same instants, between which log luma is linear, so that nothing but light is compared.
 
@@ -117,10 +117,10 @@ class LightComparison:
         """Measure errors: of the reference, the path tracer with each number of ``samples``, and baked light."""
         runs = [self._run(seed) for seed in range(_FIRST_SEED, _FIRST_SEED + self._runs)]
         # Neighbours in time are in different halves.
-        one, other = (np.asarray(np.mean(half, axis=0), np.float32) for half in (runs[::2], runs[1::2]))
+        even, odd = (np.asarray(np.mean(half, axis=0), np.float32) for half in (runs[::2], runs[1::2]))
         self.reference = np.mean(runs, axis=0, dtype=np.float32)
         what = f"reference: {self._runs} runs of {self._samples:,} samples; its halves compared"
-        yield self._errors(what, one, other, None, None)
+        yield self._errors(what, even, odd, None, None)
         for count in samples:
             tracer = make_renderer(self.scene, self.camera, kind="integrator", samples=count, seed=0)
             luma, ms = self._timed(tracer)
@@ -137,19 +137,19 @@ class LightComparison:
         luma = tracer.luma(self._views)
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)
-            with whole_file(file) as place:
-                np.save(place, luma)
+            with whole_file(file) as working:
+                np.save(working, luma)
         return luma
 
     def _errors(
         self, what: str, luma: LumaFrames, other: LumaFrames, bake_s: float | None, ms: float | None
     ) -> LightErrors:
         own, true = self._events(luma), self._events(other)
-        found = compare_events(own, true, size=(self.camera.width, self.camera.height), window_us=WINDOW_US)
+        comparison = compare_events(own, true, size=(self.camera.width, self.camera.height), window_us=WINDOW_US)
         eps, contrast = 1e-3, self.scene.contrast_threshold
         log_rms = float(np.sqrt(np.mean((np.log(luma + eps) - np.log(other + eps)) ** 2))) / contrast
-        wrong = found.missing_percent + found.spurious_percent
-        return LightErrors(what, bake_s, ms, len(own), found.median_us, found.p99_us, wrong, log_rms)
+        wrong = comparison.missing_percent + comparison.spurious_percent
+        return LightErrors(what, bake_s, ms, len(own), comparison.median_us, comparison.p99_us, wrong, log_rms)
 
     def _events(self, luma: LumaFrames) -> EventArray:
         contrast = self.scene.contrast_threshold
@@ -158,7 +158,7 @@ class LightComparison:
         return concatenate_events([engine.push(int(t_us), frame) for t_us, frame in zip(stamps, luma, strict=True)])
 
     def _timed(self, renderer: Renderer) -> tuple[LumaFrames, float]:
-        """Luma, and the least milliseconds a frame of three tries, one where they are long."""
+        """Return luma, and the least milliseconds a frame of three tries; of one try where it is long."""
         luma, least = renderer.luma(self._views[:1]), np.inf
         for _ in range(3):
             start = time.perf_counter()
@@ -174,7 +174,7 @@ _PLANNED_SAMPLES, _TRIED_SAMPLES = 64, 2
 
 
 def light_cost(renderer: Renderer, scene: Scene) -> str | None:
-    """What baking saves and errs, in a line, for one who plans a run; None for a renderer without baked light.
+    """Say in a line what baking saves and errs, for one who plans a run; None for a renderer without baked light.
 
     One frame of the path tracer is rendered with few samples; with more, it takes as many times as long.
     """
@@ -183,10 +183,10 @@ def light_cost(renderer: Renderer, scene: Scene) -> str | None:
     views = Views.along(scene.path, np.zeros(1))
     tracer = make_renderer(scene, renderer.camera, kind="integrator", samples=_TRIED_SAMPLES)
     ms = []
-    for one in (renderer, tracer):
-        one.luma(views)
+    for timed in (renderer, tracer):
+        timed.luma(views)
         start = time.perf_counter()
-        one.luma(views)
+        timed.luma(views)
         ms.append(1000 * (time.perf_counter() - start))
     by_paths = ms[1] * _PLANNED_SAMPLES / _TRIED_SAMPLES
     maps = renderer.baked.maps

@@ -1,4 +1,4 @@
-"""Reference streams: the events of a short recipe, as nearly as rendering can tell, to judge simulations by.
+"""Makes reference streams: the events of a short recipe, as nearly as rendering can tell, to judge simulations by.
 
 Times are in ticks of a tenth of a microsecond, so that the microsecond of a simulated stamp is seen as what it is: an
 error of half a microsecond.
@@ -10,7 +10,7 @@ import json
 from collections.abc import Generator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +39,7 @@ _AT_ONCE = 1 << 15
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is simulated, and judged.
+    """Holds what is simulated, and judged.
 
     Attributes:
         trajectory: from t = 0.
@@ -66,19 +66,19 @@ class Recipe:
         return CrossingEngine(camera.width, camera.height, contrast_threshold=threshold, interpolation=interpolation)
 
     def log_luma(self, luma: npt.NDArray[np.float32]) -> FloatArray:
-        """L (n, H, W), float64, of frames."""
+        """Return L (n, H, W), float64, of frames."""
         return np.stack([log_intensity(frame, self.log_eps) for frame in luma])
 
 
 class Crossings(NamedTuple):
-    """Events, t in ticks of 0.1 us, sorted by (t, y, x); ``level`` is the log intensity that each one reached."""
+    """Holds events, t in ticks of 0.1 us, sorted by (t, y, x); ``level`` is the log intensity that each one reached."""
 
     events: EventArray
     level: FloatArray
 
 
 class FineReference(NamedTuple):
-    """What :func:`fine_reference` finds.
+    """Says what :func:`fine_reference` finds.
 
     Attributes:
         events: t in ticks of 0.1 us.
@@ -97,14 +97,14 @@ class FineReference(NamedTuple):
 
 
 def in_ticks(events: EventArray) -> EventArray:
-    """A simulated stream, t in us, as a reference has it: t in ticks."""
+    """Bring a simulated stream, t in us, to a reference's ticks."""
     ticks = events.copy()
     ticks["t"] *= TICKS_PER_US
     return ticks
 
 
 def exact_crossings(renderer: Renderer, recipe: Recipe, *, pixels: float = EXACT_PX) -> Crossings:
-    """The events that a renderer's own luma makes, as if it were rendered at every instant.
+    """Find the events that a renderer's own luma makes, as if it were rendered at every instant.
 
     It is rendered so densely that nothing is missed: whenever the fastest pixel has moved by ``pixels``. Each crossing
     found lies between two such samples, one that has not reached the level and one that has; that bracket is halved
@@ -113,7 +113,7 @@ def exact_crossings(renderer: Renderer, recipe: Recipe, *, pixels: float = EXACT
     """
     engine = recipe.engine(renderer, "linear")
     times = _instants(renderer, recipe, pixels)
-    found: list[tuple[npt.NDArray[Any], ...]] = []
+    crossings: list[tuple[npt.NDArray[np.generic], ...]] = []
     last_us = 0
     for start in range(0, len(times), renderer.poses_per_launch):
         batch = times[start : start + renderer.poses_per_launch]
@@ -130,9 +130,9 @@ def exact_crossings(renderer: Renderer, recipe: Recipe, *, pixels: float = EXACT
             sign = np.where(events["p"] == 1, 1.0, -1.0)
             level = before[pixel] + sign * nth * recipe.contrast_threshold
             bracket = np.broadcast_to(np.array([[last_us], [t_us]]) * TICKS_PER_US, (2, len(pixel)))
-            found.append((pixel, sign, level, bracket))
+            crossings.append((pixel, sign, level, bracket))
             last_us = t_us
-    pixel, sign, level, (low, high) = (np.concatenate(column, -1) for column in zip(*found, strict=True))
+    pixel, sign, level, (low, high) = (np.concatenate(column, -1) for column in zip(*crossings, strict=True))
     ticks = _first_ticks(renderer, recipe, pixel, sign, level, low, high)
     events = np.zeros(len(pixel), EVENT_DTYPE)
     events["t"], events["p"] = ticks, sign > 0
@@ -150,7 +150,7 @@ def _first_ticks(
     low: IntArray,
     high: IntArray,
 ) -> IntArray:
-    """Ticks at which pixels have reached their levels, one tick before which they have not, within (low, high]."""
+    """Find the ticks in (low, high] at which pixels have reached their levels, and one tick before have not."""
     low, high = low.copy(), high.copy()
     while len(active := np.flatnonzero(high - low > 1)):
         for start in range(0, len(active), _AT_ONCE):
@@ -172,7 +172,7 @@ def fine_reference(
     coarsest: float = 1 / 4,
     finest: float = 1 / 16,
 ) -> Generator[tuple[int, int], None, FineReference]:
-    """The events by a renderer of very many rays, along cubics between its frames.
+    """Find the events by a renderer of very many rays, along cubics between its frames.
 
     For 1,024 rays a pixel, whose lattice shares no point with the small ones. The displacement between frames is halved
     from ``coarsest`` until that moves the median event by less than a thousandth of the window, or it is ``finest``.
@@ -194,7 +194,7 @@ def fine_reference(
     )
     size, window_us = (renderer.camera.width, renderer.camera.height), recipe.window_us * TICKS_PER_US
     frames = _cached_frames(cache, key)
-    found: FineReference | None = None
+    latest: FineReference | None = None
     halvings = range(round(np.log2(coarsest / finest)) + 1)
     rounds = {coarsest / 2**halving: _instants(renderer, recipe, coarsest / 2**halving) for halving in halvings}
     most = len(frames.keys() | np.unique(np.concatenate([*rounds.values()])).tolist())
@@ -206,18 +206,18 @@ def fine_reference(
         luma = np.stack([frames[t_us] for t_us in times.tolist()])
         events = _cubic_events(renderer, recipe, times, luma)
         shift, changed = (np.nan, np.nan), np.nan
-        if found is not None:
-            compared = compare_events(found.events, events, size=size, window_us=window_us)
+        if latest is not None:
+            compared = compare_events(latest.events, events, size=size, window_us=window_us)
             shift = (compared.median_us / TICKS_PER_US, compared.p99_us / TICKS_PER_US)
             changed = compared.missing_percent + compared.spurious_percent
-        found = FineReference(events, times, luma, pixels, shift, changed)
+        latest = FineReference(events, times, luma, pixels, shift, changed)
         if shift[0] <= recipe.window_us / 1000:
             break
-    assert found is not None
+    assert latest is not None
     cache.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(cache) as place, place.open("wb") as file:
-        np.savez(file, key=np.array(key), t_us=found.t_us, luma=found.luma)
-    return found
+    with whole_file(cache) as working, working.open("wb") as file:
+        np.savez(file, key=np.array(key), t_us=latest.t_us, luma=latest.luma)
+    return latest
 
 
 def _cached_frames(cache: Path, key: str) -> dict[int, npt.NDArray[np.float32]]:
@@ -230,7 +230,7 @@ def _cached_frames(cache: Path, key: str) -> dict[int, npt.NDArray[np.float32]]:
 
 
 def _cubic_events(renderer: Renderer, recipe: Recipe, t_us: IntArray, luma: npt.NDArray[np.float32]) -> EventArray:
-    """Events in ticks, along cubics whose slopes come from neighbouring frames."""
+    """Find events in ticks, along cubics whose slopes come from neighbouring frames."""
     engine = recipe.engine(renderer, "hermite")
     log = recipe.log_luma(luma)
     ticks, rounded = (t_us * TICKS_PER_US).tolist(), list(log.astype(np.float32))
@@ -244,6 +244,6 @@ def _cubic_events(renderer: Renderer, recipe: Recipe, t_us: IntArray, luma: npt.
 
 
 def _instants(renderer: Renderer, recipe: Recipe, pixels: float) -> IntArray:
-    """The start, the end, and each instant at which the fastest pixel has moved by ``pixels`` more."""
+    """Return the start, the end, and each instant at which the fastest pixel has moved by ``pixels`` more."""
     between = MaxDisplacement(pixels).instants(renderer, recipe.trajectory, recipe.end_us)
     return np.unique([0, *between, recipe.end_us])

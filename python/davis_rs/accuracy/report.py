@@ -1,4 +1,4 @@
-"""What a sweep of settings found, as a table for machines, a table for people, and a figure."""
+"""Reports what a sweep of settings found: a table for machines, a table for people, and a figure."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _ERRORS: dict[str, tuple[str, Value]] = {
 
 
 def write_csv(measured: Sequence[Measurement], path: Path) -> None:
-    """All numbers, one row a setting; replaces the file in one go, so that there is always a whole one."""
+    """Write all numbers, one row a setting; replaces the file in one go, so that there is always a whole one."""
     rows = [_row(measurement) for measurement in measured]
-    with whole_file(path) as place, place.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as working, working.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]) if rows else [])
         writer.writeheader()
         writer.writerows(rows)
@@ -66,7 +66,7 @@ def _row(measurement: Measurement) -> dict[str, object]:
 
 
 def facts_of(sweep: Sweep, measured: Sequence[Measurement], *, command: str, interrupted: bool) -> dict[str, str]:
-    """How the numbers came about, for people."""
+    """Say how the numbers came about, for people."""
     scene, camera, fine = sweep.scene, sweep.camera, sweep.fine
     rounds = sorted({len(m.wall_s) for m in measured if not m.slow})
     facts = {
@@ -91,7 +91,7 @@ def facts_of(sweep: Sweep, measured: Sequence[Measurement], *, command: str, int
 
 
 def processor() -> str:
-    """The processor's name, as far as the system tells."""
+    """Return the processor's name, as far as the system tells."""
     information = Path("/proc/cpuinfo")
     if information.is_file():
         for line in information.read_text("utf-8").splitlines():
@@ -101,7 +101,7 @@ def processor() -> str:
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the points (time, error) that no other is at least as good as in both; by time."""
+    """Return indices of the points (time, error) that no other is at least as good as in both; by time."""
     front: list[int] = []
     for i in sorted(range(len(points)), key=points.__getitem__):
         if not math.isnan(points[i][1]) and (not front or points[i][1] < points[front[-1]][1]):
@@ -110,7 +110,7 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def markdown(measured: Sequence[Measurement], facts: Mapping[str, str]) -> str:
-    """A page: the facts of the sweep, and a table of the settings by time, the points of a Pareto front in bold."""
+    """Write a page: the facts of the sweep, and a table of the settings by time, a Pareto front's points in bold."""
     ordered = sorted(measured, key=lambda measurement: measurement.median_wall_s)
     fronts = {
         name: pareto([(measurement.median_wall_s, value(measurement.in_all)) for measurement in ordered])
@@ -152,7 +152,7 @@ def markdown(measured: Sequence[Measurement], facts: Mapping[str, str]) -> str:
 
 
 def kept_text(measurement: Measurement) -> str:
-    """What the sampling promises, and how many pixels keep it."""
+    """Say what the sampling promises, and how many pixels keep it."""
     if measurement.kept_percent is None:
         return "-"
     return f"{measurement.setting.promised:g} C: {measurement.kept_percent:.1f} %"
@@ -165,7 +165,7 @@ _MARKERS = "ososs^D*X"
 
 
 def draw(measured: Sequence[Measurement], path: Path, title: str) -> None:
-    """Six panels: median, 99th percentile, missing and spurious against time; of all errors, and of those in time.
+    """Draw six panels: median, 99th percentile, missing and spurious against time; of all errors, and of those in time.
 
     Raises:
         ImportError: without matplotlib, saying how to get it.
@@ -191,8 +191,8 @@ def draw(measured: Sequence[Measurement], path: Path, title: str) -> None:
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
     figure.suptitle(title, fontsize=11)
-    with whole_file(path) as place:
-        figure.savefig(place, format="png")
+    with whole_file(path) as working:
+        figure.savefig(working, format="png")
 
 
 def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], families: Sequence[str]) -> None:
@@ -207,12 +207,12 @@ def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], famil
         axis.plot(*zip(*own, strict=True) if own else ([], []), label=family, zorder=3, **style)
     middle = math.sqrt(min(x for _, x, _ in points) * max(x for _, x, _ in points))
     presets = sorted((x, y, m.setting.preset) for m, x, y in points if m.setting.preset)
-    for place, (x, y, name) in enumerate(presets):
+    for index, (x, y, name) in enumerate(presets):
         # Below and above in turn, as two may lie close together.
         axis.annotate(
             name,
             (x, y),
-            xytext=(8 if x < middle else -8, 10 if place % 2 else -18),
+            xytext=(8 if x < middle else -8, 10 if index % 2 else -18),
             ha="left" if x < middle else "right",
             textcoords="offset points",
             fontsize=9,

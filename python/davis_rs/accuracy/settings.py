@@ -1,4 +1,4 @@
-"""The settings of the simulator that a sweep compares, as plain data."""
+"""Lists the settings of the simulator that a sweep compares, as plain data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..sampling.tolerance import Tolerance
 
 @dataclass(frozen=True)
 class Setting:
-    """A point on the curve: how to sample in time and space, and what it belongs to.
+    """Holds a point on the curve: how to sample in time and space, and what it belongs to.
 
     Attributes:
         name: unique, for people.
@@ -31,12 +31,13 @@ class Setting:
 
     @property
     def random(self) -> bool:
-        """Whether its rays carry noise, so that no exact crossings belong to them."""
+        """Tell whether its rays carry noise, so that no exact crossings belong to them."""
         return self.renderer == "integrator"
 
     @property
     def promised(self) -> float | None:
-        """The error of log luma between renders, in units of C, below which the sampling keeps 95 % of all pixels."""
+        """Return the error of log luma between renders, in units of C, below which the sampling keeps 95 % of all
+        pixels."""
         return self.sampling.contrast if isinstance(self.sampling, Tolerance) else None
 
 

@@ -1,4 +1,4 @@
-"""Calibration from views of a checkerboard: the camera, its pose on a tracked body, and its pose relative to an IMU."""
+"""Calibrates from views of a checkerboard: the camera, its pose on a tracked body, and its pose relative to an IMU."""
 
 from .camera.board_pose import BoardPose, board_pose, board_poses
 from .camera.camera_imu import MPU6150_NOISE, CameraImu, calibrate_camera_imu

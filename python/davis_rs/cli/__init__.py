@@ -1,4 +1,4 @@
-"""The command line: davis-rs.
+"""Runs the command line: davis-rs.
 
 ``main`` has the list of commands and what becomes of errors. When a command is called, its module adds its options,
 those of declared settings by ``settings_options``.

@@ -1,4 +1,4 @@
-"""``python -m davis_rs.cli``."""
+"""Runs ``python -m davis_rs.cli``."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The command line: davis-rs accuracy."""
+"""Runs davis-rs accuracy."""
 
 from __future__ import annotations
 
@@ -108,9 +108,9 @@ def _accuracy(options: argparse.Namespace) -> int:
 
 
 def _judged_scene(options: argparse.Namespace) -> tuple[Scene, Camera]:
-    """The scene on its path, and the camera that sees it."""
+    """Return the scene on its path, and the camera that sees it."""
     scene = on_trajectory(options, scene_of(options, options.quiet), quiet=options.quiet)
-    viewed = view_scene(scene, complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs accuracy"))
+    viewed = view_scene(scene, complete(ViewSettings, given_settings(options, ViewSettings), taker="davis-rs accuracy"))
     return scene, viewed.camera
 
 
@@ -156,8 +156,8 @@ def _frame_rates(options: argparse.Namespace) -> int:
     measured: list[VideoErrors] = []
     interrupted = False
     try:
-        for one in each(prepared.measure(settings), "videos", len(settings), show=not options.quiet):
-            measured.append(one)
+        for errors in each(prepared.measure(settings), "videos", len(settings), show=not options.quiet):
+            measured.append(errors)
             write_frame_rates_csv(measured, folder / "frame_rates.csv")
     except KeyboardInterrupt:
         say(LINE)

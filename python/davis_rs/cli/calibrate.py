@@ -1,4 +1,4 @@
-"""The command line: davis-rs calibrate intrinsics, hand-eye, camera-imu."""
+"""Runs davis-rs calibrate intrinsics, hand-eye, camera-imu."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..calibrate import (
     MPU6150_NOISE,
+    CameraImu,
+    HandEye,
+    Intrinsics,
     as_dict,
     board_poses,
     calibrate_camera_imu,
@@ -158,7 +160,7 @@ def _camera(options: argparse.Namespace, dataset: Dataset) -> Camera:
     return dataset.camera if options.camera is None else load_camera(options.camera)
 
 
-def _done(result: Any, output: Path | None) -> int:
+def _done(result: Intrinsics | HandEye | CameraImu, output: Path | None) -> int:
     if output is not None:
         write_whole(output, json.dumps(as_dict(result), indent=2) + "\n")
     tell(report(result))

@@ -1,4 +1,4 @@
-"""The command line: davis-rs calibrate sensor."""
+"""Runs davis-rs calibrate sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What several commands have in common: scenes and the camera's path."""
+"""Holds what several commands have in common: scenes and the camera's path."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 
 def scene_of(options: argparse.Namespace, quiet: bool = False) -> Scene:
-    """The scene that the options name; says what is to be known of its file."""
+    """Load the scene that the options name; says what is to be known of its file."""
     scene = load_scene(options.scene, up=options.up, scale=options.scale)
     if scene.note and not quiet:
         say(f"{scene.note} (--scale, --up)")
@@ -103,13 +103,13 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
 
 
 def on_path(options: argparse.Namespace, scene: Scene, quiet: bool = False) -> Scene:
-    """The scene over the part of a camera path that the options ask for, from t = 0."""
+    """Return the scene over the part of a camera path that the options ask for, from t = 0."""
     moved = on_trajectory(options, scene, at_s=options.start_s, quiet=quiet)
     return moved.crop(options.start_s, options.duration_s)
 
 
 def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.0, quiet: bool = False) -> Scene:
-    """The scene with the trajectory that the options ask for; says so where it was moved.
+    """Return the scene with the trajectory that the options ask for; says so where it was moved.
 
     Args:
         at_s: the instant of the trajectory that is moved to the scene's start.
@@ -133,12 +133,12 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
 
 
 def unnamed(error: ArgumentError) -> str:
-    """What an error says of an argument, for one of argparse's errors, which names it in front."""
+    """Say what an error says of an argument, for one of argparse's errors, which names it in front."""
     return error.told(lambda _: "").lstrip()
 
 
 def figure_file(text: str) -> Path:
-    """A file that a picture can be written to, told by its suffix; what draws it must be there."""
+    """Parse a file that a picture can be written to, told by its suffix; what draws it must be there."""
     from ..inspection.figure import check_figure_path
 
     require("view", "matplotlib")
@@ -149,7 +149,7 @@ def figure_file(text: str) -> Path:
 
 
 def sensor_size(text: str) -> tuple[int, int]:
-    """WIDTHxHEIGHT in pixels."""
+    """Parse WIDTHxHEIGHT in pixels."""
     try:
         return as_size(text)
     except ArgumentError as error:

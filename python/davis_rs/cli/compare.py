@@ -1,4 +1,4 @@
-"""The command line: davis-rs compare."""
+"""Runs davis-rs compare."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def _compare(options: argparse.Namespace) -> int:
     comparison = StreamComparison(measured(options.real, options), measured(options.simulated, options))
     tell(comparison)
     if options.json is not None:
-        found = {"real": comparison.real.describe(), "simulated": comparison.simulated.describe()}
-        write_whole(options.json, json.dumps(found, indent=1) + "\n")
+        described = {"real": comparison.real.describe(), "simulated": comparison.simulated.describe()}
+        write_whole(options.json, json.dumps(described, indent=1) + "\n")
     if options.figure is not None:
         tell(draw_comparison(comparison, options.figure))
     return 0

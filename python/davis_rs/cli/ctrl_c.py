@@ -1,4 +1,4 @@
-"""Ctrl-C from the command line's first line to its last: one line, and exit status 130.
+"""Ends the command on Ctrl-C, from its first line to its last: one line, and exit status 130.
 
 Three things are dangerous about the KeyboardInterrupt that Python raises by itself. Before :func:`main` runs nobody
 catches it. A module that is being imported is left half made, and a library may take that for a broken installation,
@@ -28,7 +28,7 @@ _IMPORT = "<frozen importlib._bootstrap>"
 
 
 def exit_status(run: Callable[[], int], say: Callable[[str], None]) -> int:
-    """What ``run`` returns; after Ctrl-C 130, and a line is said.
+    """Return what ``run`` returns; after Ctrl-C 130, and a line is said.
 
     While a module is imported, Ctrl-C waits until it is whole. In the end it has its meaning of before; in davis-rs
     itself it has none any more, because the result stands.
@@ -90,7 +90,7 @@ def send_again(thread: int) -> None:
 
 
 def _importing(frame: FrameType | None, outermost: FrameType) -> bool:
-    """Whether an import is under way within the command: one around it is that of a program that calls it."""
+    """Tell whether an import is under way within the command: one around it is that of a program that calls it."""
     while frame is not None and frame is not outermost:
         if frame.f_code.co_filename == _IMPORT:
             return True
@@ -99,7 +99,7 @@ def _importing(frame: FrameType | None, outermost: FrameType) -> bool:
 
 
 def _in_main_thread(handler: Callable[..., object]) -> bool:
-    """Whether this is the thread in which signals are handled; where it is, its handler is set to what it is."""
+    """Tell whether this is the thread in which signals are handled; where it is, its handler is set to what it is."""
     try:
         signal.signal(signal.SIGINT, handler)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The command line: davis-rs convert, davis-rs info."""
+"""Runs davis-rs convert, davis-rs info."""
 
 from __future__ import annotations
 
@@ -169,13 +169,13 @@ def _print_rest(path: str) -> None:
 
 @contextmanager
 def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
-    """A progress bar that is told the share that is done."""
+    """Show a progress bar that is told the fraction that is done."""
     with progress(what, 100.0, unit="%", show=not quiet) as bar:
-        yield lambda share: bar.to(100.0 * share)
+        yield lambda fraction: bar.to(100.0 * fraction)
 
 
 def _microseconds(text: str) -> int:
-    """Decimal seconds as microseconds, exactly."""
+    """Parse decimal seconds as microseconds, exactly."""
     try:
         t_us = Decimal(text) * 1_000_000
         if t_us != t_us.to_integral_value():
@@ -192,7 +192,7 @@ def _parts(text: str | None) -> tuple[str, ...] | None:
     return () if text == "none" else tuple(name.strip() for name in text.split(","))
 
 
-def _option(text: str) -> tuple[str, Any]:
+def _option(text: str) -> tuple[str, bool | int | str]:
     name, equals, value = text.partition("=")
     if not (name.isidentifier() and equals):
         raise argparse.ArgumentTypeError(f"expected NAME=VALUE such as compression=lz4, got {text!r}")

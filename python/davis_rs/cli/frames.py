@@ -1,4 +1,4 @@
-"""The command line: davis-rs frames."""
+"""Runs davis-rs frames."""
 
 from __future__ import annotations
 

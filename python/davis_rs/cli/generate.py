@@ -1,4 +1,4 @@
-"""The command line: davis-rs generate."""
+"""Runs davis-rs generate."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from .._util.terminal_text import tell
 from ..generate import generate_sequences, load_sequence_plan, verify_sequences
@@ -75,7 +74,7 @@ def _verify(options: argparse.Namespace) -> int:
     return 1 if wrong else 0
 
 
-def _flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+def _flat(parameters: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
     for key, value in parameters.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key}.")
@@ -83,14 +82,14 @@ def _flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield prefix + key, _short(value)
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_short, value))}]"
     return f"{value:.6g}" if isinstance(value, float) else "-" if value is None else str(value)
 
 
 def _table(rows: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """What all sequences have in common once, and then a row for each."""
+    """Write what all sequences have in common once, and then a row for each."""
     keys = list(dict.fromkeys(key for row in rows.values() for key in row))
     values = {key: [row.get(key, "-") for row in rows.values()] for key in keys}
     common = [key for key in keys if len(set(values[key])) == 1]

@@ -1,4 +1,4 @@
-"""The command line: davis-rs hard-cases."""
+"""Runs davis-rs hard-cases."""
 
 from __future__ import annotations
 

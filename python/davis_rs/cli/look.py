@@ -1,4 +1,4 @@
-"""The command line: davis-rs check, davis-rs view."""
+"""Runs davis-rs check, davis-rs view."""
 
 from __future__ import annotations
 
@@ -120,8 +120,8 @@ def _view_picture(options: argparse.Namespace, settings: dict[str, Any]) -> Path
     in_or_next_to = options.source / "view.png" if options.source.is_dir() else options.source.with_suffix(".png")
     output = check_figure_path(options.output or in_or_next_to)
     figure = view(options.source, **settings)
-    with whole_file(output) as place:
-        figure.savefig(place)
+    with whole_file(output) as working:
+        figure.savefig(working)
     return output
 
 

@@ -1,4 +1,4 @@
-"""The command line: its commands, and what becomes of errors."""
+"""Runs the command line: its commands, and what becomes of errors."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
 
 
 def make_parser() -> Parser:
-    """The parser of all commands, each of which is set up when it is used."""
+    """Make the parser of all commands, each of which is set up when it is used."""
     parser = Parser(
         prog="davis-rs",
         description="Simulate a DAVIS event camera, and read a real one.",
@@ -144,7 +144,7 @@ def _refuses_noise(error: Exception) -> bool:
 
 
 def _as_option(written: Mapping[str, str], argument: Argument) -> str:
-    """What the library calls an argument as its users write it: --format, not format."""
+    """Write what the library calls an argument as its users do: --format, not format."""
     option = written.get(argument.name)
     if option is None:
         return in_python(argument)
@@ -154,7 +154,7 @@ def _as_option(written: Mapping[str, str], argument: Argument) -> str:
 
 
 def _interrupted(error: BaseException | None) -> bool:
-    """Whether a Ctrl-C is behind an error: libraries that are being imported turn it into an ImportError."""
+    """Tell whether a Ctrl-C is behind an error: libraries that are being imported turn it into an ImportError."""
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
             return True

@@ -1,9 +1,9 @@
-"""The command line: streams whose statistics are measured, as ``compare`` and ``calibrate sensor`` do."""
+"""Measures the statistics of streams, for ``compare`` and ``calibrate sensor``."""
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 from .._util.progress import progress
 from .common import sensor_size
@@ -38,21 +38,33 @@ def add_measured(parser: argparse.ArgumentParser) -> None:
 
 
 def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
-    """The statistics of a stream, with a progress bar."""
+    """Measure the statistics of a stream, with a progress bar."""
     from ..inspection.statistics import measure_stream
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_stream(path, progress=lambda share: bar.to(100.0 * share), **_part(options))
+        return measure_stream(path, progress=lambda fraction: bar.to(100.0 * fraction), **_measured(options))
 
 
 def measured_with_frames(path: str, options: argparse.Namespace, lux: float | None) -> MeasuredRecording:
-    """The same, and the recording's frames; ``lux`` is what its quiet pixels see, None if it is not known."""
+    """Measure the same, and the recording's frames; ``lux`` is what its quiet pixels see, None if it is not known."""
     from ..calibrate.sensor import measure_recording
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_recording(path, progress=lambda share: bar.to(100.0 * share), lux=lux, **_part(options))
+        return measure_recording(
+            path, progress=lambda fraction: bar.to(100.0 * fraction), lux=lux, **_measured(options)
+        )
 
 
-def _part(options: argparse.Namespace) -> dict[str, Any]:
-    region = None if options.quiet_region is None else tuple(options.quiet_region)
-    return {"size": options.size, "quiet": region, "start_s": options.start_s, "stop_s": options.stop_s}
+class _Measured(TypedDict):
+    """Says which pixels and which time of a recording are measured."""
+
+    size: tuple[int, int] | None
+    quiet: tuple[int, int, int, int] | None
+    start_s: float
+    stop_s: float | None
+
+
+def _measured(options: argparse.Namespace) -> _Measured:
+    region = options.quiet_region
+    quiet = None if region is None else (region[0], region[1], region[2], region[3])
+    return {"size": options.size, "quiet": quiet, "start_s": options.start_s, "stop_s": options.stop_s}

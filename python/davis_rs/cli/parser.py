@@ -1,4 +1,4 @@
-"""argparse, with errors of one line, and with commands that are set up when they are used."""
+"""Extends argparse: errors of one line, and commands that are set up when they are used."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .._util.close_names import did_you_mean
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that adds its arguments when it is used.
+    """Parses arguments that are added when it is used.
 
     So only the command that is called imports what it needs, and ``davis-rs --help`` needs next to nothing.
 
@@ -52,7 +52,7 @@ class Parser(argparse.ArgumentParser):
         return did_you_mean(option, options, effects) if option else ""
 
     def error(self, message: str) -> NoReturn:
-        """One line in place of the whole usage."""
+        """Print one line in place of the whole usage."""
         self.exit(2, f"davis-rs: error: {message} (see {self.prog} --help)\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -68,6 +68,6 @@ class Parser(argparse.ArgumentParser):
 
 
 def _written(action: argparse.Action) -> str:
-    """How users write an argument."""
+    """Return how users write an argument."""
     options = [*(option for option in action.option_strings if option.startswith("--")), *action.option_strings]
     return options[0] if options else str(action.metavar or action.dest)

@@ -1,11 +1,11 @@
-"""The command line: davis-rs plan."""
+"""Runs davis-rs plan."""
 
 from __future__ import annotations
 
 import argparse
 
 from .._util.terminal_text import tell
-from ..simulation.settings import PlanSettings, ViewSettings, complete, view_scene
+from ..simulation.settings import PlanSettings, ViewSettings, complete, renderer_of, view_scene
 from .common import add_path, add_scene, on_path, scene_of
 from .settings_options import add_settings, given_settings
 
@@ -36,10 +36,8 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
 
 def _plan(options: argparse.Namespace) -> int:
     from ..accuracy.light_accuracy import light_cost
-    from ..render.choice import make_renderer
     from ..simulation.monte_carlo_noise import estimate_noise
     from ..simulation.planning import plan_effects
-    from ..simulation.settings.resolve import renderer_settings
 
     scene = on_path(options, scene_of(options))
     plan = plan_effects(
@@ -51,9 +49,9 @@ def _plan(options: argparse.Namespace) -> int:
     noise = estimate_noise(scene, **given_settings(options, ViewSettings))
     if noise is not None:
         tell(noise)
-    given = complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs plan")
-    viewed = view_scene(scene, given)
-    light = light_cost(make_renderer(viewed.scene, viewed.camera, **renderer_settings(given)), viewed.scene)
+    settings = complete(ViewSettings, given_settings(options, ViewSettings), taker="davis-rs plan")
+    viewed = view_scene(scene, settings)
+    light = light_cost(renderer_of(viewed, settings), viewed.scene)
     if light is not None:
         tell(light)
     return 0

@@ -1,4 +1,4 @@
-"""The command line: davis-rs sensors."""
+"""Runs davis-rs sensors."""
 
 from __future__ import annotations
 
@@ -29,8 +29,12 @@ def _list(_: argparse.Namespace) -> int:
 
 
 def _in_short(sensor: SensorFile) -> str:
-    one = sensor.parameters
-    size = "any size" if one.width is None or one.height is None else f"{one.width} x {one.height}"
+    parameters = sensor.parameters
+    size = (
+        "any size"
+        if parameters.width is None or parameters.height is None
+        else f"{parameters.width} x {parameters.height}"
+    )
     return f"{size:<10} {len(sensor.given):>2} values  {sensor.description.partition('. ')[0].rstrip('.')}"
 
 

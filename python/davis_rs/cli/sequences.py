@@ -1,4 +1,4 @@
-"""The command line: davis-rs sequences."""
+"""Runs davis-rs sequences."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def _add_names(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_measured(parser: argparse.ArgumentParser) -> None:
-    for option, default, of in (
+    for option, default, meaning in (
         ("--measured", MEASURED, "ideal pixels"),
         ("--measured-recorded", MEASURED_RECORDED, "the sensor of the recording"),
     ):
-        parser.add_argument(option, type=Path, metavar="CSV", default=default, help=f"counts of {of} to list")
+        parser.add_argument(option, type=Path, metavar="CSV", default=default, help=f"counts of {meaning} to list")
 
 
 def _counts(options: argparse.Namespace) -> tuple[dict[str, EventCount], dict[str, EventCount]]:

@@ -1,4 +1,4 @@
-"""The options of the command line that follow from the declarations of settings."""
+"""Adds the options of the command line that follow from the declarations of settings, and reads them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Any
 
 from .._util.argument_checks import parse_size
 from .._util.argument_error import ArgumentError
-from ..simulation.settings import Setting, settings_of
+from ..simulation.settings import Setting, Settings, settings_of
 from .common import unnamed
 
 
-def add_settings(parser: argparse.ArgumentParser, declaration: type, *, only: Collection[str] | None = None) -> None:
+def add_settings(
+    parser: argparse.ArgumentParser, declaration: type[Settings], *, only: Collection[str] | None = None
+) -> None:
     """Add an option for each setting that can be given as text, under the headings that it declares.
 
     Options that are not given leave nothing in the namespace: their defaults are the declaration's.
@@ -30,10 +32,9 @@ def add_settings(parser: argparse.ArgumentParser, declaration: type, *, only: Co
         _add_option(groups[heading], setting)
 
 
-def given_settings(options: argparse.Namespace, declaration: type) -> dict[str, Any]:
-    """The settings that the options give, by name."""
-    given = vars(options)
-    return {name: given[name] for name in settings_of(declaration) if name in given}
+def given_settings(options: argparse.Namespace, declaration: type[Settings]) -> dict[str, Any]:
+    """Return the settings that the options give, by name."""
+    return {name: getattr(options, name) for name in settings_of(declaration) if hasattr(options, name)}
 
 
 def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
@@ -63,7 +64,7 @@ def _metavar(setting: Setting) -> str | None:
 
 
 def _reader(setting: Setting) -> Callable[[str], Any]:
-    """What reads an option's text, and refuses it; argparse's message begins with the option."""
+    """Make what reads an option's text, or refuses it; argparse's message begins with the option."""
     kind = setting.kind or str
 
     def read(text: str) -> Any:

@@ -1,4 +1,4 @@
-"""The command line: davis-rs simulate and davis-rs sequence."""
+"""Runs davis-rs simulate and davis-rs sequence."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _simulate_sequence(options: argparse.Namespace, name: str, scene: Scene) -> 
     return simulate_into(options, scene, dict(sequence.settings), **meta)
 
 
-def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str, Any], **meta: Any) -> int:
+def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str, Any], **meta: object) -> int:
     """Simulate a scene into the folder ``options.output``.
 
     Args:

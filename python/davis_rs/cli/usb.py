@@ -1,4 +1,4 @@
-"""The command line: davis-rs devices, record, decode."""
+"""Runs davis-rs devices, record, decode."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -117,8 +116,8 @@ def _add_backward(parser: argparse.ArgumentParser) -> None:
 
 
 def _devices(_: argparse.Namespace) -> int:
-    found = find_devices()
-    for device in found:
+    devices = find_devices()
+    for device in devices:
         kind = "FX3" if device.product == FX3 else "FX2"
         line = f"bus {device.bus} address {device.address}  {kind} firmware {device.firmware}"
         if device.problem is not None:
@@ -136,9 +135,9 @@ def _devices(_: argparse.Namespace) -> int:
             tell(f"{line}  {camera.chip}  serial {camera.serial}  {size}  logic {camera.logic_version}")
         except OSError as error:
             tell(f"{line}  serial {device.serial}\n{error.strerror or error}")
-    if not found:
+    if not devices:
         tell("no DAVIS camera on the USB", file=sys.stderr)
-    return 0 if found else 1
+    return 0 if devices else 1
 
 
 def _record(options: argparse.Namespace) -> int:
@@ -199,7 +198,7 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
 
 
 class RawOutput:
-    """The camera's bytes, as they come."""
+    """Writes the camera's bytes, as they come."""
 
     def __init__(self, path: Path, camera: Davis) -> None:
         self._camera = camera
@@ -216,7 +215,7 @@ class RawOutput:
 
 
 class LiveOutput:
-    """The camera's stream, decoded."""
+    """Writes the camera's stream, decoded."""
 
     def __init__(self, path: Path, camera: Davis, backward: Policy) -> None:
         self._camera = camera
@@ -233,8 +232,9 @@ class LiveOutput:
 
 
 def _decode(options: argparse.Namespace) -> int:
-    policy: dict[str, Any] = {"backward": "keep", "outside": "drop", "max_packet_bytes": options.max_packet_bytes}
-    with open_reader(options.recording, **policy) as reader:
+    with open_reader(
+        options.recording, backward="keep", outside="drop", max_packet_bytes=options.max_packet_bytes
+    ) as reader:
         source = _stream(reader, options)
         output: DecodedOutput | None = None
         if options.output is not None:
@@ -270,22 +270,22 @@ def _stream(reader: EventReader, options: argparse.Namespace) -> BytesOfCamera |
 
 
 class BytesOfCamera:
-    """A recording of a camera's bytes, decoded."""
+    """Reads a recording of a camera's bytes, decoded."""
 
     def __init__(self, recording: RawRecording) -> None:
         self._recording, self._decoder = recording, recording.decoder()
         self.title = f"{self._recording.camera}, {self._recording.started:%Y-%m-%d %H:%M:%S} UTC"
 
     def pieces(self) -> Iterator[Decoded]:
-        """What it holds, piece by piece."""
+        """Yield what it holds, piece by piece."""
         return (self._decoder.push(chunk) for chunk in self._recording.chunks())
 
     def remarks(self) -> list[str]:
-        """What was odd."""
+        """Say what was odd."""
         return _oddities(self._decoder.stats)
 
     def losses(self) -> list[str]:
-        """What is not there."""
+        """Say what is not there."""
         lost = self._recording.lost_bytes
         said = [f"{lost} bytes had been lost while it was recorded"] if lost else []
         if not self._recording.complete:
@@ -294,7 +294,7 @@ class BytesOfCamera:
 
 
 class FileOfSoftware:
-    """An AEDAT file; its times count from its first."""
+    """Reads an AEDAT file; its times count from its first."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording.from_start()
@@ -302,20 +302,20 @@ class FileOfSoftware:
         self.title = f"{recording.format}, {recording.chip or 'unknown chip'}{started}, from {recording.start_us} us on"
 
     def pieces(self) -> Iterator[Decoded]:
-        """All of it."""
+        """Yield all of it."""
         yield self._recording.decoded
 
     def remarks(self) -> list[str]:
-        """What was assumed."""
+        """Say what was assumed."""
         return list(self._recording.notes)
 
     def losses(self) -> list[str]:
-        """What is cut off was said when it was read."""
+        """Return nothing: what is cut off was said when it was read."""
         return []
 
 
 class EventFile:
-    """An event file of another format, or a dataset folder: its events, frames and inertial samples."""
+    """Reads an event file of another format, or a dataset folder: its events, frames and inertial samples."""
 
     def __init__(self, reader: EventReader) -> None:
         self._reader = reader
@@ -323,7 +323,7 @@ class EventFile:
         self.title = f"{reader.format}{size}"
 
     def pieces(self) -> Iterator[Decoded]:
-        """What it holds, kind by kind."""
+        """Yield what it holds, kind by kind."""
         for events in self._reader.iter():
             yield EMPTY._replace(events=events)
         if (imu := getattr(self._reader, IMU.read, None)) is not None:
@@ -335,12 +335,12 @@ class EventFile:
                 yield EMPTY._replace(frames=[frame])
 
     def remarks(self) -> list[str]:
-        """What was left out."""
+        """Say what was left out."""
         outside = self._reader.check.dropped_outside
         return [f"{outside} events outside of the sensor left out"] if outside else []
 
     def losses(self) -> list[str]:
-        """What is cut off was said when it was read."""
+        """Return nothing: what is cut off was said when it was read."""
         return []
 
 

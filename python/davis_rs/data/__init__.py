@@ -1,1 +1,1 @@
-"""Events for training: windows over a stream, and datasets for PyTorch."""
+"""Hands out events for training: windows over a stream, and datasets for PyTorch."""

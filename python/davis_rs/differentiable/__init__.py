@@ -1,4 +1,4 @@
-"""Luma frames with derivatives, in Dr.Jit; and event times with derivatives, without it.
+"""Computes luma frames with derivatives in Dr.Jit, and event times with derivatives without it.
 
 ``renderer`` (luma in Dr.Jit) -> ``kernel``, ``poses``, ``frame_edges`` (the part of edges), ``scene_at`` (what
 moves); ``event_times`` (PyTorch), ``event_residuals`` -> ``event_jacobian`` -> ``event_derivatives`` ->

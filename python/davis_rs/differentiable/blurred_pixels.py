@@ -1,4 +1,4 @@
-"""Which pixels of a native renderer's own luma make one pixel of its frames."""
+"""Finds the pixels of unblurred luma that make one pixel of a renderer's frames."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class BlurredPixels:
         self.weights = (np.outer(_BLUR, _BLUR) if renderer.blur else np.ones((1, 1))).ravel()
 
     def neighbours(self, pixel: IntArray) -> IntArray:
-        """(n, m) the pixels whose luma, times :attr:`weights`, adds up to that of pixels (n,), y W + x."""
+        """Return (n, m) pixels whose luma, times :attr:`weights`, adds up to the blurred luma of pixels (n,), y
+        W + x."""
         y, x = np.divmod(pixel, self._camera.width)
         rows = mirrored(y[:, None] + self._rows, self._camera.height)
         return rows * self._camera.width + mirrored(x[:, None] + self._columns, self._camera.width)

@@ -1,4 +1,4 @@
-"""Where log luma of single pixels crosses levels, by following it from instants nearby."""
+"""Finds where log luma of single pixels crosses levels, by following it from instants nearby."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ IntArray = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 _FIRST_US, _LONGEST_US = 2.0, 2000.0
-"""The shortest first step, and the longest step: what rises and falls again in between is not seen."""
+"""The shortest first step, and the longest step: a rise and fall within a step is missed."""
 
 _FOUND_US = 0.02
-_TURNS = 60
-_MIDDLE = 3
-"""Every third turn the interval is halved, whatever the slope says."""
+_ITERATIONS = 60
+_BISECTION = 3
+"""Every third iteration halves the interval instead of following the slope."""
 
 _US = 1e6
 
@@ -28,10 +28,10 @@ class Crossings(NamedTuple):
     """Crossings of n levels.
 
     Attributes:
-        t_us: (n,) where they are; the instant that was given where there is none.
-        found: (n,) whether there is one.
-        smooth: (n,) whether log luma reaches the level there, and does not jump over it.
-        here: log luma at ``t_us``, for those that are smooth within 0.02 us of it.
+        t_us: (n,) when they are; the given instant where there is no crossing.
+        found: (n,) whether there is a crossing.
+        smooth: (n,) whether log luma reaches the level there without jumping over it.
+        here: log luma at ``t_us``; at smooth crossings within 0.02 us of it.
     """
 
     t_us: FloatArray
@@ -52,13 +52,13 @@ class _Search:
         self._put(np.arange(len(t_us)))
 
     def look(self, which: IntArray, t_us: FloatArray) -> None:
-        """Evaluate some of them at new instants, and narrow their intervals."""
+        """Evaluate the crossings ``which`` at new instants, and narrow their intervals."""
         self.at_us[which] = t_us
         self.here.put(which, self._field.at(t_us, self._pixel[which]))
         self._put(which)
 
     def step_us(self, which: IntArray) -> FloatArray:
-        """How far the crossing is along the slope; NaN where log luma does not move towards it."""
+        """Return the time to the crossing along the slope; NaN where log luma does not move towards the level."""
         rising = self._sign[which] * self.here.rate[which]
         ahead = self._sign[which] * (self._level[which] - self.here.value[which])
         return np.where(rising > 0, _US * ahead / np.where(rising > 0, rising, 1.0), np.nan)
@@ -78,14 +78,14 @@ def find_crossings(
     *,
     within_us: float,
 ) -> Crossings:
-    """The crossings of levels (n,) of log luma of pixels (n,) next to instants (n,), microseconds.
+    """Find the crossings of levels (n,) by log luma of pixels (n,) next to instants (n,), microseconds.
 
-    From an instant at which the level is not reached yet the crossing lies later, else before: steps that double lead
-    there, and slopes and halves of the interval to within 0.02 us.
+    If the level is not reached at the instant, the crossing lies later, else before. Steps that double bracket it;
+    then Newton steps and bisection find it to within 0.02 us.
 
     Args:
         sign: (n,) 1 where log luma rises through the level, -1 where it falls.
-        within_us: how far from its instant a crossing is looked for.
+        within_us: how far from its instant a crossing is searched.
     """
     search = _Search(field, t_us, pixel, sign, level)
     first = np.maximum(t_us - within_us, 0.0)
@@ -103,10 +103,10 @@ def find_crossings(
             break
         search.look(active, np.clip(at + np.where(later, 1, -1) * step[active], first[active], last[active]))
         step[active] = np.minimum(2 * step[active], _LONGEST_US)
-    found = np.isfinite(search.low) & np.isfinite(search.high)
-    smooth = np.zeros(len(found), np.bool_)
-    active = np.flatnonzero(found)
-    for turn in range(_TURNS):
+    crossed = np.isfinite(search.low) & np.isfinite(search.high)
+    smooth = np.zeros(len(crossed), np.bool_)
+    active = np.flatnonzero(crossed)
+    for iteration in range(_ITERATIONS):
         step_us = search.step_us(active)
         near = np.abs(step_us) <= _FOUND_US
         smooth[active[near]] = True
@@ -118,9 +118,9 @@ def find_crossings(
         low, high = search.low[active], search.high[active]
         begin, end = np.minimum(low, high), np.maximum(low, high)
         target = search.at_us[active] + step_us
-        inside = (target > begin) & (target < end) & (turn % _MIDDLE != _MIDDLE - 1)
+        inside = (target > begin) & (target < end) & (iteration % _BISECTION != _BISECTION - 1)
         search.look(active, np.where(inside, target, (begin + end) / 2))
-    jumps = found & ~smooth
+    jumps = crossed & ~smooth
     search.at_us[jumps] = (search.low[jumps] + search.high[jumps]) / 2
-    search.at_us[~found] = t_us[~found]
-    return Crossings(search.at_us, found, smooth, search.here)
+    search.at_us[~crossed] = t_us[~crossed]
+    return Crossings(search.at_us, crossed, smooth, search.here)

@@ -1,4 +1,4 @@
-"""Derivatives of the times of events, and of log luma at them, as dense columns and as sparse blocks."""
+"""Computes derivatives of the times of events, and of log luma at them, as dense columns and as sparse blocks."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ IntArray = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 QUANTITIES = ("pose", "contrast_threshold", "log_eps", "clock_offset", "clock_drift", "light")
-"""What ``of`` may name."""
+"""The names that ``of`` may have."""
 
 _US = 1e6
 
 
 @dataclass(frozen=True, eq=False)
 class EventDerivatives(ABC):
-    """How something of n events moves: its unit per unit of an unknown.
+    """Derivatives of a quantity of n events by unknowns.
 
     Sparse blocks are ``scipy.sparse.csr_array``; their rows of events that are not known are empty. Blocks with the
     same rows stand next to each other by ``scipy.sparse.hstack``.
 
     Attributes:
-        t_us: (n,) where log luma was looked at.
+        t_us: (n,) when log luma was evaluated.
         levels: of the events.
         start, here: log luma at the start of the run, and at ``t_us``.
-        smooth: (n,) the derivatives are those of log luma there.
+        smooth: (n,) whether the derivatives are those of log luma there.
         field: log luma of the run.
     """
 
@@ -58,7 +58,7 @@ class EventDerivatives(ABC):
         return self.smooth
 
     def jacobian(self, of: Sequence[str]) -> FloatArray:
-        """(n, columns) of unknowns, NaN where nothing is known.
+        """Return the derivatives (n, columns) by unknowns, NaN where they are not known.
 
         The unknowns are those of :func:`~davis_rs.differentiable.event_time_jacobian`.
 
@@ -72,12 +72,13 @@ class EventDerivatives(ABC):
         return jacobian
 
     def pose_parts(self) -> tuple[FloatArray, FloatArray]:
-        """(n, 6) each: by an increment of the pose at the event, and by one of the pose at the start of the run.
+        """Return the derivatives (n, 6) by an increment of the pose at the event, and by one at the start of the run.
 
         Units and axes are those of ``pose`` in :func:`~davis_rs.differentiable.event_time_jacobian`, whose columns are
-        the sum of both. 0 where nothing is known. With them goes any path of increments: times its weights at the
-        event, and at the start. Of a path that :func:`~davis_rs.differentiable.moved` has made they are those by what
-        is added to its increments.
+        the sum of both. 0 where nothing is known. The derivatives by any
+        parameters of a path of increments follow: multiply by the weights of the parameters at the event and at the
+        start. For a path made by :func:`~davis_rs.differentiable.moved` they are those by an addition to its
+        increments.
         """
         at_event, at_start = self._own_pose_parts()
         if isinstance(self.field.path, MovedPath):
@@ -88,7 +89,7 @@ class EventDerivatives(ABC):
         return at_event, at_start
 
     def control_points(self, count: int, *, degree: int = 3) -> csr_array:
-        """Sparse (n, 6 ``count``): by the control points of a spline of increments of the path.
+        """Return sparse derivatives (n, 6 ``count``) by the control points of a spline of increments of the path.
 
         The spline is that of :func:`~davis_rs.differentiable.spline_weights` over the run's path, as in
         :func:`~davis_rs.differentiable.moved`. Column 6 i + k is number
@@ -111,7 +112,7 @@ class EventDerivatives(ABC):
         return _rows_of(csr_array, np.concatenate(columns, 1), np.concatenate(values, 1), 6 * count)
 
     def contrast_threshold_map(self) -> csr_array:
-        """Sparse (n, 2 W H): by each pixel's own thresholds, natural-log units.
+        """Return sparse derivatives (n, 2 W H) by each pixel's own thresholds, natural-log units.
 
         Column y W + x is the ON threshold of pixel (x, y), column W H + y W + x its OFF threshold. 0 for a jump.
         """
@@ -123,10 +124,10 @@ class EventDerivatives(ABC):
         return _rows_of(csr_array, columns, self._columns("contrast_threshold") * self.ok[:, None], 2 * pixels)
 
     def reflectance(self) -> csr_array:
-        """Sparse (n, texels): by the reflectance of each texel of the scene, all of its channels alike; 0 for a jump.
+        """Return sparse derivatives (n, texels) by the reflectance of each texel, all channels alike; 0 for a jump.
 
-        A texel is 0..1; :meth:`texture_columns` tells which column is whose. With J the matrix, ``J.T @ g`` is the
-        gradient of a loss that has the derivatives g (n,) by what moves: reverse mode. Baked light that bounces from a
+        A texel is 0..1; :meth:`texture_columns` tells the column of each. With J this matrix, ``J.T @ g`` is the
+        gradient of a loss whose derivatives by the quantity are g (n,): reverse mode. Baked light that bounces from a
         surface is taken as fixed.
         """
         from scipy.sparse import csr_array
@@ -137,7 +138,8 @@ class EventDerivatives(ABC):
         return per_log @ (start - self.field.by_texel(self.t_us, self.levels.pixel))
 
     def texture_columns(self) -> dict[str, IntArray]:
-        """For each shape, ``<id>.reflectance``, the columns (H, W) of its texels in :meth:`reflectance`."""
+        """Return, by the name ``<id>.reflectance`` of each shape, the columns (H, W) of its texels in
+        :meth:`reflectance`."""
         table = self.field.renderer.table
         return {
             f"{shape.id()}.reflectance": first + np.arange(height * width).reshape(height, width)
@@ -148,10 +150,10 @@ class EventDerivatives(ABC):
 
     @abstractmethod
     def _per_log(self) -> FloatArray:
-        """(n, 1) by how much it moves where the level of the event rises over log luma, by natural-log unit."""
+        """Return (n, 1) the derivative by the event's level less log luma, per natural-log unit."""
 
     def _own_pose_parts(self) -> tuple[FloatArray, FloatArray]:
-        """Those of :meth:`pose_parts` by increments of the path as it is."""
+        """Return :meth:`pose_parts` by increments of the path as it is."""
         return -self.here.pose * self._per_log(), self.start.pose * self._per_log()
 
     def _columns(self, name: str) -> FloatArray:
@@ -166,26 +168,26 @@ class EventDerivatives(ABC):
             return -((here.lights - start.lights) @ self.field.of_light_name) * per_log
         if name == "clock_offset":
             return (here.rate - start.rate)[:, None] * per_log
-        # A drift: at the start of the run nothing is late yet.
+        # A drift delays nothing at the start of the run.
         return (here.rate * self.t_us * 1e-6)[:, None] * per_log
 
 
 @dataclass(frozen=True, eq=False)
 class EventTimeDerivatives(EventDerivatives):
-    """How the times of n events move, in microseconds per unit of an unknown.
+    """Derivatives of the times of n events, in microseconds per unit of an unknown.
 
     Sparse blocks are ``scipy.sparse.csr_array``; their rows of events that are not known are empty. Blocks with the
     same rows stand next to each other by ``scipy.sparse.hstack``.
 
     Attributes:
-        t_us: (n,) where log luma was looked at: the middle of the microsecond that ends at a refined event's stamp, the
-            crossing that was found for another.
+        t_us: (n,) when log luma was evaluated: for a refined event the middle of the microsecond that ends at its
+            stamp, for another the crossing that was found.
         levels: of the events.
         start, here: log luma at the start of the run, and at ``t_us``.
-        smooth: (n,) log luma reaches the level at ``t_us``, and rises or falls through it.
+        smooth: (n,) whether log luma reaches the level at ``t_us``, and rises or falls through it.
         field: log luma of the run.
-        jump: (n,) a ray of the pixel jumps there, for which an edge is known.
-        jump_pose: (n, 6) seconds by an increment of the pose, of those that jump.
+        jump: (n,) whether a ray of the pixel jumps there because of a known edge.
+        jump_pose: (n, 6) for those, seconds by an increment of the pose.
     """
 
     jump: Flags
@@ -197,7 +199,7 @@ class EventTimeDerivatives(EventDerivatives):
         return self.smooth | self.jump
 
     def _per_log(self) -> FloatArray:
-        """(n, 1) microseconds by log luma, 0 where it is not log luma that makes the event."""
+        """Return (n, 1) microseconds per unit of log luma, 0 where the event does not come from log luma."""
         return np.where(self.smooth, _US / np.where(self.smooth, self.here.rate, 1.0), 0.0)[:, None]
 
     def _own_pose_parts(self) -> tuple[FloatArray, FloatArray]:
@@ -205,7 +207,7 @@ class EventTimeDerivatives(EventDerivatives):
         return at_event + self.jump_pose * self.jump[:, None] * _US, at_start
 
     def _columns(self, name: str) -> FloatArray:
-        # An edge passes later by all that its motion is late.
+        # An edge passes as much later as its motion is delayed.
         if name == "clock_offset":
             return np.where(self.jump[:, None], _US, super()._columns(name))
         if name == "clock_drift":
@@ -215,13 +217,13 @@ class EventTimeDerivatives(EventDerivatives):
 
 @dataclass(frozen=True, eq=False)
 class LogLumaDerivatives(EventDerivatives):
-    """How log luma of n events' pixels, less the events' levels, moves: natural-log units per unit of an unknown.
+    """Derivatives of log luma of n events' pixels, less the events' levels: natural-log units per unit of an unknown.
 
-    Instants are fixed. Which surface a ray meets, and whether a light is hidden from it, is taken as fixed too: at an
-    edge only the surfaces' part is there. For the rest it is as :class:`EventTimeDerivatives`.
+    Instants are fixed. Which surface a ray hits, and whether a light is hidden from it, is taken as fixed too: at an
+    edge only the part of the surfaces counts. For the rest see :class:`EventTimeDerivatives`.
 
     Attributes:
-        t_us: (n,) where log luma was looked at: the middle of the microsecond that ends at the stamp.
+        t_us: (n,) when log luma was evaluated: the middle of the microsecond that ends at the stamp.
         levels: of the events.
         start, here: log luma at the start of the run, and at ``t_us``.
         smooth: (n,) True: log luma has a value everywhere.
@@ -242,7 +244,7 @@ def check_quantities(of: Sequence[str]) -> None:
 
 
 def _rows_of(csr_array: type, columns: IntArray, values: FloatArray, width: int) -> csr_array:
-    """A sparse matrix of (n, k) entries, k in each row."""
+    """Make a sparse matrix from (n, k) entries, k in each row."""
     n, k = columns.shape
     matrix = csr_array((values.ravel(), columns.ravel(), np.arange(n + 1) * k), shape=(n, width))
     matrix.sum_duplicates()

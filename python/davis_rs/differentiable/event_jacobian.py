@@ -1,4 +1,4 @@
-"""How the times of events move with the camera's path, the thresholds and the light."""
+"""Computes how the times of events move with the camera's path, the thresholds and the light."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from ..events.arrays import EventArray
 from ..geometry.camera import Camera
 from ..render.native.renderer import NativeRenderer
 from ..scene.scene import Scene, check_scene
-from ..simulation.settings import SimulatorSettings
 from ..simulation.simulator import Simulator
 from .event_crossings import find_crossings
 from .event_derivatives import EventTimeDerivatives, check_quantities
@@ -28,38 +27,41 @@ from .pixel_means import MeanLogLumaField
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from ..simulation.settings.keywords import SimulatorKeywords
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 STAMPED_US = 0.5
-"""How long before its stamp a refined event is looked at: the middle of the microsecond that it is in."""
+"""How long before its stamp a refined event is evaluated: the middle of its microsecond."""
 
 AT_STAMP_US = (-1.5, 1.5)
-"""Where the crossing of a refined event lies, from there: in that microsecond, and what rounding adds. A ray that jumps
-by 1e-4 of log luma or more there puts it farther away."""
+"""Where the crossing of a refined event lies relative to that: within its microsecond, and a margin for rounding. If a
+ray jumps by 1e-4 of log luma or more there, the crossing seems farther away."""
 
 JUMPS_US = ((1.25, 0.25), (12.0, 10.0))
-"""How long before and after its stamp an event's jump is looked for, one after the other: where the image moves slowly
-an edge needs many microseconds for what float32 rounds."""
+"""The windows before and after its stamp in which an event's jump is searched, one after the other: where the image
+moves slowly, an edge needs many microseconds to move by what float32 rounds."""
 
 AT_JUMP_US = ((0.25, 0.25),)
-"""How long before and after a crossing that was found its jump is looked for."""
+"""The window before and after a crossing in which its jump is searched."""
 
 NEAR_US = 200.0
-"""How far from its stamp the crossing of an event that was not refined is looked for."""
+"""How far from its stamp the crossing of an event that was not refined is searched."""
 
 AT_LEVEL = 0.05
-"""The share of a threshold by which the mean of a pixel may miss the level: the run's pixel goes in steps of rays."""
+"""By which fraction of a threshold the mean of a pixel may miss the level: the run's pixel changes ray by ray."""
 
 EDGES = ("rays", "mean")
-"""What ``edges`` may be."""
+"""The values of ``edges``."""
 
-_TOGETHER = 1 << 12
-"""Jumps that are looked for in one call."""
+_AT_ONCE = 1 << 12
+"""How many jumps are searched in one call."""
 
 LEAST_SLOPE = 0.02
-"""Log luma per second, below which a crossing is tangential: a change of 1e-6 of log luma then moves it by 50 us."""
+"""Slope of log luma, per second, below which a crossing is tangential: a change of 1e-6 of log luma then moves it by 50
+us."""
 
 _US = 1e6
 
@@ -85,7 +87,7 @@ class EventTimeModel:
         thresholds: npt.ArrayLike | None = None,
         *,
         edges: str = "rays",
-        **settings: Unpack[SimulatorSettings],
+        **settings: Unpack[SimulatorKeywords],
     ) -> None:
         if edges not in EDGES:
             raise ArgumentError("{edges} must be {}, got {!r}", " or ".join(map(repr, EDGES)), edges)
@@ -110,7 +112,8 @@ class EventTimeModel:
         self.thresholds = _threshold_maps(simulator, thresholds)
 
     def changed(self, increments: npt.ArrayLike | None, thresholds: npt.ArrayLike | None) -> EventTimeModel:
-        """The same with the path moved, see :class:`MovedPath`, or with other thresholds; None leaves either."""
+        """Return the model with the path moved, see :class:`MovedPath`, or with other thresholds; None changes
+        nothing."""
         other = copy(self)
         if increments is not None:
             other.path = MovedPath(self.path, increments)
@@ -126,7 +129,7 @@ class EventTimeModel:
         return count_levels(events, camera.width, camera.height, self.path.duration_s * _US)
 
     def linearise(self, levels: EventLevels) -> EventTimeDerivatives:
-        """Look at each event of a run where it is, and at the start of the run: log luma and its derivatives."""
+        """Evaluate log luma and its derivatives at each event of a run, and at the start of the run."""
         if not self.refined:
             return self.search(levels, NEAR_US)[0]
         start, level = self.start_and_level(levels)
@@ -141,20 +144,22 @@ class EventTimeModel:
         return self._derivatives(at_us, levels, start, here, smooth, jump, jump_pose)
 
     def search(self, levels: EventLevels, within_us: float) -> tuple[EventTimeDerivatives, Flags]:
-        """Find the crossing of each event's level next to its stamp, and log luma and its derivatives there.
+        """Find the crossing of each event's level next to its stamp, with log luma and its derivatives there.
 
         Returns:
-            The derivatives, at the crossings; and whether (n,) there is one.
+            The derivatives at the crossings, and (n,) whether there is a crossing.
         """
         start, level = self.start_and_level(levels)
-        found = find_crossings(self.field, levels.t_us, levels.pixel, levels.sign, level, within_us=within_us)
-        jumps = found.found & ~found.smooth
-        jump, jump_pose = self._find_jumps(found.t_us, levels, level, jumps, AT_JUMP_US)
-        derivatives = self._derivatives(found.t_us, levels, start, found.here, found.smooth, jump, jump_pose)
-        return derivatives, found.found
+        crossings = find_crossings(self.field, levels.t_us, levels.pixel, levels.sign, level, within_us=within_us)
+        jumps = crossings.found & ~crossings.smooth
+        jump, jump_pose = self._find_jumps(crossings.t_us, levels, level, jumps, AT_JUMP_US)
+        derivatives = self._derivatives(
+            crossings.t_us, levels, start, crossings.here, crossings.smooth, jump, jump_pose
+        )
+        return derivatives, crossings.found
 
     def start_and_level(self, levels: EventLevels) -> tuple[LogLuma, FloatArray]:
-        """Log luma of each event's pixel at the start of the run, and the level (n,) of the event."""
+        """Return log luma of each event's pixel at the start of the run, and the level (n,) of the event."""
         pixels, of_pixel = np.unique(levels.pixel, return_inverse=True)
         start = self.field.at_start(pixels).take(of_pixel)
         on, off = self.thresholds[:, levels.pixel]
@@ -168,20 +173,20 @@ class EventTimeModel:
         which: Flags,
         windows_us: Sequence[tuple[float, float]],
     ) -> tuple[Flags, FloatArray]:
-        """Whether a ray's jump about an instant makes an event, and how its time moves with the pose."""
+        """Return whether a ray's jump near an instant makes an event, and how the event's time moves with the pose."""
         jump, jump_pose = np.zeros(len(level), np.bool_), np.zeros((len(level), 6))
         if self.jumps is None:
             return jump, jump_pose
         for before_us, after_us in windows_us:
-            for index in _parts(np.flatnonzero(which & ~jump)):
-                found = self.jumps.find(
+            for index in _blocks(np.flatnonzero(which & ~jump)):
+                jumps = self.jumps.find(
                     np.maximum(at_us[index] - before_us, 0.0),
                     np.minimum(at_us[index] + after_us, self.path.duration_s * _US),
                     levels.pixel[index],
                     levels.sign[index],
                     np.exp(level[index]) - self.field.log_eps,
                 )
-                jump[index], jump_pose[index] = found.found, found.pose
+                jump[index], jump_pose[index] = jumps.found, jumps.pose
         return jump, jump_pose
 
     def _derivatives(
@@ -208,7 +213,7 @@ def event_time_jacobian(
     edges: str = "rays",
     **settings: Any,
 ) -> tuple[FloatArray, Flags]:
-    """How the times of a run's events move with what the run was made with.
+    """Return the derivatives of the times of a run's events by the unknowns of the run.
 
     An event is where log luma L of its pixel has changed by n_on C_on - n_off C_off since the start of the run. By the
     implicit function theorem its time moves with an unknown u by dt/du = -(dL/du(t) - dL/du(0) - dlevel/du) / (dL/dt).
@@ -230,10 +235,10 @@ def event_time_jacobian(
             ``light`` (one for each light of the scene: the logarithm of its strength).
         camera: of the run; None for the scene's, or the sensor's.
         start_s: of the run on the camera path.
-        edges: whose derivatives are wanted where an edge passes a pixel. ``rays``: of the run as it was simulated, with
-            its rays, each of which jumps. ``mean``: of the mean over the whole pixel, which the rays stand for: the
-            derivative has the integral along the edge, at the event and at the start of the run. That needs many rays
-            (``samples`` from 256 on) and a scene at rest, and takes some milliseconds an event.
+        edges: which derivatives are computed where an edge passes a pixel. ``rays``: those of the run as simulated,
+            with its rays, each of which jumps. ``mean``: those of the mean over the whole pixel, which the rays sample:
+            the derivative has the integral along the edge, at the event and at the start of the run. That needs many
+            rays (``samples`` from 256 on) and a scene at rest, and takes some milliseconds an event.
         settings: of the run, by the names that :class:`~davis_rs.Simulator` takes.
 
     Returns:
@@ -248,8 +253,8 @@ def event_time_jacobian(
         - log luma does not move towards the level: its slope has the other sign than the event, or is below
           ``LEAST_SLOPE`` (a tangential crossing).
 
-        Jumps are looked for in refined events only (``accuracy="exact"`` or ``refine=True``), because nobody knows when
-        the others were.
+        Jumps are searched for refined events only (``accuracy="exact"`` or ``refine=True``), because the times of the
+        others are not exact.
 
     Raises:
         TypeError: for a setting that does not exist.
@@ -273,7 +278,7 @@ def event_time_derivatives(
     edges: str = "rays",
     **settings: Any,
 ) -> EventTimeDerivatives:
-    """All that is needed for any block of derivatives of a run's event times, dense or sparse.
+    """Return the derivatives of a run's event times, from which dense and sparse blocks can be made.
 
     >>> derivatives = event_time_derivatives(scene, events, accuracy="exact")
     >>> jacobian = scipy.sparse.hstack([derivatives.control_points(20), derivatives.contrast_threshold_map()])
@@ -286,7 +291,7 @@ def event_time_derivatives(
 
 
 def _threshold_maps(simulator: Simulator, thresholds: npt.ArrayLike | None) -> FloatArray:
-    """(2, pixels)."""
+    """Return the ON and OFF thresholds of all pixels, (2, pixels), and check them."""
     camera = simulator.camera
     if thresholds is None:
         both = [[simulator.contrast_threshold], [simulator.contrast_threshold_off]]
@@ -303,12 +308,12 @@ def _threshold_maps(simulator: Simulator, thresholds: npt.ArrayLike | None) -> F
     return maps.reshape(2, -1)
 
 
-def _parts(index: IntArray) -> list[IntArray]:
-    """Numbers of events in parts that are worked on together."""
-    return np.split(index, range(_TOGETHER, len(index), _TOGETHER)) if len(index) else []
+def _blocks(index: IntArray) -> list[IntArray]:
+    """Split numbers of events into blocks that are processed together."""
+    return np.split(index, range(_AT_ONCE, len(index), _AT_ONCE)) if len(index) else []
 
 
 def _step_us(here: LogLuma, level: FloatArray) -> FloatArray:
-    """How far the crossing is, along the slope; infinitely where there is none."""
+    """Return the time to the crossing along the slope; infinite where there is none."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(_US * (level - here.value) / here.rate)

@@ -1,4 +1,4 @@
-"""The levels at which a pixel's events are, counted from the start of its stream."""
+"""Counts the levels of a pixel's events from the start of its stream."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 class EventLevels(NamedTuple):
-    """Events of ideal pixels, in the order that they were given in.
+    """Events of ideal pixels, in the given order.
 
     Attributes:
         t_us: (n,) their stamps, float64.
@@ -31,7 +31,7 @@ class EventLevels(NamedTuple):
     off: FloatArray
 
     def take(self, index: IntArray) -> EventLevels:
-        """Some of them, by their numbers."""
+        """Return the events with these numbers."""
         return EventLevels(self.t_us[index], self.pixel[index], self.sign[index], self.on[index], self.off[index])
 
 

@@ -1,6 +1,6 @@
-"""Residuals of measured events against what a scene, a path and thresholds predict, block by block.
+"""Computes residuals of measured events against the prediction of a scene, a path and thresholds, block by block.
 
-Of their times, or of log luma at their stamps.
+They are residuals of the events' times, or of log luma at their stamps.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ IntArray = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 MIDDLE_US = 0.5
-"""A stamp is the end of the microsecond in which its event is; the middle is what is compared."""
+"""A stamp is the end of the microsecond of its event; this much earlier is the middle, which is compared."""
 
 _SAME_US = 0.1
-"""By how much rounding may put two events of a jump into the wrong order."""
+"""By how much rounding may reverse the order of two events of a jump."""
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualBlock:
-    """Some of the events of a stream, pixel by pixel.
+    """A block of a stream's events, pixel by pixel, with their residuals.
 
     Attributes:
         index: (k,) their numbers in the stream.
@@ -55,12 +55,12 @@ class ResidualBlock:
 
 @dataclass(frozen=True, eq=False)
 class LogLumaResidualBlock:
-    """Some of the events of a stream, pixel by pixel.
+    """A block of a stream's events, pixel by pixel, with their residuals.
 
     Attributes:
         index: (k,) their numbers in the stream.
         residual: (k,) natural-log units: log luma at the middle of the microsecond that ends at the stamp, less the
-            level that the event says it has there.
+            event's level.
         derivatives: of these residuals.
     """
 
@@ -96,7 +96,7 @@ def event_time_residuals(
         scene: of the estimate, see :func:`moved`.
         events: measured, the whole stream of each of their pixels from the start of the run on; pixels may be left out.
         camera, start_s: as for :func:`event_time_jacobian`.
-        within_us: how far from its stamp a crossing is looked for, microseconds.
+        within_us: how far from its stamp a crossing is searched, microseconds.
         block: how many events there are in a block, about: a pixel is never divided. It takes 1 kB an event.
         thresholds: (2,) or, of each pixel, (2, H, W): ON and OFF, natural-log units; None for those of the settings.
         settings: of the estimate, by the names that :class:`~davis_rs.Simulator` takes.
@@ -123,12 +123,12 @@ def event_log_luma_residuals(
     thresholds: npt.ArrayLike | None = None,
     **settings: Any,
 ) -> Iterator[LogLumaResidualBlock]:
-    """Compare log luma at the stamps of measured events with the levels that the events say, with derivatives.
+    """Compare log luma at the stamps of measured events with the events' levels, with derivatives.
 
-    The k-th event of a pixel says that log luma has changed by n_on C_on - n_off C_off since the start of the run. The
+    The k-th event of a pixel means that log luma has changed by n_on C_on - n_off C_off since the start of the run. The
     residual is L(t_k) - L(0) less that. Near the solution it is the residual of :func:`event_time_residuals` times
     -dL/dt. Far from it it serves better: a time needs the event's own crossing, which may be far away or not there at
-    all; log luma at the stamp is always there, and takes one look. It is less exact where edges make the events.
+    all; log luma at the stamp always exists, and needs one evaluation. It is less exact where edges make the events.
 
     >>> for block in event_log_luma_residuals(moved(scene, increments), events):
     ...     jacobian = block.derivatives.control_points(len(increments))
@@ -155,7 +155,7 @@ def _check_positive(name: str, value: float) -> None:
 
 
 def _blocks(levels: EventLevels, block: int) -> Iterator[IntArray]:
-    """Numbers of events, pixel by pixel, about ``block`` at a time; a pixel is never divided."""
+    """Yield numbers of events, pixel by pixel, about ``block`` at a time; a pixel is never divided."""
     order = np.argsort(levels.pixel, kind="stable")
     firsts = np.flatnonzero(np.diff(levels.pixel[order], prepend=-1))
     begin = 0
@@ -181,7 +181,7 @@ def _time_residuals(model: EventTimeModel, levels: EventLevels, index: IntArray,
     derivatives, found = model.search(levels, within_us)
     predicted_us = np.where(found, derivatives.t_us, np.nan)
     _, first, of_pixel = np.unique(levels.pixel, return_index=True, return_inverse=True)
-    # One pixel after the other on one axis: the latest event before each is then a running maximum.
+    # The pixels lie one after the other on one time axis, so the latest event before each is a running maximum.
     span_us = 2 * model.field.duration_s * 1e6
     latest = np.maximum.accumulate(span_us * of_pixel + np.where(found, derivatives.t_us, 0.0))
     in_order = derivatives.t_us + _SAME_US >= latest - span_us * of_pixel
@@ -193,7 +193,7 @@ def _time_residuals(model: EventTimeModel, levels: EventLevels, index: IntArray,
 
 
 def _more_events(model: EventTimeModel, last: EventLevels) -> Flags:
-    """Whether pixels have more events after these."""
+    """Return whether the model predicts more events of the pixels after these."""
     _, level = model.start_and_level(last)
     end_us = np.full(len(level), model.field.duration_s * 1e6)
     beyond = model.field.at(end_us, last.pixel).value - level

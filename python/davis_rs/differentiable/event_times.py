@@ -1,9 +1,9 @@
-"""The times of events as a function that PyTorch differentiates."""
+"""Wraps the times of events as a function that PyTorch differentiates."""
 
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +18,17 @@ if TYPE_CHECKING:
     import torch
 
 FloatArray = npt.NDArray[np.float64]
+TorchFunction: TypeAlias = Any
+"""A subclass of ``torch.autograd.Function``."""
+
+TorchContext: TypeAlias = Any
+"""The context of such a function."""
+
 Flags = npt.NDArray[np.bool_]
 
 
 class EventTimes:
-    """When the events of a stream happen, as a function of the camera's path and the thresholds.
+    """The times of a stream's events, as a function of the camera's path and the thresholds.
 
     >>> times = EventTimes(scene, events, accuracy="exact")
     >>> t_us, ok = times(increments)
@@ -34,9 +40,9 @@ class EventTimes:
     Args:
         scene: that is simulated, whose path is moved by the increments.
         events: whole streams of their pixels from the start of the run on: their order and polarities say which
-            crossings they are, their stamps where these are looked for.
+            crossings they are, their stamps where to search them.
         camera, start_s: as for :func:`event_time_jacobian`.
-        within_us: how far from its stamp a crossing is looked for, microseconds.
+        within_us: how far from its stamp a crossing is searched, microseconds.
         settings: of the run, by the names that :class:`~davis_rs.Simulator` takes.
 
     Raises:
@@ -60,7 +66,7 @@ class EventTimes:
     def derivatives(
         self, increments: npt.ArrayLike | None = None, thresholds: npt.ArrayLike | None = None
     ) -> tuple[EventTimeDerivatives, Flags]:
-        """The crossings, and (n,) which of them are known with their derivatives; arguments as for a call."""
+        """Return the derivatives at the crossings, and (n,) which are known; the arguments are those of a call."""
         model = self._model.changed(increments, thresholds)
         derivatives, found = model.search(self._levels, self._within_us)
         return derivatives, found & derivatives.ok
@@ -68,7 +74,7 @@ class EventTimes:
     def __call__(
         self, increments: torch.Tensor | None = None, thresholds: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """The times (n,) of the events, float64, microseconds; and (n,) whether each is known.
+        """Return the times (n,) of the events, float64, microseconds; and (n,) whether each is known.
 
         One that is not known keeps its stamp, without a gradient.
 
@@ -85,28 +91,32 @@ class EventTimes:
         return t_us, ok
 
 
-def _function() -> Any:
+def _function() -> TorchFunction:
     import torch
 
     class Times(torch.autograd.Function):  # type: ignore[misc]
         @staticmethod
-        def forward(ctx: Any, times: EventTimes, increments: Any, thresholds: Any) -> tuple[Any, Any]:
-            arrays = [None if one is None else one.detach().cpu().double().numpy() for one in (increments, thresholds)]
+        def forward(
+            ctx: TorchContext, times: EventTimes, increments: torch.Tensor | None, thresholds: torch.Tensor | None
+        ) -> tuple[torch.Tensor, torch.Tensor]:
+            arrays = [
+                None if given is None else given.detach().cpu().double().numpy() for given in (increments, thresholds)
+            ]
             derivatives, ok = times.derivatives(*arrays)
             ctx.derivatives, ctx.ok, ctx.like = derivatives, ok, (increments, thresholds)
-            device = next((one.device for one in (increments, thresholds) if one is not None), None)
+            device = next((given.device for given in (increments, thresholds) if given is not None), None)
             t_us = np.where(ok, derivatives.t_us, derivatives.levels.t_us)
-            found = torch.from_numpy(ok).to(device)
-            ctx.mark_non_differentiable(found)
-            return torch.from_numpy(t_us).to(device), found
+            known = torch.from_numpy(ok).to(device)
+            ctx.mark_non_differentiable(known)
+            return torch.from_numpy(t_us).to(device), known
 
         @staticmethod
-        def backward(ctx: Any, by_time: Any, _: Any) -> tuple[Any, ...]:
+        def backward(ctx: TorchContext, by_time: torch.Tensor, _: object) -> tuple[torch.Tensor | None, ...]:
             by_time = np.where(ctx.ok, by_time.cpu().double().numpy(), 0.0)
             gradients = [None]
-            for like, of in zip(ctx.like, (_by_increments, _by_thresholds), strict=True):
+            for like, derivative in zip(ctx.like, (_by_increments, _by_thresholds), strict=True):
                 wanted = like is not None and like.requires_grad
-                gradient = of(ctx.derivatives, by_time, tuple(like.shape)) if wanted else None
+                gradient = derivative(ctx.derivatives, by_time, tuple(like.shape)) if wanted else None
                 gradients.append(None if gradient is None else torch.from_numpy(gradient).to(like))
             return tuple(gradients)
 

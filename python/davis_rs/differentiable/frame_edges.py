@@ -1,13 +1,13 @@
-"""What edges add to the derivatives of frames by the camera's poses, as a Dr.Jit expression."""
+"""Adds the part of edges to the derivatives of frames by the camera's poses, as a Dr.Jit expression."""
 
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba.types import JitFloat, JitVector
 from ..geometry.camera import Camera
 from ..geometry.trajectory.views import Views
 from ..render.motion.scene_motion import SceneMotion
@@ -21,14 +21,14 @@ from .turned_edges import TurnedEdges
 FloatArray = npt.NDArray[np.float64]
 
 _RAYS_TOGETHER = 1 << 22
-"""Rays that are followed in one call."""
+"""How many rays are processed in one call."""
 
 _MOST_UNKNOWN = 0.01
 """The fraction of the change at edges that may stay unexplained without a warning."""
 
 
 class FrameEdges:
-    """The part of edges in the derivatives of whole frames, before the blur.
+    """Computes the part of edges in the derivatives of whole frames, before the blur.
 
     Edges are found by the native renderer in float64; how much luma changes at them is the kernel's, with the values
     that its parameters have now.
@@ -39,8 +39,8 @@ class FrameEdges:
         self._renderer = NativeRenderer(table, camera, samples=samples, blur=False, motion=motion)
         self._edges, self._pixels = TurnedEdges(self._renderer), camera.width * camera.height
 
-    def attached_zero(self, poses: CameraPoses, t_s: FloatArray, kernel: TableKernel) -> Any:
-        """0 for each pixel (n H W) of n poses at times (n,), with the derivatives that edges have by the poses.
+    def attached_zero(self, poses: CameraPoses, t_s: FloatArray, kernel: TableKernel) -> JitFloat:
+        """Return 0 for each pixel (n H W) of n poses at times (n,), with the derivatives that edges have by the poses.
 
         Warns:
             UserWarning: if more than 1 % of the change at edges stays unexplained, and so is left out.
@@ -57,17 +57,17 @@ class FrameEdges:
         return total
 
     def _slopes(self, views: Views, kernel: TableKernel) -> FloatArray:
-        """(n H W, 6): luma by an increment of the pose."""
-        found = np.zeros((len(views) * self._pixels, 6))
+        """Return the derivatives (n H W, 6) of luma by an increment of the pose."""
+        slopes = np.zeros((len(views) * self._pixels, 6))
         together = max(_RAYS_TOGETHER // self._renderer.rays, 1)
         known = unknown = 0.0
 
         def luma(own: Views, rays: FloatArray) -> FloatArray:
             return _luma(kernel, own, rays, SceneAt(self._motion, self._table, own.t_s))
 
-        for first in range(0, len(found), together):
-            view, pixel = np.divmod(np.arange(first, min(first + together, len(found))), self._pixels)
-            of_views = found[view[0] * self._pixels : (view[-1] + 1) * self._pixels]
+        for first in range(0, len(slopes), together):
+            view, pixel = np.divmod(np.arange(first, min(first + together, len(slopes))), self._pixels)
+            of_views = slopes[view[0] * self._pixels : (view[-1] + 1) * self._pixels]
             for turn in self._edges.turns(views[view], pixel, luma):
                 explained, size = np.isfinite(turn.slope[:, 0]), np.abs(turn.change)
                 known += float(size[explained].sum())
@@ -78,15 +78,15 @@ class FrameEdges:
                     parts = turn.part * rows[:, column, None]
                     of_views[:, column] += np.bincount(into.ravel(), parts.ravel(), len(of_views))
         if unknown > _MOST_UNKNOWN * (known + unknown):
-            share = unknown / (known + unknown)
+            fraction = unknown / (known + unknown)
             warnings.warn(
-                f"derivatives leave out {share:.1%} of the change at edges: no edge explains it", stacklevel=4
+                f"derivatives leave out {fraction:.1%} of the change at edges: no edge explains it", stacklevel=4
             )
-        return found
+        return slopes
 
 
 def _luma(kernel: TableKernel, views: Views, rays: FloatArray, scene_at: SceneAt) -> FloatArray:
-    """Luma along one ray of each view, without derivatives."""
+    """Return luma along one ray of each view, without derivatives."""
     import drjit as dr
     import mitsuba as mi
 
@@ -98,19 +98,19 @@ def _luma(kernel: TableKernel, views: Views, rays: FloatArray, scene_at: SceneAt
     return np.asarray(dr.detach(luma).numpy(), np.float64)
 
 
-def _columns(vectors: FloatArray) -> list[Any]:
+def _columns(vectors: FloatArray) -> list[JitFloat]:
     import mitsuba as mi
 
     return [mi.Float(np.array(column, np.float32)) for column in vectors.T]
 
 
 def _views(poses: CameraPoses, t_s: FloatArray) -> Views:
-    """Cameras at rest, each at its own time (n,)."""
+    """Return cameras at rest, each at its own time (n,)."""
     import drjit as dr
 
     count = len(poses)
 
-    def table(values: Any) -> FloatArray:
+    def table(values: JitVector) -> FloatArray:
         return np.stack([np.broadcast_to(dr.detach(value).numpy(), (count,)) for value in values], 1)
 
     rotations = np.stack([table(row) for row in poses.rotations], 1).astype(np.float64)
@@ -118,8 +118,8 @@ def _views(poses: CameraPoses, t_s: FloatArray) -> Views:
     return Views(t_s, table(poses.positions).astype(np.float64), rotations, still, still)
 
 
-def _increments(poses: CameraPoses) -> list[Any]:
-    """Zeros, attached to the poses: position in world axes, then the rotation vector in camera axes."""
+def _increments(poses: CameraPoses) -> list[JitFloat]:
+    """Return zeros, attached to the poses: position in world axes, then the rotation vector in camera axes."""
     import drjit as dr
     import mitsuba as mi
 

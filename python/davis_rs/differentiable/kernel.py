@@ -1,15 +1,15 @@
-"""The table kernel with textures and lights that are Dr.Jit arrays, so that derivatives reach them."""
+"""Extends the table kernel by textures and lights that are Dr.Jit arrays, so that derivatives reach them."""
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba.types import JitFloat, JitTensor, JitVector, Mitsuba, TensorLike
 from ..render.scene_tables.scene_table import Light, SceneTable
 from ..render.scene_tables.scene_texture import TextureTable, wrap_index
 from ..render.table.kernel import TableKernel
@@ -22,7 +22,7 @@ _VECTORS = {"point": "position", "directional": "direction"}
 class DifferentiableKernel(TableKernel):
     """A table kernel whose textures and lights have names, and can be replaced."""
 
-    def __init__(self, table: SceneTable, mi: Any) -> None:
+    def __init__(self, table: SceneTable, mi: Mitsuba) -> None:
         super().__init__(table, mi)
         self._textures = {f"{shape.id()}.reflectance": number for number, shape in enumerate(table.scene.shapes())}
         self._strengths, self._vectors = {}, {}
@@ -31,8 +31,8 @@ class DifferentiableKernel(TableKernel):
             if light.kind in _VECTORS:
                 self._vectors[f"{light.name}.{_VECTORS[light.kind]}"] = number
 
-    def parameters(self) -> dict[str, Any]:
-        """The scene's own values, ``mi.TensorXf``, by name."""
+    def parameters(self) -> dict[str, JitTensor]:
+        """Return the scene's own values, ``mi.TensorXf``, by name."""
         lights = self._table.lights
         return {
             **{name: tensor(_reflectances(self._table.textures, number)) for name, number in self._textures.items()},
@@ -40,8 +40,8 @@ class DifferentiableKernel(TableKernel):
             **{name: tensor(lights[number].vector) for name, number in self._vectors.items()},
         }
 
-    def replaced(self, parameters: Mapping[str, Any]) -> TableKernel:
-        """This kernel with other values for some of its parameters, attached to them.
+    def replaced(self, parameters: Mapping[str, TensorLike]) -> TableKernel:
+        """Return this kernel with other values for some of its parameters, attached to them.
 
         Raises:
             ValueError: for a name that is not there, or a value of another shape.
@@ -49,7 +49,7 @@ class DifferentiableKernel(TableKernel):
         import drjit as dr
         import mitsuba as mi
 
-        textures: dict[int, Any] = {}
+        textures: dict[int, JitTensor] = {}
         lights = list(self._table.lights)
         for name, value in parameters.items():
             if name in self._textures:
@@ -64,7 +64,7 @@ class DifferentiableKernel(TableKernel):
                 vector = dr.unravel(mi.Vector3f, _shaped(name, value, (3,)).array)
                 if lights[number].kind == "directional":
                     vector = dr.normalize(vector)
-                components: Any = _Components(vector)
+                components: JitVector = _Components(vector)
                 lights[number] = replace(lights[number], vector=components)
             else:
                 known = ", ".join([*self._textures, *self._strengths, *self._vectors])
@@ -75,8 +75,8 @@ class DifferentiableKernel(TableKernel):
         kernel._table = _AttachedTable(self._table, lights)
         return kernel
 
-    def moved_lights(self, parameters: Mapping[str, Any]) -> list[str]:
-        """The names of places and directions of lights among the replacements that are not the scene's own."""
+    def moved_lights(self, parameters: Mapping[str, TensorLike]) -> list[str]:
+        """Return the names of replaced positions and directions of lights that differ from the scene's own."""
         moved = []
         for name, number in self._vectors.items():
             if name in parameters:
@@ -88,8 +88,8 @@ class DifferentiableKernel(TableKernel):
                     moved.append(name)
         return moved
 
-    def _with_textures(self, group: int, replacements: Mapping[int, Any]) -> Any:
-        """The kernel's buffer of texels as luma, each texture in its frame, with some of them replaced."""
+    def _with_textures(self, group: int, replacements: Mapping[int, JitTensor]) -> JitFloat:
+        """Return the kernel's buffer of texels as luma, each texture with its border, with some textures replaced."""
         import drjit as dr
         import mitsuba as mi
 
@@ -112,26 +112,26 @@ class DifferentiableKernel(TableKernel):
 
 
 class _AttachedTable(SceneTable):
-    """A table with other lights, whose numbers are Dr.Jit arrays."""
+    """A table with other lights, whose strengths and vectors may be Dr.Jit arrays."""
 
     def __init__(self, table: SceneTable, lights: list[Light]) -> None:
         self.__dict__.update(table.__dict__)
         self.lights = lights
 
     @property
-    def background_luma(self) -> Any:
+    def background_luma(self) -> JitFloat:
         return self.background(self.lights)
 
 
-class _Components(list[Any]):
-    """Components of a Dr.Jit vector, where the kernel looks for a NumPy vector."""
+class _Components(list[JitFloat]):
+    """The components of a Dr.Jit vector, with the method of a NumPy vector that the kernel calls."""
 
-    def tolist(self) -> list[Any]:
+    def tolist(self) -> list[JitFloat]:
         return self
 
 
 def _reflectances(textures: TextureTable, number: int) -> npt.NDArray[np.float32]:
-    """Linear RGB (H, W, 3) of a texture: its texels under a red, a green and a blue light."""
+    """Return linear RGB (H, W, 3) of a texture: its texels under a red, a green and a blue light."""
     by_channel = copy.copy(textures)
     by_channel.group_weights = list(np.eye(3))
     first, width, height, _ = textures.sizes[number].tolist()
@@ -139,7 +139,7 @@ def _reflectances(textures: TextureTable, number: int) -> npt.NDArray[np.float32
     return rgb.reshape(height, width, 3)
 
 
-def _shaped(name: str, value: Any, *shapes: tuple[int, ...]) -> Any:
+def _shaped(name: str, value: TensorLike, *shapes: tuple[int, ...]) -> JitTensor:
     attached = tensor(value)
     if attached.shape not in shapes:
         raise ValueError(f"{name} must have shape {' or '.join(map(str, shapes))}, got {attached.shape}")

@@ -1,4 +1,4 @@
-"""Log luma of single pixels at single instants, in float64, with its derivatives."""
+"""Computes log luma of single pixels at single instants, in float64, with its derivatives."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-_TOGETHER = 1 << 15
-"""Pixels that are asked for in one call: more would cost memory."""
+_AT_ONCE = 1 << 15
+"""How many pixels are evaluated in one call, because more would cost memory."""
 
 
 class LogLuma(NamedTuple):
@@ -41,11 +41,11 @@ class LogLuma(NamedTuple):
     log_eps: FloatArray
 
     def take(self, index: IntArray) -> LogLuma:
-        """Those of some pixels, in the order of their numbers."""
+        """Return the values at these indices."""
         return LogLuma(*(column[index] for column in self))
 
     def put(self, index: IntArray, other: LogLuma) -> None:
-        """Replace those of some pixels."""
+        """Replace the values at these indices."""
         for column, values in zip(self, other, strict=True):
             column[index] = values
 
@@ -64,7 +64,7 @@ class LogLumaField:
         path: of the camera.
         pixels: of the renderer, and its blur.
         light_names: of the scene, in its order, each once.
-        of_light_name: (l, names) 1 where a light of the table has a name.
+        of_light_name: (l, names) 1 where a light of the table has the name.
     """
 
     def __init__(self, renderer: NativeRenderer, trajectory: Trajectory, log_eps: float) -> None:
@@ -73,43 +73,43 @@ class LogLumaField:
         self.pixels = BlurredPixels(renderer)
         names = [light.name for light in renderer.table.lights]
         self.light_names = tuple(dict.fromkeys(names))
-        self.of_light_name = np.array([[name == one for one in self.light_names] for name in names], np.float64)
+        self.of_light_name = np.array([[name == known for known in self.light_names] for name in names], np.float64)
 
     def views(self, t_us: FloatArray) -> Views:
-        """The camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
+        """Return the camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
         return Views.along(self.path, np.clip(t_us * 1e-6, 0.0, self.path.duration_s))
 
     def at(self, t_us: FloatArray, pixel: IntArray) -> LogLuma:
-        """Log luma of pixels (n,), y W + x, each at its own instant (n,), microseconds from the path's start."""
-        # Pixel after pixel: what they see of textures is then still at hand.
+        """Return log luma of pixels (n,), y W + x, each at its own instant (n,), microseconds from the path's start."""
+        # Sorted by pixel, so that the texels that they need are still in the cache.
         order = np.argsort(pixel, kind="stable")
-        chunks = [order[first : first + _TOGETHER] for first in range(0, max(len(order), 1), _TOGETHER)]
+        chunks = [order[first : first + _AT_ONCE] for first in range(0, max(len(order), 1), _AT_ONCE)]
         parts = [self._at(self.views(t_us[chunk]), pixel[chunk]) for chunk in chunks]
         back = np.empty_like(order)
         back[order] = np.arange(len(order))
         return LogLuma(*(np.concatenate(columns)[back] for columns in zip(*parts, strict=True)))
 
     def at_start(self, pixel: IntArray) -> LogLuma:
-        """Log luma of pixels (n,) at the path's first instant."""
+        """Return log luma of pixels (n,) at the path's first instant."""
         return self._of_view(self.views(np.zeros(1)), np.zeros(len(pixel), np.uint32), pixel)
 
     def by_texel(self, t_us: FloatArray, pixel: IntArray) -> csr_array:
-        """Sparse (n, texels): dL by the reflectance of the table's texels, each pixel at its own instant."""
+        """Return sparse (n, texels): dL by the reflectance of the table's texels, each pixel at its own instant."""
         from scipy.sparse import csr_array, vstack
 
         texels = int(np.prod(self.renderer.table.textures.sizes[:, 1:3].astype(np.int64), axis=1).sum())
         parts = [csr_array((0, texels))]
-        for first in range(0, len(pixel), _TOGETHER):
-            chunk = slice(first, first + _TOGETHER)
+        for first in range(0, len(pixel), _AT_ONCE):
+            chunk = slice(first, first + _AT_ONCE)
             around = self.pixels.neighbours(pixel[chunk]).astype(np.uint32)
             views, view = self.views(t_us[chunk]), np.arange(len(around), dtype=np.uint32)
             luma = self.renderer.gradients(views, view, around, self.pixels.weights)[:, 0]
             counts, seen, values = self.renderer.texel_gradients(views, view, around, self.pixels.weights)
             rows = np.append(0, np.cumsum(counts, dtype=np.int64))
             values = values * np.repeat(1 / (luma + self.log_eps), counts)
-            part = csr_array((values, seen, rows), shape=(len(around), texels))
-            part.sum_duplicates()
-            parts.append(part)
+            block = csr_array((values, seen, rows), shape=(len(around), texels))
+            block.sum_duplicates()
+            parts.append(block)
         return vstack(parts, format="csr")
 
     def _at(self, views: Views, pixel: IntArray) -> LogLuma:

@@ -1,4 +1,4 @@
-"""A camera path that is moved by increments: the unknowns of pose and trajectory estimation."""
+"""Moves a camera path by increments, which are the unknowns of pose and trajectory estimation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 _SMALL = 1e-4
-"""Angle, radians, below which series serve: what they leave out is less than 1e-16."""
+"""Angle, radians, below which series are used; their error is less than 1e-16."""
 
 
 class MovedPath(Trajectory):
@@ -43,7 +43,7 @@ class MovedPath(Trajectory):
         self.duration_s, self._path, self._rows, self._degree = path.duration_s, path, rows, degree
 
     def increments(self, t_s: npt.ArrayLike) -> FloatArray:
-        """The increments (n, 6) at times (n,)."""
+        """Return the increments (n, 6) at times (n,)."""
         times = self.times(t_s)
         if self._rows.ndim == 1:
             return np.tile(self._rows, (len(times), 1))
@@ -85,11 +85,11 @@ class MovedPath(Trajectory):
 
 
 def moved(scene: Scene, increments: npt.ArrayLike, *, degree: int = 3) -> Scene:
-    """A scene whose camera path is moved by increments, all the time the same (6,) or a spline's (m, 6).
+    """Return a scene whose camera path is moved by increments, all the time the same (6,) or a spline's (m, 6).
 
     >>> scene = moved(scene, 1e-3 * np.eye(6)[0])  # 1 mm along the world's x
 
-    The path keeps its length. Its derivatives, ``pose`` and ``control_points``, are those by what is added to these
+    The path keeps its length. Its derivatives, ``pose`` and ``control_points``, are those by an addition to these
     increments. Take a part of a scene (``scene.crop``) before, not after.
 
     Raises:
@@ -99,7 +99,7 @@ def moved(scene: Scene, increments: npt.ArrayLike, *, degree: int = 3) -> Scene:
 
 
 def right_jacobians(vectors: FloatArray) -> FloatArray:
-    """J (n, 3, 3) of rotation vectors (n, 3): exp(v + d) = exp(v) exp(J d), to first order in d.
+    """Return J (n, 3, 3) of rotation vectors (n, 3): exp(v + d) = exp(v) exp(J d), to first order in d.
 
     Source: Sola et al., A micro Lie theory for state estimation in robotics, 2018, eq. 143.
     """

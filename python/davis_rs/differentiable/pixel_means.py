@@ -1,4 +1,4 @@
-"""Log luma with the derivatives of a pixel's mean: those of the surfaces, and of the edges that pass the pixel."""
+"""Computes log luma with the derivatives of a pixel's mean: of the surfaces, and of the edges that pass the pixel."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _MOST_UNKNOWN = 0.01
-"""The share of what changes that edges need not explain; more, and the derivative is not known."""
+"""If edges leave more than this fraction of the change unexplained, the derivative is not known."""
 
 _RAYS_TOGETHER = 1 << 22
-"""Rays that are followed in one call."""
+"""How many rays are processed in one call."""
 
 
 class MeanLogLumaField(LogLumaField):
-    """As :class:`LogLumaField`, with the derivatives by the camera's pose and motion of the mean over the whole pixel.
+    """A :class:`LogLumaField` whose derivatives by the camera's pose and motion are those of the mean over the whole
+    pixel.
 
     They are NaN where rays change for a reason that is no edge.
 
@@ -53,8 +54,8 @@ class MeanLogLumaField(LogLumaField):
         return surfaces._replace(pose=surfaces.pose + pose, rate=surfaces.rate + (pose * motion).sum(1))
 
     def _of_edges(self, views: Views, pixel: IntArray) -> FloatArray:
-        """(n, 6) dY by an increment of the pose."""
-        found = np.zeros((len(pixel), 6))
+        """Return the part of edges in the derivatives (n, 6) of luma by an increment of the pose."""
+        slopes = np.zeros((len(pixel), 6))
         known, unknown = np.zeros(len(pixel)), np.zeros(len(pixel))
         event, around = self._around(pixel)
         taken = self.pixels.neighbours(pixel)
@@ -67,13 +68,14 @@ class MeanLogLumaField(LogLumaField):
             unknown += np.bincount(own[~explained], size[~explained], len(pixel))
             change *= (weights * turn.part).sum(1)
             rows = change[explained, None] * turn.slope[explained]
-            for one in range(6):
-                found[:, one] += np.bincount(own[explained], rows[:, one], len(pixel))
-        found[unknown > _MOST_UNKNOWN * (known + unknown)] = np.nan
-        return found
+            for column in range(6):
+                slopes[:, column] += np.bincount(own[explained], rows[:, column], len(pixel))
+        slopes[unknown > _MOST_UNKNOWN * (known + unknown)] = np.nan
+        return slopes
 
     def _around(self, pixel: IntArray) -> tuple[IntArray, IntArray]:
-        """All pixels whose rays may lie next to an edge in what pixels (n,) take: for which of them, and its number."""
+        """Return the pixels from which pixels (n,) may get light of an edge: the index of the pixel, and their
+        numbers."""
         camera = self.renderer.camera
         y, x = np.divmod(pixel, camera.width)
         rows, columns = y[:, None] + self._rows, x[:, None] + self._columns

@@ -1,14 +1,14 @@
-"""Camera poses as Dr.Jit arrays, through which derivatives reach what they are computed from."""
+"""Holds camera poses as Dr.Jit arrays, through which derivatives flow."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba.types import JitFloat, JitIndex, JitMatrix, JitTensor, JitVector, TensorLike
 from .._mitsuba.variants import FAST, variant
 from ..geometry.pose import PoseLike
 from ..geometry.trajectory.views import Views
@@ -24,12 +24,12 @@ class CameraPoses:
         rotations: ``mi.Matrix3f`` of width n: R_world_camera.
     """
 
-    positions: Any
-    rotations: Any
+    positions: JitVector
+    rotations: JitMatrix
 
     @classmethod
     def at(cls, poses: Sequence[PoseLike]) -> CameraPoses:
-        """Poses as constants: where to start from, see :meth:`perturbed`."""
+        """Make poses as constants, to start from with :meth:`perturbed`."""
         views = Views.at_rest(poses)
         with variant(FAST) as (mi, _):
             positions, rotations = (
@@ -39,8 +39,9 @@ class CameraPoses:
             return cls(mi.Point3f(positions), mi.Matrix3f(*rotations))
 
     @classmethod
-    def from_quaternions(cls, poses: Any) -> CameraPoses:
-        """Poses (n, 7), a tensor: position in metres, then the rotation (x, y, z, w), Hamilton, normalised here.
+    def from_quaternions(cls, poses: TensorLike) -> CameraPoses:
+        """Make poses from a tensor (n, 7): position in metres, then the rotation (x, y, z, w), Hamilton, normalised
+        here.
 
         Raises:
             ValueError: for another shape.
@@ -55,8 +56,8 @@ class CameraPoses:
             )
             return cls(mi.Point3f(px, py, pz), rotations)
 
-    def perturbed(self, increments: Any) -> CameraPoses:
-        """These poses, moved by ``increments`` (n, 6), a tensor: one row for each pose, or several rows for one.
+    def perturbed(self, increments: TensorLike) -> CameraPoses:
+        """Return these poses, moved by ``increments`` (n, 6), a tensor: one row for each pose, or several rows for one.
 
         A row is a translation in world axes, metres, then a rotation vector in camera axes, radians:
         position + row[:3], R_world_camera exp(row[3:]). Where a row is zero the pose keeps its bits.
@@ -70,12 +71,12 @@ class CameraPoses:
                 raise ValueError(f"increments of {len(self)} poses must be as many rows, got {dr.width(dx)}")
             return CameraPoses(self.positions + mi.Vector3f(dx, dy, dz), self.rotations @ exponential_map(*vector))
 
-    def gather(self, index: Any) -> CameraPoses:
-        """The poses of an index array; where a number is the same for all, it stays one."""
+    def gather(self, index: JitIndex) -> CameraPoses:
+        """Return the poses at an index array; a value that is the same for all poses keeps the width 1."""
         import drjit as dr
         import mitsuba as mi
 
-        def each(values: Any) -> list[Any]:
+        def each(values: JitVector) -> list[JitFloat]:
             return [value if dr.width(value) == 1 else dr.gather(mi.Float, value, index) for value in values]
 
         rows = [each(row) for row in self.rotations]
@@ -87,8 +88,8 @@ class CameraPoses:
         return int(dr.width(self.positions, self.rotations))
 
 
-def exponential_map(x: Any, y: Any, z: Any) -> Any:
-    """exp of a rotation vector (Rodrigues' formula), smooth through zero, as a ``mi.Matrix3f``."""
+def exponential_map(x: JitFloat, y: JitFloat, z: JitFloat) -> JitMatrix:
+    """Compute the rotation of a rotation vector (Rodrigues' formula), smooth through zero, as a ``mi.Matrix3f``."""
     import drjit as dr
     import mitsuba as mi
 
@@ -107,8 +108,8 @@ def exponential_map(x: Any, y: Any, z: Any) -> Any:
     )
 
 
-def spline(control_points: Any, t_s: npt.ArrayLike, *, duration_s: float, degree: int = 3) -> Any:
-    """Values (n, k) at the times ``t_s`` (n,) of the B-spline with ``control_points`` (m, k), both tensors.
+def spline(control_points: TensorLike, t_s: npt.ArrayLike, *, duration_s: float, degree: int = 3) -> JitTensor:
+    """Evaluate (n, k) at the times ``t_s`` (n,) of the B-spline with ``control_points`` (m, k), both tensors.
 
     Uniform knots over 0..``duration_s``, clamped: the curve begins at the first control point and ends at the last.
     Degree 3 is the cubic B-spline, degree 1 is linear from point to point. As ``increments`` of
@@ -129,26 +130,26 @@ def spline(control_points: Any, t_s: npt.ArrayLike, *, duration_s: float, degree
         value = dr.arange(mi.UInt32, len(times) * width)
         row, total = value // width, dr.zeros(mi.Float, len(times) * width)
         # Each row has the weights of degree + 1 neighbouring points.
-        for place in range(degree + 1):
-            weights, points_of = (part.reshape(len(times), -1)[:, place] for part in (basis.data, basis.indices))
+        for k in range(degree + 1):
+            weights, points_of = (part.reshape(len(times), -1)[:, k] for part in (basis.data, basis.indices))
             weight = dr.gather(mi.Float, mi.Float(np.array(weights, np.float32)), row)
             first = dr.gather(mi.UInt32, mi.UInt32(np.array(points_of, np.uint32)), row) * width
             total = dr.fma(weight, dr.gather(mi.Float, points.array, first + value % width), total)
         return mi.TensorXf(total, (len(times), width))
 
 
-def tensor(values: Any) -> Any:
-    """A Dr.Jit array, attached as it is, or anything that NumPy takes, as a ``mi.TensorXf``."""
+def tensor(values: TensorLike) -> JitTensor:
+    """Make a ``mi.TensorXf`` of a Dr.Jit array, which stays attached, or of anything that NumPy takes."""
     import drjit as dr
     import mitsuba as mi
 
     if dr.is_tensor_v(values):
         return mi.TensorXf(values)
-    # A copy: Dr.Jit may go on to use the memory that it is given.
+    # A copy, because Dr.Jit may keep using the memory that it is given.
     return mi.TensorXf(dr.ravel(values) if dr.is_array_v(values) else np.array(values, np.float32, order="C"))
 
 
-def _columns(name: str, rows: Any, width: int) -> list[Any]:
+def _columns(name: str, rows: TensorLike, width: int) -> list[JitFloat]:
     import drjit as dr
     import mitsuba as mi
 

@@ -1,17 +1,17 @@
-"""The differentiable renderer: luma as a function, in Dr.Jit, of camera poses, textures and lights."""
+"""Renders luma in Dr.Jit as a differentiable function of camera poses, textures and lights."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba.types import JitFloat, JitTensor, TensorLike
 from .._mitsuba.variants import FAST, default_variant, load_scene_source, variant
 from .._util.argument_error import ArgumentError
 from ..geometry.camera import Camera
-from ..render.matte import simplify_materials
+from ..render.diffuse_materials import simplify_materials
 from ..render.motion.scene_updates import scene_motion
 from ..render.obstacles import Unsuitable
 from ..render.rays.camera_rays import CameraRays, Lanes
@@ -31,11 +31,11 @@ class DifferentiableRenderer:
     """Renders linear luma of a diffuse scene, attached to Dr.Jit's graph: forward and reverse mode go through it.
 
     It is the table kernel on the table renderer's rays: frames are those of ``make_renderer(..., kind="table")``.
-    Derivatives are exact inside surfaces, for the rays that are traced. Derivatives by the poses also have what changes
-    where the edge of a surface or of a shadow moves over a pixel, for the mean over the whole pixel. That part is found
+    Derivatives are exact inside surfaces, for the rays that are traced. Derivatives by the poses also have the part of
+    edges, where the edge of a surface or of a shadow moves over a pixel, for the mean over the whole pixel. It is found
     from the rays next to the edge: more rays make it more exact (docs/differentiable.md has the figures). Derivatives
     by the parameters take as fixed which surface a ray meets and whether a light is hidden from it, so that a shadow
-    that moves with its light counts nothing at its edge.
+    that moves with its light adds nothing at its edge.
 
     Args:
         samples: rays a pixel.
@@ -82,7 +82,7 @@ class DifferentiableRenderer:
         self._edges = FrameEdges(table, self.camera, samples, self._motion) if edges else None
 
     @property
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, JitTensor]:
         """What :meth:`luma` can replace, each a new ``mi.TensorXf`` with the scene's own value.
 
         For each shape ``<id>.reflectance`` (H, W, 3): its texels, linear RGB; (1, 1, 3) for a shape of one colour. For
@@ -94,9 +94,13 @@ class DifferentiableRenderer:
             return self._kernel.parameters()
 
     def luma(
-        self, poses: CameraPoses, parameters: Mapping[str, Any] | None = None, *, t_s: npt.ArrayLike | None = None
-    ) -> Any:
-        """Linear luma of n poses, a ``mi.TensorXf`` (n, H, W), attached to the poses and the parameters.
+        self,
+        poses: CameraPoses,
+        parameters: Mapping[str, TensorLike] | None = None,
+        *,
+        t_s: npt.ArrayLike | None = None,
+    ) -> JitTensor:
+        """Return linear luma of n poses, a ``mi.TensorXf`` (n, H, W), attached to the poses and the parameters.
 
         All rays of all poses are traced at once: with no loop in it, reverse mode needs no more than the memory of
         n H W samples numbers, a few times over. ``dr.backward`` after each of several batches adds up the gradients.
@@ -110,7 +114,7 @@ class DifferentiableRenderer:
         Raises:
             ValueError: without ``t_s`` if objects move or lights change, and for another shape of it; for a name that
                 the scene does not have, a value of another shape, or 2^32 rays or more; with ``edges`` and poses that
-                need derivatives, for another place or direction of a light that throws shadows, because the edges of
+                need derivatives, for another position or direction of a light that throws shadows, because the edges of
                 shadows are found for the scene's own.
         """
         with variant(FAST) as (mi, dr):
@@ -118,7 +122,7 @@ class DifferentiableRenderer:
             scene_at = SceneAt(self._motion, self._table, times)
             kernel = self._kernel.replaced(parameters or {})
             count, pixels, (height, width) = len(poses), self._rays.pixels, (self.camera.height, self.camera.width)
-            # Whole ray packets of one sample and view, as the table renderer has them: then the bits are its own.
+            # Whole ray packets of one sample and view, as in the table renderer, so that the bits are the same.
             padded = -(-pixels // _PACKET) * _PACKET
             lanes = count * padded
             if lanes * self.samples >= 1 << 32:
@@ -157,15 +161,15 @@ class DifferentiableRenderer:
         return np.broadcast_to(times, (count,))
 
 
-def _blur_along(luma: Any, size: int, stride: int) -> Any:
-    """One of the two passes of :func:`davis_rs.events.luma.blur_3x3`: along ``size`` pixels, ``stride`` apart."""
+def _blur_along(luma: JitFloat, size: int, stride: int) -> JitFloat:
+    """Apply one of the two passes of :func:`davis_rs.events.luma.blur_3x3`: along ``size`` pixels, ``stride`` apart."""
     import drjit as dr
     import mitsuba as mi
 
     if size == 1:
         return luma
     pixel = dr.arange(mi.UInt32, dr.width(luma))
-    place = pixel // stride % size
-    before = dr.select(place == 0, pixel + stride, pixel - stride)
-    after = dr.select(place == size - 1, pixel - stride, pixel + stride)
+    position = pixel // stride % size
+    before = dr.select(position == 0, pixel + stride, pixel - stride)
+    after = dr.select(position == size - 1, pixel - stride, pixel + stride)
     return 0.5 * luma + 0.25 * (dr.gather(mi.Float, luma, before) + dr.gather(mi.Float, luma, after))

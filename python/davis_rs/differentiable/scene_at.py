@@ -1,12 +1,11 @@
-"""What moves and flickers around rays of a differentiable renderer, at the times of their views."""
+"""Gives rays of a differentiable renderer what moves and flickers at the times of their views."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba.types import JitFloat, JitIndex, JitRay
 from ..render.motion.scene_motion import SceneMotion
 from ..render.scene_tables.scene_table import SceneTable
 from ..render.table.moving_lanes import Body, Surroundings
@@ -26,8 +25,8 @@ class SceneAt:
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._columns = [columns.get(light.name) for light in table.lights]
 
-    def around(self, ray: Any, view: Any) -> Surroundings | None:
-        """What surrounds rays, each at the time with the number ``view``; None where nothing ever changes."""
+    def around(self, ray: JitRay, view: JitIndex) -> Surroundings | None:
+        """Return the surroundings of rays, each at time number ``view``; None where nothing ever changes."""
         import drjit as dr
         import mitsuba as mi
 
@@ -35,7 +34,7 @@ class SceneAt:
         if state is None:
             return None
 
-        def gather(table: FloatArray) -> list[Any]:
+        def gather(table: FloatArray) -> list[JitFloat]:
             columns = np.ascontiguousarray(table.reshape(len(table), -1).T, np.float32)
             return [dr.gather(mi.Float, mi.Float(column), view) for column in columns]
 

@@ -1,4 +1,4 @@
-"""Weights of the control points of a clamped, uniform B-spline."""
+"""Computes weights of the control points of a clamped, uniform B-spline."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def spline_weights(t_s: npt.ArrayLike, count: int, *, duration_s: float, degree: int = 3) -> csr_array:
-    """Weights (n, ``count``) of control points at times (n,), degree + 1 in each row; they add up to 1.
+    """Return weights (n, ``count``) of control points at times (n,), degree + 1 in each row; they add up to 1.
 
     Uniform knots over 0..``duration_s``, clamped: the curve begins at the first control point and ends at the last.
 
@@ -38,7 +38,7 @@ def spline_weights(t_s: npt.ArrayLike, count: int, *, duration_s: float, degree:
 def spline_weight_rates(
     t_s: npt.ArrayLike, count: int, *, duration_s: float, degree: int = 3
 ) -> npt.NDArray[np.float64]:
-    """Derivatives (n, ``count``) of :func:`~davis_rs.differentiable.spline_weights` by time, per second."""
+    """Return derivatives (n, ``count``) of :func:`~davis_rs.differentiable.spline_weights` by time, per second."""
     from scipy.interpolate import BSpline
 
     basis = BSpline(_knots(count, duration_s, degree), np.eye(count), degree)

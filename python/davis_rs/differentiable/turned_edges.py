@@ -1,9 +1,9 @@
-"""How edges that pass a pixel change its mean when the camera moves.
+"""Computes how edges that pass a pixel change its mean when the camera moves.
 
 A pixel is the mean of its rays, and as a function of the camera's pose each ray jumps where an edge passes it. The mean
 over the whole pixel does not: its derivative has a part of the surfaces, and one of the edges, the integral along them
 of the difference of luma on both sides times how fast they move across. The camera is turned about its y and its x
-axis by a fraction of a pixel to either side. Rays that change meanwhile lie next to an edge, and say where the edge
+axis by a fraction of a pixel to either side. Rays that change meanwhile lie next to an edge, and tell where the edge
 is and how it moves. A window weighs those the most that are closest to it. It is as wide as two rows of rays: in a
 narrower one are few rays. How much a ray changes is taken right before and right after the edge passes it, because over
 the whole turn the surfaces change too.
@@ -26,27 +26,28 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _TURN_COLUMNS = (4, 3)
-"""Columns of a pose's increment: the turn about y, which moves the image along x, and that about x."""
+"""Columns of a pose's increment: the turn about y, which moves the image along x, and the turn about x."""
 
 _BESIDE = 0.005
-"""How far from an edge, as a share of a turn, luma is taken: farther away surfaces change, closer float32 rounds."""
+"""At which distance from an edge, as a fraction of a turn, luma is taken: far enough for float32, and before the
+surface changes much."""
 
 _SMEARED = 0.5
-"""How wide an edge is taken to be, in distances of rays: on the border of two pixels, half of it is in each."""
+"""The assumed width of an edge, in distances between rays: on the border of two pixels, half of it is in each."""
 
 RayLuma = Callable[[Views, FloatArray], FloatArray]
 """Luma (m,) along one ray of each of m views, (m, 3) in camera axes."""
 
 
 class Turn(NamedTuple):
-    """What m rays that change while the camera turns say of the derivatives of their pixels.
+    """The contributions of m rays that change while the camera turns to the derivatives of their pixels.
 
     Attributes:
-        event: (m,) the number of the pixel whose ray it is, among those that were asked for.
+        event: (m,) the index of the ray's pixel among the given ones.
         pixel, part: (m, 4) the pixels that the edge is in, y W + x, and its part in each: where a ray lies close to the
-            border of its own, the edge may be in the next one. Parts are 0 outside of the image, and where no edge
+            border of its pixel, the edge may be in the next one. Parts are 0 outside of the image, and where no edge
             is found that makes the ray change.
-        change: (m,) of the ray's luma at the edge.
+        change: (m,) change of the ray's luma at the edge.
         slope: (m, 6) by an increment of the camera's pose: position in world axes, per metre, then rotation vector in
             camera axes, per radian; NaN where no edge is found. The mean over all rays of a pixel of change times slope
             times part is what edges add to the derivative of its luma.
@@ -67,35 +68,36 @@ class TurnedEdges:
         self._to_either_side_px = 1 / math.sqrt(renderer.rays)
 
     def turns(self, views: Views, pixel: IntArray, luma: RayLuma) -> Iterator[Turn]:
-        """The two turns of pixels (n,), y W + x, each seen in its own one of n views."""
+        """Yield the two turns of pixels (n,), y W + x, each seen in its own one of n views."""
         for axis, column, focal_px in zip((1, 0), _TURN_COLUMNS, (self._camera.fx, self._camera.fy), strict=True):
             angle = self._to_either_side_px / focal_px
             ends = _turned(views, axis, np.full(len(pixel), -angle)), _turned(views, axis, np.full(len(pixel), angle))
             _, _, rays = self._edges.changed(ends, pixel)
             passes = self._edges.passes(ends, rays)
-            known = np.isfinite(passes.share)
+            known = np.isfinite(passes.fraction)
             own = views[rays.event]
             before, after = (
-                luma(_turned(own, axis, angle * (2 * share - 1)), rays.ray)
-                for share in (
-                    np.where(known, passes.share - _BESIDE, 0.0),
-                    np.where(known, passes.share + _BESIDE, 1.0),
+                luma(_turned(own, axis, angle * (2 * fraction - 1)), rays.ray)
+                for fraction in (
+                    np.where(known, passes.fraction - _BESIDE, 0.0),
+                    np.where(known, passes.fraction + _BESIDE, 1.0),
                 )
             )
-            seen, part = self._pixels(rays.ray, axis, angle * (2 * passes.share - 1))
+            seen, part = self._pixels(rays.ray, axis, angle * (2 * passes.fraction - 1))
             yield Turn(rays.event, seen, part, after - before, _slope(passes, column))
 
     def _pixels(self, ray: FloatArray, axis: int, angle: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Pixels in which the camera sees what it sees along rays while it is turned, and the parts in them.
+        """Return the pixels in which the turned camera's rays lie when the camera is not turned, and their parts in
+        them.
 
-        What lies on the border of two pixels is half in each, as it is on average where the camera moves a little.
+        A point on the border of two pixels is half in each, as on average if the camera moves a little.
         """
         camera = self._camera
-        place = camera.project(np.einsum("nij,nj->ni", _turns(axis, angle), ray)) + 0.5
-        known = np.isfinite(place).all(1) & np.isfinite(angle)
-        place = np.where(known[:, None], place, -9.0)
-        border = np.rint(place)
-        after = np.clip(0.5 + (place - border) / (_SMEARED * self._to_either_side_px), 0.0, 1.0)
+        point = camera.project(np.einsum("nij,nj->ni", _turns(axis, angle), ray)) + 0.5
+        known = np.isfinite(point).all(1) & np.isfinite(angle)
+        point = np.where(known[:, None], point, -9.0)
+        border = np.rint(point)
+        after = np.clip(0.5 + (point - border) / (_SMEARED * self._to_either_side_px), 0.0, 1.0)
         (x, y), (right, below) = border.astype(np.int64).T, after.T
         columns, rows = np.stack([x - 1, x, x - 1, x], 1), np.stack([y - 1, y - 1, y, y], 1)
         part = np.stack([1 - right, right, 1 - right, right], 1) * np.stack([1 - below, 1 - below, below, below], 1)
@@ -104,24 +106,24 @@ class TurnedEdges:
 
 
 def _slope(passes: Passes, column: int) -> FloatArray:
-    """What the edges add that pass rays while the camera turns about one axis.
+    """Return the slopes of rays that edges pass while the camera turns about one axis.
 
-    Edges that lie along the image's motion pass few rays, each with a large part. So both turns share an edge, by the
-    squares of its normal's components, which are as how its share of the way moves with either turn.
+    Edges along the image's motion pass few rays, each with a large part. So an edge is divided between both turns, by
+    the squares of its normal's components, which are proportional to the derivatives of its fraction by either turn.
     """
-    window = 1 - np.cos(2 * np.pi * passes.share)
+    window = 1 - np.cos(2 * np.pi * passes.fraction)
     part = passes.pose[:, column] ** 2 / np.maximum((passes.pose[:, list(_TURN_COLUMNS)] ** 2).sum(1), 1e-300)
     return -(window * part)[:, None] * passes.pose
 
 
 def _turned(views: Views, axis: int, angle: FloatArray) -> Views:
-    """Each view (n,) about an axis of its camera, by an angle in radians (n,)."""
+    """Turn each view (n,) about an axis of its camera, by an angle in radians (n,)."""
     rotations = views.rotations @ _turns(axis, angle)
     return Views(views.t_s, views.positions, rotations, views.velocities, views.angular_rates)
 
 
 def _turns(axis: int, angle: FloatArray) -> FloatArray:
-    """Rotations (n, 3, 3) about an axis by angles (n,); none where an angle is NaN."""
+    """Return rotations (n, 3, 3) about an axis by angles (n,); the identity where an angle is NaN."""
     from scipy.spatial.transform import Rotation
 
     vector = np.zeros((len(angle), 3))

@@ -1,4 +1,4 @@
-"""What everything meets at: arrays of events, packets of them, and the luma that they are made of.
+"""Defines what everything meets at: arrays of events, packets of them, and the luma that they are made of.
 
 ``arrays`` has the dtype and its checks, ``dtypes`` those of other packages, ``packet`` what a simulation hands on,
 ``decoded`` what a camera sends in addition to events, ``luma`` the frames that are rendered, ``represent`` images

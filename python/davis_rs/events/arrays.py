@@ -1,4 +1,4 @@
-"""The event array: the one type in which every source of events and every consumer of them meets."""
+"""Defines the event array: the one type in which every source of events and every consumer of them meets."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _RULES = {
 }
 
 
-def _column(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
+def _column(name: str, values: npt.ArrayLike) -> npt.NDArray[np.number[Any]]:
     column = np.asarray(values)
     if column.ndim != 1 or column.dtype.kind not in "biuf":
         raise ArgumentError(
@@ -79,7 +79,7 @@ def as_events(array: npt.ArrayLike | Mapping[str, npt.ArrayLike]) -> EventArray:
     """
     if hasattr(array, "keys") and {"t", "x", "y", "p"} <= set(array.keys()):
         return event_array(**{name: array[name] for name in ("t", "x", "y", "p")})  # type: ignore[index]
-    source: npt.NDArray[Any] = np.asarray(array)
+    source: npt.NDArray[np.void] = np.asarray(array)
     names = source.dtype.names or ()
     if source.ndim != 1 or not {"t", "x", "y", "p"} <= set(names):
         made_by = "event_array(t=..., x=..., y=..., p=...) makes one of columns"

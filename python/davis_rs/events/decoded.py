@@ -1,9 +1,9 @@
-"""What comes out of a DAVIS besides events: inertial samples, frames, triggers; and all of it together."""
+"""Defines what comes out of a DAVIS besides events: inertial samples, frames, triggers; and all of it together."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -80,7 +80,7 @@ class Decoded(NamedTuple):
         triggers: :data:`TRIGGER_DTYPE`.
     """
 
-    events: npt.NDArray[Any]
-    imu: npt.NDArray[Any]
+    events: npt.NDArray[np.void]
+    imu: npt.NDArray[np.void]
     frames: list[Frame]
-    triggers: npt.NDArray[Any]
+    triggers: npt.NDArray[np.void]

@@ -1,4 +1,4 @@
-"""Event arrays in the layouts of other libraries, and back."""
+"""Converts event arrays to the layouts of other libraries, and back."""
 
 from __future__ import annotations
 
@@ -83,11 +83,11 @@ def _converted(events: npt.NDArray[np.void], of: np.dtype[np.void], to: np.dtype
 
 
 def _fields(dtype: np.dtype[np.void]) -> dict[str, str]:
-    """The name that a layout gives to each of our fields."""
-    found = {ours: [name for name in names if name in (dtype.names or ())] for ours, names in _NAMES.items()}
-    for ours, names in found.items():
+    """Return the name that a layout gives to each of our fields."""
+    matching = {ours: [name for name in names if name in (dtype.names or ())] for ours, names in _NAMES.items()}
+    for ours, names in matching.items():
         if len(names) != 1:
             raise ValueError(
                 f"a layout of events needs one field that is one of {', '.join(_NAMES[ours])}; {dtype} has {len(names)}"
             )
-    return {ours: names[0] for ours, names in found.items()}
+    return {ours: names[0] for ours, names in matching.items()}

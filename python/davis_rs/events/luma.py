@@ -1,4 +1,4 @@
-"""Linear luma: what the renderers make and the pixels see."""
+"""Defines linear luma: what the renderers make and the pixels see."""
 
 from __future__ import annotations
 
@@ -43,6 +43,6 @@ def _blur_along(rows: LumaFrames, out: LumaFrames) -> None:
 
 
 def blur_neighbourhoods(luma: LumaFrames) -> LumaFrames:
-    """What :func:`blur_3x3` makes of the inner pixels (h - 2, w - 2, m) of squares (h, w, m) of a frame, bit by bit."""
+    """Blur the inner pixels (h - 2, w - 2, m) of squares (h, w, m) of a frame, bit by bit as :func:`blur_3x3` does."""
     column: LumaFrames = _HALF * luma[1:-1] + _QUARTER * (luma[:-2] + luma[2:])
     return _HALF * column[:, 1:-1] + _QUARTER * (column[:, :-2] + column[:, 2:])

@@ -1,4 +1,4 @@
-"""Comparing an event stream with a reference stream: which events are the same, and how far apart in time."""
+"""Compares an event stream with a reference stream: which events are the same, and how far apart in time."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def _checked(array: npt.ArrayLike, what: str, size: tuple[int, int]) -> EventArr
 
 
 def _time_errors(t_us: _Integers, is_ours: _Flags, first: _Flags, window_us: int) -> _Integers:
-    """Errors of the pairs of a best matching; events in the order (pixel and polarity, time, reference first)."""
+    """Return errors of the pairs of a best matching of events in order (pixel and polarity, time, reference first)."""
     paired = _coincident(t_us, is_ours, first)
     rest = np.flatnonzero(~paired)
     group = np.cumsum(first)[rest]
@@ -148,7 +148,7 @@ def _time_errors(t_us: _Integers, is_ours: _Flags, first: _Flags, window_us: int
 
 
 def _coincident(t_us: _Integers, is_ours: _Flags, first: _Flags) -> _Flags:
-    """Which events have one of the other stream at the same time, as many of either stream.
+    """Return which events have one of the other stream at the same time, as many of either stream.
 
     Some best matching pairs them: by the triangle inequality, whatever their partners were may as well pair. Without
     them the order by time is strict, and does not depend on which stream is the reference.
@@ -166,7 +166,7 @@ def _coincident(t_us: _Integers, is_ours: _Flags, first: _Flags) -> _Flags:
 
 
 def _aligned(t_us: _Integers, is_ours: _Flags, first: _Flags, window_us: int) -> _Flags:
-    """Which events a best matching pairs, for events by (pixel and polarity, time) of which no two coincide.
+    """Return which events a best matching pairs, for events by (pixel and polarity, time) of which no two coincide.
 
     A matching is a flow along the time axis, from the events of one stream to those of the other: across a gap between
     two events it costs the gap's length times the number of pairs that span it. It is best when no change of one unit

@@ -1,4 +1,4 @@
-"""The packet: everything that falls between two instants of a simulated sequence."""
+"""Defines the packet: everything that falls between two instants of a simulated sequence."""
 
 from __future__ import annotations
 

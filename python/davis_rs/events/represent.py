@@ -1,11 +1,16 @@
-"""Events as images: counts, time surfaces, times of last events, voxel grids and spike tensors, as networks take them.
+"""Makes images of events for networks: counts, time surfaces, last times, voxel grids and spike tensors.
 
 All take events as :func:`~davis_rs.as_events` does and the sensor's ``size`` as (width, height), and never change it.
 An event that lies outside of the sensor is a ValueError with its index.
 
-Counts, voxel grids and spike tensors of a window that is given (``start_us``, ``stop_us``) are sums over its events, so
-a stream can be taken packet by packet, and the results added. Time surfaces and last times of packets are joined by
-their maximum, if each is made for the same moment and window.
+A window that is given is half-open: only events with ``start_us`` <= t < ``stop_us`` count. A limit that is not given
+leaves nothing out: without ``start_us`` the window begins at the first event, and without ``stop_us`` it ends at the
+last one, which counts. So the usual call, without a window, has all events, with the first plane of a grid at the first
+event and the last plane at the last one, as the papers have it.
+
+Counts, voxel grids and spike tensors of a window that is given are sums over its events, so a stream can be taken
+packet by packet, and the results added. Time surfaces and last times of packets are joined by their maximum, if each is
+made for the same moment and window.
 
 Sources: Gallego et al., "Event-based Vision: A Survey", TPAMI 2022, section 3.1 (what each is good for); each function
 names its own.
@@ -58,7 +63,8 @@ def time_surface(
 
     Args:
         tau_us: time constant of the decay in microseconds, > 0.
-        t_us: the moment of the surface; later events are left out. The last event's time if not given.
+        t_us: the moment of the surface; events at it count, later ones are left out. The last event's time if not
+            given.
         dtype: a floating type; computed in float64.
 
     Returns:
@@ -96,8 +102,8 @@ def voxel_grid(
 
     Args:
         bins: number of planes, at least 1.
-        start_us, stop_us: the window, both ends inclusive; events outside of it do not count. The first and the last
-            event's time if not given, as in the paper.
+        start_us, stop_us: only events with start_us <= t < stop_us count. From the first event to the last one, which
+            counts, if not given, as in the paper.
         endpoint: whether the last plane is at ``stop_us`` (the paper) or one step before it (tonic's ``ToVoxelGrid``,
             where events after the last plane fade out).
         dtype: a floating type; summed in float64.
@@ -114,8 +120,8 @@ def voxel_grid(
     check_number("bins", bins, 1, whole=True)
     dtype = _floating(dtype)
     events = as_events(events)
-    start, stop = _window(events, start_us, stop_us)
-    return _voxel_grid(events, as_size(size), bins, start, stop, endpoint).astype(dtype, copy=False)
+    window = _window(events, start_us, stop_us)
+    return _voxel_grid(events, as_size(size), bins, *window, endpoint).astype(dtype, copy=False)
 
 
 @names_checked
@@ -137,10 +143,10 @@ def event_spike_tensor(
 
     Args:
         bins: number of planes of each polarity, at least 1.
-        start_us, stop_us: the window, both ends inclusive; events outside of it do not count. The first and the last
-            event's time if not given.
-        measurement: ``"time"``, the event's place in the window (0 at the start, 1 at the end), which the paper found
-            best, or ``"count"``, 1.
+        start_us, stop_us: only events with start_us <= t < stop_us count. From the first event to the last one, which
+            counts, if not given.
+        measurement: ``"time"``, the event's position in the window (0 at the start, 1 at the end), which the paper
+            found best, or ``"count"``, 1.
         dtype: a floating type; summed in float64.
 
     Returns:
@@ -158,8 +164,8 @@ def event_spike_tensor(
     if measurement not in ("time", "count"):
         raise ArgumentError("{measurement} must be time or count, got {!r}", measurement)
     events = as_events(events)
-    start, stop = _window(events, start_us, stop_us)
-    grid = spike_tensor(events, as_size(size), bins, start, stop, measurement == "time")
+    window = _window(events, start_us, stop_us)
+    grid = spike_tensor(events, as_size(size), bins, *window, measurement == "time")
     return grid.astype(dtype, copy=False)
 
 
@@ -173,12 +179,12 @@ def last_event_times(
     stop_us: int | None = None,
     dtype: npt.DTypeLike = np.float32,
 ) -> npt.NDArray[Any]:
-    """Return when each pixel last fired, by polarity, as a place in the window: 0 at the start, 1 at the end.
+    """Return when each pixel last fired, by polarity, as a position in the window: 0 at the start, 1 at the end.
 
     Args:
         count: how many events of each pixel and polarity, at least 1: the last one, the one before it, and so on.
-        start_us, stop_us: the window, both ends inclusive; events outside of it do not count. The first and the last
-            event's time if not given.
+        start_us, stop_us: only events with start_us <= t < stop_us count. From the first event to the last one, which
+            counts, if not given.
         dtype: a floating type; computed in float64.
 
     Returns:
@@ -193,27 +199,30 @@ def last_event_times(
     check_number("count", count, 1, whole=True)
     dtype = _floating(dtype)
     events = as_events(events)
-    start, stop = _window(events, start_us, stop_us)
+    start, stop, include_stop = _window(events, start_us, stop_us)
     if stop < start:
         raise ValueError(f"a window must not end before it starts: got {start}..{stop} us")
-    latest = latest_times(events, as_size(size), stop, count)
-    places = (latest - start) / max(stop - start, 1)
-    places[latest < max(start, 0)] = 0
-    return places.astype(dtype, copy=False)
+    latest = latest_times(events, as_size(size), stop if include_stop else stop - 1, count)
+    position = (latest - start) / max(stop - start, 1)
+    position[latest < max(start, 0)] = 0
+    return position.astype(dtype, copy=False)
 
 
-def _window(events: EventArray, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
-    """The window that is given, or that of the events."""
+def _window(events: EventArray, start_us: int | None, stop_us: int | None) -> tuple[int, int, bool]:
+    """Return the start and stop of the window that is given, or that of the events, and whether the stop belongs to it.
+
+    It belongs to the window that ends at the last event, because that one would be left out of it otherwise.
+    """
     for name, given in (("start_us", start_us), ("stop_us", stop_us)):
         if given is not None:
             check_number(name, given, whole=True)
     first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
     start = first if start_us is None else start_us
-    return start, max(start, last) if stop_us is None else stop_us
+    return (start, max(start, last), True) if stop_us is None else (start, stop_us, False)
 
 
 def _floating(dtype: npt.DTypeLike) -> np.dtype[Any]:
-    """A floating type; integers would cut what is shared between planes or decays."""
+    """Return a floating type, and refuse others: integers would cut what is shared between planes or decays."""
     if not np.issubdtype(np.dtype(dtype), np.floating):
         raise ArgumentError("{dtype} must be a floating type, got {!r}", dtype)
     return np.dtype(dtype)

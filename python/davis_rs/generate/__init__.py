@@ -1,7 +1,7 @@
-"""Many sequences with randomised parameters, from a plan, by processes of this machine or of a cluster.
+"""Generates many sequences with randomised parameters from a plan, by processes of this machine or of a cluster.
 
 ``sequence_plan`` -> ``parse`` -> ``distributions``, ``motion``, ``random_scene`` -> ``kinds``; ``shards`` ->
-``hdf5_shard``, ``webdataset_shard`` -> ``sequence_arrays``; ``sequence`` (what is drawn) -> ``job`` -> ``folder``
+``shard_formats`` -> ``sequence_arrays``; ``sequence`` (what is drawn) -> ``job`` -> ``folder``
 (whole or not at all); ``generate`` -> ``local`` (processes), ``cluster`` (Dask), ``manifest``, ``verify``.
 
 A worker is killed, never asked: a sequence's folder gets its name when it is whole, so SIGKILL, Ctrl-C and a lost

@@ -1,4 +1,4 @@
-"""Work for a cluster, through Dask distributed."""
+"""Gives work to a cluster, through Dask distributed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def connect(cluster: str | Path | Client) -> Client:
-    """A client of a scheduler: by its address (``tcp://HOST:PORT``), by its scheduler file, or as it is.
+    """Connect to a scheduler: by its address (``tcp://HOST:PORT``), by its scheduler file, or as it is.
 
     Raises:
         ImportError: without Dask distributed.

@@ -1,4 +1,4 @@
-"""Laws that values are drawn from."""
+"""Draws values from distributions, such that each is a function of seed, sequence and key."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from .._util.random_words import Words
 
 
 class Distribution(ABC):
-    """A distribution that stands in a plan in place of a value."""
+    """Stands in a plan in place of a value, which is drawn from it."""
 
     @abstractmethod
-    def draw(self, words: Words) -> Any:
-        """One value; of :class:`Choice` an option, in which there may be other distributions."""
+    def draw(self, words: Words) -> object:
+        """Draw a value; of :class:`Choice` an option, in which there may be other distributions."""
 
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """``{uniform: [a, b]}``: a number between a and b, a < b."""
+    """Draws a number between a and b, a < b: ``{uniform: [a, b]}``."""
 
     low: float
     high: float
@@ -37,7 +37,7 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class LogUniform(Distribution):
-    """``{log_uniform: [a, b]}``: a number whose logarithm is uniform, 0 < a < b."""
+    """Draws a number whose logarithm is uniform, 0 < a < b: ``{log_uniform: [a, b]}``."""
 
     low: float
     high: float
@@ -54,7 +54,7 @@ class LogUniform(Distribution):
 
 @dataclass(frozen=True)
 class Integers(Distribution):
-    """``{integers: [a, b]}``: an integer from a to b, both of them possible, a < b."""
+    """Draws an integer from a to b, both of them possible, a < b: ``{integers: [a, b]}``."""
 
     low: int
     high: int
@@ -68,7 +68,7 @@ class Integers(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """``{normal: [mean, sigma], min: a, max: b}``: the normal distribution, sigma > 0.
+    """Draws from the normal distribution, sigma > 0: ``{normal: [mean, sigma], min: a, max: b}``.
 
     Where min or max are given, it is cut off there: what lies outside is never drawn, not moved to the bound.
     """
@@ -82,33 +82,36 @@ class Normal(Distribution):
         if not self.sigma > 0:
             raise ValueError(f"sigma must be > 0, got {self.sigma}")
         _check_bounds(self.low, self.high)
-        least, most, _ = self._shares()
+        least, most, _ = self._tails()
         if not least < most:
             raise ValueError(f"nothing of the distribution lies in {self.low}..{self.high}")
 
     def draw(self, words: Words) -> float:
-        least, most, sign = self._shares()
-        share = least + words.unit() * (most - least)
-        # Rounding may lead to a share of 0 or 1, whose quantile is infinite.
-        share = min(max(share, 5e-324), 1 - 2.0**-53)
-        return _within(self.mean + sign * self.sigma * NormalDist().inv_cdf(share), self.low, self.high)
+        least, most, sign = self._tails()
+        fraction = least + words.unit() * (most - least)
+        # Rounding may lead to a fraction of 0 or 1, whose quantile is infinite.
+        fraction = min(max(fraction, 5e-324), 1 - 2.0**-53)
+        return _within(self.mean + sign * self.sigma * NormalDist().inv_cdf(fraction), self.low, self.high)
 
-    def _shares(self) -> tuple[float, float, int]:
-        """Shares below the two bounds; above the mean those of the mirror image, so that small shares keep digits."""
+    def _tails(self) -> tuple[float, float, int]:
+        """Return the probability below each bound, and a sign.
+
+        Above the mean they are those of the mirror image, with the sign -1, so that small ones keep their digits.
+        """
         low, high, sign = (self.low - self.mean) / self.sigma, (self.high - self.mean) / self.sigma, 1
         if low > 0:
             low, high, sign = -high, -low, -1
-        return _share_below(low), _share_below(high), sign
+        return _below(low), _below(high), sign
 
 
 @dataclass(frozen=True)
 class Choice(Distribution):
-    """``{choice: [x, y, ...], weights: [1, 2, ...]}``: one of the options; without weights all are as likely.
+    """Draws one of the options: ``{choice: [x, y, ...], weights: [1, 2, ...]}``; without weights all are as likely.
 
     An option may hold distributions of its own.
     """
 
-    options: tuple[Any, ...]
+    options: tuple[object, ...]
     weights: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -119,20 +122,20 @@ class Choice(Distribution):
         if self.weights and (min(self.weights) < 0 or not 0 < sum(self.weights) < math.inf):
             raise ValueError(f"weights must be >= 0 and not all 0, got {self.weights}")
 
-    def draw(self, words: Words) -> Any:
+    def draw(self, words: Words) -> object:
         if not self.weights:
             return self.options[words.below(len(self.options))]
         sums: Sequence[float] = list(accumulate(self.weights))
         aim = words.unit() * sums[-1]
         # The last one with a weight, where rounding leads to the very end.
-        last = max(place for place, weight in enumerate(self.weights) if weight > 0)
-        return self.options[next((place for place, reached in enumerate(sums) if aim < reached), last)]
+        last = max(index for index, weight in enumerate(self.weights) if weight > 0)
+        return self.options[next((index for index, reached in enumerate(sums) if aim < reached), last)]
 
 
-def draw(node: Any, seed: int, index: int, path: str = "", words: Words | None = None) -> Any:
-    """The value of a node of the plan in sequence ``index``: distributions drawn, everything else as it is.
+def draw(node: object, seed: int, index: int, path: str = "", words: Words | None = None) -> Any:
+    """Draw the value of a node of the plan in sequence ``index``; what is no distribution stays as it is.
 
-    A distribution at ``path`` (``motion.speed_m_s``; the place in a list counts as a key) draws words of this path
+    A distribution at ``path`` (``motion.speed_m_s``; an index into a list counts as a key) draws words of this path
     alone. One that is an option of a choice at the same path takes the words that follow the choice's.
     """
     if isinstance(node, Distribution):
@@ -141,7 +144,7 @@ def draw(node: Any, seed: int, index: int, path: str = "", words: Words | None =
     if isinstance(node, dict):
         return {key: draw(value, seed, index, f"{path}.{key}" if path else key) for key, value in node.items()}
     if isinstance(node, tuple):
-        return [draw(value, seed, index, f"{path}.{place}") for place, value in enumerate(node)]
+        return [draw(value, seed, index, f"{path}.{item}") for item, value in enumerate(node)]
     return node
 
 
@@ -150,9 +153,11 @@ def _check_bounds(low: float, high: float) -> None:
         raise ValueError(f"the first bound must lie below the second one, got {low} and {high}")
 
 
-def _share_below(x: float) -> float:
-    """The cumulative distribution of the standard normal. It keeps its digits far below 0, where 1 + erf has none
-    left."""
+def _below(x: float) -> float:
+    """Return the cumulative distribution of the standard normal.
+
+    It keeps its digits far below 0, where 1 + erf has none left.
+    """
     return 0.5 * math.erfc(-x / math.sqrt(2))
 
 

@@ -1,4 +1,5 @@
-"""A sequence's folder: hidden while it is made, whole once it has its name, and checksums that say so later."""
+"""Publishes a sequence's folder: hidden while it is made, whole once it has its name, with checksums that say so
+later."""
 
 from __future__ import annotations
 
@@ -8,7 +9,32 @@ import re
 import shutil
 from itertools import count
 from pathlib import Path
+from typing import TypedDict
 from uuid import uuid4
+
+
+class ShardFile(TypedDict):
+    """Holds what the manifest says of a file with many sequences: its name, size in bytes and SHA-256."""
+
+    name: str
+    bytes: int
+    sha256: str
+
+
+class _Line(TypedDict):
+    name: str
+    parameters: dict[str, object]
+    events: int
+    duration_us: int
+    files: int
+    sha256: str
+
+
+class ManifestLine(_Line, total=False):
+    """Holds what the manifest says of a sequence; ``shard`` is there where its files are in one."""
+
+    shard: ShardFile
+
 
 CHECKSUMS = "sha256sums.txt"
 """In every folder, of all other files that it is made with, by name and as ``sha256sum --check`` reads it."""
@@ -17,7 +43,7 @@ _HIDDEN = re.compile(r"\.sequence_\d{5,}\.[0-9a-f]{32}\.(part|gone)|\.shard_\d{5
 
 
 def working_folder(root: Path, name: str) -> Path:
-    """A hidden path next to ``name``. It is unique, even if another process makes the same sequence."""
+    """Return a hidden path next to ``name``. It is unique, even if another process makes the same sequence."""
     return root / f".{name}.{uuid4().hex}.part"
 
 
@@ -89,7 +115,7 @@ def discard_hidden(root: Path) -> None:
 
 
 def folder_sha256(folder: Path) -> str:
-    """One digest of all files: that of the list of checksums.
+    """Return one digest of all files: that of the list of checksums.
 
     Raises:
         OSError: if there is no such list.
@@ -98,7 +124,7 @@ def folder_sha256(folder: Path) -> str:
 
 
 def damage(folder: Path, *, contents: bool = True) -> str | None:
-    """What is wrong with a folder that was published, in words; None if it is as its list of checksums says.
+    """Say what is wrong with a folder that was published; None if it is as its list of checksums says.
 
     Files that somebody added are no damage.
 
@@ -121,7 +147,7 @@ def damage(folder: Path, *, contents: bool = True) -> str | None:
 
 
 def listed_files(folder: Path) -> dict[str, str]:
-    """What the list of checksums says: SHA-256 by name.
+    """Read the list of checksums: SHA-256 by name.
 
     Raises:
         OSError, UnicodeDecodeError: if it cannot be read.
@@ -131,7 +157,7 @@ def listed_files(folder: Path) -> dict[str, str]:
 
 
 def unlisted_files(folder: Path) -> list[str]:
-    """Files that the list of checksums does not have, sorted: somebody added them. Without a list, all files."""
+    """List files that the list of checksums does not have, sorted: somebody added them. Without a list, all files."""
     try:
         listed = listed_files(folder)
     except (OSError, UnicodeDecodeError):
@@ -140,7 +166,7 @@ def unlisted_files(folder: Path) -> list[str]:
 
 
 def file_names(folder: Path) -> list[str]:
-    """All files but the list of checksums, relative to the folder, sorted."""
+    """List all files but the list of checksums, relative to the folder, sorted."""
     paths = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
     names = (path.relative_to(folder).as_posix() for path in paths)
     return sorted(name for name in names if name != CHECKSUMS)

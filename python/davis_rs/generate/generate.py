@@ -1,4 +1,4 @@
-"""All sequences of a plan into a folder."""
+"""Generates all sequences of a plan into a folder."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, overload
 
 from .._util.argument_error import ArgumentError
 from .._util.budget import readable_bytes
@@ -19,7 +19,7 @@ from ..scene.files.mesh_scene import Axis
 from ..scene.load import load_scene
 from ..scene.scene import Scene
 from ..simulation.noise_estimate import NoiseError
-from .folder import discard_hidden
+from .folder import ManifestLine, discard_hidden
 from .job import begin_worker, make_sequence, noise_of, warn_of_looks
 from .manifest import Manifest, claim_root, describe_folder, read_manifest, write_plan
 from .sequence import DrawnSequence
@@ -45,7 +45,7 @@ CHECKED_FIRST = 200
 
 @dataclass(frozen=True)
 class Generated:
-    """What :func:`generate_sequences` did.
+    """Says what :func:`generate_sequences` did.
 
     Attributes:
         root: the folder.
@@ -164,7 +164,7 @@ def generate_sequences(
 
 
 class DrawnSequences(Sequence[DrawnSequence]):
-    """Sequences of a plan, each drawn when it is asked for: a plan of a million takes no more memory than one of ten.
+    """Draws each sequence of a plan when it is asked for: a plan of a million takes no more memory than one of ten.
 
     Args:
         plan: what they are drawn from.
@@ -180,20 +180,20 @@ class DrawnSequences(Sequence[DrawnSequence]):
         return len(self._indices)
 
     @overload
-    def __getitem__(self, place: int) -> DrawnSequence: ...
+    def __getitem__(self, index: int) -> DrawnSequence: ...
     @overload
-    def __getitem__(self, place: slice) -> DrawnSequences: ...
-    def __getitem__(self, place: int | slice) -> DrawnSequence | DrawnSequences:
-        if isinstance(place, slice):
-            return DrawnSequences(self._plan, self._indices[place])
-        index = self._indices[place]
+    def __getitem__(self, index: slice) -> DrawnSequences: ...
+    def __getitem__(self, index: int | slice) -> DrawnSequence | DrawnSequences:
+        if isinstance(index, slice):
+            return DrawnSequences(self._plan, self._indices[index])
+        index = self._indices[index]
         parameters = self._plan.parameters(index)
         name = sequence_name(index)
         return DrawnSequence(name, index, parameters, self._base, self._digest, self._plan.accept_noise)
 
 
 def draw_sequences(plan: SequencePlan) -> DrawnSequences:
-    """All sequences of a plan."""
+    """Return all sequences of a plan."""
     return DrawnSequences(plan)
 
 
@@ -213,8 +213,8 @@ def check_sequences(
     def scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
         return load_scene(name, up=up, scale=scale)
 
-    def scene_of(one: DrawnSequence) -> Scene:
-        return one.scene() if one.scene_key is None else scene_at(*one.scene_key)
+    def scene_of(drawn: DrawnSequence) -> Scene:
+        return drawn.scene() if drawn.scene_key is None else scene_at(*drawn.scene_key)
 
     try:
         checked = each(sequences, "checking", len(sequences), unit="sequences", show=not quiet)
@@ -227,7 +227,7 @@ def check_sequences(
 def _fitting_workers(
     workers: int | None, sequences: int, memory: MemoryForecast | None, say: Callable[[str], None]
 ) -> int:
-    """How many processes work at a time; says so where memory allows fewer than there would be."""
+    """Return how many processes work at a time; says so where memory allows fewer than there would be."""
     wanted = min(workers or len(os.sched_getaffinity(0)), sequences)
     if memory is None:
         return wanted
@@ -258,7 +258,7 @@ def _outcomes(
     workers: int | None,
     cluster: str | Path | Client | None,
     say: Callable[[str], None],
-) -> Generator[Outcome[DrawnSequence, dict[str, Any]], None, None]:
+) -> Generator[Outcome[DrawnSequence, ManifestLine], None, None]:
     if not missing:
         return
     if cluster is not None:
@@ -281,10 +281,10 @@ def _outcomes(
     )
 
 
-def _make(root: Path, threads: int, sequence: DrawnSequence) -> dict[str, Any]:
+def _make(root: Path, threads: int, sequence: DrawnSequence) -> ManifestLine:
     return make_sequence(sequence, root, threads)
 
 
-def _make_on_cluster(root: Path, sequence: DrawnSequence, threads: int) -> dict[str, Any]:
+def _make_on_cluster(root: Path, sequence: DrawnSequence, threads: int) -> ManifestLine:
     begin_worker(threads)
     return make_sequence(sequence, root, threads)

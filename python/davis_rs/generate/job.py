@@ -1,4 +1,4 @@
-"""Making one sequence, in whatever process."""
+"""Makes one sequence, in whatever process."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from .._mitsuba.variants import default_variant, variant
-from ..render.kept_scenes import keep_scenes
-from ..render.truth import lost_look_shares
-from ..render.truth.lost_look_shares import warn_of_lost_looks
+from ..render.scene_cache import enable_scene_cache
+from ..render.truth import lost_look_fractions
+from ..render.truth.lost_look_fractions import warn_of_lost_looks
 from ..scene.files.mesh_scene import Axis
 from ..scene.load import load_scene
 from ..scene.lost_looks import LostLookWarning
@@ -22,13 +22,13 @@ from ..simulation.folder import simulate_to_folder
 from ..simulation.monte_carlo_noise import noise_before_run, refuse_noise
 from ..simulation.no_events import NoEventsWarning
 from ..simulation.noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
-from ..simulation.settings import FolderSettings, ViewSettings, complete, only, view_scene
-from .folder import discard, publish, working_folder
+from ..simulation.settings import FolderSettings, complete, view_scene
+from .folder import ManifestLine, discard, publish, working_folder
 from .manifest import describe_folder
 from .sequence import DrawnSequence
 
 
-def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> dict[str, Any]:
+def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> ManifestLine:
     """Simulate a sequence into its folder in ``root``, whole or not at all, unless it is there already.
 
     The folder is the same, byte by byte, whoever makes it: what is in it is a function of the plan and of the versions
@@ -55,17 +55,17 @@ def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> dict[str
 
 
 def begin_worker(threads: int) -> None:
-    """Prepares a worker process. Results do not depend on it.
+    """Prepare a worker process. Results do not depend on it.
 
     Dr.Jit gets ``threads`` threads, and what is made of a scene is kept for the next sequence that has the same one.
     """
-    keep_scenes()
+    enable_scene_cache()
     with variant(default_variant()[0]) as (_, dr):
         dr.set_thread_count(threads)
 
 
-def origin(sequence: DrawnSequence) -> dict[str, Any]:
-    """What ``meta.json`` says of where a sequence comes from."""
+def origin(sequence: DrawnSequence) -> dict[str, object]:
+    """Say for ``meta.json`` where a sequence comes from."""
     return {
         "plan_sha256": sequence.plan_sha256,
         "index": sequence.index,
@@ -74,12 +74,12 @@ def origin(sequence: DrawnSequence) -> dict[str, Any]:
 
 
 def noise_of(sequence: DrawnSequence) -> NoiseEstimate | None:
-    """How many of a sequence's events will be Monte Carlo noise; None where nothing is drawn at random.
+    """Estimate how many of a sequence's events will be Monte Carlo noise; None where nothing is drawn at random.
 
     Raises:
         NoiseError: if there will be more than the plan accepts, in the words of a plan.
     """
-    settings = complete(FolderSettings, _settings(sequence), of=str(sequence))
+    settings = complete(FolderSettings, _settings(sequence), taker=str(sequence))
     scene = sequence.on_path(sequence.scene())
     noise = noise_before_run(scene, settings)
     if not sequence.accept_noise:
@@ -108,19 +108,19 @@ def warn_of_looks(sequence: DrawnSequence) -> None:
     """
     scene = sequence.on_path(sequence.scene())
     if scene.lost_looks:
-        viewed = view_scene(scene, complete(ViewSettings, only(ViewSettings, sequence.settings), of="generate"))
-        warn_of_lost_looks(viewed.scene, lost_look_shares(viewed.scene, viewed.camera), stacklevel=2)
+        viewed = view_scene(scene, complete(FolderSettings, sequence.settings, taker="generate"))
+        warn_of_lost_looks(viewed.scene, lost_look_fractions(viewed.scene, viewed.camera), stacklevel=2)
 
 
 @lru_cache(maxsize=4)
 def _scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
-    """A scene that sequences share: the same object each time, by which what is made of it is known again."""
+    """Load a scene that sequences share: the same object each time, by which what is made of it is known again."""
     return load_scene(name, up=up, scale=scale)
 
 
 def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
     key = sequence.scene_key
-    meta: dict[str, Any] = {"generated": origin(sequence)}
+    meta: dict[str, object] = {"generated": origin(sequence)}
     with warnings.catch_warnings(), _in_words_of_a_plan():
         # Of the first sequence the run says it before it begins, and of each one its meta.json does.
         warnings.simplefilter("ignore", NoiseWarning)

@@ -1,4 +1,4 @@
-"""Parts of a plan that name a function by their ``kind`` and give its arguments: the keys that each kind has."""
+"""Finds the keys of a plan that stand for a function's arguments, where a ``kind`` names the function."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _DEGREES = {"_deg": "_rad", "_deg_s": "_rad_s"}
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a kind.
+    """Describes a key of a kind.
 
     Attributes:
         argument: of the function, that it sets.
@@ -35,7 +35,9 @@ def keys_of(
     renamed: Mapping[str, str] | None = None,
     optional: Collection[str] = (),
 ) -> dict[str, Key]:
-    """The keys that stand for a function's arguments; next to each angle in ``_rad`` or ``_rad_s`` one in degrees.
+    """Return the keys that stand for a function's arguments.
+
+    Next to each angle in ``_rad`` or ``_rad_s`` there is one in degrees.
 
     Args:
         left_out: arguments that no key sets.
@@ -43,21 +45,21 @@ def keys_of(
         optional: arguments without a default that need not be given all the same.
     """
     back = {argument: key for key, argument in (renamed or {}).items()}
-    found: dict[str, Key] = {}
+    keys: dict[str, Key] = {}
     for name, parameter in inspect.signature(function).parameters.items():
         if name in left_out:
             continue
         needed = parameter.default is inspect.Parameter.empty and name not in optional
-        found[back.get(name, name)] = Key(name, str(parameter.annotation), needed)
+        keys[back.get(name, name)] = Key(name, str(parameter.annotation), needed)
         for degrees, radians in _DEGREES.items():
             if name.endswith(radians):
                 in_degrees = name.removesuffix(radians) + degrees
-                found[in_degrees] = Key(name, str(parameter.annotation), degrees=True)
-    return found
+                keys[in_degrees] = Key(name, str(parameter.annotation), degrees=True)
+    return keys
 
 
 def called_with(keys: Mapping[str, Key], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments that keys and their values stand for."""
+    """Return the arguments that keys and their values stand for."""
     return {
         keys[key].argument: math.radians(value) if keys[key].degrees and value is not None else value
         for key, value in given.items()

@@ -1,4 +1,4 @@
-"""Work for processes of this machine, any of which may die."""
+"""Gives work to processes of this machine, any of which may die."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ATTEMPTS = 3
 
 @dataclass(frozen=True)
 class Outcome(Generic[Task, Result]):
-    """A task that is over, with its result or an error: what went wrong, in words."""
+    """Holds a task that is over, with its result or an error: what went wrong, in words."""
 
     task: Task
     result: Result | None = None
@@ -44,7 +44,7 @@ class _Worker(Generic[Task]):
 
 
 class _Waiting(Generic[Task]):
-    """Tasks that no worker has, with their places; each is taken from the sequence when its turn comes."""
+    """Holds tasks that no worker has, with their positions; each is taken from the sequence when its turn comes."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         self._rest = enumerate(tasks)
@@ -137,7 +137,7 @@ def run_locally(
 
 
 def error_text(error: BaseException) -> str:
-    """What a user has to know of an error: of an unexpected one also where it came from."""
+    """Say what a user has to know of an error: of an unexpected one also where it came from."""
     if isinstance(error, ValueError | OSError | ImportError):
         return str(error)
     return "".join(traceback.format_exception(error)).strip()
@@ -166,7 +166,7 @@ def _cause_of_death(worker: _Worker[Task]) -> str:
 
 
 def _work(connection: Connection, function: Callable[[Task], Result], begin: Callable[[], None]) -> None:
-    """What a worker does with its life."""
+    """Run the tasks that a worker gets, until there are no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; what to do is the parent's to say
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, daemon=True).start()

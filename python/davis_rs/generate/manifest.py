@@ -1,20 +1,32 @@
-"""What a folder of generated sequences says of itself: the plan, and a line for each sequence that is whole."""
+"""Records what a folder of generated sequences holds: the plan, and a line for each sequence that is whole."""
 
 from __future__ import annotations
 
 import errno
 import json
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from .._core import __version__
 from ..io.dataset.files import META
 from ..simulation.model_version import MODEL
-from .folder import folder_sha256, listed_files, sync
+from .folder import ManifestLine, folder_sha256, listed_files, sync
 from .sequence_plan import SequencePlan
+
+
+class PlanRecord(TypedDict):
+    """Holds what a folder says of its plan. Folders of davis_rs 0.2.0 have no ``model``."""
+
+    davis_rs: str
+    model: int
+    plan_sha256: str
+    sequences: int
+    plan: Mapping[str, object]
+    files: Mapping[str, str]
+
 
 MANIFEST, PLAN, _LOCK = "manifest.jsonl", "plan.json", ".lock"
 
@@ -23,8 +35,8 @@ PERIOD_S = 5.0
 What a kill keeps from it is in the sequences' folders."""
 
 
-def describe_folder(folder: Path) -> dict[str, Any]:
-    """The manifest's line of a sequence: a function of what is in its folder.
+def describe_folder(folder: Path) -> ManifestLine:
+    """Return the manifest's line of a sequence: a function of what is in its folder.
 
     Raises:
         OSError, ValueError: if ``meta.json`` or the list of checksums cannot be read.
@@ -41,18 +53,18 @@ def describe_folder(folder: Path) -> dict[str, Any]:
 
 
 class Manifest:
-    """The manifest of a run at work: on the disk at the beginning, every ``period_s`` at most, and by :meth:`write`.
+    """Writes the manifest of a run at work: at the beginning, every ``period_s`` at most, and by :meth:`write`.
 
     Attributes:
         lines: of the sequences that are whole, by name.
     """
 
-    def __init__(self, root: Path, lines: dict[str, dict[str, Any]], *, period_s: float = PERIOD_S) -> None:
+    def __init__(self, root: Path, lines: dict[str, ManifestLine], *, period_s: float = PERIOD_S) -> None:
         self._root, self._period_s = root, period_s
         self.lines = lines
         self.write()
 
-    def add(self, line: dict[str, Any]) -> None:
+    def add(self, line: ManifestLine) -> None:
         """Have one more line, for the disk if that is due."""
         self.lines[line["name"]] = line
         if time.monotonic() - self._written_s >= self._period_s:
@@ -64,7 +76,7 @@ class Manifest:
         self._written_s = time.monotonic()
 
 
-def write_manifest(root: Path, lines: Iterable[dict[str, Any]]) -> None:
+def write_manifest(root: Path, lines: Iterable[ManifestLine]) -> None:
     """Put a manifest in place of the one before, in the order of the sequences' names; at no instant there is half a
     manifest."""
     # The longer name comes later, should there be more than 100,000.
@@ -72,8 +84,8 @@ def write_manifest(root: Path, lines: Iterable[dict[str, Any]]) -> None:
     _replace(root / MANIFEST, "".join(json.dumps(line) + "\n" for line in in_order))
 
 
-def read_manifest(root: Path) -> dict[str, dict[str, Any]]:
-    """The lines of a manifest by their sequence's name; none where there is none.
+def read_manifest(root: Path) -> dict[str, ManifestLine]:
+    """Read the lines of a manifest by their sequence's name; none where there is none.
 
     Raises:
         OSError: if it cannot be read.
@@ -82,7 +94,7 @@ def read_manifest(root: Path) -> dict[str, dict[str, Any]]:
     path = root / MANIFEST
     if not path.exists():
         return {}
-    lines: dict[str, dict[str, Any]] = {}
+    lines: dict[str, ManifestLine] = {}
     for number, text in enumerate(path.read_text().splitlines(), 1):
         try:
             line = json.loads(text)
@@ -92,15 +104,15 @@ def read_manifest(root: Path) -> dict[str, dict[str, Any]]:
     return lines
 
 
-def read_plan(root: Path) -> dict[str, Any]:
-    """What a folder of sequences says of its plan, see :func:`write_plan`.
+def read_plan(root: Path) -> PlanRecord:
+    """Read what a folder of sequences says of its plan, see :func:`write_plan`.
 
     Raises:
         OSError: if it cannot be read.
         ValueError: if it says of no plan.
     """
     try:
-        record: dict[str, Any] = json.loads((root / PLAN).read_text())
+        record: PlanRecord = json.loads((root / PLAN).read_text())
         if not (isinstance(record["sequences"], int) and {"plan_sha256", "davis_rs"} <= record.keys()):
             raise ValueError(f"no number of sequences, or no plan: {sorted(record)}")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -135,7 +147,7 @@ def write_plan(root: Path, plan: SequencePlan) -> None:
     _replace(root / PLAN, json.dumps(_description(plan), indent=2, sort_keys=True) + "\n")
 
 
-def _description(plan: SequencePlan) -> dict[str, Any]:
+def _description(plan: SequencePlan) -> PlanRecord:
     return {
         "davis_rs": __version__,
         "model": MODEL,
@@ -152,13 +164,9 @@ def _refuse_another(root: Path, plan: SequencePlan) -> None:
     before = read_plan(root)
     digest, count, version = before["plan_sha256"], before["sequences"], before["davis_rs"]
     if digest != plan.sha256:
-        described = _description(plan)
-        different = [
-            key
-            for part in ("plan", "files")
-            for key in sorted(before.get(part, {}).keys() | described[part].keys())
-            if before.get(part, {}).get(key) != described[part].get(key)
-        ]
+        different: list[str] = []
+        for old, new in ((before.get("plan", {}), plan.identity), (before.get("files", {}), plan.digests)):
+            different += (key for key in sorted(old.keys() | new.keys()) if old.get(key) != new.get(key))
         raise ValueError(
             f"{root} holds sequences of another plan than {plan.file} (it differs in {', '.join(different)}): "
             "choose another folder"
@@ -191,8 +199,8 @@ def _lock(descriptor: int, root: Path) -> None:
 
 
 def _replace(path: Path, text: str) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text)
-    sync(part)
-    part.replace(path)
+    unfinished = path.with_name(f".{path.name}.part")
+    unfinished.write_text(text)
+    sync(unfinished)
+    unfinished.replace(path)
     sync(path.parent)

@@ -1,4 +1,4 @@
-"""Camera paths of a plan: the motions of davis_rs.geometry.trajectory.motions by name, or a file."""
+"""Makes camera paths of a plan: the motions of davis_rs.geometry.trajectory.motions by name, or a file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _RENAMED = {"degrees_of_freedom": "kind", "file": "path"}
 
 @cache
 def motion_keys(kind: str) -> Mapping[str, Key]:
-    """The keys of a motion.
+    """Return the keys of a motion.
 
     They are the function's arguments without ``start``, which is where the camera starts. The argument ``kind`` of
     ``hand_held`` has the key ``degrees_of_freedom``, and ``path`` of a file has the key ``file``. A file may have
@@ -44,14 +44,14 @@ def motion_keys(kind: str) -> Mapping[str, Key]:
     """
     # The sequence's own end is that of a motion for which nothing else is said.
     renamed = {key: name for key, name in _RENAMED.items() if name in signature(MOTIONS[kind]).parameters}
-    found = keys_of(MOTIONS[kind], left_out=("start",), renamed=renamed, optional=("duration_s",))
-    return {**found, "align": Key("align", "bool")} if kind == "file" else found
+    keys = keys_of(MOTIONS[kind], left_out=("start",), renamed=renamed, optional=("duration_s",))
+    return {**keys, "align": Key("align", "bool")} if kind == "file" else keys
 
 
 def make_motion(
     motion: Mapping[str, Any], scene: Scene, end_s: float | None, base: Path, start: Pose | None = None
 ) -> Trajectory:
-    """The path that a drawn motion stands for.
+    """Make the path that a drawn motion stands for.
 
     Args:
         motion: ``kind`` and what belongs to it.
@@ -84,7 +84,7 @@ def make_motion(
 
 
 def moved(pose: Pose, offset: Mapping[str, Any]) -> Pose:
-    """A pose moved in its own axes: by ``position_m`` (3,), and by the rotation vector ``rotation_deg`` (3,)."""
+    """Move a pose in its own axes: by ``position_m`` (3,), and by the rotation vector ``rotation_deg`` (3,)."""
     turn = np.radians(offset.get("rotation_deg", (0.0, 0.0, 0.0)))
     angle = float(np.linalg.norm(turn))
     axis = turn / angle if angle > 0 else turn

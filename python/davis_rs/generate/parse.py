@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from .._util.close_names import did_you_mean
 from ..sensor.effects import EFFECTS
@@ -25,25 +25,25 @@ DISTRIBUTIONS = {
 }
 """The distributions by the key that tells them, and what they give."""
 
-Parser = Callable[[Any, "Where"], Any]
+Parser = Callable[[object, "Where"], object]
 
 
 @dataclass(frozen=True)
 class Where:
-    """A place in a plan, for messages."""
+    """Says where in a plan a value stands, for messages."""
 
     file: Path
     path: str = ""
 
     def at(self, key: object) -> Where:
-        """A key, or a place in a list, within this one."""
+        """Return where a key, or an item of a list, stands within this."""
         return Where(self.file, f"{self.path}.{key}" if self.path else str(key))
 
-    def refuse(self, rule: str, value: Any) -> NoReturn:
+    def refuse(self, rule: str, value: object) -> NoReturn:
         """Raise the ValueError that names file, key path, rule and value."""
         raise ValueError(f"{self.file}: {self.path or 'the plan'}: must be {rule}, got {value!r}")
 
-    def mapping(self, value: Any, rule: str) -> dict[str, Any]:
+    def mapping(self, value: object, rule: str) -> dict[str, object]:
         """Return ``value`` if it is a mapping from texts."""
         if not isinstance(value, dict):
             self.refuse(rule, value)
@@ -53,7 +53,7 @@ class Where:
         return value
 
     def unknown(
-        self, key: str, known: Mapping[str, Any] | tuple[str, ...], effects: Mapping[str, str] | None = None
+        self, key: str, known: Mapping[str, object] | tuple[str, ...], effects: Mapping[str, str] | None = None
     ) -> NoReturn:
         """Refuse a key that is not among those that are known; ``effects`` as of :func:`did_you_mean`."""
         near = did_you_mean(key, known, effects) or f"; there are {', '.join(known)}"
@@ -61,14 +61,14 @@ class Where:
 
 
 def value_of(rule: str, *, none: bool = True, words: tuple[str, ...] = ()) -> Parser:
-    """The parser of a value: "a number", "an integer", "a text" or "true or false".
+    """Return the parser of a value: "a number", "an integer", "a text" or "true or false".
 
     Args:
         none: null may stand for it.
         words: so may these texts.
     """
 
-    def parse(value: Any, where: Where) -> Any:
+    def parse(value: object, where: Where) -> object:
         if isinstance(value, dict):
             return _distribution(value, where, parse, rule)
         if not ((none and value is None) or _fits(rule, value) or (isinstance(value, str) and value in words)):
@@ -78,8 +78,8 @@ def value_of(rule: str, *, none: bool = True, words: tuple[str, ...] = ()) -> Pa
     return parse
 
 
-def motion(value: Any, where: Where) -> Any:
-    """The parser of a motion: a mapping with its kind, or a choice of such."""
+def motion(value: object, where: Where) -> object:
+    """Parse a motion: a mapping with its kind, or a choice of such."""
     if value is None:
         return None
     given = where.mapping(value, "a mapping with the motion's kind")
@@ -88,8 +88,8 @@ def motion(value: Any, where: Where) -> Any:
     return _of_kind(given, where, {kind: motion_keys(kind) for kind in MOTIONS}, "motion")
 
 
-def scene(value: Any, where: Where) -> Any:
-    """The parser of a scene: a name or a file, a mapping with the kind of one that is drawn, or a choice of such."""
+def scene(value: object, where: Where) -> object:
+    """Parse a scene: a name or a file, a mapping with the kind of one that is drawn, or a choice of such."""
     if isinstance(value, dict) and "choice" in value:
         return _distribution(value, where, scene, "a scene")
     if isinstance(value, dict) and "kind" in value:
@@ -100,8 +100,8 @@ def scene(value: Any, where: Where) -> Any:
     return value_of("a text", none=False)(value, where)
 
 
-def start_pose(value: Any, where: Where) -> Any:
-    """The parser of where a camera's path starts."""
+def start_pose(value: object, where: Where) -> object:
+    """Parse where a camera's path starts."""
     if value is None:
         return None
     given = where.mapping(value, f"a mapping of {', '.join(START_POSE)}")
@@ -120,13 +120,15 @@ START_POSE = ("time", "position_m", "rotation_deg")
 """Where on the scene's own path, and how far from it: in camera axes, rotation as a rotation vector."""
 
 
-def _of_kind(given: dict[str, Any], where: Where, kinds: Mapping[str, Mapping[str, Key]], what: str) -> dict[str, Any]:
-    """A mapping that names a function by its kind, and has its arguments."""
+def _of_kind(
+    given: dict[str, object], where: Where, kinds: Mapping[str, Mapping[str, Key]], what: str
+) -> dict[str, object]:
+    """Parse a mapping that names a function by its kind, and has its arguments."""
     kind = given.get("kind")
     if not isinstance(kind, str) or kind not in kinds:
         where.at("kind").refuse(f"one of {', '.join(kinds)}", kind)
     known = kinds[kind]
-    parsed: dict[str, Any] = {"kind": kind}
+    parsed: dict[str, object] = {"kind": kind}
     for key, node in given.items():
         if key == "kind":
             continue
@@ -136,23 +138,23 @@ def _of_kind(given: dict[str, Any], where: Where, kinds: Mapping[str, Mapping[st
             where.at(key).refuse(f"the only one, but {other} is given as well", node)
         parsed[key] = _ARGUMENTS.get(known[key].annotation, value_of("a text", none=False))(node, where.at(key))
     arguments = {known[key].argument for key in parsed if key != "kind"}
-    for name, one in known.items():
-        if one.needed and one.argument not in arguments:
+    for name, wanted in known.items():
+        if wanted.needed and wanted.argument not in arguments:
             raise ValueError(f"{where.file}: {where.path}: a {what} of kind {kind} needs {name}")
     return parsed
 
 
-def effects(value: Any, where: Where) -> Any:
-    """The parser of effects: texts, ``auto`` among them, a mapping from names to values or parameters, or a choice."""
+def effects(value: object, where: Where) -> object:
+    """Parse effects: texts, ``auto`` among them, a mapping from names to values or parameters, or a choice."""
     return _effects(value, where, automatic=True)
 
 
-def imu_effects(value: Any, where: Where) -> Any:
-    """The parser of the IMU's effects: as :func:`effects`, without ``auto``."""
+def imu_effects(value: object, where: Where) -> object:
+    """Parse the IMU's effects: as :func:`effects`, without ``auto``."""
     return _effects(value, where, automatic=False)
 
 
-def _effects(value: Any, where: Where, *, automatic: bool) -> Any:
+def _effects(value: object, where: Where, *, automatic: bool) -> object:
     rule = "a mapping from effects to their values, or texts NAME=VALUE" + (", or auto" if automatic else "")
     texts = [value] if isinstance(value, str) else value
     if value is None:
@@ -165,23 +167,23 @@ def _effects(value: Any, where: Where, *, automatic: bool) -> Any:
     if "choice" in given:
         return _distribution(given, where, lambda option, at: _effects(option, at, automatic=automatic), "effects")
     number = value_of("a number")
-    parsed: dict[str, Any] = {}
+    parsed: dict[str, object] = {}
     for name, node in given.items():
         at = where.at(name)
         if isinstance(node, dict) and not node.keys() & DISTRIBUTIONS.keys():
             parameters = at.mapping(node, "a mapping from parameters to numbers")
-            parsed[name] = {key: number(one, at.at(key)) for key, one in parameters.items()}
+            parsed[name] = {key: number(given, at.at(key)) for key, given in parameters.items()}
         else:
             parsed[name] = number(node, at)
     return parsed
 
 
-def _numbers(value: Any, where: Where) -> tuple[Any, ...]:
-    """The parser of a list of numbers, each of which may be a distribution."""
+def _numbers(value: object, where: Where) -> tuple[object, ...]:
+    """Parse a list of numbers, each of which may be a distribution."""
     if not isinstance(value, list):
         where.refuse("a list of numbers", value)
     number = value_of("a number", none=False)
-    return tuple(number(one, where.at(place)) for place, one in enumerate(value))
+    return tuple(number(item, where.at(index)) for index, item in enumerate(value))
 
 
 _ARGUMENTS: dict[str, Parser] = {
@@ -195,8 +197,8 @@ _ARGUMENTS: dict[str, Parser] = {
 """The parsers of arguments, by their annotations; texts for all others."""
 
 
-def _distribution(value: dict[Any, Any], where: Where, parse: Parser, rule: str) -> Distribution:
-    """The distribution that a mapping describes, where ``rule`` says what is wanted."""
+def _distribution(value: dict[str, object], where: Where, parse: Parser, rule: str) -> Distribution:
+    """Make the distribution that a mapping describes, where ``rule`` says what is wanted."""
     which = [key for key in value if key in DISTRIBUTIONS]
     if len(which) != 1:
         where.refuse(f"{rule} or one distribution ({', '.join(DISTRIBUTIONS)})", value)
@@ -213,12 +215,12 @@ def _distribution(value: dict[Any, Any], where: Where, parse: Parser, rule: str)
         where.at(name).refuse("a list", listed)
     try:
         if name == "choice":
-            options = tuple(parse(option, where.at(f"choice[{place}]")) for place, option in enumerate(listed))
+            options = tuple(parse(option, where.at(f"choice[{index}]")) for index, option in enumerate(listed))
             weights = _all_fit("a number", value.get("weights", []), where.at("weights"))
             return Choice(options, tuple(map(float, weights)))
         numbers = _all_fit("an integer" if name == "integers" else "a number", listed, where.at(name), 2)
         if name == "integers":
-            return Integers(*numbers)
+            return Integers(*map(int, numbers))
         if name == "normal":
             bounds = {key: float(_all_fit("a number", [value[key]], where.at(key))[0]) for key in more if key in value}
             mean, sigma = map(float, numbers)
@@ -230,8 +232,8 @@ def _distribution(value: dict[Any, Any], where: Where, parse: Parser, rule: str)
         raise ValueError(f"{where.file}: {where.path}: {name}: {error}, got {value!r}") from None
 
 
-def _all_fit(rule: str, values: Any, where: Where, count: int | None = None) -> list[Any]:
-    """A list of values that fit, or a refusal."""
+def _all_fit(rule: str, values: object, where: Where, count: int | None = None) -> list[float]:
+    """Return a list of numbers that fit, or refuse it."""
     if not isinstance(values, list) or not all(_fits(rule, value) for value in values):
         where.refuse(f"a list of values that are each {rule}", values)
     if count is not None and len(values) != count:
@@ -239,10 +241,10 @@ def _all_fit(rule: str, values: Any, where: Where, count: int | None = None) -> 
     return values
 
 
-def _fits(rule: str, value: Any) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
+def _fits(rule: str, value: object) -> bool:
     # Integers of YAML have any number of digits, and may stand wherever numbers do.
-    finite = number and -sys.float_info.max <= value <= sys.float_info.max
+    largest = sys.float_info.max
+    finite = isinstance(value, int | float) and not isinstance(value, bool) and -largest <= value <= largest
     return {
         "a number": finite,
         "an integer": finite and isinstance(value, int),

@@ -1,4 +1,4 @@
-"""Scenes of a plan that are drawn, not named: by their kind, and what belongs to it."""
+"""Makes scenes of a plan that are drawn, not named: by their kind, and what belongs to it."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _listed = {key: cache(files) for key, files in FOLDERS.items()}
 
 @cache
 def scene_keys(kind: str) -> Mapping[str, Key]:
-    """The keys of a scene that is drawn."""
+    """Return the keys of a scene that is drawn."""
     return keys_of(RANDOM_SCENES[kind])
 
 
 def make_random_scene(drawn: Mapping[str, Any], end_s: float | None, base: Path) -> Scene:
-    """The scene that a drawn mapping stands for.
+    """Make the scene that a drawn mapping stands for.
 
     Args:
         drawn: ``kind`` and what belongs to it.

@@ -1,4 +1,4 @@
-"""One sequence of a plan: what its drawn parameters stand for."""
+"""Turns the drawn parameters of a sequence into a scene, a path and settings."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from .._core import CrossingEngine
 from .._util.argument_error import Argument, told
@@ -17,6 +17,7 @@ from ..geometry.trajectory.trajectory import align
 from ..scene.files.mesh_scene import Axis
 from ..scene.load import load_scene, start_pose
 from ..scene.scene import Scene
+from ..sensor.effects import Effects
 from ..sensor.effects.effects import read_effects
 from ..simulation.settings import (
     FolderSettings,
@@ -32,10 +33,12 @@ from .motion import make_motion, moved
 from .random_scene import make_random_scene
 from .sequence_plan import KEYS, SETTINGS, resolve
 
+Made = TypeVar("Made")
+
 
 @dataclass(frozen=True)
 class DrawnSequence:
-    """A sequence of a plan, that any process can make which sees the plan's files.
+    """Describes a sequence of a plan, which any process can make that sees the plan's files.
 
     Attributes:
         name: of its folder.
@@ -58,7 +61,7 @@ class DrawnSequence:
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """What belongs neither to the scene nor to the path: settings of :func:`~davis_rs.simulate_to_folder`."""
+        """Return the settings of :func:`~davis_rs.simulate_to_folder`: neither the scene's keys nor the path's."""
         given = {SETTINGS[key].name: value for key, value in self.parameters.items() if key in SETTINGS}
         for name in ("camera", "sensor"):
             if given.get(name) is not None:
@@ -71,14 +74,14 @@ class DrawnSequence:
 
     @property
     def scene_key(self) -> tuple[str, Axis | None, float | None] | None:
-        """What :func:`~davis_rs.load_scene` makes the scene from; None for a scene that is drawn for this sequence."""
+        """Return what :func:`~davis_rs.load_scene` takes; None for a scene that is drawn for this sequence."""
         named = self.parameters["scene"]
         if not isinstance(named, str):
             return None
         return resolve("scene", named, self.base), self.parameters.get("up"), self.parameters.get("scale")
 
     def scene(self) -> Scene:
-        """The scene, without the settings' light."""
+        """Load or draw the scene, without the settings' light."""
         if self.scene_key is not None:
             name, up, scale = self.scene_key
             return load_scene(name, up=up, scale=scale)
@@ -88,12 +91,12 @@ class DrawnSequence:
 
     @property
     def _end_s(self) -> float | None:
-        """The end of the sequence on the camera's path, if the plan says so."""
+        """Return the end of the sequence on the camera's path, if the plan says so."""
         duration_s: float | None = self.parameters.get("duration")
         return None if duration_s is None else (self.parameters.get("start") or 0.0) + duration_s
 
     def on_path(self, scene: Scene) -> Scene:
-        """The scene with the part of the camera's path that is simulated, from t = 0.
+        """Give a scene the part of the camera's path that is simulated, from t = 0.
 
         Raises:
             ValueError: as :func:`make_motion`, or if there is no such part.
@@ -142,25 +145,22 @@ class DrawnSequence:
         declared = settings_of(FolderSettings)
         for name, value in self.settings.items():
             self._named(partial(declared[name].check, value), declared[name].key)
-        settings = complete(FolderSettings, self.settings, of=str(self))
+        settings = complete(FolderSettings, self.settings, taker=str(self))
         viewed = self._named(lambda: view_scene(scene, settings), "camera", "size", "sensor")
         self._named(lambda: viewed.sensor_effects, "lux_per_luma")
         self._named(lambda: chosen_sampling(settings), "render_rate", "max_displacement", "tolerance")
         self._named(lambda: make_motion_capture(settings), *(name for name in _CAPTURE if name in self.parameters))
         self._named(lambda: make_imu(settings), "imu", "imu_rate", "imu_effects")
-        effects, _ = self._named(lambda: read_effects(settings["effects"]), "effects")
-        thresholds = {
-            "contrast_threshold": settings["contrast_threshold"],
-            "contrast_threshold_off": settings["contrast_threshold_off"],
-            "log_eps": settings["log_eps"],
-        }
-        given: dict[str, Any] = {name: value for name, value in thresholds.items() if value is not None}
-        self._named(lambda: CrossingEngine(1, 1, **given, effects=effects.engine_settings()), *thresholds, "effects")
+        effects, _ = self._named(lambda: read_effects(settings.effects), "effects")
+        self._named(
+            lambda: _check_engine(settings, effects),
+            *("contrast_threshold", "contrast_threshold_off", "log_eps", "effects"),
+        )
         memory = memory_of(viewed.camera, settings, effects.with_defaults(viewed.sensor_effects))
         self._named(memory.refuse, "size", "camera", "sensor")
         return memory
 
-    def _named(self, make: Callable[[], Any], *keys: str) -> Any:
+    def _named(self, make: Callable[[], Made], *keys: str) -> Made:
         try:
             return make()
         except (ValueError, OSError) as error:
@@ -169,8 +169,19 @@ class DrawnSequence:
             raise ValueError(f"{self.name}: {values}: {told(error, as_key)}") from None
 
 
+def _check_engine(settings: FolderSettings, effects: Effects) -> None:
+    """Have the crossing engine refuse thresholds and effects; what is not given is decided later."""
+    given = {
+        "contrast_threshold": settings.contrast_threshold,
+        "contrast_threshold_off": settings.contrast_threshold_off,
+        "log_eps": settings.log_eps,
+    }
+    thresholds: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    CrossingEngine(1, 1, **thresholds, effects=effects.engine_settings())
+
+
 def as_key(argument: Argument) -> str:
-    """An argument as a plan has it: ``frame_rate``, or with a value ``effects: auto``."""
+    """Write an argument as a plan has it: ``frame_rate``, or with a value ``effects: auto``."""
     key = without_unit(argument.name)
     key = key if key in KEYS else argument.name
     return f"{key}: {argument.value.lower()}" if argument.value else key

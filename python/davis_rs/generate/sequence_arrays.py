@@ -1,11 +1,11 @@
-"""What is in a sequence's folder as arrays: what shards hold of it."""
+"""Reads a sequence's folder as arrays, which shards hold."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,11 +29,11 @@ from ..io.dataset.files import (
 from ..io.dataset.reader import Dataset, StampedImage
 from .folder import file_names
 
-Arrays = dict[str, npt.NDArray[Any]]
+Arrays = dict[str, npt.NDArray[np.generic]]
 
 
 class SequenceArrays(NamedTuple):
-    """A sequence.
+    """Holds a sequence as arrays.
 
     Attributes:
         meta: ``meta.json``, as it is.
@@ -52,7 +52,7 @@ class SequenceArrays(NamedTuple):
 
 
 def read_sequence(folder: Path) -> SequenceArrays:
-    """All of a sequence's folder.
+    """Read all of a sequence's folder.
 
     Raises:
         OSError, DecodeError: if something in it cannot be read.
@@ -63,7 +63,7 @@ def read_sequence(folder: Path) -> SequenceArrays:
         "events": {"t": events["t"].astype(np.int64), **{name: events[name] for name in ("x", "y")}}
     }
     groups["events"]["p"] = events["p"].astype(np.uint8)
-    maps: dict[str, tuple[ImageSeries, Sequence[StampedImage], Callable[[int], Any]]] = {
+    maps: dict[str, tuple[ImageSeries, Sequence[StampedImage], Callable[[int], npt.NDArray[np.generic]]]] = {
         "frames": (FRAMES, dataset.frames, dataset.read_image),
         "depth": (DEPTH_MAPS, dataset.depth_maps, dataset.read_depth),
         "luma": (LUMA_MAPS, dataset.luma, dataset.read_luma),
@@ -80,8 +80,8 @@ def read_sequence(folder: Path) -> SequenceArrays:
         moved = [dataset.read_displacement(k) for k in range(len(dataset.displacements))]
         groups["displacement"] = {
             "t": _times(dataset.displacements),
-            "maps": np.stack([one.pixels for one in moved]),
-            "occluded": np.stack([one.occluded for one in moved]).astype(np.uint8),
+            "maps": np.stack([displacement.pixels for displacement in moved]),
+            "occluded": np.stack([displacement.occluded for displacement in moved]).astype(np.uint8),
         }
         taken |= {image.path.relative_to(folder).as_posix() for image in dataset.displacements}
     taken.add(DISPLACEMENTS.list_name)

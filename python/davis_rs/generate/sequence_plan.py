@@ -1,4 +1,4 @@
-"""A plan: how many sequences, and for each setting a value or the distribution that it is drawn from."""
+"""Reads a plan: how many sequences, and for each setting a value or the distribution that it is drawn from."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ KEYS: dict[str, Parser] = {
 
 @dataclass(frozen=True)
 class SequencePlan:
-    """A plan of sequences, as read from its file.
+    """Holds a plan of sequences, as read from its file.
 
     Attributes:
         file: where it came from; scenes, calibrations, sensors and trajectories that are files are relative to its
@@ -87,15 +87,15 @@ class SequencePlan:
     file: Path
     seed: int
     sequences: int
-    tree: Mapping[str, Any]
-    identity: Mapping[str, Any]
+    tree: Mapping[str, object]
+    identity: Mapping[str, object]
     digests: Mapping[str, str]
     shards: Shards | None = None
     accept_noise: bool = False
 
     @property
     def sha256(self) -> str:
-        """A hash of the identity and the files. Two plans with the same hash draw and make the same sequences."""
+        """Return a hash of identity and files. Two plans with the same hash draw and make the same sequences."""
         text = json.dumps([self.identity, self.digests], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -124,7 +124,7 @@ _SEEDED_MOTIONS = ("hand_held", "walking", "running")
 
 
 def sequence_name(index: int) -> str:
-    """The folder of a sequence; it does not depend on how many there are."""
+    """Name the folder of a sequence; it does not depend on how many there are."""
     return f"sequence_{index:05d}"
 
 
@@ -138,7 +138,7 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     file = Path(path)
     where = Where(file)
     given = where.mapping(read_yaml(file), "a mapping of keys to values")
-    tree: dict[str, Any] = {}
+    tree: dict[str, object] = {}
     for key, value in given.items():
         if key in _OF_PLAN:
             continue
@@ -147,10 +147,8 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
         tree[key] = KEYS[key](value, where.at(key))
     if "scene" not in tree:
         raise ValueError(f"{file}: a plan needs a scene")
-    seed, sequences = given.get("seed", 0), given.get("sequences", 1)
-    for key, value, least in (("seed", seed, 0), ("sequences", sequences, 1)):
-        if not isinstance(value, int) or isinstance(value, bool) or value < least:
-            where.at(key).refuse(f"an integer >= {least}", value)
+    seed = _integer(given.get("seed", 0), 0, where.at("seed"))
+    sequences = _integer(given.get("sequences", 1), 1, where.at("sequences"))
     if sequences > MOST_SEQUENCES:
         where.at("sequences").refuse(f"at most {MOST_SEQUENCES}", sequences)
     accept_noise = given.get("accept_noise", False)
@@ -161,7 +159,13 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent), shards, accept_noise)
 
 
-def _shards(value: Any, where: Where) -> Shards | None:
+def _integer(value: object, least: int, where: Where) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        where.refuse(f"an integer >= {least}", value)
+    return value
+
+
+def _shards(value: object, where: Where) -> Shards | None:
     if value is None:
         return None
     given = where.mapping(value, "a mapping with format and sequences")
@@ -177,7 +181,7 @@ def _shards(value: Any, where: Where) -> Shards | None:
 
 
 def resolve(key: str, text: str, base: Path) -> str:
-    """What ``scene``, ``camera`` or ``sensor`` stands for: a name that is known, or where the file lies under ``base``.
+    """Resolve ``scene``, ``camera`` or ``sensor``: a name that is known, or where the file lies under ``base``.
 
     A known name is never a file's, as in :func:`~davis_rs.load_scene`, :func:`~davis_rs.load_camera` and
     :func:`~davis_rs.load_sensor`.
@@ -186,16 +190,16 @@ def resolve(key: str, text: str, base: Path) -> str:
     return text if no_file or text in _NAMES[key] else str(base / text)
 
 
-def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:
+def _digests(tree: Mapping[str, object], base: Path) -> dict[str, str]:
     named = {text for key, names in _NAMES.items() for text in _texts(tree.get(key)) if text not in names}
-    named |= {text for one in _options(tree.get("motion")) if one for text in _texts(one.get("file"))}
+    named |= {text for path in _mappings(tree.get("motion")) for text in _texts(path.get("file"))}
     files = {text: base / text for text in sorted(named) if (base / text).is_file()}
     for text in _texts(tree.get("scene")):
         if text in files and files[text].suffix.lower() in (*MESH_READERS, *GLTF):
             files |= {os.path.relpath(file, base): file for file in _mesh_files(files[text])}
     digests = {text: hashlib.sha256(path.read_bytes()).hexdigest() for text, path in files.items()}
-    drawn = [one for one in _options(tree.get("scene")) if isinstance(one, dict)]
-    folders = {(key, text) for one in drawn for key in FOLDERS for text in _texts(one.get(key))}
+    drawn = _mappings(tree.get("scene"))
+    folders = {(key, text) for kind in drawn for key in FOLDERS for text in _texts(kind.get(key))}
     return digests | {
         text: _listing_sha256(key, base / text) for key, text in sorted(folders) if (base / text).is_dir()
     }
@@ -212,19 +216,23 @@ def _listing_sha256(key: str, folder: Path) -> str:
 
 
 def _mesh_files(mesh: Path) -> tuple[Path, ...]:
-    """What a mesh is read with; nothing of one that cannot be read, which is refused where it is needed."""
+    """List the files that a mesh is read with; none of one that cannot be read, which is refused where it is needed."""
     with warnings.catch_warnings(), suppress(ValueError, OSError):
         warnings.simplefilter("ignore")  # what is to be said of it is said when it is simulated
         return load_scene(mesh).files
     return ()
 
 
-def _texts(node: Any) -> list[str]:
+def _texts(node: object) -> list[str]:
     return [option for option in _options(node) if isinstance(option, str)]
 
 
-def _options(node: Any) -> Iterator[Any]:
-    """All that a node may come to."""
+def _mappings(node: object) -> list[dict[str, object]]:
+    return [option for option in _options(node) if isinstance(option, dict)]
+
+
+def _options(node: object) -> Iterator[object]:
+    """Yield all that a node may come to."""
     if isinstance(node, Choice):
         for option in node.options:
             yield from _options(option)

@@ -1,4 +1,4 @@
-"""Many sequences in one file: which ones, when, and how the file comes to be whole or not at all."""
+"""Packs many sequences into one file, which is whole or not there at all."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 from .._util.extras import require
-from .folder import file_sha256, sync, withdraw
-from .hdf5_shard import write_hdf5_shard
-from .webdataset_shard import write_webdataset_shard
+from .folder import ManifestLine, ShardFile, file_sha256, sync, withdraw
+from .shard_formats import write_hdf5_shard, write_webdataset_shard
 
 WRITERS: dict[str, tuple[str, Callable[[Path, Sequence[Path]], None]]] = {
     "hdf5": (".h5", write_hdf5_shard),
@@ -27,7 +25,7 @@ MOST_IN_A_SHARD = 100_000
 
 @dataclass(frozen=True)
 class Shards:
-    """How sequences are packed into files.
+    """Says how sequences are packed into files.
 
     Attributes:
         format: a key of ``WRITERS``.
@@ -64,16 +62,16 @@ class Packing:
             require("hdf5", "h5py")
         self._root, self._shards, self._names = root, shards, names
         self._thread = ThreadPoolExecutor(1, "packing")
-        self._packed: dict[str, Future[dict[str, Any]]] = {}
+        self._packed: dict[str, Future[tuple[list[str], ShardFile]]] = {}
 
-    def offer(self, index: int, lines: Mapping[str, Mapping[str, Any]]) -> None:
+    def offer(self, index: int, lines: Mapping[str, ManifestLine]) -> None:
         """Pack the shard of a sequence if all of its sequences are whole and it is not packed yet."""
         name = self._shards.name(index)
         members = [self._names[k] for k in self._shards.members(index, len(self._names))]
-        if name not in self._packed and all(one in lines and "shard" not in lines[one] for one in members):
+        if name not in self._packed and all(member in lines and "shard" not in lines[member] for member in members):
             self._packed[name] = self._thread.submit(self._pack, name, members)
 
-    def take(self, lines: dict[str, dict[str, Any]], write: Callable[[], None], *, wait: bool = False) -> None:
+    def take(self, lines: dict[str, ManifestLine], write: Callable[[], None], *, wait: bool = False) -> None:
         """Say in the manifest's lines which shards are there by now, write them, and remove the folders.
 
         Args:
@@ -87,35 +85,35 @@ class Packing:
         for name, future in list(self._packed.items()):
             if not (wait or future.done()):
                 continue
-            record = future.result()
+            members, shard = future.result()
             del self._packed[name]
-            for member in record["members"]:
-                lines[member] = {**lines[member], "shard": record["shard"]}
+            for member in members:
+                lines[member] = {**lines[member], "shard": shard}
             write()
-            for member in record["members"]:
+            for member in members:
                 withdraw(self._root / member)
 
     def close(self) -> None:
         """Begin no other shard, and wait for the one at work."""
         self._thread.shutdown(cancel_futures=True)
 
-    def _pack(self, name: str, members: Sequence[str]) -> dict[str, Any]:
+    def _pack(self, name: str, members: Sequence[str]) -> tuple[list[str], ShardFile]:
         final, working = self._root / name, self._root / f".{name}.{uuid4().hex}.part"
         try:
             WRITERS[self._shards.format][1](working, [self._root / member for member in members])
             sync(working)
-            shard = {"name": name, "bytes": working.stat().st_size, "sha256": file_sha256(working)}
+            shard: ShardFile = {"name": name, "bytes": working.stat().st_size, "sha256": file_sha256(working)}
             os.replace(working, final)
         except BaseException:
             with suppress(OSError):
                 working.unlink()
             raise
         sync(self._root)
-        return {"members": list(members), "shard": shard}
+        return list(members), shard
 
 
-def shard_fault(root: Path, shard: Mapping[str, Any], *, contents: bool = True) -> str | None:
-    """What is wrong with a file that a line of the manifest names, in words; None if it is as it was.
+def shard_fault(root: Path, shard: ShardFile, *, contents: bool = True) -> str | None:
+    """Say what is wrong with a file that a line of the manifest names; None if it is as it was.
 
     Args:
         contents: read all of it; otherwise only look whether it is there, with as many bytes.
@@ -130,16 +128,16 @@ def shard_fault(root: Path, shard: Mapping[str, Any], *, contents: bool = True) 
 
 
 def taken_from_shards(
-    root: Path, shards: Shards, names: Sequence[str], known: Mapping[str, dict[str, Any]], say: Callable[[str], None]
-) -> dict[str, dict[str, Any]]:
-    """The manifest's lines of sequences that are in shards already; what is left of their folders goes.
+    root: Path, shards: Shards, names: Sequence[str], known: Mapping[str, ManifestLine], say: Callable[[str], None]
+) -> dict[str, ManifestLine]:
+    """Take the manifest's lines of sequences that are in shards already, and remove what is left of their folders.
 
     A shard that is not as it was, or whose sequences are now more (the plan has grown), is made again.
     """
-    lines: dict[str, dict[str, Any]] = {}
+    lines: dict[str, ManifestLine] = {}
     for first in range(0, len(names), shards.sequences):
         members = [names[k] for k in shards.members(first, len(names))]
-        packed = [name for name in members if "shard" in known.get(name, {})]
+        packed = [name for name in members if name in known and "shard" in known[name]]
         if not packed:
             continue
         shard = known[packed[0]]["shard"]
@@ -157,6 +155,6 @@ def taken_from_shards(
     return lines
 
 
-def shard_names(lines: Iterable[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """The shards that lines of a manifest name, by name."""
+def shard_names(lines: Iterable[ManifestLine]) -> dict[str, ShardFile]:
+    """Return the shards that lines of a manifest name, by name."""
     return {line["shard"]["name"]: line["shard"] for line in lines if "shard" in line}

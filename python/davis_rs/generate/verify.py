@@ -1,14 +1,13 @@
-"""Whether sequences that were generated are still what they were."""
+"""Verifies that sequences that were generated are still what they were."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from ..io.dataset.files import META
-from .folder import CHECKSUMS, damage, folder_sha256, set_aside, unlisted_files, withdraw
+from .folder import CHECKSUMS, ManifestLine, damage, folder_sha256, set_aside, unlisted_files, withdraw
 from .job import origin
 from .manifest import MANIFEST, describe_folder, read_manifest, read_plan
 from .sequence import DrawnSequence
@@ -50,24 +49,26 @@ def verify_sequences(root: str | Path) -> dict[str, str]:
 
 
 def added_files(root: Path) -> dict[str, list[str]]:
-    """Files that were added to sequences after they were made, by the sequence's name in the manifest."""
+    """List the files that were added to sequences after they were made, by the sequence's name in the manifest."""
     folders = (name for name, line in read_manifest(root).items() if "shard" not in line)
     return {name: added for name in folders if (added := unlisted_files(root / name))}
 
 
 def taken_up(
     sequences: Sequence[DrawnSequence], root: Path, say: Callable[[str], None], shards: Shards | None = None
-) -> dict[str, dict[str, Any]]:
-    """The lines of those that are there already.
+) -> dict[str, ManifestLine]:
+    """Return the lines of sequences that are there already.
 
     One that the manifest knows is looked at, one that it does not know (a run was killed in between) is read. Where a
     folder is not what it was, it goes, and will be made again; one with files that somebody added gets another name.
     Sequences that are in a shard are taken from the manifest.
     """
-    known, lines = read_manifest(root), dict[str, dict[str, Any]]()
+    known, lines = read_manifest(root), dict[str, ManifestLine]()
     if shards is not None:
-        lines = taken_from_shards(root, shards, [one.name for one in sequences], known, say)
-        known = {name: {key: value for key, value in line.items() if key != "shard"} for name, line in known.items()}
+        lines = taken_from_shards(root, shards, [sequence.name for sequence in sequences], known, say)
+        known = {name: line.copy() for name, line in known.items()}
+        for line in known.values():
+            line.pop("shard", None)
     for sequence in sequences:
         folder = root / sequence.name
         if sequence.name in lines or not folder.exists():
@@ -76,15 +77,15 @@ def taken_up(
             generated = json.loads((folder / META).read_text())["generated"]
         except (OSError, ValueError, KeyError, TypeError):
             generated = None
-        line = known.get(sequence.name)
-        listed = line is not None and (folder / CHECKSUMS).is_file() and folder_sha256(folder) == line.get("sha256")
+        before = known.get(sequence.name)
+        listed = before is not None and (folder / CHECKSUMS).is_file() and folder_sha256(folder) == before.get("sha256")
         fault = damage(folder, contents=not listed)
         if fault is None and generated != origin(sequence):
             fault = f"its {META} tells of other parameters"
         if fault is None:
             lines[sequence.name] = describe_folder(folder)
             continue
-        if not (folder / CHECKSUMS).is_file() and (line is None or not folder.is_dir()):
+        if not (folder / CHECKSUMS).is_file() and (before is None or not folder.is_dir()):
             raise FileExistsError(f"{folder} is in the way: no sequence of {root} that is whole ({fault})")
         if added := unlisted_files(folder):
             aside = set_aside(folder)
@@ -98,7 +99,7 @@ def taken_up(
     return lines
 
 
-def _fault(folder: Path, line: dict[str, Any]) -> str | None:
+def _fault(folder: Path, line: ManifestLine) -> str | None:
     if not folder.is_dir():
         return "it is missing"
     fault = damage(folder)

@@ -1,4 +1,4 @@
-"""The camera: pinhole with OpenCV's radial-tangential distortion, and the rays of its pixels."""
+"""Models a pinhole camera with OpenCV's radial-tangential distortion, and the rays of its pixels."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .._util.untrusted import read_text
 FloatArray = npt.NDArray[np.float64]
 
 _BLOCK = 8192
-"""Pixels that are undistorted together."""
+"""How many pixels are undistorted at a time."""
 
 
 class _Distorted(NamedTuple):
-    """Normalised image coordinates u and v of undistorted ones, and their derivatives: u by y is v by x, ``cross``."""
+    """Distorted normalised coordinates u and v, and their derivatives by x and y; ``cross`` is u by y, and v by x."""
 
     u: FloatArray
     v: FloatArray
@@ -91,7 +91,7 @@ class Camera:
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Return undistorted rays (..., 2), x and y of (x, y, 1) in camera axes, for pixel coordinates (..., 2).
 
-        Solved by Newton's method in float64 until the projection is the pixel again within 1e-9 px.
+        Newton's method in float64 solves for them until the projection is within 1e-9 px of the pixel.
 
         Raises:
             ValueError: where no ray projects to a pixel (the distortion folds over), naming the pixel.
@@ -100,11 +100,11 @@ class Camera:
         flat = pixel.reshape(-1, 2)
         xy = np.empty_like(flat)
         largest_squared = self._squared_radius_of_fold()
-        # In blocks that stay in the processor's cache: a table of rays has millions.
+        # In blocks that fit in the processor's cache, because a table of rays has millions of entries.
         for start in range(0, len(flat), _BLOCK):
             block = slice(start, start + _BLOCK)
             x, y, solved = self._undistorted(flat[block])
-            # Beyond a fold the distortion may rise again: a ray from there projects to the pixel, and is not its own.
+            # Beyond a fold the distortion may rise again: a ray from there projects to the pixel, but is not its ray.
             bad = ~solved | (x * x + y * y >= largest_squared)
             if bad.any():
                 where = flat[block][bad][0]
@@ -116,7 +116,7 @@ class Camera:
         return xy.reshape(pixel.shape)
 
     def _undistorted(self, pixel: FloatArray) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-        """Ray directions x and y of pixels (n, 2), and whether each was found where the distortion does not fold."""
+        """Return ray directions x and y of pixels (n, 2), and whether each was found where nothing folds over."""
         u, v = (pixel[:, 0] - self.cx) / self.fx, (pixel[:, 1] - self.cy) / self.fy
         x, y = u.copy(), v.copy()
         for _ in range(50):
@@ -140,12 +140,13 @@ class Camera:
         return np.stack([rows[0] * self.fx, rows[1] * self.fy], -2)
 
     def _squared_radius_of_fold(self) -> float:
-        """Smallest r^2 where the distorted radius, r (1 + k1 r^2 + k2 r^4 + k3 r^6), stops growing; inf if nowhere."""
+        """Return the smallest r^2 at which the distorted radius, r (1 + k1 r^2 + k2 r^4 + k3 r^6), stops growing, or
+        inf."""
         roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1.0])
         return float(roots.real[(roots.imag == 0) & (roots.real > 0)].min(initial=np.inf))
 
     def _distort(self, x: FloatArray, y: FloatArray) -> _Distorted:
-        """Distorted normalised coordinates, and their derivatives."""
+        """Return distorted normalised coordinates, and their derivatives."""
         k1, k2, p1, p2, k3 = self.distortion
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))

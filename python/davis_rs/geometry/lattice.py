@@ -1,4 +1,4 @@
-"""The places inside a pixel through which its rays pass: a fixed rank-1 lattice, the same in every pixel and frame.
+"""Makes the points inside a pixel through which its rays pass: a fixed rank-1 lattice, the same in every frame.
 
 A pattern that changed from frame to frame would turn its noise into events; a fixed one gives none on a still image.
 At equal cost rank-1 lattices integrate image edges far better than regular grids.
@@ -32,7 +32,7 @@ def rank1_lattice(n: int) -> npt.NDArray[np.float64]:
     i = np.arange(n)
 
     def least_distance(g: int) -> int:
-        # The points form a group: their least distance is that of the shortest from the origin.
+        # The points form a group, so their least distance is that of the nearest point to the origin.
         dx, dy = i[1:], i[1:] * g % n
         return int((np.minimum(dx, n - dx) ** 2 + np.minimum(dy, n - dy) ** 2).min(initial=2 * n * n))
 

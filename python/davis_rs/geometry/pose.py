@@ -1,9 +1,9 @@
-"""The pose of a camera, and the quaternion algebra that it needs: (x, y, z, w), Hamilton."""
+"""Defines the pose of a camera, and the quaternion algebra that it needs: (x, y, z, w), Hamilton."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -80,20 +80,20 @@ class Pose:
         r = m[:3, :3]
         off = float(np.abs(r @ r.T - np.eye(3)).max())
         if off > _ROTATION_TOLERANCE or np.linalg.det(r) < 0:
-            found = f"is off by {off:.3g}" if off > _ROTATION_TOLERANCE else "is mirrored"
+            fault = f"is off by {off:.3g}" if off > _ROTATION_TOLERANCE else "is mirrored"
             raise ValueError(
                 f"a pose matrix must hold a rotation (orthonormal within {_ROTATION_TOLERANCE:g}, right-handed), "
-                f"got {r.tolist()}, which {found}"
+                f"got {r.tolist()}, which {fault}"
             )
         return cls(m[:3, 3], Rotation.from_matrix(r).as_quat())
 
 
 PoseLike: TypeAlias = Pose | npt.ArrayLike | tuple[npt.ArrayLike, npt.ArrayLike]
-"""What stands for a pose, see :func:`as_pose`."""
+"""All that may be given as a pose, see :func:`as_pose`."""
 
 
 def as_pose(given: PoseLike, argument: str = "pose") -> Pose:
-    """Return the pose that something stands for.
+    """Make a pose of all that may be given as one.
 
     >>> as_pose(np.eye(4))
     >>> as_pose(((0, 0, -1), (0, 0, 0, 1)))
@@ -101,7 +101,7 @@ def as_pose(given: PoseLike, argument: str = "pose") -> Pose:
     Args:
         given: a :class:`Pose`; a matrix T_world_camera (4, 4); or a pair of position (3,) in metres and quaternion (4,)
             of R_world_camera as (x, y, z, w).
-        argument: what gives it, for messages.
+        argument: the name of the argument, for messages.
 
     Raises:
         ArgumentError: for anything else, for what is no rigid, right-handed transform, a quaternion that is not of norm
@@ -120,8 +120,8 @@ def as_pose(given: PoseLike, argument: str = "pose") -> Pose:
         ) from None
 
 
-def _numbers(values: Any, what: str) -> FloatArray:
-    """A new array of numbers."""
+def _numbers(values: npt.ArrayLike | None, what: str) -> FloatArray:
+    """Copy numbers to a new array, or refuse what is not numbers."""
     try:
         if values is None:
             raise TypeError
@@ -142,7 +142,7 @@ class GroundTruth(NamedTuple):
 
 
 class Velocities(NamedTuple):
-    """How the camera moves, in its own axes (x right, y down, z ahead).
+    """Velocities and accelerations of the camera, in its own axes (x right, y down, z ahead).
 
     ``t_us`` int64 (n,); the others float64 (n, 3): ``linear`` velocity of its centre (m/s), ``angular`` rate (rad/s),
     and their rates of change in the world, turned into camera axes: ``linear_acceleration`` (m/s^2, without gravity)
@@ -156,7 +156,7 @@ class Velocities(NamedTuple):
     angular_acceleration: FloatArray
 
     def part(self, which: slice) -> Velocities:
-        """Return some of them."""
+        """Return the values of a slice of instants."""
         return Velocities(self.t_us[which], *(values[which] for values in self[1:]))
 
 
@@ -165,11 +165,12 @@ NO_VELOCITIES = Velocities(np.empty(0, np.int64), *[np.empty((0, 3))] * 4)
 
 
 def describe_pose(pose: Pose) -> dict[str, object]:
+    """Return position and quaternion in JSON's types."""
     return {"position": pose.position.tolist(), "quaternion": pose.quaternion.tolist()}
 
 
 def hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Hamilton product a * b of quaternions (..., 4) in the order (x, y, z, w).
+    """Return the Hamilton product a * b of quaternions (..., 4) in the order (x, y, z, w).
 
     Unlike a product of scipy's Rotations it is linear in both, so that the sign stays continuous.
     """
@@ -178,15 +179,17 @@ def hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def conjugate(q: FloatArray) -> FloatArray:
+    """Return the conjugates of quaternions (..., 4)."""
     return q * (-1.0, -1.0, -1.0, 1.0)
 
 
 def body_rates(q: FloatArray, dq_dt: FloatArray) -> FloatArray:
-    """Angular rate (..., 3) in body axes, rad/s, of unit quaternions: q' = q * (omega, 0) / 2 (Hamilton)."""
+    """Return the angular rate (..., 3) in body axes, rad/s, of unit quaternions: q' = q * (omega, 0) / 2 (Hamilton)."""
     return 2.0 * hamilton(conjugate(q), dq_dt)[..., :3]
 
 
 def rotation_matrices(q: FloatArray) -> FloatArray:
+    """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4), or (3, 3) of one."""
     from scipy.spatial.transform import Rotation
 
     matrices: FloatArray = Rotation.from_quat(q).as_matrix()

@@ -1,4 +1,4 @@
-"""Looking back at datasets: checks, comparisons, summaries, pictures.
+"""Looks back at datasets: checks, comparisons, summaries, pictures.
 
 ``check``, ``summary``, ``video``, ``rerun_recording`` -> ``figure`` -> ``truth_panels`` -> ``flow_picture``;
 ``html_page`` (a page for browsers; its program is in ``web``); all -> ``visual_sequence`` (what is drawn of a

@@ -1,4 +1,4 @@
-"""Checking a dataset folder: its structure, and its events against the rendered log intensity."""
+"""Checks a dataset folder: its structure, and its events against the rendered log intensity."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class CheckReport:
         instants: the comparison at each instant whose luma is stored, after the first.
         void: effects of the sensor under which events need not explain log intensity, so that nothing was compared.
         converted: whether the folder was converted from another container: it has no luma to compare with.
-        noise: share of events that Monte Carlo noise makes missing or spurious, as the run estimated it; None where it
+        noise: ratio of events that Monte Carlo noise makes missing or spurious, as the run estimated it; None where it
             did not. Rendered luma has the same noise, so no check can see it.
         made_by: the version and the model that made it, where that is not today's model.
     """
@@ -183,7 +183,7 @@ def check_dataset(path: str | Path) -> CheckReport:
 
 
 def _voiding_custom_effects(meta: dict[str, Any]) -> list[str]:
-    """The user's own effects that act behind luma."""
+    """Return the user's own effects that act behind luma."""
     listed = meta.get("custom_effects")
     effects = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     return [str(one.get("class")) for one in effects if one.get("acts_on") != ["luma"]]
@@ -202,7 +202,7 @@ def _and(names: list[str]) -> str:
 
 
 def _duration(meta: dict[str, Any]) -> int | None:
-    """The duration in microseconds, None where the writer did not come to write the final one."""
+    """Return the duration in microseconds, None where the writer did not come to write the final one."""
     return meta.get("duration_us") if meta.get("complete") or meta.get("interrupted") else None
 
 
@@ -287,7 +287,7 @@ def _pose_problems(ground_truth: GroundTruth) -> Iterator[str]:
 
 
 def _compare(dataset: Dataset, events: EventArray, parameters: dict[str, Any]) -> tuple[list[InstantError], list[str]]:
-    """The paper's check: the error at each instant, and the problems."""
+    """Return the paper's check: the error at each instant, and the problems."""
     try:
         c_on, log_eps = float(parameters["contrast_threshold"]), float(parameters["log_eps"])
         c_off = float(parameters["contrast_threshold_off"] or c_on)

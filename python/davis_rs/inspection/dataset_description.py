@@ -1,4 +1,4 @@
-"""What the ``meta.json`` of a dataset folder says of it, in words."""
+"""Says in words what the ``meta.json`` of a dataset folder holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A figure of a sequence: intensity frame, events, depth map, and events over time."""
+"""Draws a figure of a sequence: intensity frame, events, depth map, and events over time."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _matplotlib() -> Any:
 
 
 def _make_figure(inches: tuple[float, float]) -> Figure:
-    """A figure outside of pyplot (nothing keeps it alive), which a notebook shows nevertheless."""
+    """Return a figure outside of pyplot (nothing keeps it alive), which a notebook shows nevertheless."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -164,7 +164,7 @@ def _make_figure(inches: tuple[float, float]) -> Figure:
 
 
 def event_picture(grey: npt.NDArray[np.float64], events: EventArray) -> npt.NDArray[np.uint8]:
-    """Events over a faded image: uint8 (H, W, 3); a pixel with events has the colour of its last one."""
+    """Return events over a faded image: uint8 (H, W, 3); a pixel with events has the colour of its last one."""
     picture = np.repeat(np.rint(255 * (0.45 + 0.55 * grey))[..., None], 3, axis=2).astype(np.uint8)
     # Assignment with repeated indices keeps the last value: events are in the order of time.
     picture[events["y"], events["x"]] = np.where(events["p"][:, None] == 1, ON_RGB, OFF_RGB)
@@ -172,7 +172,8 @@ def event_picture(grey: npt.NDArray[np.float64], events: EventArray) -> npt.NDAr
 
 
 def _around(events: EventArray, t_us: int, count: float, window_s: float | None) -> tuple[EventArray, float]:
-    """The events of a window centred on ``t_us``, and its length in ms: as given, or what holds ``count`` events."""
+    """Return the events of a window centred on ``t_us``, and its length in ms: as given, or what holds ``count``
+    events."""
     t = events["t"]
     if window_s is not None:
         half_us = round(window_s * 0.5e6)
@@ -211,7 +212,7 @@ def _draw_depth(ax: Axes, sequence: VisualSequence, index: int | None) -> None:
 
 
 def _draw_band(ax: Axes, events: EventArray, rows: tuple[int, int], t_us: int, span_ms: float, width: int) -> None:
-    """Column over time of all events of a few rows: what moves evenly draws straight lines."""
+    """Draw column over time of all events of a few rows: what moves evenly draws straight lines."""
     colours = np.where(events["p"][:, None] == 1, ON_RGB, OFF_RGB) / 255.0
     ax.scatter((events["t"] - t_us) / 1e3, events["x"], c=colours, s=1.5, linewidths=0, rasterized=True)
     counted = f"{len(events):,} events of rows {rows[0]} to {rows[1] - 1}" if len(events) else "no events"
@@ -226,7 +227,7 @@ def _draw_band(ax: Axes, events: EventArray, rows: tuple[int, int], t_us: int, s
 
 
 def _ticks(side: int) -> list[int]:
-    """Pixels to name along a side: at most five, at round distances."""
+    """Return pixels to name along a side: at most five, at round distances."""
     step = next(step for step in (1, 2, 5, 10, 20, 30, 40, 60, 80, 100, 200, 400, 1000, 20_000) if side / step <= 4.5)
     return list(range(0, side, step))
 

@@ -1,4 +1,4 @@
-"""Optical flow in colours: the direction as hue, the speed as saturation."""
+"""Draws optical flow in colours: the direction as hue, the speed as saturation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ _MISSING = 209
 
 
 def flow_picture(flow: npt.NDArray[np.float32], most: float) -> npt.NDArray[np.uint8]:
-    """Flow (H, W, 2) as the usual colour wheel has it, uint8 (H, W, 3): white is no motion, full colour ``most``.
+    """Return flow (H, W, 2) as the usual colour wheel has it, uint8 (H, W, 3): white is no motion, full colour
+    ``most``.
 
     Vectors to the right are red, downwards yellow-green, to the left light blue, upwards violet. Grey where there is
     none.
@@ -42,7 +43,7 @@ def flow_picture(flow: npt.NDArray[np.float32], most: float) -> npt.NDArray[np.u
 
 
 def flow_wheel(side: int) -> npt.NDArray[np.uint8]:
-    """The wheel itself, uint8 (side, side, 4): transparent outside of it."""
+    """Return the wheel itself, uint8 (side, side, 4): transparent outside of it."""
     axis = np.linspace(-1, 1, side)
     u, v = np.meshgrid(axis, axis)
     picture = flow_picture(np.stack([u, v], -1).astype(np.float32), 1.0)

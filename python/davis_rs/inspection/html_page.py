@@ -1,4 +1,4 @@
-"""A sequence as one HTML file, which any browser shows without a server and without a network."""
+"""Writes a sequence as one HTML file, which any browser shows without a server and without a network."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from .._util.argument_error import ArgumentError
 from .._util.close_names import names_checked
 from .._util.progress import progress
 from .._util.whole_file import write_whole
+from ..events.arrays import EventArray
 from ..geometry.pose import GroundTruth
 from .sampling_for_display import evenly_spaced, event_counts, sample_events
 from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
@@ -150,8 +151,8 @@ def _kept_text(kept: dict[str, tuple[int, int]]) -> str:
     return ", ".join(f"{some:,} of {total:,} {name}" for name, (some, total) in kept.items())
 
 
-def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, Any]) -> bytes:
-    """The whole page. What comes from files is escaped, and the policy lets only the script of this hash run."""
+def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, object]) -> bytes:
+    """Return the whole page. What comes from files is escaped, and the policy lets only the script of this hash run."""
     parts = files(__package__) / "web"
     script = (
         '"use strict";\n(() => {\n'
@@ -178,7 +179,7 @@ def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _base64(array: npt.NDArray[Any], dtype: str) -> str:
+def _base64(array: npt.NDArray[np.generic], dtype: str) -> str:
     return base64.b64encode(np.ascontiguousarray(array, dtype).tobytes()).decode()
 
 
@@ -189,8 +190,8 @@ def _window_us(sequence: VisualSequence, kept: int, duration_us: int) -> int:
     return max(1, round(min(max(window, duration_us / 1000), duration_us / 4)))
 
 
-def _packed_events(sequence: VisualSequence, events: npt.NDArray[Any], duration_us: int) -> dict[str, Any]:
-    """Times in ticks with the polarity in the lowest bit, uint32; x and y alternating, uint16."""
+def _packed_events(sequence: VisualSequence, events: EventArray, duration_us: int) -> dict[str, object]:
+    """Return times in ticks with the polarity in the lowest bit, uint32; x and y alternating, uint16."""
     tick_us = -(-duration_us // _LARGEST_TICK)
     ticks = (events["t"] - sequence.start_us) // tick_us
     times = (ticks.astype(np.uint32) << np.uint32(1)) | events["p"].astype(np.uint32)
@@ -202,19 +203,19 @@ def _packed_events(sequence: VisualSequence, events: npt.NDArray[Any], duration_
     }
 
 
-def _packed_rates(sequence: VisualSequence) -> dict[str, Any]:
+def _packed_rates(sequence: VisualSequence) -> dict[str, object]:
     bins = max(20, min(_MOST_RATE_BINS, len(sequence.events) // _EVENTS_A_RATE_BIN))
     bin_us, on, off = event_counts(sequence.events, sequence.start_us, sequence.end_us, bins)
     return {"bin_us": bin_us, "on": _base64(on, "<u4"), "off": _base64(off, "<u4")}
 
 
-def _packed_frames(sequence: VisualSequence, most: int | None, show: bool) -> dict[str, Any]:
-    """Frames as PNG: those asked for, or as many as fit the share of the file that is theirs."""
+def _packed_frames(sequence: VisualSequence, most: int | None, show: bool) -> dict[str, object]:
+    """Return frames as PNG: those asked for, or as many as fit the share of the file that is theirs."""
     total = len(sequence.frame_times)
     encoded: dict[int, bytes] = {}
 
     def encode(chosen: Sequence[int]) -> int:
-        """Their bytes, all together."""
+        """Return their bytes, all together."""
         with progress("frames", len(chosen), unit="frames", show=show and len(chosen) > 8) as bar:
             for number in chosen:
                 if number not in encoded:
@@ -244,8 +245,8 @@ def _png(grey: npt.NDArray[np.float64]) -> bytes:
     return stream.getvalue()
 
 
-def _packed_imu(sequence: VisualSequence) -> dict[str, Any] | None:
-    """Acceleration (m/s^2) and rotation (rad/s) of the samples in the sequence's time."""
+def _packed_imu(sequence: VisualSequence) -> dict[str, object] | None:
+    """Return acceleration (m/s^2) and rotation (rad/s) of the samples in the sequence's time."""
     imu = sequence.read_imu()
     if not len(imu):
         return None
@@ -260,8 +261,8 @@ def _packed_imu(sequence: VisualSequence) -> dict[str, Any] | None:
     }
 
 
-def _packed_path(sequence: VisualSequence) -> dict[str, Any] | None:
-    """Positions (m) and quaternions (x, y, z, w) of the poses in the sequence's time."""
+def _packed_path(sequence: VisualSequence) -> dict[str, object] | None:
+    """Return positions (m) and quaternions (x, y, z, w) of the poses in the sequence's time."""
     poses: GroundTruth = sequence.read_poses()
     if not len(poses.t_us):
         return None
@@ -276,5 +277,5 @@ def _packed_path(sequence: VisualSequence) -> dict[str, Any] | None:
     }
 
 
-def _in_time(sequence: VisualSequence, t_us: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+def _in_time(sequence: VisualSequence, t_us: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.bool_]:
     return np.asarray((t_us >= sequence.start_us) & (t_us <= sequence.end_us))

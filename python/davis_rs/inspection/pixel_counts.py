@@ -1,4 +1,4 @@
-"""Events in each pixel, in memory that the events need rather than the sensor."""
+"""Counts events in each pixel, in memory that the events need rather than the sensor."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class PixelCounts:
         return int(x), int(y), int(self._image[y, x])
 
     def image(self) -> npt.NDArray[np.uint64]:
-        """All of them, uint64 (height, width).
+        """Return all of them, uint64 (height, width).
 
         Raises:
             ValueError: for a sensor of more pixels than an image of them should have.

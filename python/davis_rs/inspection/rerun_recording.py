@@ -1,4 +1,4 @@
-"""A sequence for the viewer of Rerun (https://rerun.io): all that it has, on one timeline."""
+"""Writes a sequence for the viewer of Rerun (https://rerun.io): all that it has, on one timeline."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class _Writer:
         self._interval_us = max(1.0, (instants[-1] - instants[0]) / max(1, len(instants) - 1))
 
     def blueprint(self) -> Any:
-        """How the viewer arranges it."""
+        """Return how the viewer arranges it."""
         import rerun.blueprint as rrb
 
         sequence = self._sequence
@@ -168,7 +168,7 @@ class _Writer:
         return rrb.Blueprint(rows, rrb.TimePanel(timeline=_TIMELINE), collapse_panels=True)
 
     def frames(self) -> None:
-        """Intensity frames, as PNG."""
+        """Log intensity frames, as PNG."""
         sequence, numbers = self._sequence, self._frame_numbers
         if not sequence.frame_times:
             return
@@ -179,7 +179,7 @@ class _Writer:
         self.kept["frames"] = len(numbers), len(sequence.frame_times)
 
     def accumulated_events(self) -> None:
-        """All events since the instant before, ON red and OFF blue."""
+        """Log all events since the instant before, ON red and OFF blue."""
         events, (width, height) = self._sequence.events, self._sequence.size
         white, done = np.ones((height, width)), 0
         for t_us in each(self._instants, "event pictures", len(self._instants), unit="pictures", show=self._show):
@@ -189,7 +189,7 @@ class _Writer:
             done = until
 
     def event_cloud(self, most: int) -> None:
-        """Events as points (x, y, t), with y upwards in the picture."""
+        """Log events as points (x, y, t), with y upwards in the picture."""
         rr, sequence = self._rr, self._sequence
         kept = sample_events(sequence.events, most)
         self.kept["events"] = len(kept), len(sequence.events)
@@ -197,10 +197,10 @@ class _Writer:
         self._stream.log("events/cloud", rr.ViewCoordinates.RDF, static=True)
         ends = np.searchsorted(kept["t"], self._instants, side="right")
         for t_us, first, last in zip(self._instants, [0, *ends[:-1]], ends, strict=True):
-            part = kept[first:last]
-            away = (part["t"] - sequence.start_us) * per_us
-            positions = np.stack([part["x"], part["y"], away], -1).astype(np.float32)
-            colours = np.where(part["p"][:, None] == 1, ON_RGB, OFF_RGB).astype(np.uint8)
+            points = kept[first:last]
+            away = (points["t"] - sequence.start_us) * per_us
+            positions = np.stack([points["x"], points["y"], away], -1).astype(np.float32)
+            colours = np.where(points["p"][:, None] == 1, ON_RGB, OFF_RGB).astype(np.uint8)
             self._at(t_us)
             self._stream.log("events/cloud", rr.Points3D(positions, colors=colours, radii=rr.Radius.ui_points(1.0)))
 
@@ -215,7 +215,7 @@ class _Writer:
         self._send("events/rate", middles, rr.Scalars.columns(scalars=rates))
 
     def depth_and_flow(self) -> None:
-        """Depth in metres (0 where nothing is hit), and flow as colours."""
+        """Log depth in metres (0 where nothing is hit), and flow as colours."""
         rr, sequence = self._rr, self._sequence
         depth, flow = sequence.depth_times, sequence.flow_times
         for number in (numbers := self._chosen(len(depth))):
@@ -236,7 +236,7 @@ class _Writer:
         self.notes.append(f"optical flow: full colour is {fastest:,.0f} px/s in all its pictures")
 
     def camera(self) -> None:
-        """Poses, path and pinhole. Rerun has pixel centres at halves."""
+        """Log poses, path and pinhole. Rerun has pixel centres at halves."""
         rr, sequence, poses = self._rr, self._sequence, self._sequence.read_poses()
         if len(poses.t_us):
             columns = rr.Transform3D.columns(translation=poses.positions, quaternion=poses.quaternions)
@@ -253,7 +253,7 @@ class _Writer:
             self.notes.append("the lens's distortion is left out in 3D, because Rerun's camera is a pinhole")
 
     def imu(self) -> None:
-        """Acceleration and angular rate along x, y and z."""
+        """Log acceleration and angular rate along x, y and z."""
         rr, imu = self._rr, self._sequence.read_imu()
         if not len(imu):
             return
@@ -281,6 +281,6 @@ class _Writer:
 
 
 def _fastest(flow: npt.NDArray[np.float32]) -> float:
-    """The speed that 99 % of the pixels do not exceed."""
+    """Return the speed that 99 % of the pixels do not exceed."""
     speed = np.hypot(flow[..., 0], flow[..., 1])
     return float(np.nanpercentile(speed, 99)) if np.isfinite(speed).any() else 1.0

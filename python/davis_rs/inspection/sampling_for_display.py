@@ -1,4 +1,4 @@
-"""Choosing the part of a long sequence that a page or a recording for a viewer keeps."""
+"""Chooses the part of a long sequence that a page or a recording for a viewer keeps."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def evenly_spaced(count: int, most: int) -> Indices:
 def event_counts(
     events: EventArray, start_us: int, end_us: int, bins: int
 ) -> tuple[float, npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
-    """Events from ``start_us`` to ``end_us``, counted in ``bins`` intervals of equal length.
+    """Return events from ``start_us`` to ``end_us``, counted in ``bins`` intervals of equal length.
 
     There are fewer intervals where they would be shorter than a microsecond.
 

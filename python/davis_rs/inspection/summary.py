@@ -1,4 +1,4 @@
-"""What is in an event file or a dataset folder: counts, rates, gaps, and how fast the camera moved."""
+"""Summarises an event file or a dataset folder: counts, rates, gaps, and how fast the camera moved."""
 
 from __future__ import annotations
 
@@ -206,12 +206,13 @@ def _add_gaps(summary: EventSummary, t_us: npt.NDArray[np.int64]) -> None:
     steps = np.diff(t_us)
     summary.backward += int(np.count_nonzero(steps < 0))
     longest = np.argpartition(steps, -_GAPS)[-_GAPS:] if len(steps) > _GAPS else np.arange(len(steps))
-    found = [Gap(int(steps[at]), int(t_us[at])) for at in longest if steps[at] > 0]
-    summary.gaps = heapq.nlargest(_GAPS, [*summary.gaps, *found])
+    longer = [Gap(int(steps[at]), int(t_us[at])) for at in longest if steps[at] > 0]
+    summary.gaps = heapq.nlargest(_GAPS, [*summary.gaps, *longer])
 
 
 def dataset_contents(dataset: Dataset) -> str:
-    """A few lines on what a dataset folder holds in addition to its events: scene, settings, noise, model, and parts.
+    """Return a few lines on what a dataset folder holds in addition to its events: scene, settings, noise, model, and
+    parts.
 
     Raises:
         OSError, DecodeError: if a list of images, the ground truth or the IMU's samples cannot be read.
@@ -241,7 +242,7 @@ def dataset_contents(dataset: Dataset) -> str:
 
 
 def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
-    """The paper's columns for a dataset folder whose events were summed up.
+    """Return the paper's columns for a dataset folder whose events were summed up.
 
     The duration is that of ``meta.json`` where there is one, else that of the events. In a folder that was never
     finished ``meta.json`` may be older than the events: there it is the longer one.
@@ -258,7 +259,7 @@ def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
 
 
 def top_speeds(ground_truth: GroundTruth) -> tuple[float, float]:
-    """The largest translation speed in m/s and rotation speed in degrees a second, NaN for less than two poses.
+    """Return the largest translation speed in m/s and rotation speed in degrees a second, NaN for less than two poses.
 
     A speed is that between a pose and the first one at least 100 ms later, in a shorter sequence between its ends: what
     :meth:`~davis_rs.Trajectory.top_speeds` is of a trajectory, and far above a motion capture's noise.

@@ -1,4 +1,4 @@
-"""Panels of a figure with what a camera cannot give: optical flow, shapes and surface normals."""
+"""Draws panels of a figure with what a camera cannot give: optical flow, shapes and surface normals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Panel = Callable[["Axes", str], None]
 
 
 def truth_panels(sequence: VisualSequence, t_us: int) -> list[Panel]:
-    """What there is to draw of a sequence's ground truth, nearest to an instant."""
+    """Return what there is to draw of a sequence's ground truth, nearest to an instant."""
     panels: list[Panel] = []
     for times, draw in (
         (sequence.flow_times, _draw_flow),

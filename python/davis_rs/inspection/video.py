@@ -1,4 +1,4 @@
-"""A video of a sequence: its intensity frames next to its events."""
+"""Makes a video of a sequence: its intensity frames next to its events."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def make_video(
 
 
 def _pictures(sequence: VisualSequence, step_us: float, count: int) -> Iterator[npt.NDArray[np.uint8]]:
-    """The pictures of the video, uint8 (even height, even width, 3)."""
+    """Yield the pictures of the video, uint8 (even height, even width, 3)."""
     from PIL import Image, ImageDraw, ImageFont
 
     (width, height), events, t = sequence.size, sequence.events, sequence.events["t"]

@@ -1,4 +1,4 @@
-"""What a figure or a video is drawn from: events, frames and depth of a folder, an event file or a recording."""
+"""Opens what a figure or a video is drawn from: events, frames and depth of a folder, an event file or a recording."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _no_poses() -> GroundTruth:
     return GroundTruth(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
 
 
-def _no_imu() -> npt.NDArray[Any]:
+def _no_imu() -> npt.NDArray[np.void]:
     return np.zeros(0, IMU_DTYPE)
 
 
@@ -75,7 +75,7 @@ class VisualSequence:
     shape_names: Sequence[str] = ()
     normal_times: Sequence[int] = ()
     read_normals: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1, 3), np.float32))
-    read_imu: Callable[[], npt.NDArray[Any]] = _no_imu
+    read_imu: Callable[[], npt.NDArray[np.void]] = _no_imu
     read_poses: Callable[[], GroundTruth] = _no_poses
     read_camera: Callable[[], Camera | None] = field(default=lambda: None)
 
@@ -102,17 +102,17 @@ def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = Non
 
 
 def nearest(times_us: Sequence[int], t_us: int) -> int | None:
-    """The index of the time that is nearest, None where there is none."""
+    """Return the index of the time that is nearest, None where there is none."""
     return min(range(len(times_us)), key=lambda i: abs(times_us[i] - t_us), default=None)
 
 
 def display_grey(linear: npt.NDArray[np.floating[Any]]) -> GreyImage:
-    """Linear values in 0..1 as a display wants them, in 0..1 (IEC 61966-2-1, the sRGB transfer curve)."""
+    """Return linear values in 0..1 as a display wants them, in 0..1 (IEC 61966-2-1, the sRGB transfer curve)."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def _label(dataset: Dataset, size: tuple[int, int]) -> str:
-    """One line: the scene or else the folder's name, C, the sensor, and the share of noise."""
+    """Return one line: the scene or else the folder's name, C, the sensor, and the share of noise."""
     said = describe_dataset(dataset)
     sensor = f"sensor {size[0]} x {size[1]}"
     if said.effects is not None:
@@ -167,7 +167,7 @@ def _of_events(
     events: EventArray,
     frame_times: Sequence[int] = (),
     read_frame: Callable[[int], GreyImage] = lambda _: np.ones((1, 1)),
-    read_imu: Callable[[], npt.NDArray[Any]] = _no_imu,
+    read_imu: Callable[[], npt.NDArray[np.void]] = _no_imu,
 ) -> VisualSequence:
     _check_inside(events, size, path)
     back = events["t"][1:] < events["t"][:-1]
@@ -182,11 +182,11 @@ def _of_events(
 
 
 def _whole(frame: Frame, size: tuple[int, int]) -> GreyImage:
-    """A camera's frame where it lies on the sensor, white around it."""
+    """Return a camera's frame where it lies on the sensor, white around it."""
     width, height = size
     image = np.ones((height, width))
-    part = frame.pixels[: height - frame.y, : width - frame.x] / _FRAME_WHITE
-    image[frame.y : frame.y + part.shape[0], frame.x : frame.x + part.shape[1]] = part
+    visible = frame.pixels[: height - frame.y, : width - frame.x] / _FRAME_WHITE
+    image[frame.y : frame.y + visible.shape[0], frame.x : frame.x + visible.shape[1]] = visible
     return image
 
 

@@ -1,8 +1,8 @@
-"""How to render: renderers behind one interface, and the choice between them.
+"""Renders scenes: renderers behind one interface, and the choice between them.
 
-``base`` is the interface (:class:`~davis_rs.render.base.Renderer`), ``choice`` takes the first renderer that a
-scene suits. A renderer refuses a scene with all ``obstacles``, each with its remedy. ``matte`` knows which
-materials are diffuse, or may be taken so.
+``base`` is the interface (:class:`~davis_rs.render.base.Renderer`), ``choice`` takes the first renderer that can
+render a scene. A renderer refuses a scene with all ``obstacles``, each with its remedy. ``diffuse_materials`` knows
+which materials are diffuse, or may be taken so. ``scene_cache`` keeps what was made of a scene.
 
 - ``native`` (the Rust core) and ``table`` (Dr.Jit, with derivatives) take the same ``scene_tables``: diffuse
   triangles under direct light, without noise. ``auto`` prefers the native one, because it is faster and needs no

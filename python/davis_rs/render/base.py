@@ -1,4 +1,4 @@
-"""The renderer: views in; frames of linear luma, their rates, single pixels, depth maps and optical flow out."""
+"""Defines the interface of all renderers: views in; luma, its rates, single pixels, depth and optical flow out."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Indices = npt.NDArray[np.int64]
 
 
 Launched = Callable[[], tuple[LumaFrames, LumaFrames | None]]
-"""Frames that are on their way, and their rates where they were asked for."""
+"""A function that waits for frames being rendered, and returns them, and their rates where they were asked for."""
 
 
 class Renderer(ABC):
@@ -37,10 +37,10 @@ class Renderer(ABC):
     """
 
     name: str
-    """What renders, for people."""
+    """The renderer's name, for messages."""
 
     reason: str
-    """Why it was chosen, for people."""
+    """Why this renderer was chosen, for messages."""
 
     variant: str
     """The Mitsuba variant."""
@@ -49,23 +49,23 @@ class Renderer(ABC):
     """How many views are best rendered in one call."""
 
     concurrent: bool = False
-    """Whether several threads may call it at once."""
+    """Whether several threads may call the renderer at once."""
 
     motion: SceneMotion
-    """What moves and flickers in the scene, by the times of the views."""
+    """What moves and flickers in the scene, as a function of the views' times."""
 
     def __init__(self, camera: Camera, *, samples: int, blur: bool, motion: SceneMotion = STILL) -> None:
         self.camera, self.rays, self.blur, self.motion = camera, samples, blur, motion
 
     silhouettes: MovingSilhouettes | None = None
-    """The geometry's edges, where somebody wants to know them."""
+    """The edges of the geometry; None unless they were asked for."""
 
     optics: ImageMap | None = None
-    """What the lens does to luma and its rates, after the blur; None for a perfect one."""
+    """What the lens does to luma and its rates, after the blur; None for a perfect lens."""
 
     @property
     def ray_bytes(self) -> float:
-        """What is kept of the rays of a pixel, or takes part in the rendering of all of them at once."""
+        """Bytes of memory per pixel that its rays take, in kept tables or while all pixels are rendered at once."""
         return 16.0 * self.rays
 
     @property
@@ -78,23 +78,23 @@ class Renderer(ABC):
         return self.begin_luma(views)()[0]
 
     def begin_luma(self, views: Views) -> Launched:
-        """Begin to render :meth:`luma`; a call of the result waits for it and gives (luma, None)."""
+        """Begin to render :meth:`luma`; a call of the result waits for the frames and returns (luma, None)."""
         frames = self._begin_luma(views) if len(views) else partial(self._blank, views)
         return lambda: (self._finished(frames()), None)
 
     def begin_luma_and_rate(self, views: Views) -> Launched:
-        """Do as :meth:`begin_luma` does, for :meth:`luma_and_rate`. It is rendered at once."""
+        """Do as :meth:`begin_luma`, for :meth:`luma_and_rate`; it renders before it returns."""
         both = self.luma_and_rate(views)
         return lambda: both
 
     def luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
         """Return :meth:`luma`, and dY/dt in luma per second at each instant, (n, H, W), float32.
 
-        The rate is total: of the camera, of all that moves, and of the lights. It is that of the surfaces which the
-        rays hit, shading and texture included. What appears, vanishes or passes into shadow is not in it: at the edges
-        of surfaces and shadows the true luma changes otherwise. The native renderer and the table kernel differentiate,
-        and inside surfaces are as exact as float32; the others take differences over 0.04 pixels of motion, with the
-        same random numbers, good to about 1 %.
+        The rate counts the motion of the camera and of all objects, and the change of the lights. It is the rate of
+        the surfaces that the rays hit, with shading and texture. It leaves out what appears, vanishes or passes into
+        shadow, because at the edges of surfaces and shadows true luma changes in another way. The native renderer and
+        the table kernel differentiate, and inside surfaces are as exact as float32; the others take differences over
+        0.04 pixels of motion, with the same random numbers, good to about 1 %.
         """
         frames, rates = self._luma_and_rate(views) if len(views) else (self._blank(views), self._blank(views))
         return self._finished(frames), self._finished(rates)
@@ -102,7 +102,7 @@ class Renderer(ABC):
     def samples(
         self, views: Views, view: npt.ArrayLike, pixel: npt.ArrayLike, *, rays: int | None = None
     ) -> LumaFrames:
-        """Return luma (m,), float32, of m single pixels: the bits of ``luma(views)[view, y, x]``, without the rest.
+        """Return luma (m,), float32, of m single pixels: the bits of ``luma(views)[view, y, x]``.
 
         Args:
             view: (m,) which of the views.
@@ -138,19 +138,19 @@ class Renderer(ABC):
             views: five of each span (5 n), at the instants of
                 ``davis_rs.render.edges.edge_tracks.instants_of_spans``; the fastest pixel may go half a pixel.
             t_us: int64 (n, 5): these instants, microseconds of the sequence.
-            tolerated: change of log luma that is tolerated.
+            tolerated: how much log luma may err.
             log_eps: dark level in units of luma.
 
         Returns:
             None where the renderer does not know its rays' surfaces.
         """
-        found = self._edge_tracks(views, t_us, tolerated, log_eps)
-        if found is None:
+        tracks = self._edge_tracks(views, t_us, tolerated, log_eps)
+        if tracks is None:
             return None
-        return [composed_tracks(tracks, self.camera, self.reach_px, self._composed) for tracks in found]
+        return [composed_tracks(span, self.camera, self.reach_px, self._composed) for span in tracks]
 
     def _composed(self, squares: LumaFrames, pixel: Indices) -> LumaFrames:
-        """What the blur and the lens make of the squares around pixels."""
+        """Apply the blur and the lens to the squares around pixels."""
         if self.blur:
             squares = blur_neighbourhoods(squares)
         return squares[0, 0] if self.optics is None else self.optics.pixels(squares, pixel)
@@ -173,7 +173,7 @@ class Renderer(ABC):
         return flows
 
     def _flows(self, views: Views, depth: npt.NDArray[np.float32]) -> Iterator[FloatArray]:
-        """Flow (H * W, 2) of each view; where depth is inf, that of the camera's rotation."""
+        """Yield flow (H * W, 2) of each view; where depth is inf, the flow that the camera's rotation makes."""
         poses: tuple[Views, ...] = ()
         if self.motion.objects and len(views):
             poses = self.motion.at(views.t_s).objects
@@ -193,14 +193,14 @@ class Renderer(ABC):
         return OpticalFlow(self.camera, pixel_centres(self.camera))
 
     def _finished(self, frames: LumaFrames) -> LumaFrames:
-        """What the blur and the lens make of rendered frames, or of their rates: both are linear."""
+        """Apply the blur and the lens to rendered frames, or to their rates: both are linear."""
         blurred = blur_3x3(frames) if self.blur else frames
         return blurred if self.optics is None else self.optics.frames(blurred)
 
     def _blank(self, views: Views) -> npt.NDArray[np.float32]:
         return np.empty((len(views), self.camera.height, self.camera.width), np.float32)
 
-    # What an implementation gives, for at least one view or pixel, before the blur and the lens.
+    # What a renderer implements, for at least one view or pixel, before the blur and the lens.
 
     @abstractmethod
     def _luma(self, views: Views) -> LumaFrames: ...
@@ -221,18 +221,19 @@ class Renderer(ABC):
         return np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        """Do as :meth:`edge_tracks`, with samples of all pixels that luma is taken from, at the spans' ends too."""
+        """Do as :meth:`edge_tracks`, before blur and lens, of all pixels these take luma from; at the spans'
+        ends too."""
         return None
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
-        # What is infinitely far counts too: it may be a background that a rotation carries past.
+        # What is infinitely far counts too: it may be a background, which moves in the image when the camera rotates.
         depths = (self.depth(views[i : i + 1]) for i in range(len(views)))
         flows = (flow for i, depth in enumerate(depths) for flow in self._flows(views[i : i + 1], depth))
         speeds = np.array([np.linalg.norm(flow, axis=-1).max() for flow in flows])
         return rate_by_differences(partial(self._luma_after, views), speeds)
 
     def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
-        """Luma when each view and all that moves has gone on for its own time (n,), for rates by differences."""
+        """Return luma a short time (n,) after each view, when all has moved on at constant rates."""
         return self._luma(views.moved(step_s))
 
 

@@ -1,4 +1,4 @@
-"""Which renderer a scene takes."""
+"""Chooses the renderer for a scene, and builds it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
+from .._mitsuba.types import Mitsuba, MitsubaScene
 from .._mitsuba.variants import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from .._util.argument_error import ArgumentError
 from ..geometry.camera import Camera
@@ -16,26 +17,26 @@ from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
 from .baked.baked_scene import baked_light, check_baking
 from .base import Renderer
+from .diffuse_materials import simplify_materials
 from .edges.swept_objects import MovingSilhouettes
 from .integrator.renderer import IntegratorRenderer
 from .integrator.scalar import ScalarRenderer
-from .kept_scenes import kept
-from .matte import simplify_materials
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .native.renderer import NativeRenderer
 from .obstacles import Obstacle, Obstacles, Unsuitable, listed
+from .scene_cache import cached
 from .scene_tables.scene_table import SceneTable
 from .table.renderer import TableRenderer
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """What a renderer is made from, see :func:`make_renderer`.
+class _Request:
+    """The arguments of :func:`make_renderer`.
 
     Attributes:
-        by_name: this renderer and no other.
-        reason: why Mitsuba's integrators render it.
+        by_name: the renderer was named, not chosen by ``auto``.
+        reason: why Mitsuba's integrators render the scene.
     """
 
     scene: Scene
@@ -55,21 +56,21 @@ class RendererKind(ABC):
     """A renderer that can be chosen.
 
     Attributes:
-        name: of the setting ``renderer``.
-        called: how lines call it.
-        does: what it renders, for help.
+        name: the value of the setting ``renderer``.
+        label: its name in messages.
+        summary: what it renders, for help texts.
     """
 
     name: ClassVar[str]
-    called: ClassVar[str]
-    does: ClassVar[str]
+    label: ClassVar[str]
+    summary: ClassVar[str]
 
     @abstractmethod
-    def make(self, asked: _Asked) -> Renderer:
+    def make(self, request: _Request) -> Renderer:
         """Build the renderer.
 
         Raises:
-            Unsuitable: with all that keeps it from the scene.
+            Unsuitable: with all obstacles of the scene.
             ValueError, OSError: as :func:`make_renderer`.
         """
 
@@ -77,19 +78,19 @@ class RendererKind(ABC):
 class _Tables(NamedTuple):
     """A scene's tables, and what they were made from."""
 
-    loaded: Any
+    loaded: MitsubaScene
     replaced: tuple[str, ...]
     motion: SceneMotion
     table: SceneTable
 
 
 class NoiseFreeKind(RendererKind):
-    """Diffuse triangles, whose light is computed and not drawn at random."""
+    """A renderer of diffuse triangles whose light is computed, not drawn at random."""
 
     baked: ClassVar[bool] = False
 
     def why_not(self, scene: Scene) -> tuple[Obstacle, ...]:
-        """What keeps it from a scene that nobody gave it by name; nothing is rendered or baked."""
+        """Return the obstacles for ``auto`` to take this renderer; renders and bakes nothing."""
         try:
             with variant(SCALAR) as (mi, _):
                 self._tables(scene, mi, by_name=False)
@@ -97,7 +98,7 @@ class NoiseFreeKind(RendererKind):
             return unsuitable.obstacles
         return ()
 
-    def _tables(self, scene: Scene, mi: Any, *, by_name: bool) -> _Tables:
+    def _tables(self, scene: Scene, mi: Mitsuba, *, by_name: bool) -> _Tables:
         try:
             loaded = load_scene_source(scene.source(), mi)
         except ValueError as error:
@@ -109,7 +110,7 @@ class NoiseFreeKind(RendererKind):
         motion = scene_motion(scene, loaded, mi)
         obstacles = Obstacles()
         if self.baked:
-            with obstacles.go_on():
+            with obstacles.collect():
                 check_baking(loaded, mi, motion, by_name=by_name)
         table = SceneTable(
             loaded,
@@ -124,90 +125,94 @@ class NoiseFreeKind(RendererKind):
 
 
 class NativeKind(NoiseFreeKind):
-    """The Rust core, under direct light."""
+    """The native renderer: the Rust core, under direct light."""
 
-    name, called = "native", "native renderer"
-    does = "diffuse meshes, direct light"
+    name, label = "native", "native renderer"
+    summary = "diffuse meshes, direct light"
 
-    def make(self, asked: _Asked) -> Renderer:
-        scene = asked.scene
+    def make(self, request: _Request) -> Renderer:
+        scene = request.scene
         with variant(SCALAR) as (mi, _):
-            known = scene.source, scene.matte, scene.shadows, asked.by_name, tuple(scene.objects)
-            made = kept(known, lambda: self._tables(scene, mi, by_name=asked.by_name))
+            known = scene.source, scene.matte, scene.shadows, request.by_name, tuple(scene.objects)
+            made = cached(known, lambda: self._tables(scene, mi, by_name=request.by_name))
             motion = scene_motion(scene, made.loaded, mi)
-            return _native(asked, made._replace(motion=motion))
+            return _native(request, made._replace(motion=motion))
 
 
 class TableKind(NoiseFreeKind):
-    """The same on Dr.Jit, with derivatives."""
+    """The table kernel: the same scenes on Dr.Jit, with derivatives."""
 
-    name, called = "table", "table kernel"
-    does = "the same, on LLVM"
+    name, label = "table", "table kernel"
+    summary = "the same, on LLVM"
 
-    def make(self, asked: _Asked) -> Renderer:
+    def make(self, request: _Request) -> Renderer:
         name, why = default_variant()
         if name != FAST:
             raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why}")
         with variant(FAST) as (mi, _):
-            loaded, replaced, motion, table = self._tables(asked.scene, mi, by_name=asked.by_name)
+            loaded, replaced, motion, table = self._tables(request.scene, mi, by_name=request.by_name)
             if any(light.kind == "spot" for light in table.lights):
                 raise Unsuitable("a light is a spot light, which only the native renderer has")
-            renderer = TableRenderer(table, asked.camera, samples=_rays(asked), blur=asked.blur, motion=motion)
-            renderer.silhouettes = MovingSilhouettes(loaded, motion) if asked.edges else None
-        renderer.reason += _taken_as_matte(asked.scene, replaced)
+            renderer = TableRenderer(table, request.camera, samples=_rays(request), blur=request.blur, motion=motion)
+            renderer.silhouettes = MovingSilhouettes(loaded, motion) if request.edges else None
+        renderer.reason += _taken_as_diffuse(request.scene, replaced)
         return renderer
 
 
 class BakedKind(NoiseFreeKind):
-    """The Rust core, under light that is computed once."""
+    """The native renderer under baked light, which is computed once."""
 
-    name, called = "baked", "renderer of baked light"
-    does = "native, with the light of area lamps and bounces computed once"
+    name, label = "baked", "renderer of baked light"
+    summary = "native, with the light of area lights and bounces computed once"
     baked = True
 
-    def make(self, asked: _Asked) -> Renderer:
+    def make(self, request: _Request) -> Renderer:
         with variant(SCALAR) as (mi, _):
-            made = self._tables(asked.scene, mi, by_name=asked.by_name)
-            made.table.bake(functools.partial(baked_light, asked.scene, motion=made.motion, error=asked.bake_error))
-            return _native(asked, made)
+            made = self._tables(request.scene, mi, by_name=request.by_name)
+            made.table.bake(functools.partial(baked_light, request.scene, motion=made.motion, error=request.bake_error))
+            return _native(request, made)
 
 
 class IntegratorKind(RendererKind):
     """Mitsuba's own integrators, whose light is drawn at random."""
 
-    name, called = "integrator", "Mitsuba's integrators"
-    does = "Mitsuba's, for everything"
+    name, label = "integrator", "Mitsuba's integrators"
+    summary = "Mitsuba's, for everything"
 
-    def make(self, asked: _Asked) -> Renderer:
-        scene = asked.scene
+    def make(self, request: _Request) -> Renderer:
+        scene = request.scene
         variant_name, why_variant = default_variant()
         with variant(variant_name) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
             replaced = simplify_materials(loaded, mi, matte=scene.matte)
             motion = scene_motion(scene, loaded, mi)
-            common: dict[str, Any] = {"blur": asked.blur, "seed": asked.seed, "motion": motion}
+            blur, seed = request.blur, request.seed
             renderer: Renderer
             if variant_name == SCALAR:
-                samples = 2 if asked.samples is None else asked.samples
-                renderer = ScalarRenderer(loaded, asked.camera, samples=samples, reason=why_variant, **common)
+                samples = 2 if request.samples is None else request.samples
+                renderer = ScalarRenderer(
+                    loaded, request.camera, samples=samples, blur=blur, seed=seed, reason=why_variant, motion=motion
+                )
             else:
-                samples = 8 if asked.samples is None else asked.samples
-                renderer = IntegratorRenderer(loaded, asked.camera, samples=samples, reason=asked.reason, **common)
-            renderer.silhouettes = MovingSilhouettes(loaded, motion) if asked.edges else None
-        renderer.reason += _taken_as_matte(scene, replaced)
+                samples = 8 if request.samples is None else request.samples
+                renderer = IntegratorRenderer(
+                    loaded, request.camera, samples=samples, blur=blur, seed=seed, reason=request.reason, motion=motion
+                )
+            renderer.silhouettes = MovingSilhouettes(loaded, motion) if request.edges else None
+        renderer.reason += _taken_as_diffuse(scene, replaced)
         return renderer
 
 
 KINDS: dict[str, RendererKind] = {
     kind.name: kind for kind in (NativeKind(), TableKind(), BakedKind(), IntegratorKind())
 }
-"""All that can be chosen, by name."""
+"""All renderers that can be chosen, by name."""
 
 AUTOMATIC = tuple(KINDS[name] for name in ("native", "baked", "integrator"))
-"""Of these ``auto`` takes the first that can render a scene; the last one can render any."""
+"""``auto`` takes the first of these that can render a scene; the last one can render any."""
 
 RENDERERS = ("auto", *KINDS)
-"""What ``renderer`` may be."""
+"""The values of the setting ``renderer``."""
 
 
 def make_renderer(
@@ -231,27 +236,27 @@ def make_renderer(
         seed: of Mitsuba's integrators; the others draw nothing at random.
         kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
             ``native`` (the same scenes in the Rust core, without LLVM and faster), ``baked`` (the native renderer under
-            light from lamps, from all sides and from other surfaces, which is computed once and kept), ``integrator``
-            (Mitsuba's own, for everything else) or ``auto``: the native renderer where it computes what the scene asks
-            for, else under baked light where that is possible, and else Mitsuba's integrators.
+            light from area lights, from all sides and from other surfaces, which is computed once and kept),
+            ``integrator`` (Mitsuba's own, for everything else) or ``auto``: the native renderer where it computes what
+            the scene asks for, else under baked light where that is possible, and else Mitsuba's integrators.
         edges: prepare :attr:`Renderer.silhouettes` where the renderer does not track edges itself.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         threads: of the native renderer; None for all that there are.
         bake_error: how much baked light may err, relative.
 
     Raises:
-        ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``,
-            ``native`` or ``baked`` was asked for and cannot render it: with all that keeps it from that.
+        ValueError: if the scene cannot be loaded, if it lacks an object or light that shall change, or if ``table``,
+            ``native`` or ``baked`` was asked for and cannot render it: with all obstacles.
         OSError: if a scene file cannot be read.
 
     Warns:
-        UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`), and it is one of Mitsuba's integrators
-            that renders it.
+        UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`) and one of Mitsuba's integrators renders
+            it.
     """
     if kind not in RENDERERS:
         raise ArgumentError("{renderer} must be one of {}, got {!r}", ", ".join(RENDERERS), kind)
     free = variant_is_free()
-    asked = _Asked(
+    request = _Request(
         scene=scene,
         camera=camera,
         by_name=kind != "auto",
@@ -263,7 +268,7 @@ def make_renderer(
         edges=edges,
         bake_error=bake_error,
     )
-    chosen, renderer = _first_possible(asked) if kind == "auto" else (KINDS[kind], _by_name(KINDS[kind], asked))
+    chosen, renderer = _first_possible(request) if kind == "auto" else (KINDS[kind], _by_name(KINDS[kind], request))
     if isinstance(chosen, NoiseFreeKind):
         return renderer
     if free:
@@ -279,9 +284,9 @@ def make_renderer(
 
 
 def why_not_noise_free(scene: Scene) -> tuple[Obstacle, ...]:
-    """What keeps the renderers that ``auto`` prefers from a scene; nothing is rendered or baked.
+    """Return why ``auto`` takes none of the renderers without noise; renders and bakes nothing.
 
-    Each of them has a list; it is the one with the fewest obstacles.
+    Of the lists of obstacles of those renderers, this is the shortest.
 
     Raises:
         ValueError, OSError: as :func:`make_renderer`.
@@ -289,56 +294,56 @@ def why_not_noise_free(scene: Scene) -> tuple[Obstacle, ...]:
     return _fewest([kind.why_not(scene) for kind in AUTOMATIC if isinstance(kind, NoiseFreeKind)])
 
 
-def _by_name(kind: RendererKind, asked: _Asked) -> Renderer:
+def _by_name(kind: RendererKind, request: _Request) -> Renderer:
     try:
-        return kind.make(asked)
+        return kind.make(request)
     except Unsuitable as unsuitable:
-        raise ValueError(f"the {kind.called} cannot render this scene: {unsuitable}") from None
+        raise ValueError(f"the {kind.label} cannot render this scene: {unsuitable}") from None
 
 
-def _first_possible(asked: _Asked) -> tuple[RendererKind, Renderer]:
-    """The first of ``AUTOMATIC`` that can render the scene."""
+def _first_possible(request: _Request) -> tuple[RendererKind, Renderer]:
+    """Build the first renderer of :data:`AUTOMATIC` that can render the scene."""
     met: list[tuple[Obstacle, ...]] = []
     for kind in AUTOMATIC[:-1]:
         try:
-            return kind, kind.make(asked)
+            return kind, kind.make(request)
         except Unsuitable as unsuitable:
             met.append(unsuitable.obstacles)
     obstacles = list(map(str, _fewest(met)))
-    more = f"; and {len(obstacles) - _TOLD} more" if len(obstacles) > _TOLD else ""
-    return AUTOMATIC[-1], AUTOMATIC[-1].make(replace(asked, reason="; ".join(obstacles[:_TOLD]) + more))
+    more = f"; and {len(obstacles) - _OBSTACLES_TOLD} more" if len(obstacles) > _OBSTACLES_TOLD else ""
+    return AUTOMATIC[-1], AUTOMATIC[-1].make(replace(request, reason="; ".join(obstacles[:_OBSTACLES_TOLD]) + more))
 
 
-_TOLD = 3
-"""Obstacles in the line that says why Mitsuba's integrators render a scene."""
+_OBSTACLES_TOLD = 3
+"""How many obstacles the message names that says why Mitsuba's integrators render a scene."""
 
 
 def _fewest(lists: Sequence[tuple[Obstacle, ...]]) -> tuple[Obstacle, ...]:
-    """The shortest list of obstacles; of equal ones the last, whose renderer can do more."""
+    """Return the shortest list of obstacles; among equally short ones the last, because its renderer can do more."""
     return min(reversed(lists), key=len)
 
 
-def _native(asked: _Asked, made: _Tables) -> Renderer:
-    """The native renderer of tables."""
+def _native(request: _Request, made: _Tables) -> Renderer:
+    """Build the native renderer from tables."""
     renderer = NativeRenderer(
         made.table,
-        asked.camera,
-        samples=_rays(asked),
-        blur=asked.blur,
+        request.camera,
+        samples=_rays(request),
+        blur=request.blur,
         motion=made.motion,
-        threads=asked.threads,
+        threads=request.threads,
     )
-    renderer.reason += _taken_as_matte(asked.scene, made.replaced)
+    renderer.reason += _taken_as_diffuse(request.scene, made.replaced)
     return renderer
 
 
-def _rays(asked: _Asked) -> int:
-    """Rays a pixel of a renderer whose rays are a lattice."""
-    return asked.lattice_samples if asked.samples is None else asked.samples
+def _rays(request: _Request) -> int:
+    """Return the rays per pixel of a renderer whose rays are a lattice."""
+    return request.lattice_samples if request.samples is None else request.samples
 
 
-def _taken_as_matte(scene: Scene, replaced: tuple[str, ...]) -> str:
-    """Which materials are, for the line that says what renders."""
+def _taken_as_diffuse(scene: Scene, replaced: tuple[str, ...]) -> str:
+    """Return which materials are taken as diffuse, for the message that names the renderer."""
     if not scene.matte:
         return ""
-    return f"; taken as matte: {listed(replaced) or 'nothing, all that has a diffuse colour is so'}"
+    return f"; taken as diffuse: {listed(replaced) or 'nothing, all that has a diffuse colour is so'}"

@@ -1,4 +1,4 @@
-"""Optical flow of a scene at rest: where the camera's motion carries what a pixel sees."""
+"""Computes the optical flow that the camera's motion makes in a scene at rest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..geometry.trajectory.views import Views
 
 
 class OpticalFlow:
-    """Flow at fixed image points of a camera, through its lens distortion.
+    """Optical flow at fixed image points of a camera, with its lens distortion.
 
     Args:
         pixels: (p, 2) pixel coordinates (x, y); they may be fractions.
@@ -21,9 +21,9 @@ class OpticalFlow:
         rays = camera.rays(pixels)
         x, y = rays.T
         jacobian = camera.distortion_jacobian(rays)
-        still, one = np.zeros_like(x), np.ones_like(x)
+        zero, unit = np.zeros_like(x), np.ones_like(x)
         # A point of a scene at rest moves by -v - w x X in camera axes; its image (X, Y) / Z accordingly.
-        by_velocity = jacobian @ np.stack([np.stack([-one, still, x], -1), np.stack([still, -one, y], -1)], -2)
+        by_velocity = jacobian @ np.stack([np.stack([-unit, zero, x], -1), np.stack([zero, -unit, y], -1)], -2)
         by_rate = jacobian @ np.stack(
             [np.stack([x * y, -(1 + x * x), y], -1), np.stack([1 + y * y, -x * y, -x], -1)], -2
         )
@@ -33,9 +33,10 @@ class OpticalFlow:
     def of_pixels(
         self, views: Views, view: npt.NDArray[np.int64], pixel: npt.NDArray[np.int64], depth: npt.ArrayLike
     ) -> FloatArray:
-        """Flow (m, 2) in pixels per second, at points ``pixel`` (m,) of views ``view`` (m,), ``depth`` (m,) away.
+        """Return flow (m, 2) in pixels per second, at points ``pixel`` (m,) of views ``view`` (m,), ``depth`` (m,)
+        away.
 
-        As :meth:`__call__` gives it.
+        See :meth:`__call__` for what it is.
         """
         velocities = np.einsum("nij,ni->nj", views.rotations, views.velocities)[view]  # camera axes
         by_velocity, by_rate = (part.reshape(3, 2, -1)[:, :, pixel] for part in (self._by_velocity, self._by_rate))
@@ -43,9 +44,10 @@ class OpticalFlow:
         return np.asarray(moved + np.einsum("mk,kcm->mc", views.angular_rates[view], by_rate))
 
     def __call__(self, views: Views, depth: npt.ArrayLike) -> FloatArray:
-        """Flow (n, p, 2) in pixels per second, of surfaces at ``depth`` (n, p) or (p,): z in metres, inf for none.
+        """Return flow (n, p, 2) in pixels per second, of surfaces at ``depth`` (n, p) or (p,): z in metres, inf for
+        none.
 
-        At depth inf it is that of the rotation alone.
+        At depth inf it is the flow of the rotation alone.
 
         Source: Longuet-Higgins, Prazdny, The interpretation of a moving retinal image, Proc. R. Soc. B 208, 1980.
         """

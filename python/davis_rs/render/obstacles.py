@@ -1,26 +1,27 @@
-"""What keeps a renderer from a scene: each thing with its rule and its remedy."""
+"""Collects why a renderer cannot render a scene: each obstacle with its rule and its remedy."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from .._mitsuba.types import MitsubaObject, MitsubaShape
+
 _PLUGINS = {"BlendBSDF": "blendbsdf", "MeshAttribute": "mesh_attribute", "PolarizedPlastic": "pplastic"}
-"""Plugins whose names do not follow from their classes."""
+"""Names of plugins that do not follow from their classes."""
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Something in a scene that a renderer cannot render.
+    """A property of a scene that a renderer cannot render.
 
     Attributes:
-        rule: what is wrong with it: ``is a sphere, not made of triangles``.
+        rule: which rule of the renderer is broken: ``is a sphere, not made of triangles``.
         remedy: what would help; "" where nothing is known.
-        things: what it is about, such as ``shape 'ball'``; () where the rule says it.
+        things: the parts of the scene that break it, such as ``shape 'ball'``; () where the rule names them.
     """
 
     rule: str
@@ -34,13 +35,13 @@ class Obstacle:
 
 
 class Unsuitable(Exception):
-    """A scene that a renderer cannot render.
+    """Raised for a scene that a renderer cannot render.
 
     Args:
-        rule, remedy, thing: of its only obstacle, see :class:`Obstacle`.
+        rule, remedy, thing: the only obstacle, see :class:`Obstacle`.
 
     Attributes:
-        obstacles: all that keep the renderer from it, as far as they were looked for.
+        obstacles: all that were found.
     """
 
     def __init__(self, rule: str, remedy: str = "", thing: str = "") -> None:
@@ -52,10 +53,10 @@ class Unsuitable(Exception):
 
 
 class Obstacles:
-    """Obstacles as they are met.
+    """Collects obstacles while a scene is examined, so that one message can name all of them.
 
     Attributes:
-        met: each once, those that differ in nothing but what they are about as one.
+        met: each once; obstacles with the same rule and remedy are one, with all their things.
     """
 
     def __init__(self) -> None:
@@ -66,19 +67,19 @@ class Obstacles:
         return tuple(Obstacle(rule, remedy, tuple(things)) for (rule, remedy), things in self._met.items())
 
     @contextmanager
-    def go_on(self) -> Iterator[None]:
-        """Note what makes a scene unsuitable, in ``with obstacles.go_on():``, and go on after the block."""
+    def collect(self) -> Iterator[None]:
+        """Catch :class:`Unsuitable` in ``with obstacles.collect():``, note its obstacles, and go on after the block."""
         try:
             yield
         except Unsuitable as unsuitable:
-            for one in unsuitable.obstacles:
-                self._met.setdefault((one.rule, one.remedy), {}).update(dict.fromkeys(one.things))
+            for obstacle in unsuitable.obstacles:
+                self._met.setdefault((obstacle.rule, obstacle.remedy), {}).update(dict.fromkeys(obstacle.things))
 
     def refuse(self) -> None:
-        """Refuse the scene if anything was met.
+        """Refuse the scene if there are obstacles.
 
         Raises:
-            Unsuitable: with all of it.
+            Unsuitable: with all of them.
         """
         if self._met:
             unsuitable = Unsuitable("")
@@ -87,20 +88,20 @@ class Obstacles:
 
 
 def listed(names: Iterable[str], most: int = 6) -> str:
-    """Names for a line: all of a few, the first of many and how many more there are."""
+    """Join names for a message: all of a few; of many the first ones, and how many more there are."""
     names = list(names)
     return ", ".join(names) if len(names) <= most else f"{', '.join(names[:most])} and {len(names) - most} more"
 
 
-def plugin_name(node: Any) -> str:
-    """What scene files call the kind of one of Mitsuba's objects: ``conductor``, ``sphere``, ``checkerboard``."""
+def plugin_name(node: MitsubaObject) -> str:
+    """Return a Mitsuba object's plugin name, as scene files have it: ``conductor``, ``sphere``, ``checkerboard``."""
     name = str(node.class_name())
     plain = name.removeprefix("Smooth").removesuffix("BRDF").removesuffix("BSDF")
     return _PLUGINS.get(name, plain.lower())
 
 
-def shape_name(shape: Any) -> str:
-    """How a line calls a shape: by its id, or by where it is."""
+def shape_name(shape: MitsubaShape) -> str:
+    """Return how messages name a shape: by its id, or by its position where it has none."""
     if shape.id():
         return f"shape {shape.id()!r}"
     box = shape.bbox()

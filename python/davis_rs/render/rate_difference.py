@@ -1,4 +1,4 @@
-"""Rates of luma by differences, for renderers that have no derivatives."""
+"""Computes rates of luma by differences, for renderers that have no derivatives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..events.luma import LumaFrames
 from ..geometry.pose import FloatArray
 
 _STEP_PIXELS = 0.02
-"""How far the fastest pixel moves to either side: far enough for float32 positions, too little to see a curve."""
+"""How far the image moves to either side, where it is fastest: far for float32, and short enough to be straight."""
 
 _LONGEST_STEP_S = 1e-3
 
@@ -18,10 +18,10 @@ _LONGEST_STEP_S = 1e-3
 def rate_by_differences(
     luma_after: Callable[[FloatArray], LumaFrames], speeds: FloatArray
 ) -> tuple[LumaFrames, LumaFrames]:
-    """Luma (n, H, W) and its rate per second, from renders at and to either side of each of n instants.
+    """Return luma (n, H, W) and its rate per second, from renders at and to either side of each of n instants.
 
-    The central difference; but where the two one-sided ones disagree, something appeared or vanished in one of them,
-    and the smaller is taken: so visibility is left out, as it is from derivatives.
+    The rate is the central difference. Where the two one-sided differences disagree, something appeared or vanished in
+    one of them; there it is the smaller one. So changes of visibility are left out, as they are from derivatives.
 
     Args:
         luma_after: takes delays in seconds (n,) and renders each instant that much later, always with the same random

@@ -1,4 +1,4 @@
-"""Breaks: instants at which motion or light bends or jumps, so that luma must not be interpolated across them."""
+"""Finds breaks: instants at which motion or light bends or jumps, across which luma must not be interpolated."""
 
 from __future__ import annotations
 
@@ -18,70 +18,70 @@ from ..scene.light_profile import LightProfile
 BoolArray = npt.NDArray[np.bool_]
 
 _WINDOW_US = 1_000_000
-"""Breaks of lights are asked for this much time at once: a light that flickers has no last one."""
+"""Length of time for which breaks of lights are computed at once; a light that flickers has no last break."""
 
 _ROUNDING_US = 1e-3
-"""An instant so little after a whole microsecond is that microsecond."""
+"""An instant less than this after a whole microsecond counts as that microsecond."""
 
 _LEAST_BEND = 0.01
-"""A bend of light counts from this share of its strength on, between the breaks before and after it. A profile of many
-samples has smaller ones, which sampling by displacement follows as it follows a sine."""
+"""A bend of light counts if it is at least this fraction of the light's strength, between the breaks before and after
+it. A profile of many samples has smaller ones, which sampling by displacement follows as it follows a sine."""
 
 _STEP_S = 1e-6
 _UNEXPLAINED = 2.0
 _SMALLEST_JUMP = 1e-9
-"""In metres, or of a quaternion: what is less is rounding; so for speeds, per second."""
+"""A smaller change, in metres or of a quaternion, is rounding; for speeds it is per second."""
 
 
 class Break(NamedTuple):
     """One instant at which something is not smooth.
 
     Attributes:
-        before_us: the last microsecond at which all is as it was before.
-        jump: luma itself jumps until the next microsecond; else only its rate does.
+        before_us: the last microsecond before the break.
+        jump: whether luma itself jumps until the next microsecond; else only its rate does.
     """
 
     before_us: int
     jump: bool
 
     def instants(self, *, both: bool) -> tuple[int, ...]:
-        """The keyframes of a break: one before it, and one a microsecond later if light jumps or ``both`` are
-        wanted."""
+        """Return the keyframes of a break: one before it, and one a microsecond later if luma jumps or with
+        ``both``."""
         return (self.before_us, self.before_us + 1) if self.jump or both else (self.before_us,)
 
 
 def find_breaks(trajectory: Trajectory, motion: SceneMotion, start_us: int, end_us: int) -> Iterator[Break]:
-    """The breaks of a camera's path, of moving objects and of lights after ``start_us``, in order, found as asked for.
+    """Yield the breaks of a camera's path, of moving objects and of lights after ``start_us``, in order.
 
     Args:
         trajectory: the camera's; its time 0 is at ``start_us`` of the sequence.
-        end_us: of the sequence; what breaks later is left out.
+        end_us: end of the sequence; later breaks are left out.
     """
     paths = [_path_breaks(trajectory, trajectory.breaks_s(), start_us)]
     for path in motion.objects.values():
         paths.append(_path_breaks(path, _object_breaks(path), 0))
     paths.append([Break(int(np.ceil(t_s * 1e6 - _ROUNDING_US)) - 1, False) for t_s in motion.bends_s.tolist()])
-    found = heapq.merge(*paths, *(_light_breaks(light, start_us, end_us) for light in motion.lights.values()))
-    for before_us, same in groupby(found, key=lambda item: item.before_us):
+    merged = heapq.merge(*paths, *(_light_breaks(light, start_us, end_us) for light in motion.lights.values()))
+    for before_us, same in groupby(merged, key=lambda item: item.before_us):
         if start_us <= before_us < end_us:
             yield Break(before_us, any(item.jump for item in same))
 
 
 def break_instants(breaks: Iterable[Break], start_us: int, *, both: bool) -> Iterator[int]:
-    """Yield increasing instants after ``start_us`` at which breaks want keyframes, see :meth:`Break.instants`."""
+    """Yield increasing instants after ``start_us`` at which breaks need keyframes, see :meth:`Break.instants`."""
     times = (t_us for item in breaks for t_us in item.instants(both=both))
     return (t_us for t_us, _ in groupby(times) if t_us > start_us)
 
 
 def _object_breaks(path: Trajectory) -> FloatArray:
-    """The breaks of an object's path, and its end, from which on the object stands still."""
+    """Return the breaks of an object's path, and its end, from which on the object stands still."""
     end = [path.duration_s]
     moves = max(np.abs(path.velocities(end)).max(), np.abs(path.angular_rates(end)).max()) > _SMALLEST_JUMP
     return np.concatenate([path.breaks_s(), end if moves else []])
 
 
 def _path_breaks(path: Trajectory, breaks_s: FloatArray, zero_us: int) -> list[Break]:
-    """Breaks of a path whose time 0 is at ``zero_us``."""
+    """Return the breaks of a path whose time 0 is at ``zero_us``."""
     if len(breaks_s) == 0:
         return []
     before = np.ceil(zero_us + breaks_s * 1e6 - _ROUNDING_US).astype(np.int64) - 1
@@ -89,7 +89,7 @@ def _path_breaks(path: Trajectory, breaks_s: FloatArray, zero_us: int) -> list[B
 
 
 def _teleports(path: Trajectory, t_s: FloatArray) -> BoolArray:
-    """Whether the pose at each instant goes further than its rates explain."""
+    """Return whether the pose changes at each instant by more than its rates explain."""
     sides = [np.clip(t_s + step, 0.0, path.duration_s) for step in (-_STEP_S, _STEP_S)]
     jumps = np.zeros(len(t_s), np.bool_)
     for poses, rates in ((path.positions, path.velocities), (path.quaternions, path.angular_rates)):
@@ -103,7 +103,7 @@ def _light_breaks(light: LightProfile, start_us: int, end_us: int) -> Iterator[B
     last_us = -1
     for first_us in range(start_us, end_us, _WINDOW_US):
         stop_us = min(first_us + _WINDOW_US, end_us)
-        # What breaks at the very start of a window may be seen from the microsecond before.
+        # A break at the very start of a window may begin in the microsecond before.
         for item in _breaks_within(light, start_us, first_us, stop_us):
             if item.before_us > last_us:
                 yield item
@@ -117,7 +117,7 @@ def _breaks_within(light: LightProfile, zero_us: int, first_us: int, stop_us: in
     at_us = breaks_s * 1e6
     nearest = np.rint(at_us).astype(np.int64)
     around = nearest[:, None] + np.array([-1, 0, 1])
-    # To the bit the times at which the renderer will ask.
+    # These are, to the bit, the times that the renderer will use.
     times = zero_us * 1e-6 + (around - zero_us) * 1e-6
     factors = light.factor(times.ravel()).reshape(around.shape)
     steps = np.abs(np.diff(factors, axis=1))
@@ -126,8 +126,8 @@ def _breaks_within(light: LightProfile, zero_us: int, first_us: int, stop_us: in
     bends = np.ones(len(breaks_s), np.bool_)
     if len(breaks_s) > 2:
         value = light.factor(breaks_s)
-        share = (breaks_s[1:-1] - breaks_s[:-2]) / (breaks_s[2:] - breaks_s[:-2])
-        line = value[:-2] + share * (value[2:] - value[:-2])
+        fraction = (breaks_s[1:-1] - breaks_s[:-2]) / (breaks_s[2:] - breaks_s[:-2])
+        line = value[:-2] + fraction * (value[2:] - value[:-2])
         largest = np.maximum(np.maximum(value[:-2], value[2:]), value[1:-1])
         bends[1:-1] = np.abs(value[1:-1] - line) > _LEAST_BEND * largest
     for k in np.flatnonzero(jumps | bends).tolist():

@@ -1,4 +1,4 @@
-"""How far the fastest pixel has moved: the clock by which renders are spaced."""
+"""Measures how far the fastest pixel has moved, by which renders are spaced."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _STEP_US = 1_000
 _BLOCKS_A_LAUNCH = 4
 _LIGHT_STEP_US = 50
 _ESTIMATE = 17
-"""Instants by which the length of a path is estimated."""
+"""How many instants the estimate of a path's length uses."""
 _TILE, _OBJECT_TILE = 4, 8
 _NEARER = 0.1
-"""Share of the nearest depth seen below which no point of a moving object is taken to be."""
+"""No point of a moving object is taken to be nearer than this fraction of the nearest depth in view."""
 
 LIGHT_PER_PIXEL = 0.45
 """Change of a light's log strength that counts like one pixel of motion: 0.15, a usual contrast threshold, like a
@@ -40,27 +40,28 @@ DARKEST = 1e-3
 
 
 LARGEST_BEND = 1 / 8
-"""Between two keyframes displacement grows evenly in time within this share of the displacement between keyframes."""
+"""Between two keyframes displacement grows evenly in time within this fraction of the displacement between
+keyframes."""
 
 _SPEED_BEND_PX = 2e-3
-"""Displacement by which a step may be wrong that takes speed to change evenly through it; else the step is halved."""
+"""How many pixels a step may be wrong if speed is taken to change linearly in it; else the step is halved."""
 
 _LIGHT_BEND_PX = 1e-2
-"""The same for the change of lights."""
+"""The same limit for the change of lights."""
 
 
 _REST_PX_S = 1e-6
-"""What is slower is at rest, but for rounding."""
+"""A slower motion is rest, but for rounding."""
 
 Rates = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class SpanEnd(NamedTuple):
-    """Where a span between keyframes should end.
+    """The end of a span between keyframes.
 
     Attributes:
-        t_us: of the trajectory.
-        reached: whether the path has its length there; else it has a corner there.
+        t_us: time of the trajectory.
+        reached: whether the path has the asked length there; else it has a corner there.
     """
 
     t_us: int
@@ -68,25 +69,25 @@ class SpanEnd(NamedTuple):
 
 
 class DisplacementClock:
-    """The path of the fastest pixel, in pixels, over a trajectory's time.
+    """The length of the fastest pixel's path, in pixels, over a trajectory's time.
 
     The speed of a pixel is its optical flow, from depth and the camera's twist; depth maps are rendered every 10 ms
     and pooled so that the nearest surface in 4 x 4 pixels and at both ends of the 10 ms counts, as if all stood still.
     A moving object counts besides, wherever the box around it may be seen, hidden or not, at the speed of the nearest
-    and the farthest point that the box has there; nothing of it is taken to be nearer than a tenth of the nearest
-    surface in the depth maps, so that the camera may be in the box. Both rather count too much than too little; the
-    shadows of moving objects, which may be faster than these, do not count.
+    and the farthest point that the box has there; no part of it is taken to be nearer than a tenth of the nearest
+    surface in the depth maps, so that the camera may be in the box. Both rather overestimate than
+    underestimate; the shadows of moving objects, which may be faster than the objects, do not count.
 
     A light that runs a profile adds the change of its log strength, :data:`LIGHT_PER_PIXEL` of which is a pixel,
-    sampled every 50 us: of several lights that which changes most.
+    sampled every 50 us; of several lights the one that changes most counts.
 
     Speed is sampled every millisecond; where the motion or a light changes unevenly within a sample's time that is
     divided further, down to a microsecond, and each break (:mod:`~davis_rs.sampling.breaks`) is sampled on both sides.
 
-    Computed block by block as it is asked for; what lies more than a block behind is forgotten.
+    It is computed block by block on demand; what lies more than a block behind is discarded.
 
     Args:
-        start_us: time of the sequence at which the trajectory starts: by it objects move and lights change.
+        start_us: time of the sequence at which the trajectory starts; objects and lights follow the sequence's time.
     """
 
     def __init__(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> None:
@@ -107,15 +108,15 @@ class DisplacementClock:
         self._pixels_per_rad = focal * (1 + float((camera.rays(_centres(camera, _TILE)) ** 2).sum(-1).max()))
 
     def path_at(self, t_us: int) -> float:
-        """The path until an instant, which may lie no more than a block before the last one asked for."""
+        """Return the path's length at an instant, which may lie at most a block before the last one computed."""
         while self._t_us[-1] < min(t_us, self._end_us):
             self._extend()
         return float(np.interp(t_us, self._t_us, self._path))
 
     def time_at(self, path: float, until_us: int | None = None) -> int | None:
-        """The microsecond in which the path becomes so long; None where it does not by ``until_us`` or the end.
+        """Return the microsecond in which the path reaches a length; None if it does not by ``until_us`` or the end.
 
-        With ``until_us`` no more than the block around it is looked at: ``path_at(until_us)`` stays within reach.
+        With ``until_us`` no later block than the one around it is computed, so that ``path_at(until_us)`` still works.
         """
         until_us = self._end_us if until_us is None else min(until_us, self._end_us)
         while self._path[-1] < path:
@@ -125,19 +126,18 @@ class DisplacementClock:
         return int(np.interp(path, self._path, self._t_us))
 
     def estimated_path(self) -> float:
-        """About how long the whole path is: by the speeds at a few instants, without the change of lights."""
+        """Estimate the length of the whole path by the speeds at a few instants, without the change of lights."""
         t_us = np.unique(np.linspace(0, self._end_us, _ESTIMATE).astype(np.int64))
-        speeds = [float(self._fastest(self._pooled([int(one)])[0], np.array([one * 1e-6]))[0]) for one in t_us]
+        speeds = [float(self._fastest(self._pooled([int(t)])[0], np.array([t * 1e-6]))[0]) for t in t_us]
         return float(np.sum(np.diff(t_us) * np.add(speeds[1:], speeds[:-1]) / 2) * 1e-6)
 
     def span_end(self, start_us: int, path: float, bend_px: float, until_us: int | None = None) -> SpanEnd | None:
         """Return where a span from ``start_us`` should end: where the path has the length ``path``, or before.
 
-        It ends before that where something begins to change or ceases to, and where the path would no longer be a
+        It ends before that where something starts or stops changing, and where the path would no longer be a
         straight line over time within ``bend_px`` (a "swinging door": a line from the start must pass all points of
         the path so closely). Then what is interpolated over the time of the span is as good as if it were interpolated
-        over the displacement. None where no end comes by ``until_us`` or the end; as in :meth:`time_at`, ``until_us``
-        keeps to the block around it.
+        over the displacement. None where no end comes by ``until_us`` or the end, for which see :meth:`time_at`.
         """
         until_us = self._end_us if until_us is None else min(until_us, self._end_us)
         origin = self.path_at(start_us)
@@ -187,44 +187,44 @@ class DisplacementClock:
         self._nearest = nearest
 
     def _breaks_until(self, stop_us: int) -> list[int]:
-        """Instants next to breaks that were not given before."""
-        found = []
+        """Return the next instants at breaks, each once."""
+        instants = []
         while self._next_break < min(stop_us, self._end_us):
-            found.append(self._next_break)
+            instants.append(self._next_break)
             self._next_break = next(self._breaks)
-        return found
+        return instants
 
     def _where_motion_bends(self, t_us: FloatArray, nearest: float) -> FloatArray:
-        """The instants, and more where speed does not change evenly between them, or a rest begins or ends."""
+        """Add instants where speed does not change linearly between them, or where rest begins or ends."""
 
         def rates(at_us: FloatArray) -> FloatArray:
-            """Return about as many pixels per second as each part of the motion makes at the most."""
+            """Return, for each part of the motion, about the most pixels per second that it makes."""
             t_s = at_us * 1e-6
             per_metre = self._pixels_per_rad / max(nearest, 1e-9)
             trajectory = self._trajectory
-            found = [per_metre * trajectory.velocities(t_s), self._pixels_per_rad * trajectory.angular_rates(t_s)]
+            parts = [per_metre * trajectory.velocities(t_s), self._pixels_per_rad * trajectory.angular_rates(t_s)]
             motion = self._renderer.motion
             for path, box in zip(motion.objects.values(), motion.boxes, strict=True):
                 own = held(path, self._start_s + t_s)
                 reach = float(np.linalg.norm(np.abs(box).max(0)))
-                found += [per_metre * own.velocities, per_metre * reach * own.angular_rates]
-            together = np.concatenate(found, 1)
+                parts += [per_metre * own.velocities, per_metre * reach * own.angular_rates]
+            together = np.concatenate(parts, 1)
             return np.where(np.abs(together) > _REST_PX_S, together, 0.0)
 
         def bent(left: FloatArray, right: FloatArray, values: Rates) -> BoolArray:
             before, middle, after = values
             missed = np.linalg.norm(middle - (before + after) / 2, axis=1) * (right - left) * 1e-6
-            found = missed > _SPEED_BEND_PX
-            # A rest of some length that gives way to motion in between, or the other way round.
+            bends = missed > _SPEED_BEND_PX
+            # Between the two instants a rest of some length ends, or begins.
             for still, moving, beside_us in ((before, after, left + 1), (after, before, right - 1)):
                 ends = np.flatnonzero(~still.any(1) & moving.any(1))
-                found[ends] |= ~rates(beside_us[ends]).any(1)
-            return found
+                bends[ends] |= ~rates(beside_us[ends]).any(1)
+            return bends
 
         return _divided(t_us, rates, bent)
 
     def _where_light_bends(self, t_us: FloatArray) -> FloatArray:
-        """The instants, and more where a light does not change evenly between them."""
+        """Add instants where a light does not change linearly between them."""
 
         def bent(left: FloatArray, right: FloatArray, values: Rates) -> BoolArray:
             before, middle, after = values
@@ -233,21 +233,21 @@ class DisplacementClock:
         return _divided(t_us, lambda at_us: self._log_strengths(at_us * 1e-6), bent)
 
     def _nearest_at(self, t_us: int) -> FloatArray:
-        """The least depth in each tile at an instant."""
+        """Return the least depth in each tile at an instant."""
         if t_us not in self._ahead:
-            # Several maps in one launch; those of blocks to come are kept for them.
+            # Several maps are rendered in one launch; those of later blocks are kept.
             times = sorted({min(t_us + i * _BLOCK_US, self._end_us) for i in range(_BLOCKS_A_LAUNCH)})
             self._ahead = dict(zip(times, self._pooled(times), strict=True))
         return self._ahead[t_us]
 
     def _pooled(self, times: list[int]) -> FloatArray:
-        """The least depth in each tile (n, tiles) at instants in microseconds."""
+        """Return the least depth in each tile (n, tiles) at instants in microseconds."""
         depths = self._renderer.depth(self._views(np.array(times) * 1e-6))
         pooled = np.minimum.reduceat(np.minimum.reduceat(depths, self._rows, 1), self._columns, 2)
         return pooled.reshape(len(times), -1).astype(np.float64)
 
     def _fastest(self, depth: FloatArray, t_s: FloatArray) -> FloatArray:
-        """The largest flow of any tile at each time, in pixels per second."""
+        """Return the largest flow of any tile at each time, in pixels per second."""
         views = self._views(t_s)
         speed = _largest(self._flow(views, depth))
         if self._renderer.motion.objects:
@@ -255,7 +255,7 @@ class DisplacementClock:
         return np.where(speed > _REST_PX_S, speed, 0.0)
 
     def _light_path(self, t_s: FloatArray) -> FloatArray:
-        """What lights add to the path from the first of n times until each of the others."""
+        """Return the part of lights in the path's length, from the first of n times to each of the others."""
         changes = np.abs(np.diff(self._log_strengths(t_s), axis=0)).max(1)
         return np.asarray(np.cumsum(changes) / LIGHT_PER_PIXEL)
 
@@ -267,14 +267,14 @@ class DisplacementClock:
 
 
 class _ObjectSpeeds:
-    """The largest flow of moving objects, anywhere in the boxes around them, at tiles of the image."""
+    """Bounds the flow of moving objects, anywhere in the boxes around them, at tiles of the image."""
 
     def __init__(self, renderer: Renderer) -> None:
         camera = renderer.camera
         self._motion, self._flow = renderer.motion, _flow_of_tiles(camera, _OBJECT_TILE)
         rays = camera.rays(_centres(camera, _OBJECT_TILE))
         self._rays = np.concatenate([rays, np.ones((len(rays), 1))], -1)
-        # How far a ray within a tile may be from the tile's own, per metre of depth.
+        # How far a ray within a tile may be from the tile's middle ray, per metre of depth.
         per_pixel = np.abs(np.linalg.inv(camera.distortion_jacobian(rays))).sum(-1).max()
         self._spread = _OBJECT_TILE / 2 * float(per_pixel)
 
@@ -291,7 +291,8 @@ class _ObjectSpeeds:
         return speed
 
     def _within(self, own: Views, box: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least and largest depth (n, tiles) of a box (2, 3) along the tiles' rays, in its own frame; NaN: none."""
+        """Return the least and the largest depth (n, tiles) of a box (2, 3) along the tiles' rays; NaN where it is
+        missed."""
         away = np.linalg.norm(own.positions - box.mean(0), axis=-1) + np.linalg.norm(box[1] - box[0]) / 2
         margin = (self._spread * away)[:, None, None]
         directions = np.einsum("nij,tj->nti", own.rotations, self._rays)
@@ -304,7 +305,7 @@ class _ObjectSpeeds:
 
 
 def _evenly(start_us: int, stop_us: int, step_us: int, more_us: list[int]) -> FloatArray:
-    """Instants from start to stop, no more than a step apart, and some more."""
+    """Return instants from start to stop, at most a step apart, together with ``more_us``."""
     steps = -(-(stop_us - start_us) // step_us)
     even = np.linspace(start_us, stop_us, steps + 1)
     return np.union1d(even, more_us) if more_us else even
@@ -315,11 +316,11 @@ def _divided(
     function: Callable[[FloatArray], FloatArray],
     bent: Callable[[FloatArray, FloatArray, Rates], BoolArray],
 ) -> FloatArray:
-    """Instants with the middle of two neighbours added, down to a microsecond, where the function is bent in between.
+    """Add the middle of two neighbouring instants, down to a microsecond, where a function bends between them.
 
     Args:
         function: instants (n,) -> values (n, k).
-        bent: of n pairs of neighbours: the first instants, the second ones, and values there, between, and there.
+        bent: takes the first and the second instants of n pairs, and the values (first, middle, second) there.
     """
     values = function(t_us)
     pairs = np.arange(len(t_us) - 1)
@@ -333,18 +334,18 @@ def _divided(
         chosen = bent(t_us[pairs], t_us[pairs + 1], (values[pairs], between, values[pairs + 1]))
         t_us = np.insert(t_us, pairs[chosen] + 1, middle[chosen])
         values = np.insert(values, pairs[chosen] + 1, between[chosen], axis=0)
-        place = pairs[chosen] + 1 + np.arange(np.count_nonzero(chosen))
-        pairs = np.sort(np.concatenate([place - 1, place]))
+        index = pairs[chosen] + 1 + np.arange(np.count_nonzero(chosen))
+        pairs = np.sort(np.concatenate([index - 1, index]))
 
 
 @lru_cache(maxsize=8)
 def _flow_of_tiles(camera: Camera, size: int) -> OpticalFlow:
-    """Flow at the tiles' middles. A simulator that is driven step by step makes a clock for each step."""
+    """Make the flow at the tiles' middles; it is kept, because a simulator driven in steps makes a clock for each."""
     return OpticalFlow(camera, _centres(camera, size))
 
 
 def _centres(camera: Camera, size: int) -> FloatArray:
-    """Centres (tiles, 2) of tiles of size x size pixels, row by row."""
+    """Return the centres (tiles, 2) of tiles of size x size pixels, row by row."""
     columns, rows = np.arange(0, camera.width, size), np.arange(0, camera.height, size)
     centres = np.stack(np.meshgrid(columns + (size - 1) / 2, rows + (size - 1) / 2), -1)
     return np.minimum(centres, (camera.width - 1, camera.height - 1)).reshape(-1, 2)

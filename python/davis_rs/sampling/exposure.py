@@ -1,4 +1,4 @@
-"""The shutter: what pixels that integrate light gather while it is open, as the mean of sub-frames.
+"""Simulates the shutter: averages sub-frames over the time in which it is open.
 
 A global shutter opens and closes for all rows at once; a rolling one does so row by row, from the first to the last.
 """
@@ -28,17 +28,17 @@ SUBFRAME_PX = 0.5
 that sub-frames overlap and a blurred edge has no steps."""
 
 ROLLING_PX = 0.25
-"""Likewise under a rolling shutter. Rows open and close within a part of the time, which is a single render: so each
-shows its own time within half of a part, an eighth of a pixel of motion."""
+"""The same limit under a rolling shutter. Rows open and close within the part of time of a single render, so each row
+shows its own time within half of a part: an eighth of a pixel of motion."""
 
 _ROLLING_LIGHT_US = 100
-"""Under a rolling shutter, sub-frames are no further apart where lights change: rows show them at their own time."""
+"""Largest distance of sub-frames under a rolling shutter where lights change, because each row shows its own time."""
 
 _SPEED_STEP_US = 1_000
-"""Speed is looked at this often, which is as often as the displacement clock does."""
+"""Distance of the instants at which speed is sampled, as in the displacement clock."""
 
 _LIGHT_STEP_US = 10
-"""Lights are averaged over samples so far apart."""
+"""Distance of the samples over which lights are averaged."""
 
 _STEADY = SampledProfile([0.0, 1.0], [1.0, 1.0])
 
@@ -50,28 +50,29 @@ def expose(
     exposure_us: int,
     row_readout_us: float = 0.0,
 ) -> FloatArray:
-    """Mean luma (H, W), float64, over the time (t_us - exposure_us, t_us] in which the shutter is open.
+    """Compute mean luma (H, W), float64, over the time (t_us - exposure_us, t_us] in which the shutter is open.
 
     The shutter closes at the frame's own instant, so that a frame needs nothing of the future. It cannot open before
-    the first stretch begins: there the exposure is shorter, and the mean is that of what is left. A shutter that does
-    not open at all, or before which nothing changes, sees ``luma`` itself, bit by bit.
+    the first stretch begins: there the exposure is shorter. A shutter that does not open at all, or
+    before which nothing changes, gives the bits of ``luma``.
 
-    The window (each stretch's share of it) is divided into equal parts, as many as keep the fastest pixel's motion, by
-    :class:`~davis_rs.sampling.displacement.DisplacementClock`, within :data:`SUBFRAME_PX` a part. Each part is rendered
-    once, at the microsecond in its middle, in the mean light of the part: flicker costs no sub-frames. What the clock
-    does not see, the shadow of a moving object, is blurred only as finely as the rest of the image moves.
+    The window (the part of it in each stretch) is divided into equal parts, as many as keep the fastest pixel's motion,
+    by :class:`~davis_rs.sampling.displacement.DisplacementClock`, within :data:`SUBFRAME_PX` a part. Each part is
+    rendered once, at the microsecond in its middle, in the mean light of the part: flicker costs no sub-frames. The
+    shadow of a moving object, which the clock does not count, is blurred only as finely as the rest of the image moves.
 
     Under a rolling shutter row y of H closes (H - 1 - y) row_readout_us before ``t_us``. The parts then tile the time
-    of all rows, and a row is the mean of those that it is open in, each weighted by how long. Parts are shorter
+    of all rows, and a row is the mean of the parts in which it is open, each weighted by how long. Parts are shorter
     (:data:`ROLLING_PX`, and 100 us where lights change), because a row takes a part's light at its edges, too, as that
     of the part's middle. A row without an exposure lies between two renders so far apart, and is interpolated.
 
     Args:
-        luma: what is seen at ``t_us``.
-        stretches: without a gap between them, in order; the last one holds ``t_us``. Those that end before the
+        luma: rendered at ``t_us``.
+        stretches: without a gap between them, in order; the last one contains ``t_us``. Those that end before the
             shutter opens are ignored.
         exposure_us: >= 0.
-        row_readout_us: from a row's closing to that of the next one below, >= 0; 0 is a global shutter.
+        row_readout_us: time between the ends of exposure of a row and of the next one below, >= 0; 0 is a global
+            shutter.
     """
     if row_readout_us > 0:
         return _expose_rows(luma, stretches, _RowTimes(len(luma), t_us, exposure_us, row_readout_us))
@@ -80,7 +81,7 @@ def expose(
     parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
     if all(speed == 0 and not stretch.renderer.motion.lights for stretch, _, _, speed in parts):
         return luma.astype(np.float64)
-    # A running sum in order: the same bits, however many sub-frames are rendered in one call.
+    # Sums are made in order, so that the bits do not depend on how many sub-frames are rendered in one call.
     total, duration_us = np.zeros(luma.shape), sum(end_us - start_us for _, start_us, end_us, _ in parts)
     for stretch, start_us, end_us, speed in parts:
         instants = _middles(start_us, end_us, speed, SUBFRAME_PX)
@@ -102,14 +103,15 @@ class _RowTimes:
 
     @property
     def instant(self) -> bool:
-        """Whether the shutter is open for no time."""
+        """Whether the exposure has no duration."""
         return bool(np.all(self.open_us == self.close_us))
 
-    def shares(self, edges_us: FloatArray) -> FloatArray:
-        """The share (n, H) of each row's exposure that lies in each part (n + 1 edges). Parts tile the time of all
+    def fractions(self, edges_us: FloatArray) -> FloatArray:
+        """Return the fraction (n, H) of each row's exposure that lies in each part (n + 1 edges) of the time of all
         rows.
 
-        What lies before the first edge is left out: the exposure is shorter. A row that closes there has the first.
+        What lies before the first edge is left out: the exposure is shorter. A row that closes before it takes the
+        first part.
         """
         close = np.maximum(self.close_us, edges_us[0])
         opened = np.maximum(self.open_us, edges_us[0])
@@ -119,14 +121,14 @@ class _RowTimes:
         return np.asarray(np.where(length > 0, within / np.where(length > 0, length, 1.0), first))
 
     def between(self, nodes_us: FloatArray) -> FloatArray:
-        """The weight (n, H) of each instant (n,) at each row's closing: linear between the two instants around it."""
+        """Return the weights (n, H) of instants (n,) at the end of each row's exposure, for linear interpolation."""
         at = np.interp(self.close_us, nodes_us, np.arange(len(nodes_us)))
         weights: FloatArray = np.clip(1 - np.abs(at - np.arange(len(nodes_us))[:, None]), 0.0, None)
         return weights
 
 
 def _expose_rows(luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], rows: _RowTimes) -> FloatArray:
-    """The same as :func:`expose`, for a rolling shutter."""
+    """Compute :func:`expose` for a rolling shutter."""
     first_us = math.floor(rows.open_us[0])
     bounds = [(stretch, max(stretch.start_us, first_us), min(stretch.end_us, rows.t_us)) for stretch in stretches]
     parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
@@ -146,7 +148,7 @@ def _expose_rows(luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], ro
             renders.append((stretch, _in_mean_light(stretch.renderer, (end_us - start_us) / len(middles)), middles))
         edges.append(ends)
     tiled = np.concatenate(edges)
-    weights = iter(rows.between(tiled) if rows.instant else rows.shares(tiled))
+    weights = iter(rows.between(tiled) if rows.instant else rows.fractions(tiled))
     total = np.zeros(luma.shape)
     for stretch, renderer, instants in renders:
         for first in range(0, len(instants), stretch.batch):
@@ -156,13 +158,13 @@ def _expose_rows(luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], ro
 
 
 class KeyframeExposure:
-    """The mean luma while the shutter is open, from keyframes between which luma runs straight.
+    """Averages luma while the shutter is open, from keyframes between which luma is linear in time.
 
     It holds the keyframes of one frame's exposure, and one before.
 
     Args:
         exposure_us: how long the shutter is open, >= 0.
-        row_readout_us: as of :func:`expose`.
+        row_readout_us: as for :func:`expose`.
         height: rows of the sensor; needed for a rolling shutter.
     """
 
@@ -172,13 +174,13 @@ class KeyframeExposure:
         self._seen: deque[tuple[int, npt.NDArray[np.float32]]] = deque()
 
     def add(self, t_us: int, luma: npt.NDArray[np.float32]) -> None:
-        """The next keyframe."""
+        """Add the next keyframe."""
         self._seen.append((t_us, luma))
         while len(self._seen) > 1 and self._seen[1][0] <= t_us - self._reach_us:
             self._seen.popleft()
 
     def mean(self, t_us: int) -> npt.NDArray[np.float64]:
-        """Mean luma (H, W) over the exposure that ends at ``t_us``, the last keyframe; shorter at the very start."""
+        """Return mean luma (H, W) over the exposure that ends at ``t_us``, the last keyframe; shorter at the start."""
         if self._row_readout_us > 0:
             return self._mean_of_rows(t_us)
         open_us = max(t_us - self._exposure_us, self._seen[0][0])
@@ -188,12 +190,14 @@ class KeyframeExposure:
         total = np.zeros_like(last)
         for (begin_us, before), (end_us, after) in pairwise(self._seen):
             first_us = max(begin_us, open_us)
-            share = 0.5 * (first_us + end_us - 2 * begin_us) / (end_us - begin_us)  # the middle of the part that counts
-            total += (end_us - first_us) * (before + share * (after.astype(np.float64) - before))
+            fraction = (
+                0.5 * (first_us + end_us - 2 * begin_us) / (end_us - begin_us)
+            )  # the middle of the part that counts
+            total += (end_us - first_us) * (before + fraction * (after.astype(np.float64) - before))
         return total / (t_us - open_us)
 
     def _mean_of_rows(self, t_us: int) -> FloatArray:
-        """The same as :meth:`mean`, each row over its own time. A row without an exposure shows the instant at which it
+        """Return :meth:`mean` of each row over its own time; a row without exposure shows the instant at which it
         closes."""
         first, last = self._seen[0], self._seen[-1]
         rows = _RowTimes(len(last[1]), t_us, self._exposure_us, self._row_readout_us)
@@ -203,29 +207,30 @@ class KeyframeExposure:
         total = np.where(close[:, None] == first[0], first[1].astype(np.float64), 0.0)
         for (begin_us, before), (end_us, after) in pairwise(self._seen):
             since, until = np.maximum(opened, begin_us), np.minimum(close, end_us)
-            # Of a row that shows an instant that one, else the middle of the part that counts.
+            # The instant of a row without exposure, else the middle of the part that counts.
             length = np.where(instant, (close > begin_us) & (close <= end_us), np.clip(until - since, 0.0, None))
-            share = (0.5 * (since + until) - begin_us) / (end_us - begin_us)
-            total += length[:, None] * (before + share[:, None] * (after.astype(np.float64) - before))
+            fraction = (0.5 * (since + until) - begin_us) / (end_us - begin_us)
+            total += length[:, None] * (before + fraction[:, None] * (after.astype(np.float64) - before))
         return np.asarray(total / np.where(instant, 1.0, close - opened)[:, None])
 
 
 def subframe_instants(stretch: Stretch, start_us: int, end_us: int) -> IntArray:
-    """The times of sub-frames for a global shutter that is open in (start_us, end_us] of a stretch."""
+    """Return the times of sub-frames for a global shutter that is open in (start_us, end_us] of a stretch."""
     return _middles(start_us, end_us, _fastest(stretch, start_us, end_us), SUBFRAME_PX)
 
 
 def _middles(start_us: int, end_us: int, speed: float, step: float) -> IntArray:
-    """The middles of equal parts, start_us < end_us, in which what has that speed a microsecond moves no further."""
+    """Return the middles of equal parts of a time, in each of which something at ``speed`` moves by at most
+    ``step``."""
     length_us = end_us - start_us
     count = int(np.clip(np.ceil(length_us * speed / step), 1, length_us))
     return start_us + ((2 * np.arange(count) + 1) * length_us + count) // (2 * count)
 
 
 def _fastest(stretch: Stretch, start_us: int, end_us: int) -> float:
-    """The largest speed of any pixel in (start_us, end_us], in pixels per microsecond."""
+    """Return the largest speed of any pixel in (start_us, end_us], in pixels per microsecond."""
     offset_us, length_us = start_us - stretch.start_us, end_us - start_us
-    # The clock would count the change of lights too, in which sub-frames need not be told apart.
+    # Lights are made steady, because their change needs no sub-frames.
     renderer = _with_lights(stretch.renderer, dict.fromkeys(stretch.renderer.motion.lights, _STEADY))
     path = stretch.trajectory.crop(offset_us * 1e-6, length_us * 1e-6)
     clock = DisplacementClock(renderer, path, length_us, start_us=start_us)
@@ -235,7 +240,7 @@ def _fastest(stretch: Stretch, start_us: int, end_us: int) -> float:
 
 
 class _MeanProfile(LightProfile):
-    """Another profile averaged over ``length_us`` around each instant."""
+    """A profile averaged over ``length_us`` around each instant."""
 
     def __init__(self, profile: LightProfile, length_us: float) -> None:
         self._profile, self._length_s = profile, length_us * 1e-6
@@ -251,8 +256,8 @@ class _MeanProfile(LightProfile):
 
     def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
         half = self._length_s / 2
-        of = self._profile.breaks_s(start_s - half, end_s + half)
-        both = np.unique(np.concatenate([of - half, of + half]))
+        breaks = self._profile.breaks_s(start_s - half, end_s + half)
+        both = np.unique(np.concatenate([breaks - half, breaks + half]))
         return both[(both >= start_s) & (both <= end_s)]
 
     def describe(self) -> dict[str, object]:
@@ -260,14 +265,14 @@ class _MeanProfile(LightProfile):
 
 
 def _in_mean_light(renderer: Renderer, length_us: float) -> Renderer:
-    """The renderer, with lights as they are on the average over ``length_us`` around each instant."""
+    """Return the renderer with lights averaged over ``length_us`` around each instant."""
     return _with_lights(
         renderer, {name: _MeanProfile(profile, length_us) for name, profile in renderer.motion.lights.items()}
     )
 
 
 def _with_lights(renderer: Renderer, lights: Mapping[str, LightProfile]) -> Renderer:
-    """The renderer, with other profiles for the same lights; it shares all else with the one given."""
+    """Return a renderer with other profiles for the same lights, which shares all else with the given one."""
     if not lights:
         return renderer
     motion, other = renderer.motion, copy(renderer)

@@ -1,4 +1,4 @@
-"""Log luma between keyframes, as the crossing engine takes it to run: for measuring how far off it is."""
+"""Interpolates log luma between keyframes as the crossing engine does, to measure its error."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def interpolated(
 ) -> Iterator[tuple[Keyframe, list[FloatArray]]]:
     """Yield each keyframe, with the log luma (H, W), float64, at the instants since the one before it.
 
-    Lines, or cubics where keyframes have rates; straight lines between the samples of a pixel that has sparse ones:
-    what docs/crossing.md says of the engine.
+    It is linear, or cubic where keyframes have rates; between the sparse samples of a pixel it is linear.
+    docs/crossing.md describes it.
 
     Args:
         instants_us: increasing.
@@ -40,12 +40,12 @@ def interpolated(
 def _between(last: Keyframe, new: Keyframe, t_us: int, log_eps: float) -> FloatArray:
     start, stop = (log_intensity(keyframe.luma, log_eps) for keyframe in (last, new))
     interval_us = new.t_us - last.t_us
-    share = (t_us - last.t_us) / interval_us
+    fraction = (t_us - last.t_us) / interval_us
     chord = stop - start
-    log = start + share * chord
+    log = start + fraction * chord
     if last.rate is not None and new.rate is not None:
         p, q = end_slopes(last.rate, new.rate, start, stop, interval_us)
-        log += share * (1 - share) * ((p - chord) * (1 - share) - (q - chord) * share)
+        log += fraction * (1 - fraction) * ((p - chord) * (1 - fraction) - (q - chord) * fraction)
     if new.sparse is not None and len(new.sparse.pixel):
         _take_sparse(log.reshape(-1), start.reshape(-1), stop.reshape(-1), last, new, t_us, log_eps)
     return log
@@ -58,9 +58,9 @@ def end_slopes(
     stop: FloatArray,
     interval_us: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Slopes of the cubics at both ends of an interval, over its length, that the engine takes.
+    """Return the slopes of the engine's cubics at both ends of an interval, over its length.
 
-    They make no extremum which the samples do not support.
+    They make no extremum that the samples do not support.
 
     Args:
         rate_before, rate_after: dY/dt, luma per second.
@@ -79,7 +79,7 @@ def end_slopes(
 def _take_sparse(
     log: FloatArray, start: FloatArray, stop: FloatArray, last: Keyframe, new: Keyframe, t_us: int, log_eps: float
 ) -> None:
-    """Put the lines between the samples of those pixels that have sparse ones in the place of what ``log`` holds."""
+    """Replace ``log`` at pixels with sparse samples by the lines between these samples."""
     assert new.sparse is not None
     pixels = np.unique(new.sparse.pixel).astype(np.int64)
     values = np.log(new.sparse.luma.astype(np.float64) + log_eps)

@@ -1,4 +1,5 @@
-"""Keyframes that adaptive sampling still works on: how well cubics through them can be trusted, and their slopes."""
+"""Holds the keyframes on which adaptive sampling works, estimates the error of cubics through them, and their
+slopes."""
 
 from __future__ import annotations
 
@@ -14,13 +15,13 @@ IntArray = npt.NDArray[np.int64]
 
 
 class KeyframeWindow:
-    """Keyframes in order of time, those not handed on yet and a few before them.
+    """Keyframes in order of time: those not yielded yet, and a few before them.
 
     Attributes:
         t_us: instants, increasing.
         luma, log_luma: a frame (H, W), float32, for each.
-        cuts: instants from which to the next microsecond nothing is interpolated: neither slopes nor predictions look
-            across. Those between two cuts are one part.
+        cuts: instants between which and the next microsecond nothing is interpolated; neither slopes nor predictions
+            use keyframes across a cut. The keyframes between two cuts are one part.
         complete: whether no more keyframes come after the last.
     """
 
@@ -33,17 +34,17 @@ class KeyframeWindow:
         self._missing: dict[tuple[int, ...], BoolFrame] = {}
 
     def insert(self, t_us: list[int], luma: list[LogLuma], log_luma: list[LogLuma]) -> None:
-        """Take up keyframes, wherever they fall."""
+        """Insert keyframes in order of time."""
         columns = zip([*self.t_us, *t_us], [*self.luma, *luma], [*self.log_luma, *log_luma], strict=True)
         ordered = sorted(columns, key=lambda keyframe: keyframe[0])
         self.t_us, self.luma, self.log_luma = (list(column) for column in zip(*ordered, strict=True))
 
     def drop(self, count: int) -> None:
-        """Forget the first ``count``."""
+        """Drop the first ``count`` keyframes."""
         del self.t_us[:count], self.luma[:count], self.log_luma[:count]
         start_us = self.t_us[0]
         self.cuts = {t_us for t_us in self.cuts if t_us >= start_us}
-        self._missing = {times: found for times, found in self._missing.items() if min(times) >= start_us}
+        self._missing = {times: missed for times, missed in self._missing.items() if min(times) >= start_us}
 
     def parts(self) -> IntArray:
         """Return a number (n,) for each keyframe, the same for those between which no cut lies."""
@@ -51,10 +52,11 @@ class KeyframeWindow:
         return np.cumsum([False, *cut])
 
     def slope(self, k: int) -> LogLuma:
-        """Slope of log luma (H, W), 1/s, at keyframe k, from it and one on either side; 0 where it has none.
+        """Return the slope of log luma (H, W), 1/s, at keyframe k, from it and one on either side; 0 without
+        neighbours.
 
-        Both intervals around the keyframe have it. It is measured at the scale of the longer one: in noise, as which
-        textures finer than a pixel come, the slope towards a keyframe close by says nothing about that.
+        Both intervals around the keyframe use it. It is measured at the scale of the longer one: in noise, such as that
+        of textures finer than a pixel, the slope to a keyframe close by tells nothing about the longer interval.
         """
         part = self.parts()
         within = np.flatnonzero(part == part[k])
@@ -72,19 +74,20 @@ class KeyframeWindow:
         part = self.parts()
         result = []
         for k, (before_us, after_us) in enumerate(pairwise(self.t_us)):
-            found = np.zeros(self.log_luma[k].shape, np.bool_)
+            missed = np.zeros(self.log_luma[k].shape, np.bool_)
             if part[k] == part[k + 1]:
                 for end in (k, k + 1):
                     others = self._others(end, after_us - before_us, np.flatnonzero(part == part[end]), 2)
-                    found |= self._missed(end, others, part, tolerated)
-            result.append(found)
+                    missed |= self._missed(end, others, part, tolerated)
+            result.append(missed)
         return result
 
     def _others(self, k: int, length_us: int, within: IntArray, most: int) -> list[int]:
-        """Up to ``most`` keyframes on either side of keyframe k, which is one end of an interval of ``length_us``.
+        """Return up to ``most`` keyframes on either side of keyframe k, which is one end of an interval of
+        ``length_us``.
 
-        They are of those ``within``, its own part between cuts. Those less than half an interval apart are passed over:
-        one close by would hide how the interval bends.
+        They are among ``within``, the part of keyframe k between cuts. Keyframes less than half an interval apart are
+        skipped, because one close by would hide how the interval bends.
         """
         others: list[int] = []
         for side in (range(k - 1, int(within[0]) - 1, -1), range(k + 1, int(within[-1]) + 1)):
@@ -96,7 +99,7 @@ class KeyframeWindow:
         return others
 
     def _missed(self, k: int, others: list[int], part: IntArray, tolerated: float) -> BoolFrame:
-        """The pixels whose prediction from ``others`` misses keyframe k by more than is tolerated."""
+        """Return the pixels whose prediction from ``others`` misses keyframe k by more than is tolerated."""
         log = self.log_luma
         if min(others) < k < max(others):
             times = (self.t_us[k], *(self.t_us[i] for i in others))
@@ -107,8 +110,8 @@ class KeyframeWindow:
                     missed += weight * log[i]
                 self._missing[times] = np.abs(missed, out=missed) > tolerated
             return self._missing[times]
-        # No prediction at the ends of the window or of a part, where it would be an extrapolation; a short part has
-        # nothing better than its change, unless more of it is still to come.
+        # There is no prediction at the ends of the window or of a part, because it would be an extrapolation. A short
+        # part is judged by its change, unless more of it is still to come.
         unfinished = part[k] == part[-1] and not self.complete
         if unfinished or np.count_nonzero(part == part[k]) >= 4:
             return np.zeros(log[k].shape, np.bool_)

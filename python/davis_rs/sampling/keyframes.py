@@ -1,4 +1,4 @@
-"""Keyframes: what is rendered of a sequence, and handed to the crossing engine."""
+"""Defines keyframes, which are rendered and handed to the crossing engine, and the stretches of a sequence."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LogLuma = npt.NDArray[np.float32]
 
 
 class SparseSamples(NamedTuple):
-    """Samples that some pixels bring between two keyframes, sorted by pixel and then by time.
+    """Samples of some pixels between two keyframes, sorted by pixel and then by time.
 
     Attributes:
         pixel: uint32 (m,), y W + x.
@@ -40,10 +40,11 @@ class SparseSamples(NamedTuple):
     def neighbours(
         self, pixel: IntArray, t_us: IntArray, *, after: Literal["at", "past"]
     ) -> tuple[tuple[IntArray, BoolArray], tuple[IntArray, BoolArray]]:
-        """The samples of n pixels before and after n instants of the interval: (which, whether there is one), each.
+        """Return the samples of n pixels before and after n instants of the interval, each as (index, whether it
+        exists).
 
         Args:
-            after: a sample ``at`` the instant comes after it, or only one ``past`` it does.
+            after: whether a sample ``at`` the instant counts as after it, or only one ``past`` it.
         """
         start_us = min(int(self.t_us.min()), int(np.min(t_us, initial=np.iinfo(np.int64).max)))
         span = max(int(self.t_us.max()), int(np.max(t_us, initial=0))) - start_us + 1
@@ -51,9 +52,9 @@ class SparseSamples(NamedTuple):
         side: Literal["left", "right"] = "left" if after == "at" else "right"
         following = np.searchsorted(keys, pixel * span + (t_us - start_us), side=side)
 
-        def own(place: IntArray) -> tuple[IntArray, BoolArray]:
-            inside = np.clip(place, 0, len(keys) - 1)
-            return inside, (place == inside) & (self.pixel[inside] == pixel)
+        def own(index: IntArray) -> tuple[IntArray, BoolArray]:
+            inside = np.clip(index, 0, len(keys) - 1)
+            return inside, (index == inside) & (self.pixel[inside] == pixel)
 
         return own(following - 1), own(following)
 
@@ -82,10 +83,10 @@ class Stretch:
         renderer: what renders it.
         trajectory: the camera's; its time 0 is at ``start_us`` of the sequence.
         start_us, end_us: the stretch.
-        first: nothing lies before it; else its start is the last keyframe of the stretch before.
-        due: strictly increasing instants of the stretch at which there must be a keyframe: the end, the start where
-            nothing lies before it, and any between.
-        contrast_threshold: the least of the sensor, in natural-log units.
+        first: whether nothing lies before it; else its start is the last keyframe of the stretch before.
+        due: strictly increasing instants of the stretch at which there must be a keyframe: the end, the start of a
+            first stretch, and any between.
+        contrast_threshold: the smallest of the sensor, in natural-log units.
         log_eps: dark level in units of luma.
         batch: how many keyframes are rendered in one call.
     """
@@ -108,7 +109,7 @@ class Stretch:
         """Return the strictly increasing instants at which any rule has keyframes: those required, and those at breaks.
 
         Args:
-            both: keyframes on both sides of each break, for cubics; else only of jumps.
+            both: require keyframes on both sides of each break, for cubics; else only of jumps.
         """
         at_breaks = break_instants(self.breaks(), self.start_us, both=both)
         return (t_us for t_us, _ in groupby(heapq.merge(self.due, at_breaks)))
@@ -124,7 +125,7 @@ class Stretch:
 
 
 def exact_log_luma(luma: npt.NDArray[np.float32], log_eps: float) -> FloatArray:
-    """Log intensity (n,) of n samples, to the bit as the crossing engine has it."""
+    """Return log intensity (n,) of n samples, with the bits of the crossing engine."""
     columns = 1024
     padded = np.zeros(-(-len(luma) // columns) * columns, np.float32)
     padded[: len(luma)] = luma
@@ -132,9 +133,9 @@ def exact_log_luma(luma: npt.NDArray[np.float32], log_eps: float) -> FloatArray:
 
 
 def slope(t_us: Sequence[int], log_luma: Sequence[LogLuma], k: int) -> LogLuma:
-    """Slope dL/dt (H, W) in 1/s at frame k of two or more: that of the parabola through it and its neighbours.
+    """Return the slope dL/dt (H, W), 1/s, at frame k of two or more: of the parabola through it and its neighbours.
 
-    The first and the last have one neighbour: there it is the chord's.
+    At the first and the last frame it is the slope of the chord.
 
     Args:
         t_us: instants of the frames, increasing.
@@ -142,22 +143,22 @@ def slope(t_us: Sequence[int], log_luma: Sequence[LogLuma], k: int) -> LogLuma:
     """
     if k in (0, len(t_us) - 1):
         return _chord(t_us, log_luma, max(k - 1, 0))
-    share = np.float32((t_us[k + 1] - t_us[k]) / (t_us[k + 1] - t_us[k - 1]))
+    fraction = np.float32((t_us[k + 1] - t_us[k]) / (t_us[k + 1] - t_us[k - 1]))
     result = _chord(t_us, log_luma, k - 1)
-    result *= share
-    result += (1 - share) * _chord(t_us, log_luma, k)
+    result *= fraction
+    result += (1 - fraction) * _chord(t_us, log_luma, k)
     return result
 
 
 def _chord(t_us: Sequence[int], log_luma: Sequence[LogLuma], k: int) -> LogLuma:
-    """Slope of the line from frame k to the next."""
+    """Return the slope of the line from frame k to the next."""
     result = log_luma[k + 1] - log_luma[k]
     result /= np.float32((t_us[k + 1] - t_us[k]) * 1e-6)
     return result
 
 
 def lagrange_weights(t: FloatArray, at: float) -> FloatArray:
-    """Weights (n,) of the samples at n instants in the polynomial through them, at another instant."""
+    """Return the weights (n,) of the samples at n instants in the polynomial through them, at another instant."""
     others = ~np.eye(len(t), dtype=np.bool_)
     ratios = (at - t)[None] / np.where(others, t[:, None] - t[None], 1.0)
     return np.asarray(np.where(others, ratios, 1.0).prod(1))

@@ -1,4 +1,4 @@
-"""Looking at a simulation on its way, without changing it: which rays it casts, and how it takes log luma to run."""
+"""Observes a simulation without changing it: counts its rays, and records the log luma that it assumes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .rules import TimeSampling
 
 
 class LumaRecorder(TimeSampling):
-    """A rule whose keyframes are looked at on their way: how many there are, and log luma at some instants.
+    """A rule that passes on another rule's keyframes, counts them, and records log luma at some instants.
 
     Attributes:
         keyframe_count: so far.
         log: log luma (H, W), float64, as interpolated, at each instant so far.
 
     Args:
-        rule: what decides.
+        rule: which decides.
         instants_us: increasing.
     """
 
@@ -48,7 +48,7 @@ class LumaRecorder(TimeSampling):
 
 
 class CountedRenderer(Renderer):
-    """A renderer whose rays are counted: towards surfaces, not the lights; a rate's are those of its luma.
+    """A renderer that counts another one's rays to surfaces, without shadow rays; luma and its rate share their rays.
 
     Attributes:
         count: rays so far.
@@ -82,6 +82,6 @@ class CountedRenderer(Renderer):
         return self._renderer._samples(views, view, pixel, rays)
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        found = self._renderer._edge_tracks(views, t_us, tolerated, log_eps)
-        self.count += sum(tracks.rendered for tracks in found or []) * self.rays
-        return found
+        spans = self._renderer._edge_tracks(views, t_us, tolerated, log_eps)
+        self.count += sum(tracks.rendered for tracks in spans or []) * self.rays
+        return spans

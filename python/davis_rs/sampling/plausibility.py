@@ -1,4 +1,4 @@
-"""Probes of a few pixels where nothing is rendered for long: for causes of change that nobody declared."""
+"""Probes a few pixels where nothing is rendered for long, to find causes of change that nobody declared."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ LONG_US = 5_000
 
 _PIXELS = 64
 _MOST_INSTANTS = 64
-"""Within one span, at the most: enough to find the microsecond of three jumps in a second."""
+"""The most instants in one span: enough to find the microsecond of three jumps in a second."""
 
-_SHARE = 1 / 3
-"""In its middle a pixel may be off the line by this share of its change over the span, or by half a threshold. One
-that jumps is off by half of its change; one that sees a texture drift by seldom is."""
+_FRACTION = 1 / 3
+"""At the middle of a span a pixel may be off the line by this fraction of its change, or by half a threshold. A pixel
+that jumps is off by half of its change; one that sees a drifting texture seldom is."""
 
 _FEWEST = 2
 
 
 def probed(stretch: Stretch, start_us: int, end_us: int) -> Iterator[int]:
-    """Instants, increasing, at which keyframes belong within a span, because something happens that was not foreseen.
+    """Yield increasing instants within a span that need keyframes, because luma changes unexpectedly.
 
-    In the middle of the span some pixels, spread over the image, must lie where the line between its ends says. If
+    In the middle of the span some pixels, spread over the image, must lie on the line between its ends. If
     half of those that change do not, the span is halved there, and each half is probed in turn, down to a microsecond.
     Spans of up to :data:`LONG_US` have none.
     """
     if end_us - start_us <= LONG_US:
         return
-    found: list[int] = []
+    instants: list[int] = []
     spans = np.array([[start_us, end_us]], np.int64)
-    while len(spans) and len(found) < _MOST_INSTANTS:
+    while len(spans) and len(instants) < _MOST_INSTANTS:
         spans = spans[_implausible(stretch, spans)]
         middle = spans.sum(1) // 2
-        found += middle.tolist()
+        instants += middle.tolist()
         halves = np.concatenate([np.stack([spans[:, 0], middle], 1), np.stack([middle, spans[:, 1]], 1)])
         spans = halves[halves[:, 1] - halves[:, 0] > 1]
-    yield from sorted(found)
+    yield from sorted(instants)
 
 
 def _implausible(stretch: Stretch, spans: IntArray) -> BoolArray:
-    """Return those of n spans (n, 2) in whose middle luma is not on the line between their ends."""
+    """Return whether luma in the middle of each of n spans (n, 2) is off the line between its ends."""
     camera = stretch.renderer.camera
     pixel = _spread(camera.width * camera.height)
     times = np.stack([spans[:, 0], spans.sum(1) // 2, spans[:, 1]], 1).ravel()
@@ -55,7 +55,7 @@ def _implausible(stretch: Stretch, spans: IntArray) -> BoolArray:
     luma = stretch.renderer.samples(stretch.views(times), view, pixels)
     before, middle, after = exact_log_luma(luma, stretch.log_eps).reshape(len(spans), 3, -1).swapaxes(0, 1)
     half = stretch.contrast_threshold / 2
-    off = np.abs(middle - (before + after) / 2) > np.maximum(half, _SHARE * np.abs(after - before))
+    off = np.abs(middle - (before + after) / 2) > np.maximum(half, _FRACTION * np.abs(after - before))
     changed = off | (np.abs(after - before) > half)
     return np.asarray((off.sum(1) >= _FEWEST) & (2 * off.sum(1) >= changed.sum(1)))
 

@@ -1,4 +1,4 @@
-"""Presets: points on the measured curve of accuracy against time."""
+"""Defines the accuracy presets: points on the measured curve of accuracy against time."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from .tolerance import Tolerance
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How finely a scene is sampled.
+    """The settings of sampling in time and space.
 
     Attributes:
-        sampling: in time.
-        samples: in space: rays a pixel of renderers whose rays are a lattice. Mitsuba's integrators draw theirs at
-            random: their error is noise, which ``samples="auto"`` chooses a number for.
-        refine: polish each event's time by asking the renderer itself.
+        sampling: the rule of sampling in time.
+        samples: rays per pixel of renderers whose rays are a lattice. Mitsuba's integrators draw theirs at random:
+            their error is noise, for which ``samples="auto"`` chooses a number.
+        refine: refine each event's time by rendering near it.
     """
 
     sampling: TimeSampling

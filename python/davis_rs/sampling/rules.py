@@ -1,4 +1,4 @@
-"""Sampling in time: at which instants a sequence is rendered."""
+"""Defines rules of sampling in time: at which instants a sequence is rendered."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .plausibility import probed
 
 
 def periodic_instants(rate_hz: float, start_us: int, end_us: int) -> Iterator[int]:
-    """Instants round(k 1e6 / rate) us, k = 0, 1, ..., that lie in [start_us, end_us]; none for rate 0.
+    """Return instants round(k 1e6 / rate) us, k = 0, 1, ..., that lie in [start_us, end_us]; none for rate 0.
 
-    Rounded half up in exact arithmetic, so that no rate drifts.
+    They are rounded half up in exact arithmetic, so that no rate drifts.
 
     Raises:
         ValueError: for a rate that is negative, not finite or above 1e6 Hz (two instants in one microsecond).
@@ -43,7 +43,8 @@ def _periodic_instants(rate_hz: Fraction, start_us: int, end_us: int) -> Iterato
 
 
 _FINE_PX, _MANY_RENDERS = 0.01, 1e5
-"""For finer displacements than this the number of renders is forecast, and told if it is larger."""
+"""For displacements finer than the first the number of renders is estimated; a warning says if it exceeds the
+second."""
 
 
 class ManyRendersWarning(UserWarning):
@@ -57,7 +58,7 @@ class TimeSampling(ABC):
     """
 
     edges: bool = False
-    """Does it want to know where the geometry's edges are?"""
+    """Whether the rule needs the edges of the geometry."""
 
     @property
     @abstractmethod
@@ -70,7 +71,7 @@ class TimeSampling(ABC):
 
 
 class ScheduledSampling(TimeSampling):
-    """A rule that knows its instants beforehand.
+    """A rule that knows its instants in advance.
 
     Attributes:
         hermite: interpolate log luma by cubics, through the renderer's own rates of change; else by lines.
@@ -107,7 +108,7 @@ class ScheduledSampling(TimeSampling):
 
 
 def _with_probed(stretch: Stretch, times: Iterator[int]) -> Iterator[int]:
-    """The times of keyframes, and those that probes of long spans ask for."""
+    """Yield the times of keyframes, and those that probes of long spans add."""
     last_us = stretch.start_us
     for t_us in times:
         yield from probed(stretch, last_us, t_us)
@@ -143,14 +144,14 @@ class MaxDisplacement(ScheduledSampling):
     """Render whenever the fastest pixel has moved by ``pixels``.
 
     See ``davis_rs.sampling.displacement.DisplacementClock``: the camera's motion counts, moving objects, and
-    light that changes. Where nothing does, it asks for no instants. It renders more often where something begins to
-    change or ceases to, and where the displacement between two renders would not grow evenly in time.
+    light that changes. Where nothing changes, there are no instants. It renders more often where something starts or
+    stops changing, and where the displacement between two renders would not grow evenly in time.
 
     Raises:
         ValueError: for a displacement that is not positive and finite.
 
     Warns:
-        ManyRendersWarning: where so small a displacement asks for very many renders.
+        ManyRendersWarning: where so small a displacement needs very many renders.
 
     Source: Mueggler et al., IJRR 2017, section 6; Rebecq, Gehrig, Scaramuzza, ESIM, CoRL 2018 (sampling by flow).
     """
@@ -171,7 +172,7 @@ class MaxDisplacement(ScheduledSampling):
                 last_us = end.t_us
                 yield last_us
                 count += end.reached
-            else:  # several fall in one microsecond: go on behind it
+            else:  # several fall in one microsecond: continue after it
                 count = max(count + end.reached, math.ceil(clock.path_at(last_us + 1) / self.pixels))
 
     def _warn(self, clock: DisplacementClock, end_us: int) -> None:

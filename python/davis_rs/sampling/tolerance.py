@@ -1,4 +1,4 @@
-"""Sampling in time that controls its own error: renders where interpolation would fail, and nowhere else."""
+"""Samples in time with control of the error: renders only where interpolation would fail."""
 
 from __future__ import annotations
 
@@ -32,23 +32,25 @@ class Tolerance(TimeSampling):
     keyframes (slopes from their neighbours, so that they cost nothing). Leaving a keyframe out and predicting it from
     the two on either side shows, pixel by pixel, how far such a cubic can be trusted, as the embedded formulas of
     adaptive ODE solvers do. Where an interval has too many pixels that cannot be trusted it is halved, and keyframes
-    come closer from there on; where it has few, they are stretched. The pixels that are left (edges) are rendered
-    alone at the middle of their interval, and again at the middles of its halves, until a sample lies where the line
-    between its neighbours predicted it.
+    come closer from there on; where it has few, the keyframes are spaced wider. The pixels that are left (edges) are
+    rendered alone at the middle of their interval, and again at the middles of its halves, until a sample lies where
+    the line between its neighbours predicted it.
 
-    What happens and vanishes between two samples leaves no trace in either: no estimate can see it. Where edges of the
-    geometry pass over a pixel that may be so. The native renderer tells at which instants an edge passes each ray, so
-    that such pixels are sampled where their luma jumps, and between (``davis_rs.render.edges.edge_tracks``). With
-    other renderers, and where rays do what neither edges nor their rates tell (shadows), the pixel's interval is halved
-    whatever the samples say: twice for one edge, to the end for two, because there may be something thin between them.
-    A thin line of a texture has no such protection.
+    Something that appears and vanishes between two samples leaves no trace in either: no estimate can see it. It may
+    happen where edges of the geometry pass over a pixel. The native renderer tells at which instants an edge passes
+    each ray, so that such pixels are sampled where their luma jumps, and in between
+    (``davis_rs.render.edges.edge_tracks``). With other renderers, and where rays change for another reason (shadows),
+    the pixel's interval is halved whatever the samples are: twice for one edge, and fully for two, because there may be
+    something thin between them. A thin line of a texture has no such protection.
 
-    Where motion or light breaks there are keyframes on both sides; neither slopes nor estimates look across.
+    Where motion or light breaks there are keyframes on both sides; neither slopes nor estimates use keyframes across
+    it.
 
     Args:
-        contrast: tolerated error, as a share of the contrast threshold.
-        pixels: displacement between keyframes at the start, and ``longest`` at the most.
-        halvings: how often a pixel's interval is halved at the most.
+        contrast: tolerated error, as a fraction of the contrast threshold.
+        pixels: displacement between keyframes at the start.
+        longest: largest displacement between keyframes.
+        halvings: how often a pixel's interval is halved at most.
         edges: follow the geometry's edges, see above.
 
     Raises:
@@ -81,25 +83,26 @@ _STEP = 8
 """Keyframes rendered between two decisions; fixed, so that results do not depend on ``batch``."""
 
 _TRUST = 1.0
-"""An interval's error, as a share of the errors that leaving out its ends would have made: 0.14 for a smooth signal,
-1 for noise, as which textures finer than a pixel come. With 1/2, a tenth of all pixels would miss their tolerance."""
+"""Assumed ratio of an interval's error to the errors that leaving out its ends would have made: 0.14 for a smooth
+signal, 1 for noise, such as that of textures finer than a pixel. With 1/2, a tenth of all pixels would miss their
+tolerance."""
 
 _WIDE, _NARROW = 0.35, 0.1
-"""Share of untrusted pixels from which on an interval is halved, and that which keyframes are spaced for."""
+"""Fraction of untrusted pixels above which an interval is halved, and the fraction at which the spacing aims."""
 
 _SHORTEST = 1 / 32
-"""Displacement between keyframes at the least, as a share of that at the start: halving goes on below, but what is
-known only at a jump or in noise does not shorten all that follows."""
+"""Smallest displacement between keyframes, as a fraction of that at the start. Halving may go below, but a jump or
+noise does not shorten all that follows."""
 
 _FOR_ONE_EDGE = 2
-"""Halvings in any case where one edge passes, which leaves a trace in what follows, but for short dips at a level."""
+"""Least number of halvings where one edge passes; such an edge mostly leaves a trace in what follows."""
 
 _REMAINS = 1 / 3
-"""Error of a line that is left when its middle becomes a sample: 1/4 for a smooth signal, 1/2 at a jump."""
+"""Assumed fraction of a line's error that is left when its middle becomes a sample: 1/4 if smooth, 1/2 at a jump."""
 
 
 class _Control:
-    """One run over a stretch: keyframes in order, those not handed on yet in a window."""
+    """Runs over a stretch: yields keyframes in order, and holds those not yielded yet in a window."""
 
     def __init__(self, settings: Tolerance, stretch: Stretch) -> None:
         self._settings, self._stretch = settings, stretch
@@ -117,7 +120,7 @@ class _Control:
             window.complete = last
             self._render(times)
             untrusted, split = self._split(max(given - 1, 0))
-            # The estimate of an interval looks two keyframes ahead.
+            # The estimate of an interval needs two keyframes after it.
             ready = len(window.t_us) if last else max(len(window.t_us) - 2, given)
             if given == 0 and ready > 0:
                 yield self._keyframe(0, None)
@@ -126,9 +129,9 @@ class _Control:
                 yield self._keyframe(k, sparse)
             if ready > given and not split:
                 same_part = np.diff(window.parts()[given - 1 : ready]) == 0
-                shares = [_share(found) for found in untrusted[given - 1 : ready - 1]]
-                share = float(np.mean(np.array(shares)[same_part])) if same_part.any() else _NARROW
-                stretched = self._pixels * np.clip((_NARROW / max(share, 1e-3)) ** (1 / 3), 0.6, 1.4)
+                fractions = [_fraction(pixels) for pixels in untrusted[given - 1 : ready - 1]]
+                fraction = float(np.mean(np.array(fractions)[same_part])) if same_part.any() else _NARROW
+                stretched = self._pixels * np.clip((_NARROW / max(fraction, 1e-3)) ** (1 / 3), 0.6, 1.4)
                 self._pixels = float(min(stretched, self._settings.longest))
             self._pixels = max(self._pixels, _SHORTEST * min(self._settings.pixels, self._settings.longest))
             dropped = max(ready - 3, 0)
@@ -136,7 +139,7 @@ class _Control:
             window.drop(dropped)
 
     def _steps(self) -> Iterator[tuple[list[int], bool]]:
-        """Times to render next, and whether they are the last."""
+        """Yield the times to render next, and whether they are the last."""
         times: list[int] = []
         for t_us in self._instants():
             times.append(t_us)
@@ -146,7 +149,7 @@ class _Control:
         yield times, True
 
     def _instants(self) -> Iterator[int]:
-        """The instants at which to render. Each is found when it is asked for, from the spacing at that time."""
+        """Yield the instants at which to render, each by the spacing at the time when it is needed."""
         stretch = self._stretch
         length_us = stretch.end_us - stretch.start_us
         clock = DisplacementClock(stretch.renderer, stretch.trajectory, length_us, start_us=stretch.start_us)
@@ -160,7 +163,7 @@ class _Control:
                     break
                 yield from self._probed(last_us, next_us)
                 if next_us == last_us + 1:
-                    self._window.cuts.add(last_us)  # no motion is so fast: it jumps
+                    self._window.cuts.add(last_us)  # no motion is so fast, so it is a jump
                 yield next_us
                 last_us = next_us
             yield from self._probed(last_us, required_us)
@@ -168,17 +171,17 @@ class _Control:
             last_us = required_us
 
     def _required(self) -> Iterator[int]:
-        """What is due, and both sides of breaks, which cut what comes before from what comes after."""
+        """Return the due instants and both sides of breaks; a break is a cut."""
         stretch = self._stretch
         at_breaks = break_instants(map(self._cut, stretch.breaks()), stretch.start_us, both=True)
         return (t_us for t_us, _ in groupby(heapq.merge(stretch.due, at_breaks)))
 
-    def _cut(self, found: Break) -> Break:
-        self._window.cuts.add(found.before_us)
-        return found
+    def _cut(self, item: Break) -> Break:
+        self._window.cuts.add(item.before_us)
+        return item
 
     def _probed(self, start_us: int, end_us: int) -> Iterator[int]:
-        """The same as :func:`probed`; a jump that it finds becomes a cut."""
+        """Yield the instants of :func:`probed`; a jump that it finds becomes a cut."""
         last_us = start_us
         for t_us in [*probed(self._stretch, start_us, end_us), end_us]:
             if t_us == last_us + 1 and end_us > start_us + 1:
@@ -188,7 +191,7 @@ class _Control:
             last_us = t_us
 
     def _render(self, times: list[int]) -> None:
-        """Take up keyframes at ``times``, wherever they fall in the window."""
+        """Render keyframes at ``times``, and insert them into the window."""
         stretch = self._stretch
         ahead = iter(times)
         while batch := list(islice(ahead, stretch.batch)):
@@ -199,55 +202,56 @@ class _Control:
         """Halve intervals from ``first`` on until few of their pixels are untrusted.
 
         Returns:
-            What then is untrusted, and whether any interval was halved.
+            The untrusted pixels of each interval, and whether any interval was halved.
         """
         window, split = self._window, False
         untrusted = window.untrusted(self._tolerated / _TRUST)
         for _ in range(self._settings.halvings + 1):
             intervals = islice(zip(pairwise(window.t_us), untrusted, strict=True), first, None)
-            middles = [(t + end) // 2 for (t, end), found in intervals if _share(found) > _WIDE and end - t > 1]
+            middles = [(t + end) // 2 for (t, end), pixels in intervals if _fraction(pixels) > _WIDE and end - t > 1]
             if not middles:
                 break
             self._render(middles)
             untrusted = window.untrusted(self._tolerated / _TRUST)
-            # From here on they come closer.
+            # From here on keyframes come closer.
             self._pixels, split = self._pixels * (0.7 if not split else 1.0), True
         return untrusted, split
 
     def _sparse(self, untrusted: list[BoolFrame], first: int, end: int) -> Iterator[SparseSamples | None]:
-        """The samples of untrusted pixels within each interval in first..end."""
+        """Yield the samples of untrusted pixels within each interval in first..end."""
         if end <= first:
             return
         tracks = self._tracks(first, end)
         pieces = self._pieces(untrusted, tracks, first, end)
-        found = []
+        samples = []
         for i, tracked in enumerate(tracks or ()):
             known = ~np.isin(tracked.pixel, tracked.unknown)
             pixel = tracked.pixel[known]
-            found.append((np.full(len(pixel), i), pixel, tracked.t_us[known], tracked.luma[known]))
+            samples.append((np.full(len(pixel), i), pixel, tracked.t_us[known], tracked.luma[known]))
         for turn in range(self._settings.halvings):
-            pieces = pieces.of(pieces.end_us - pieces.start_us > 1)
+            pieces = pieces.select(pieces.end_us - pieces.start_us > 1)
             if len(pieces.pixel) == 0:
                 break
             middle_us = (pieces.start_us + pieces.end_us) // 2
             times, view = np.unique(middle_us, return_inverse=True)
             luma = self._stretch.renderer.samples(self._stretch.views(times), view, pieces.pixel)
-            found.append((pieces.interval, pieces.pixel, middle_us, luma))
+            samples.append((pieces.interval, pieces.pixel, middle_us, luma))
             log = self._stretch.log_luma(luma)
             remains = np.float32(_REMAINS) * np.abs(log - pieces.line(middle_us))
             again = (turn + 1 < pieces.halvings) | (remains > self._tolerated)
             if turn + 1 < self._settings.halvings:
-                pieces = pieces.halves(middle_us, log).of(np.tile(again, 2))
-        if not found:
+                pieces = pieces.halves(middle_us, log).select(np.tile(again, 2))
+        if not samples:
             yield from [None] * (end - first)
             return
-        interval, pixel, t_us, luma = (np.concatenate(column) for column in zip(*found, strict=True))
+        interval, pixel, t_us, luma = (np.concatenate(column) for column in zip(*samples, strict=True))
         order = np.lexsort((t_us, pixel, interval))
         for chosen in np.split(order, np.searchsorted(interval[order], np.arange(1, end - first))):
             yield SparseSamples(pixel[chosen].astype(np.uint32), t_us[chosen], luma[chosen])
 
     def _tracks(self, first: int, end: int) -> list[EdgeTracks] | None:
-        """Luma of the pixels that edges pass within each interval in first..end; None where nobody can tell."""
+        """Return the tracks of pixels that edges pass within each interval in first..end; None if the renderer has
+        none."""
         if not self._settings.edges:
             return None
         t_us = np.array(self._window.t_us[first : end + 1])
@@ -255,21 +259,22 @@ class _Control:
         if not len(long):
             return [NO_TRACKS] * (end - first)
         instants = instants_of_spans(t_us[long], t_us[long + 1])
-        found = self._stretch.renderer.edge_tracks(
+        spans = self._stretch.renderer.edge_tracks(
             self._stretch.views(instants.ravel()), instants, tolerated=self._tolerated, log_eps=self._stretch.log_eps
         )
-        if found is None:
+        if spans is None:
             return None
         tracks = [NO_TRACKS] * (end - first)
-        for i, tracked in zip(long.tolist(), found, strict=True):
+        for i, tracked in zip(long.tolist(), spans, strict=True):
             tracks[i] = tracked
         return tracks
 
     def _pieces(self, untrusted: list[BoolFrame], tracks: list[EdgeTracks] | None, first: int, end: int) -> _Pieces:
-        """The intervals in first..end of the pixels that are untrusted there, or that edges sweep, but for tracks."""
+        """Return the intervals in first..end of untrusted pixels, and of pixels that edges sweep, without tracked
+        pixels."""
         window, most = self._window, self._settings.halvings
         sweeps = self._sweeps(first, end) if tracks is None else None
-        in_any_case = np.array([0, min(_FOR_ONE_EDGE, most), most])
+        least_halvings = np.array([0, min(_FOR_ONE_EDGE, most), most])
         columns = []
         for i, k in enumerate(range(first, end)):
             swept = np.zeros(untrusted[k].size, np.uint8) if sweeps is None else sweeps[i].ravel()
@@ -287,7 +292,7 @@ class _Control:
                     np.full(len(pixel), window.t_us[k + 1]),
                     window.log_luma[k].ravel()[pixel],
                     window.log_luma[k + 1].ravel()[pixel],
-                    in_any_case[edges],
+                    least_halvings[edges],
                 )
             )
         return _Pieces(*(np.concatenate(column) for column in zip(*columns, strict=True)))
@@ -315,13 +320,13 @@ class _Control:
         return Keyframe(self._window.t_us[k], luma, rate, sparse)
 
 
-def _share(chosen: BoolFrame) -> float:
-    """Return the share of the pixels."""
+def _fraction(chosen: BoolFrame) -> float:
+    """Return the fraction of pixels that are chosen."""
     return np.count_nonzero(chosen) / chosen.size
 
 
 class _Pieces(NamedTuple):
-    """Pieces of pixels' intervals: from when to when, log luma at both ends, how often they are halved in any case."""
+    """Pieces of pixels' intervals: start and end, log luma at both, and the least number of halvings."""
 
     interval: IntArray
     pixel: IntArray
@@ -331,7 +336,8 @@ class _Pieces(NamedTuple):
     after: LogLuma
     halvings: IntArray
 
-    def of(self, chosen: npt.NDArray[np.bool_]) -> _Pieces:
+    def select(self, chosen: npt.NDArray[np.bool_]) -> _Pieces:
+        """Return the chosen pieces."""
         interval, pixel, start_us, end_us, before, after, halvings = self
         return _Pieces(
             interval[chosen],
@@ -344,12 +350,12 @@ class _Pieces(NamedTuple):
         )
 
     def line(self, t_us: IntArray) -> LogLuma:
-        """Log luma on the line between both ends."""
-        share = ((t_us - self.start_us) / (self.end_us - self.start_us)).astype(np.float32)
-        return np.asarray(self.before + share * (self.after - self.before))
+        """Return log luma on the line between both ends."""
+        fraction = ((t_us - self.start_us) / (self.end_us - self.start_us)).astype(np.float32)
+        return np.asarray(self.before + fraction * (self.after - self.before))
 
     def halves(self, t_us: IntArray, log: LogLuma) -> _Pieces:
-        """All first parts, then all second parts, of the pieces cut at ``t_us``, where log luma is ``log``."""
+        """Cut the pieces at ``t_us``, where log luma is ``log``; return all first halves, then all second halves."""
         return _Pieces(
             np.tile(self.interval, 2),
             np.tile(self.pixel, 2),

@@ -1,4 +1,4 @@
-"""How the strength of a light runs over time: mains flicker, pulses, a dimmer."""
+"""Describes how the strength of a light changes over time: mains flicker, pulses, a dimmer."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ class LightProfile(ABC):
     def rate(self, t_s: npt.ArrayLike) -> FloatArray:
         """Return the derivative of :meth:`factor`, (n,), per second: exact, because it enters the rates of luma.
 
-        Where the factor has a bend, that of what follows; a jump has none, and is left out.
+        Where the factor has a bend, it is the slope after the bend. A jump has no slope and is left out.
         """
 
     def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
         """Return instants (n,), increasing, within [``start_s``, ``end_s``] at which the factor jumps or has a bend.
 
-        At a jump :meth:`factor` gives what holds from there on. Luma must not be interpolated across these instants. A
-        profile that is smooth, as that of this class is taken to be, has none.
+        At a jump :meth:`factor` gives the value after it. Luma must not be interpolated across these instants. A smooth
+        profile has none, and so this method returns none unless a subclass has its own.
         """
         return np.empty(0)
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """Return what this profile is, in JSON's types."""
+        """Return a description of this profile, in JSON's types."""
 
 
 class Flicker(LightProfile):
@@ -113,7 +113,7 @@ class Flicker(LightProfile):
 
 
 class SampledProfile(LightProfile):
-    """A profile through given factors; before the first and after the last it stays as it is there, with rate 0.
+    """A profile through given factors; before the first and after the last it is constant.
 
     Args:
         t_s: times (n,) in seconds of the sequence, n >= 2, strictly increasing.
@@ -158,7 +158,7 @@ class SampledProfile(LightProfile):
         return np.where(inside, rates, 0.0)
 
     def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
-        """Return the samples."""
+        """Return the times of the samples."""
         return self._t_s[(self._t_s >= start_s) & (self._t_s <= end_s)]
 
     def describe(self) -> dict[str, object]:
@@ -176,7 +176,7 @@ class SampledProfile(LightProfile):
 
 
 class ShiftedProfile(LightProfile):
-    """Another profile from ``start_s`` on: this one's t = 0 lies there."""
+    """A profile that starts ``start_s`` seconds into another one."""
 
     def __init__(self, profile: LightProfile, start_s: float) -> None:
         self._profile: LightProfile = profile

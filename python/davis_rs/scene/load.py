@@ -1,14 +1,14 @@
-"""Scenes by name or file, and where a camera starts in them."""
+"""Loads scenes by name or file, and finds where a camera starts in them."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from .._mitsuba.types import Mitsuba, MitsubaObject
 from .._mitsuba.variants import default_variant, load_scene_source, variant
 from .._util.argument_error import ArgumentError
 from .._util.close_names import did_you_mean, names_checked
@@ -31,7 +31,7 @@ BUILTIN_SCENES = {
 
 
 GLTF = (".gltf", ".glb")
-"""Whole scenes, by their suffix."""
+"""Suffixes of files that hold whole scenes."""
 
 _CONVERTIBLE = (".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
 
@@ -108,7 +108,7 @@ def start_pose(scene: Scene) -> Pose:
 
 
 def _scene_of_file(path: Path) -> Scene:
-    """A Mitsuba XML file, with the camera and the start that its first sensor gives."""
+    """Load a Mitsuba XML file, with the camera and the start that its first sensor gives."""
     camera: Camera | None = None
     start: Pose | None = None
     with variant(default_variant()[0]) as (mi, _):
@@ -118,8 +118,8 @@ def _scene_of_file(path: Path) -> Scene:
     return Scene(name=path.stem, source=lambda: path, file=path, camera=camera, start=start)
 
 
-def _camera_and_pose(sensor: Any, mi: Any) -> tuple[Camera | None, Pose]:
-    """A sensor's pinhole camera, None if it is not a perspective one, and where it stands."""
+def _camera_and_pose(sensor: MitsubaObject, mi: Mitsuba) -> tuple[Camera | None, Pose]:
+    """Return a sensor's pinhole camera, None if it is not a perspective one, and its pose."""
     parameters = mi.traverse(sensor)
     matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
     # Mitsuba's cameras look along z too, but their x points left and their y up.
@@ -132,12 +132,12 @@ def _camera_and_pose(sensor: Any, mi: Any) -> tuple[Camera | None, Pose]:
     (full_width, full_height), (left, top) = film.size(), film.crop_offset()
     width, height = film.crop_size()
     focal = full_width / (2 * math.tan(math.radians(float(np.ravel(parameters["x_fov"])[0])) / 2))
-    share_x, share_y = (
+    offset_x, offset_y = (
         float(np.ravel(parameters[f"principal_point_offset_{axis}"])[0])
         if f"principal_point_offset_{axis}" in parameters
         else 0.0
         for axis in "xy"
     )
-    cx = (0.5 - share_x) * full_width - 0.5 - left
-    cy = (0.5 - share_y) * full_height - 0.5 - top
+    cx = (0.5 - offset_x) * full_width - 0.5 - left
+    cy = (0.5 - offset_y) * full_height - 0.5 - top
     return Camera(int(width), int(height), focal, focal, cx, cy), pose

@@ -1,4 +1,4 @@
-"""What a scene's file says of how surfaces look, and the renderers do not show."""
+"""Notes how a scene's file says that surfaces look where no renderer shows it: transparency, metal, bumps."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ OWN_LIGHT = "light of their own"
 METAL = "metal"
 BUMPS = "normal maps"
 BACKS = "backs that cannot be seen (they are seen from both sides)"
-"""The look of surfaces that have one side; lost only where the camera sees the other."""
+"""The look of one-sided surfaces; lost only where the camera sees the other side."""
 _NAMED = 4
-"""So many names are given in a message."""
+"""How many names a message gives."""
 
 
 class LostLookWarning(SceneFileWarning):
-    """Looks of a scene's file are lost that a part of the image shows."""
+    """Warns that a part of the image shows shapes whose look in the scene's file is lost."""
 
 
 class LostLook(NamedTuple):
-    """A look that is not shown.
+    """A kind of look that no renderer shows, and what has it.
 
     Attributes:
         what: the kind of look, such as ``normal maps``.
-        of: the file's names of what has it: materials, lights, nodes.
+        of: the names in the file of the materials, lights or nodes that have it.
         shapes: the ids of the scene's shapes that have it; () for a look of no shape, such as a light's range.
     """
 
@@ -40,20 +40,20 @@ class LostLook(NamedTuple):
 
 
 def lost_looks(parts: Mapping[str, MeshPart]) -> tuple[LostLook, ...]:
-    """Collect the looks that are lost of shapes, by their ids."""
-    found: dict[str, tuple[dict[str, None], list[str]]] = {}
+    """Collect the lost looks of parts, which are given by the ids of their shapes."""
+    by_kind: dict[str, tuple[dict[str, None], list[str]]] = {}
     for shape, part in parts.items():
         for what in part.lost:
-            materials, shapes = found.setdefault(what, ({}, []))
+            materials, shapes = by_kind.setdefault(what, ({}, []))
             materials[part.material] = None
             shapes.append(shape)
     return tuple(
         LostLook(what, tuple(name for name in materials if name), tuple(shapes))
-        for what, (materials, shapes) in found.items()
+        for what, (materials, shapes) in by_kind.items()
     )
 
 
 def shown(names: tuple[str, ...]) -> str:
-    """Names in a message: the first few."""
+    """Join names for a message: the first few, and how many more there are."""
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(names[:_NAMED]) + more

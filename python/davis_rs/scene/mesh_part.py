@@ -1,4 +1,4 @@
-"""What a reader of mesh files hands on: triangles of one material, and what the file's images and colours are."""
+"""Defines what readers of mesh files return: triangles of one material, with its colours and textures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .repairs import Repairs
 from .texture_file import EncodedTexture
 
 GREY = 0.5
-"""Reflectance of what has no material."""
+"""Reflectance of surfaces without a material."""
 
 
 class MeshPart(NamedTuple):
@@ -21,14 +21,14 @@ class MeshPart(NamedTuple):
 
     Attributes:
         corners: (m, 3, 3) positions of each triangle's three corners, in the file's own axes and unit.
-        uv: (m, 3, 2) texture coordinates there, v upwards from the lower edge of the image; None: without.
-        normals: (m, 3, 3) of a smooth surface; None: every triangle is flat.
+        uv: (m, 3, 2) texture coordinates there, v upwards from the lower edge of the image; None without.
+        normals: (m, 3, 3) of a smooth surface; None where every triangle is flat.
         reflectance: a texture, or a colour (3,), linear RGB.
-        colours: (m, 3, 3), a colour at each corner in linear RGB, in the place of ``reflectance``; None: without.
-        material: how the file calls it, for messages and names of shapes.
-        files: those that were read in addition to the mesh: of materials, of the texture.
-        wrap: how the texture goes on beyond its edges: repeat, clamp or mirror.
-        lost: what the file says of how it looks, and is not shown: kinds of looks.
+        colours: (m, 3, 3), a colour at each corner in linear RGB, instead of ``reflectance``; None without.
+        material: its name in the file, for messages and names of shapes.
+        files: other files that were read: of materials, of the texture.
+        wrap: how the texture continues beyond its edges: repeat, clamp or mirror.
+        lost: the kinds of its looks that are not shown.
     """
 
     corners: FloatArray
@@ -43,32 +43,32 @@ class MeshPart(NamedTuple):
 
 
 def charge_triangles(budget: Budget, triangles: int, numbers: int, where: str) -> None:
-    """Charge triangles that have so many numbers at each corner, float64.
+    """Charge a budget for triangles with this many float64 numbers at each corner.
 
     Raises:
-        DecodeError: if there is not so much left.
+        DecodeError: if the budget has not enough left.
     """
     budget.take(3 * 8 * numbers * triangles, f"{where}: {triangles} triangles of {numbers} numbers at a corner")
 
 
 def unit_normals(normals: FloatArray, corners: FloatArray, what: str, repairs: Repairs) -> FloatArray:
-    """Return normals (m, 3, 3) of unit length; one without a direction becomes that of its triangle.
+    """Return normals (m, 3, 3) of unit length; one without a direction is replaced by the normal of its triangle.
 
     Args:
-        corners: (m, 3, 3), where they are.
-        what: how messages call what they belong to.
-        repairs: takes note of those without a direction.
+        corners: (m, 3, 3), the positions of the normals.
+        what: the name in messages of what they belong to.
+        repairs: gets a note of those without a direction.
     """
     length = np.linalg.norm(normals, axis=2, keepdims=True)
     useless = ~((length > 0) & (length < np.inf))[..., 0]  # True for NaN too
     unit = np.divide(normals, length, out=np.zeros_like(normals), where=~useless[..., None])
     if useless.any():
-        of = np.flatnonzero(useless.any(1))
-        own = np.cross(corners[of, 1] - corners[of, 0], corners[of, 2] - corners[of, 0])
+        rows = np.flatnonzero(useless.any(1))
+        own = np.cross(corners[rows, 1] - corners[rows, 0], corners[rows, 2] - corners[rows, 0])
         size = np.linalg.norm(own, axis=1, keepdims=True)
         own = np.divide(own, size, out=np.zeros_like(own), where=size > 0)
-        own *= np.where(np.einsum("mij,mj->m", unit[of], own) < 0, -1, 1)[:, None]  # the side of its other corners
-        unit[of] = np.where(useless[of][..., None], own[:, None], unit[of])
+        own *= np.where(np.einsum("mij,mj->m", unit[rows], own) < 0, -1, 1)[:, None]  # the side of its other corners
+        unit[rows] = np.where(useless[rows][..., None], own[:, None], unit[rows])
         repairs.add("corners whose normal has no direction take that of their triangle", int(useless.sum()), what)
     return unit
 
@@ -77,7 +77,7 @@ def check_finite(values: FloatArray, what: str, where: str) -> None:
     """Refuse numbers that are not finite, or too large for the renderer's float32.
 
     Raises:
-        ValueError: naming what they are, the file and the first of them.
+        ValueError: naming what the numbers are, the file and the first wrong one.
     """
     bad = ~(np.abs(values) < 1e18).all(-1)  # False for NaN too; squares of lengths must fit in float32
     if bad.any():

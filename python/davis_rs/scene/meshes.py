@@ -1,18 +1,19 @@
-"""Triangle meshes made in code: quads, boxes, tubes and balls, many of one texture in one shape."""
+"""Makes triangle meshes in code: quads, boxes, tubes and balls, many of one texture in one shape."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba.types import MitsubaShape, MitsubaValue
 from ..geometry.pose import FloatArray
 from .textures import Texture, bitmap
 
 Window = tuple[float, float, float, float]
-"""Left, top, right and bottom of the piece of a texture that a face shows; 0 to 1 is all of it, more repeats it."""
+"""Left, top, right and bottom of the part of a texture that a face shows; 0 to 1 is all of it, more repeats it."""
 
 WHOLE: Window = (0.0, 0.0, 1.0, 1.0)
 
@@ -32,7 +33,7 @@ class Mesh(NamedTuple):
 
 
 def merged(meshes: Iterable[Mesh]) -> Mesh:
-    """Return all meshes as one: a scene of few shapes loads and renders faster than one of many."""
+    """Merge meshes to one, because a scene of few shapes loads and renders faster than one of many."""
     meshes = list(meshes)
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     return Mesh(
@@ -43,7 +44,7 @@ def merged(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def quad(corner: npt.ArrayLike, across: npt.ArrayLike, up: npt.ArrayLike, window: Window = WHOLE) -> Mesh:
-    """Return a parallelogram from its lower left corner, seen from the front; row 0 of the texture is on top."""
+    """Make a parallelogram from its lower left corner, seen from the front; row 0 of the texture is on top."""
     start, right, rise = (np.asarray(vector, np.float64) for vector in (corner, across, up))
     left, top, end, bottom = window
     return Mesh(
@@ -54,7 +55,8 @@ def quad(corner: npt.ArrayLike, across: npt.ArrayLike, up: npt.ArrayLike, window
 
 
 def box(low: npt.ArrayLike, high: npt.ArrayLike, *, window: Window = WHOLE, period_m: float | None = None) -> Mesh:
-    """Return an upright box between two corners; each face shows the window, or the texture once every ``period_m``."""
+    """Make an upright box between two corners; each face shows the window, or repeats the texture every
+    ``period_m``."""
     start, end = np.asarray(low, np.float64), np.asarray(high, np.float64)
     x, y, z = np.diag(end - start)
     sides = [(start, x, z), (start + x, y, z), (start + x + y, -x, z), (start + y, -y, z)]
@@ -71,7 +73,7 @@ def box(low: npt.ArrayLike, high: npt.ArrayLike, *, window: Window = WHOLE, peri
 def tube(
     start: npt.ArrayLike, end: npt.ArrayLike, radii: tuple[float, float], *, sides: int = 8, window: Window = WHOLE
 ) -> Mesh:
-    """Return an open tube or cone from one point to another, with a radius at each."""
+    """Make an open tube or cone from one point to another, with a radius at each."""
     points = np.asarray([start, end], np.float64)
     axis = points[1] - points[0]
     aside = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
@@ -85,7 +87,7 @@ def tube(
 def ball(
     centre: npt.ArrayLike, radii: npt.ArrayLike, *, rings: int = 5, sides: int = 8, window: Window = WHOLE
 ) -> Mesh:
-    """Return an ellipsoid of these half-axes along x, y and z."""
+    """Make an ellipsoid with these half-axes along x, y and z."""
     above = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
     around = np.linspace(0.0, 2 * np.pi, sides + 1)
     unit = np.stack([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above) + 0 * around], -1)
@@ -93,9 +95,9 @@ def ball(
 
 
 def _grid(points: FloatArray, window: Window) -> Mesh:
-    """Two triangles between each four neighbours of a grid of points (rows, columns, 3), its first row lowest.
+    """Make two triangles between each four neighbours of a grid of points (rows, columns, 3), its first row lowest.
 
-    Where a row shrinks to a point one of the two has no area, and is left out.
+    Where a row shrinks to a point, one of the two has no area and is left out.
     """
     rows, columns = points.shape[:2]
     left, top, right, bottom = window
@@ -111,16 +113,16 @@ def _grid(points: FloatArray, window: Window) -> Mesh:
 
 def shape(
     mesh: Mesh,
-    reflectance: Texture | FloatArray | float | Any,
+    reflectance: Texture | FloatArray | float | MitsubaValue,
     *,
     normals: FloatArray | None = None,
     wrap: str = "repeat",
-) -> Any:
-    """Return a mesh as a diffuse Mitsuba shape, seen from both sides; made under the variant that loads the scene.
+) -> MitsubaShape:
+    """Make a diffuse Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
 
     Args:
         reflectance: a texture (H, W, 3) or Mitsuba's tensor of one, a colour (3,) in linear RGB, or grey.
-        normals: (n, 3) at the vertices of a smooth surface; None: every triangle is flat.
+        normals: (n, 3) at the vertices of a smooth surface; None where every triangle is flat.
         wrap: what lies beyond a texture's edges: repeat, clamp or mirror.
     """
     import mitsuba as mi

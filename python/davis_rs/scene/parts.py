@@ -1,23 +1,22 @@
-"""What the built-in scenes are made of: rectangles, and where a camera looks."""
+"""Makes parts of the built-in scenes: rectangles, the axes of a camera, and the pose from which it starts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
+import numpy.typing as npt
 
-from ..geometry.pose import FloatArray
+from .._mitsuba.types import SceneDictionary
+from ..geometry.pose import FloatArray, Pose
 from .textures import patchwork
 
 DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
-"""Light from points is found by asking the light, never by following the surface."""
+"""An integrator of direct light that samples the lights, never the surfaces."""
 
 
 def rectangle(
-    centre: list[float], axes: FloatArray, half: tuple[float, float], reflectance: Mapping[str, Any] | float
-) -> dict[str, Any]:
-    """Return a diffuse rectangle of two triangles, seen from both sides.
+    centre: list[float], axes: FloatArray, half: tuple[float, float], reflectance: SceneDictionary | float
+) -> SceneDictionary:
+    """Make a diffuse rectangle of two triangles, seen from both sides.
 
     Args:
         axes: columns are its own x, y and normal in the world.
@@ -42,8 +41,8 @@ def textured_rectangle(
     period: float,
     darkest: float,
     shapes: int,
-) -> dict[str, Any]:
-    """Return a :func:`rectangle` whose texture repeats every ``period`` metres.
+) -> SceneDictionary:
+    """Make a :func:`rectangle` whose texture repeats every ``period`` metres.
 
     Its reflectance is at least ``darkest``, and it shows ``shapes`` hard-edged shapes.
     """
@@ -58,8 +57,17 @@ def textured_rectangle(
 
 
 def look_at(position: FloatArray, target: FloatArray) -> FloatArray:
-    """Return camera axes (columns x right, y down, z forward) that look at a target, with the world's z up."""
+    """Return the axes (columns x right, y down, z forward) of a camera that looks at a target, with the world's
+    z up."""
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, [0.0, 0, 1])
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(forward, right), forward], 1)
+
+
+def start_looking_at(position: npt.ArrayLike, target: npt.ArrayLike) -> Pose:
+    """Return the pose of an upright camera at a point that looks at another."""
+    from scipy.spatial.transform import Rotation
+
+    start, end = np.asarray(position, np.float64), np.asarray(target, np.float64)
+    return Pose(start, Rotation.from_matrix(look_at(start, end)).as_quat())

@@ -1,11 +1,10 @@
-"""The scene: what Mitsuba renders, and what goes with it by default."""
+"""Defines the scene: what is rendered, and the settings that belong to it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from .._util.argument_checks import check_type
 from .._util.argument_error import ArgumentError
@@ -16,7 +15,7 @@ from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from .light_profile import LightProfile, ShiftedProfile
 from .lost_looks import LostLook
 
-SceneSource = Path | Mapping[str, Any]
+SceneSource = Path | Mapping[str, object]
 
 
 @names_checked
@@ -27,23 +26,23 @@ class Scene:
     World axes: z up, metres.
 
     Attributes:
-        name: for people and records.
+        name: for messages and records.
         source: called whenever the scene is loaded, and must give the same each time; a path of a Mitsuba XML file, or
             a Mitsuba scene dictionary in which NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
         file: the file that it comes from, for records; None for a scene made in code.
         files: what is read in addition to ``file``: a mesh's materials and textures.
-        file_name: how records call that file; None: by its path.
+        file_name: the name of that file in records; None for its path.
         camera: the camera it is made for; None for a file without a perspective sensor.
         trajectory: the camera path that belongs to it; None if it has none.
         start: where a camera starts in it, if it has no trajectory; a file's first sensor stands there.
         contrast_threshold: C in natural-log units.
-        blur: soften luma by the 3 x 3 kernel of the dataset's simulator.
+        blur: blur luma with the 3 x 3 kernel of the dataset's simulator.
         shadows: trace shadows of point and directional lights. A scene in which no shadow can be seen saves them.
         objects: what moves: T_world_object over the sequence's time for shapes by their ids (keys of the dictionary,
-            ids of the XML file). The source gives such a shape in the object's own frame: its ``to_world`` there places
-            it within the object. Before and after its trajectory an object stands still where that begins and ends.
-        lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the profile of their strength.
-        lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
+            ids of the XML file). The source gives such a shape in the object's own frame: its ``to_world`` is its pose
+            within the object. Before and after its trajectory an object stands still where that begins and ends.
+        lights: the profiles of strength of lights by their ids (of an area light ``shape.emitter``).
+        lux_per_luma: how many lux on the sensor one unit of luma stands for.
         ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
             and the native renderer show it so.
         matte: materials that have a diffuse colour and more (``principled``, ``plastic``, ``roughplastic``, bumps) are
@@ -51,8 +50,8 @@ class Scene:
         biases: of a sequence of the public dataset: the set of biases, a key of :data:`~davis_rs.BIAS_SETS`, that its
             recording was made with. ``sensor="recorded"`` takes the sensor that follows from it.
         note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
-        lost_looks: what the file says of how shapes look, and no renderer shows. A simulator warns of it, with the
-            share of the image that it concerns.
+        lost_looks: looks of shapes in the file that no renderer shows. A simulator warns of them, with the fraction
+            of the image that each concerns.
     """
 
     name: str
@@ -146,10 +145,10 @@ class Scene:
 
 
 def check_scene(scene: object) -> None:
-    """Refuse what is no scene, such as a scene's name.
+    """Refuse anything but a scene, such as a scene's name.
 
     Raises:
-        TypeError: for it, with the call that makes a scene of a name or a file.
+        TypeError: with the call that loads a scene by its name or file.
     """
     if not isinstance(scene, Scene):
         given = repr(str(scene)) if isinstance(scene, str | Path) else "NAME_OR_FILE"
@@ -160,7 +159,7 @@ def check_scene(scene: object) -> None:
 
 
 def _from(path: Trajectory, start_s: float) -> Trajectory:
-    """An object's path from ``start_s`` on; after its end the object stands still."""
+    """Return an object's path from ``start_s`` on; after its end the object stands still."""
     if start_s < path.duration_s:
         return path.crop(start_s)
     last = path.pose(path.duration_s)

@@ -1,4 +1,4 @@
-"""Image files as textures."""
+"""Reads image files as textures."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "TGA", "WEBP")
-"""Pillow's names of the kinds of images that are read as textures."""
+"""The image formats that are read as textures, by Pillow's names."""
 
 MOST_SIDE = 1 << 16
-"""Texels on a side: float32 coordinates tell no more of them apart."""
+"""The most texels on a side: float32 coordinates cannot address more."""
 
 _DECODED_BYTES, _TEXEL_BYTES, _LINEAR_BYTES = 4, 3, 12
-"""Of a texel: while Pillow decodes it, kept, and as float32 in linear light."""
+"""Bytes of a texel: while Pillow decodes it, in memory, and as float32 in linear light."""
 
 _STRIP = 1 << 20
-"""Texels that are converted at a time."""
+"""How many texels are converted at a time."""
 
 
 @dataclass(frozen=True, eq=False)
 class EncodedTexture:
-    """An image's texels as its file has them. They become light when a shape is made of them.
+    """The texels of an image as its file has them. They are decoded to linear light when a shape is made of them.
 
     Attributes:
         texels: uint8 (H, W, 3), in sRGB; row 0 is the upper edge.
-        opaque: whether the image is so everywhere.
+        opaque: whether the image is opaque everywhere.
         tint: (3,), factors of red, green and blue in linear light.
     """
 
@@ -50,14 +50,14 @@ class EncodedTexture:
     tint: FloatArray
 
     def tinted(self, factor: FloatArray) -> EncodedTexture:
-        """Return the same texels in another tint (3,)."""
+        """Return the same texels with another tint (3,)."""
         return replace(self, tint=factor)
 
     def charge(self, budget: Budget, where: str) -> None:
-        """Charge what :meth:`linear` takes, for a shape that shows the texture.
+        """Charge a budget for what :meth:`linear` takes, for a shape that shows the texture.
 
         Raises:
-            DecodeError: if there is not so much left.
+            DecodeError: if the budget has not enough left.
         """
         height, width = self.texels.shape[:2]
         budget.take(_LINEAR_BYTES * height * width, f"{where}: a texture of {width} x {height} texels in linear light")
@@ -67,15 +67,15 @@ class EncodedTexture:
         height, width = self.texels.shape[:2]
         light_of = from_srgb(np.arange(256) / 255).astype(np.float32).astype(np.float64)
         tables = (light_of[:, None] * self.tint).astype(np.float32).T
-        found = np.empty(self.texels.shape, np.float32)
+        reflectance = np.empty(self.texels.shape, np.float32)
         for rows in _strips(height, width):
             for channel, light in enumerate(tables):
-                found[rows, :, channel] = light[self.texels[rows, :, channel]]
-        return found
+                reflectance[rows, :, channel] = light[self.texels[rows, :, channel]]
+        return reflectance
 
 
 class TextureFiles:
-    """The image files that a scene's file names, each read once, however many materials show it.
+    """Reads the image files that a scene's file names, each once, however many materials show it.
 
     Args:
         budget: what the scene's file may take.
@@ -86,7 +86,7 @@ class TextureFiles:
         self._known: dict[Path, EncodedTexture] = {}
 
     def read(self, path: Path, named_in: str) -> EncodedTexture:
-        """The texels of a file of 8 bits a channel, in sRGB.
+        """Read a file of 8 bits per channel, in sRGB.
 
         Args:
             named_in: file and line that name it, for messages.
@@ -110,11 +110,11 @@ class TextureFiles:
 def texture_of_bytes(
     data: bytes | memoryview, name: str, budget: Budget, formats: tuple[str, ...] = FORMATS
 ) -> EncodedTexture:
-    """An image file's bytes as texels. The size in its header is charged before they are decoded.
+    """Decode the bytes of an image file. The size in its header is charged before they are decoded.
 
     Args:
-        name: how messages call it.
-        formats: which of Pillow's it may have.
+        name: of the image, for messages.
+        formats: the formats that it may have, by Pillow's names.
 
     Raises:
         ValueError: if it is no such image, one of more than 8 bits a channel, or of more than :data:`MOST_SIDE` texels
@@ -125,7 +125,7 @@ def texture_of_bytes(
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of Pillow's own limit, in whose place the budget is, and of odd metadata
+            warnings.simplefilter("ignore")  # of Pillow's own limit, which the budget replaces, and of odd metadata
             with PIL.Image.open(io.BytesIO(data), formats=formats) as image:
                 check_size(image.width, image.height, name)
                 if image.mode.startswith(("I", "F")):
@@ -149,7 +149,7 @@ def check_size(width: int, height: int, name: str) -> None:
 
 
 def _decoded(image: Image, name: str, budget: Budget) -> EncodedTexture:
-    """The texels, strip by strip, so that no second copy of the whole is made."""
+    """Convert the texels strip by strip, so that there is never a second copy of the whole image."""
     width, height = image.size
     size = f"{name}: a texture of {width} x {height} texels"
     budget.take(_TEXEL_BYTES * width * height, size)
@@ -164,7 +164,7 @@ def _decoded(image: Image, name: str, budget: Budget) -> EncodedTexture:
 
 
 def _strips(height: int, width: int) -> Iterator[slice]:
-    """The rows of an image, about :data:`_STRIP` texels at a time."""
+    """Yield the rows of an image, about :data:`_STRIP` texels at a time."""
     step = max(1, _STRIP // width)
     for start in range(0, height, step):
         yield slice(start, min(start + step, height))

@@ -1,16 +1,17 @@
-"""Procedural textures: deterministic, periodic, with fine and coarse structure and hard edges.
+"""Makes procedural textures: deterministic, periodic, with fine and coarse structure and hard edges.
 
-Made of sums and products of frozen random numbers (NumPy's ``RandomState`` keeps its streams for ever) and rounded to
-eight bits, so that they are the same on every machine.
+They are made of sums and products of frozen random numbers (NumPy's ``RandomState`` keeps its streams for ever) and
+rounded to eight bits, so that they are the same on every machine.
 """
 
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from .._mitsuba.types import MitsubaValue, SceneDictionary
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -19,16 +20,18 @@ Texture = npt.NDArray[np.float32]
 
 
 def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
-    """Return linear values of values encoded by sRGB's curve (IEC 61966-2-1), both in 0 to 1."""
+    """Decode values of sRGB's curve to linear ones (IEC 61966-2-1), both in 0 to 1."""
     value = np.asarray(encoded, np.float64)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
-def bitmap(data: Any, *, repeats: tuple[float, float] | None = None, wrap: str = "repeat") -> dict[str, Any]:
-    """Return a texture for a surface, placed by the surface's own coordinates or repeated over its width and height.
+def bitmap(
+    data: Texture | MitsubaValue, *, repeats: tuple[float, float] | None = None, wrap: str = "repeat"
+) -> SceneDictionary:
+    """Describe a texture for Mitsuba, at the surface's own coordinates or repeated over its width and height.
 
     Args:
-        data: a :data:`Texture`, or a tensor of it for Mitsuba.
+        data: a :data:`Texture`, or Mitsuba's tensor of one.
         wrap: what lies beyond its edges: repeat, clamp or mirror.
     """
     texture = {"type": "bitmap", "raw": True, "wrap_mode": wrap, "data": data}
@@ -38,12 +41,12 @@ def bitmap(data: Any, *, repeats: tuple[float, float] | None = None, wrap: str =
 def patchwork(
     size: int, seed: int, *, low: float, high: float, grain: float, shapes: int, tint: tuple[float, float, float]
 ) -> npt.NDArray[np.float32]:
-    """Return an RGB reflectance (size, size, 3), float32, 0 to 1: noise under sharp rectangles, discs and stripes.
+    """Draw an RGB reflectance (size, size, 3), float32, 0 to 1: noise under sharp rectangles, discs and stripes.
 
     Args:
         size: texels a side; a power of two.
         low, high: range of reflectance.
-        grain: share of noise in a shape's brightness, 0..1.
+        grain: fraction of noise in a shape's brightness, 0..1.
         shapes: number of shapes.
         tint: factors of red, green and blue.
     """
@@ -54,7 +57,8 @@ def patchwork(
 def _patchwork(
     size: int, seed: int, low: float, high: float, grain: float, shapes: int, tint: tuple[float, float, float]
 ) -> npt.NDArray[np.uint8]:
-    """Return :func:`patchwork` in eight bits. The last few are kept: half a second and 0.8 MB each, of 512 texels."""
+    """Draw :func:`patchwork` in eight bits. The last few are kept: each takes half a second, and 0.8 MB at 512
+    texels."""
     random = np.random.RandomState(seed)
     noise = value_noise(size, random)
     grained, level = (grain * noise).ravel(), noise.ravel().copy()
@@ -70,7 +74,7 @@ def _patchwork(
 
 
 def value_noise(size: int, random: np.random.RandomState) -> FloatArray:
-    """Return periodic noise in [0, 1]: octaves of random lattices, each half as strong and twice as fine."""
+    """Draw periodic noise in [0, 1]: octaves of random lattices, each half as strong and twice as fine."""
     total = np.zeros((size, size))
     cells, strength = 8, 1.0
     while cells <= size // 4:
@@ -88,7 +92,11 @@ def value_noise(size: int, random: np.random.RandomState) -> FloatArray:
 def _shape(
     size: int, random: np.random.RandomState
 ) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_], npt.NDArray[np.bool_]]:
-    """One hard-edged shape at a random place: rows and columns of a window, wrapped around the borders, and a mask."""
+    """Draw a hard-edged shape at a random position.
+
+    Returns:
+        Rows and columns of a window, wrapped around the borders, and a mask in it.
+    """
     centre_x, centre_y, scale, angle, kind = random.random_sample(5) * (size, size, 1, 1, 3)
     radius = size * 0.02 * (6.0**scale)  # many small ones, some large
     reach = int(radius * 1.5) + 1

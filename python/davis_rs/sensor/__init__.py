@@ -1,10 +1,10 @@
-"""A sensor: parameters, presets, effects of its pixels, and the inertial and motion-capture sensors next to it.
+"""Describes sensors: parameters, presets, effects of pixels, and the inertial and motion-capture sensors.
 
-``parameters`` says what may be known of a sensor, with the formulas from ``biases``; ``presets`` are sensor files;
-``effects`` has one module an effect; ``imu`` and ``motion_capture`` likewise; ``clocks`` aligns the clocks of
-camera and motion capture.
+``parameters`` has what may be known of a sensor, with the formulas from ``biases``; ``presets`` are sensor files;
+``effects`` has one module per effect; ``imu`` and ``motion_capture`` simulate those sensors; ``clocks`` aligns the
+clocks of camera and motion capture.
 
-A preset is a sensor file in the package, so that a value has one place, next to its unit and source. The dark
-current is told once, as ``log_eps``: it is the floor of contrast and of the photoreceptor's bandwidth alike. The
+A preset is a sensor file in the package, so that a value is written once, next to its unit and source. The dark
+current is given once, as ``log_eps``: it is the floor of contrast and of the photoreceptor's bandwidth alike. The
 IMU's filter acts on the continuous motion, so that nothing aliases and its delay is exact.
 """

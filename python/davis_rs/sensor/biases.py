@@ -1,7 +1,7 @@
-"""Coarse-fine biases of the DAVIS: names, addresses, words and currents.
+"""Lists the coarse-fine biases of the DAVIS: names, addresses, words and currents.
 
 A bias is a current made on the chip; the bias currents set thresholds, bandwidth and speed of the pixels. Most are
-given as a pair (coarse, fine): the coarse value chooses one of eight currents, the fine value a 255th share of it.
+given as a pair (coarse, fine): the coarse value chooses one of eight currents, the fine value how many 255ths of it.
 
 Source: the public drivers of the camera, libcaer 3.3 (addresses, words, defaults) and jAER (currents).
 """
@@ -70,14 +70,14 @@ class ChipBias:
     cascode: bool = False
 
     def word(self, bias: CoarseFineBias | None = None) -> int:
-        """The 15-bit word that sets it, by default to its default: enabled, at the normal current level."""
+        """Return the 15-bit word that sets this bias (None: to its default), enabled, at the normal current level."""
         bias = bias or self.default
         flags = _ENABLED | (_N_TYPE if self.n_type else 0) | (0 if self.cascode else _NORMAL) | _NORMAL_CURRENT
         return flags | bias.fine << _FINE_BIT | bias.coarse << _COARSE_BIT
 
 
 def bias_of_word(word: int) -> CoarseFineBias:
-    """The current that a coarse-fine word asks for; what its other bits say is left aside.
+    """Return the current that a coarse-fine word asks for; its other bits are ignored.
 
     Raises:
         ValueError: for a number of more than 15 bits.
@@ -159,7 +159,7 @@ BiasValues = Mapping[str, CoarseFineBias | tuple[int, int]]
 
 
 def as_biases(biases: str | BiasValues) -> dict[str, CoarseFineBias]:
-    """A set of biases by name, from "indoors", "outdoors", or names with (coarse, fine).
+    """Return a set of biases by name, from "indoors", "outdoors", or names with (coarse, fine).
 
     The case of a name does not matter: the dataset writes ONBn for OnBn.
 
@@ -170,15 +170,15 @@ def as_biases(biases: str | BiasValues) -> dict[str, CoarseFineBias]:
         if biases not in BIAS_SETS:
             raise ValueError(f"there is no set of biases {biases!r}; there is {' and '.join(BIAS_SETS)}")
         return dict(BIAS_SETS[biases])
-    found: dict[str, CoarseFineBias] = {}
+    by_name: dict[str, CoarseFineBias] = {}
     for given, value in biases.items():
         name = _NAMES.get(given.lower())
         if name is None:
             raise ValueError(f"there is no bias {given!r}; there are {', '.join(DAVIS240C_BIASES)}")
-        if name in found:
+        if name in by_name:
             raise ValueError(f"bias {name} is given twice, the second time as {given!r}")
         try:
-            found[name] = value if isinstance(value, CoarseFineBias) else CoarseFineBias(*value)
+            by_name[name] = value if isinstance(value, CoarseFineBias) else CoarseFineBias(*value)
         except (TypeError, ValueError) as error:
             raise ValueError(f"bias {name} must be (coarse, fine), got {value!r}: {error}") from None
-    return found
+    return by_name

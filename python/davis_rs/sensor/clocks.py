@@ -1,4 +1,4 @@
-"""Aligning the clocks of camera and motion capture by what both saw of the motion."""
+"""Aligns the clocks of camera and motion capture by the motion that both saw."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class ClockAlignment:
 
     Attributes:
         offset_s, drift: seconds, and seconds a second.
-        offset_sigma_s, drift_sigma: their standard deviations, on the safe side: what smoothing takes off sharp turns
-            of the poses counts as noise.
-        unexplained: share of the signal's power that the aligned motion does not explain, 0..1.
+        offset_sigma_s, drift_sigma: their standard deviations. They are rather too large, because what smoothing takes
+            off sharp turns of the poses counts as noise.
+        unexplained: fraction of the signal's power that the aligned motion does not explain, 0..1.
     """
 
     offset_s: float
@@ -85,9 +85,9 @@ def align_clocks(
     Args:
         poses: with their own stamps, as :attr:`Dataset.groundtruth`.
         imu: samples of ``IMU_DTYPE`` on the camera's clock; or
-        events: ``EVENT_DTYPE``, likewise; just one of the two.
-        imu_lag_s: how old the motion is that an IMU sample shows; 2.4 ms for the paper's.
-        max_offset_s: the largest offset looked for, > 0.
+        events: ``EVENT_DTYPE`` on the camera's clock. Give just one of the two.
+        imu_lag_s: the age of the motion that an IMU sample shows; 2.4 ms for the paper's.
+        max_offset_s: the largest offset to search, > 0.
         position_sigma_m, rotation_sigma_rad: noise of the poses; None estimates it from them.
 
     Raises:
@@ -120,10 +120,10 @@ def align_clocks(
 
 @dataclass(frozen=True, eq=False)
 class _Signal:
-    """What the camera's side saw, at its own times, and what of it the motion at other times leaves unexplained.
+    """A measurement by a sensor on the camera at its own times, and a comparison with the motion at other times.
 
-    ``residuals`` takes times on the path (m,) and values (m, k), and returns (m, k) in units of the root of the values'
-    whole power, so that the sum of squares is the share that is left.
+    ``residuals`` takes times on the path (m,) and values (m, k), and returns residuals (m, k) in units of the root of
+    the values' whole power, so that their sum of squares is the fraction that is not explained.
     """
 
     t_s: FloatArray  # (n,)
@@ -131,42 +131,44 @@ class _Signal:
     residuals: Callable[[FloatArray, FloatArray], FloatArray]
 
     def thinned(self, most: int) -> _Signal:
+        """Return every k-th sample, at most ``most`` of them."""
         every = max(1, -(-len(self.t_s) // most))
         return _Signal(self.t_s[::every], self.values[::every], self.residuals)
 
-    def kept(self, which: npt.NDArray[np.bool_]) -> _Signal:
+    def selected(self, which: npt.NDArray[np.bool_]) -> _Signal:
+        """Return the samples where ``which`` (n,) is true."""
         return _Signal(self.t_s[which], self.values[which], self.residuals)
 
 
 def _coarse_offset(signal: _Signal, path: SampledTrajectory, poses: GroundTruth, max_offset_s: float) -> float:
-    """The offset of a grid that leaves the smallest share of the signal unexplained."""
+    """Return the offset on a grid that leaves the smallest fraction of the signal unexplained."""
     thin = signal.thinned(_COARSE_SAMPLES)
     steps = max(1, round(max_offset_s / _COARSE_STEP_S))
-    shares: dict[float, float] = {}
+    fractions: dict[float, float] = {}
     overlaps: dict[float, int] = {}
     for offset_s in (np.linspace(-1, 1, 2 * steps + 1) * max_offset_s).tolist():
         times = thin.t_s + offset_s - float(poses.t_us[0]) * 1e-6
         inside = (times >= 0) & (times <= path.duration_s)
         overlaps[offset_s] = int(inside.sum())
         if overlaps[offset_s] >= _LEAST_OVERLAP:
-            shares[offset_s] = _power(thin.residuals(times[inside], thin.values[inside]))
+            fractions[offset_s] = _power(thin.residuals(times[inside], thin.values[inside]))
     # A short overlap is explained by chance.
-    enough = [offset for offset in shares if overlaps[offset] >= max(overlaps.values()) / 2]
+    enough = [offset for offset in fractions if overlaps[offset] >= max(overlaps.values()) / 2]
     if not enough:
         raise ValueError(f"poses and samples must have at least {_LEAST_OVERLAP} samples or bins in common")
-    return min(enough, key=shares.__getitem__)
+    return min(enough, key=fractions.__getitem__)
 
 
 def _refined(signal: _Signal, path: SampledTrajectory, start_s: float, offset_s: float) -> ClockAlignment:
-    """Least squares in offset and drift."""
+    """Fit offset and drift by least squares."""
     from scipy.optimize import least_squares
 
     # The same samples at every trial: those that stay within the poses while offset and drift settle.
     near = signal.t_s + offset_s - start_s
-    signal = signal.kept((near > _MARGIN_S) & (near < path.duration_s - _MARGIN_S)).thinned(_MOST_SAMPLES)
+    signal = signal.selected((near > _MARGIN_S) & (near < path.duration_s - _MARGIN_S)).thinned(_MOST_SAMPLES)
     if len(signal.t_s) < _LEAST_OVERLAP:
         raise ValueError(f"poses and samples must have at least {_LEAST_OVERLAP} samples or bins in common")
-    # The offset is fitted at the middle of the samples, where it and the drift have the least to do with each other.
+    # The offset is fitted at the middle of the samples, where it depends least on the drift.
     middle_s = float(signal.t_s.mean())
 
     def residuals(x: FloatArray) -> FloatArray:
@@ -214,7 +216,7 @@ def _event_rate(events: npt.NDArray[np.void], path: SampledTrajectory) -> _Signa
             [np.einsum("nji,nj->ni", path.rotations(t_s), path.velocities(t_s)), path.angular_rates(t_s)], axis=1
         )
         products = motion[:, first] * motion[:, second]
-        # Noise of a squared rate grows with it; so does what the approximation misses.
+        # Noise of a squared rate grows with the rate, and so does the error of the approximation.
         weights = 1 / (values + floor)
         model = np.column_stack([products / np.sqrt((products**2).mean(0) + _TINY), np.ones(len(t_s))]) * weights
         squares = values**2 * weights
@@ -231,11 +233,10 @@ def _power(values: FloatArray) -> float:
 
 
 def _covariance(jacobian: FloatArray, left: FloatArray, span_s: float) -> FloatArray:
-    """The covariance of the two clocks' parameters (2, 2), from residuals (n, k) that are correlated within a block's
-    length.
+    """Estimate the covariance (2, 2) of offset and drift, from residuals (n, k) that are correlated within a block.
 
     Source: Newey and West, "A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent
-    covariance matrix", Econometrica 55 (1987), here with blocks in place of their window.
+    covariance matrix", Econometrica 55 (1987), here with blocks instead of their window.
     """
     scores = (jacobian * left[..., None]).sum(1)
     blocks = int(np.clip(span_s / _BLOCK_S, 8, len(scores)))

@@ -1,4 +1,4 @@
-"""What makes a particular sensor differ from the ideal pixel, in the units of its data sheet."""
+"""Defines the parameters of a sensor, in the units of its data sheet."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ REFRACTORY_SWING_V = 0.8
 THERMAL_VOLTAGE_V = 25e-3  # kT/q at room temperature
 
 START_PHASES = ("zero", "stationary")
-"""Where references may lie at the first frame."""
+"""The values of ``start_phase``: where references may lie at the first frame."""
 
 THRESHOLD_GAIN = KAPPA_N / KAPPA_P**2 / CAPACITANCE_RATIO
 """Change of log intensity for a change of 1 in the logarithm of the comparator's current ratio."""
@@ -49,13 +49,13 @@ _POSITIVE = {
     ],
 }
 _SIGNED = {"temperature_c", "threshold_column_parity"}
-_SHARES = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
+_FRACTIONS = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
 
 
 @names_checked
 @dataclass(frozen=True, kw_only=True)
 class SensorParameters:
-    """A particular sensor. None stands for what is not known or does not occur: that effect is then off.
+    """The parameters of a sensor. None stands for what is not known or does not occur; the effect is then off.
 
     Illuminances (lux) are those of the scene as its ``lux_per_luma`` counts them; :meth:`effects` turns them into luma.
 
@@ -63,31 +63,32 @@ class SensorParameters:
         width, height: of the pixel array; None leaves the size to the camera.
         contrast_threshold: C_on in natural-log units; None leaves it to the scene.
         contrast_threshold_off: C_off, positive; None takes C_on.
-        threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a share of the threshold.
-        threshold_column_parity: share by which thresholds of even columns are lower, and those of odd ones higher.
+        threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a fraction of the threshold.
+        threshold_column_parity: fraction by which thresholds of even columns are lower, and those of odd ones higher.
         photoreceptor_bandwidth_hz: corner frequency of the photoreceptor at ``photoreceptor_bandwidth_lux``; it is
             proportional to the photocurrent, dark current included. Both are given or neither.
-        photoreceptor_bandwidth_lux: see there.
+        photoreceptor_bandwidth_lux: the illuminance of that corner frequency.
         source_follower_bandwidth_hz: corner frequency of the source follower behind it, in any light.
         dark_current_lux: the illuminance whose photocurrent is as large as the photodiode's dark current at 25 degrees
             Celsius. It doubles in 8 degrees, as the leak does (:class:`~davis_rs.sensor.effects.LeakRate`). It is the
             dark level ``log_eps`` of a simulation, unless that is given.
         refractory_period_us: how long a pixel is held in reset after each event.
         leak_rate_hz: ON events of a pixel on a static scene in the dark at 25 degrees Celsius.
-        leak_spread: standard deviation of that rate from pixel to pixel, as a share; None takes the effect's own value.
-        leak_jitter: standard deviation of a pixel's intervals, as a share; None takes the effect's own value.
-        leak_double_lux: where light doubles the rate; None for nowhere.
+        leak_spread: standard deviation of that rate from pixel to pixel, as a fraction; None takes the effect's own
+            value.
+        leak_jitter: standard deviation of a pixel's intervals, as a fraction; None takes the effect's own value.
+        leak_double_lux: the illuminance that doubles the rate; None for none.
         temperature_c: of the sensor, for leak and dark current; None takes 25.
         shot_noise_rms: standard deviation of log intensity in the dark, from noise.
-        shot_noise_half_lux: where its square is halved; None takes the illuminance at which photoreceptor and source
-            follower have the same corner, or the effect's own value where these are not known.
+        shot_noise_half_lux: the illuminance at which its square has halved; None takes the illuminance at which
+            photoreceptor and source follower have the same corner, or the effect's own value where these are not known.
         shot_noise_bandwidth_hz: the noise's pole that does not depend on light; None takes the source follower's, or
             the effect's own value.
-        hot_pixel_fraction: share of the pixels that fire on their own.
+        hot_pixel_fraction: fraction of the pixels that fire on their own.
         hot_pixel_rate_hz: the median of their rates; None takes the effect's own value. Their spread and
             regularity are the effect's own.
         readout_events_per_s: throughput of the bus.
-        readout_row_us: what a row's address costs on it; None takes 0.
+        readout_row_us: the time that the bus needs for a row's address; None takes 0.
         readout_latency_us: delay of every event; None takes 0.
         readout_jitter_us: scatter of the stamps; None takes 0.
         aps_exposure_us: exposure of the intensity frames.
@@ -96,11 +97,12 @@ class SensorParameters:
         aps_full_scale_lux: illuminance that saturates it at that exposure; None takes the effect's own value.
         aps_full_well_e: electrons that a pixel holds; None for no limit.
         aps_electrons_per_dn: electrons of a count of the converter; None makes a full well full scale.
-        aps_prnu: standard deviation of the pixels' gains as a share (PRNU); None takes 0.
+        aps_prnu: standard deviation of the pixels' gains as a fraction (PRNU); None takes 0.
         aps_dsnu_dn: standard deviation of the pixels' offsets in counts (DSNU); None takes 0.
-        aps_column_offset_dn: of each column's own offset, the same in each frame; None takes 0.
-        aps_column_noise_dn: of one that is another in each frame; None takes 0.
-        aps_row_readout_us: from a row's closing to the next one's, of a rolling shutter; None for a global one.
+        aps_column_offset_dn: standard deviation of the columns' offsets, the same in each frame; None takes 0.
+        aps_column_noise_dn: standard deviation of the columns' offsets that change from frame to frame; None takes 0.
+        aps_row_readout_us: time between the ends of exposure of neighbouring rows, for a rolling shutter; None for a
+            global one.
         vignetting: exponent of the cosine by which the lens darkens away from its axis; 4 is natural vignetting.
         lens_blur_px: standard deviation of the lens's point spread.
 
@@ -155,7 +157,9 @@ class SensorParameters:
             if name in _POSITIVE and value == 0:
                 raise ValueError(f"{name} must be finite and > 0, got {value!r}")
             least = -math.inf if name in _SIGNED else 0.0
-            check_range(name, value, least, 1.0 if name in _SHARES else _LARGEST_SIZE if name in _SIZES else math.inf)
+            check_range(
+                name, value, least, 1.0 if name in _FRACTIONS else _LARGEST_SIZE if name in _SIZES else math.inf
+            )
             if name in _SIZES and value != int(value):
                 raise ValueError(f"{name} must be an integer number of pixels, got {value!r}")
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
@@ -177,7 +181,7 @@ class SensorParameters:
 
         Args:
             biases: "indoors" or "outdoors" (the sets of the event-camera dataset), or names with (coarse, fine).
-            known: quantities by the names of this class, which need no formula then; None leaves one open.
+            known: parameters by the names of this class, for which no formula is used; None leaves a parameter open.
 
         Raises:
             ValueError: for a quantity that the formulas do not give with these biases and that is not in ``known``;
@@ -195,8 +199,11 @@ class SensorParameters:
 
     @property
     def noise_half_lux(self) -> float | None:
-        """``shot_noise_half_lux``, or what it takes where that is None: the illuminance at which photoreceptor and
-        source follower have the same corner; None where these are not known."""
+        """``shot_noise_half_lux``, or its default.
+
+        The default is the illuminance at which photoreceptor and source follower have the same corner; None where
+        these are not known.
+        """
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
         follower_hz = self.source_follower_bandwidth_hz
         if self.shot_noise_half_lux is not None or hz is None or lux is None or follower_hz is None:
@@ -207,15 +214,15 @@ class SensorParameters:
     def start_phase(self) -> str:
         """Where references lie at the first frame.
 
-        ``stationary``, as of a camera that has run before; ``zero`` of ideal pixels, of which nothing is given. It
-        depends on no effect's being there.
+        ``stationary``, as in a camera that has run before; ``zero`` for ideal pixels, of which no parameter is given.
+        It does not depend on which effects are on.
         """
         return "zero" if self == SensorParameters() else "stationary"
 
     def effects(self, lux_per_luma: float) -> Effects:
         """Return the effects that this sensor has in a scene whose unit of luma is ``lux_per_luma`` lux.
 
-        Thresholds are no effect: they go to the simulation by their own names.
+        Thresholds are not effects: the simulation takes them by their own names.
 
         Raises:
             ValueError: for a scale that is not finite and > 0.
@@ -235,7 +242,7 @@ class SensorParameters:
                 _first(self.threshold_mismatch, 0.0), column_parity=_first(self.threshold_column_parity, 0.0)
             ),
             refractory_period_us=self.refractory_period_us,
-            leak_rate_hz=_made(
+            leak_rate_hz=_effect(
                 LeakRate,
                 rate_hz=self.leak_rate_hz,
                 spread=self.leak_spread,
@@ -243,21 +250,21 @@ class SensorParameters:
                 temperature_c=self.temperature_c,
                 double_luma=self.leak_double_lux and self.leak_double_lux / lux_per_luma,
             ),
-            shot_noise_rms=_made(
+            shot_noise_rms=_effect(
                 ShotNoise,
                 rms=self.shot_noise_rms,
                 half_luma=half_lux and half_lux / lux_per_luma,
                 bandwidth_hz=follower_hz if self.shot_noise_bandwidth_hz is None else self.shot_noise_bandwidth_hz,
             ),
-            hot_pixels=_made(HotPixels, fraction=self.hot_pixel_fraction, rate_hz=self.hot_pixel_rate_hz),
-            readout=_made(
+            hot_pixels=_effect(HotPixels, fraction=self.hot_pixel_fraction, rate_hz=self.hot_pixel_rate_hz),
+            readout=_effect(
                 Readout,
                 events_per_s=self.readout_events_per_s,
                 row_us=self.readout_row_us,
                 latency_us=self.readout_latency_us,
                 jitter_us=self.readout_jitter_us,
             ),
-            aps=_made(
+            aps=_effect(
                 Aps,
                 exposure_us=self.aps_exposure_us,
                 read_noise_dn=self.aps_read_noise_dn,
@@ -288,11 +295,11 @@ def _first(given: float | None, otherwise: float) -> float:
     return otherwise if given is None else given
 
 
-_Made = TypeVar("_Made")
+_Effect = TypeVar("_Effect")
 
 
-def _made(effect: Callable[..., _Made], **values: float | None) -> _Made | None:
-    """The effect with what is known of it; None where its first value is unknown."""
+def _effect(effect: Callable[..., _Effect], **values: float | None) -> _Effect | None:
+    """Make an effect from the values that are known; return None where the first one is unknown."""
     known = {name: value for name, value in values.items() if value is not None}
     return effect(**known) if next(iter(values)) in known else None
 

@@ -1,4 +1,4 @@
-"""Simulation: settings, what is decided from them, packets of events, and the folder that they are written to.
+"""Simulates: settings, what is decided from them, packets of events, and the folder that they are written to.
 
 ``folder`` (a dataset folder) -> ``simulate`` (effects planned where asked for, then packets) -> ``simulator`` (a
 whole path, or pose after pose) -> ``due_instants``, ``run_description`` (meta.json), ``no_events``. ``settings``

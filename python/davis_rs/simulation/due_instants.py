@@ -1,4 +1,4 @@
-"""The instants of a run at which a frame, a map of the ground truth or the end of a packet falls due."""
+"""Finds the instants of a run at which a frame, a map of the ground truth or the end of a packet falls due."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _PACKET_RATE_HZ = 40.0
 
 
 class DueInstant(NamedTuple):
-    """An instant at which a packet ends, and what else falls due there: names of the rates."""
+    """Says at which instant a packet ends, and what else falls due there: names of the rates."""
 
     t_us: int
     due: frozenset[str]
 
 
 def due_instants(start_us: int, end_us: int, rates_hz: Mapping[str, float], *, first: bool) -> Iterator[DueInstant]:
-    """All instants of (start_us, end_us] at which something falls due, in order, each once.
+    """Yield all instants of (start_us, end_us] at which something falls due, in order, each once.
 
     Args:
         rates_hz: how often what is named falls due; 0 for never.

@@ -1,4 +1,4 @@
-"""A simulation into a dataset folder, with a progress bar, and whole even when it is interrupted."""
+"""Writes a simulation into a dataset folder, with a progress bar, and whole even when it is interrupted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,17 +30,19 @@ from ..scene.scene import Scene, check_scene
 from ..sensor.imu import IMU_DTYPE, ImuArray, simulate_imu
 from .monte_carlo_noise import refuse_noise
 from .planning import EffectPlan
-from .settings import FolderSettings, SimulationSettings, complete, make_imu, make_motion_capture, only, takes_settings
+from .settings import FolderSettings, complete, make_imu, make_motion_capture, takes_settings
 from .simulate import make_simulator
 from .simulator import Simulator
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from .settings.keywords import FolderKeywords
+
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationReport(FolderReport):
-    """What a simulation wrote into a folder.
+    """Says what a simulation wrote into a folder.
 
     Attributes:
         plan: which effects the scene called for, where they were planned.
@@ -60,9 +62,9 @@ def simulate_to_folder(
     start_s: float = 0.0,
     duration_s: float | None = None,
     overwrite: bool = False,
-    meta: Mapping[str, Any] | None = None,
+    meta: Mapping[str, object] | None = None,
     quiet: bool = False,
-    **settings: Unpack[FolderSettings],
+    **settings: Unpack[FolderKeywords],
 ) -> SimulationReport:
     """Simulate a scene along its camera path into a dataset folder.
 
@@ -95,14 +97,14 @@ def simulate_to_folder(
     """
     check_scene(scene)
     started = time.perf_counter()
-    given = complete(FolderSettings, settings, of=simulate_to_folder)
-    FORMATS[given["events_format"]].require_libraries()  # before minutes are spent on what cannot be written
-    require_event_truth(given["event_truth"])
+    given = complete(FolderSettings, settings, taker=simulate_to_folder)
+    FORMATS[given.events_format].require_libraries()  # before minutes are spent on what cannot be written
+    require_event_truth(given.event_truth)
     imu, motion_capture = make_imu(given), make_motion_capture(given)
     scene = scene.crop(start_s, duration_s)
-    made = make_simulator(scene, only(SimulationSettings, given))
+    made = make_simulator(scene, given)
     simulator, plan = made.simulator, made.plan
-    if given["accept_noise"] is False:
+    if given.accept_noise is False:
         refuse_noise(made.noise, scene, given)
     if quiet:
         made.warn_of_noise(stacklevel=3)
@@ -114,16 +116,14 @@ def simulate_to_folder(
             say(line)
         if scene.path.start_time_ns:
             say(start_line(scene.path.start_time_ns, "the camera path"))
-    truth = motion_capture.poses(scene.path, seed=given["seed"])
-    inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given["seed"])
+    truth = motion_capture.poses(scene.path, seed=given.seed)
+    inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given.seed)
     end_us = round(1e6 * scene.path.duration_s)
-    moving_us = np.fromiter(periodic_instants(given["velocity_rate_hz"], 0, end_us), np.int64)
+    moving_us = np.fromiter(periodic_instants(given.velocity_rate_hz, 0, end_us), np.int64)
     moving = camera_velocities(scene.path, moving_us)
     event_truth = None
-    if given["event_truth"] is not None:
-        event_truth = EventTruth(
-            simulator.scene, simulator.camera, surfaces=simulator.surfaces, threads=given["threads"]
-        )
+    if given.event_truth is not None:
+        event_truth = EventTruth(simulator.scene, simulator.camera, surfaces=simulator.surfaces, threads=given.threads)
     packets = made.packets()
     # Whatever is wrong with the scene shows before the folder is touched.
     first = next(packets)
@@ -143,15 +143,15 @@ def simulate_to_folder(
         DatasetWriter(
             path,
             simulator.camera,
-            image_gain=given["image_gain"],
-            events_format=given["events_format"],
+            image_gain=given.image_gain,
+            events_format=given.events_format,
             overwrite=overwrite,
             shape_names=simulator.shape_names,
-            flow_png=given["flow_png"],
+            flow_png=given.flow_png,
             imu=imu,
             meta=described,
         ) as writer,
-        _truth_file(writer.path, given["event_truth"], event_truth) as add_truth,
+        _truth_file(writer.path, given.event_truth, event_truth) as add_truth,
         progress("simulating", scene.path.duration_s, unit="s", show=not quiet) as bar,
     ):
         sequence = _Sequence(chain([first], packets), truth, inertial, moving)
@@ -170,7 +170,7 @@ def simulate_to_folder(
 
 
 class _Written(NamedTuple):
-    """How much of a run was written."""
+    """Says how much of a run was written."""
 
     events: int
     end_us: int
@@ -178,7 +178,7 @@ class _Written(NamedTuple):
 
 
 class _Sequence(NamedTuple):
-    """What is to be written: packets, and what has stamps of its own."""
+    """Holds what is to be written: packets, and what has stamps of its own."""
 
     packets: Iterator[Packet]
     truth: GroundTruth
@@ -190,7 +190,7 @@ class _Sequence(NamedTuple):
 def _truth_file(
     folder: Path, kind: str | None, event_truth: EventTruth | None
 ) -> Iterator[Callable[[EventArray], None]]:
-    """What adds events to the folder's file of their truth, if there shall be one."""
+    """Open the folder's file of the events' truth, if there shall be one; give what adds events to it."""
     if kind is None or event_truth is None:
         yield lambda _: None
         return
@@ -232,17 +232,17 @@ def _write_all(
                 events += len(late.events)
             break
     interrupted = end_us < total_us
-    found = {"dropped_events": simulator.dropped_events, "missed_events": simulator.missed_events}
-    writer.finish(found, interrupted=interrupted)
+    counts = {"dropped_events": simulator.dropped_events, "missed_events": simulator.missed_events}
+    writer.finish(counts, interrupted=interrupted)
     return _Written(events, min(end_us, total_us), interrupted)
 
 
 def _rendering_with(renderer: Renderer) -> str:
-    """What renders, why, and with which LLVM."""
+    """Say what renders, why, and with which LLVM."""
     with_what = f"; {default_variant()[1]}" if renderer.variant == FAST else ""  # without LLVM that is the reason
     return f"rendering with {renderer.name}: {renderer.reason}{with_what}"
 
 
 def _up_to(t_us: npt.NDArray[np.int64], last_us: int, total_us: int) -> int:
-    """How many of the stamps are due once the sequence has got to ``last_us`` of ``total_us``."""
+    """Count the stamps that are due once the sequence has got to ``last_us`` of ``total_us``."""
     return len(t_us) if last_us >= total_us else int(np.searchsorted(t_us, last_us, "right"))

@@ -1,4 +1,4 @@
-"""The version of the model by which events are made."""
+"""Names the version of the model by which events are made."""
 
 MODEL = 2
 """It grows with every change after which the same scene, frames and settings give other events. ``meta.json`` has it

@@ -1,4 +1,4 @@
-"""How many events of a scene that Mitsuba's integrators render are Monte Carlo noise: an estimate before the run.
+"""Estimates before a run how many events of a scene that Mitsuba's integrators render are Monte Carlo noise.
 
 Light paths are drawn at random. The random numbers of a ray depend on the seed and on the ray's place in the frame,
 and are the same in every frame. So a pixel at rest makes no events of noise. When the camera moves, each pixel's error
@@ -28,7 +28,7 @@ from ..geometry.pose import FloatArray
 from ..geometry.trajectory.trajectory import Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
-from ..render.choice import make_renderer, why_not_noise_free
+from ..render.choice import why_not_noise_free
 from ..render.integrator.base import SceneRenderer
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
@@ -36,17 +36,19 @@ from ..scene.scene import Scene
 from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, percent, share_text
 from .settings import (
     AUTO,
-    FolderSettings,
+    SamplingSettings,
     ViewSettings,
     chosen_sampling,
     complete,
-    renderer_settings,
+    renderer_of,
     takes_settings,
     view_scene,
 )
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
+
+    from .settings.keywords import ViewKeywords
 
 PIXELS = 256
 """How many pixels are followed."""
@@ -79,7 +81,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 @takes_settings(ViewSettings)
-def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstimate | None:
+def estimate_noise(scene: Scene, **settings: Unpack[ViewKeywords]) -> NoiseEstimate | None:
     """Estimate how many events along a scene's camera path will be Monte Carlo noise; None where there is none at all.
 
     Only what Mitsuba's integrators render has noise: for the native renderer and the table kernel it is None.
@@ -98,14 +100,13 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstim
         ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
         OSError: if a scene file or a calibration cannot be read.
     """
-    return _estimate_in(scene, complete(ViewSettings, settings, of=estimate_noise))
+    return _estimate_in(scene, complete(ViewSettings, settings, taker=estimate_noise))
 
 
-def _estimate_in(scene: Scene, given: ViewSettings, sampling: TimeSampling | None = None) -> NoiseEstimate | None:
-    viewed = view_scene(scene, given)
-    renderer = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
+def _estimate_in(scene: Scene, settings: ViewSettings, sampling: TimeSampling | None = None) -> NoiseEstimate | None:
+    viewed = view_scene(scene, settings)
     return estimate_noise_of(
-        renderer,
+        renderer_of(viewed, settings),
         viewed.scene.path,
         contrast_threshold=viewed.contrast_threshold,
         contrast_threshold_off=viewed.contrast_threshold_off,
@@ -124,7 +125,7 @@ def estimate_noise_of(
     sampling: TimeSampling | None = None,
     cost_share: float = COST_SHARE,
 ) -> NoiseEstimate | None:
-    """The same as :func:`estimate_noise`, for an existing renderer, which may have a lens.
+    """Estimate as :func:`estimate_noise` does, for an existing renderer, which may have a lens.
 
     The same arguments give the same estimate.
 
@@ -144,7 +145,7 @@ def estimate_noise_of(
 
 
 def _frames(sampling: TimeSampling | None, look: _Look) -> float:
-    """How many frames a rule renders, roughly, for each keyframe that the estimate counts."""
+    """Return how many frames a rule renders, roughly, for each keyframe that the estimate counts."""
     if isinstance(sampling, FixedRate):
         return sampling.rate_hz * look.trajectory.duration_s / look.keyframes
     if isinstance(sampling, Tolerance):
@@ -163,10 +164,10 @@ def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_
     measured, events = [], 0
     blocks = 1
     while blocks <= max(1, look.seeds // 4):
-        share, events = _mismatch(frames, look.times, blocks, thresholds, log_eps)
+        fraction, events = _mismatch(frames, look.times, blocks, thresholds, log_eps)
         # An average of k seeds against that of all others: errors of both add up, as if of an average of fewer.
         effective = 1 / (1 / blocks + 1 / (look.seeds - blocks))
-        measured.append((look.base * effective, share))
+        measured.append((look.base * effective, fraction))
         blocks *= 2
     if events < FEWEST_EVENTS:
         measured = []
@@ -175,18 +176,18 @@ def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_
     )
 
 
-def noise_before_run(scene: Scene, settings: FolderSettings) -> NoiseEstimate | None:
-    """The same as :func:`estimate_noise`, for a run with complete settings."""
+def noise_before_run(scene: Scene, settings: SamplingSettings) -> NoiseEstimate | None:
+    """Estimate as :func:`estimate_noise` does, for a run with these settings."""
     return _estimate_in(scene, settings, chosen_sampling(settings).sampling)
 
 
-def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: FolderSettings) -> None:
+def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettings) -> None:
     """Refuse a run that would have too much noise.
 
     Args:
         noise: that was estimated.
         scene: of the run.
-        settings: of the run, complete.
+        settings: of the run.
 
     Raises:
         NoiseError: if more than 20 % of the events would be noise, or than ``noise_share`` if that is more. It has all
@@ -194,25 +195,25 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: FolderSett
     """
     if noise is None:
         return
-    limit = max(NOISE_LIMIT, settings["noise_share"])
-    by_auto = noise.samples_for(settings["noise_share"])
-    samples = by_auto if settings["samples"] == AUTO else noise.samples
-    share = noise.share_at(samples)
-    if not share > limit:
+    limit = max(NOISE_LIMIT, settings.noise_share)
+    by_auto = noise.samples_for(settings.noise_share)
+    samples = by_auto if settings.samples == AUTO else noise.samples
+    fraction = noise.share_at(samples)
+    if not fraction > limit:
         return
     obstacles = why_not_noise_free(view_scene(scene, settings).scene)
 
     def said(given: Callable[[str, str], str]) -> str:
         lines = [
-            f"{share_text(share, 'the events would be')} at {samples} samples; above {percent(limit)} nothing is "
+            f"{share_text(fraction, 'the events would be')} at {samples} samples; above {percent(limit)} nothing is "
             "rendered",
             "what keeps the renderers without noise from this scene:",
         ]
-        if settings["renderer"] != AUTO:
+        if settings.renderer != AUTO:
             lines.append(f"- Mitsuba's integrators were asked for: give {given('renderer', AUTO)}")
         lines += [f"- {obstacle}" for obstacle in obstacles]
         lines += ["the ways on:", "- mend what is listed: then no event is noise"]
-        if settings["samples"] != AUTO:
+        if settings.samples != AUTO:
             left = noise.share_at(by_auto)
             above = ", still above the limit," if left > limit else ""
             auto = f"with {by_auto} samples about {percent(left)} are noise{above} and the run takes"
@@ -227,7 +228,7 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: FolderSett
 
 
 def _about(seconds: float) -> str:
-    """A time as people say it: ``about 5 minutes``."""
+    """Write a time as people say it: ``about 5 minutes``."""
     units = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}
     unit = [unit for unit, length in units.items() if seconds >= 1.5 * length or unit == "second"][-1]
     count = seconds / units[unit]
@@ -236,7 +237,7 @@ def _about(seconds: float) -> str:
 
 
 class _Look:
-    """A few pixels in a few stretches of a path, and how many seeds the cost allows."""
+    """Renders a few pixels in a few stretches of a path, with as many seeds as the cost allows."""
 
     def __init__(
         self, renderer: SceneRenderer, trajectory: Trajectory, rule: MaxDisplacement, cost_share: float
@@ -259,7 +260,7 @@ class _Look:
         self.pixel = _spread_pixels(size, int(np.clip(allowed // self.seeds, min(FEWEST_PIXELS, size), PIXELS)))
 
     def is_the_same(self) -> bool:
-        """Whether two seeds give the same luma at the first and the last instant."""
+        """Tell whether two seeds give the same luma at the first and the last instant."""
         ends = np.array([self.times[0][0], self.times[-1][-1]])
         return np.array_equal(self._samples(ends, 0), self._samples(ends, 1))
 
@@ -290,25 +291,25 @@ class _Look:
 
 
 def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement, stretches: int) -> list[IntArray]:
-    """The keyframes of stretches, spread evenly over the path; of a short path all that there are."""
+    """Return the keyframes of stretches, spread evenly over the path; of a short path all that there are."""
     end_us = round(trajectory.duration_s * 1e6)
     wanted = stretches * KEYFRAMES
     first = [0, *islice(rule.instants(renderer, trajectory, end_us), wanted)]
     if len(first) <= wanted:
         return [np.unique(np.array([*first, end_us], np.int64))]
-    found = [np.array(first[:KEYFRAMES], np.int64)]
+    stretches_us = [np.array(first[:KEYFRAMES], np.int64)]
     for number in range(1, stretches):
-        start_us = max(end_us * number // stretches, int(found[-1][-1]))
+        start_us = max(end_us * number // stretches, int(stretches_us[-1][-1]))
         rest = trajectory.crop(start_us * 1e-6)
         instants = islice(rule.instants(renderer, rest, end_us - start_us, start_us=start_us), KEYFRAMES - 1)
         t_us = np.array([start_us, *(start_us + t_us for t_us in instants)], np.int64)
         if len(t_us) > 1:
-            found.append(t_us)
-    return found
+            stretches_us.append(t_us)
+    return stretches_us
 
 
 def _spread_pixels(size: int, count: int) -> IntArray:
-    """Indices y W + x of ``count`` pixels: one in each of ``count`` equal runs, at places that form no pattern."""
+    """Return indices y W + x of ``count`` pixels: one in each of ``count`` equal runs, without a pattern."""
     edges = np.linspace(0, size, count + 1)
     golden = np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1
     return np.minimum((edges[:-1] + golden * np.diff(edges)).astype(np.int64), size - 1)
@@ -329,16 +330,16 @@ def _mismatch(
     for luma, t_us in zip(frames, times, strict=True):
         total = luma.sum(0, dtype=np.float64)
         for group in range(min(4, len(luma) // blocks)):
-            part = luma[group * blocks : (group + 1) * blocks].sum(0, dtype=np.float64)
-            streams = [part / blocks, (total - part) / (len(luma) - blocks)]
+            summed = luma[group * blocks : (group + 1) * blocks].sum(0, dtype=np.float64)
+            streams = [summed / blocks, (total - summed) / (len(luma) - blocks)]
             ours, theirs = (_events(mean, t_us, thresholds, log_eps) for mean in streams)
-            found = compare_events(ours, theirs, size=(luma.shape[2], 1))
-            wrong, right = wrong + found.missing + found.spurious, right + found.reference
+            comparison = compare_events(ours, theirs, size=(luma.shape[2], 1))
+            wrong, right = wrong + comparison.missing + comparison.spurious, right + comparison.reference
     return (wrong / right if right else math.nan), right
 
 
 def _events(luma: FloatArray, t_us: IntArray, thresholds: tuple[float, float], log_eps: float) -> EventArray:
-    """The events of pixels (keyframes, pixels)."""
+    """Return the events of pixels (keyframes, pixels)."""
     engine = CrossingEngine(
         luma.shape[1],
         1,

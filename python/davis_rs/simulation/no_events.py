@@ -1,4 +1,4 @@
-"""What is said of a run that makes no events, or cannot make any."""
+"""Warns of a run that makes no events, or cannot make any."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""What an estimate of Monte Carlo noise says: the share of events that are noise, by the number of samples."""
+"""Says what an estimate of Monte Carlo noise found: the fraction of events that are noise, by the number of samples."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class NoiseError(ValueError):
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """How many events of a run are noise.
+    """Says how many events of a run are noise.
 
     A share is that of missing and spurious events (:func:`~davis_rs.compare_events`, within 10 ms) in the number of
     events without noise; it may exceed 1.
@@ -63,7 +62,7 @@ class NoiseEstimate:
 
     @property
     def known(self) -> bool:
-        """Whether :meth:`share_at` has a result."""
+        """Tell whether :meth:`share_at` has a result."""
         return bool(self.measured) or not self.noisy
 
     def share_at(self, samples: float) -> float:
@@ -76,9 +75,9 @@ class NoiseEstimate:
             return 0.0
         if not self.measured:
             return math.nan
-        counts, shares = (np.array(column) for column in zip(*self.measured, strict=True))
+        counts, fractions = (np.array(column) for column in zip(*self.measured, strict=True))
         inside = float(np.clip(samples, counts[0], counts[-1]))
-        logs = np.log(np.maximum(shares, 1e-6))
+        logs = np.log(np.maximum(fractions, 1e-6))
         return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / samples))
 
     def samples_for(self, share: float) -> int:
@@ -86,20 +85,20 @@ class NoiseEstimate:
         enough = (n for n in SAMPLE_NUMBERS if n > self.samples and self.share_at(n) <= share)
         return self.samples if not self.known or self.share_at(self.samples) <= share else next(enough, 1024)
 
-    def describe(self, samples: int | None = None) -> dict[str, Any]:
+    def describe(self, samples: int | None = None) -> dict[str, object]:
         """Return the estimate in JSON's types, for meta.json.
 
         Args:
             samples: rays a pixel of the run, where others were chosen by the estimate.
         """
-        shares = {f"{count:.4g}": float(f"{share:.4g}") for count, share in self.measured}
+        fractions = {f"{count:.4g}": float(f"{fraction:.4g}") for count, fraction in self.measured}
         samples = self.samples if samples is None else samples
-        share = self.share_at(samples)
+        fraction = self.share_at(samples)
         return {
-            "share": None if math.isnan(share) else float(f"{share:.4g}"),
+            "share": None if math.isnan(fraction) else float(f"{fraction:.4g}"),
             "samples": samples,
             "log_noise_over_c": float(f"{self.log_noise * math.sqrt(self.samples / samples):.4g}"),
-            "measured": shares,
+            "measured": fractions,
             "rays": self.rays,
         }
 
@@ -121,17 +120,17 @@ class NoiseEstimate:
         return told if more > 1024 else f"{told}; {more} samples: about {percent(self.share_at(more))}"
 
 
-def share_text(share: float, these_are: str) -> str:
-    """A share of noise in words.
+def share_text(fraction: float, these_are: str) -> str:
+    """Write a fraction of noise in words.
 
     Args:
         these_are: ``these events are``, or what else is said of them.
     """
-    if share >= 0.995:
-        return f"most of {these_are} Monte Carlo noise ({100 * share:.0f} missing or spurious to 100 right ones)"
-    return f"about {percent(share)} of {these_are} Monte Carlo noise (missing or spurious)"
+    if fraction >= 0.995:
+        return f"most of {these_are} Monte Carlo noise ({100 * fraction:.0f} missing or spurious to 100 right ones)"
+    return f"about {percent(fraction)} of {these_are} Monte Carlo noise (missing or spurious)"
 
 
-def percent(share: float) -> str:
-    """A share to two digits, or to a whole percent."""
-    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+def percent(fraction: float) -> str:
+    """Write a fraction in percent, to two digits or to a whole percent."""
+    return f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %"

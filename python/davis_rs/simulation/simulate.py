@@ -1,4 +1,4 @@
-"""A simulation as packets: effects are planned where that is asked for, then a simulator runs."""
+"""Runs a simulation as packets: effects are planned and samples chosen where that is asked for, then it runs."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 from .._util.argument_error import ArgumentError
 from ..events.packet import Packet
 from ..scene.scene import Scene, check_scene
+from ..sensor.effects import with_optics
 from ..sensor.effects.effects import read_effects
 from ..sensor.presets import SENSORS
 from .monte_carlo_noise import estimate_noise_of
 from .no_events import warned_without_events
 from .noise_estimate import NoiseEstimate, NoiseWarning, percent
-from .planning import EffectPlan, plan_effects
+from .planning import EffectPlan
+from .planning.planner import planned_effects
 from .settings import (
     AUTO,
     PlanSettings,
@@ -24,6 +26,7 @@ from .settings import (
     complete,
     fixed_sensor,
     only,
+    resolve,
     takes_settings,
 )
 from .simulator import Simulator
@@ -31,10 +34,12 @@ from .simulator import Simulator
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from .settings.keywords import SimulationKeywords
+
 
 @takes_settings(SimulationSettings)
 def simulate(
-    scene: Scene, *, start_s: float = 0.0, duration_s: float | None = None, **settings: Unpack[SimulationSettings]
+    scene: Scene, *, start_s: float = 0.0, duration_s: float | None = None, **settings: Unpack[SimulationKeywords]
 ) -> Iterator[Packet]:
     """Simulate a DAVIS that moves through a scene along its camera path: a generator of packets, in bounded memory.
 
@@ -57,7 +62,7 @@ def simulate(
             call or at the first packet.
     """
     check_scene(scene)
-    given = complete(SimulationSettings, settings, of=simulate)
+    given = complete(SimulationSettings, settings, taker=simulate)
     made = make_simulator(scene.crop(start_s, duration_s), given)
     made.warn_of_noise(stacklevel=3)
     return made.packets()
@@ -65,7 +70,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class MadeSimulator:
-    """A simulator, and what was found out before it was made.
+    """Holds a simulator, and what was found out before it was made.
 
     Attributes:
         plan: of its effects, where they were to be planned.
@@ -86,13 +91,13 @@ class MadeSimulator:
         Warns:
             NoEventsWarning: of a run without events.
         """
-        one = self.simulator
-        thresholds = (one.contrast_threshold, one.contrast_threshold_off)
-        return warned_without_events(one.run(), thresholds, one.log_eps)
+        simulator = self.simulator
+        thresholds = (simulator.contrast_threshold, simulator.contrast_threshold_off)
+        return warned_without_events(simulator.run(), thresholds, simulator.log_eps)
 
     @property
     def noise_line(self) -> str:
-        """What is to be said of noise and samples; "" where there is nothing to say."""
+        """Return what is to be said of noise and samples; "" where there is nothing to say."""
         samples = self.simulator.renderer.rays
         if self.noise is None or not self.noise.noisy:
             why = "draws nothing at random" if self.noise is None else "has no noise in this scene"
@@ -124,45 +129,43 @@ class MadeSimulator:
 
 
 def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
-    """A simulator of a scene's camera path; its effects are planned and its samples chosen where that is asked for.
+    """Make a simulator of a scene's camera path; plan its effects and choose its samples where that is asked for.
 
-    Args:
-        settings: complete ones of :class:`~davis_rs.simulation.settings.SimulationSettings`.
+    Effects are planned first, then noise is measured with the renderer, then the one simulator is made.
 
     Raises:
         ValueError, OSError: as :func:`simulate`.
     """
-    given = settings.copy()
-    given["sensor"] = fixed_sensor(scene, given["sensor"])
-    named, planned = read_effects(given["effects"])
+    settings = replace(settings, sensor=fixed_sensor(scene, settings.sensor))
+    effects, planned = read_effects(settings.effects)
     plan: EffectPlan | None = None
     if planned:
-        if given["sensor"] is None:
+        if settings.sensor is None:
             # Its thresholds and effects are the default; the size stays the camera's.
-            given["sensor"] = replace(SENSORS["davis240c"], width=None, height=None)
-        plan = plan_effects(scene, keep=named, **only(PlanSettings, given))
-        named = plan.effects
-    elif given["effects_tolerance"] is not None:
+            settings = replace(settings, sensor=replace(SENSORS["davis240c"], width=None, height=None))
+        plan = planned_effects(scene, only(PlanSettings, settings), keep=effects)
+        effects = plan.effects
+    elif settings.effects_tolerance is not None:
         raise ArgumentError(
             "{effects_tolerance} is {:g}, but no effects are planned: it is for {effects:auto}",
-            given["effects_tolerance"],
+            settings.effects_tolerance,
         )
-    chosen = only(SimulatorSettings, {**given, "effects": named})
-    chose_samples = given["samples"] == AUTO
-    if chose_samples:
-        chosen["samples"] = None
-    simulator = Simulator(scene, **chosen)
+    chose_samples = settings.samples == AUTO
+    samples = None if chose_samples else settings.samples
+    resolved = resolve(scene, replace(only(SimulatorSettings, settings), effects=effects, samples=samples))
+    renderer = resolved.renderer()
     noise = estimate_noise_of(
-        simulator.renderer,
-        simulator.scene.path,
-        contrast_threshold=simulator.contrast_threshold,
-        contrast_threshold_off=simulator.contrast_threshold_off,
-        log_eps=simulator.log_eps,
-        sampling=simulator.sampling,
+        with_optics(renderer, resolved.effects),
+        resolved.view.scene.path,
+        contrast_threshold=resolved.view.contrast_threshold,
+        contrast_threshold_off=resolved.view.contrast_threshold_off,
+        log_eps=resolved.view.log_eps,
+        sampling=resolved.sampling,
     )
     if chose_samples and noise is not None:
-        samples = noise.samples_for(given["noise_share"])
-        if samples != simulator.renderer.rays:
-            chosen["samples"] = samples
-            simulator = Simulator(scene, **chosen)
-    return MadeSimulator(simulator, plan, noise, given["noise_share"], chose_samples)
+        samples = noise.samples_for(settings.noise_share)
+        if samples != renderer.rays:
+            resolved = replace(resolved, settings=replace(resolved.settings, samples=samples))
+            renderer = resolved.renderer()
+    simulator = Simulator.of_resolved(resolved, renderer)
+    return MadeSimulator(simulator, plan, noise, settings.noise_share, chose_samples)

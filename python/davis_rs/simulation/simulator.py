@@ -1,10 +1,10 @@
-"""The simulator: a scene with its camera path in, packets of events, frames, depth and poses out."""
+"""Simulates: a scene with its camera path in, packets of events, frames, depth and poses out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -14,37 +14,26 @@ from .._util.argument_checks import check_number
 from .._util.argument_error import ArgumentError
 from .._util.read_ahead import read_ahead
 from ..events.arrays import EventArray, concatenate_events
-from ..events.packet import Packet
+from ..events.packet import Displacement, Packet
 from ..geometry.pose import Pose, PoseLike, as_pose
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..geometry.trajectory.views import Views
-from ..render.choice import make_renderer
-from ..render.truth import SceneSurfaces, lost_look_shares
-from ..render.truth.lost_look_shares import warn_of_lost_looks
+from ..render.base import Renderer
+from ..render.truth import SceneSurfaces, lost_look_fractions
+from ..render.truth.lost_look_fractions import warn_of_lost_looks
 from ..sampling.event_refinement import EventRefinement
 from ..sampling.exposure import KeyframeExposure, expose
 from ..sampling.keyframes import Keyframe, Stretch
 from ..scene.scene import Scene
-from ..sensor.effects import CustomEffects, Effects, with_optics
-from ..sensor.effects.effects import effects_of
+from ..sensor.effects import with_optics
 from .due_instants import DueInstant, due_instants
-from .run_description import describe_run
-from .settings import (
-    AUTO,
-    SimulatorSettings,
-    chosen_sampling,
-    complete,
-    fixed_sensor,
-    memory_of,
-    renderer_settings,
-    takes_settings,
-    truth_rates_hz,
-    view_scene,
-    whole_frame_sampling,
-)
+from .run_description import SimulatorDescription, describe_run
+from .settings import Resolved, SimulatorSettings, complete, resolve, takes_settings, truth_rates_hz
 
 if TYPE_CHECKING:
-    from typing_extensions import Unpack
+    from typing_extensions import Self, Unpack
+
+    from .settings.keywords import SimulatorKeywords
 
 TRUTH_MAPS = ("flow", "mask", "normal")
 """Maps of the ground truth that fall due at rates of their own."""
@@ -52,9 +41,18 @@ TRUTH_MAPS = ("flow", "mask", "normal")
 _LATEST_US = 1 << 53
 
 
+class _TruthMaps(TypedDict, total=False):
+    """Names the fields of a :class:`Packet` that a map of the ground truth fills."""
+
+    flow: npt.NDArray[np.float32]
+    displacement: Displacement
+    shapes: npt.NDArray[np.uint16]
+    normals: npt.NDArray[np.float32]
+
+
 @takes_settings(SimulatorSettings)
 class Simulator:
-    """A DAVIS in a scene.
+    """Simulates a DAVIS in a scene.
 
     :meth:`run` follows the scene's camera path; :meth:`step` serves a controller that decides the next pose as it goes.
     Every intensity frame and depth map is one of the rendered instants, so events, frames and depth agree exactly.
@@ -66,7 +64,7 @@ class Simulator:
     Attributes:
         scene: in the settings' light.
         camera: lens and size of the image.
-        settings: all settings by name, with the defaults of those that were not given.
+        settings: all of them, with the defaults of those that were not given.
         contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
         log_eps: the dark level in units of luma, from settings or sensor.
         start_phase: where references lie at the first frame, from settings or sensor.
@@ -90,46 +88,37 @@ class Simulator:
         LostLookWarning: of the looks that are lost, in one line.
     """
 
-    def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:
-        _require_samples(settings.get("samples"))
-        self.settings: SimulatorSettings = complete(SimulatorSettings, settings, of=Simulator)
-        self.settings["sensor"] = fixed_sensor(scene, self.settings["sensor"])
-        viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
-        self.scene, self.camera = viewed.scene, viewed.camera
-        self.settings["log_eps"] = self.log_eps = viewed.log_eps
-        self.contrast_threshold = viewed.contrast_threshold
-        self.contrast_threshold_off = viewed.contrast_threshold_off
-        self.start_phase = viewed.start_phase
-        self.custom_effects = CustomEffects(
-            self.settings["custom_effects"], self.camera.width, self.camera.height, self.settings["seed"]
-        )
-        self._on_light = self.custom_effects.on_luma or self.custom_effects.on_log_intensity
-        self.sampling = whole_frame_sampling(self.settings) if self._on_light else chosen.sampling
-        given = effects_of(self.settings["effects"], not_planned=_NOT_PLANNED)
-        self.effects = given.with_defaults(viewed.sensor_effects)
-        in_engine = self.effects.engine_settings()
-        _check_exposure(self.effects, self.settings["frame_rate_hz"], self.camera.height)
-        if self.settings["refine"] and in_engine:
-            raise ArgumentError(
-                "{refine} finds the times of ideal pixels: it cannot be combined with {}", ", ".join(in_engine)
-            )
-        if self.settings["refine"] and self._on_light:
-            raise ArgumentError(
-                "{refine} asks the renderer for times: it cannot be combined with custom effects on light"
-            )
-        self.refine = chosen.refine and not in_engine and not self._on_light
-        memory_of(self.camera, self.settings, self.effects).refuse()  # before light is baked, which takes time
-        plain = make_renderer(
-            self.scene,
-            self.camera,
-            **renderer_settings(self.settings),
-            edges=self.sampling.edges,
-            threads=self.settings["threads"],
-        )
-        self.memory = memory_of(self.camera, self.settings, self.effects, ray_bytes=plain.ray_bytes)
-        self.memory.refuse()
-        self.lost_looks = lost_look_shares(self.scene, self.camera, plain)
+    def __init__(self, scene: Scene, **settings: Unpack[SimulatorKeywords]) -> None:
+        resolved = resolve(scene, complete(SimulatorSettings, settings, taker=Simulator))
+        self._set_up(resolved, resolved.renderer())
         warn_of_lost_looks(self.scene, self.lost_looks, stacklevel=2)
+
+    @classmethod
+    def of_resolved(cls, resolved: Resolved, renderer: Renderer) -> Self:
+        """Make a simulator of what is decided already.
+
+        Args:
+            resolved: scene and settings.
+            renderer: that ``resolved.renderer()`` gave.
+
+        Warns:
+            LostLookWarning: of the looks that are lost, in one line.
+        """
+        simulator = cls.__new__(cls)
+        simulator._set_up(resolved, renderer)
+        warn_of_lost_looks(simulator.scene, simulator.lost_looks, stacklevel=2)
+        return simulator
+
+    def _set_up(self, resolved: Resolved, plain: Renderer) -> None:
+        """Make the parts of the simulator; ``plain`` is the renderer without the lens."""
+        view, settings = resolved.view, resolved.settings
+        self.settings, self.scene, self.camera = settings, view.scene, view.camera
+        self.contrast_threshold, self.contrast_threshold_off = view.contrast_threshold, view.contrast_threshold_off
+        self.log_eps, self.start_phase = view.log_eps, view.start_phase
+        self.sampling, self.refine = resolved.sampling, resolved.refine
+        self.effects, self.custom_effects = resolved.effects, resolved.custom_effects
+        self.memory = resolved.memory(plain.ray_bytes)
+        self.lost_looks = lost_look_fractions(self.scene, self.camera, plain)
         self.renderer = with_optics(plain, self.effects)
         self._engine = CrossingEngine(
             self.camera.width,
@@ -138,15 +127,13 @@ class Simulator:
             contrast_threshold_off=self.contrast_threshold_off,
             log_eps=self.log_eps,
             interpolation=self.sampling.interpolation,
-            effects=in_engine,
+            effects=self.effects.engine_settings(),
             start_phase=self.start_phase,
-            seed=self.settings["seed"],
-            threads=self.settings["threads"],
+            seed=settings.seed,
+            threads=settings.threads,
         )
-        asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(self.settings).values())
-        self.surfaces = SceneSurfaces(self.scene, self.camera, threads=self.settings["threads"]) if asked else None
-        if self.settings["flow_interval_s"] is not None and self.settings["flow_rate_hz"] == 0:
-            raise ArgumentError("{flow_interval_s} is that of maps of flow: give {flow_rate_hz}")
+        maps_asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values())
+        self.surfaces = SceneSurfaces(self.scene, self.camera, threads=settings.threads) if maps_asked else None
         self._pose: Pose | None = None
         self._last: Keyframe | None = None
         self._t_us = 0
@@ -167,7 +154,8 @@ class Simulator:
 
     @property
     def shape_names(self) -> tuple[str, ...]:
-        """The names of the shapes in masks: number 1 is the first; () if no map of the ground truth was requested."""
+        """Return the names of the shapes in masks: number 1 is the first; () if no map of the ground truth was
+        requested."""
         return () if self.surfaces is None else self.surfaces.names
 
     def run(self) -> Iterator[Packet]:
@@ -186,7 +174,7 @@ class Simulator:
             raise ValueError("this simulator has run already; its pixels remember: make a new one for a new sequence")
         self._refuse_empty_view(trajectory)
         # Two threads pay only where the caller has not asked for one.
-        ahead = self.renderer.concurrent and self.settings["threads"] != 1
+        ahead = self.renderer.concurrent and self.settings.threads != 1
         yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6), ahead=ahead)
         yield from self.flush()
 
@@ -207,7 +195,7 @@ class Simulator:
             ValueError: for a first step that is not at 0, a time that is no integer, does not increase or is 2^53 us
                 or later, what is no pose, or a ``flow_interval_s``, because nobody knows yet where the camera goes.
         """
-        if self.settings["flow_interval_s"] is not None:
+        if self.settings.flow_interval_s is not None:
             raise ArgumentError("{flow_interval_s} looks ahead along a path: it is for run, not for step")
         check_number("t_us", t_us, whole=True)
         pose = as_pose(pose)
@@ -238,38 +226,47 @@ class Simulator:
 
     @property
     def dropped_events(self) -> int:
-        """Number of events that the readout has dropped; 0 unless it is set to drop events."""
+        """Return the number of events that the readout has dropped; 0 unless it is set to drop events."""
         return self._engine.dropped_events
 
     @property
     def missed_events(self) -> int:
-        """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
+        """Return how often a pixel reached a level before its last event was read out and its reset over; 0 without
+        a bus."""
         return self._engine.missed_events
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> SimulatorDescription:
         """Return everything that is needed to repeat the run, for meta.json."""
-        resolved = {
+        parameters = {
+            **self.settings.by_name(),
             "lux_per_luma": self.scene.lux_per_luma,
             "contrast_threshold": self.contrast_threshold,
             "contrast_threshold_off": self.contrast_threshold_off,
             "start_phase": self.start_phase,
+            "log_eps": self.log_eps,
             "samples": self.renderer.rays,
             "blur": self.renderer.blur,
             "sampling": repr(self.sampling),
             "refine": self.refine,
         }
-        described = describe_run(self.scene, self.camera, self.renderer, self.effects, {**self.settings, **resolved})
-        lost = {str(look): share for look, share in self.lost_looks.items()}
-        return {**described, "custom_effects": self.custom_effects.describe(), "lost_looks": lost}
+        return describe_run(
+            self.scene,
+            self.camera,
+            self.renderer,
+            self.effects,
+            parameters,
+            custom_effects=self.custom_effects,
+            lost_looks=self.lost_looks,
+        )
 
     def _packets(self, trajectory: Trajectory, start_us: int, end_us: int, *, ahead: bool = False) -> Iterator[Packet]:
-        """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
+        """Yield packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
 
         Args:
             ahead: render in a thread of its own, while the crossing engine works on the keyframes before.
         """
         settings = self.settings
-        rates_hz = {"frame": settings["frame_rate_hz"], "depth": settings["depth_rate_hz"], **truth_rates_hz(settings)}
+        rates_hz = {"frame": settings.frame_rate_hz, "depth": settings.depth_rate_hz, **truth_rates_hz(settings)}
         due_between = partial(due_instants, start_us, end_us, rates_hz, first=self._pose is None)
         stretch = Stretch(
             renderer=self.renderer,
@@ -280,7 +277,7 @@ class Simulator:
             due=(instant.t_us for instant in due_between()),
             contrast_threshold=min(self.contrast_threshold, self.contrast_threshold_off),
             log_eps=self.log_eps,
-            batch=self.settings["poses_per_launch"] or self.renderer.poses_per_launch,
+            batch=self.settings.poses_per_launch or self.renderer.poses_per_launch,
         )
         # A shutter that is open now may have opened some stretches ago.
         open_us = start_us - self._shutter_us
@@ -309,16 +306,16 @@ class Simulator:
             yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame, **truth)
             due = next(instants, due)
 
-    def _truth(self, stretch: Stretch, due: DueInstant) -> dict[str, Any]:
-        """The packet's maps of the ground truth that fall due."""
-        maps: dict[str, Any] = {}
+    def _truth(self, stretch: Stretch, due: DueInstant) -> _TruthMaps:
+        """Render the packet's maps of the ground truth that fall due."""
+        maps: _TruthMaps = {}
         if self.surfaces is None or due.due.isdisjoint(TRUTH_MAPS):
             return maps
         size = self.camera.height, self.camera.width
         seen = self.surfaces.frame(stretch.views([due.t_us]))
         if "flow" in due.due:
             maps["flow"] = seen.flow.reshape(*size, 2)
-            later_us = due.t_us + round(1e6 * (self.settings["flow_interval_s"] or 0.0))
+            later_us = due.t_us + round(1e6 * (self.settings.flow_interval_s or 0.0))
             if due.t_us < later_us <= stretch.end_us:
                 maps["displacement"] = self.surfaces.displacement(stretch.views([due.t_us, later_us]))
         if "mask" in due.due:
@@ -328,7 +325,7 @@ class Simulator:
         return maps
 
     def _frame(self, luma: npt.NDArray[np.float32], t_us: int) -> npt.NDArray[np.float32] | None:
-        """The frame that active pixels make, where they are not ideal."""
+        """Return the frame that active pixels make, where they are not ideal."""
         aps = self.effects.aps
         if aps is None:
             return None
@@ -337,10 +334,10 @@ class Simulator:
         else:
             exposed = expose(luma, self._exposed, t_us, round(aps.exposure_us), aps.row_readout_us)
         number, self._frames = self._frames, self._frames + 1
-        return aps.read_out(exposed, frame=number, seed=self.settings["seed"])
+        return aps.read_out(exposed, frame=number, seed=self.settings.seed)
 
     def _lit(self, keyframe: Keyframe) -> Keyframe:
-        """The keyframe as the pixels see it."""
+        """Return the keyframe as the pixels see it."""
         if self._exposure is None:
             return keyframe
         keyframe = keyframe._replace(luma=self.custom_effects.luma(keyframe.t_us, keyframe.luma))
@@ -373,30 +370,3 @@ class Simulator:
             f"at {np.round(pose.position, 3).tolist()} m and looks along {np.round(pose.rotation[:, 2], 3).tolist()}; "
             "align the trajectory with the scene (--align), or check axes and units"
         )
-
-
-_NOT_PLANNED = (
-    "must be resolved before a simulator is made: "
-    "Simulator(scene, effects=plan_effects(scene, sensor=...).effects), or simulate(scene, effects='auto')"
-)
-
-
-def _require_samples(samples: int | str | None) -> None:
-    """Refuse ``auto`` by naming what resolves it."""
-    if samples == AUTO:
-        raise ArgumentError(
-            "{samples:auto} must be resolved before a simulator is made: simulate(scene, samples='auto'), or the "
-            "number that estimate_noise(scene).samples_for(0.05) gives"
-        )
-
-
-def _check_exposure(effects: Effects, frame_rate_hz: float, height: int) -> None:
-    """Refuse frames whose exposure, or whose readout row by row, takes longer than the time between them."""
-    if effects.aps is None:
-        return
-    readout_us = effects.aps.readout_us(height)
-    for what, length_us in (("exposure", effects.aps.exposure_us), (f"readout of {height} rows", readout_us)):
-        if length_us * frame_rate_hz > 1e6:
-            raise ValueError(
-                f"the {what} of {length_us:g} us must not exceed the frames' period of {1e6 / frame_rate_hz:g} us"
-            )

@@ -1,4 +1,4 @@
-"""A simulated scene as the source of a virtual camera: what the simulator computes, as the words a DAVIS would send."""
+"""Feeds a virtual camera from a simulated scene: what the simulator computes, as the words a DAVIS would send."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FULL_SCALE = 1023
 def virtual_davis_of_scene(
     scene: Scene, *, duration_s: float | None = None, show_progress: bool = False
 ) -> VirtualDavis:
-    """A virtual camera that sees a scene from the scene's own camera path: events and frames, then nothing.
+    """Make a virtual camera that sees a scene from the scene's own camera path: events and frames, then nothing.
 
     The scene is simulated here, before anything is sent, so that the camera can keep time.
 
@@ -73,6 +73,6 @@ def _full_scale_of(luma: npt.NDArray[np.float32]) -> float:
     return _WHITE_SHARE / white if white > 0 else 1.0
 
 
-def _frame(shares: npt.NDArray[np.float32], start_us: int, end_us: int) -> Frame:
-    pixels = (np.rint(np.clip(shares, 0, 1) * _FULL_SCALE)).astype(np.uint16) << 6
+def _frame(values: npt.NDArray[np.float32], start_us: int, end_us: int) -> Frame:
+    pixels = (np.rint(np.clip(values, 0, 1) * _FULL_SCALE)).astype(np.uint16) << 6
     return Frame(start_us, start_us, end_us, end_us, 0, 0, pixels.astype(np.uint16), exposure_us=end_us - start_us)

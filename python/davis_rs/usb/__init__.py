@@ -1,4 +1,4 @@
-"""A DAVIS on the USB, and one in software.
+"""Connects to a DAVIS on the USB, and to one in software.
 
 ``davis`` (what the user sees), ``raw_file`` -> ``settings`` (what is written) -> ``description`` (what the camera
 says of itself); ``davis`` -> ``stream_reader`` (thread, queue) -> ``stream_gap``; ``link`` (the only one that does

@@ -1,4 +1,4 @@
-"""A live camera: ``with Davis.open() as camera: for packet in camera: ...``"""
+"""Runs a live camera: ``with Davis.open() as camera: for packet in camera: ...``"""
 
 from __future__ import annotations
 
@@ -80,10 +80,12 @@ class Davis:
             OSError: if there is no such camera, several to choose from, one of another version, or one in use.
             ValueError: for settings that the camera cannot have.
         """
-        found = _choose(find_devices(backend), serial)
-        link = UsbLink(found)
+        chosen = _choose(find_devices(backend), serial)
+        link = UsbLink(chosen)
         try:
-            description = describe(link.read, serial=found.serial or "", product=found.product, firmware=found.firmware)
+            description = describe(
+                link.read, serial=chosen.serial or "", product=chosen.product, firmware=chosen.firmware
+            )
             return cls(link, description, settings or DavisSettings(), queue_bytes=queue_bytes)
         except BaseException:
             link.close()

@@ -1,4 +1,4 @@
-"""What a camera says of itself: chip, versions, sizes and orientations, clocks."""
+"""Reads what a camera says of itself: chip, versions, sizes and orientations, clocks."""
 
 from __future__ import annotations
 

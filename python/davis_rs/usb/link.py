@@ -1,4 +1,4 @@
-"""A camera on the USB, through pyusb: find it, read and write its registers, receive its data.
+"""Talks to a camera on the USB, through pyusb: finds it, reads and writes its registers, receives its data.
 
 Every refusal of the system becomes an OSError that says what to do about it.
 """
@@ -43,7 +43,8 @@ class FoundDevice(NamedTuple):
 
 
 def find_devices(backend: Any = None) -> list[FoundDevice]:
-    """All cameras that are plugged in, in the order of bus and address; ``backend`` is pyusb's, libusb by default.
+    """Return all cameras that are plugged in, in the order of bus and address; ``backend`` is pyusb's, libusb by
+    default.
 
     Raises:
         OSError: if libusb itself is not installed.
@@ -58,7 +59,7 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
         raise OSError("libusb 1.0 was not found; on Debian: apt-get install libusb-1.0-0") from None
     except OSError as error:
         raise OSError(error.errno or errno.EIO, f"the devices on the USB cannot be listed: {error}") from error
-    found = []
+    cameras = []
     for device in sorted(devices, key=lambda device: (device.bus, device.address)):
         if device.idProduct not in protocol.FIRMWARE_MIN:
             continue
@@ -72,17 +73,17 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
         finally:
             usb.util.dispose_resources(device)
         place = (device.bus, device.address, device.idProduct, device.bcdDevice & 0xFF)
-        found.append(FoundDevice(*place, serial, problem, device))
-    return found
+        cameras.append(FoundDevice(*place, serial, problem, device))
+    return cameras
 
 
 def _printable(text: str) -> str:
-    """Text of a device without what a terminal would obey."""
+    """Return a device's text without what a terminal would obey."""
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
 def explained(error: Exception, place: str) -> OSError:
-    """The system's error, or pyusb's, as one that says what it means for a camera."""
+    """Return the system's error, or pyusb's, as one that says what it means for a camera."""
     number = error.errno if isinstance(error, OSError) else None
     if number == errno.EACCES:
         return PermissionError(_NO_PERMISSION.format(place=place, rule=UDEV_RULE))
@@ -138,7 +139,7 @@ class UsbLink:
             raise ValueError(f"its interface has no bulk endpoint {protocol.DATA_ENDPOINT:#04x}")
 
     def read(self, register: Register) -> int:
-        """A register's value."""
+        """Return a register's value."""
         request = (protocol.REQUEST_IN, protocol.REQUEST_REGISTER, register.module, register.parameter)
         try:
             answer = self._device.ctrl_transfer(*request, 4)
@@ -178,7 +179,8 @@ class UsbLink:
             raise self._explained(error) from error
 
     def receive(self, buffer: array[int], timeout_s: float) -> bytes:
-        """One transfer into ``buffer`` (of type "B"); returns its bytes, none if there were none within the timeout.
+        """Make one transfer into ``buffer`` (of type "B"), and return its bytes, none if there were none within the
+        timeout.
 
         A transfer that the camera's end tears apart gives what arrived of it; the call after it raises the error.
         """
@@ -201,7 +203,7 @@ class UsbLink:
             return arrived + b"\0" * (len(arrived) % 2)
 
     def _explained(self, error: OSError) -> OSError:
-        """A cable that comes out shows at first as any error of a transfer: ask again, a little later."""
+        """Ask again, a little later: a cable that comes out shows at first as any error of a transfer."""
         import usb.control
 
         if error.errno not in (errno.EACCES, errno.EBUSY, errno.ENODEV):

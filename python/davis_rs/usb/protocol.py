@@ -1,4 +1,4 @@
-"""The registers of a DAVIS and the orders in which they are written, as data: nothing here does I/O.
+"""Lists the registers of a DAVIS and the orders in which they are written, as data: nothing here does I/O.
 
 A camera's logic is set through registers of 32 bits, addressed by module and parameter. Writing and reading one is a
 vendor request on the control endpoint; the events come from one bulk endpoint.
@@ -134,7 +134,7 @@ SENSORS_RUN = (DVS_RUN, APS_RUN, IMU_RUN_ACCELEROMETER, IMU_RUN_GYROSCOPE, IMU_R
 
 
 def set_all(registers: Iterable[Register], value: int) -> tuple[Write, ...]:
-    """The same value into each."""
+    """Return the same value into each."""
     return tuple(Write(*register, value) for register in registers)
 
 
@@ -162,7 +162,7 @@ RESET_WORD = 0x0001
 
 
 def encode_value(value: int) -> bytes:
-    """A register's value as the camera takes it.
+    """Return a register's value as the camera takes it.
 
     Raises:
         ValueError: if it does not fit into 32 bits.
@@ -173,12 +173,12 @@ def encode_value(value: int) -> bytes:
 
 
 def encode_writes(writes: Iterable[Write]) -> bytes:
-    """The payload of a request that writes several registers at once."""
+    """Return the payload of a request that writes several registers at once."""
     return b"".join(bytes((module, parameter)) + encode_value(value) for module, parameter, value in writes)
 
 
 def decode_writes(payload: bytes) -> tuple[Write, ...]:
-    """The inverse of :func:`encode_writes`.
+    """Return the inverse of :func:`encode_writes`.
 
     Raises:
         ValueError: if the payload is not whole writes of six bytes.

@@ -1,4 +1,4 @@
-"""Recordings of a camera's stream as it came: a header of 1024 bytes, then the words.
+"""Writes and reads recordings of a camera's stream as it came: a header of 1024 bytes, then the words.
 
 The header is a line that names the format, a JSON object, and spaces; its last byte ends a line, so that ``head -n 2``
 shows it. After it every byte is the camera's, little-endian words to the end of the file: a recording that was cut

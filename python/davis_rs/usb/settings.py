@@ -1,4 +1,4 @@
-"""How a camera is set, and the writes that set it so, in the order of the vendor's driver."""
+"""Describes how a camera is set, and makes the writes that set it so, in the order of the vendor's driver."""
 
 from __future__ import annotations
 

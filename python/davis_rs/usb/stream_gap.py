@@ -1,4 +1,4 @@
-"""What is kept of data that cannot be kept: enough that everything after them decodes as if nothing was lost."""
+"""Keeps enough of lost data that everything after them decodes as if nothing was lost."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _EMPTY_PARTS = np.array([0x0005, 0x0007, 0x0008, 0x000A], "<u2").tobytes()
 
 
 def gap_words(words: bytes) -> bytes:
-    """The words to put in place of lost ones.
+    """Return the words to put in place of lost ones.
 
     Timestamps are relative to the wraps before them and columns to the row before them: so resets of the clock, wraps,
     the last timestamp and the last row stay, in their order. An empty sample and an empty frame are added: they make
@@ -23,6 +23,6 @@ def gap_words(words: bytes) -> bytes:
     group = stream >> 12
     kept = (stream == _RESET) | (group == 7)
     for last_of in (stream >> 15 == 1, group == 1):
-        found = np.flatnonzero(last_of)
-        kept[found[-1:]] = True
+        positions = np.flatnonzero(last_of)
+        kept[positions[-1:]] = True
     return stream[kept].tobytes() + _EMPTY_PARTS

@@ -1,4 +1,4 @@
-"""Reading a camera in a thread of its own, so that transfers go on while the program does something else."""
+"""Reads a camera in a thread of its own, so that transfers go on while the program does something else."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Receiver(Protocol):
     """What gives the data: :class:`davis_rs.usb.link.UsbLink`."""
 
     def receive(self, buffer: array[int], timeout_s: float) -> bytes:
-        """One transfer; none of the bytes after a timeout."""
+        """Make one transfer, and return its bytes, none after a timeout."""
 
 
 class Chunk(NamedTuple):
@@ -69,7 +69,7 @@ class StreamReader:
         self._thread.join()
 
     def take(self, timeout_s: float) -> Chunk | None:
-        """The next chunk; an empty one after the timeout, None when reading was stopped and all is taken.
+        """Return the next chunk; an empty one after the timeout, None when reading was stopped and all is taken.
 
         Raises:
             OSError: when reading has failed and all that came before is taken.

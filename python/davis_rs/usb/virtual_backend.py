@@ -1,4 +1,4 @@
-"""A backend of pyusb whose devices are virtual cameras: everything above libusb runs as with a real one."""
+"""Gives pyusb a backend whose devices are virtual cameras: everything above libusb runs as with a real one."""
 
 from __future__ import annotations
 
@@ -40,28 +40,28 @@ class VirtualBackend(IBackend):  # type: ignore[misc]  # pyusb has no types
         self._cameras = cameras
 
     def enumerate_devices(self) -> Iterator[VirtualDavis]:
-        """The cameras that are plugged in."""
+        """Yield the cameras that are plugged in."""
         return (camera for camera in self._cameras if camera.plugged)
 
     def get_parent(self, device: VirtualDavis) -> None:
         """No hub is above."""
 
     def get_device_descriptor(self, device: VirtualDavis) -> SimpleNamespace:
-        """Descriptor and place of a camera."""
+        """Return descriptor and place of a camera."""
         number = self._cameras.index(device) + 1
         place = {"bus": 1, "address": number, "port_number": number, "port_numbers": (number,), "speed": 3}
         content = _control(device, 0x80, 6, descriptors.DEVICE << 8, 0, 18)
         return _parse(content, descriptors.DEVICE_LAYOUT, _DEVICE_FIELDS, **place)
 
     def get_configuration_descriptor(self, device: VirtualDavis, configuration: int) -> SimpleNamespace:
-        """The one configuration."""
+        """Return the one configuration."""
         if configuration:
             raise IndexError(f"a camera has one configuration, not {configuration + 1}")
         content = _control(device, 0x80, 6, descriptors.CONFIGURATION_TYPE << 8, 0, 9)
         return _parse(content, descriptors.CONFIGURATION_LAYOUT, _CONFIGURATION_FIELDS, extra_descriptors=[])
 
     def get_interface_descriptor(self, device: VirtualDavis, interface: int, setting: int, _: int) -> SimpleNamespace:
-        """The one interface."""
+        """Return the one interface."""
         if interface or setting:
             raise IndexError(f"a camera has one interface and setting, not {interface + 1} and {setting + 1}")
         content = descriptors.interface_descriptor(device.product)
@@ -70,13 +70,13 @@ class VirtualBackend(IBackend):  # type: ignore[misc]  # pyusb has no types
     def get_endpoint_descriptor(
         self, device: VirtualDavis, endpoint: int, _interface: int, _setting: int, _configuration: int
     ) -> SimpleNamespace:
-        """An endpoint by its place in the interface."""
+        """Return an endpoint by its place in the interface."""
         content = descriptors.endpoint_descriptors(device.product)[endpoint]
         audio = {"bRefresh": 0, "bSynchAddress": 0}
         return _parse(content, descriptors.ENDPOINT_LAYOUT, _ENDPOINT_FIELDS, **audio, extra_descriptors=[])
 
     def open_device(self, device: VirtualDavis) -> VirtualDavis:
-        """The handle is the camera itself."""
+        """Open the camera, which is its own handle."""
         return device
 
     def close_device(self, handle: VirtualDavis) -> None:
@@ -103,14 +103,14 @@ class VirtualBackend(IBackend):  # type: ignore[misc]  # pyusb has no types
     def ctrl_transfer(
         self, handle: VirtualDavis, request_type: int, request: int, value: int, index: int, data: array[int], _: int
     ) -> int:
-        """A control transfer; returns how many bytes were transferred."""
+        """Make a control transfer, and return how many bytes were transferred."""
         if not request_type & 0x80:
             _control(handle, request_type, request, value, index, data.tobytes())
             return len(data)
         return _fill(data, _control(handle, request_type, request, value, index, len(data)))
 
     def bulk_read(self, handle: VirtualDavis, endpoint: int, interface: int, buffer: array[int], timeout: int) -> int:
-        """A bulk transfer, timeout in milliseconds; returns how many bytes were transferred."""
+        """Make a bulk transfer, timeout in milliseconds, and return how many bytes were transferred."""
         if endpoint != DATA_ENDPOINT:
             raise _error("endpoint has no data", errno.EINVAL)
         try:

@@ -1,4 +1,4 @@
-"""A DAVIS in software: its descriptors, its registers, and a stream that runs as the registers say, in real time.
+"""Runs a DAVIS in software: its descriptors, its registers, and a stream that runs as the registers say.
 
 It knows nothing of pyusb, sockets or threads of its own: :mod:`davis_rs.usb.virtual_backend` gives it to pyusb, and a
 USB/IP server can give it to a kernel. It stands for the camera's logic and USB controller; what its pixels see is the
@@ -118,7 +118,7 @@ class VirtualDavis:
         return all(on(register) for register in path) and any(on(sensor) for sensor in protocol.SENSORS_RUN)
 
     def control(self, request_type: int, request: int, value: int, index: int, data: bytes | int) -> bytes:
-        """A control transfer; ``data`` is what the host sends, or the length it asks for.
+        """Make a control transfer; ``data`` is what the host sends, or the length it asks for.
 
         Raises:
             Stalled: for a request that no DAVIS knows.
@@ -205,7 +205,7 @@ class VirtualDavis:
         return None
 
     def read(self, size: int, timeout_s: float) -> bytes:
-        """A bulk transfer from the data endpoint: what is there, at most ``size`` bytes; none after the timeout.
+        """Make a bulk transfer from the data endpoint: return at most ``size`` bytes of what is there.
 
         Raises:
             Unplugged: once it is; what was taken before stays taken.
@@ -240,7 +240,7 @@ class VirtualDavis:
 
 
 def paced(stream: bytes, *, bytes_per_s: float = 2e6, chunk: int = 4096) -> Source:
-    """A source that sends the given words at a steady rate, ``chunk`` bytes at a time.
+    """Return a source that sends the given words at a steady rate, ``chunk`` bytes at a time.
 
     Raises:
         ValueError: if the stream or the chunks are not whole words.

@@ -2,7 +2,7 @@
 //!
 //! The camera sends a row, then the columns of that row that fired. Each column is an event at the present time. Which
 //! of row and column is x and which is y depends on the chip's orientation. [`Addresses::new`] settles this once, as
-//! places of bits in an event, so that no word needs a branch for it.
+//! positions of bits in an event, so that no word needs a branch for it.
 //!
 //! What must not break: addresses outside of the array make no event and are counted, and so are columns before any
 //! row. [`super::block`] makes the same events from the same bits.
@@ -48,22 +48,22 @@ impl Addresses {
         }
     }
 
-    /// A row as bits of an event.
+    /// Returns a row as bits of an event.
     #[inline]
     pub(super) fn row_bits(&self, row: u16) -> u64 {
         u64::from(row) << self.row_field
     }
 
-    /// Column and polarity of a word as bits of an event.
+    /// Returns column and polarity of a word as bits of an event.
     #[inline]
     pub(super) fn column_bits(&self, word: u16) -> u64 {
         u64::from(word & LOW_12) << self.column_field | u64::from(word & ON) << (P - ON.trailing_zeros())
     }
 
-    /// The row in the bits of an event: the inverse of [`Self::row_bits`].
+    /// Returns the row in the bits of an event: the inverse of [`Self::row_bits`].
     #[inline]
     #[allow(clippy::cast_possible_truncation, reason = "the field's bits")]
-    pub(super) fn row_of(&self, place: u64) -> u16 {
-        (place >> self.row_field) as u16
+    pub(super) fn row_of(&self, fields: u64) -> u16 {
+        (fields >> self.row_field) as u16
     }
 }

@@ -21,7 +21,7 @@ use super::state::State;
 use super::word::{COLUMN_OFF, LOW_12, LOW_15, ON, ROW, WRAP};
 use crate::event::Event;
 
-/// Whether a word is the address of a column, in the array or beyond it.
+/// Returns whether a word is the address of a column, in the array or beyond it.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 pub(super) fn is_column(word: u16) -> bool {
@@ -33,7 +33,7 @@ pub(super) fn is_column(word: u16) -> bool {
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 pub(super) fn bits(flags: &[u8; BLOCK]) -> u64 {
     let eights = flags.as_chunks::<8>().0.iter().enumerate();
-    // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a place of its own.
+    // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a position of its own.
     eights.fold(0, |bits, (i, eight)| {
         bits | u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56 << (8 * i)
     })
@@ -41,7 +41,8 @@ pub(super) fn bits(flags: &[u8; BLOCK]) -> u64 {
 
 /// Decodes a block that has neither wraps nor samples. Reserved words in it (padding) do nothing.
 ///
-/// Finds the time and the row that hold at each word, makes the event that each word would be, and keeps those of columns.
+/// Finds the time and the row that hold at each word, makes the event that each word would be, and keeps those of
+/// columns.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "15 bits since the last wrap")]
@@ -79,9 +80,9 @@ pub(super) fn without_wraps(block: &[[u8; 2]; BLOCK], state: &mut State, events:
     }
     let mut columns = bits(&map_words(block, |word| u8::from(is_column(word))));
     events.extend((0..columns.count_ones()).map(|_| {
-        let place = columns.trailing_zeros() as usize;
+        let index = columns.trailing_zeros() as usize;
         columns &= columns - 1;
-        all[place % BLOCK]
+        all[index % BLOCK]
     }));
     *now = *base + i64::from(last_time & LOW_15);
     addresses.row = Some(last_row & LOW_12);
@@ -137,7 +138,7 @@ impl Fields {
     }
 }
 
-/// A value computed from each word.
+/// Returns a value computed from each word.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 fn map_words<T>(block: &[[u8; 2]; BLOCK], of: impl Fn(u16) -> T) -> [T; BLOCK] {
@@ -153,9 +154,9 @@ pub(super) fn with_wraps(block: &[[u8; 2]; BLOCK], plain: usize, state: &mut Sta
     let fields = Fields::of(block, addresses);
     let before = events.len();
     events.resize(before + BLOCK, Event::default());
-    // Its length is known to the compiler, so that no place needs a check.
+    // Its length is known to the compiler, so that no index needs a check.
     let Some(out) = events[before..].first_chunk_mut::<BLOCK>() else { return };
-    let (mut place, mut event_count, mut forward) = (addresses.row_bits(row), 0, 0u64);
+    let (mut event_bits, mut event_count, mut forward) = (addresses.row_bits(row), 0, 0u64);
     for i in 0..plain.min(BLOCK) {
         *base += i64::from(fields.jump[i]);
         let low = fields.low[i];
@@ -163,12 +164,12 @@ pub(super) fn with_wraps(block: &[[u8; 2]; BLOCK], plain: usize, state: &mut Sta
         // A word that is no time counts as forward, because NO_TIME is later than any time.
         forward += u64::from(now.cast_unsigned() < time.cast_unsigned());
         *now = if low == NO_TIME { *now } else { time };
-        place = place & fields.kept[i] | fields.set[i];
+        event_bits = event_bits & fields.kept[i] | fields.set[i];
         // Each word writes an event, and only columns keep theirs.
-        out[event_count % BLOCK] = Event::from_words(*now, place);
+        out[event_count % BLOCK] = Event::from_words(*now, event_bits);
         event_count += usize::from(fields.is_column[i]);
     }
     events.truncate(before + event_count);
     stats.times_not_increasing += plain as u64 - forward;
-    addresses.row = Some(addresses.row_of(place));
+    addresses.row = Some(addresses.row_of(event_bits));
 }

@@ -51,17 +51,17 @@ impl Clock {
         self.epoch() != epoch
     }
 
-    /// How often the drivers' 31 bits have overflowed.
+    /// Returns how often the drivers' 31 bits have overflowed.
     fn epoch(&self) -> i64 {
         self.base >> EPOCH_BITS
     }
 
-    /// Whether the base stays below its last value even if all of the next `words` words are the largest wraps.
+    /// Returns whether the base stays below its last value even if all of the next `words` words are the largest wraps.
     pub(super) fn has_room_for(&self, words: usize) -> bool {
         i64::try_from(words).is_ok_and(|words| self.base < LAST_BASE.saturating_sub(words.saturating_mul(LARGEST_WRAP)))
     }
 
-    /// Whether the wraps among these words make the drivers' 31 bits overflow.
+    /// Returns whether the wraps among these words make the drivers' 31 bits overflow.
     pub(super) fn overflows_within(&self, words: &[[u8; 2]]) -> bool {
         let words = words.iter().map(|bytes| u16::from_le_bytes(*bytes));
         let wraps: i64 = words.filter(|word| word & !LOW_12 == WRAP).map(|word| i64::from(word & LOW_12)).sum();

@@ -45,7 +45,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// A decoder of what this camera sends from its start on.
+    /// Returns a decoder of what this camera sends from its start on.
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for sizes out of range.
@@ -64,13 +64,13 @@ impl Decoder {
         })
     }
 
-    /// The camera whose stream is decoded.
+    /// Returns the camera whose stream is decoded.
     #[must_use]
     pub fn device(&self) -> &Device {
         &self.device
     }
 
-    /// How often the stream was not what a camera sends.
+    /// Returns how often the stream was not what a camera sends.
     #[must_use]
     pub fn stats(&self) -> &Stats {
         &self.state.stats
@@ -118,7 +118,8 @@ impl Decoder {
             word::EXPOSURE => stats.unknown_words += 1,
             _ => {
                 if clock.advance(word, stats) {
-                    // Where the drivers' 31 bits overflow they drop what is open. So does this decoder, to agree with them.
+                    // Where the drivers' 31 bits overflow they drop what is open. So does this decoder, to agree with
+                    // them.
                     self.abandon();
                 }
             }

@@ -39,7 +39,7 @@ impl Chip {
         (Self::Davis640, "DAVIS640", 6),
     ];
 
-    /// The chip of a name such as `DAVIS240C`.
+    /// Returns the chip of a name such as `DAVIS240C`.
     ///
     /// # Errors
     /// [`Error::Argument`] for any other name.
@@ -50,7 +50,7 @@ impl Chip {
         })
     }
 
-    /// The chip of the number that the camera gives (module 6, parameter 1).
+    /// Returns the chip of the number that the camera gives (module 6, parameter 1).
     ///
     /// # Errors
     /// [`Error::Argument`] for the numbers of other chips.
@@ -60,7 +60,7 @@ impl Chip {
         })
     }
 
-    /// The vendor's name.
+    /// Returns the vendor's name.
     #[must_use]
     pub fn name(self) -> &'static str {
         Self::ALL.iter().find(|(chip, ..)| *chip == self).map_or("", |(_, name, _)| name)
@@ -100,7 +100,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// A camera with this chip as it is by default.
+    /// Returns a camera with this chip as it is by default.
     #[must_use]
     pub fn new(chip: Chip) -> Self {
         let (columns, rows, swapped) = match chip {
@@ -125,19 +125,20 @@ impl Device {
         }
     }
 
-    /// Size of the image that events fall on.
+    /// Returns the size of the image that events fall on.
     #[must_use]
     pub fn size(&self) -> SensorSize {
         oriented(self.dvs_columns, self.dvs_rows, self.dvs_swapped)
     }
 
-    /// Size of a full frame.
+    /// Returns the size of a full frame.
     #[must_use]
     pub fn frame_size(&self) -> SensorSize {
         oriented(self.aps_columns, self.aps_rows, self.aps_swapped)
     }
 
-    /// Whether samples of the converter count double: on these chips its reference voltages leave it half of its range.
+    /// Returns whether samples of the converter count double: on these chips its reference voltages leave it half of
+    /// its range.
     pub(super) fn samples_count_double(&self) -> bool {
         matches!(self.chip, Chip::Davis240A | Chip::Davis240B | Chip::Davis240C)
     }

@@ -49,7 +49,7 @@ enum Step<'a> {
 }
 
 impl Encoder {
-    /// An encoder whose clock is at 0.
+    /// Returns an encoder whose clock is at 0.
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for sizes out of range.
@@ -58,19 +58,19 @@ impl Encoder {
         Ok(Self { device, base: 0, now: 0, row: None, bytes: Vec::new() })
     }
 
-    /// The camera whose stream is made.
+    /// Returns the camera whose stream is made.
     #[must_use]
     pub fn device(&self) -> &Device {
         &self.device
     }
 
-    /// The last time encoded in microseconds: no later packet may go behind it.
+    /// Returns the last time encoded in microseconds: no later packet may go behind it.
     #[must_use]
     pub fn t_us(&self) -> i64 {
         self.now
     }
 
-    /// The bytes of the next packet.
+    /// Returns the bytes of the next packet.
     ///
     /// Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may
     /// not overlap. Resets of the clock come before everything else in `packet`, at time 0.
@@ -213,7 +213,8 @@ impl Encoder {
     }
 }
 
-/// What is to be sent besides events, in the order of time; without the first `resets` triggers, which were sent.
+/// Returns what is to be sent besides events, in the order of time; without the first `resets` triggers, which were
+/// sent.
 fn steps(packet: &Decoded, resets: usize) -> Vec<(i64, Step<'_>)> {
     let mut steps = Vec::new();
     for frame in &packet.frames {

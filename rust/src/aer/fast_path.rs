@@ -62,7 +62,7 @@ pub(super) fn decode_plain_words(words: &Words, state: &mut State, events: &mut 
     done
 }
 
-/// The number of column addresses among words: an upper bound of the events that they make.
+/// Returns the number of column addresses among words: an upper bound of the events that they make.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(super) fn count_columns(words: &[[u8; 2]]) -> usize {
     let in_block =

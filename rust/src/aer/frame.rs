@@ -17,7 +17,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// The number of pixels.
+    /// Returns the number of pixels.
     #[must_use]
     pub const fn pixels(self) -> usize {
         self.width as usize * self.height as usize

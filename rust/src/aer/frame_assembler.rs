@@ -125,7 +125,7 @@ impl FrameAssembler {
         stats.frames_unended += u64::from(self.open.take().is_some());
     }
 
-    /// The open frame; without one the word is counted as a stray.
+    /// Returns the open frame; without one the word is counted as a stray.
     fn open_frame(&mut self, stats: &mut Stats) -> Option<&mut OpenFrame> {
         stats.frame_stray_words += u64::from(self.open.is_none());
         self.open.as_mut()
@@ -212,7 +212,7 @@ impl FrameAssembler {
         reading.filled = 0;
     }
 
-    /// Whether samples would be of use now.
+    /// Returns whether samples would be of use now.
     pub(super) fn takes_samples(&mut self) -> bool {
         self.extent().is_some_and(|(columns, _)| self.current().columns < columns)
     }
@@ -226,12 +226,12 @@ impl FrameAssembler {
         self.close_region();
         let Some((columns, rows)) = self.extent() else { return };
         let reading = self.current();
-        let room = if reading.columns < columns { rows - reading.row } else { 0 };
-        let (words, extra) = words.split_at(room.min(words.len()));
+        let left = if reading.columns < columns { rows - reading.row } else { 0 };
+        let (words, extra) = words.split_at(left.min(words.len()));
         stats.samples_extra += extra.len() as u64;
         if !words.is_empty() {
-            let place = &mut reading.samples[reading.columns * rows + reading.row..][..words.len()];
-            for (sample, word) in place.iter_mut().zip(words) {
+            let target = &mut reading.samples[reading.columns * rows + reading.row..][..words.len()];
+            for (sample, word) in target.iter_mut().zip(words) {
                 *sample = u16::from_le_bytes(*word) & LOW_12;
             }
             reading.row += words.len();
@@ -273,19 +273,19 @@ impl FrameAssembler {
         }
     }
 
-    /// Columns and rows of the open frame on the wire, if its region is good.
+    /// Returns columns and rows of the open frame on the wire, if its region is good.
     fn extent(&self) -> Option<(usize, usize)> {
         self.open.as_ref().filter(|open| matches!(open.region, RegionState::Good(_))).map(|b| (b.columns, b.rows))
     }
 
-    /// Columns have begun, so a region that has not come whole comes too late.
+    /// Ends the region, because columns have begun: one that has not come whole comes too late.
     fn close_region(&mut self) {
         if let Some(open) = self.open.as_mut().filter(|open| matches!(open.region, RegionState::Awaited)) {
             open.region = RegionState::Bad;
         }
     }
 
-    /// The image of the two reads, row by row.
+    /// Returns the image of the two reads, row by row.
     fn pixels(&mut self, region: Region, rows: usize) -> Vec<u16> {
         let (reset, levels) = (&self.reset.samples[..region.pixels()], &mut self.signal.samples[..region.pixels()]);
         let shift = u32::from(self.double);
@@ -296,12 +296,12 @@ impl FrameAssembler {
     }
 }
 
-/// Intensity of a pixel, in 0..=1023, from its two samples.
+/// Returns the intensity of a pixel, in 0..=1023, from its two samples.
 fn intensity(reset: u16, signal: u16) -> u16 {
     if reset < MIN_RESET || signal == 0 { WHITE } else { reset.saturating_sub(signal).min(WHITE) }
 }
 
-/// Values in the order of the wire (columns of `rows` each) as the rows of the image.
+/// Turns values in the order of the wire (columns of `rows` each) into the rows of the image.
 fn to_image_order(values: &[u16], rows: usize, (swapped, flip_x, flip_y): (bool, bool, bool)) -> Vec<u16> {
     let columns = values.len() / rows;
     let mut image = Vec::with_capacity(values.len());
@@ -319,7 +319,7 @@ fn to_image_order(values: &[u16], rows: usize, (swapped, flip_x, flip_y): (bool,
     image
 }
 
-/// The inverse of [`to_image_order`].
+/// Returns the inverse of [`to_image_order`].
 pub(super) fn to_wire_order(image: &[u16], rows: usize, (swapped, flip_x, flip_y): (bool, bool, bool)) -> Vec<u16> {
     if swapped {
         // Columns of the wire are rows of the image.

@@ -27,7 +27,7 @@ pub enum ImuType {
 }
 
 impl ImuType {
-    /// The sensor of the number that the camera gives (module 3, parameter 0): 2, or the 6050's family.
+    /// Returns the sensor of the number that the camera gives (module 3, parameter 0): 2, or the 6050's family.
     #[must_use]
     pub fn of(number: u32) -> Self {
         if number == 2 { Self::Mpu9250 } else { Self::Mpu6050 }
@@ -50,25 +50,25 @@ impl ImuGroups {
     /// Acceleration, rotation and temperature.
     pub const ALL: Self = Self(7);
 
-    /// Whether acceleration is there.
+    /// Returns whether acceleration is there.
     #[must_use]
     pub const fn accel(self) -> bool {
         self.0 & 4 != 0
     }
 
-    /// Whether rotation is there.
+    /// Returns whether rotation is there.
     #[must_use]
     pub const fn gyro(self) -> bool {
         self.0 & 2 != 0
     }
 
-    /// Whether temperature is there.
+    /// Returns whether temperature is there.
     #[must_use]
     pub const fn temperature(self) -> bool {
         self.0 & 1 != 0
     }
 
-    /// The bytes that a sample then has.
+    /// Returns the bytes that a sample then has.
     pub(super) fn bytes(self) -> u8 {
         6 * u8::from(self.accel()) + 2 * u8::from(self.temperature()) + 6 * u8::from(self.gyro())
     }
@@ -110,12 +110,12 @@ pub struct ImuSample {
     pub temperature: f64,
 }
 
-/// m/s^2 of one count.
+/// Returns the m/s^2 of one count.
 fn accel_unit(range: u8) -> f64 {
     f64::from(4u32 << (range & 3)) / 65_536.0 * STANDARD_GRAVITY
 }
 
-/// rad/s of one count.
+/// Returns the rad/s of one count.
 fn gyro_unit(range: u8) -> f64 {
     (f64::from(500u32 << (range & 3)) / 65_536.0).to_radians()
 }
@@ -127,13 +127,13 @@ fn counts(value: f64) -> i16 {
 }
 
 impl ImuReading {
-    /// A reading of these groups and ranges, all of it 0.
+    /// Returns a reading of these groups and ranges, all of it 0.
     #[must_use]
     pub fn new(t: i64, groups: ImuGroups, accel_range: u8, gyro_range: u8) -> Self {
         Self { t, accel: [0; 3], gyro: [0; 3], temperature: 0, groups, accel_range, gyro_range, padding: [0; 7] }
     }
 
-    /// The same in SI units.
+    /// Returns the same in SI units.
     #[must_use]
     pub fn sample(&self, imu_type: ImuType) -> ImuSample {
         let scaled = |raw: [i16; 3], unit: f64| raw.map(|n| f64::from(n) * unit);
@@ -146,7 +146,7 @@ impl ImuReading {
         }
     }
 
-    /// The nearest reading of an SI sample, with all groups, in these ranges; what lies beyond them saturates.
+    /// Returns the nearest reading of an SI sample, with all groups, in these ranges; what lies beyond them saturates.
     #[must_use]
     pub fn nearest(sample: &ImuSample, imu_type: ImuType, accel_range: u8, gyro_range: u8) -> Self {
         let (per_degree, zero) = imu_type.temperature();
@@ -205,8 +205,8 @@ impl ImuAssembler {
             return;
         }
         match self.bytes.get_mut(usize::from(self.count)) {
-            Some(place) => {
-                *place = byte;
+            Some(slot) => {
+                *slot = byte;
                 self.count += 1;
             }
             None => self.count = MAX_BYTES + 1,

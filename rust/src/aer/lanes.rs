@@ -20,12 +20,12 @@ pub(super) const TOP: u16 = 0x8000;
 /// [`TOP`] in every lane.
 pub(super) const TOPS: u64 = splat(TOP);
 
-/// The same value in all four lanes.
+/// Returns the same value in all four lanes.
 pub(super) const fn splat(value: u16) -> u64 {
     0x0001_0001_0001_0001 * value as u64
 }
 
-/// All bits of each lane whose top bit is set, no bit of the others.
+/// Returns all bits of each lane whose top bit is set, no bit of the others.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 pub(super) fn mask(lanes: u64) -> u64 {
@@ -40,7 +40,7 @@ pub(super) fn any_of_upper_four(lanes: u64) -> u64 {
     lanes | lanes << 1 | lanes << 2 | lanes << 3
 }
 
-/// Forward fill: gives each lane without a value (0) the last value before it.
+/// Fills forward: gives each lane without a value (0) the last value before it.
 ///
 /// `before` is the value before the first lane. Returns, for each number, the value before its first lane, in all four
 /// lanes; and the last value of the block.
@@ -64,7 +64,7 @@ pub(super) fn forward_fill(values: &mut [u64; LANES], before: u16) -> ([u64; LAN
     (held, last)
 }
 
-/// The lanes of a block, one word each, in order.
+/// Returns the lanes of a block, one word each, in order.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "one lane of four")]
@@ -89,21 +89,21 @@ mod tests {
     #[test]
     fn forward_fill_gives_each_lane_the_last_value_before_it() {
         // Values at these words of the block: the first lane of a number, an inner one, the last one.
-        for places in [&[][..], &[0], &[6], &[3, 4, 63], &[1, 2, 17, 40]] {
+        for indices in [&[][..], &[0], &[6], &[3, 4, 63], &[1, 2, 17, 40]] {
             let mut words = [0u16; BLOCK];
-            for &place in places {
-                words[place] = TOP | u16::try_from(place).unwrap();
+            for &index in indices {
+                words[index] = TOP | u16::try_from(index).unwrap();
             }
             let mut packed: [u64; LANES] =
                 std::array::from_fn(|i| (0..4).fold(0, |lanes, j| lanes | u64::from(words[4 * i + j]) << (16 * j)));
             let (before_each, last) = forward_fill(&mut packed, TOP | 0x63);
             let mut expected = TOP | 0x63;
-            for (place, filled) in unpack(&packed).into_iter().enumerate() {
-                if place % 4 == 0 {
-                    assert_eq!(before_each[place / 4], splat(expected), "before word {place} of {places:?}");
+            for (index, filled) in unpack(&packed).into_iter().enumerate() {
+                if index % 4 == 0 {
+                    assert_eq!(before_each[index / 4], splat(expected), "before word {index} of {indices:?}");
                 }
-                expected = if words[place] == 0 { expected } else { words[place] };
-                assert_eq!(filled, expected, "word {place} of {places:?}");
+                expected = if words[index] == 0 { expected } else { words[index] };
+                assert_eq!(filled, expected, "word {index} of {indices:?}");
             }
             assert_eq!(last, expected);
         }

@@ -17,7 +17,7 @@ macro_rules! counters {
         }
 
         impl Stats {
-            /// The counters by name.
+            /// Returns the counters by name.
             pub fn iter(&self) -> impl Iterator<Item = (&'static str, u64)> {
                 [$((stringify!($name), self.$name)),+].into_iter()
             }

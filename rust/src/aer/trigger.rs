@@ -17,7 +17,7 @@ pub struct Trigger {
 }
 
 impl Trigger {
-    /// A trigger at `t` microseconds.
+    /// Returns a trigger at `t` microseconds.
     #[must_use]
     pub const fn new(t: i64, kind: TriggerKind) -> Self {
         Self { t, kind, padding: [0; 7] }
@@ -43,7 +43,7 @@ pub enum TriggerKind {
 }
 
 impl TriggerKind {
-    /// The kind by its number, if there is one of that number.
+    /// Returns the kind by its number, if there is one of that number.
     #[must_use]
     pub const fn of(number: u16) -> Option<Self> {
         Some(match number {

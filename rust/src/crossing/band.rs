@@ -145,10 +145,14 @@ impl<S: Sample> Band<S> {
         self.candidates.decide(&self.found, share.records, share.rates, share.first_pixel, at.ticks, p);
         if share.made.is_long() {
             self.candidates.verdict[..count].fill(Verdict::Unclear);
-        } else if !share.sparse.is_empty() {
-            for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..count]) {
-                if !share.sparse_of(place).is_empty() {
-                    *verdict = Verdict::Unclear; // no single curve tells
+        } else if let [first, .., last] | [first @ last] = self.found.place[..count] {
+            // No single curve tells. All of them were noted, and come in the same order.
+            let bounds = [first, last + 1].map(|place| share.first_pixel + place as usize);
+            let mut found = self.found.place[..count].iter().zip(&mut self.candidates.verdict);
+            for pixels in share.sparse.of(bounds[0], bounds[1]).pixel.chunk_by(|one, next| one == next) {
+                let place = pixels[0] as usize - share.first_pixel;
+                if let Some((_, verdict)) = found.find(|(found, _)| **found as usize == place) {
+                    *verdict = Verdict::Unclear;
                 }
             }
         }

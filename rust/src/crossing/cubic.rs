@@ -19,7 +19,7 @@ pub(crate) const STEEPEST: f64 = 1000.0;
 /// L(s) = from + s (a + s (b + s c)), s from 0 to 1 over the interval; ends at `to`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cubic {
-    line: Line,
+    pub(crate) line: Line,
     coefficients: [f64; 3],
     /// Where it turns, strictly inside of (0, 1).
     turn: Option<f64>,

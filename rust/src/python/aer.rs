@@ -152,7 +152,7 @@ fn device_repr(device: &Device) -> String {
     format!("Device({:?}, {width} x {height})", device.chip.name())
 }
 
-/// A device, or the name of a chip.
+/// Reads a device, or the name of a chip.
 fn device(device: &Bound<'_, PyAny>) -> PyResult<Device> {
     if let Ok(device) = device.cast::<PyDevice>() {
         return Ok(device.get().0.clone());
@@ -241,7 +241,7 @@ impl PyDecoder {
     /// - ``imu_stray_words``: words of inertial samples where none had begun, a second end among them; ignored
     /// - ``imu_repeated_scales``: scales that came again within a sample, which then begins anew
     /// - ``frame_stray_words``: words of frames where none had begun; ignored
-    /// - ``samples_missing``: samples that their column lacked; 0 in their place
+    /// - ``samples_missing``: samples that their column lacked; 0 instead
     /// - ``samples_extra``: samples beyond the end of their column or of the region; ignored
     /// - ``exposure_words_extra``: exposure words beyond the third of a frame; ignored
     /// - ``exposure_marks_missing``: frames without start or end of exposure; that time is then the one before it
@@ -275,7 +275,7 @@ impl PyDecoder {
     }
 }
 
-/// The bytes of a buffer of bytes or of 16-bit words, without a copy.
+/// Returns the bytes of a buffer of bytes or of 16-bit words, without a copy.
 fn bytes<'py>(data: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
     let py = data.py();
     let rule = |found: String| {
@@ -383,7 +383,7 @@ impl PyEncoder {
 }
 
 impl PyEncoder {
-    /// Inertial samples of either dtype.
+    /// Returns inertial samples of either dtype.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "read back as what they are")]
     fn readings(&self, array: &Bound<'_, PyAny>) -> PyResult<Vec<ImuReading>> {
         let t = field::<i64>(array, "t")?;
@@ -447,7 +447,7 @@ fn read_triggers(array: &Bound<'_, PyAny>) -> PyResult<Vec<Trigger>> {
     Ok(triggers.collect::<Result<_, Error>>()?)
 }
 
-/// A field of a structured array, flat.
+/// Returns a field of a structured array, flat.
 fn field<T: Element + Copy>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<T>> {
     let rule = |_| PyValueError::new_err(format!("a structured array with a field {name:?} is needed, got {array:?}"));
     let values = array.get_item(name).map_err(rule)?.call_method0("ravel")?;

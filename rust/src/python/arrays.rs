@@ -14,7 +14,7 @@ use crate::event::{Event, SensorSize};
 
 /// A sample as NumPy has it.
 pub(super) trait Float: Element {
-    /// Of a float64 that is to become one; where it cannot, it becomes a value that is refused like it.
+    /// Converts a float64; where that is impossible, it becomes a value that is refused like it.
     fn of(value: f64) -> Self;
 }
 
@@ -33,7 +33,8 @@ impl Float for f64 {
     }
 }
 
-/// A frame of floats as a C-contiguous array of `T`; float32 and float64 of any layout are taken, `T` without a copy.
+/// Returns a frame of floats as a C-contiguous array of `T`; float32 and float64 of any layout are taken, `T` without a
+/// copy.
 pub(super) fn frame<'py, T: Float>(
     array: &Bound<'py, PyAny>,
     name: &str,
@@ -66,13 +67,13 @@ pub(super) fn frame<'py, T: Float>(
     Ok(PyArray2::from_owned_array(py, wide.readonly().as_array().mapv(T::of)).readonly())
 }
 
-/// The array itself, where its memory is already what is wanted.
+/// Returns the array itself, where its memory is already what is wanted.
 fn plain<'py, T: Element>(array: &Bound<'py, PyAny>) -> Option<PyReadonlyArray2<'py, T>> {
     let array = array.cast::<PyArray2<T>>().ok()?;
     (array.is_c_contiguous() && array.is_aligned()).then(|| array.readonly())
 }
 
-/// A one-dimensional array of numbers, converted where nothing is lost by it (float64 to float32 is rounded).
+/// Returns a one-dimensional array of numbers, converted where nothing is lost by it (float64 to float32 is rounded).
 pub(super) fn column<'py, T: Element>(array: &Bound<'py, PyAny>, name: &str) -> PyResult<PyReadonlyArray1<'py, T>> {
     let py = array.py();
     let numpy = py.import("numpy")?;
@@ -92,22 +93,70 @@ pub(super) fn column<'py, T: Element>(array: &Bound<'py, PyAny>, name: &str) -> 
     Ok(converted.cast_into::<PyArray1<T>>()?.readonly())
 }
 
-/// A time in microseconds.
+/// Returns the numbers of a [`column`].
+pub(super) fn numbers<T: Element + Copy>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<T>> {
+    Ok(column(array, name)?.as_slice()?.to_vec())
+}
+
+/// Returns the numbers of each array of a list.
+pub(super) fn lists<T: Element + Copy>(arrays: &[Bound<'_, PyAny>], name: &str) -> PyResult<Vec<Vec<T>>> {
+    arrays.iter().map(|array| numbers(array, name)).collect()
+}
+
+/// Splits a flat array into groups of N numbers.
+pub(super) fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[T; N]>> {
+    Ok(grouped(&column(array, name)?, name)?.to_vec())
+}
+
+/// Splits a [`column`] into groups of N numbers, without a copy.
+pub(super) fn grouped<'a, T: Element, const N: usize>(
+    array: &'a PyReadonlyArray1<'_, T>,
+    name: &str,
+) -> PyResult<&'a [[T; N]]> {
+    match array.as_slice()?.as_chunks::<N>() {
+        (groups, []) => Ok(groups),
+        _ => Err(no_groups(N, array.len(), name)),
+    }
+}
+
+/// Splits a [`column`] into matrices of K rows of M numbers, without a copy.
+pub(super) fn matrices<'a, const M: usize, const K: usize>(
+    array: &'a PyReadonlyArray1<'_, f64>,
+    name: &str,
+) -> PyResult<&'a [[[f64; M]; K]]> {
+    let (rows, rest) = array.as_slice()?.as_chunks::<M>();
+    match (rows.as_chunks::<K>(), rest) {
+        ((matrices, []), []) => Ok(matrices),
+        _ => Err(no_groups(K * M, array.len(), name)),
+    }
+}
+
+/// Returns the error for numbers that are no whole groups.
+fn no_groups(size: usize, got: usize, name: &str) -> PyErr {
+    PyValueError::new_err(format!("{name} must be groups of {size}, got {got} numbers"))
+}
+
+/// Splits a flat matrix into its rows.
+pub(super) fn rows<const N: usize, const M: usize, const K: usize>(flat: [f64; N]) -> [[f64; M]; K] {
+    std::array::from_fn(|i| std::array::from_fn(|j| flat[i * M + j]))
+}
+
+/// Reads a time in microseconds.
 pub(super) fn microseconds(t_us: &Bound<'_, PyAny>) -> PyResult<i64> {
     whole(t_us, || format!("a time must lie in 0..2^63 us, got {t_us}"))
 }
 
-/// A seed of random draws.
+/// Reads a seed of random draws.
 pub(super) fn seed(seed: &Bound<'_, PyAny>) -> PyResult<u64> {
     whole(seed, || format!("a seed must lie in 0..2^64 - 1, got {seed}"))
 }
 
-/// A number of threads, if one is given.
+/// Reads a number of threads, if one is given.
 pub(super) fn threads(threads: Option<&Bound<'_, PyAny>>) -> PyResult<Option<usize>> {
     threads.map(|n| whole(n, || format!("threads must lie in 1..{MOST_THREADS}, got {n}"))).transpose()
 }
 
-/// A whole number; `rule` says what was broken by one that does not fit.
+/// Reads a whole number; `rule` says what was broken by one that does not fit.
 fn whole<'py, T: FromPyObjectOwned<'py, Error = PyErr>>(
     value: &Bound<'py, PyAny>,
     rule: impl FnOnce() -> String,
@@ -117,20 +166,20 @@ fn whole<'py, T: FromPyObjectOwned<'py, Error = PyErr>>(
     })
 }
 
-/// The sensor that a frame's shape describes.
+/// Returns the sensor that a frame's shape describes.
 pub(super) fn size_of<T: Element>(frame: &PyReadonlyArray2<'_, T>) -> PyResult<SensorSize> {
     let side =
         |n: usize| u16::try_from(n).map_err(|_| PyValueError::new_err(format!("a side of {n} pixels exceeds 65535")));
     Ok(SensorSize { width: side(frame.shape()[1])?, height: side(frame.shape()[0])? })
 }
 
-/// An event array; anything with the fields t, x, y, p is taken, `EVENT_DTYPE` without a copy.
+/// Reads an event array; anything with the fields t, x, y, p is taken, `EVENT_DTYPE` without a copy.
 pub(super) fn events<'py>(array: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, Event>> {
     let converted = array.py().import("davis_rs.events.arrays")?.call_method1("as_events", (array,))?;
     Ok(converted.cast_into::<PyArray1<Event>>()?.readonly())
 }
 
-/// A contrast threshold: a number, or a float array of the sensor's shape.
+/// Reads a contrast threshold: a number, or a float array of the sensor's shape.
 pub(super) fn threshold(value: &Bound<'_, PyAny>, name: &str, size: SensorSize) -> PyResult<Threshold> {
     if let Ok(number) = value.extract::<f64>() {
         return Ok(Threshold::Uniform(number));
@@ -138,7 +187,7 @@ pub(super) fn threshold(value: &Bound<'_, PyAny>, name: &str, size: SensorSize) 
     Ok(Threshold::PerPixel(frame::<f64>(value, name, Some(size))?.as_slice()?.to_vec()))
 }
 
-/// A contrast threshold as it was given.
+/// Returns a contrast threshold as it was given.
 pub(super) fn threshold_to_python(py: Python<'_>, value: Threshold, size: SensorSize) -> PyResult<Bound<'_, PyAny>> {
     match value {
         Threshold::Uniform(value) => Ok(value.into_pyobject(py)?.into_any()),
@@ -146,7 +195,7 @@ pub(super) fn threshold_to_python(py: Python<'_>, value: Threshold, size: Sensor
     }
 }
 
-/// Values, row by row, as an array of the sensor's shape.
+/// Returns values, row by row, as an array of the sensor's shape.
 pub(super) fn image<T: Element>(py: Python<'_>, pixels: Vec<T>, size: SensorSize) -> PyResult<Bound<'_, PyArray2<T>>> {
     pixels
         .into_pyarray(py)

@@ -16,7 +16,18 @@ pub(super) fn check_effects(effects: &Bound<'_, PyAny>) -> PyResult<()> {
     Ok(from_python(Some(effects))?.check()?)
 }
 
-/// What acts on the log signal, in the pixel and on the stream: a dictionary, or an object with `engine_settings`.
+/// Reads what stands for effects in every other call too: Python's parser reads what is not `davis_rs.Effects` already.
+pub(super) fn from_any(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effects> {
+    let Some(given) = effects else { return Ok(Effects::default()) };
+    let py = given.py();
+    let rule = PyDict::new(py);
+    rule.set_item("not_planned", "is for a scene that can be rendered; here name {effects}")?;
+    let parser = py.import("davis_rs.sensor.effects.effects")?.getattr("effects_of")?;
+    from_python(Some(&parser.call((given,), Some(&rule))?))
+}
+
+/// Reads the settings of effects on the log signal, in the pixel and on the stream, from a dictionary with all of their
+/// parameters or from an object with `engine_settings`.
 pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effects> {
     let mut all = Effects::default();
     let Some(effects) = effects else { return Ok(all) };
@@ -108,7 +119,7 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
     Ok(all)
 }
 
-/// The dictionary that [`from_python`] takes.
+/// Returns the dictionary that [`from_python`] takes.
 pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound<'py, PyDict>> {
     let all = PyDict::new(py);
     let put = |name: &str, parameters: &[(&str, f64)]| -> PyResult<Bound<'py, PyDict>> {
@@ -158,7 +169,7 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
     Ok(all)
 }
 
-/// The names of the effects that are on, of those that act beyond the thresholds.
+/// Returns the names of the effects that are on, of those that act beyond the thresholds.
 pub(super) fn active(effects: &Effects) -> Vec<&'static str> {
     let hot = effects.hot_pixels;
     let all = [

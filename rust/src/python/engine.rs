@@ -34,8 +34,9 @@ use crate::event::{Event, SensorSize};
 ///     contrast_threshold_off: C_off, likewise; None means C_on.
 ///     log_eps: dark level in units of luma, > 0.
 ///     interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
-///     effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
-///         None for ideal pixels.
+///     effects: :class:`davis_rs.Effects`, or what stands for them in other calls: texts such as
+///         ``"refractory_period_us=100"``, or numbers and parameters by name. Those on the log signal, in the pixel and
+///         on the stream act here. None for ideal pixels.
 ///     start_phase: where references lie at the first frame: ``zero``, at its log intensity; ``stationary``, so that
 ///         L - R is uniform in (-C_off, C_on), drawn for each pixel, as in a camera that has run before.
 ///     seed: of thresholds, start phases and noise, 0..2^64 - 1; None means 0.
@@ -95,7 +96,7 @@ impl PyCrossingEngine {
             interpolation: interpolation::of_name(interpolation)?,
             start_phase: start_phase::of_name(start_phase)?,
         };
-        let effects = effects::from_python(effects)?;
+        let effects = effects::from_any(effects)?;
         let seed = seed.map_or(Ok(0), arrays::seed)?;
         Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, arrays::threads(threads)?)?))
     }
@@ -143,7 +144,7 @@ impl PyCrossingEngine {
     ///     log_intensity: natural logarithm, shape (height, width), within +-746; float64 in C order is taken without
     ///         a copy, float32 is widened.
     ///     slope: for Hermite interpolation, dL/dt per second, likewise; see ``dluma_dt`` of :meth:`push`.
-    ///     sparse: as of :meth:`push`, with log intensity in place of luma.
+    ///     sparse: as of :meth:`push`, with log intensity instead of luma.
     ///
     /// Returns:
     ///     Events (:data:`davis_rs.EVENT_DTYPE`), as of :meth:`push`.
@@ -251,7 +252,7 @@ impl PyCrossingEngine {
     }
 }
 
-/// A threshold for people: the value, or the least and the largest one.
+/// Returns a threshold for people: the value, or the least and the largest one.
 fn threshold_range(threshold: &Threshold) -> String {
     match threshold {
         Threshold::Uniform(value) => format!("{value:?}"),

@@ -164,7 +164,7 @@ impl PyEventFileWriter {
     }
 }
 
-/// `error` with the file's name, where it has none.
+/// Adds the file's name to an error that has none.
 pub(super) fn naming(error: Error, name: &str) -> Error {
     match error {
         Error::Io { context, source } => Error::Io { context: format!("{context}: {name}"), source },
@@ -239,7 +239,7 @@ impl PyEventFileReader {
     /// Read until there is an event or the size is known; for a reader that will read nothing else.
     ///
     /// Raises:
-    ///     DecodeError: where the file breaks its format, with the place.
+    ///     DecodeError: where the file breaks its format, with its position.
     ///     OSError: if the file refuses.
     fn look(&mut self, py: Python<'_>) -> PyResult<()> {
         Ok(py.detach(|| self.reader.look()).map_err(|error| naming(error, &self.name))?)
@@ -251,7 +251,7 @@ impl PyEventFileReader {
     ///     Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
     ///
     /// Raises:
-    ///     DecodeError: where the file breaks its format, with the place.
+    ///     DecodeError: where the file breaks its format, with its position.
     ///     OSError: if the file refuses.
     fn read<'py>(&mut self, py: Python<'py>, enough: usize) -> PyResult<Bound<'py, PyArray1<Event>>> {
         let events = py.detach(|| {
@@ -273,7 +273,8 @@ impl PyEventFileReader {
     ///     last one in microseconds, and five numbers that the decoder carries.
     ///
     /// Raises:
-    ///     DecodeError: where the file breaks its format, or for a time that is below 0 or goes back, with the place.
+    ///     DecodeError: where the file breaks its format, or for a time that is negative or goes back, with its
+    ///         position.
     ///     OSError: if the file refuses.
     fn scan<'py>(&mut self, py: Python<'py>, enough: usize) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let blocks = py.detach(|| {
@@ -301,7 +302,7 @@ impl PyEventFileReader {
     ///     Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
     ///
     /// Raises:
-    ///     DecodeError: where the file breaks its format, with the place.
+    ///     DecodeError: where the file breaks its format, with its position.
     ///     OSError: if the file refuses.
     ///     ValueError: for a state that no decoder has.
     fn read_block<'py>(

@@ -3,7 +3,7 @@
 use crate::crossing::Interpolation;
 use crate::error::{Error, Result};
 
-/// The interpolation of a name.
+/// Returns the interpolation of a name.
 pub(super) fn of_name(name: &str) -> Result<Interpolation> {
     match name {
         "linear" => Ok(Interpolation::Linear),
@@ -12,7 +12,7 @@ pub(super) fn of_name(name: &str) -> Result<Interpolation> {
     }
 }
 
-/// The name of an interpolation.
+/// Returns the name of an interpolation.
 pub(super) fn name(interpolation: Interpolation) -> &'static str {
     match interpolation {
         Interpolation::Linear => "linear",

@@ -1,7 +1,7 @@
 //! The Python module `davis_rs._core`: thin classes over the crate, arrays, and the mapping of errors.
 //!
-//! The doc comments of what Python sees are its docstrings: plain text, written for users of Python. `_core.pyi` has the
-//! same text and the types; `tests/project/test_core_docs.py` keeps the two alike.
+//! The doc comments of what Python sees are its docstrings: plain text, written for users of Python. `.ci/stub`
+//! writes them into the stub `_core.pyi`, which keeps the types.
 
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 #![allow(clippy::doc_markdown, reason = "doc comments are docstrings of Python")]

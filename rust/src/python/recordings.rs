@@ -113,7 +113,7 @@ fn kind_named(name: &str) -> PyResult<Aedat4Kind> {
     })
 }
 
-/// In SI units.
+/// Converts a sample to SI units.
 fn sample(imu: &Aedat4Imu) -> ImuSample {
     let scaled = |values: [f32; 3], unit: f64| values.map(|value| f64::from(value) * unit);
     ImuSample {
@@ -124,7 +124,7 @@ fn sample(imu: &Aedat4Imu) -> ImuSample {
     }
 }
 
-/// By the numbers of the camera's wire; None for what tells of frames.
+/// Converts a trigger to the numbers of the camera's wire; None for what tells of frames.
 fn trigger(trigger: &Aedat4Trigger) -> Option<Trigger> {
     let kind = match trigger.kind {
         0 => TriggerKind::TimestampReset,

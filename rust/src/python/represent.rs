@@ -63,7 +63,8 @@ pub(super) fn latest_times<'py>(
 ///     events: anything with the fields t, x, y, p; those outside of the window are left out.
 ///     size: (width, height) of the sensor.
 ///     bins: number of planes, >= 1.
-///     start_us, stop_us: the window in microseconds, both ends included; the first plane is at ``start_us``.
+///     start_us, stop_us: the window in microseconds, start <= t < stop; the first plane is at ``start_us``.
+///     include_stop: whether events at ``stop_us`` count too.
 ///     endpoint: whether the last plane is at ``stop_us``, or one step before it.
 ///
 /// Returns:
@@ -72,7 +73,8 @@ pub(super) fn latest_times<'py>(
 /// Raises:
 ///     ValueError: as :func:`count_events`, for ``bins`` < 1, or for a window that ends before it starts.
 #[pyfunction]
-#[pyo3(signature = (events, size, bins, start_us, stop_us, endpoint))]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+#[pyo3(signature = (events, size, bins, start_us, stop_us, include_stop, endpoint))]
 pub(super) fn voxel_grid<'py>(
     py: Python<'py>,
     #[pyo3(from_py_with = events)] events: PyReadonlyArray1<'py, Event>,
@@ -80,10 +82,11 @@ pub(super) fn voxel_grid<'py>(
     bins: usize,
     #[pyo3(from_py_with = microseconds)] start_us: i64,
     #[pyo3(from_py_with = microseconds)] stop_us: i64,
+    include_stop: bool,
     endpoint: bool,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let (events, size) = (events.as_slice()?, sensor(size));
-    let bins = TimeBins { start_us, stop_us, count: bins, endpoint };
+    let bins = TimeBins { start_us, stop_us, include_stop, count: bins, endpoint };
     planes(py, py.detach(|| represent::voxel_grid(events, size, bins))?, size)
 }
 
@@ -95,9 +98,9 @@ pub(super) fn voxel_grid<'py>(
 ///     events: anything with the fields t, x, y, p; those outside of the window are left out.
 ///     size: (width, height) of the sensor.
 ///     bins: number of planes of each polarity, >= 1.
-///     start_us, stop_us: the window in microseconds, both ends included; planes go from ``start_us`` to
-///         ``stop_us``.
-///     times: whether an event adds its place in the window (0 at the start, 1 at the end), or one.
+///     start_us, stop_us: the window in microseconds, start <= t < stop; planes go from ``start_us`` to ``stop_us``.
+///     include_stop: whether events at ``stop_us`` count too.
+///     times: whether an event adds its position in the window (0 at the start, 1 at the end), or one.
 ///
 /// Returns:
 ///     float64, shape (2 * bins, height, width), OFF before ON.
@@ -105,7 +108,8 @@ pub(super) fn voxel_grid<'py>(
 /// Raises:
 ///     ValueError: as :func:`voxel_grid`.
 #[pyfunction]
-#[pyo3(signature = (events, size, bins, start_us, stop_us, times))]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+#[pyo3(signature = (events, size, bins, start_us, stop_us, include_stop, times))]
 pub(super) fn spike_tensor<'py>(
     py: Python<'py>,
     #[pyo3(from_py_with = events)] events: PyReadonlyArray1<'py, Event>,
@@ -113,10 +117,11 @@ pub(super) fn spike_tensor<'py>(
     bins: usize,
     #[pyo3(from_py_with = microseconds)] start_us: i64,
     #[pyo3(from_py_with = microseconds)] stop_us: i64,
+    include_stop: bool,
     times: bool,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let (events, size) = (events.as_slice()?, sensor(size));
-    let bins = TimeBins { start_us, stop_us, count: bins, endpoint: true };
+    let bins = TimeBins { start_us, stop_us, include_stop, count: bins, endpoint: true };
     let measurement = if times { Measurement::Time } else { Measurement::Count };
     planes(py, py.detach(|| represent::spike_tensor(events, size, bins, measurement))?, size)
 }
@@ -125,7 +130,7 @@ fn sensor((width, height): (u16, u16)) -> SensorSize {
     SensorSize { width, height }
 }
 
-/// Planes, each row by row, as an array of shape (planes, height, width).
+/// Returns planes, each row by row, as an array of shape (planes, height, width).
 fn planes<T: Element>(py: Python<'_>, cells: Vec<T>, size: SensorSize) -> PyResult<Bound<'_, PyArray3<T>>> {
     let count = cells.len().checked_div(size.pixels()).unwrap_or(0);
     cells

@@ -17,7 +17,7 @@ pub(super) enum Sink {
 }
 
 impl Sink {
-    /// The sink that `target` stands for, and its name; a file is made, over an existing one only on demand.
+    /// Returns the sink that `target` stands for, and its name; a file is made, over an existing one only on demand.
     pub(super) fn open(target: &Bound<'_, PyAny>, overwrite: bool) -> PyResult<(String, Self)> {
         if target.hasattr("write")? {
             let name = target.getattr("name").unwrap_or_else(|_| target.clone()).str()?.to_string();
@@ -28,14 +28,14 @@ impl Sink {
         let py = target.py();
         let options = PyDict::new(py);
         options.set_item("overwrite", overwrite)?;
-        py.import("davis_rs.io.formats.files")?.call_method("claim", (target,), Some(&options))?;
+        py.import("davis_rs.io.formats.destination")?.call_method("claim", (target,), Some(&options))?;
         // Opening a pipe waits for its reader.
         let file = py.detach(|| OpenOptions::new().write(true).open(&path)).map_err(Error::io(&name))?;
         let regular = file.metadata().map_err(Error::io(&name))?.is_file();
         Ok((name, Self::File(file, regular)))
     }
 
-    /// Ends what a writer writes, with a table of contents where its place can be noted at the beginning.
+    /// Ends what a writer writes, with a table of contents where its position can be noted at the beginning.
     pub(super) fn end(writer: &mut EventWriter<Self>) -> Result<()> {
         if matches!(writer.sink(), Self::File(_, true)) { writer.write_contents() } else { writer.flush() }
     }
@@ -67,9 +67,9 @@ impl Write for Sink {
 }
 
 impl Seek for Sink {
-    fn seek(&mut self, place: SeekFrom) -> io::Result<u64> {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
         match self {
-            Self::File(file, _) => file.seek(place),
+            Self::File(file, _) => file.seek(position),
             Self::Object(_) => Err(io::ErrorKind::Unsupported.into()),
         }
     }

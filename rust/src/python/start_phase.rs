@@ -3,7 +3,7 @@
 use crate::crossing::StartPhase;
 use crate::error::{Error, Result};
 
-/// The start phase of a name.
+/// Returns the start phase of a name.
 pub(super) fn of_name(name: &str) -> Result<StartPhase> {
     match name {
         "zero" => Ok(StartPhase::Zero),
@@ -12,7 +12,7 @@ pub(super) fn of_name(name: &str) -> Result<StartPhase> {
     }
 }
 
-/// The name of a start phase.
+/// Returns the name of a start phase.
 pub(super) fn name(start_phase: StartPhase) -> &'static str {
     match start_phase {
         StartPhase::Zero => "zero",

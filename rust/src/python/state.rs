@@ -106,7 +106,7 @@ fn readout_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<ReadoutState> {
     })
 }
 
-/// A dictionary within the state, or None.
+/// Returns a dictionary within the state, or None.
 fn part<'py, T>(
     dict: &Bound<'py, PyDict>,
     name: &str,

@@ -1,12 +1,14 @@
-//! What EVT 2.0 and EVT 3.0 share: the text before the words.
+//! What EVT 2.0 and EVT 3.0 share: the text before the words, and times whose high part goes round.
 
+use super::reader::{Decode, DecoderState};
 use crate::error::{Error, Result};
+use crate::event::Event;
 
 /// A header is no longer; what goes on beyond is no `.raw` file.
 const LONGEST: usize = 1 << 16;
 
-/// Length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input: however it
-/// ends).
+/// Reads length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input:
+/// however it ends).
 fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
     let mut header = Header { length: 0, size: None, start_us: 0 };
     let (mut width, mut height) = (None, None);
@@ -64,12 +66,12 @@ struct Header {
 pub(super) struct Preamble(Option<Header>);
 
 impl Preamble {
-    /// Of a stream that has no header.
+    /// Returns the preamble of a stream that has no header.
     pub(super) fn none() -> Self {
         Self(Some(Header { length: 0, size: None, start_us: 0 }))
     }
 
-    /// How many of the bytes lie before the words; None until all of the header is there.
+    /// Returns how many of the bytes lie before the words; None until all of the header is there.
     pub(super) fn pass(&mut self, bytes: &[u8]) -> Result<Option<usize>> {
         if self.0.is_some() {
             return Ok(Some(0));
@@ -78,7 +80,7 @@ impl Preamble {
         Ok(self.0.as_ref().map(|header| header.length))
     }
 
-    /// How many of the bytes at the end of the input belong to the header.
+    /// Returns how many of the bytes at the end of the input belong to the header.
     pub(super) fn end(&self, bytes: &[u8]) -> Result<usize> {
         Ok(if self.0.is_some() { 0 } else { header(bytes, true)?.map_or(0, |header| header.length) })
     }
@@ -87,13 +89,106 @@ impl Preamble {
         self.0.as_ref()?.size
     }
 
-    /// What is added to all times.
+    /// Returns what is added to all times.
     pub(super) fn start_us(&self) -> i64 {
         self.0.as_ref().map_or(0, |header| header.start_us)
     }
 }
 
-/// A number of a decoder's state, which must lie in `0..end`.
+/// Words of one of the formats, and the state that they change.
+pub trait Words: Default + Send + Sync {
+    /// Decodes whole words, adds `start_us` to their times, and returns how many bytes they have.
+    fn decode(&mut self, bytes: &[u8], start_us: i64, events: &mut Vec<Event>) -> usize;
+
+    /// Returns what [`Decode::state`] does.
+    fn state(&self) -> DecoderState;
+
+    /// Does what [`Decode::resume`] does.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a state that no decoder has.
+    fn resume(&mut self, state: DecoderState) -> Result<()>;
+}
+
+/// Decodes a `.raw` file: a header, then words.
+#[derive(Default)]
+pub struct EvtDecoder<W> {
+    preamble: Preamble,
+    words: W,
+}
+
+impl<W: Words> EvtDecoder<W> {
+    /// Returns a decoder of a file's bytes, from its beginning.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Returns a decoder of words alone, without a header before them: those of packets of a stream.
+    #[must_use]
+    pub fn of_words() -> Self {
+        Self { preamble: Preamble::none(), words: W::default() }
+    }
+}
+
+impl<W: Words> Decode for EvtDecoder<W> {
+    fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize> {
+        let Some(used) = self.preamble.pass(bytes)? else { return Ok(0) };
+        Ok(used + self.words.decode(&bytes[used..], self.preamble.start_us(), events))
+    }
+
+    fn end(&mut self, bytes: &[u8], _events: &mut Vec<Event>) -> Result<usize> {
+        self.preamble.end(bytes)
+    }
+
+    fn size(&self) -> Option<(u32, u32)> {
+        self.preamble.size()
+    }
+
+    fn state(&self) -> DecoderState {
+        self.words.state()
+    }
+
+    fn resume(&mut self, byte: usize, state: DecoderState) -> Result<()> {
+        if byte == 0 {
+            self.preamble = Preamble::default();
+        }
+        self.words.resume(state)
+    }
+}
+
+/// The high part of a time, rounds included: a counter that goes round at `ROUND`. It has none before its first value.
+#[derive(Clone, Copy, Default)]
+pub(super) struct HighTime<const ROUND: i64>(Option<i64>);
+
+impl<const ROUND: i64> HighTime<ROUND> {
+    pub(super) fn get(self) -> Option<i64> {
+        self.0
+    }
+
+    /// Takes the counter's next value; one that goes back by half a round or more has gone round.
+    pub(super) fn advance(&mut self, value: i64) {
+        let Some(last) = self.0 else {
+            self.0 = Some(value);
+            return;
+        };
+        let same_round = last - last % ROUND + value;
+        self.0 = Some(if last - same_round >= ROUND / 2 { same_round + ROUND } else { same_round });
+    }
+
+    /// Returns the number that stands for it in a decoder's state: 0 for none.
+    pub(super) fn state(self) -> i64 {
+        self.0.map_or(0, |high| high + 1)
+    }
+
+    /// Returns the one that a number in a decoder's state stands for, which must lie below `end`.
+    pub(super) fn of_state(state: i64, end: i64) -> Result<Self> {
+        let next: i64 = part(state, end)?;
+        Ok(Self((next > 0).then(|| next - 1)))
+    }
+}
+
+/// Returns a number of a decoder's state, which must lie in `0..end`.
 pub(super) fn part<T: TryFrom<i64>>(value: i64, end: i64) -> Result<T> {
     let number = (0..end).contains(&value).then(|| T::try_from(value).ok()).flatten();
     number.ok_or_else(|| Error::Argument(format!("a decoder's state must lie in 0..{end}: got {value}")))

@@ -1,83 +1,50 @@
 //! EVT 2.0 to events; the words are described in `write::evt2`.
 
-use super::evt::{Preamble, part};
-use super::reader::{Decode, DecoderState};
+use super::evt::{EvtDecoder, HighTime, Words};
+use super::reader::DecoderState;
 use crate::error::Result;
 use crate::event::Event;
 
-/// The time's bits 33..6 go round at this.
-const ROUND: i64 = 1 << 28;
-
 /// Decodes EVT 2.0. Words other than events and times (triggers, counters) are passed over, and so are events before
 /// the first time. Where the 34 bits of time go round, time goes on.
+pub type Evt2Decoder = EvtDecoder<Evt2Words>;
+
+/// What the words of EVT 2.0 change.
 #[derive(Default)]
-pub struct Evt2Decoder {
-    preamble: Preamble,
-    /// Time in units of 64 us, rounds included; None before the first one.
-    high: Option<i64>,
+pub struct Evt2Words {
+    /// Time in units of 64 us: its bits 33..6 go round.
+    high: HighTime<{ 1 << 28 }>,
 }
 
-impl Evt2Decoder {
-    /// A decoder of a file's bytes, from its beginning.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::default()
-    }
-
+impl Words for Evt2Words {
     #[allow(clippy::cast_possible_truncation, reason = "fields of 11 bits")]
-    fn words(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> usize {
+    fn decode(&mut self, bytes: &[u8], start_us: i64, events: &mut Vec<Event>) -> usize {
         let words = bytes.as_chunks::<4>().0;
         events.reserve(words.len());
-        let (start_us, mut high) = (self.preamble.start_us(), self.high);
+        let mut high = self.high;
         for &word in words {
             let word = u32::from_le_bytes(word);
             match word >> 28 {
                 kind @ (0 | 1) => {
-                    if let Some(high) = high {
+                    if let Some(high) = high.get() {
                         let t = start_us + (high << 6 | i64::from(word >> 22 & 63));
                         events.push(Event::new(t, (word >> 11 & 0x7ff) as u16, (word & 0x7ff) as u16, kind == 1));
                     }
                 }
-                8 => high = Some(unwrapped(high, i64::from(word & 0x0fff_ffff), ROUND)),
+                8 => high.advance(i64::from(word & 0x0fff_ffff)),
                 _ => {}
             }
         }
         self.high = high;
         4 * words.len()
     }
-}
-
-/// A counter that goes round at `round`, carried on from its last value: going back by half a round or more is one.
-pub(super) fn unwrapped(last: Option<i64>, value: i64, round: i64) -> i64 {
-    let Some(last) = last else { return value };
-    let same_round = last - last % round + value;
-    if last - same_round >= round / 2 { same_round + round } else { same_round }
-}
-
-impl Decode for Evt2Decoder {
-    fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize> {
-        let Some(used) = self.preamble.pass(bytes)? else { return Ok(0) };
-        Ok(used + self.words(&bytes[used..], events))
-    }
-
-    fn end(&mut self, bytes: &[u8], _events: &mut Vec<Event>) -> Result<usize> {
-        self.preamble.end(bytes)
-    }
-
-    fn size(&self) -> Option<(u32, u32)> {
-        self.preamble.size()
-    }
 
     fn state(&self) -> DecoderState {
-        [self.high.map_or(0, |high| high + 1), 0, 0, 0, 0]
+        [self.high.state(), 0, 0, 0, 0]
     }
 
-    fn resume(&mut self, byte: usize, [high, ..]: DecoderState) -> Result<()> {
-        if byte == 0 {
-            self.preamble = Preamble::default();
-        }
-        let high: i64 = part(high, 1 << 55)?;
-        self.high = (high > 0).then(|| high - 1);
+    fn resume(&mut self, [high, ..]: DecoderState) -> Result<()> {
+        self.high = HighTime::of_state(high, 1 << 55)?;
         Ok(())
     }
 }

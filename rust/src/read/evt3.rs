@@ -1,22 +1,20 @@
 //! EVT 3.0 to events; the words are described in `write::evt3`.
 
-use super::evt::{Preamble, part};
-use super::evt2::unwrapped;
-use super::reader::{Decode, DecoderState};
+use super::evt::{EvtDecoder, HighTime, Words, part};
+use super::reader::DecoderState;
 use crate::error::Result;
 use crate::event::Event;
-
-/// The time's bits 23..12 go round at this.
-const ROUND: i64 = 1 << 12;
 
 /// Decodes EVT 3.0, words of several events (`3` base, `4` twelve and `5` eight pixels) included. Other words
 /// (triggers, counters) are passed over, and so are events before the first time. Where the 24 bits of time go round,
 /// time goes on.
+pub type Evt3Decoder = EvtDecoder<Evt3Words>;
+
+/// What the words of EVT 3.0 change.
 #[derive(Default)]
-pub struct Evt3Decoder {
-    preamble: Preamble,
-    /// Time above its low 12 bits, rounds included; None before the first one.
-    high: Option<i64>,
+pub struct Evt3Words {
+    /// Time above its low 12 bits: bits 23..12 go round.
+    high: HighTime<{ 1 << 12 }>,
     low: i64,
     y: u16,
     /// Where the next vector begins, and its polarity.
@@ -24,24 +22,25 @@ pub struct Evt3Decoder {
     base_on: bool,
 }
 
-impl Evt3Decoder {
-    /// A decoder of a file's bytes, from its beginning.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::default()
+impl Evt3Words {
+    fn vector(&mut self, mut pixels: u16, length: u16, time: Option<i64>, events: &mut Vec<Event>) {
+        if let Some(t) = time {
+            while pixels != 0 {
+                #[allow(clippy::cast_possible_truncation, reason = "a word has 12 pixels at most")]
+                let offset = pixels.trailing_zeros() as u16;
+                events.push(Event::new(t, self.base_x.wrapping_add(offset), self.y, self.base_on));
+                pixels &= pixels - 1;
+            }
+        }
+        self.base_x = self.base_x.wrapping_add(length);
     }
+}
 
-    /// A decoder of words alone, without a header before them: those of packets of a stream.
-    #[must_use]
-    pub fn of_words() -> Self {
-        Self { preamble: Preamble::none(), ..Self::default() }
-    }
-
-    fn words(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> usize {
+impl Words for Evt3Words {
+    fn decode(&mut self, bytes: &[u8], start_us: i64, events: &mut Vec<Event>) -> usize {
         let words = bytes.as_chunks::<2>().0;
         events.reserve(words.len() / 2);
-        let start_us = self.preamble.start_us();
-        let mut time = self.high.map(|high| start_us + (high << 12 | self.low));
+        let mut time = self.high.get().map(|high| start_us + (high << 12 | self.low));
         for &word in words {
             let word = u16::from_le_bytes(word);
             let on = word & 0x800 != 0;
@@ -57,14 +56,16 @@ impl Evt3Decoder {
                 5 => self.vector(word & 0xff, 8, time, events),
                 6 => {
                     self.low = i64::from(word & 0xfff);
-                    time = self.high.map(|high| start_us + (high << 12 | self.low));
+                    time = self.high.get().map(|high| start_us + (high << 12 | self.low));
                 }
                 8 => {
-                    let high = unwrapped(self.high, i64::from(word & 0xfff), ROUND);
-                    // Cameras repeat the high time as a sign of life; only where it is new does the low one start again.
-                    if self.high != Some(high) {
-                        (self.high, self.low) = (Some(high), 0);
-                        time = Some(start_us + (high << 12));
+                    let last = self.high.get();
+                    self.high.advance(i64::from(word & 0xfff));
+                    // Cameras repeat the high time as a sign of life; only where it is new does the low one start
+                    // again.
+                    if self.high.get() != last {
+                        self.low = 0;
+                        time = self.high.get().map(|high| start_us + (high << 12));
                     }
                 }
                 _ => {}
@@ -73,44 +74,13 @@ impl Evt3Decoder {
         2 * words.len()
     }
 
-    fn vector(&mut self, mut pixels: u16, length: u16, time: Option<i64>, events: &mut Vec<Event>) {
-        if let Some(t) = time {
-            while pixels != 0 {
-                #[allow(clippy::cast_possible_truncation, reason = "a word has 12 pixels at most")]
-                let offset = pixels.trailing_zeros() as u16;
-                events.push(Event::new(t, self.base_x.wrapping_add(offset), self.y, self.base_on));
-                pixels &= pixels - 1;
-            }
-        }
-        self.base_x = self.base_x.wrapping_add(length);
-    }
-}
-
-impl Decode for Evt3Decoder {
-    fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize> {
-        let Some(used) = self.preamble.pass(bytes)? else { return Ok(0) };
-        Ok(used + self.words(&bytes[used..], events))
-    }
-
-    fn end(&mut self, bytes: &[u8], _events: &mut Vec<Event>) -> Result<usize> {
-        self.preamble.end(bytes)
-    }
-
-    fn size(&self) -> Option<(u32, u32)> {
-        self.preamble.size()
-    }
-
     fn state(&self) -> DecoderState {
-        [self.high.map_or(0, |high| high + 1), self.low, self.y.into(), self.base_x.into(), self.base_on.into()]
+        [self.high.state(), self.low, self.y.into(), self.base_x.into(), self.base_on.into()]
     }
 
-    fn resume(&mut self, byte: usize, [high, low, y, base_x, base_on]: DecoderState) -> Result<()> {
-        if byte == 0 {
-            self.preamble = Preamble::default();
-        }
-        let high: i64 = part(high, 1 << 49)?;
-        self.high = (high > 0).then(|| high - 1);
-        self.low = part(low, ROUND)?;
+    fn resume(&mut self, [high, low, y, base_x, base_on]: DecoderState) -> Result<()> {
+        self.high = HighTime::of_state(high, 1 << 49)?;
+        self.low = part(low, 1 << 12)?;
         (self.y, self.base_x) = (part(y, 1 << 16)?, part(base_x, 1 << 16)?);
         self.base_on = part::<i64>(base_on, 2)? == 1;
         Ok(())

@@ -38,10 +38,11 @@ pub trait Decode: Send + Sync {
     /// how many bytes they have used; the rest comes again, with more behind it.
     ///
     /// # Errors
-    /// [`Error::Format`] with the place of the first record that does not follow the format.
+    /// [`Error::Format`] with the position of the first record that does not follow the format.
     fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize>;
 
-    /// [`Self::decode`] of the last bytes, behind which nothing comes. What is left over is a record that was cut off.
+    /// Decodes the last bytes, as [`Self::decode`] does, behind which nothing comes. What is left over is a record that
+    /// was cut off.
     ///
     /// # Errors
     /// As [`Self::decode`].
@@ -49,17 +50,17 @@ pub trait Decode: Send + Sync {
         Ok(0)
     }
 
-    /// Whether no events can follow, whatever the source still holds.
+    /// Returns whether no events can follow, whatever the source still holds.
     fn over(&self) -> bool {
         false
     }
 
-    /// Width and height of the sensor, where the bytes so far tell.
+    /// Returns width and height of the sensor, where the bytes so far tell.
     fn size(&self) -> Option<(u32, u32)> {
         None
     }
 
-    /// What it carries from the records behind it to the next one.
+    /// Returns what it carries from the records behind it to the next one.
     fn state(&self) -> DecoderState {
         DecoderState::default()
     }
@@ -88,24 +89,24 @@ pub struct EventReader<R: Read> {
 }
 
 impl<R: Read> EventReader<R> {
-    /// A reader of `source`.
+    /// Returns a reader of `source`.
     pub fn new(source: R, decoder: impl Decode + 'static) -> Self {
         let (decoder, buffer) = (Box::new(decoder), vec![0; 2 * AT_ONCE]);
         let (bytes, left_over, scanned) = (0, 0, (0, 0));
         Self { source, decoder, buffer, waiting: 0..0, bytes, left_over, over: false, looked: false, scanned }
     }
 
-    /// The number of bytes that have become events.
+    /// Returns the number of bytes that have become events.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// Once the source is over: the number of bytes at its end that are no whole record.
+    /// Returns, once the source is over, the number of bytes at its end that are no whole record.
     pub fn left_over(&self) -> u64 {
         self.left_over
     }
 
-    /// Width and height of the sensor, where what was read tells.
+    /// Returns width and height of the sensor, where what was read tells.
     pub fn size(&self) -> Option<(u32, u32)> {
         self.decoder.size()
     }
@@ -208,7 +209,8 @@ impl<R: Read + Seek> EventReader<R> {
         self.resume(byte, DecoderState::default())
     }
 
-    /// The events of a block that [`Self::scan`] has found in the same file, which ends where the next one begins (`end`).
+    /// Returns the events of a block that [`Self::scan`] has found in the same file, which ends where the next one
+    /// begins (`end`).
     ///
     /// # Errors
     /// [`Error::Io`] if the source refuses; [`Error::Format`] from the decoder; [`Error::Argument`] for a `state` that no

@@ -14,7 +14,7 @@ pub(super) fn read(bytes: &[u8], decoder: impl Decode + 'static) -> Result<Vec<E
     Ok(events)
 }
 
-/// A source that gives its bytes in two parts, cut anywhere, gives the same events.
+/// Returns a source that gives its bytes in two parts, cut anywhere, gives the same events.
 pub(super) fn any_split_decodes_alike<D: Decode + 'static>(
     bytes: &[u8],
     cut: usize,

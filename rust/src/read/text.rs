@@ -9,8 +9,8 @@ const LONGEST_LINE: usize = 256;
 
 /// Decodes lines `sec.nnnnnnnnn x y p`.
 ///
-/// Times need one to nine decimals and must be whole microseconds; they may not decrease, unless told otherwise. Lines end with a newline
-/// (the last one may lack it). A first line `width height` is taken for the sensor's size.
+/// Times need one to nine decimals and must be whole microseconds; they may not decrease, unless told otherwise. Lines
+/// end with a newline (the last one may lack it). A first line `width height` is taken for the sensor's size.
 pub struct TextDecoder {
     /// Lines behind us; None where that is not known.
     lines: Option<usize>,
@@ -21,19 +21,19 @@ pub struct TextDecoder {
 }
 
 impl TextDecoder {
-    /// A decoder of bytes that begin a line.
+    /// Returns a decoder of bytes that begin a line.
     #[must_use]
     pub fn new() -> Self {
         Self { lines: Some(0), bytes: 0, last_us: 0, in_order: true, size: None }
     }
 
-    /// The same, which also takes times that go back.
+    /// Returns the same, which also takes times that go back.
     #[must_use]
     pub fn in_any_order(self) -> Self {
         Self { in_order: false, ..self }
     }
 
-    /// One line, with or without its newline.
+    /// Decodes one line, with or without its newline.
     fn line(&mut self, line: &[u8], events: &mut Vec<Event>) -> Result<()> {
         let text = line.trim_ascii();
         match parse_line(text) {
@@ -119,7 +119,7 @@ impl Decode for TextDecoder {
     }
 }
 
-/// An event and its line's length, where the line is `sec.nnnnnn000 x y p\n` and lies well within `bytes`.
+/// Returns an event and its line's length, where the line is `sec.nnnnnn000 x y p\n` and lies well within `bytes`.
 #[inline]
 fn common_line(bytes: &[u8]) -> Option<(Event, usize)> {
     let bytes: &[u8; 48] = bytes.first_chunk()?;
@@ -149,13 +149,13 @@ fn common_line(bytes: &[u8]) -> Option<(Event, usize)> {
     Some((Event::new(t, u16::try_from(x).ok()?, u16::try_from(y).ok()?, on == 1), at + 2))
 }
 
-/// A number of one to `most` digits from `at`, and where the `end` that follows it is over.
+/// Returns a number of one to `most` digits from `at`, and where the `end` that follows it is over.
 #[inline]
 fn number(bytes: &[u8; 48], at: usize, most: usize, end: u8) -> Option<(u64, usize)> {
     let mut number = u64::from(digit(bytes[at])?);
-    for (place, &byte) in bytes.iter().enumerate().skip(at + 1).take(most) {
+    for (offset, &byte) in bytes.iter().enumerate().skip(at + 1).take(most) {
         if byte == end {
-            return Some((number, place + 1));
+            return Some((number, offset + 1));
         }
         number = 10 * number + u64::from(digit(byte)?);
     }
@@ -186,12 +186,12 @@ fn parse_line(line: &[u8]) -> std::result::Result<Event, &'static str> {
     }
 }
 
-/// Whether a last line without newline is one that was cut: made of what lines are made of, but no event.
+/// Returns whether a last line without newline is one that was cut: made of what lines are made of, but no event.
 fn is_cut(line: &[u8]) -> bool {
     line.iter().all(|b| b.is_ascii_digit() || b". ".contains(b)) && parse_line(line).is_err()
 }
 
-/// `width height`, two integers of 1..65536.
+/// Reads `width height`, two integers of 1..65536.
 fn parse_size(line: &[u8]) -> Option<(u32, u32)> {
     let mut words = line.split(|&b| b == b' ').filter(|word| !word.is_empty());
     let (Some(width), Some(height), None) = (words.next(), words.next(), words.next()) else { return None };
@@ -217,7 +217,7 @@ fn parse_time(word: &[u8]) -> std::result::Result<i64, &'static str> {
     parse_number(seconds).and_then(|s| s.checked_mul(1_000_000)?.checked_add(nanoseconds / 1000)).ok_or(RULE)
 }
 
-/// A number of decimal digits alone, if it fits.
+/// Returns a number of decimal digits alone, if it fits.
 fn parse_number(word: &[u8]) -> Option<i64> {
     if word.is_empty() {
         return None;

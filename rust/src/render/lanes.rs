@@ -84,7 +84,7 @@ pub(crate) struct Rays<'a, const FULL: bool> {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl<const FULL: bool> Rays<'_, FULL> {
-    /// How many there are; where that is known to the compiler, it writes each array once.
+    /// Returns how many there are; where that is known to the compiler, it writes each array once.
     #[inline(always)]
     pub(crate) fn count(&self) -> usize {
         if FULL { MOST } else { self.count.min(MOST) }

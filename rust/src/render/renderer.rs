@@ -35,7 +35,7 @@ pub struct Renderer {
     pub(crate) scene: Scene,
     still: FrameCones,
     threads: Option<Threads>,
-    rooms: Spares<Room>,
+    view_buffers: Spares<ViewBuffers>,
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
     ways: Ways,
@@ -47,12 +47,12 @@ pub struct Renderer {
 const MOST_TOGETHER: usize = 8;
 const MOST_TRIANGLES_TOGETHER: usize = 1 << 15;
 
-/// Scenes of so many triangles are looked through by each tile from front to back. Smaller ones have triangles that cover
-/// many rays: to set up each once for all tiles of a view takes less time.
+/// Scenes of so many triangles are looked through by each tile from front to back. Smaller ones have triangles that
+/// cover many rays: to set up each once for all tiles of a view takes less time.
 const SMALL: usize = 1 << 16;
 
-/// In scenes of so many triangles, tiles that see more than [`MANY_RECEIVERS`] of them find shadows by rays: what may hide
-/// all of these would be a long list.
+/// In scenes of so many triangles, tiles that see more than [`MANY_RECEIVERS`] of them find shadows by rays: what may
+/// hide all of these would be a long list.
 const MANY: usize = 1 << 13;
 const MANY_RECEIVERS: usize = 8;
 
@@ -61,7 +61,7 @@ const VIEWS_OF_SAMPLES: usize = 16;
 
 /// What is made ready for a view before its tiles.
 #[derive(Debug, Default)]
-struct Room {
+struct ViewBuffers {
     bins: Bins,
     cones: Vec<FrameCones>,
 }
@@ -75,15 +75,15 @@ impl<T: Default> Spares<T> {
         self.0.lock().map(|mut spares| spares.pop()).unwrap_or_default().unwrap_or_default()
     }
 
-    fn give(&self, room: T) {
+    fn give(&self, buffers: T) {
         if let Ok(mut spares) = self.0.lock() {
-            spares.push(room);
+            spares.push(buffers);
         }
     }
 }
 
 impl Renderer {
-    /// A renderer of a scene, on its own threads where their number is given.
+    /// Returns a renderer of a scene, on its own threads where their number is given.
     ///
     /// # Errors
     ///
@@ -91,39 +91,40 @@ impl Renderer {
     pub fn new(scene: Scene, threads: Option<usize>) -> Result<Self> {
         let threads = threads.map(Threads::start).transpose()?;
         let still = still_cones(&scene);
-        let (rooms, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
+        let (view_buffers, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
         let receivers = if scene.triangles() >= MANY { MANY_RECEIVERS } else { usize::MAX };
         let ways = Ways { beams: scene.triangles() >= SMALL, receivers };
-        Ok(Self { scene, still, threads, rooms, scratch, pixels, ways, edges: OnceLock::new() })
+        Ok(Self { scene, still, threads, view_buffers, scratch, pixels, ways, edges: OnceLock::new() })
     }
 
-    /// The scene.
+    /// Returns the scene.
     #[must_use]
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// How many threads of its own it has; none where it takes all that there are.
+    /// Returns how many threads of its own it has; none where it takes all that there are.
     #[must_use]
     pub fn threads(&self) -> Option<usize> {
         self.threads.as_ref().and_then(Threads::count)
     }
 
-    /// Luma of frames, row by row, one view after the other; and its rate per second where room for it is given.
+    /// Renders luma of frames, row by row, one view after the other; and its rate per second where a buffer for it is
+    /// given.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for views of another scene, or room for other frames.
+    /// [`Error::Argument`] for views of another scene, or a buffer of another length.
     pub fn luma(&self, rays: &PixelRays, views: &[View], luma: &mut [f32], rate: Option<&mut [f32]>) -> Result<()> {
         let views = &self.centred(views)?;
-        check_room(views.len() * rays.pixels(), luma.len())?;
+        check_length(views.len() * rays.pixels(), luma.len())?;
         match rate {
             None => self.each_tile(rays, views, bands(rays, luma), |of, tile, (scratch, before), image, band| {
                 tile::luma::<false>(of, tile, scratch, before, image);
                 put(rays, tile, &image.luma, band);
             }),
             Some(rate) => {
-                check_room(luma.len(), rate.len())?;
+                check_length(luma.len(), rate.len())?;
                 let both = bands(rays, luma).into_iter().zip(bands(rays, rate)).collect();
                 self.each_tile(rays, views, both, |of, tile, (scratch, before), image, (luma, rate)| {
                     tile::luma::<true>(of, tile, scratch, before, image);
@@ -134,19 +135,20 @@ impl Renderer {
         }
     }
 
-    /// Luma of single pixels: `pixels` are numbers of a view and of a pixel in it, row by row.
+    /// Renders luma of single pixels: `pixels` are numbers of a view and of a pixel in it, row by row.
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or other room.
+    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or a buffer of another
+    /// length.
     pub fn samples(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], luma: &mut [f32]) -> Result<()> {
         self.each_pixel(rays, views, pixels, luma, |view, samples, found| {
             self.each_of(rays, view, samples, |of, tile, some, scratch| tile::samples(of, tile, some, scratch, found));
         })
     }
 
-    /// What single rays hit: of each pixel, a view and a pixel in it as in [`Self::samples`], the depth and the triangle
-    /// as in [`Self::depth`].
+    /// Returns what single rays hit: of each pixel, a view and a pixel in it as in [`Self::samples`], the depth and the
+    /// triangle as in [`Self::depth`].
     ///
     /// # Errors
     ///
@@ -175,13 +177,14 @@ impl Renderer {
         work: impl Fn(&View, &[Sample], &mut Vec<T>) + Sync,
     ) -> Result<()> {
         let views = &self.centred(views)?;
-        check_room(pixels.len(), found.len())?;
+        check_length(pixels.len(), found.len())?;
         let size = rays.width * rays.height;
         if let Some((view, pixel)) = pixels.iter().find(|(v, p)| *v as usize >= views.len() || *p as usize >= size) {
-            return Err(Error::Argument(format!(
-                "pixel {pixel} of view {view} is outside of the {size} pixels of {} views",
-                views.len()
-            )));
+            return Err(Error::Argument(if *view as usize >= views.len() {
+                format!("view {view} is outside of the {} views", views.len())
+            } else {
+                format!("pixel {pixel} is outside of the view's {size}")
+            }));
         }
         let order = samples::sorted(rays, views.len(), pixels);
         let of_views: Vec<&[Sample]> = order.chunk_by(|a, b| a.view == b.view).collect();
@@ -201,16 +204,16 @@ impl Renderer {
         Ok(())
     }
 
-    /// Of each ray of one a pixel: its depth, inf where it hits nothing; and the number in its tables of the triangle
-    /// that it hits, `NO_TRIANGLE` for none.
+    /// Finds for each ray, of one a pixel: its depth, inf where it hits nothing; and the number in its tables of the
+    /// triangle that it hits, `NO_TRIANGLE` for none.
     ///
     /// # Errors
     ///
     /// [`Error::Argument`] as for [`Self::luma`], or for another number of rays a pixel than one.
     pub fn depth(&self, rays: &PixelRays, views: &[View], depth: &mut [f32], triangles: &mut [u32]) -> Result<()> {
         let views = &self.centred(views)?;
-        check_room(views.len() * rays.pixels(), depth.len())?;
-        check_room(depth.len(), triangles.len())?;
+        check_length(views.len() * rays.pixels(), depth.len())?;
+        check_length(depth.len(), triangles.len())?;
         check_one_ray(rays)?;
         let both = bands(rays, depth).into_iter().zip(bands(rays, triangles)).collect();
         self.each_tile(rays, views, both, |of, tile, (scratch, _), _, (depth, triangles)| {
@@ -272,7 +275,8 @@ impl Renderer {
                 }
                 return;
             }
-            // Two shares a thread at least: one that is slowed down by others then leaves some of its views to the rest.
+            // Two chunks a thread at least: one that is slowed down by others then leaves some of its views to the
+            // rest.
             let together = self.together().min(views.len().div_ceil(2 * threads)).max(1);
             views.par_chunks(together).zip(bands.par_chunks_mut(together * rays.rows)).for_each(|(views, bands)| {
                 let mut scratch = self.scratch.take();
@@ -288,8 +292,8 @@ impl Renderer {
         })
     }
 
-    /// Of how many views one thread does a band before it goes on to the next. They see nearly the same there, so that its
-    /// rays and texels are still in the caches; but what was made ready for each must be there too.
+    /// Returns of how many views one thread does a band before it goes on to the next. They see nearly the same there,
+    /// so that its rays and texels are still in the caches; but what was made ready for each must be there too.
     fn together(&self) -> usize {
         (MOST_TRIANGLES_TOGETHER / self.scene.triangles().max(1)).clamp(1, MOST_TOGETHER)
     }
@@ -297,12 +301,12 @@ impl Renderer {
     /// Makes views ready.
     fn with_views(&self, rays: &PixelRays, views: &[View], work: impl FnOnce(&[TileView])) {
         let lights: Vec<_> = views.iter().map(|view| seen_lights(&self.scene, view)).collect();
-        let mut rooms: Vec<Room> = views.iter().map(|_| self.rooms.take()).collect();
+        let mut view_buffers: Vec<ViewBuffers> = views.iter().map(|_| self.view_buffers.take()).collect();
         let ready: Vec<TileView> = views
             .iter()
             .zip(&lights)
-            .zip(&mut rooms)
-            .map(|((view, lights), Room { bins, cones })| {
+            .zip(&mut view_buffers)
+            .map(|((view, lights), ViewBuffers { bins, cones })| {
                 if !self.ways.beams {
                     bins.fill(&self.scene, view, rays, None);
                 }
@@ -311,8 +315,8 @@ impl Renderer {
             .collect();
         work(&ready);
         drop(ready);
-        for room in rooms {
-            self.rooms.give(room);
+        for buffers in view_buffers {
+            self.view_buffers.give(buffers);
         }
     }
 
@@ -336,7 +340,8 @@ impl Renderer {
         }
     }
 
-    /// What each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were found.
+    /// Returns what each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were
+    /// found.
     pub(crate) fn sights(
         &self,
         rays: &PixelRays,
@@ -360,8 +365,9 @@ impl Renderer {
         mut work: impl FnMut(&TileView, usize, &Pixels, &mut TileScratch),
     ) {
         let lights = seen_lights(&self.scene, view);
-        let (mut room, mut scratch, mut pixels) = (self.rooms.take(), self.scratch.take(), self.pixels.take());
-        let Room { bins, cones } = &mut room;
+        let (mut buffers, mut scratch, mut pixels) =
+            (self.view_buffers.take(), self.scratch.take(), self.pixels.take());
+        let ViewBuffers { bins, cones } = &mut buffers;
         if in_one_spot(rays, samples) {
             pixels.gather(rays, samples);
             bins.fill_part(&self.scene, view, pixels.around());
@@ -379,13 +385,13 @@ impl Renderer {
                 work(&of, tile[0].tile, &pixels, &mut scratch);
             }
         }
-        self.rooms.give(room);
+        self.view_buffers.give(buffers);
         self.scratch.give(scratch);
         self.pixels.give(pixels);
     }
 }
 
-/// The bands of frames that lie one after the other: rows of tiles.
+/// Returns the bands of frames that lie one after the other: rows of tiles.
 fn bands<'a, T>(rays: &PixelRays, frames: &'a mut [T]) -> Vec<&'a mut [T]> {
     frames.chunks_mut(rays.pixels()).flat_map(|frame| frame.chunks_mut(rays.width * TILE)).collect()
 }
@@ -411,8 +417,12 @@ fn put<T: Copy>(rays: &PixelRays, tile: usize, pixels: &[T; PIXELS], band: &mut 
     }
 }
 
-pub(crate) fn check_room(expected: usize, got: usize) -> Result<()> {
-    if expected == got { Ok(()) } else { Err(Error::Argument(format!("there must be room for {expected}, got {got}"))) }
+pub(crate) fn check_length(expected: usize, got: usize) -> Result<()> {
+    if expected == got {
+        Ok(())
+    } else {
+        Err(Error::Argument(format!("a buffer must have length {expected}, got {got}")))
+    }
 }
 
 #[cfg(test)]
@@ -435,7 +445,7 @@ mod tests {
         }
     }
 
-    /// A wall, and before it many triangles: every second one moves, every third one is smooth.
+    /// Returns a wall, and before it many triangles: every second one moves, every third one is smooth.
     fn tables(numbers: &mut Numbers, count: usize) -> SceneTables<'static> {
         let mut tables = SceneTables {
             frame_count: 2,
@@ -524,8 +534,8 @@ mod tests {
     }
 
     /// Luma and rates of few and of many triangles a tile have the bits that they had on another processor: they were
-    /// found in a build without vector code, and each processor runs the best level that it has. Who changes the order of
-    /// operations makes other bits, and must then make the counts of events in docs/ again.
+    /// found in a build without vector code, and each processor runs the best level that it has. Who changes the order
+    /// of operations makes other bits, and must then make the counts of events in docs/ again.
     #[test]
     fn bits_are_those_of_other_processors() {
         let (width, height, rays) = (45, 27, 5);
@@ -570,8 +580,9 @@ mod tests {
         assert_eq!(found, seen);
     }
 
-    /// Adds what is hard to a scene: the same triangle twice, in both orders; triangles that share edges and corners which
-    /// rays pass through exactly; needles; what is seen from its side; what is huge, and what has no size or is not finite.
+    /// Adds what is hard to a scene: the same triangle twice, in both orders; triangles that share edges and corners
+    /// which rays pass through exactly; needles; what is seen from its side; what is huge, and what has no size or is
+    /// not finite.
     fn add_hard_triangles(tables: &mut SceneTables, numbers: &mut Numbers) {
         let mut hard: Vec<[[f64; 3]; 3]> = vec![];
         for i in 0..8 {
@@ -675,8 +686,8 @@ mod tests {
         }
     }
 
-    /// What rays see is what they meet first in float64, whichever way: no ray passes a triangle that it meets well inside,
-    /// and none sees what it does not meet. Corners and edges of a fan lie on rays exactly.
+    /// What rays see is what they meet first in float64, whichever way: no ray passes a triangle that it meets well
+    /// inside, and none sees what it does not meet. Corners and edges of a fan lie on rays exactly.
     #[test]
     fn rays_see_what_they_meet_first() {
         let (width, height) = (33, 33);

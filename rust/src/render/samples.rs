@@ -14,27 +14,28 @@ use super::geometry::pixel_rays::{LANES, Part, PixelRays};
 pub(crate) struct Sample {
     pub(crate) view: u32,
     pub(crate) tile: usize,
-    pub(crate) place: usize,
+    pub(crate) in_tile: usize,
     /// Where its luma belongs.
     pub(crate) index: usize,
 }
 
-/// Pixels, each of a view, view by view and each view's tile by tile.
+/// Sorts pixels, each of a view, by view and then by tile.
 ///
-/// Many views are asked for few pixels each: they are counted into their places, and only those of a view are compared.
+/// Many views are asked for few pixels each: they are counted into their positions, and only those of a view are
+/// compared.
 pub(crate) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> Vec<Sample> {
-    let mut places = vec![0; views + 1];
+    let mut starts = vec![0; views + 1];
     for (view, _) in pixels {
-        places[*view as usize + 1] += 1;
+        starts[*view as usize + 1] += 1;
     }
     for view in 0..views {
-        places[view + 1] += places[view];
+        starts[view + 1] += starts[view];
     }
-    let mut order = vec![Sample { view: 0, tile: 0, place: 0, index: 0 }; pixels.len()];
+    let mut order = vec![Sample { view: 0, tile: 0, in_tile: 0, index: 0 }; pixels.len()];
     for (index, &(view, pixel)) in pixels.iter().enumerate() {
-        let (tile, place) = rays.tile_of(pixel as usize);
-        order[places[view as usize]] = Sample { view, tile, place, index };
-        places[view as usize] += 1;
+        let (tile, in_tile) = rays.tile_of(pixel as usize);
+        order[starts[view as usize]] = Sample { view, tile, in_tile, index };
+        starts[view as usize] += 1;
     }
     for samples in order.chunk_by_mut(|a, b| a.view == b.view) {
         samples.sort_unstable();
@@ -42,7 +43,7 @@ pub(crate) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> V
     order
 }
 
-/// Whether pixels lie in one spot: in tiles that touch each other.
+/// Returns whether pixels lie in one spot: in tiles that touch each other.
 pub(crate) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
     let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
     for sample in samples {
@@ -81,7 +82,7 @@ impl Pixels {
         }
         let pixels = self.x.chunks_exact_mut(rays_of_pixel).zip(self.y.chunks_exact_mut(rays_of_pixel));
         for (sample, (x, y)) in samples.iter().zip(pixels) {
-            rays.copy_pixel(sample.tile, sample.place, x, y);
+            rays.copy_pixel(sample.tile, sample.in_tile, x, y);
         }
         // Blocks have whole lanes: the last ray stands for what is missing.
         for values in [&mut self.x, &mut self.y] {
@@ -95,7 +96,7 @@ impl Pixels {
         self.count
     }
 
-    /// What the rays lie in.
+    /// Returns what the rays lie in.
     pub(crate) fn around(&self) -> &Rect {
         &self.around
     }

@@ -1,6 +1,6 @@
 //! A diffuse scene of triangles, as the renderer keeps it: made from tables that are checked once.
 //!
-//! Triangles are stored in the order of the hierarchy, and coordinates are relative to the centre of each frame, so
+//! Triangles are stored in the order of the BVH, and coordinates are relative to the centre of each frame, so
 //! that float32 is accurate far from the origin too.
 //!
 //! What must not break: everything that later code takes for granted about the tables is checked in [`Scene::new`].
@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::geometry::hierarchy::Hierarchy;
+use super::geometry::bvh::Bvh;
 use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::geometry::view::View;
 use super::light::beam::Beam;
@@ -26,7 +26,7 @@ const MANY: usize = 1 << 13;
 /// What shines: where, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightKind {
-    /// From a place in the world, metres.
+    /// From a position in the world, metres.
     Point([f64; 3]),
     /// Along a unit vector of the world, the way the light travels.
     Directional([f64; 3]),
@@ -34,7 +34,7 @@ pub enum LightKind {
     Constant,
     /// As the light maps have it, in whose `texels` this is the number of its own.
     Baked(u32),
-    /// On no surface: how bright baked lamps and skies look themselves.
+    /// On no surface: how bright baked area lights and skies look themselves.
     Visible,
 }
 
@@ -49,19 +49,19 @@ pub struct Light {
     pub strength: f64,
     /// Luma of a ray that hits nothing, for a strength of 1; 0 unless the light comes from there and is seen.
     pub background: f64,
-    /// To which sides a light in a place shines; None where to all alike.
+    /// To which sides a light at a position shines; None where to all alike.
     pub beam: Option<Beam>,
 }
 
-/// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the world,
-/// or that of the body that it belongs to. What takes most memory may be borrowed.
+/// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the
+/// world, or that of the body that it belongs to. What takes most memory may be borrowed.
 #[derive(Clone, Debug, Default)]
 pub struct SceneTables<'a> {
     /// Corners, metres.
     pub corners: Cow<'a, [[[f64; 3]; 3]]>,
     /// Unit normal n on the front and offset d of the plane n . p + d = 0.
     pub planes: Cow<'a, [[f64; 4]]>,
-    /// The texture coordinate u of a place p: `map[..3] . p + map[3]`.
+    /// The texture coordinate u of a point p: `map[..3] . p + map[3]`.
     pub u_maps: Cow<'a, [[f64; 4]]>,
     /// The texture coordinate v.
     pub v_maps: Cow<'a, [[f64; 4]]>,
@@ -91,10 +91,10 @@ pub struct SceneTables<'a> {
     pub shadows: bool,
     /// The middle of what stands still: shadows are offset by the distance from it, see `step`.
     pub centre: [f64; 3],
-    /// A shadow's ray starts off the surface by this share of (the place's largest distance from the centre along an
+    /// A shadow's ray starts off the surface by this fraction of (the point's largest distance from the centre along an
     /// axis, plus its depth).
     pub step: f64,
-    /// What lies in this last share of the way to a point light throws no shadow.
+    /// What lies in this last fraction of the way to a point light throws no shadow.
     pub end: f64,
 }
 
@@ -117,13 +117,13 @@ pub(crate) struct Surface {
     pub(crate) emission: Option<Emission>,
 }
 
-/// What stands still in one frame: triangles side by side, and the hierarchy over them.
+/// What stands still in one frame: triangles side by side, and the BVH over them.
 #[derive(Debug)]
 pub(crate) struct Frame {
     /// What was taken from all of its coordinates, so that they are small.
     pub(crate) centre: Vector,
     pub(crate) triangles: Range<usize>,
-    pub(crate) hierarchy: Hierarchy,
+    pub(crate) bvh: Bvh,
 }
 
 /// A scene, ready to be rendered. Coordinates are those of each frame less its centre.
@@ -172,8 +172,8 @@ impl Scene {
             farthest: ((1.0 - tables.end) / tables.end) as f32,
         };
         for light in &mut scene.lights {
-            if let LightKind::Point(place) = &mut light.kind {
-                *place = sub(*place, tables.centre);
+            if let LightKind::Point(position) = &mut light.kind {
+                *position = sub(*position, tables.centre);
             }
         }
         let mut push_frames = |parallel: bool| {
@@ -210,7 +210,7 @@ impl Scene {
             bounds.clone().fold(Bounds::NONE, |all, b| all.with(&b)).centre()
         };
         let own = bounds.map(|b| Bounds { low: sub(b.low, centre), high: sub(b.high, centre) });
-        let (hierarchy, order) = Hierarchy::new(own, parallel);
+        let (bvh, order) = Bvh::new(own, parallel);
         let first = self.corners.len();
         let corners = |at: &u32| tables.corners[members[*at as usize]].map(|corner| sub(corner, centre));
         let surface = |at: &u32| {
@@ -242,10 +242,10 @@ impl Scene {
             self.corners.extend(order.iter().map(corners));
             self.surfaces.extend(order.iter().map(surface));
         }
-        self.frames.push(Frame { centre, triangles: first..self.corners.len(), hierarchy });
+        self.frames.push(Frame { centre, triangles: first..self.corners.len(), bvh });
     }
 
-    /// A view with the camera where it is in the frames less their centres.
+    /// Returns a view with the camera where it is in the frames less their centres.
     pub(crate) fn centred(&self, view: &View) -> View {
         let mut view = view.clone();
         for (pose, frame) in view.poses.iter_mut().zip(&self.frames) {
@@ -254,25 +254,25 @@ impl Scene {
         view
     }
 
-    /// Triangles that can be seen.
+    /// Returns how many triangles can be seen.
     #[must_use]
     pub fn triangles(&self) -> usize {
         self.corners.len()
     }
 
-    /// Frames: the world's, and one for each body.
+    /// Returns how many frames there are: the world's, and one for each body.
     #[must_use]
     pub fn frames(&self) -> usize {
         self.frames.len()
     }
 
-    /// Lights.
+    /// Returns how many lights there are.
     #[must_use]
     pub fn lights(&self) -> usize {
         self.lights.len()
     }
 
-    /// Whether point and directional lights throw shadows.
+    /// Returns whether point and directional lights throw shadows.
     #[must_use]
     pub fn shadows(&self) -> bool {
         self.shadows
@@ -285,7 +285,7 @@ fn has_area(corners: &[Vector; 3]) -> bool {
     largest(normal) > 0.0 && largest(normal).is_finite() && corners.iter().flatten().all(|x| x.is_finite())
 }
 
-/// Whether the shading normal is another than the plane's.
+/// Returns whether the shading normal is another than the plane's.
 fn is_smooth(maps: &[[f64; 4]; 3], plane: &[f64; 4]) -> bool {
     maps.iter().zip(plane).any(|(map, n)| map[..3] != [0.0; 3] || (map[3] - n).abs() > 1e-6)
 }
@@ -331,7 +331,7 @@ fn check(tables: &SceneTables) -> Result<()> {
         let in_a_place = matches!(light.kind, LightKind::Point(_));
         if light.beam.is_some_and(|beam| !in_a_place || !beam.is_valid()) {
             return refuse(format!(
-                "a beam is that of a light in a place, and 0 <= full < cutoff <= pi, got {light:?}"
+                "a beam is that of a light at a position, and 0 <= full < cutoff <= pi, got {light:?}"
             ));
         }
     }

@@ -14,7 +14,7 @@ use super::lanes::{Lanes, MOST};
 use super::light::cast::Caster;
 use super::light::lights::Surroundings;
 use super::light::patch::Patch;
-use super::light::shade::Shader;
+use super::light::shader::Shader;
 use super::samples::Pixels;
 use super::time::tracks::Sight;
 use super::visibility::beam::Beam;
@@ -73,7 +73,8 @@ impl TileImage {
     pub(crate) const BLACK: Self = Self { luma: [0.0; PIXELS], rate: [0.0; PIXELS] };
 }
 
-/// Luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has alone.
+/// Computes luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has
+/// alone.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn luma<'a, const RATE: bool>(
     of: &TileView<'a>,
@@ -82,8 +83,8 @@ pub(crate) fn luma<'a, const RATE: bool>(
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
-    let mut room = std::mem::take(&mut scratch.rays);
-    let part = of.rays.of_tile(tile, &mut room);
+    let mut buffer = std::mem::take(&mut scratch.rays);
+    let part = of.rays.of_tile(tile, &mut buffer);
     if of.ways.beams {
         let mut beam = std::mem::take(&mut scratch.beam);
         beam.find(of.lit.scene, of.lit.view, &part, &mut scratch.nearest, &mut scratch.list);
@@ -93,14 +94,15 @@ pub(crate) fn luma<'a, const RATE: bool>(
         find(of.bins, tile, &part, scratch);
         shade::<RATE>(of, &of.bins.seen, &part, scratch, before);
     }
-    scratch.rays = room;
+    scratch.rays = buffer;
     image.luma = mean(&scratch.luma);
     if RATE {
         image.rate = mean(&scratch.rate);
     }
 }
 
-/// Luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's bins.
+/// Computes luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's
+/// bins.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
@@ -109,25 +111,26 @@ pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
-/// What each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of [`samples`].
+/// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of
+/// [`samples`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
     let part = pixels.part();
     find(of.bins, number, &part, scratch);
     shade::<true>(of, &of.bins.seen, &part, scratch, &mut vec![]);
     let nearest = &scratch.nearest;
-    let seen = |place: u32| &of.bins.seen[scratch.list[place as usize].seen as usize];
+    let seen = |index: u32| &of.bins.seen[scratch.list[index as usize].seen as usize];
     for ray in 0..pixels.count() * of.rays.rays() {
         let (luma, rate) = (scratch.luma[ray], scratch.rate[ray]);
-        let place = match nearest.only[0] {
+        let index = match nearest.only[0] {
             _ if scratch.list.is_empty() => NOTHING,
-            NOTHING => nearest.place[ray],
+            NOTHING => nearest.index[ray],
             only => only,
         };
-        found.push(if place == NOTHING {
+        found.push(if index == NOTHING {
             Sight { luma, rate, triangle: NOTHING, inverse_depth: 0.0 }
         } else {
-            let Seen { triangle, inverse_depth, .. } = seen(place);
+            let Seen { triangle, inverse_depth, .. } = seen(index);
             Sight { luma, rate, triangle: *triangle, inverse_depth: inverse_depth.at(part.x[ray], part.y[ray]) }
         });
     }
@@ -143,8 +146,8 @@ fn find(bins: &Bins, number: usize, part: &Part, scratch: &mut TileScratch) {
     }
 }
 
-/// Luma of rays, and its rate. `all` are the triangles of the tile's list; `before` are the shaders of the tile before, and
-/// then those of this one.
+/// Computes luma of rays, and its rate. `all` are the triangles of the tile's list; `before` are the shaders of the
+/// tile before, and then those of this one.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn shade<'a, const RATE: bool>(
@@ -162,13 +165,13 @@ fn shade<'a, const RATE: bool>(
     rate.resize(if RATE { x.len() } else { 0 }, of.background.1);
     visible.clear();
     if !list.is_empty() {
-        visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
+        visible.extend((0..).take(list.len()).filter(|&index| nearest.sees(index)));
     }
     if let Some(sky) = &of.lit.scene.sky {
         let (pose, [factor, factor_rate]) = (&of.lit.view.poses[0], of.lit.view.factors[sky.light as usize]);
         let per_block = x.len() / part.blocks.len();
         for ray in 0..x.len() {
-            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.place[ray] == NOTHING;
+            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.index[ray] == NOTHING;
             if nothing {
                 let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
                 luma[ray] += single([factor])[0] * one;
@@ -178,8 +181,8 @@ fn shade<'a, const RATE: bool>(
             }
         }
     }
-    let seen = |place: u32| &all[list[place as usize].seen as usize];
-    let shaders = shaders(of, visible.iter().map(|&place| seen(place)), before);
+    let seen = |index: u32| &all[list[index as usize].seen as usize];
+    let shaders = shaders(of, visible.iter().map(|&index| seen(index)), before);
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
     let by_rays = of.lit.scene.shadows && visible.len() > of.ways.receivers;
@@ -204,22 +207,22 @@ fn shade<'a, const RATE: bool>(
         }
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
-        for (sorted, &place) in sorted.iter_mut().zip(run) {
-            sorted.of_triangle(nearest, place, !by_rays);
+        for (sorted, &index) in sorted.iter_mut().zip(run) {
+            sorted.of_triangle(nearest, index, !by_rays);
         }
         if of.lit.scene.shadows && caster.shadow.falls() {
             caster.clear();
-            for (sorted, &place) in sorted.iter().zip(run) {
-                caster.fall_on(&of.lit, seen(place), &sorted.scattered);
+            for (sorted, &index) in sorted.iter().zip(run) {
+                caster.fall_on(&of.lit, seen(index), &sorted.scattered);
             }
             caster.cast(&of.lit, x, y);
         }
-        for (number, ((shader, &place), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
+        for (number, ((shader, &index), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
                 shaded::<RATE>(shader, &row.rays(x, y, picked), caster, number, (&mut one, &mut one_rate));
-                row.put(&one, nearest, place, luma);
+                row.put(&one, nearest, index, luma);
                 if RATE {
-                    row.put(&one_rate, nearest, place, rate);
+                    row.put(&one_rate, nearest, index, rate);
                 }
             }
             for numbers in sorted.scattered.chunks(MOST) {
@@ -237,7 +240,7 @@ fn shade<'a, const RATE: bool>(
     *before = shaders;
 }
 
-/// Shaders of triangles; those of the tile before are taken where they are known.
+/// Returns the shaders of triangles; those of the tile before are taken where they are known.
 fn shaders<'a, 'b>(
     of: &TileView<'a>,
     triangles: impl Iterator<Item = &'b Seen>,
@@ -270,7 +273,7 @@ fn shaded<const RATE: bool>(
     }
 }
 
-/// The mean of each pixel's rays.
+/// Returns the mean of each pixel's rays.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
@@ -291,7 +294,7 @@ fn mean(values: &[f32]) -> [f32; PIXELS] {
     means
 }
 
-/// The mean of one pixel's rays: the same additions as [`mean`]'s.
+/// Returns the mean of one pixel's rays: the same additions as [`mean`]'s.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
@@ -299,7 +302,7 @@ fn pixel_mean(rays: &[f32]) -> f32 {
     rays.iter().fold(0.0, |sum, ray| sum + ray) / rays.len() as f32
 }
 
-/// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
+/// Hands on for each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
     of: &TileView,
@@ -318,14 +321,14 @@ pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
         &of.bins.seen
     };
     let (x, y) = (part.x, part.y);
-    let seen = |place: u32| &all[list[place as usize].seen as usize];
+    let seen = |index: u32| &all[list[index as usize].seen as usize];
     let per_block = x.len() / BLOCKS;
     for ray in 0..x.len() {
         let only = nearest.only[ray / per_block];
         if only != NOTHING {
             each(ray, seen(only).inverse_depth.at(x[ray], y[ray]), seen(only).triangle);
-        } else if nearest.place[ray] != NOTHING {
-            each(ray, nearest.inverse_depth[ray], seen(nearest.place[ray]).triangle);
+        } else if nearest.index[ray] != NOTHING {
+            each(ray, nearest.inverse_depth[ray], seen(nearest.index[ray]).triangle);
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 
-/// The refusal of an event that has no pixel, or no polarity.
+/// Returns the refusal of an event that has no pixel, or no polarity.
 #[cold]
 pub(super) fn misplaced(index: usize, event: &Event, size: SensorSize) -> Error {
     Error::Argument(if event.p > 1 {
@@ -16,7 +16,7 @@ pub(super) fn misplaced(index: usize, event: &Event, size: SensorSize) -> Error 
     })
 }
 
-/// The row-major index of an event in two planes, OFF before ON.
+/// Returns the row-major index of an event in two planes, OFF before ON.
 #[inline]
 pub(super) fn cell(index: usize, event: &Event, size: SensorSize) -> Result<usize> {
     if event.x < size.width && event.y < size.height && event.p <= 1 {

@@ -4,8 +4,8 @@ use super::cell::cell;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 
-/// The times of the last `depth` events up to `until_us` by polarity and pixel, the latest first: `depth` planes of OFF
-/// events and as many of ON events, each in rows; -1 where there were fewer.
+/// Returns the times of the last `depth` events up to `until_us` by polarity and pixel, the latest first: `depth`
+/// planes of OFF events and as many of ON events, each in rows; -1 where there were fewer.
 ///
 /// # Errors
 /// As [`super::count_events`], and [`Error::Argument`] for a depth of 0 or one that memory does not hold.
@@ -19,17 +19,17 @@ pub fn latest_times(events: &[Event], size: SensorSize, until_us: i64, depth: us
         })?
     ];
     for (index, event) in events.iter().enumerate() {
-        let mut place = cell(index, event, size)? + usize::from(event.p) * (depth - 1) * pixels;
+        let mut slot = cell(index, event, size)? + usize::from(event.p) * (depth - 1) * pixels;
         if event.t > until_us {
             continue;
         }
-        // A later time takes its place; what it puts out goes one plane on.
+        // A later time is put in place of an earlier one, which goes one plane on.
         let mut t = event.t;
         for _ in 0..depth {
-            if t > times[place] {
-                std::mem::swap(&mut t, &mut times[place]);
+            if t > times[slot] {
+                std::mem::swap(&mut t, &mut times[slot]);
             }
-            place += pixels;
+            slot += pixels;
         }
     }
     Ok(times)

@@ -9,8 +9,10 @@ use crate::event::{Event, SensorSize};
 pub struct TimeBins {
     /// When the first plane is.
     pub start_us: i64,
-    /// The end of the window, inclusive.
+    /// The end of the window.
     pub stop_us: i64,
+    /// Whether an event at `stop_us` counts: that of a window which ends at its last event.
+    pub include_stop: bool,
     /// The number of planes.
     pub count: usize,
     /// Whether the last plane is at the window's end (Zhu et al.) or one step before it.
@@ -18,10 +20,11 @@ pub struct TimeBins {
 }
 
 /// Splats each event linearly into the two nearest time bins. `measure` gives its weight from the event and its time in
-/// the window (0 at the start, 1 at the end). There are `bins.count` planes for each of `groups` groups; `group` says which one an
-/// event belongs to.
+/// the window (0 at the start, 1 at the end). There are `bins.count` planes for each of `groups` groups; `group` says
+/// which one an event belongs to.
 ///
-/// Events outside of the window count nowhere. The window may be an instant: all its events are then in the first plane.
+/// Events outside of the window count nowhere: those of start <= t < stop lie in it, and with `include_stop` those at the
+/// stop as well. Such a window may be an instant: all its events are then in the first plane.
 pub(super) fn spread(
     events: &[Event],
     size: SensorSize,
@@ -30,7 +33,7 @@ pub(super) fn spread(
     group: impl Fn(&Event) -> usize,
     measure: impl Fn(&Event, f64) -> f64,
 ) -> Result<Vec<f64>> {
-    let TimeBins { start_us, stop_us, count, endpoint } = bins;
+    let TimeBins { start_us, stop_us, include_stop, count, endpoint } = bins;
     if count == 0 || stop_us < start_us {
         return Err(Error::Argument(format!(
             "a grid in time needs at least 1 bin and a window that does not end before it starts: got {count} bins in \
@@ -46,11 +49,11 @@ pub(super) fn spread(
             Error::Argument(format!("{count} bins of {} x {} do not fit into memory", size.width, size.height))
         })?
     ];
-    #[allow(clippy::cast_precision_loss, reason = "times are shorter than 2^53 us, or the share is rounded")]
+    #[allow(clippy::cast_precision_loss, reason = "times are shorter than 2^53 us, or the fraction is rounded")]
     let (steps, span) =
         ((if endpoint { count - 1 } else { count }) as f64, ((stop_us.abs_diff(start_us)).max(1)) as f64);
     for (index, event) in events.iter().enumerate() {
-        if event.t < start_us || event.t > stop_us {
+        if event.t < start_us || event.t > stop_us || (event.t == stop_us && !include_stop) {
             continue;
         }
         if event.x >= size.width || event.y >= size.height || event.p > 1 {

@@ -7,7 +7,7 @@ use crate::event::{Event, SensorSize};
 /// The latest time that a message can hold: its seconds are 32 bits.
 pub const LATEST_US: i64 = (1 << 32) * 1_000_000 - 1;
 
-/// The size of a message in bytes.
+/// Returns the size of a message in bytes.
 #[must_use]
 pub const fn packed_size(events: usize, frame_id: &[u8]) -> usize {
     BEFORE_NAME + frame_id.len() + AFTER_NAME + events * EVENT

@@ -5,7 +5,7 @@ use super::limits::Limits;
 /// Coordinates have 11 bits.
 pub(super) const SIDE: u32 = 1 << 11;
 
-/// The lines that begin a `.raw` file, as Metavision writes them.
+/// Returns the lines that begin a `.raw` file, as Metavision writes them.
 pub(super) fn header(version: u8, limits: Limits) -> String {
     let Limits { width, height, .. } = limits;
     format!(

@@ -23,11 +23,10 @@ impl Evt2Encoder {
     /// Times have 34 bits (4.7 hours), coordinates 11.
     pub const LIMITS: Limits = Limits { latest_us: (1 << 34) - 1, width: SIDE, height: SIDE };
 
-    /// An encoder for a sensor of at most 2048 x 2048 pixels; a larger one is cut to that.
+    /// Returns an encoder for a sensor of at most 2048 x 2048 pixels; a larger one is cut to that.
     #[must_use]
     pub fn new(width: u32, height: u32) -> Self {
-        let limits = Limits { width: width.min(SIDE), height: height.min(SIDE), ..Self::LIMITS };
-        Self { limits, high: None, words: Vec::new() }
+        Self { limits: Self::LIMITS.for_sensor(width, height), high: None, words: Vec::new() }
     }
 }
 

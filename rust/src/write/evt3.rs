@@ -1,8 +1,8 @@
 //! Prophesee's EVT 3.0: little-endian words of 16 bits, each of which changes a state.
 //!
-//! Type in the highest four bits. `8`: time 23..12, `6`: time 11..0, `0`: y, `2`: x in bits 10..0 and polarity in bit 11,
-//! which is an event. (Prophesee, EVT 3.0 format, in Metavision's documentation.) Words that hold several events of a
-//! row are not written: events keep their order, whatever it is.
+//! Type in the highest four bits. `8`: time 23..12, `6`: time 11..0, `0`: y, `2`: x in bits 10..0 and polarity in bit
+//! 11, which is an event. (Prophesee, EVT 3.0 format, in Metavision's documentation.) Words that hold several events of
+//! a row are not written: events keep their order, whatever it is.
 
 use super::evt::{SIDE, header, push_words};
 use super::limits::Limits;
@@ -31,22 +31,21 @@ impl Evt3Encoder {
     /// happens, and that is done for 2^16 rounds (12.7 days). Coordinates have 11 bits.
     pub const LIMITS: Limits = Limits { latest_us: (1 << 40) - 1, width: SIDE, height: SIDE };
 
-    /// An encoder for a sensor of at most 2048 x 2048 pixels; a larger one is cut to that.
+    /// Returns an encoder for a sensor of at most 2048 x 2048 pixels; a larger one is cut to that.
     #[must_use]
     pub fn new(width: u32, height: u32) -> Self {
-        let limits = Limits { width: width.min(SIDE), height: height.min(SIDE), ..Self::LIMITS };
-        Self { limits, high: -1, low: u16::MAX, y: u16::MAX, words: Vec::new() }
+        Self { limits: Self::LIMITS.for_sensor(width, height), high: -1, low: u16::MAX, y: u16::MAX, words: Vec::new() }
     }
 
-    /// An encoder of words alone that begins at a time of its own: what it writes first is that time's high part, so
-    /// that a packet can be read without those before it.
+    /// Returns an encoder of words alone that begins at a time of its own: what it writes first is that time's high
+    /// part, so that a packet can be read without those before it.
     #[must_use]
     pub fn starting_at(t_us: i64, width: u32, height: u32) -> Self {
         Self { high: (t_us >> 12) - 1, ..Self::new(width, height) }
     }
 
-    /// The high times between the last one and `high`. A round ends with 0xfff and begins with 0: some readers count it
-    /// by nothing else.
+    /// Writes the high times between the last one and `high`. A round ends with 0xfff and begins with 0: some readers
+    /// count it by nothing else.
     #[cold]
     fn advance(&mut self, high: i64, out: &mut Vec<u8>) {
         loop {
@@ -88,18 +87,18 @@ impl Encode for Evt3Encoder {
                 self.advance(high, out);
             }
             // Each word is stored, and stays if it says something new: that is seldom foreseen.
-            let place: &mut [u16; 4] = (&mut words[at..at + 4]).try_into().expect("of that length");
+            let slot: &mut [u16; 4] = (&mut words[at..at + 4]).try_into().expect("of that length");
             let low = event.t as u16 & 0xfff;
             let new_high = high != self.high;
             let new_low = new_high || low != self.low;
             let new_y = event.y != self.y;
             let mut next = usize::from(new_high);
-            place[0] = time_high(high);
-            place[next] = TIME_LOW | low;
+            slot[0] = time_high(high);
+            slot[next] = TIME_LOW | low;
             next += usize::from(new_low);
-            place[next] = event.y;
+            slot[next] = event.y;
             next += usize::from(new_y);
-            place[next] = ADDRESS_X | u16::from(event.p) << 11 | event.x;
+            slot[next] = ADDRESS_X | u16::from(event.p) << 11 | event.x;
             at += next + 1;
             (self.high, self.low, self.y) = (high, low, event.y);
         }

@@ -18,6 +18,12 @@ impl Limits {
     /// All that an [`Event`] can hold from time 0.
     pub const NONE: Self = Self { latest_us: i64::MAX, width: 1 << 16, height: 1 << 16 };
 
+    /// Returns these limits for a sensor of a size, or of as much of it as they allow.
+    #[must_use]
+    pub fn for_sensor(self, width: u32, height: u32) -> Self {
+        Self { width: width.min(self.width), height: height.min(self.height), ..self }
+    }
+
     /// Checks a packet that follows an event at `after_us` (0 at the beginning).
     ///
     /// # Errors

@@ -25,13 +25,13 @@ pub struct TextEncoder {
 }
 
 impl TextEncoder {
-    /// An encoder for events within `limits`.
+    /// Returns an encoder for events within `limits`.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self { limits, size_line: None, second_us: i64::MIN, second: [0; 16], second_length: 0, lines: Vec::new() }
     }
 
-    /// With a first line `width height`, which some readers ask for and the dataset does not have.
+    /// Adds a first line `width height`, which some readers ask for and the dataset does not have.
     #[must_use]
     pub fn with_size_line(mut self) -> Self {
         self.size_line = Some((self.limits.width, self.limits.height));
@@ -105,13 +105,13 @@ struct Decimal {
 
 static DECIMALS: [Decimal; 1000] = {
     let mut table = [Decimal { digits: 0, word: 0, length: 0 }; 1000];
-    let (mut place, mut n) = (0, 0u32);
-    while place < table.len() {
+    let (mut index, mut n) = (0, 0u32);
+    while index < table.len() {
         let digits = n / 100 + ((n / 10 % 10) << 8) + ((n % 10) << 16) + 0x30_3030;
         let zeros: u8 = if n < 10 { 2 } else { (n < 100) as u8 };
         let word = (digits | (b' ' as u32) << 24) >> (8 * zeros as u32);
-        table[place] = Decimal { digits, word, length: 4 - zeros };
-        place += 1;
+        table[index] = Decimal { digits, word, length: 4 - zeros };
+        index += 1;
         n += 1;
     }
     table

@@ -11,10 +11,10 @@ const AT_ONCE: usize = 1 << 13;
 
 /// A format: how events become bytes. It does no I/O, and is given only events within its limits.
 pub trait Encode: Send + Sync {
-    /// What the format can hold of a sensor.
+    /// Returns what the format can hold of a sensor.
     fn limits(&self) -> Limits;
 
-    /// The bytes before the first event.
+    /// Writes the bytes before the first event.
     fn begin(&mut self, _out: &mut Vec<u8>) {}
 
     /// Appends events; a format of packets may keep some back.
@@ -24,7 +24,7 @@ pub trait Encode: Send + Sync {
     fn flush(&mut self, _out: &mut Vec<u8>) {}
 
     /// Appends a table of contents, for a sink that is seekable; returns bytes that are to replace some written
-    /// before, and their place.
+    /// before, and their offset.
     fn contents(&mut self, _out: &mut Vec<u8>) -> Option<(u64, Vec<u8>)> {
         None
     }
@@ -45,7 +45,7 @@ pub struct EventWriter<W: Write> {
 }
 
 impl<W: Write> EventWriter<W> {
-    /// A writer into `sink`.
+    /// Returns a writer into `sink`.
     ///
     /// # Errors
     /// [`Error::Io`] if the sink refuses the format's header.
@@ -53,7 +53,7 @@ impl<W: Write> EventWriter<W> {
         Self::boxed(sink, Box::new(encoder))
     }
 
-    /// [`Self::new`] for a format chosen at run time.
+    /// Does what [`Self::new`] does, for a format chosen at run time.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -65,12 +65,12 @@ impl<W: Write> EventWriter<W> {
         Ok(writer)
     }
 
-    /// The sink.
+    /// Returns the sink.
     pub fn sink(&self) -> &W {
         &self.sink
     }
 
-    /// The number of bytes that the sink has taken.
+    /// Returns the number of bytes that the sink has taken.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -124,7 +124,7 @@ impl<W: Write> EventWriter<W> {
 }
 
 impl<W: Write + Seek> EventWriter<W> {
-    /// [`Self::finish`], with a table of contents if the format has one.
+    /// Does what [`Self::finish`] does, with a table of contents if the format has one.
     ///
     /// # Errors
     /// [`Error::Io`] if the sink refuses.
@@ -136,9 +136,9 @@ impl<W: Write + Seek> EventWriter<W> {
     /// Writes what is left and the table of contents; nothing may be written after it.
     pub(crate) fn write_contents(&mut self) -> Result<()> {
         self.flush()?;
-        if let Some((place, bytes)) = self.encoder.contents(&mut self.buffer) {
+        if let Some((offset, bytes)) = self.encoder.contents(&mut self.buffer) {
             self.drain()?;
-            self.sink.seek(SeekFrom::Start(place)).map_err(Error::io(WRITING))?;
+            self.sink.seek(SeekFrom::Start(offset)).map_err(Error::io(WRITING))?;
             self.sink.write_all(&bytes).map_err(Error::io(WRITING))?;
             self.sink.flush().map_err(Error::io(WRITING))?;
         }

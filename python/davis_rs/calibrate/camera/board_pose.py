@@ -1,4 +1,4 @@
-"""The pose of a camera before a board, from one view of it."""
+"""Estimates the pose of a camera before a board, from one view of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orientation as a spline: a fixed curve through measured rotations, and small turns about it that are to be found."""
+"""Models orientation as a spline: a fixed curve through measured rotations, and small unknown turns about it."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ class BodySpline:
         self.basis = SplineBasis(float(t_s[0]), float(t_s[-1]), knot_rate_hz)
 
     def rotations(self, coefficients: FloatArray, t_s: FloatArray) -> FloatArray:
-        """R at times, (n, 3, 3), for coefficients (size, 3) of d."""
+        """Return R at times, (n, 3, 3), for coefficients (size, 3) of d."""
         turn = rotation_of(self.basis.matrix(t_s) @ coefficients)
         return np.asarray(self._course(t_s).as_matrix() @ turn)
 
     def rates(self, coefficients: FloatArray, t_s: FloatArray) -> FloatArray:
-        """Angular rates in the body's axes, (n, 3), rad/s: Exp(-d) w_0 + J(d) d', J the right Jacobian of SO(3)."""
+        """Return rates in the body's axes, (n, 3), rad/s: Exp(-d) w_0 + J(d) d', J the right Jacobian of SO(3)."""
         d, rate = self.basis.matrix(t_s) @ coefficients, self.basis.matrix(t_s, 1) @ coefficients
         turned = np.einsum("nji,nj->ni", rotation_of(d), self._course(t_s, 1))
         return np.asarray(turned + np.einsum("nij,nj->ni", right_jacobian(d), rate))
 
     def motions(self, coefficients: FloatArray, t_s: FloatArray) -> FloatArray:
-        """J(d), (n, 3, 3): a small change e of d turns R by J(d) e in the body's axes."""
+        """Return J(d), (n, 3, 3): a small change e of d turns R by J(d) e in the body's axes."""
         return right_jacobian(self.basis.matrix(t_s) @ coefficients)
 
     def rate_derivatives(self, coefficients: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -59,7 +59,7 @@ class BodySpline:
 
 
 def right_jacobian(vectors: FloatArray) -> FloatArray:
-    """J, (n, 3, 3), with Exp(d + e) = Exp(d) Exp(J e) to first order in e, at rotation vectors d (n, 3).
+    """Return J, (n, 3, 3), with Exp(d + e) = Exp(d) Exp(J e) to first order in e, at rotation vectors d (n, 3).
 
     Source: Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2, section 10.
     """

@@ -1,4 +1,4 @@
-"""Camera and IMU: how they sit on each other, and how late the IMU's stamps are."""
+"""Calibrates camera and IMU: how they sit on each other, and how late the IMU's stamps are."""
 
 from __future__ import annotations
 
@@ -92,23 +92,23 @@ def calibrate_camera_imu(
         raise ValueError(f"camera and IMU need at least {_LEAST_VIEWS} views of the board, got {len(camera_poses)}")
     poses = sorted(camera_poses, key=lambda pose: pose.view.t_us)
     problem = InertialProblem(poses, _averaged(as_imu(imu), reading_rate_hz), noise, knot_rate_hz)
-    found = levenberg_marquardt(
+    solution = levenberg_marquardt(
         problem.start(), problem.residuals, problem.jacobian, problem.moved, iterations=30, tolerance=1e-9
     )
     # From steps of rotation in camera axes, lever and lag to what is reported.
     to_reported = np.zeros((7, 7))
-    to_reported[:3, :3] = found.rotation
-    to_reported[3:6, :3] = found.rotation @ cross_matrix(found.lever)
-    to_reported[3:6, 3:6] = -found.rotation
+    to_reported[:3, :3] = solution.rotation
+    to_reported[3:6, :3] = solution.rotation @ cross_matrix(solution.lever)
+    to_reported[3:6, 3:6] = -solution.rotation
     to_reported[6, 6] = 1.0
-    rate, acceleration, corner = problem.scatter(found)
+    rate, acceleration, corner = problem.scatter(solution)
     return CameraImu(
-        imu_camera=transform(found.rotation, -found.rotation @ found.lever),
-        lag_s=found.lag_s,
-        gyroscope_bias=found.gyroscope_bias,
-        accelerometer_bias=found.accelerometer_bias,
-        gravity=found.gravity,
-        covariance=to_reported @ problem.covariance(found) @ to_reported.T,
+        imu_camera=transform(solution.rotation, -solution.rotation @ solution.lever),
+        lag_s=solution.lag_s,
+        gyroscope_bias=solution.gyroscope_bias,
+        accelerometer_bias=solution.accelerometer_bias,
+        gravity=solution.gravity,
+        covariance=to_reported @ problem.covariance(solution) @ to_reported.T,
         rate_rms=rate,
         acceleration_rms=acceleration,
         corner_rms_px=corner,
@@ -119,7 +119,7 @@ def calibrate_camera_imu(
 
 
 def _averaged(imu: ImuArray, rate_hz: float) -> Readings:
-    """Means of as many neighbouring samples as bring them to about this rate."""
+    """Return means of as many neighbouring samples as bring them to about this rate."""
     if len(imu) < _LEAST_SAMPLES:
         raise ValueError(f"camera and IMU need at least {_LEAST_SAMPLES} samples of the IMU, got {len(imu)}")
     samples = Readings(imu["t"] * 1e-6, imu["accel"], imu["gyro"])

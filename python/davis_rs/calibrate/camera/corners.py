@@ -1,4 +1,4 @@
-"""The corners of a checkerboard in frames, to a fraction of a pixel."""
+"""Finds the corners of a checkerboard in frames, to a fraction of a pixel."""
 
 from __future__ import annotations
 
@@ -90,40 +90,40 @@ def find_board(
         ImportError: without OpenCV 4.
     """
     first_us = dataset.frames[0].t_us if len(dataset.frames) else 0
-    part = list(range(len(dataset.frames)))
+    chosen = list(range(len(dataset.frames)))
     if start_s or stop_s is not None:
         last_s = math.inf if stop_s is None else stop_s
-        part = [k for k in part if start_s <= 1e-6 * (dataset.frames[k].t_us - first_us) < last_s]
-        if not part:
+        chosen = [k for k in chosen if start_s <= 1e-6 * (dataset.frames[k].t_us - first_us) < last_s]
+        if not chosen:
             raise ValueError(f"{dataset.path} has no frame from {start_s:g} s to {last_s:g} s after the first one")
     views = []
-    for number in part:
+    for number in chosen:
         frame = dataset.frames[number]
         corners = find_corners(dataset.read_image(number), board)
         if corners is not None:
             views.append(BoardView(frame.t_us, number, corners))
     if not views:
         raise ValueError(
-            f"none of the {len(part)} frames of {dataset.path} shows all of a checkerboard of "
+            f"none of the {len(chosen)} frames of {dataset.path} shows all of a checkerboard of "
             f"{board.rows} x {board.columns} tiles"
         )
     return views
 
 
 def encode(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """A frame of linear light, (H, W), its brightest hundredth brought to white, gamma-coded."""
+    """Return a frame of linear light, (H, W), its brightest hundredth brought to white, gamma-coded."""
     white = max(float(np.percentile(image, 99)), 1.0)
     coded: npt.NDArray[np.uint8] = np.round(255 * np.clip(image / white, 0, 1) ** (1 / 2.2)).astype(np.uint8)
     return coded
 
 
 def _least_spacing(grid: npt.NDArray[np.float32]) -> float:
-    """The least distance between neighbouring corners, in pixels."""
+    """Return the least distance between neighbouring corners, in pixels."""
     return float(min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)))
 
 
 def _upside_down(image: npt.NDArray[np.uint8], grid: npt.NDArray[np.float32]) -> bool:
-    """Whether the tiles between the corners are white where they should be black."""
+    """Return whether the tiles between the corners are white where they should be black."""
     middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
     x, y = np.round(middles).astype(int).reshape(-1, 2).T
     row, column = np.indices(middles.shape[:2])

@@ -1,4 +1,4 @@
-"""A figure of a calibration: corners in a frame, and where they are off."""
+"""Draws a figure of a calibration: corners in a frame, and where they are off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hand-eye calibration: where the camera sits on a body that is tracked from outside."""
+"""Calibrates hand-eye: where the camera sits on a body that is tracked from outside."""
 
 from __future__ import annotations
 
@@ -71,7 +71,8 @@ class HandEyePoses(NamedTuple):
     z: FloatArray
 
     def moved(self, step: FloatArray) -> HandEyePoses:
-        """The poses after small motions (12,): rotation vector and translation of X, then of Z, in their own axes."""
+        """Return the poses after small motions (12,): rotation vector and translation of X, then of Z, in their own
+        axes."""
         return HandEyePoses(moved(self.x, step[:6]), moved(self.z, step[6:]))
 
 
@@ -110,12 +111,12 @@ def calibrate_hand_eye(
             "the linear solution puts the board behind the camera: are these poses of the body that carries it, at the "
             "same times?"
         )
-    found = levenberg_marquardt(start, problem.residuals, problem.jacobian, HandEyePoses.moved)
+    refined = levenberg_marquardt(start, problem.residuals, problem.jacobian, HandEyePoses.moved)
     return HandEye(
-        hand_camera=found.x,
-        world_board=found.z,
-        covariance=problem.covariance(found),
-        rms_px=problem.rms_px(found),
+        hand_camera=refined.x,
+        world_board=refined.z,
+        covariance=problem.covariance(refined),
+        rms_px=problem.rms_px(refined),
         views=len(camera_poses),
         linear=x,
         linear_rms_px=problem.rms_px(start),
@@ -169,7 +170,7 @@ def _check_agreement(hand_poses: FloatArray, camera_poses: FloatArray) -> None:
 
 
 def linear_hand_eye(hand_poses: FloatArray, camera_poses: FloatArray) -> FloatArray:
-    """Tsai's solution X, (4, 4), of A X = X B for all pairs of poses A' and B', (n, 4, 4) each.
+    """Return Tsai's solution X, (4, 4), of A X = X B for all pairs of poses A' and B', (n, 4, 4) each.
 
     It breaks down where X is half a turn; so it is solved for four orientations of the camera's axes, of which at least
     one is far from that, and the one that fits best is taken.
@@ -199,13 +200,14 @@ def linear_hand_eye(hand_poses: FloatArray, camera_poses: FloatArray) -> FloatAr
 
 
 def _disagreement(a: FloatArray, x: FloatArray, b: FloatArray) -> float:
-    """How far A' X B'^-1 = Z is from being one rotation."""
+    """Return how far A' X B'^-1 = Z is from being one rotation."""
     z = (a @ x @ inverse(b))[:, :3, :3]
     return float(np.linalg.norm(vector_of(z[0].T @ z), axis=1).sum())
 
 
 def covariance_of_sum(terms: FloatArray) -> FloatArray:
-    """The covariance (p, p) of the sum of a series of p-vectors (n, p) of mean 0 that may depend on their neighbours.
+    """Return the covariance (p, p) of the sum of a series of p-vectors (n, p) of mean 0 that may depend on their
+    neighbours.
 
     Products of terms up to some distance in the series are added, with weights that fall to 0 there (Bartlett's). The
     distance follows from how much a term resembles the next one; it is 0 where that is no more than chance would give.
@@ -253,7 +255,7 @@ class Reprojection:
         return np.asarray(by_point @ np.concatenate([by_x, by_z], -1)).reshape(-1, 12)
 
     def rms_px(self, poses: HandEyePoses) -> float:
-        """Root mean square distance of the corners, pixels."""
+        """Return root mean square distance of the corners, pixels."""
         return float(np.sqrt(np.square(self.residuals(poses)).reshape(-1, 2).sum(1).mean()))
 
     def covariance(self, poses: HandEyePoses) -> FloatArray:
@@ -273,6 +275,6 @@ class Reprojection:
         return np.asarray(inverse(poses.x) @ self._hand_world @ poses.z)
 
     def _points(self, poses: HandEyePoses) -> FloatArray:
-        """The corners in camera axes, (n, m, 3)."""
+        """Return the corners in camera axes, (n, m, 3)."""
         to_camera = self._from_board(poses)
         return np.asarray(self._board.corners @ np.swapaxes(to_camera[:, :3, :3], 1, 2) + to_camera[:, None, :3, 3])

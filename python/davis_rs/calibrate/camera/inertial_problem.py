@@ -1,4 +1,4 @@
-"""What a path, a transform, a lag and biases say that a camera and an IMU measure, against what they did measure."""
+"""Compares what a path, a transform, a lag and biases predict of a camera and an IMU with what they measured."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class InertialProblem:
         return len(self._readings.t_s)
 
     def start(self) -> InertialState:
-        """Rotation and lag from the angular rates alone, gravity from the mean acceleration.
+        """Return rotation and lag from the angular rates alone, gravity from the mean acceleration.
 
         Raises:
             ValueError: if the motion does not turn about two axes.
@@ -138,7 +138,7 @@ class InertialProblem:
         return InertialState(zero, zero, rotation, np.zeros(3), self._lag, bias, np.zeros(3), gravity)
 
     def moved(self, s: InertialState, step: FloatArray) -> InertialState:
-        """The state after a step of all unknowns, in the order of :class:`InertialState`."""
+        """Return the state after a step of all unknowns, in the order of :class:`InertialState`."""
         n = 3 * self._spline.basis.size
         tail = step[2 * n :]
         return InertialState(
@@ -256,20 +256,22 @@ class InertialProblem:
         return solve(derivative.T @ derivative, last)[-_TAIL:][:7, :7]
 
     def scatter(self, s: InertialState) -> tuple[float, float, float]:
-        """What is left, root mean square of an axis: of angular rates (rad/s), accelerations (m/s^2), corners (px)."""
+        """Return what is left, root mean square of an axis: of angular rates (rad/s), accelerations (m/s^2), corners
+        (px)."""
         r, n, m = self.residuals(s), 3 * self.samples, 6 * len(self._t)
         rate, acceleration, pixel = (float(np.sqrt(np.mean(p**2))) for p in np.split(r, [n, 2 * n, 2 * n + m])[:3])
         return rate * self._gyroscope, acceleration * self._accelerometer, pixel * self._pixel
 
     def _in_camera(self, s: InertialState, lag_s: float) -> tuple[FloatArray, FloatArray]:
-        """Angular rate and specific force at the IMU, (n, 3) each, in camera axes, when each reading was taken."""
+        """Return angular rate and specific force at the IMU, (n, 3) each, in camera axes, at the times of readings."""
         t = self._readings.t_s - lag_s
         acceleration = self._spline.basis.matrix(t, 2) @ s.places
         turns = self._spline.rotations(s.turns, t)
         return self._spline.rates(s.turns, t), np.einsum("nji,nj->ni", turns, acceleration - s.gravity)
 
     def _seen(self, t_s: FloatArray, margin_s: float) -> npt.NDArray[np.bool_]:
-        """Which times lie between two views close to each other, and at least the margin from where no views are."""
+        """Return which times lie between two views close to each other, and at least the margin from where no views
+        are."""
         gap = np.flatnonzero(np.diff(self._t) > _LONGEST_GAP_S)
         begins = self._t[np.concatenate([[0], gap + 1])] + margin_s
         ends = self._t[np.concatenate([gap, [-1]])] - margin_s
@@ -277,7 +279,8 @@ class InertialProblem:
         return np.asarray((stretch >= 0) & (t_s < ends[stretch]))
 
     def _first_lag(self, readings: Readings) -> float:
-        """The lag to within a few milliseconds, from the turning speeds of both, which do not depend on the axes."""
+        """Return the lag to within a few milliseconds, from the turning speeds of both, which do not depend on the
+        axes."""
         zero = np.zeros((self._spline.basis.size, 3))
         lags = np.linspace(-_LONGEST_LAG_S, _LONGEST_LAG_S, 41)
         inside = self._seen(readings.t_s, 2 * _LONGEST_LAG_S)
@@ -289,7 +292,7 @@ class InertialProblem:
 
 
 def _aligning(rates: FloatArray, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """R_IMU,E and bias with readings = R rates + bias, (n, 3) each."""
+    """Return R_IMU,E and bias with readings = R rates + bias, (n, 3) each."""
     from scipy.spatial.transform import Rotation
 
     spread = np.linalg.svd(rates - rates.mean(0), compute_uv=False) / np.sqrt(len(rates))
@@ -307,18 +310,18 @@ def _aligning(rates: FloatArray, readings: FloatArray) -> tuple[FloatArray, Floa
 def _row_blocks(
     turn_terms: list[tuple[Any, FloatArray]], place_terms: list[tuple[Any, FloatArray]], tail: FloatArray, size: int
 ) -> Any:
-    """Rows of the Jacobian, of residuals (n, k): sums of basis (n, size) times blocks (n, k, 3), then the tail."""
+    """Return rows of the Jacobian of residuals (n, k): sums of basis (n, size) times blocks (n, k, 3), the tail."""
     from scipy.sparse import csr_array, hstack
 
     n, k, _ = tail.shape
     parts = []
     for terms in (turn_terms, place_terms):
-        part = csr_array((n * k, 3 * size))
+        block = csr_array((n * k, 3 * size))
         for basis, matrices in terms:
             coo = basis.tocoo()
             values = coo.data[:, None, None] * matrices[coo.row]
             row = np.broadcast_to(k * coo.row[:, None, None] + np.arange(k)[:, None], values.shape)
             column = np.broadcast_to(3 * coo.col[:, None, None] + np.arange(3), values.shape)
-            part = part + csr_array((values.ravel(), (row.ravel(), column.ravel())), shape=part.shape)
-        parts.append(part)
+            block = block + csr_array((values.ravel(), (row.ravel(), column.ravel())), shape=block.shape)
+        parts.append(block)
     return hstack([*parts, csr_array(tail.reshape(n * k, -1))], format="csr")

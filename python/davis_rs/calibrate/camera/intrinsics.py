@@ -1,4 +1,4 @@
-"""Intrinsics from views of a checkerboard: focal lengths, principal point and distortion."""
+"""Calibrates intrinsics from views of a checkerboard: focal lengths, principal point and distortion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Least squares over what is no vector: states that small steps move (poses, say).
+"""Solves least squares over what is no vector: states that small steps move (poses, say).
 
 scipy's own solver wants a vector space.
 """
@@ -26,7 +26,7 @@ def levenberg_marquardt(
     iterations: int = 50,
     tolerance: float = 1e-10,
 ) -> State:
-    """The state near ``start`` of the least sum of squared residuals.
+    """Return the state near ``start`` of the least sum of squared residuals.
 
     Args:
         residuals: of a state, (m,); not finite where a state makes no sense.
@@ -69,7 +69,7 @@ def levenberg_marquardt(
 
 
 def solve(matrix: Any, right: FloatArray) -> FloatArray:
-    """The solution of a linear system, dense or sparse."""
+    """Return the solution of a linear system, dense or sparse."""
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.solve(matrix, right))
     from scipy.sparse.linalg import splu

@@ -1,4 +1,4 @@
-"""OpenCV, which calibration alone needs."""
+"""Imports OpenCV, which calibration alone needs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def load_opencv() -> Any:
-    """The module cv2.
+    """Return the module cv2.
 
     Raises:
         ImportError: where it is not installed, or is OpenCV 5, which lacks the hand-eye solution.

@@ -1,9 +1,8 @@
-"""What calibrations found, for people and for programs."""
+"""Tells what calibrations found, for people and for programs."""
 
 from __future__ import annotations
 
 from functools import singledispatch
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +15,13 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @singledispatch
-def report(result: Any) -> str:
+def report(result: Intrinsics | HandEye | CameraImu) -> str:
     """Return a calibration's result in a few lines: values, standard deviations and residuals."""
     raise TypeError(f"no calibration's result: {type(result).__name__}")
 
 
 @singledispatch
-def as_dict(result: Any) -> dict[str, Any]:
+def as_dict(result: Intrinsics | HandEye | CameraImu) -> dict[str, object]:
     """Return a calibration's result in JSON's types; units as in its attributes."""
     raise TypeError(f"no calibration's result: {type(result).__name__}")
 
@@ -45,7 +44,7 @@ def _(result: Intrinsics) -> str:
 
 
 @as_dict.register
-def _(result: Intrinsics) -> dict[str, Any]:
+def _(result: Intrinsics) -> dict[str, object]:
     camera = result.camera
     return {
         "width": camera.width,
@@ -76,7 +75,7 @@ def _(result: HandEye) -> str:
 
 
 @as_dict.register
-def _(result: HandEye) -> dict[str, Any]:
+def _(result: HandEye) -> dict[str, object]:
     return {
         "T_hand_camera": result.hand_camera.tolist(),
         "T_world_board": result.world_board.tolist(),
@@ -109,7 +108,7 @@ def _(result: CameraImu) -> str:
 
 
 @as_dict.register
-def _(result: CameraImu) -> dict[str, Any]:
+def _(result: CameraImu) -> dict[str, object]:
     return {
         "T_imu_camera": result.imu_camera.tolist(),
         "lag_s": result.lag_s,

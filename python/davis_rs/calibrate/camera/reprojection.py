@@ -43,7 +43,7 @@ def vector_of(rotations: npt.ArrayLike) -> FloatArray:
 
 
 def transform(rotation: npt.ArrayLike, translation: npt.ArrayLike) -> FloatArray:
-    """Rigid transforms (..., 4, 4) of rotations (..., 3, 3) and translations (..., 3)."""
+    """Return rigid transforms (..., 4, 4) of rotations (..., 3, 3) and translations (..., 3)."""
     r, t = np.asarray(rotation, np.float64), np.asarray(translation, np.float64)
     matrix = np.zeros((*r.shape[:-2], 4, 4))
     matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = r, t, 1.0
@@ -51,11 +51,11 @@ def transform(rotation: npt.ArrayLike, translation: npt.ArrayLike) -> FloatArray
 
 
 def inverse(transforms: FloatArray) -> FloatArray:
-    """Inverses of rigid transforms (..., 4, 4)."""
+    """Return inverses of rigid transforms (..., 4, 4)."""
     turned = np.swapaxes(transforms[..., :3, :3], -1, -2)
     return transform(turned, -(turned @ transforms[..., :3, 3:])[..., 0])
 
 
 def moved(pose: FloatArray, motion: FloatArray) -> FloatArray:
-    """A transform (4, 4) times the small one of a rotation vector and a translation, (6,), in its own axes."""
+    """Return a transform (4, 4) times the small one of a rotation vector and a translation, (6,), in its own axes."""
     return pose @ transform(rotation_of(motion[:3]), motion[3:])

@@ -1,4 +1,4 @@
-"""Uniform B-splines as sparse matrices: values and derivatives are linear in the coefficients."""
+"""Evaluates uniform B-splines as sparse matrices: values and derivatives are linear in the coefficients."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SplineBasis:
         self.size = len(self._knots) - _DEGREE - 1
 
     def matrix(self, t_s: FloatArray, derivative: int = 0) -> Any:
-        """The sparse matrix (n, ``size``) that maps coefficients to a derivative at times (n,) inside the range."""
+        """Return the sparse matrix (n, ``size``) from coefficients to a derivative at times (n,) inside the range."""
         from scipy.interpolate import BSpline
         from scipy.sparse import diags_array
 

@@ -1,4 +1,4 @@
-"""Poses from a tracker at the times of frames."""
+"""Interpolates poses from a tracker at the times of frames."""
 
 from __future__ import annotations
 

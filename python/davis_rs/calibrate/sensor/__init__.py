@@ -1,4 +1,4 @@
-"""Sensors fitted to recordings: what events tell of one, and what frames tell in addition."""
+"""Fits sensors to recordings: what events tell of one, and what frames tell in addition."""
 
 from .frame_source import FrameSource
 from .measured_recording import MeasuredRecording, measure_recording

@@ -1,4 +1,4 @@
-"""What was found of one quantity, or why it was not."""
+"""Holds what was found of one quantity, or why it was not."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Finding(NamedTuple):
 
 
 def combined(found: Sequence[Measured]) -> Measured:
-    """The mean of measurements of one quantity, weighted by their variances."""
+    """Return the mean of measurements of one quantity, weighted by their variances."""
     weights = np.array([1 / max(one.sigma, 1e-150) ** 2 for one in found])
     value = float(np.average([one.value for one in found], weights=weights))
     return Measured(value, float(1 / math.sqrt(weights.sum())))

@@ -1,4 +1,4 @@
-"""What recordings with frames tell, in addition to what their events do."""
+"""Fits what recordings with frames tell, in addition to what their events do."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LEAST_SIGNIFICANCE = 4.0
 
 
 def find_of_frames(recordings: Sequence[MeasuredRecording], leak_hz: Measured | None) -> Iterator[Finding]:
-    """Thresholds, mismatch, bandwidth, exposure and noise of frames, each found or with the reason why not."""
+    """Yield thresholds, mismatch, bandwidth, exposure and noise of frames, each found or with the reason why not."""
     framed = [one for one in recordings if one.samples is not None]
     if not framed:
         why = "there are no frames"
@@ -70,12 +70,12 @@ def _thresholds(recording: MeasuredRecording, leak_hz: Measured | None) -> Thres
     hot = np.zeros((events.size[1], events.size[0]), np.bool_)
     hot[events.hot_pixels.y, events.hot_pixels.x] = True
     fit = partial(fit_thresholds, samples, events.size[0], leak_hz=leak_hz, black=source.black, left_out=hot)
-    found = fit(over_light=recording.lux is not None)
-    return fit() if found.lag_by_light is not None and _receptor(recording, found) is None else found
+    fitted = fit(over_light=recording.lux is not None)
+    return fit() if fitted.lag_by_light is not None and _receptor(recording, fitted) is None else fitted
 
 
 def _receptor(recording: MeasuredRecording, found: ThresholdFit) -> _Receptor | None:
-    """What tells the photoreceptor; None where that lags too little to be told."""
+    """Return what tells the photoreceptor; None where that lags too little to be told."""
     by_light, lux, samples = found.lag_by_light, recording.lux, recording.samples
     if by_light is None or lux is None or samples is None or not _is_told(by_light):
         return None
@@ -134,7 +134,7 @@ def _is_told(lag: Measured) -> bool:
 
 
 def _corner(lag_s: Measured) -> Measured:
-    """The corner that lags so much. Its error is the one to higher frequencies, which is the larger one."""
+    """Return the corner that lags so much. Its error is the one to higher frequencies, which is the larger one."""
     corner = 1 / (2 * math.pi * lag_s.value)
     return Measured(corner, corner * lag_s.sigma / (lag_s.value - lag_s.sigma))
 

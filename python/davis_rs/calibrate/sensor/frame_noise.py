@@ -1,4 +1,4 @@
-"""Noise of frames: how values of pixels that see no change scatter, over how bright they are (photon transfer)."""
+"""Measures noise of frames: how values without change scatter, over how bright they are (photon transfer)."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class NoiseSampler:
         self._total += len(usable)
 
     def finish(self) -> NoiseValues:
-        """The values of those frames between which light changes least."""
+        """Return the values of those frames between which light changes least."""
         scatter = [_variance(one[2]) for one in self._found]
         most = _AS_STEADY * float(np.quantile(scatter, _STEADIEST)) if scatter else 0.0
         steady = [one for one, own in zip(self._found, scatter, strict=True) if own <= most]

@@ -1,4 +1,4 @@
-"""Pairs of a pixel's samples: how much log intensity changed between two frames, and which events came in between."""
+"""Pairs a pixel's samples: how much log intensity changed between two frames, and which events came in between."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class FramePairs:
         return np.asarray(np.bincount(self.own, values, len(self.pixel)), np.float64)
 
     def around(self, values: FloatArray) -> FloatArray:
-        """The mean of values (k, m) over the 5 x 5 pixels around each, without itself; 0 where there are none."""
+        """Return the mean of values (k, m) over the 5 x 5 pixels around each, without itself; 0 where there is none."""
         from scipy.ndimage import uniform_filter
 
         y, x = self._place

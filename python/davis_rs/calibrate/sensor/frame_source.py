@@ -1,4 +1,4 @@
-"""The intensity frames of anything that has them, one by one, with the instants that they stand for."""
+"""Reads the intensity frames of anything that has them, one by one, with the instants that they stand for."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class FrameSource:
 
 
 def open_frames(path: str | os.PathLike[str], size: tuple[int, int]) -> FrameSource | None:
-    """The frames of whatever :func:`davis_rs.open_reader` opens; None where it has no place for any.
+    """Return the frames of whatever :func:`davis_rs.open_reader` opens; None where it has no place for any.
 
     Frames of AEDAT 2.0 are held in memory, all others are read one by one. A frame of a camera stands for the middle of
     its exposure. A dataset folder of this package stamps frames at the end of the exposure that its ``meta.json``
@@ -107,9 +107,9 @@ def _of_file(file: Path, size: tuple[int, int]) -> Iterator[StampedFrame]:
 
 
 def _whole(pixels: npt.NDArray[Any], x: int, y: int, size: tuple[int, int]) -> npt.NDArray[np.float32]:
-    """Values where they lie on the sensor, NaN around them."""
+    """Return values where they lie on the sensor, NaN around them."""
     width, height = size
     values = np.full((height, width), np.nan, np.float32)
-    part = pixels[: max(height - y, 0), : max(width - x, 0)]
-    values[y : y + part.shape[0], x : x + part.shape[1]] = part
+    visible = pixels[: max(height - y, 0), : max(width - x, 0)]
+    values[y : y + visible.shape[0], x : x + visible.shape[1]] = visible
     return values

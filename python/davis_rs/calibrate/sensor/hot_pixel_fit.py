@@ -1,4 +1,4 @@
-"""How many pixels are hot, and how often they fire."""
+"""Finds how many pixels are hot, and how often they fire."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _RATE = ("rate of hot pixels", "hot_pixel_rate_hz")
 
 
 def find_hot_pixels(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ...]:
-    """Their share of the pixels that are calm enough to show them, and the median of their rates.
+    """Return their share of the pixels that are calm enough to show them, and the median of their rates.
 
     Noise makes pixels with low thresholds fire often, too, at random and with both polarities: those are counted, but
     not taken as hot. Rates are taken to be log-normal with the spread of :class:`~davis_rs.sensor.effects.HotPixels`.
@@ -54,7 +54,7 @@ def find_hot_pixels(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ..
 
 
 def _usual(one: StreamStatistics) -> npt.NDArray[np.float64]:
-    """Events of a polarity in the pixels around each."""
+    """Return events of a polarity in the pixels around each."""
     from scipy.ndimage import median_filter
 
     return np.maximum(*(median_filter(counts, size=5, mode="mirror").astype(np.float64) for counts in one.counts))
@@ -63,21 +63,22 @@ def _usual(one: StreamStatistics) -> npt.NDArray[np.float64]:
 def _of_calm(
     recordings: Sequence[StreamStatistics], calm: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], int]:
-    """Rates and variations of the hot pixels there, those of the longest recording, and how many pixels are noisy."""
-    found: dict[tuple[int, int], tuple[float, float, float]] = {}
+    """Return rates and variations of the hot pixels there, those of the longest recording, and how many pixels are
+    noisy."""
+    pixels: dict[tuple[int, int], tuple[float, float, float]] = {}
     for one in sorted(recordings, key=lambda one: one.duration_s):
         hot = one.hot_pixels
         alike = (hot.variation < _MOST_VARIATION) & (hot.on_share > _LEAST_ON_SHARE)
         columns = (hot.x.tolist(), hot.y.tolist(), hot.rate_hz, hot.variation, alike)
         for x, y, rate, variation, periodic in zip(*columns, strict=True):
             if calm[y, x]:
-                found[x, y] = float(rate), float(variation), float(periodic)
-    rates, variation, periodic = np.array(list(found.values())).reshape(-1, 3).T
+                pixels[x, y] = float(rate), float(variation), float(periodic)
+    rates, variation, periodic = np.array(list(pixels.values())).reshape(-1, 3).T
     return rates[periodic > 0], variation[periodic > 0], int(np.count_nonzero(periodic == 0))
 
 
 def _log_normal(rates: npt.NDArray[np.float64], least_hz: float) -> tuple[Measured, float]:
-    """The median of a log-normal law of known spread that is cut off below, and the share that lies above.
+    """Return the median of a log-normal law of known spread that is cut off below, and the share that lies above.
 
     The error is that upwards, which is the larger one.
     """

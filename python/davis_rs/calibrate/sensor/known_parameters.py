@@ -1,4 +1,4 @@
-"""What is known of a sensor when one of its parameters is fitted: what was found before, and the base."""
+"""Holds what is known of a sensor when one of its parameters is fitted: what was found before, and the base."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class KnownParameters:
         return self._base.parameters
 
     def get(self, name: str) -> Measured | None:
-        """What was found of a parameter, or what the base has, with its error or 0; None where neither knows it."""
+        """Return what was found of a parameter, or what the base has, with its error or 0; None if neither knows."""
         return self._found.get(name) or self.of_base(name)
 
     def of_base(self, name: str) -> Measured | None:
-        """What the base has."""
+        """Return what the base has."""
         value = getattr(self.base, name)
         return None if value is None else Measured(float(value), self._base.uncertainties.get(name, 0.0))

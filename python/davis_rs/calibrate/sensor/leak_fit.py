@@ -1,4 +1,4 @@
-"""Leak from pixels that see no signal: its rate, how it differs from pixel to pixel, and how regular it is."""
+"""Fits leak from pixels that see no signal: its rate, how it differs from pixel to pixel, and how regular it is."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ the time is a whole number of periods or not."""
 
 
 def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
-    """The mean rate: ON less OFF events of quiet pixels, because events of noise come in pairs."""
+    """Return the mean rate: ON less OFF events of quiet pixels, because events of noise come in pairs."""
     leaks, scatter = [], []
     for one in recordings:
         if not one.quiet.any():
@@ -69,7 +69,7 @@ def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
 
 
 def _signal_hides_leak(one: StreamStatistics) -> str | None:
-    """Why ON less OFF events of the calm pixels are no leak; None if they may be.
+    """Return why ON less OFF events of the calm pixels are no leak; None if they may be.
 
     Where nearly every pixel has events, :func:`signal_in` cannot tell. But if pixels have more OFF events than they
     have ON events above these, and the difference is alike in neighbours, it comes from what they see.
@@ -90,7 +90,7 @@ def _signal_hides_leak(one: StreamStatistics) -> str | None:
 
 
 def find_leak_variation(recordings: Sequence[StreamStatistics], off_over_on: float | None) -> tuple[Finding, Finding]:
-    """How rates differ from pixel to pixel, and how intervals of one pixel do, as shares of their means.
+    """Return how rates differ from pixel to pixel, and how intervals of one pixel do, as shares of their means.
 
     The spread is that of ON less OFF events between diagonal neighbours, so that what varies smoothly over the sensor,
     as a signal or light does, is no part of it. Subtracted is what counts of one rate scatter: a clock's unknown phase,
@@ -141,7 +141,7 @@ def _variation(one: StreamStatistics, off_over_on: float | None) -> _Variation:
 
 
 def _variance_of_early_events(off_over_on: float | None, noise: float) -> Measured:
-    """What noise adds to the relative variance of leak intervals of pixels without an OFF event.
+    """Return what noise adds to the relative variance of leak intervals of pixels without an OFF event.
 
     Shortly before a leak event noise may make the ON event, and no OFF event follows, see
     :func:`~davis_rs.calibrate.sensor.noise_fit.find_noise`. The higher C_off, the more of the noise does so.
@@ -192,12 +192,12 @@ def _spread(net: npt.NDArray[np.float64], calm: npt.NDArray[np.bool_], jitter: M
 
 
 def _calm(one: StreamStatistics) -> npt.NDArray[np.bool_]:
-    """Those of the quiet pixels that have the fewest OFF events."""
+    """Return those of the quiet pixels that have the fewest OFF events."""
     off = one.counts[0]
     return np.asarray(one.quiet & (off <= np.quantile(off[one.quiet], _CALM_SHARE)))
 
 
 def mean_rate(counts: npt.NDArray[np.float64], duration_s: float, least: float) -> Measured:
-    """Mean rate of pixels, with the standard deviation of their scatter, but no less than ``least``."""
+    """Return mean rate of pixels, with the standard deviation of their scatter, but no less than ``least``."""
     scatter = float(counts.std(ddof=1)) / math.sqrt(len(counts)) / duration_s if len(counts) > 1 else math.inf
     return Measured(float(counts.mean()) / duration_s, max(scatter, least))

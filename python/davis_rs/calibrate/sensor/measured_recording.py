@@ -1,4 +1,4 @@
-"""A recording in one pass: the statistics of its events, and its frames next to them."""
+"""Measures a recording in one pass: the statistics of its events, and its frames next to them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shot noise from how often pixels fire in known light."""
+"""Fits shot noise from how often pixels fire in known light."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def find_noise(
     lux: Sequence[float | None],
     parameters: KnownParameters,
 ) -> tuple[Finding, Finding]:
-    """The rms of the noise, and the light in which its square is halved.
+    """Return the rms of the noise, and the light in which its square is halved.
 
     Quiet pixels make as many pairs of noise events as Rice's formula says, see
     :class:`~davis_rs.sensor.effects.ShotNoise`, in the mean over their thresholds. OFF events are counted, because a
@@ -83,7 +83,7 @@ class _Quiet(NamedTuple):
 
 
 def _off_rate(one: StreamStatistics) -> Measured | None:
-    """OFF events of a quiet pixel per second; None where signal or too few events are seen.
+    """Return OFF events of a quiet pixel per second; None where signal or too few events are seen.
 
     Pixels with low thresholds make most of the noise, and some of them look hot: they are counted.
     """
@@ -124,7 +124,7 @@ class _Problem:
     said: str
 
     def solve(self) -> tuple[Measured, Measured | None]:
-        """The rms, and the half light if it is to be found."""
+        """Return the rms, and the half light if it is to be found."""
         from scipy.optimize import least_squares
 
         given = [one for one in self.given if one.sigma > 0]
@@ -132,15 +132,15 @@ class _Problem:
         start = [math.log(self.given[0].value / 3.5)]
         start += [] if self.half_lux is not None else [math.log(float(np.sqrt(self.lux.min() * self.lux.max())))]
         start += [one.value for one in given]
-        found = least_squares(self._residuals, start, x_scale="jac")
-        covariance = np.linalg.pinv(found.jac.T @ found.jac)
+        solution = least_squares(self._residuals, start, x_scale="jac")
+        covariance = np.linalg.pinv(solution.jac.T @ solution.jac)
         sigmas = np.sqrt(np.diag(covariance))
         # Rates that scatter by more than their errors say so.
         freedom = len(self.quiet) - (1 if self.half_lux is not None else 2)
-        misfit = math.sqrt(max(2 * found.cost / freedom, 1.0)) if freedom > 0 else 1.0
+        misfit = math.sqrt(max(2 * solution.cost / freedom, 1.0)) if freedom > 0 else 1.0
         rms, *rest = (
             Measured(math.exp(value), math.exp(value) * misfit * sigma)
-            for value, sigma in zip(found.x.tolist(), sigmas.tolist(), strict=True)
+            for value, sigma in zip(solution.x.tolist(), sigmas.tolist(), strict=True)
         )
         return rms, rest[0] if self.half_lux is None else None
 
@@ -176,7 +176,7 @@ def _off_events_hz(
     light: float,
     leak_hz: float,
 ) -> npt.NDArray[np.float64]:
-    """OFF events of pixels with these thresholds per second.
+    """Return OFF events of pixels with these thresholds per second.
 
     Each pair that begins with an OFF event has one. One that begins with an ON event has none where the leak has
     brought the signal within half of C_off of the next ON event: noise on its way back then does not reach the OFF
@@ -221,6 +221,6 @@ def _problem(known: Sequence[_Quiet], parameters: KnownParameters) -> _Problem |
 
 
 def _half_lux(parameters: SensorParameters) -> float | None:
-    """As the sensor's own effects have it."""
+    """Return the half light as the sensor's own effects have it."""
     noise = SensorParameters.effects(parameters, 1.0).shot_noise_rms
     return None if noise is None or math.isinf(noise.half_luma) else noise.half_luma

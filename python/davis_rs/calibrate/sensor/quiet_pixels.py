@@ -1,4 +1,4 @@
-"""Whether the pixels that count as quiet see no signal."""
+"""Checks whether the pixels that count as quiet see no signal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Pairs(NamedTuple):
 
 
 def signal_in(one: StreamStatistics) -> str | None:
-    """Why the quiet pixels of a recording are not quiet; None if they are.
+    """Return why the quiet pixels of a recording are not quiet; None if they are.
 
     Neighbours that fire together see signal. Where nearly every pixel has events this cannot be told, and is not.
     """
@@ -34,7 +34,7 @@ def signal_in(one: StreamStatistics) -> str | None:
 
 
 def neighbours_with_events(counts: npt.NDArray[np.int64], quiet: npt.NDArray[np.bool_]) -> Pairs:
-    """Whether pixels fire together with their neighbours, as signal makes them, and noise does not.
+    """Return whether pixels fire together with their neighbours, as signal makes them, and noise does not.
 
     Diagonal neighbours, because quiet pixels were chosen by the ones next to them, see
     :data:`~davis_rs.inspection.statistics.stream_statistics.QUIET_SHARE`.

@@ -1,4 +1,4 @@
-"""Bounds that any stream gives: on the refractory period and on the bus; and the parity of columns and rows."""
+"""Finds bounds that any stream gives: on the refractory period and on the bus; and the parity of columns and rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def find_readout(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
 
 
 def find_parity(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
-    """Events at even places over those at odd ones, and what that says of thresholds if events go by 1 / C."""
+    """Yield events at even over odd positions, and what that says of thresholds if events go by 1 / C."""
     ratios: dict[tuple[str, int], Measured] = {}
     for words, pairs in (
         ("even / odd columns", [one.column_parity for one in recordings]),
@@ -36,10 +36,10 @@ def find_parity(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
     ):
         for polarity, name in ((1, "ON"), (0, "OFF")):
             known = [pair[polarity] for pair in pairs if math.isfinite(pair[polarity].sigma)]
-            found = combined(known) if known else None
-            if found is not None:
-                ratios[words, polarity] = found
-            yield Finding(f"{words}, {name}", None, found)
+            mean = combined(known) if known else None
+            if mean is not None:
+                ratios[words, polarity] = mean
+            yield Finding(f"{words}, {name}", None, mean)
     yield _column_parity(recordings, [ratios[key] for key in ratios if key[0] == "even / odd columns"])
 
 
@@ -55,7 +55,7 @@ def _column_parity(recordings: Sequence[StreamStatistics], ratios: Sequence[Meas
         why = "events are not those of a moving scene: the quietest pixels have as many as a tenth of the mean"
         return Finding(*COLUMN_PARITY, None, why)
     shares = [Measured((r - 1) / (r + 1), 2 * sigma / (r + 1) ** 2) for r, sigma in ratios]
-    found = combined(shares)
+    average = combined(shares)
     apart = abs(shares[0].value - shares[1].value) / 2
     said = "of thresholds, if events go by 1 / C"
-    return Finding(*COLUMN_PARITY, Measured(found.value, math.hypot(found.sigma, apart)), said)
+    return Finding(*COLUMN_PARITY, Measured(average.value, math.hypot(average.sigma, apart)), said)

@@ -1,4 +1,4 @@
-"""What recordings tell of a sensor, and what they do not."""
+"""Fits a sensor to recordings, and says what they do not tell."""
 
 from __future__ import annotations
 

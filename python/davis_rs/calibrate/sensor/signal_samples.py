@@ -1,4 +1,4 @@
-"""What a pixel's events say of log intensity at the instants of frames, next to the frames' values there."""
+"""Samples log intensity by a pixel's events at the instants of frames, next to the frames' values there."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class SignalSampler:
             self._sample(int(events["t"][-1]) - MOST_GAP_S * 1e6)
 
     def finish(self) -> SignalSamples:
-        """All samples; the sampler takes no more events then."""
+        """Return all samples; the sampler takes no more events then."""
         self._sample(np.inf)
         samples = np.concatenate([np.zeros(0, SAMPLE_DTYPE), *self._samples])
         samples = samples[np.argsort(samples["pixel"], kind="stable")]
@@ -198,7 +198,7 @@ class _Pieces:
         self._place = 0
 
     def at(self, t_us: float) -> SampleArray:
-        """Samples of an instant, later than the one before, of pixels where the signal is known; without values."""
+        """Return samples of a later instant than the one before, of pixels with a known signal; without values."""
         place = int(np.searchsorted(self.events["t"], t_us, side="right"))
         self.before += np.bincount(self.pixel[self._place : place], minlength=len(self.before))
         self._place = place
@@ -223,12 +223,15 @@ class _Pieces:
         p, t0, gap, turned = p[smooth], t0[smooth], gap[smooth], turned[:, smooth]
         part, rate = _between((t_us - t0) / gap, gap, *np.where(turned, np.nan, sides[:, smooth]))
         on = self._on_before[last + 1] - self._on_before[start]
-        found = np.zeros(len(pixel), SAMPLE_DTYPE)
-        found["pixel"], found["t_s"] = pixel, t_us * 1e-6
-        found["on"], found["off"] = on + np.where(p == 1, part, 0), last + 1 - start - on + np.where(p == 0, part, 0)
-        found["rate"] = np.where(p == 1, rate, -rate) * 1e6
-        found["turns"] = turned.any(axis=0)
-        return found
+        samples = np.zeros(len(pixel), SAMPLE_DTYPE)
+        samples["pixel"], samples["t_s"] = pixel, t_us * 1e-6
+        samples["on"], samples["off"] = (
+            on + np.where(p == 1, part, 0),
+            last + 1 - start - on + np.where(p == 0, part, 0),
+        )
+        samples["rate"] = np.where(p == 1, rate, -rate) * 1e6
+        samples["turns"] = turned.any(axis=0)
+        return samples
 
 
 def _between(
@@ -237,7 +240,7 @@ def _between(
     earlier: npt.NDArray[np.float64],
     later: npt.NDArray[np.float64],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """How much of a level the signal has gone, and how fast it goes.
+    """Return how much of a level the signal has gone, and how fast it goes.
 
     A cubic whose slope at both ends is that of the parabola through the event and both of its neighbours, at most three
     times the chord's, so that it never turns; where a neighbour is missing the slope makes the curve a parabola.
@@ -253,6 +256,6 @@ def _between(
         np.where(np.isnan(end), 2 - np.minimum(begin, 2), end),
     )
     begin, end = (np.clip(np.nan_to_num(one, nan=1.0), 0, 3) for one in (begin, end))
-    part = x**2 * (3 - 2 * x) + begin * x * (1 - x) ** 2 - end * x**2 * (1 - x)
+    cubic = x**2 * (3 - 2 * x) + begin * x * (1 - x) ** 2 - end * x**2 * (1 - x)
     slope = 6 * x * (1 - x) + begin * (1 - x) * (1 - 3 * x) - end * x * (2 - 3 * x)
-    return np.clip(part, 0, 1), np.maximum(slope, 0) / gap
+    return np.clip(cubic, 0, 1), np.maximum(slope, 0) / gap

@@ -1,4 +1,4 @@
-"""What a sensor makes of a scene in which nothing moves: leak, noise and hot pixels alone."""
+"""Simulates a scene in which nothing moves: leak, noise and hot pixels alone."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def static_events(
     lux: float = 200.0,
     seed: int = 0,
 ) -> EventArray:
-    """Events of a static scene, from 0 to ``duration_s``.
+    """Return events of a static scene, from 0 to ``duration_s``.
 
     References begin at the signal, or where a leak leaves them (:func:`before_a_leak`).
 
@@ -56,13 +56,13 @@ def static_events(
     for t_us in instants.tolist():
         events = engine.push(t_us, frame)
         pieces.append(events[events["t"] > settled_s * 1e6])
-    found = concatenate_events([*pieces, engine.flush()])
-    found["t"] -= round(settled_s * 1e6)
-    return found
+    stream = concatenate_events([*pieces, engine.flush()])
+    stream["t"] -= round(settled_s * 1e6)
+    return stream
 
 
 def before_a_leak(luma: npt.NDArray[np.float32], engine: CrossingEngine, seed: int) -> npt.NDArray[np.float32]:
-    """A first frame for an engine whose second one is ``luma`` (H, W), a microsecond later.
+    """Return a first frame for an engine whose second one is ``luma`` (H, W), a microsecond later.
 
     It leaves the references where a leak has them in a static scene that has lasted: below the signal, by any part of
     C_on. So events come at the leak's rate from the beginning.

@@ -1,4 +1,4 @@
-"""Contrast thresholds from frames: how much log intensity changes between two frames, against the events in between."""
+"""Fits contrast thresholds to frames: changes of log intensity between two, against the events in between."""
 
 from __future__ import annotations
 
@@ -154,14 +154,14 @@ class _Regression:
         self.turn = 0
 
     def improve(self) -> None:
-        """One round."""
+        """Make one round."""
         self.columns()
         self.weigh()
         self.solve()
         self.turn += 1
 
     def columns(self) -> None:
-        """The log ratio, and what each unknown adds to it, at the present unknowns."""
+        """Compute the log ratio, and what each unknown adds to it, at the present unknowns."""
         pairs, (on, off) = self.pairs, self.own[:, self.pairs.own]
         light = np.maximum(pairs.value - self.black, 1e-3 * float(np.median(pairs.value)))
         self.ratio = np.diff(np.log(light), axis=0)[0]
@@ -204,14 +204,14 @@ class _Regression:
         self.weight = robust * bright / self.sigma**2
 
     def solve(self) -> None:
-        """Thresholds of pixels, then what they have in common."""
+        """Fit thresholds of pixels, then what they have in common."""
         pairs = self.pairs
-        found = self.of_pixels(self.weight, self.ratio)
+        fitted = self.of_pixels(self.weight, self.ratio)
         # What each unknown does to the thresholds that a pixel's own regression gives.
         effect = np.stack([self.of_pixels(self.weight, one).value for one in self.unknown], axis=1)
-        self.found, self.effect = found, effect
-        known = np.isfinite(found.error)
-        relative = np.where(known, found.error, 1e6) / self.own
+        self.found, self.effect = fitted, effect
+        known = np.isfinite(fitted.error)
+        relative = np.where(known, fitted.error, 1e6) / self.own
         certain = known * self.share**2 / (self.share**2 + relative**2)
         # Where only pixels with low thresholds have enough events, they would be preferred: the pixels around tell.
         self.surroundings = np.maximum(pairs.around(certain), 0)
@@ -224,7 +224,7 @@ class _Regression:
 
         # Between pixels: value = threshold + effect . unknowns.
         for polarity in (0, 1):
-            w, value, slopes = weight[polarity], found.value[polarity], effect[polarity]
+            w, value, slopes = weight[polarity], fitted.value[polarity], effect[polarity]
             for odd in (0, 1):
                 k, here = 2 * polarity + odd, w * (pairs.odd == odd)
                 normal[:, k, k] += grouped(here)
@@ -240,7 +240,7 @@ class _Regression:
         # Within pixels: what their own thresholds leave. Where ON and OFF events always come together they have none.
         inside = self.weight * np.asarray(known.any(axis=0))[pairs.own]
         left = [one - self.explained(effect[:, a]) for a, one in enumerate(self.unknown)]
-        rest = self.ratio - self.explained(found.value)
+        rest = self.ratio - self.explained(fitted.value)
         for a in range(len(self.others)):
             right[:, _OTHERS + a] += grouped(pairs.sum(inside * left[a] * rest))
             for b in range(len(self.others)):
@@ -253,7 +253,7 @@ class _Regression:
         self.others = solved[_OTHERS:].copy()
         self.others[_BLACK] = 0.0
         self.at_black = self.black + float(step)
-        value = found.value - np.tensordot(solved[_OTHERS:], effect, (0, 1))
+        value = fitted.value - np.tensordot(solved[_OTHERS:], effect, (0, 1))
         self.spread(value, relative)
         if self.turn < _ROUNDS - 1:
             most = 0.7 * (self.most_black - self.black)
@@ -280,7 +280,7 @@ class _Regression:
         return np.asarray(on * self.pairs.on - off * self.pairs.off, np.float64)
 
     def solved(self, normal: FloatArray, right: FloatArray) -> FloatArray:
-        """The unknowns of all, with what is known of them beforehand."""
+        """Return the unknowns of all, with what is known of them beforehand."""
         normal, right = normal.copy(), right.copy()
         black = self.black_known or Measured(self.black, 1e3 * float(np.median(self.middle)))
         lag = Measured(0.0, _LAG_SIGMA_S)
@@ -291,7 +291,7 @@ class _Regression:
         return np.asarray(np.linalg.solve(normal, right), np.float64)
 
     def spread(self, value: FloatArray, relative: FloatArray) -> None:
-        """Mismatch, and each pixel's thresholds shrunk to the mean by their errors."""
+        """Fit mismatch, and each pixel's thresholds shrunk to the mean by their errors."""
         pairs, centre = self.pairs, self.mean[:, self.pairs.odd]
         rest = self.ratio - self.others @ self.unknown - (self.at_black - self.black) * self.unknown[_BLACK]
         first, second = (self.of_pixels(self.weight * (pairs.half == half), rest) for half in (0, 1))
@@ -309,7 +309,7 @@ class _Regression:
         self.own = centre * np.clip(1 + self.shrink * (value / centre - 1), 0.3, 3.0)
 
     def result(self) -> ThresholdFit:
-        """What was found, with errors.
+        """Return what was found, with errors.
 
         Raises:
             NotIdentifiable: where frames do not follow the events.
@@ -318,7 +318,9 @@ class _Regression:
         whole_normal, whole_right = self.normal.sum(axis=0), self.right.sum(axis=0)
         table = np.array([self.summary(self.solved(whole_normal - self.normal[g], whole_right - self.right[g]),
                                        self.pairs.group != g) for g in groups])  # fmt: skip
-        found = np.array(self.summary(self.solved(whole_normal, whole_right), np.ones(len(self.pairs.pixel), np.bool_)))
+        estimate = np.array(
+            self.summary(self.solved(whole_normal, whole_right), np.ones(len(self.pairs.pixel), np.bool_))
+        )
         n = len(groups)
         sigma = _JACKKNIFE * np.sqrt((n - 1) / n * ((table - table.mean(axis=0)) ** 2).sum(axis=0))
         # What is known beforehand is the same for all groups; its error is that of the solution.
@@ -330,13 +332,13 @@ class _Regression:
                 sigma[:2] = np.hypot(sigma[:2], [moved[:2].mean(), moved[2:4].mean()])
         preferred = self.share**2 * (1 - np.average(self.surroundings, weights=self.pixel_weight))
         curvature = _CURVATURE / max(self.pairs.straight_share, 0.01) ** 2
-        sigma[:2] = np.hypot(sigma[:2], found[:2] * math.hypot(curvature, preferred))
-        sigma[3] = math.hypot(sigma[3], 2 * _MISMATCH_SHARE * found[3], _COMMON_ERROR * self.error2)
+        sigma[:2] = np.hypot(sigma[:2], estimate[:2] * math.hypot(curvature, preferred))
+        sigma[3] = math.hypot(sigma[3], 2 * _MISMATCH_SHARE * estimate[3], _COMMON_ERROR * self.error2)
         sigma[2] = math.hypot(sigma[2], _PARITY)
         sigma[4] = math.hypot(sigma[4], curvature * self.usual)
-        sigma[5:] = np.hypot(sigma[5:], math.hypot(_LAG_SHARE, 3 * curvature) * found[5:])
+        sigma[5:] = np.hypot(sigma[5:], math.hypot(_LAG_SHARE, 3 * curvature) * estimate[5:])
         on, off, parity, mismatch2, black, lag, *by_light = (
-            Measured(float(a), float(b)) for a, b in zip(found, sigma, strict=True)
+            Measured(float(a), float(b)) for a, b in zip(estimate, sigma, strict=True)
         )
         if not (on.value > _LEAST_SIGNIFICANCE * on.sigma and off.value > _LEAST_SIGNIFICANCE * off.sigma):
             raise NotIdentifiable(f"log intensity of frames follows events too loosely: C_on {on}, C_off {off}")
@@ -355,7 +357,7 @@ class _Regression:
         )  # fmt: skip
 
     def summary(self, solved: FloatArray, kept: npt.NDArray[np.bool_]) -> list[float]:
-        """C_on, C_off, parity, mismatch^2, black level, lag, its part that goes by 1 / I in the usual light."""
+        """Return C_on, C_off, parity, mismatch^2, black level, lag, its part that goes by 1 / I in the usual light."""
         (on_even, on_odd), (off_even, off_odd) = solved[:4].reshape(2, 2)
         parity = ((on_odd - on_even) / (on_odd + on_even) + (off_odd - off_even) / (off_odd + off_even)) / 2
         importance = self.importance * kept

@@ -1,4 +1,4 @@
-"""Windows of events as PyTorch data sets (extra ``torch``); imported only when it is asked for."""
+"""Makes windows of events as PyTorch data sets (extra ``torch``); imported only when it is asked for."""
 
 from ..._util.extras import from_extra
 

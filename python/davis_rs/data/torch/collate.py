@@ -1,4 +1,4 @@
-"""Samples to a batch."""
+"""Joins samples to a batch."""
 
 from __future__ import annotations
 

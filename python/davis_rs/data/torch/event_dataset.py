@@ -1,4 +1,4 @@
-"""Windows of one or more files and folders as a map-style data set."""
+"""Makes windows of one or more files and folders as a map-style data set."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class EventDataset(Dataset):  # type: ignore[misc]
 
 
 def _stacked(name: str, images: WindowImages[Any], size: tuple[int, int] | None, dtype: Any, *last: int) -> Sample:
-    """Images as one tensor, and their times; colours or directions before rows and columns."""
+    """Return images as one tensor, and their times; colours or directions before rows and columns."""
     width, height = size or (0, 0)
     stack = np.stack(images[:]) if len(images) else np.zeros((0, height, width, *last), dtype)
     if last:

@@ -1,39 +1,43 @@
-"""The events of a window as tensors."""
+"""Makes tensors of the events of a window."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from ...events.arrays import EventArray
 from ...events.represent import count_image, event_spike_tensor, last_event_times, time_surface, voxel_grid
 from ..windows.window import EventWindow
 
-Representation = Callable[..., Any]
+Image = npt.NDArray[np.floating[Any]]
+Representation = Callable[..., Image]
 
 
-def _count(window: EventWindow, size: tuple[int, int]) -> Any:
+def _count(window: EventWindow, size: tuple[int, int]) -> Image:
     return count_image(window.events, size).astype(np.float32)
 
 
-def _voxel_grid(window: EventWindow, size: tuple[int, int], *, bins: int = 5, endpoint: bool = True) -> Any:
-    limits: dict[str, Any] = {"start_us": window.start_us, "stop_us": window.end_us}
-    return voxel_grid(window.events, size, bins, endpoint=endpoint, **limits)
+def _voxel_grid(window: EventWindow, size: tuple[int, int], *, bins: int = 5, endpoint: bool = True) -> Image:
+    return voxel_grid(window.events, size, bins, start_us=window.start_us, stop_us=window.end_us, endpoint=endpoint)
 
 
-def _time_surface(window: EventWindow, size: tuple[int, int], *, tau_us: float = 30_000.0) -> Any:
+def _time_surface(window: EventWindow, size: tuple[int, int], *, tau_us: float = 30_000.0) -> Image:
     return time_surface(window.events, size, tau_us, t_us=window.end_us)
 
 
-def _est(window: EventWindow, size: tuple[int, int], *, bins: int = 9, measurement: Any = "time") -> Any:
-    limits: dict[str, Any] = {"start_us": window.start_us, "stop_us": window.end_us}
-    return event_spike_tensor(window.events, size, bins, measurement=measurement, **limits)
+def _est(
+    window: EventWindow, size: tuple[int, int], *, bins: int = 9, measurement: Literal["time", "count"] = "time"
+) -> Image:
+    return event_spike_tensor(
+        window.events, size, bins, start_us=window.start_us, stop_us=window.end_us, measurement=measurement
+    )
 
 
-def _last_times(window: EventWindow, size: tuple[int, int], *, count: int = 1) -> Any:
+def _last_times(window: EventWindow, size: tuple[int, int], *, count: int = 1) -> Image:
     return last_event_times(window.events, size, count, start_us=window.start_us, stop_us=window.end_us)
 
 
@@ -50,7 +54,7 @@ RAW = "raw"
 
 
 def raw_tensors(events: EventArray) -> dict[str, torch.Tensor]:
-    """The fields of events as tensors of shape (n,) without a copy: t int64, x and y int16, p uint8.
+    """Return the fields of events as tensors of shape (n,) without a copy: t int64, x and y int16, p uint8.
 
     Coordinates above 32,767, which int16 does not hold, are copied to int32.
     """

@@ -1,1 +1,1 @@
-"""Event files and dataset folders as windows, for training."""
+"""Cuts event files and dataset folders into windows, for training."""

@@ -1,4 +1,4 @@
-"""Where windows begin and end: by time, by count, between frames."""
+"""Cuts streams into windows: by time, by count, between frames."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Cuts(Protocol):
     """Cuts a stream into windows."""
 
     def __len__(self) -> int:
-        """The number of windows."""
+        """Return the number of windows."""
 
     def window(self, access: RandomAccess, index: int) -> tuple[int, int, EventArray]:
         """Start, end and events of a window."""
@@ -75,7 +75,7 @@ class FrameCuts:
 
 
 def windows_that_fit(length: int, size: int, stride: int) -> int:
-    """How many windows of ``size``, ``stride`` apart, lie within ``length``."""
+    """Return how many windows of ``size``, ``stride`` apart, lie within ``length``."""
     return max(0, (length - size) // stride + 1) if length >= size else 0
 
 

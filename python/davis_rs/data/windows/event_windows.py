@@ -1,4 +1,4 @@
-"""Any event file, or a dataset folder, as a sequence of windows."""
+"""Reads any event file, or a dataset folder, as a sequence of windows."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 import numpy as np
+import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import names_checked
@@ -113,9 +114,9 @@ class EventWindows(Sequence[EventWindow]):
     def __getitem__(self, index: slice) -> EventWindows: ...
     def __getitem__(self, index: int | slice) -> EventWindow | EventWindows:
         if isinstance(index, slice):
-            part = copy.copy(self)
-            part._numbers = self._numbers[index]
-            return part
+            chosen = copy.copy(self)
+            chosen._numbers = self._numbers[index]
+            return chosen
         try:
             number = self._numbers[index]
         except IndexError:
@@ -145,7 +146,7 @@ class EventWindows(Sequence[EventWindow]):
         return FrameCuts(t_us[(t_us >= self._first_us) & (t_us <= self._stop_us)])
 
     def _of_folder(self, start_us: int, end_us: int) -> dict[str, Any]:
-        """What a folder has of a window."""
+        """Return what a folder has of a window."""
         if (folder := self.dataset) is None:
             return {}
         until_us = end_us + 1 if self.by == "frames" else end_us
@@ -163,7 +164,7 @@ class EventWindows(Sequence[EventWindow]):
         }
 
 
-def _times(images: list[StampedImage]) -> np.ndarray[Any, np.dtype[np.int64]]:
+def _times(images: list[StampedImage]) -> npt.NDArray[np.int64]:
     return np.array([image.t_us for image in images], np.int64)
 
 
@@ -174,7 +175,7 @@ def _images(images: list[StampedImage], start_us: int, end_us: int, read: Callab
 
 
 def _pose_at(poses: GroundTruth, t_us: int) -> Pose | None:
-    """The pose at an instant between the first and the last one."""
+    """Return the pose at an instant between the first and the last one."""
     after = int(np.searchsorted(poses.t_us, t_us))
     if after == len(poses.t_us):
         return None
@@ -185,7 +186,7 @@ def _pose_at(poses: GroundTruth, t_us: int) -> Pose | None:
     from scipy.spatial.transform import Rotation, Slerp
 
     span_us = poses.t_us[after - 1 : after + 1]
-    share = float(t_us - span_us[0]) / float(span_us[1] - span_us[0])
-    position = poses.positions[after - 1] * (1 - share) + poses.positions[after] * share
+    fraction = float(t_us - span_us[0]) / float(span_us[1] - span_us[0])
+    position = poses.positions[after - 1] * (1 - fraction) + poses.positions[after] * fraction
     arc = Slerp([0.0, 1.0], Rotation.from_quat(poses.quaternions[after - 1 : after + 1]))
-    return Pose(position, arc(share).as_quat())
+    return Pose(position, arc(fraction).as_quat())

@@ -1,4 +1,4 @@
-"""One window of events, with what belongs to it."""
+"""Holds one window of events, with what belongs to it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...events.arrays import EventArray
+from ...events.packet import Displacement
 from ...geometry.pose import Pose
 from ...sensor.imu import IMU_DTYPE, ImuArray
 
@@ -45,7 +46,7 @@ class WindowImages(Sequence[_Image], Generic[_Image]):
 
 
 def no_images() -> WindowImages[Any]:
-    """The images of a window without any."""
+    """Return the images of a window without any."""
     return WindowImages(np.zeros(0, np.int64), 0, lambda _: None)
 
 
@@ -74,7 +75,7 @@ class EventWindow:
     frames: WindowImages[npt.NDArray[np.uint8]] = field(default_factory=no_images)
     depth_maps: WindowImages[npt.NDArray[np.float32]] = field(default_factory=no_images)
     flow_maps: WindowImages[npt.NDArray[np.float32]] = field(default_factory=no_images)
-    displacements: WindowImages[Any] = field(default_factory=no_images)
+    displacements: WindowImages[Displacement] = field(default_factory=no_images)
     masks: WindowImages[npt.NDArray[np.uint16]] = field(default_factory=no_images)
     imu: ImuArray = field(default_factory=lambda: np.zeros(0, IMU_DTYPE))
     start_pose: Pose | None = None

@@ -1,4 +1,4 @@
-"""A camera's path: trajectories of any kind, motions by rule, files.
+"""Holds a camera's path: trajectories of any kind, motions by rule, files.
 
 ``trajectory`` (the classes) <- ``sampled_trajectory`` (measured poses) <- ``sample_noise``; ``trajectory_file``,
 ``waypoints`` and ``motions`` make them; ``views`` are a path's poses and rates at some instants.

@@ -1,4 +1,4 @@
-"""Motions of a camera by rule: slider, hand-held, zigzag, spiral, walking, running."""
+"""Makes motions of a camera by rule: slider, hand-held, zigzag, spiral, walking, running."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from .waypoints import waypoint_trajectory
 
 _SAMPLE_RATE_HZ = 400.0
 _WHOLE_S = 2.0
-"""A motion by hand that is shorter than a second is the end of one of this length."""
+"""A hand-held motion of less than a second is the end of one of this length."""
 
 _WANDER = 0.2
-"""How much a degree of freedom of the motion's own kind wanders, next to another one."""
+"""How much a degree of freedom of the motion's kind wanders, relative to one that is not."""
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -29,11 +29,11 @@ Kind = Literal["rotation", "translation", "6dof"]
 def slider(
     start: PoseLike, distance_m: float, speed_m_s: float, *, direction: npt.ArrayLike = (1.0, 0.0, 0.0)
 ) -> SegmentTrajectory:
-    """Return the path of a linear slider: along one direction at constant speed, without rotation.
+    """Make the path of a linear slider: along one direction at constant speed, without rotation.
 
     Args:
         start: the pose at t = 0.
-        distance_m, speed_m_s: > 0; that of the dataset's slider_depth goes 0.98 m at 0.29 m/s.
+        distance_m, speed_m_s: > 0; the slider of the dataset's slider_depth goes 0.98 m at 0.29 m/s.
         direction: in camera axes, of any length but 0; the default is to the right.
 
     Raises:
@@ -57,7 +57,7 @@ def hand_held(
     reach_rad: float = 0.6,
     seed: int = 0,
 ) -> SampledTrajectory:
-    """Return hand-held motion as in the paper: each degree of freedom first alone, then together, ever faster.
+    """Make hand-held motion as in the paper: each degree of freedom first alone, then together, ever faster.
 
     In the first half each degree of freedom of ``kind`` (three rotations, three translations, or all six) swings alone
     for an equal time; in the second half they all swing, at frequencies of their own that grow to the end. All the time
@@ -88,7 +88,7 @@ def hand_held(
     random = np.random.Generator(np.random.PCG64(seed))
     t = _times(duration_s)
     whole_s = duration_s if duration_s > 1 else _WHOLE_S
-    share = (whole_s - duration_s + t) / whole_s
+    fraction = (whole_s - duration_s + t) / whole_s
     shapes: list[FloatArray] = []
     for excited, top, reach in (
         (kind != "rotation", top_speed_m_s, reach_m),
@@ -100,13 +100,13 @@ def hand_held(
         shapes.append(
             np.stack(
                 [
-                    _swing(share, whole_s, fastest_hz, random, slot=(first + axis, slots) if excited else None)
+                    _swing(fraction, whole_s, fastest_hz, random, slot=(first + axis, slots) if excited else None)
                     for axis in range(3)
                 ],
                 axis=1,
             )
         )
-    # From where it starts, should it be in motion already; a whole motion starts at 0.
+    # A motion that is cut off at the start begins away from 0.
     shift, turn = (shape - shape[0] for shape in shapes)
     return _scaled(start, t, shift, turn, top_speed_m_s, top_rate_rad_s, f"hand-held {kind}")
 
@@ -114,7 +114,7 @@ def hand_held(
 def zigzag(
     start: PoseLike, legs: int, leg_m: float, speed_m_s: float, *, width_m: float = 1.0, through: bool = False
 ) -> SampledTrajectory:
-    """Return a path forward in a zigzag, from side to side, looking ahead all the time.
+    """Make a path forward in a zigzag, from side to side, looking ahead all the time.
 
     Args:
         start: the pose at t = 0; forward is its optical axis, level, and to the side is its x axis, level.
@@ -138,7 +138,7 @@ def zigzag(
 def spiral(
     start: PoseLike, turns: float, radius_m: float, speed_m_s: float, *, pitch_m: float = 0.3
 ) -> SampledTrajectory:
-    """Return a spiral that widens in the image plane's directions while it advances, looking ahead all the time.
+    """Make a spiral that widens in the image plane's directions while it advances, looking ahead all the time.
 
     Args:
         start: the pose at t = 0, on the axis.
@@ -150,10 +150,10 @@ def spiral(
     start = as_pose(start, "start")
     _check_positive(turns=turns, radius_m=radius_m, speed_m_s=speed_m_s)
     check_number("pitch_m", pitch_m, 0)
-    share = np.linspace(0.0, 1.0, max(8, round(24 * turns)) + 1)
-    angle = 2 * np.pi * turns * share
+    fraction = np.linspace(0.0, 1.0, max(8, round(24 * turns)) + 1)
+    angle = 2 * np.pi * turns * fraction
     in_camera = np.stack(
-        [radius_m * share * np.cos(angle), radius_m * share * np.sin(angle), pitch_m * turns * share], axis=1
+        [radius_m * fraction * np.cos(angle), radius_m * fraction * np.sin(angle), pitch_m * turns * fraction], axis=1
     )
     points = start.position + in_camera @ start.rotation.T
     return waypoint_trajectory(points, np.tile(start.quaternion, (len(points), 1)), speed_m_s=speed_m_s)
@@ -170,7 +170,7 @@ def walking(
     nod_rad: float = 0.02,
     seed: int = 0,
 ) -> SampledTrajectory:
-    """Return a walking person's path ahead: up and down with each step, to one side with every second step.
+    """Make a walking person's path ahead: up and down with each step, to one side with every second step.
 
     Args:
         start: the pose at t = 0; ahead is its optical axis, level.
@@ -214,7 +214,7 @@ def running(
     nod_rad: float = 0.06,
     seed: int = 0,
 ) -> SampledTrajectory:
-    """Return the path of :func:`walking` for a person who runs."""
+    """Make the path of :func:`walking` for a person who runs."""
     start = as_pose(start, "start")
     return walking(
         start,
@@ -229,32 +229,36 @@ def running(
 
 
 def _swing(
-    share: FloatArray, duration_s: float, fastest_hz: float, random: np.random.Generator, slot: tuple[int, int] | None
+    fraction: FloatArray,
+    duration_s: float,
+    fastest_hz: float,
+    random: np.random.Generator,
+    slot: tuple[int, int] | None,
 ) -> FloatArray:
-    """One degree of freedom over the share of the time, from rest: alone in its slot first, then with all."""
+    """Make the motion of a degree of freedom over fractions of the time: first alone in its slot, then with all."""
     own = random.uniform(0.8, 1.2)
     hz = random.uniform(0.5, 1.0, 2) * fastest_hz
-    wander = np.sin(2 * np.pi * np.outer(share * duration_s, hz) + random.uniform(0, 2 * np.pi, 2)).sum(1)
-    wander *= (0.4 + 0.6 * share) * _bump(share, 0.0, 2.0, 0.05)
+    wander = np.sin(2 * np.pi * np.outer(fraction * duration_s, hz) + random.uniform(0, 2 * np.pi, 2)).sum(1)
+    wander *= (0.4 + 0.6 * fraction) * _bump(fraction, 0.0, 2.0, 0.05)
     if slot is None:
         return wander
     index, slots = slot
     alone_at, alone_for = 0.5 * index / slots, 0.5 / slots
     alone_hz = max(0.4 * fastest_hz, 2 / (alone_for * duration_s))
-    alone = np.sin(2 * np.pi * min(alone_hz, 4.0) * (share - alone_at) * duration_s)
+    alone = np.sin(2 * np.pi * min(alone_hz, 4.0) * (fraction - alone_at) * duration_s)
     # From 40 % of the frequency in the middle to all of it at the end.
-    later = np.maximum(share - 0.5, 0.0)
+    later = np.maximum(fraction - 0.5, 0.0)
     cycles = own * fastest_hz * duration_s * (0.4 * later + 0.6 * later**2)
     together = (0.6 + 0.8 * later) * np.sin(2 * np.pi * cycles + random.uniform(0, 2 * np.pi))
     return (
         _WANDER * wander
-        + 0.8 * _bump(share, alone_at, alone_at + alone_for, 0.2 * alone_for) * alone
-        + _bump(share, 0.5, 2.0, 0.05) * together
+        + 0.8 * _bump(fraction, alone_at, alone_at + alone_for, 0.2 * alone_for) * alone
+        + _bump(fraction, 0.5, 2.0, 0.05) * together
     )
 
 
 def _bump(x: FloatArray, start: float, end: float, edge: float) -> FloatArray:
-    """Return 1 between start and end, 0 outside, four times differentiable at the edges."""
+    """Evaluate a window: 1 between start and end, 0 outside, four times differentiable at the edges."""
 
     def step(u: FloatArray) -> FloatArray:
         u = np.clip(u, 0.0, 1.0)
@@ -267,7 +271,7 @@ def _bump(x: FloatArray, start: float, end: float, edge: float) -> FloatArray:
 def _scaled(
     start: Pose, t: FloatArray, shift: FloatArray, turn: FloatArray, top_speed: float, top_rate: float, kind: str
 ) -> SampledTrajectory:
-    """The path of shifts and turns (n, 3) in camera axes, each scaled to its top speed."""
+    """Make the path of shifts and turns (n, 3) in camera axes, each scaled to its top speed."""
     from scipy.optimize import brentq
 
     level = _turned(start, t, start.position + shift @ start.rotation.T, 0 * turn, kind)
@@ -292,7 +296,7 @@ def _scaled(
 
 
 def _turned(start: Pose, t: FloatArray, position: FloatArray, turn: FloatArray, kind: str) -> SampledTrajectory:
-    """A path at these positions (n, 3), turned from the start by these vectors (n, 3) in camera axes, of below pi."""
+    """Make a path at positions (n, 3), turned from the start by rotation vectors (n, 3) in camera axes, of below pi."""
     return SampledTrajectory(t, position, _turned_quaternions(start, turn), description={"kind": kind})
 
 
@@ -306,7 +310,7 @@ def _times(duration_s: float) -> FloatArray:
 
 
 def _level(start: Pose) -> tuple[FloatArray, FloatArray]:
-    """Ahead and to the right in the horizontal plane."""
+    """Return the directions ahead and to the right in the horizontal plane."""
     ahead = start.rotation[:, 2] * (1.0, 1.0, 0.0)
     if np.linalg.norm(ahead) < 1e-3:
         raise ValueError(f"the optical axis must not point straight up or down, got {start.rotation[:, 2].tolist()}")

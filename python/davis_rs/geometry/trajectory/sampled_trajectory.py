@@ -1,10 +1,10 @@
-"""Trajectories through samples: smoothing splines of stated sigma."""
+"""Makes trajectories through samples: smoothing splines of stated sigma."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +15,17 @@ from ..pose import UNIT_NORM_TOLERANCE, FloatArray, body_rates
 from .sample_noise import pose_noise
 from .trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+    from scipy.sparse import sparray
+
 
 class SampleError(ValueError):
-    """A sample of a trajectory breaks a rule; the message names the sample."""
+    """Raised where a sample of a trajectory breaks a rule; the message names the sample."""
 
 
 class PathChange(NamedTuple):
-    """How far a smoothed path is from its samples: rms and largest, in metres and radians."""
+    """The distance of a smoothed path from its samples: rms and largest, in metres and radians."""
 
     position_rms_m: float
     position_max_m: float
@@ -161,7 +165,7 @@ class SampledTrajectory(Trajectory):
         )
 
     def smoothing(self) -> str:
-        """Return what was done to the samples, in one line."""
+        """Describe in one line how the samples were smoothed."""
         position_sigma, rotation_sigma = self._sigmas
         change, did = self.change(), []
         if position_sigma > 0:
@@ -180,15 +184,15 @@ class SampledTrajectory(Trajectory):
             did.append(f"{' and '.join(kept)} taken as they are")
         return ", ".join(did)
 
-    def _derivative(self, spline: Any, t_s: npt.ArrayLike, order: int) -> FloatArray:
+    def _derivative(self, spline: BSpline, t_s: npt.ArrayLike, order: int) -> FloatArray:
         values: FloatArray = spline(self.times(t_s), order)
         return values
 
 
 def rotation_through(t_s: FloatArray, quaternions: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """The unit quaternions, over time, of the :class:`SampledTrajectory` through these samples, which begin at 0.
+    """Return the unit quaternions over time of the :class:`SampledTrajectory` through samples that begin at 0.
 
-    It saves those who ask for rotations alone the fit of positions.
+    It spares a caller who needs only rotations the fit of positions.
     """
     spline = _fit(t_s, _continuous(quaternions), 0.0)
     return lambda t: _unit(spline(np.clip(t, 0.0, t_s[-1])))
@@ -200,7 +204,7 @@ def _unit(q: FloatArray) -> FloatArray:
 
 
 def _continuous(q: FloatArray) -> FloatArray:
-    """The quaternions with norm 1, each with the sign that is nearer to the one before."""
+    """Normalise quaternions, and give each the sign that is nearer to the one before."""
     q = _unit(q)
     turns = np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0)
     q[1:] *= np.cumprod(turns)[:, None]
@@ -210,7 +214,7 @@ def _continuous(q: FloatArray) -> FloatArray:
 def _check_samples(
     t: FloatArray, p: FloatArray, q: FloatArray, max_gap_s: float, name_of: Callable[[int], str]
 ) -> None:
-    """The rules of :class:`SampledTrajectory`, each in one place for arrays and files."""
+    """Check the rules of :class:`SampledTrajectory`, for arrays and files alike."""
 
     def first(bad: npt.ArrayLike) -> int | None:
         where = np.flatnonzero(bad)
@@ -251,8 +255,8 @@ def _check_samples(
     )
 
 
-def _fit(t: FloatArray, y: FloatArray, sigma: float) -> Any:
-    """A BSpline of y over t in [0, t[-1]] with rms residual ``sigma`` in each of a sample's three free directions.
+def _fit(t: FloatArray, y: FloatArray, sigma: float) -> BSpline:
+    """Fit a spline to y over t in [0, t[-1]] with rms residual ``sigma`` in each of a sample's three free directions.
 
     A position (n, 3) has three, and so has a unit quaternion (n, 4): it never moves along itself.
     """
@@ -292,6 +296,6 @@ def _fit(t: FloatArray, y: FloatArray, sigma: float) -> Any:
     return BSpline(knots, coefficients + centre, degree, extrapolate=False)
 
 
-def _bands(matrix: Any, width: int) -> FloatArray:
-    """The diagonals 0 to -width of a sparse symmetric matrix, as solveh_banded takes them."""
+def _bands(matrix: sparray, width: int) -> FloatArray:
+    """Return the diagonals 0 to -width of a sparse symmetric matrix, as solveh_banded takes them."""
     return np.array([np.pad(matrix.diagonal(-k), (0, k)) for k in range(width + 1)])

@@ -1,4 +1,4 @@
-"""Trajectories: pose, velocity and angular rate of a camera at any time."""
+"""Defines trajectories: pose, velocity and angular rate of a camera at any time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ..pose import (
 TIME_TOLERANCE_S = 1e-6
 
 SPEED_WINDOW_S = 0.1
-"""Time over which a top speed is a mean: see :meth:`Trajectory.top_speeds`."""
+"""Length of the window of a top speed, which is a mean: see :meth:`Trajectory.top_speeds`."""
 
 _DIFFERENCE_STEP_S = 1e-4
 
@@ -43,12 +43,12 @@ class TopSpeeds(NamedTuple):
 class Trajectory(ABC):
     """A camera's path over [0, ``duration_s``] seconds.
 
-    An implementation sets ``duration_s`` and gives the five abstract methods; those that take times, (n,) in seconds,
-    pass them through :meth:`times` first. One that knows its second derivatives gives them too: those of this class are
-    differences, good to about 1e-8 of the third derivative, with noise of 1e-12 of the first over 1e-4 s.
+    A subclass sets ``duration_s`` and implements the five abstract methods; those that take times, (n,) in seconds,
+    pass them through :meth:`times` first. One that knows its second derivatives implements them too: those of this
+    class are differences, good to about 1e-8 of the third derivative, with noise of 1e-12 of the first over 1e-4 s.
 
     Attributes:
-        start_time_ns: what t = 0 is on the clock of the file or the path that this one was made of, nanoseconds.
+        start_time_ns: t = 0 on the clock of the file or the path that this one was made from, nanoseconds.
     """
 
     duration_s: float
@@ -81,14 +81,14 @@ class Trajectory(ABC):
     def breaks_s(self) -> FloatArray:
         """Return increasing instants (n,) in (0, ``duration_s``) at which velocity, body rate or the pose jumps.
 
-        A start from rest, the end of a motion, a corner of the path: whatever is interpolated in time must not be
-        interpolated across these. A path that is smooth all the way, as that of this class is taken to be, has none.
+        Examples are a start from rest, the end of a motion, and a corner of the path. Nothing may be interpolated in
+        time across them. A smooth path has none, and so this method returns none unless a subclass has its own.
         """
         return np.empty(0)
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """Return what this trajectory is and where it comes from, in JSON's types."""
+        """Return a description of this trajectory and of its origin, in JSON's types."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__.lstrip('_')} of {self.duration_s:.6g} s>"
@@ -187,12 +187,12 @@ class Trajectory(ABC):
             ("angular rate", top.rate_rad_s, max_rate_rad_s, top.rate_at_s, "rad/s"),
         ):
             if not value <= limit:
-                found = f"{value:.6g} {unit} {over} at {at_s:.6g} s"
-                raise ValueError(f"the trajectory's {what} must be at most {limit:g} {unit}, got {found}")
+                reached = f"{value:.6g} {unit} {over} at {at_s:.6g} s"
+                raise ValueError(f"the trajectory's {what} must be at most {limit:g} {unit}, got {reached}")
         return top
 
     def _difference(self, function: Callable[[npt.ArrayLike], FloatArray], t_s: npt.ArrayLike) -> FloatArray:
-        """Central differences of a function of time, from within the trajectory at its ends, too."""
+        """Differentiate a function of time by central differences, one-sided at the ends of the trajectory."""
         t = self.times(t_s)
         step = min(_DIFFERENCE_STEP_S, self.duration_s / 4)
         middle = np.clip(t, step, self.duration_s - step)
@@ -204,7 +204,7 @@ class Trajectory(ABC):
 
 
 def mean_rates(quaternions: Callable[[FloatArray], FloatArray], duration_s: float, window_s: float) -> FloatArray:
-    """Mean angular rates (n,) in rad/s over each of the windows of :meth:`Trajectory.top_speeds`, > 0 seconds long.
+    """Return the mean angular rates (n,), rad/s, over the windows of :meth:`Trajectory.top_speeds`, > 0 seconds long.
 
     Args:
         quaternions: the unit quaternions (n, 4) at times (n,), of which rounding puts some just after ``duration_s``.
@@ -216,7 +216,7 @@ def mean_rates(quaternions: Callable[[FloatArray], FloatArray], duration_s: floa
 
 
 def _windows(duration_s: float, window_s: float) -> tuple[FloatArray, float]:
-    """The times at which the windows of a path begin, and their length."""
+    """Return the times at which the windows of a path begin, and their length."""
     window_s = min(window_s, duration_s)
     last_s = duration_s - window_s
     t = np.linspace(0.0, last_s, max(round(last_s / 1e-3), 2000) + 1) if last_s > 0 else np.zeros(1)
@@ -250,7 +250,7 @@ class CallableTrajectory(Trajectory):
         angular_rate: times -> (n, 3), body axes, rad/s.
         acceleration, angular_acceleration: times -> (n, 3), as for :class:`Trajectory`; by differences if not given.
         breaks_s: instants (n,), strictly increasing, within (0, ``duration_s``) at which the motion is not smooth, see
-            :meth:`Trajectory.breaks_s`. At each of them the functions must give what holds from there on.
+            :meth:`Trajectory.breaks_s`. At each of them the functions must return the value after it.
         description: what :meth:`describe` adds to the duration.
 
     Raises:
@@ -323,8 +323,8 @@ class CallableTrajectory(Trajectory):
 class SegmentTrajectory(Trajectory):
     """Moves from one pose to the next at constant velocity and constant body rate, the shorter way round.
 
-    For a controller that gives pose after pose. Of a half turn (both ways equally long) it takes the one that the
-    quaternions' signs point to.
+    It suits a controller that gives pose after pose. For a half turn, of which both ways are equally long, the signs of
+    the quaternions decide.
 
     Raises:
         ValueError: for a duration that is not finite and > 0.
@@ -374,6 +374,8 @@ class SegmentTrajectory(Trajectory):
 
 
 class _Aligned(Trajectory):
+    """A trajectory moved rigidly, see :func:`align`."""
+
     def __init__(self, trajectory: Trajectory, pose: Pose, at_s: float) -> None:
         was = trajectory.pose(at_s)
         self.duration_s, self.start_time_ns = trajectory.duration_s, trajectory.start_time_ns
@@ -422,6 +424,8 @@ def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajecto
 
 
 class _Cropped(Trajectory):
+    """A part of a trajectory, see :meth:`Trajectory.crop`."""
+
     def __init__(self, trajectory: Trajectory, start_s: float, duration_s: float) -> None:
         self.duration_s = duration_s
         self.start_time_ns = trajectory.start_time_ns + round(start_s * 1e9)

@@ -1,4 +1,4 @@
-"""Trajectory files: the public dataset's ``groundtruth.txt`` (TUM), in and out, and ESIM's CSV, in."""
+"""Reads trajectory files: the public dataset's ``groundtruth.txt`` (TUM), and ESIM's CSV."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from ..._util.untrusted import read_text
 from .sampled_trajectory import SampledTrajectory, SampleError
 
 MAX_STAMP_NS = 2**62
-"""Until the year 2116 in Unix time; so the difference of any two stamps fits an int64."""
+"""The largest stamp, in the year 2116 of Unix time, so that the difference of any two stamps fits an int64."""
 
 FARTHEST_M = 1e9
-"""Of a position: splines through larger numbers have no digits left for a camera's motion."""
+"""The largest coordinate: splines through larger numbers have no digits left for a camera's motion."""
 
 _LONGEST_NUMBER = 400
 
@@ -105,7 +105,8 @@ def read_trajectory(
 
 
 def _samples(path: str | Path, text: str) -> Iterator[tuple[str, int, list[str], list[float]]]:
-    """The name of each sample in messages, its stamp in nanoseconds, and its seven numbers, as text and as they are."""
+    """Yield for each sample its name in messages, its stamp in nanoseconds, and its seven numbers as text and as
+    floats."""
     separator: str | None = None
     started = False
     for number, raw in enumerate(text.splitlines(), 1):
@@ -133,7 +134,7 @@ def _check_header(where: str, line: str) -> None:
 
 
 def _last_digit(words: Iterable[str]) -> float:
-    """The place value of the last digit of the number that has most of them: 0.001 for 1.5 and 2.125."""
+    """Return the place value of the last digit of the number that has most of them: 0.001 for 1.5 and 2.125."""
     finest = min(int(Decimal(word).as_tuple().exponent) for word in words)
     return 10.0**finest
 

@@ -1,4 +1,4 @@
-"""Poses and motion of the camera at several instants: what a renderer is asked for."""
+"""Holds poses and motion of the camera at several instants, for which a renderer is called."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """A camera's place and motion at n instants, each array float64.
+    """A camera's pose and motion at n instants, each array float64.
 
     Attributes:
-        t_s: (n,) seconds of the sequence: whatever else changes in a scene goes by it.
+        t_s: (n,) seconds of the sequence, by which objects and lights of a scene change.
         positions: (n, 3) camera centres in the world, metres.
         rotations: (n, 3, 3) R_world_camera.
         velocities: (n, 3) world axes, m/s.
@@ -46,7 +46,7 @@ class Views:
 
     @classmethod
     def along(cls, trajectory: Trajectory, t_s: npt.ArrayLike, *, start_s: float = 0.0) -> Views:
-        """Return the views along a trajectory at its times ``t_s`` (n,); its time 0 is at ``start_s`` of the sequence.
+        """Make the views along a trajectory at its times ``t_s`` (n,); its time 0 is at ``start_s`` of the sequence.
 
         Raises:
             ValueError: as :meth:`Trajectory.times`.
@@ -62,7 +62,7 @@ class Views:
 
     @classmethod
     def at_rest(cls, poses: Sequence[PoseLike], t_s: npt.ArrayLike = 0.0) -> Views:
-        """Return cameras that do not move, all at time ``t_s``, or each at its own, (n,)."""
+        """Make views of cameras that do not move, all at time ``t_s``, or each at its own, (n,)."""
         checked = [as_pose(pose, "poses") for pose in poses]
         positions = np.array([pose.position for pose in checked]).reshape(-1, 3)
         quaternions = np.array([pose.quaternion for pose in checked]).reshape(-1, 4)
@@ -87,7 +87,7 @@ class Views:
         return len(self.t_s)
 
     def __getitem__(self, index: slice | npt.NDArray[np.integer]) -> Views:
-        """The views of a slice, or of an array of indices, in its order."""
+        """Return the views of a slice, or of an array of indices, in its order."""
         return Views(
             self.t_s[index],
             self.positions[index],

@@ -1,4 +1,4 @@
-"""A trajectory from control points: through or near them, at a given speed."""
+"""Makes a trajectory from control points: through or near them, at a given speed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def waypoint_trajectory(
     through: bool = True,
     ramp_s: float = 0.3,
 ) -> SampledTrajectory:
-    """Return a smooth path along control points, at constant speed between a start and an end at rest.
+    """Make a smooth path along control points, at constant speed between a start and an end at rest.
 
     The curve is a natural cubic spline through the points over the distance between them; or, near them, the
     cubic B-spline that has them as its control points, from the first to the last: it keeps within their hull, and cuts
@@ -101,12 +101,13 @@ def waypoint_trajectory(
 
 
 def _ramped(length: float, speed: float, ramp_s: float) -> tuple[float, Callable[[FloatArray], FloatArray]]:
-    """How long a length takes with ramps of the speed at both ends, and how far one has got at any time."""
+    """Return the time for a length with ramps of the speed at both ends, and the distance travelled as a function of
+    time."""
     ramp_s = min(ramp_s, length / speed)
     duration_s = length / speed + ramp_s
 
     def risen(t: FloatArray) -> FloatArray:
-        """The integral of a smooth step over a ramp, 3 x^2 - 2 x^3, and of 1 after it."""
+        """Return the integral of a smooth step over a ramp, 3 x^2 - 2 x^3, and of 1 after it."""
         if ramp_s == 0:
             return t
         x = np.clip(t / ramp_s, 0.0, 1.0)

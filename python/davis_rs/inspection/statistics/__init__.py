@@ -1,4 +1,4 @@
-"""Statistics of event streams: rates, intervals, bursts, hot and quiet pixels, of any length in bounded memory."""
+"""Measures event streams: rates, intervals, bursts, hot and quiet pixels, of any length in bounded memory."""
 
 from .comparison import StreamComparison, compare_streams
 from .event_stream import EventStream, open_event_stream

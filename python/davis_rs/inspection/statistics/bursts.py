@@ -1,4 +1,4 @@
-"""How a stream was read out: runs of events of one row with one stamp, and how many of them there are in a while."""
+"""Counts bursts, which tell how a stream was read out: runs of events of one row with one stamp."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The statistics of two streams side by side."""
+"""Compares the statistics of two streams side by side."""
 
 from __future__ import annotations
 
@@ -54,38 +54,38 @@ def compare_streams(
 
 
 def _cells(one: StreamStatistics) -> dict[str, str]:
-    """A column of the table, by the names of its rows."""
-    found = one.describe()
-    hot, order = found["hot_pixels"], found["column_order"]
+    """Return a column of the table, by the names of its rows."""
+    described = one.describe()
+    hot, order = described["hot_pixels"], described["column_order"]
     cells = {
         "stream": one.name,
         "kind": one.kind,
         "sensor": f"{one.size[0]} x {one.size[1]}",
         "duration": f"{one.duration_s:.3f} s",
         "events": f"{one.events:,}",
-        "ON share of all events": _percent(found["on_share"]),
-        "ON events of a pixel": _with_unit(found["rate_per_pixel_hz"]["on"], "Hz"),
-        "OFF events of a pixel": _with_unit(found["rate_per_pixel_hz"]["off"], "Hz"),
+        "ON share of all events": _percent(described["on_share"]),
+        "ON events of a pixel": _with_unit(described["rate_per_pixel_hz"]["on"], "Hz"),
+        "OFF events of a pixel": _with_unit(described["rate_per_pixel_hz"]["off"], "Hz"),
     }
     for kind, words in (("same", "of the same polarity"), ("any", "of any polarity")):
-        intervals = found["interval_us"][kind]
+        intervals = described["interval_us"][kind]
         cells[f"shortest interval {words}"] = _with_unit(intervals["least"], "us")
         for shares in ((1, 10, 50), (90, 99)):
             listed = [_number(_in_ms(intervals[f"p{share}"])) for share in shares]
             cells[f"  {kind}: {', '.join(map(str, shares))} % are below"] = " / ".join(listed) + " ms"
     for key, words in (("rows_per_us", "row bursts in a us"), ("rows_per_10_us", "row bursts in 10 us")):
-        cells[f"{words}: mean / 99 % / most"] = _three(found[key])
-    cells["events in a row burst: mean / 99 % / most"] = _three(found["events_per_row"])
+        cells[f"{words}: mean / 99 % / most"] = _three(described[key])
+    cells["events in a row burst: mean / 99 % / most"] = _three(described["events_per_row"])
     cells["columns in a burst: ascending / descending"] = (
         f"{_percent(order['ascending'])} / {_percent(order['descending'])}"
     )
     cells |= {
-        "events that share their stamp": _percent(found["shared_stamp_share"]),
+        "events that share their stamp": _percent(described["shared_stamp_share"]),
         "hot pixels": f"{hot['count']} ({100 * hot['share']:.3f} %)",
         "  their rate: least / median / most": _three(hot["rate_hz"], ("least", "median", "most"), " Hz"),
         "  their ON share: least / median / most": _three(hot["on_share"], ("least", "median", "most")),
         "  variation of intervals: least / median / most": _three(hot["variation"], ("least", "median", "most")),
-        "quiet pixels": f"{found['quiet']['pixels']:,}",
+        "quiet pixels": f"{described['quiet']['pixels']:,}",
         "  their rate": f"{one.quiet_rate_hz} Hz",
         "  their ON share": str(one.quiet_on_share),
         "even / odd columns: ON": _parity(one.column_parity[1]),
@@ -116,11 +116,11 @@ def _with_unit(value: float | None, unit: str) -> str:
     return "-" if value is None else f"{_number(value)} {unit}"
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f} %"
+def _percent(fraction: float | None) -> str:
+    return "-" if fraction is None else f"{100 * fraction:.1f} %"
 
 
 def _three(
-    found: dict[str, float | None] | None, keys: tuple[str, ...] = ("mean", "p99", "most"), unit: str = ""
+    values: dict[str, float | None] | None, keys: tuple[str, ...] = ("mean", "p99", "most"), unit: str = ""
 ) -> str:
-    return "-" if found is None else " / ".join(_number(found[key]) for key in keys) + unit
+    return "-" if values is None else " / ".join(_number(values[key]) for key in keys) + unit

@@ -1,4 +1,4 @@
-"""The statistics of two streams as one page of pictures."""
+"""Draws the statistics of two streams as one page of pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Histograms of non-negative integers over many orders of magnitude, and what they say."""
+"""Counts histograms of non-negative integers over many orders of magnitude, and what they say."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Histogram:
             # A large integer may round up to a power of two: its mantissa then lies in the octave above.
             exponents -= (values >> exponents) < np.where(exponents > 0, _HALF, 0)
             bins = exponents * _HALF + (values >> exponents)
-        found = np.bincount(bins)
-        self.counts[: len(found)] += found
+        added = np.bincount(bins)
+        self.counts[: len(added)] += added
         self.least = low if self.least is None else min(self.least, low)
         self.most = high if self.most is None else max(self.most, high)
 
@@ -56,19 +56,19 @@ class Histogram:
         middles = 0.5 * (edges[:-1] + edges[1:] - 1)
         return float(np.average(middles, weights=self.counts)) if self.total else float("nan")
 
-    def percentile(self, share: float) -> float:
-        """Return the value that ``share`` percent of all do not exceed, to the width of its bin; NaN without values."""
+    def percentile(self, percent: float) -> float:
+        """Return the value that ``percent`` of all do not exceed, to the width of its bin; NaN without values."""
         if self.least is None or self.most is None:
             return float("nan")
         below = np.cumsum(self.counts)
-        at = int(np.searchsorted(below, max(share / 100 * below[-1], 1)))
+        at = int(np.searchsorted(below, max(percent / 100 * below[-1], 1)))
         edges = bin_edges()
         middle = 0.5 * (float(edges[at]) + float(edges[at + 1]) - 1)
         return min(max(middle, float(self.least)), float(self.most))
 
 
 def bin_edges() -> IntArray:
-    """The first value of each bin, and one behind the last bin."""
+    """Return the first value of each bin, and one behind the last bin."""
     exact = np.arange(_EXACT, dtype=np.int64)
     octaves = [np.arange(_HALF, _EXACT, dtype=np.int64) << k for k in range(1, _OCTAVES + 1)]
     return np.concatenate([exact, *octaves, [np.iinfo(np.int64).max]])

@@ -1,4 +1,4 @@
-"""The events of anything that can be read, piece by piece."""
+"""Reads the events of anything that can be read, piece by piece."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _of_file(path: Path, told: Callable[[float], object]) -> Iterator[EventArray
 
 
 def cut(events: EventArray, told: Callable[[float], object]) -> Iterator[EventArray]:
-    """An array in pieces."""
+    """Yield an array in pieces."""
     for start in range(0, len(events), _PIECE):
         yield events[start : start + _PIECE]
         told(min((start + _PIECE) / len(events), 1.0))

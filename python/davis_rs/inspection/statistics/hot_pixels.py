@@ -1,4 +1,4 @@
-"""Hot pixels: those that fire on their own, as far as events alone can tell."""
+"""Finds hot pixels: those that fire on their own, as far as events alone can tell."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class HotPixels:
 
 
 def find_hot_pixels(pixels: PixelSums, duration_s: float) -> HotPixels:
-    """The hot pixels of a stream."""
+    """Return the hot pixels of a stream."""
     from scipy.ndimage import median_filter
 
     events = pixels.events
@@ -69,11 +69,11 @@ def find_hot_pixels(pixels: PixelSums, duration_s: float) -> HotPixels:
 
 
 def _variation(pixels: PixelSums) -> npt.NDArray[np.float64]:
-    """The coefficient of variation of the intervals of each polarity and pixel, (2, H, W); infinite with fewer than
-    three."""
+    """Return the coefficient of variation of the intervals of each polarity and pixel, (2, H, W); infinite with fewer
+    than three."""
     count = pixels.intervals
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = pixels.interval_sum / count
         variance = (pixels.interval_squares - count * mean**2) / (count - 1)
-        found = np.sqrt(np.maximum(variance, 0)) / mean
-    return np.where((count > 2) & (mean > 0), found, np.inf)
+        variation = np.sqrt(np.maximum(variance, 0)) / mean
+    return np.where((count > 2) & (mean > 0), variation, np.inf)

@@ -1,4 +1,4 @@
-"""Sums of each pixel and polarity over a stream: events, and the moments of the intervals between them."""
+"""Keeps sums of each pixel and polarity over a stream: events, and the moments of the intervals between them."""
 
 from __future__ import annotations
 

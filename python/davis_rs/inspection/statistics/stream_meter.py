@@ -1,4 +1,4 @@
-"""Measuring a stream in one pass."""
+"""Measures a stream in one pass."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def measure_stream(
         size: (width, height) of the sensor in pixels, where the source does not say.
         quiet: (x0, y0, x1, y1) of pixels that see no signal; if not given, the quietest are looked for.
         start_s, stop_s: only events with start_s <= t < stop_s, in seconds after the first event; by default all.
-        progress: is told the share that is read, 0..1.
+        progress: is told the fraction that is read, 0..1.
         also: is given the events that are measured, piece by piece.
 
     Raises:
@@ -141,7 +141,7 @@ def measure_stream(
 
 
 def _between(pieces: Iterator[EventArray], start_s: float, stop_s: float | None) -> Iterator[EventArray]:
-    """The events of a part, in seconds after the first event."""
+    """Yield the events of a part, in seconds after the first event."""
     if start_s == 0 and stop_s is None:
         yield from pieces
         return

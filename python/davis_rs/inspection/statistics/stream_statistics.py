@@ -1,4 +1,4 @@
-"""What was measured of a stream."""
+"""Holds what was measured of a stream."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Measured(NamedTuple):
 
 
 def _to_digits(number: float, digits: int) -> str:
-    """A number rounded to ``digits`` digits; with an exponent only from a million on, or below 0.0001."""
+    """Return a number rounded to ``digits`` digits; with an exponent only from a million on, or below 0.0001."""
     return f"{float(f'{number:.{digits}g}'):g}"
 
 
@@ -112,7 +112,7 @@ class StreamStatistics:
         pixels = self.size[0] * self.size[1]
         off, on = self.rates_hz.mean(axis=(1, 2)).tolist()
         parity = {"columns": self.column_parity, "rows": self.row_parity}
-        found = {
+        described = {
             "name": self.name,
             "kind": self.kind,
             "size": list(self.size),
@@ -141,7 +141,7 @@ class StreamStatistics:
             "quiet": {"pixels": int(self.quiet.sum()), "rate_hz": self.quiet_rate_hz, "on_share": self.quiet_on_share},
             "even_over_odd": {name: {"off": pair[0], "on": pair[1]} for name, pair in parity.items()},
         }
-        plain: dict[str, Any] = _plain(found)
+        plain: dict[str, Any] = _plain(described)
         return plain
 
 
@@ -156,7 +156,7 @@ def evaluate(
     outside: int,
     quiet: Region | None,
 ) -> StreamStatistics:
-    """The statistics from what was added up.
+    """Return the statistics from what was added up.
 
     Raises:
         ValueError: for a region that is not in the sensor.
@@ -195,7 +195,7 @@ def evaluate(
 def _quiet_pixels(
     events: npt.NDArray[np.int64], cold: npt.NDArray[np.bool_], region: Region | None
 ) -> npt.NDArray[np.bool_]:
-    """The pixels, bool (H, W), that are quiet, or the cold ones of a region."""
+    """Return the pixels, bool (H, W), that are quiet, or the cold ones of a region."""
     height, width = cold.shape
     if region is not None:
         x0, y0, x1, y1 = region
@@ -223,7 +223,7 @@ def _quiet_pixels(
 
 
 def _parity(counts: npt.NDArray[np.int64], cold: npt.NDArray[np.bool_], axis: int) -> Measured:
-    """Events at even places over those at odd ones, along an axis; its scatter is that of pairs of neighbours."""
+    """Return events at even over odd positions along an axis; its scatter is that of pairs of neighbours."""
     lines = np.where(cold, counts, 0).sum(axis=1 - axis, dtype=np.float64)
     width = np.maximum(cold.sum(axis=1 - axis), 1)
     per_pixel = lines / width
@@ -244,7 +244,7 @@ def _rate(events: int, seconds: float) -> Measured:
 
 
 def _share(part: int, total: int) -> Measured:
-    """A share with its standard deviation (Agresti and Coull's: with one of none it does not vanish)."""
+    """Return a fraction with its standard deviation (Agresti and Coull's: with one of none it does not vanish)."""
     if total == 0:
         return Measured(math.nan, math.nan)
     smooth = (part + 2) / (total + 4)
@@ -255,8 +255,8 @@ _SHARES = (1, 10, 50, 90, 99)
 
 
 def _percentiles(histogram: Histogram) -> dict[str, float | int | None]:
-    found: dict[str, float | int | None] = {"intervals": histogram.total, "least": histogram.least}
-    return found | {f"p{share}": histogram.percentile(share) for share in _SHARES}
+    described: dict[str, float | int | None] = {"intervals": histogram.total, "least": histogram.least}
+    return described | {f"p{share}": histogram.percentile(share) for share in _SHARES}
 
 
 def _shape(histogram: Histogram) -> dict[str, float | int | None]:
@@ -269,14 +269,14 @@ def _range(values: npt.NDArray[np.float64]) -> dict[str, float] | None:
     return {"least": float(values.min()), "median": float(np.median(values)), "most": float(values.max())}
 
 
-def _plain(found: Any) -> Any:
-    """The statistics in JSON's types; NaN and infinity become None."""
-    if isinstance(found, Measured):
-        return {"value": _plain(found.value), "sigma": _plain(found.sigma)}
-    if isinstance(found, dict):
-        return {key: _plain(one) for key, one in found.items()}
-    if isinstance(found, list | tuple):
-        return [_plain(one) for one in found]
-    if isinstance(found, np.generic):
-        found = found.item()
-    return None if isinstance(found, float) and not math.isfinite(found) else found
+def _plain(measured: object) -> Any:
+    """Return the statistics in JSON's types; NaN and infinity become None."""
+    if isinstance(measured, Measured):
+        return {"value": _plain(measured.value), "sigma": _plain(measured.sigma)}
+    if isinstance(measured, dict):
+        return {key: _plain(one) for key, one in measured.items()}
+    if isinstance(measured, list | tuple):
+        return [_plain(one) for one in measured]
+    if isinstance(measured, np.generic):
+        measured = measured.item()
+    return None if isinstance(measured, float) and not math.isfinite(measured) else measured

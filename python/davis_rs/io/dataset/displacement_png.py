@@ -1,4 +1,4 @@
-"""Displacement of pixels as 16-bit PNG, as KITTI and DSEC have it."""
+"""Packs displacement of pixels as 16-bit PNG, as KITTI and DSEC have it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ZERO = 1 << 15
 
 
 def encode_displacement(pixels: npt.NDArray[np.float32], encoding: str) -> bytes:
-    """A PNG of three channels of 16 bits: u and v as 2^15 + steps, and 1 where there is a vector.
+    """Return a PNG of three channels of 16 bits: u and v as 2^15 + steps, and 1 where there is a vector.
 
     There is none where nothing is seen, where the point ends behind the camera, and where it goes farther than 16 bits
     tell: 512 pixels (kitti) or 256 (dsec).

@@ -1,4 +1,4 @@
-"""Ground truth at each event, as columns next to the events' own: HDF5 or npz."""
+"""Writes ground truth at each event, as columns next to the events' own: HDF5 or npz."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -62,7 +61,7 @@ class EventTruthFile(ABC):
         """Finish the file."""
 
     @abstractmethod
-    def _append(self, columns: Mapping[str, npt.NDArray[Any]]) -> None: ...
+    def _append(self, columns: Mapping[str, npt.NDArray[np.generic]]) -> None: ...
 
 
 class Hdf5Truth(EventTruthFile):
@@ -88,7 +87,7 @@ class Hdf5Truth(EventTruthFile):
         self._count = 0
         self._file.flush()
 
-    def _append(self, columns: Mapping[str, npt.NDArray[Any]]) -> None:
+    def _append(self, columns: Mapping[str, npt.NDArray[np.generic]]) -> None:
         first = self._count
         self._count += len(columns["t"])
         for name, values in columns.items():
@@ -113,7 +112,7 @@ class NpzTruth(EventTruthFile):
         }
         self._count = 0
 
-    def _append(self, columns: Mapping[str, npt.NDArray[Any]]) -> None:
+    def _append(self, columns: Mapping[str, npt.NDArray[np.generic]]) -> None:
         for name, values in columns.items():
             self._files[name].write(values.data)
         self._count += len(columns["t"])
@@ -136,7 +135,7 @@ class NpzTruth(EventTruthFile):
 
 
 def open_event_truth(folder: Path, kind: str, shape_names: Sequence[str]) -> EventTruthFile:
-    """The file of a dataset folder that holds truth at events.
+    """Return the file of a dataset folder that holds truth at events.
 
     Args:
         kind: ``h5`` or ``npz``.

@@ -1,4 +1,4 @@
-"""The files of a dataset folder: their names, and writing them so that what is there can always be read."""
+"""Names the files of a dataset folder, and writes them so that what is there can always be read."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from ..._util.holding import Hold
 from ...events.arrays import EventArray
 from ...geometry.pose import Pose
 from ..formats import FORMATS
-from ..formats.files import part_of
-from ..formats.system import naming
+from ..formats.destination import naming, part_of
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class ImageSeries:
     suffix: str
 
     def image_name(self, number: int) -> str:
-        """The path inside the dataset folder of image ``number``, as the list names it."""
+        """Return the path inside the dataset folder of image ``number``, as the list names it."""
         return f"{self.folder}/frame_{number:08d}{self.suffix}"
 
 
@@ -87,7 +86,7 @@ def check_event_format(format: str, size: tuple[int, int]) -> None:
 
 
 def event_file(folder: Path) -> Path:
-    """The folder's event file; where there is none, the one that a killed writer left unfinished, as NAME.part;
+    """Return the folder's event file; where there is none, the one that a killed writer left unfinished, as NAME.part;
     ``events.txt`` where there is nothing at all."""
     whole = [folder / name for name in EVENT_FILES.values()]
     parts = [part_of(path) for path in whole]
@@ -164,7 +163,7 @@ class ImageFiles:
 
 
 def stamp(t_us: int) -> str:
-    """A time in microseconds as the text formats write it: seconds with nine decimals, by integer arithmetic."""
+    """Return a time in microseconds as the text formats write it: seconds with nine decimals, by integer arithmetic."""
     return f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}000"
 
 
@@ -173,17 +172,17 @@ def pose_line(t_us: int, pose: Pose) -> str:
 
 
 def stamped_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
-    """A time and values (n,), written exactly."""
+    """Return a time and values (n,), written exactly."""
     return " ".join([stamp(t_us), *map(repr, values.tolist())]) + "\n"
 
 
 def as_grey(frame: npt.NDArray[np.float32], image_gain: float) -> npt.NDArray[np.uint8]:
-    """Linear luma as an 8-bit frame: round(255 x image_gain x luma), clipped."""
+    """Return linear luma as an 8-bit frame: round(255 x image_gain x luma), clipped."""
     return np.rint(np.minimum(255 * image_gain * frame.astype(np.float64), 255)).astype(np.uint8)
 
 
 def encode_png(grey: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
-    """A grey image (H, W) of 8 or 16 bits."""
+    """Return a grey image (H, W) of 8 or 16 bits."""
     from PIL import Image
 
     stream = io.BytesIO()
@@ -192,7 +191,7 @@ def encode_png(grey: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
 
 
 def encode_exr(channels: Mapping[str, npt.NDArray[np.float32]]) -> bytes:
-    """Images (H, W) by the names of their channels."""
+    """Return images (H, W) by the names of their channels."""
     import OpenEXR
 
     # Into memory: OpenEXR's own file errors have no errno.
@@ -224,7 +223,7 @@ def append_lines(path: Path, lines: str) -> None:
         raise
 
 
-def as_json(meta: Mapping[str, Any]) -> dict[str, Any]:
+def as_json(meta: Mapping[str, object]) -> dict[str, Any]:
     """Return ``meta`` as it will read back from JSON."""
     loaded: dict[str, Any] = json.loads(json.dumps(meta, default=_plain, allow_nan=False))
     return loaded
@@ -275,7 +274,7 @@ def require_folder_room(path: Path, *, overwrite: bool) -> None:
 
 
 def _is_claimed(path: Path) -> bool:
-    """Whether a writer was killed before it had an event file."""
+    """Return whether a writer was killed before it had an event file."""
     meta = path / META
     return meta.stat().st_size == len(CLAIMED) and meta.read_bytes() == CLAIMED
 

@@ -1,4 +1,4 @@
-"""A dataset folder as one of the formats: written part by part, and read so."""
+"""Makes a dataset folder one of the formats: written part by part, and read so."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +16,8 @@ from ..._util.untrusted import regular_file
 from ...events.arrays import EventArray
 from ...geometry.camera import Camera
 from ..formats.blocks import Blocks, Place
-from ..formats.interface import EventReader, EventWriter, Format, Limits, Target
+from ..formats.destination import Destination, Limits
+from ..formats.interface import EventReader, EventWriter, Format
 from ..formats.parts import (
     ALL_PARTS,
     CAMERA,
@@ -80,21 +80,15 @@ class FolderWriter(EventWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
-        overwrite: bool,
         events: str = "text",
     ) -> None:
-        if not isinstance(target, str | os.PathLike):
-            raise ValueError("a dataset folder cannot be written into a stream")
-        super().__init__(target, format=format, size=size, limits=limits)
+        self._root = destination.path("a dataset folder")
+        super().__init__(destination)
         check_event_format(events, self.size)
-        self._root = Path(target)
         self.source = ""
-        self.hold = claim_folder(self._root, overwrite=overwrite)
+        self.hold = claim_folder(self._root, overwrite=destination.overwrite)
         self._file = EventFile(self._root, events, self.size)
         self._images = ImageFiles(self._root, FRAMES)
         self._depth = ImageFiles(self._root, DEPTH_MAPS)
@@ -240,33 +234,33 @@ class FolderReader(EventReader):
         self._events.close()
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width))."""
+        """Yield intensity frames as (t_us, uint8 (height, width))."""
         for number, image in enumerate(self.dataset.frames):
             yield image.t_us, self.dataset.read_image(number)
 
     def depth_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Depth maps as (t_us, float32 (height, width) in metres)."""
+        """Yield depth maps as (t_us, float32 (height, width) in metres)."""
         for number, image in enumerate(self.dataset.depth_maps):
             yield image.t_us, self.dataset.read_depth(number)
 
     def flow_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
+        """Yield maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
         for number, image in enumerate(self.dataset.flow_maps):
             yield image.t_us, self.dataset.read_flow(number)
 
     def imu(self) -> Iterator[ImuSample]:
-        """IMU samples."""
+        """Yield IMU samples."""
         for sample in self.dataset.imu:
             yield ImuSample(int(sample["t"]), sample["accel"].astype(np.float64), sample["gyro"].astype(np.float64))
 
     def poses(self) -> Iterator[PoseSample]:
-        """Poses, T_world_camera."""
+        """Yield poses, T_world_camera."""
         truth = self.dataset.groundtruth
         for t_us, position, quaternion in zip(truth.t_us.tolist(), truth.positions, truth.quaternions, strict=True):
             yield PoseSample(t_us, position, quaternion)
 
     def cameras(self) -> Iterator[tuple[int, Calibration]]:
-        """The calibration as (0, calibration), nothing where there is none."""
+        """Yield the calibration as (0, calibration), nothing where there is none."""
         if (self.dataset.path / CALIBRATION).exists():
             camera = self.dataset.camera
             size = self.dataset.size or self.sensor or (camera.width, camera.height)
@@ -286,7 +280,7 @@ class FolderReader(EventReader):
 
 
 def part_counts(dataset: Dataset) -> dict[str, int]:
-    """How many there are of what a folder has next to its events, by what messages call them.
+    """Return how many there are of what a folder has next to its events, by what messages call them.
 
     Raises:
         OSError, DecodeError: if a part cannot be read.
@@ -315,6 +309,7 @@ class FolderFormat(Format):
     options = ("events",)
     holds = ALL_PARTS
     limits = Limits()
+    writer = FolderWriter
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return False
@@ -326,7 +321,7 @@ class FolderFormat(Format):
             return False
         return True
 
-    def require_libraries(self, *, events: str = "text", **_: Any) -> None:
+    def require_libraries(self, *, events: str = "text", **_: object) -> None:
         if events in EVENT_FILES:
             FORMATS[events].require_libraries()
 
@@ -336,9 +331,6 @@ class FolderFormat(Format):
     def make_room(self, path: Path) -> None:
         if path.is_dir():
             remove_dataset(path)
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> FolderWriter:
-        return FolderWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> FolderReader:  # noqa: B008
         return FolderReader(Path(path), rules)

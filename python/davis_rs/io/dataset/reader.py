@@ -1,4 +1,4 @@
-"""Reading a dataset folder: one of ours, or one of the public Event-Camera Dataset."""
+"""Reads a dataset folder: one of ours, or one of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 
@@ -235,7 +235,7 @@ class Dataset:
         return self._read_png(self.frames[index].path, "L", "an 8-bit")
 
     def _read_png(self, path: Path, mode: str, what: str) -> npt.NDArray[Any]:
-        """A grey image of a mode of Pillow."""
+        """Return a grey image of a mode of Pillow."""
         from PIL import Image
 
         budget = Budget(path)
@@ -294,7 +294,7 @@ class Dataset:
         return images
 
     def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """A text file of stamps and numbers: times (n,) and numbers (n, k)."""
+        """Return a text file of stamps and numbers: times (n,) and numbers (n, k)."""
         path = self.path / name
         times, rows = [], []
         for number, words in self._lines(name, layout):
@@ -309,7 +309,7 @@ class Dataset:
         return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
 
     def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:
-        """The numbered lines of a text file, in words; none where it does not exist. '#' starts a comment line."""
+        """Yield the numbered lines of a text file, in words; none where it is missing. '#' starts a comment line."""
         path = self.path / name
         if not path.exists():
             return
@@ -367,12 +367,12 @@ def _check_meta(path: Path, meta: dict[str, Any]) -> None:
 _LARGEST_PARAMETER = 1e12
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _parse_stamp(word: str, path: Path, number: int) -> int:
-    """Decimal seconds to microseconds in integer arithmetic, to the nearest (halves up)."""
+    """Convert decimal seconds to microseconds in integer arithmetic, to the nearest (halves up)."""
     match = re.fullmatch(r"([0-9]{1,12})(?:\.([0-9]{1,18}))?", word)
     if match is None:
         raise DecodeError(f"{path}, line {number}: expected a time in decimal seconds, found {word[:40]!r}")
@@ -381,7 +381,7 @@ def _parse_stamp(word: str, path: Path, number: int) -> int:
 
 
 def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:
-    """Channels of an image, float32: (H, W) of one, (H, W, k) of several."""
+    """Return channels of an image, float32: (H, W) of one, (H, W, k) of several."""
     import OpenEXR
 
     budget = Budget(path)

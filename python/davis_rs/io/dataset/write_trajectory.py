@@ -1,4 +1,4 @@
-"""Writing poses: the public dataset's ``groundtruth.txt``, and TUM's format."""
+"""Writes poses: the public dataset's ``groundtruth.txt``, and TUM's format."""
 
 from __future__ import annotations
 

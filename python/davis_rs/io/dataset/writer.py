@@ -1,4 +1,4 @@
-"""Writing a sequence as a folder in the layout of the public Event-Camera Dataset."""
+"""Writes a sequence as a folder in the layout of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _FRAME_PERCENTILE = 98.0
 
 
 def image_gain_for(frame: npt.NDArray[np.float32]) -> float:
-    """The image gain at which the frame's 98th percentile comes to 0.8 of full scale; 1.0 where that is black."""
+    """Return the image gain that brings the frame's 98th percentile to 0.8 of full scale; 1.0 where that is black."""
     white = float(np.percentile(frame, _FRAME_PERCENTILE))
     return _FRAME_FULL_SCALE / white if white > 0 else 1.0
 
@@ -127,7 +127,7 @@ class DatasetWriter:
         flow_png: str | None = None,
         events_format: str = "text",
         imu: Imu | None = None,
-        meta: Mapping[str, Any] | None = None,
+        meta: Mapping[str, object] | None = None,
     ) -> None:
         check_image_gain(image_gain)
         if check_frames < 0:
@@ -240,7 +240,7 @@ class DatasetWriter:
             self._abandon(interrupted=False)
             raise
 
-    def finish(self, meta: Mapping[str, Any] | None = None, *, interrupted: bool = False) -> dict[str, Any]:
+    def finish(self, meta: Mapping[str, object] | None = None, *, interrupted: bool = False) -> dict[str, Any]:
         """Close every file, write ``meta.json`` and return what it holds.
 
         ``meta.json`` holds ``meta`` (added to what the constructor was given) and, under keys that are the writer's
@@ -420,7 +420,7 @@ class DatasetWriter:
             "interrupted": interrupted,
         }
         # Written under another name and then renamed, so that there is never half a meta.json.
-        part = self.path / META_PART
-        write_file(part, (json.dumps(meta, indent=2) + "\n").encode())
-        part.replace(self.path / META)
+        unfinished = self.path / META_PART
+        write_file(unfinished, (json.dumps(meta, indent=2) + "\n").encode())
+        unfinished.replace(self.path / META)
         return meta

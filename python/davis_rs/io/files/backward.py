@@ -1,4 +1,4 @@
-"""Times that go back in a decoded stream, and what to do about them before it is written."""
+"""Tells of times that go back in a decoded stream, and what to do about them before it is written."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TimeOrder:
         self.splits = 0
 
     def push(self, events: EventArray) -> list[EventArray]:
-        """The packet as one or more runs; the first continues the last run of the packet before.
+        """Return the packet as one or more runs; the first continues the last run of the packet before.
 
         It may be empty, where a new run begins with the packet.
 

@@ -1,4 +1,4 @@
-"""From one container to another, with all parts of a recording that both can hold, in constant memory."""
+"""Converts from one container to another, with all parts of a recording that both can hold, in constant memory."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from ..._util.close_names import did_you_mean
 from ..._util.untrusted import MAX_PACKET_BYTES, guarded
 from ...events.arrays import EventArray
 from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
-from ..formats.interface import EventReader, EventWriter, Roi, Target, WriteReport, check_slice
+from ..formats.destination import Target
+from ..formats.interface import EventReader, EventWriter, Roi, WriteReport, check_slice
 from ..formats.parts import ALL_PARTS, PARTS, Part
 from ..formats.reading import Breach
 from ..formats.recorded import RecordedParts
@@ -88,7 +89,7 @@ def convert(
         backward, outside, max_packet_bytes: see :func:`davis_rs.open_reader`; how many events were dropped is a
             ``UserWarning``.
         overwrite: whether an existing target may be replaced.
-        progress: is told the share of the source that is done, 0..1.
+        progress: is told the fraction of the source that is done, 0..1.
         options: those of the target's format.
 
     Raises:
@@ -142,7 +143,7 @@ class _Item(NamedTuple):
 
 
 def _items(reader: EventReader, part: Part, start_us: int | None, stop_us: int | None) -> Iterator[_Item]:
-    """What a reader has of a part; a calibration holds for all times."""
+    """Yield what a reader has of a part; a calibration holds for all times."""
     for t_us, *values in guarded(reader.path, iter(getattr(reader, part.read)())):
         if part.name == "camera" or ((start_us is None or t_us >= start_us) and (stop_us is None or t_us < stop_us)):
             yield _Item(int(t_us), part, tuple(values))
@@ -207,7 +208,7 @@ def _moved(events: EventArray, shift: int) -> EventArray:
 
 
 def _left_out(reader: EventReader, held: list[Part]) -> str:
-    """What a source has next to its events and the parts that are held, with counts where they are known."""
+    """Return what a source has next to its events and the parts that are held, with counts where they are known."""
     kept = {part.counted for part in held}
     if isinstance(reader, FolderReader):
         return ", ".join(f"{count:,} {what}" for what, count in part_counts(reader.dataset).items() if what not in kept)

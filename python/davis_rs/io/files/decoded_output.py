@@ -1,4 +1,4 @@
-"""Files that decoded streams are written into: one class for each format, chosen by the file's suffix."""
+"""Writes decoded streams into files: one class for each format, chosen by the file's suffix."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class ArraysOutput:
 
 
 def is_decoded(path: str | Path) -> bool:
-    """Whether a file's suffix stands for decoded streams."""
+    """Return whether a file's suffix stands for decoded streams."""
     suffix = Path(path).suffix.lower()
     return suffix == ARRAYS_SUFFIX or any(suffix in format.suffixes for format in FORMATS.values())
 
@@ -145,7 +145,7 @@ def is_decoded(path: str | Path) -> bool:
 def decoded_output(
     path: str | Path, size: tuple[int, int], *, backward: Policy = "refuse", whole: bool = False
 ) -> DecodedOutput:
-    """The output for a file's suffix: .npz for all there is, those of event files for events.
+    """Return the output for a file's suffix: .npz for all there is, those of event files for events.
 
     Args:
         size: (width, height) of the sensor.

@@ -1,4 +1,4 @@
-"""Any events of a file, by number or by time, without reading those before them."""
+"""Reads any events of a file, by number or by time, without reading those before them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from bisect import bisect_left
 from collections import OrderedDict
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -89,7 +88,7 @@ class RandomAccess:
         self._extent = reader.size or reader.extent
         self._opened: _Opened | None = _Opened(reader)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_opened": None}
 
     def __repr__(self) -> str:
@@ -110,14 +109,15 @@ class RandomAccess:
         return int(self.read(self.events - 1, self.events)["t"][0])
 
     def number_at(self, t_us: int) -> int:
-        """The number of the first event at ``t_us`` or later, counted from 0; that of all events if there is none."""
+        """Return the number of the first event at ``t_us`` or later, counted from 0; that of all events if there is
+        none."""
         block = bisect_left(range(len(self._blocks)), t_us, key=self._block_us) - 1
         if block < 0:
             return 0
         return int(self._blocks.starts[block]) + int(np.searchsorted(self._block(block)["t"], t_us))
 
     def read(self, first: int, stop: int) -> EventArray:
-        """Events ``first`` to ``stop - 1`` as a new array of :data:`davis_rs.EVENT_DTYPE`.
+        """Return events ``first`` to ``stop - 1`` as a new array of :data:`davis_rs.EVENT_DTYPE`.
 
         Raises:
             ValueError: if the file has fewer events.
@@ -135,7 +135,7 @@ class RandomAccess:
         return concatenate_events(parts) if parts else np.zeros(0, EVENT_DTYPE)
 
     def read_times(self, start_us: int, stop_us: int) -> EventArray:
-        """Events with start_us <= t < stop_us; see :meth:`read`."""
+        """Return events with start_us <= t < stop_us; see :meth:`read`."""
         first = self.number_at(start_us)
         return self.read(first, max(first, self.number_at(stop_us)))
 
@@ -159,13 +159,13 @@ class RandomAccess:
         return opened
 
     def _block_us(self, block: int) -> int:
-        """The time of a block's first event."""
+        """Return the time of a block's first event."""
         if self._blocks.first_us[block] == UNKNOWN_US:
             self._blocks.first_us[block] = self._block(block)["t"][0]
         return int(self._blocks.first_us[block])
 
     def _block(self, block: int) -> EventArray:
-        """The events of a block, which belong to the cache."""
+        """Return the events of a block, which belong to the cache."""
         opened = self._open()
         with opened.turn:
             events = opened.cache.get(block)

@@ -1,4 +1,4 @@
-"""Reading events from a file of any format, which is recognised by its content."""
+"""Reads events from a file of any format, which is recognised by its content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How large the sensor of an event file is: as the file says, or what lies next to it, or the caller."""
+"""Finds how large the sensor of an event file is: by the file, by what lies next to it, or by the caller."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class SensorSizeWarning(UserWarning):
 
 
 def sensor_size(reader: EventReader, given: tuple[int, int] | None = None) -> tuple[int, int]:
-    """Width and height of a reader's sensor in pixels; see :func:`find_sensor_size`.
+    """Return width and height of a reader's sensor in pixels; see :func:`find_sensor_size`.
 
     Raises:
         ValueError: if nothing tells, or if the caller contradicts the file.
@@ -31,7 +31,7 @@ def sensor_size(reader: EventReader, given: tuple[int, int] | None = None) -> tu
 
 
 def find_sensor_size(reader: EventReader, given: tuple[int, int] | None = None) -> tuple[int, int] | None:
-    """Width and height of a reader's sensor in pixels, None where nothing tells.
+    """Return width and height of a reader's sensor in pixels, None where nothing tells.
 
     What a file says comes first, then what the caller gives, then a ``meta.json`` or frames next to the file.
 

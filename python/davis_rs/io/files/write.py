@@ -1,4 +1,4 @@
-"""Writing events to a file of any format."""
+"""Writes events to a file of any format."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from ..._util.close_names import did_you_mean
 from ..._util.holding import FileHold
 from ..._util.whole_file import Workplace, is_sink
 from ..dataset.folder_format import FolderFormat
-from ..formats.interface import EventWriter, Format, Target
+from ..formats.destination import Target
+from ..formats.interface import EventWriter, Format
 from ..formats.registry import format_named, format_of_suffix
 
 
@@ -65,7 +66,7 @@ def open_writer(
 def _whole_writer(
     format: Format, path: Path, size: tuple[int, int], overwrite: bool, options: Mapping[str, Any]
 ) -> EventWriter:
-    """A writer into a hidden place next to the path."""
+    """Return a writer into a hidden place next to the path."""
     workplace = Workplace(
         path,
         require_room=lambda: format.require_room(path, overwrite=overwrite),
@@ -82,7 +83,7 @@ def _whole_writer(
 
 
 def _format_for(path: Target, format: str | None, options: Mapping[str, Any]) -> Format:
-    """The format that is asked for, if it has these options and its libraries are there.
+    """Return the format that is asked for, if it has these options and its libraries are there.
 
     Raises:
         ValueError, TypeError, ImportError: as :func:`open_writer`.

@@ -1,16 +1,17 @@
-"""AEDAT 4.0, the files of iniVation's DV and of its newer cameras."""
+"""Writes and reads AEDAT 4.0, the files of iniVation's DV and of its newer cameras."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from ..._core import EventFileReader
 from ..._util.argument_error import ArgumentError
 from ..recordings.aedat4 import Aedat4File
 from .core_files import CoreReader, CoreWriter
-from .interface import EventReader, EventWriter, Format, Limits, Target
+from .destination import Limits, Target
+from .interface import EventReader, EventWriter, Format
 from .reading import ReadRules
 from .recorded import RecordedParts, RecordedReader
 
@@ -44,6 +45,7 @@ class Aedat4Format(Format):
     name = "aedat4"
     suffixes = (".aedat4",)
     options = ("compression", "level", "start_us")
+    writer = CoreWriter
     limits = Limits(width=32_768, height=32_768)
 
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -58,21 +60,14 @@ class Aedat4Format(Format):
         compression: Literal["none", "lz4", "zstd"] = "lz4",
         level: int = -4,
         start_us: int = 0,
+        **options: Any,
     ) -> EventWriter:
         if not -7 <= level <= 22:
             raise ArgumentError("{level} must lie in -7..22: got {}", level)
         if not 0 <= start_us < 2**62:
             raise ArgumentError("{start_us} must be a Unix time in 0..2^62 us: got {}", start_us)
-        return CoreWriter(
-            target,
-            format=self.name,
-            size=size,
-            limits=self.limits,
-            overwrite=overwrite,
-            compression=compression,
-            level=level,
-            start_us=start_us,
-        )
+        options |= {"compression": compression, "level": level, "start_us": start_us}
+        return super().open_writer(target, size, overwrite=overwrite, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         recording = Aedat4File(Path(path), max_packet_bytes=rules.max_packet_bytes)

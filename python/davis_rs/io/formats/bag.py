@@ -1,4 +1,4 @@
-"""ROS 1 bags with the topics of the public Event-Camera Dataset."""
+"""Writes ROS 1 bags with the topics of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from ..._util.extras import from_extra, require
 from ...events.arrays import EventArray
 from . import ros_messages as messages
 from .bag_reader import BagReader
-from .files import claim
-from .interface import Format, Limits, Target
+from .destination import Destination, Limits, naming
+from .interface import Format
 from .parts import ALL_PARTS
 from .reading import ReadRules
 from .ros_writer import RosWriter
-from .system import naming
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -45,12 +44,8 @@ class BagWriter(RosWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
-        overwrite: bool,
         message_us: int = 10_000,
         message_events: int = 1 << 16,
         compression: str = "none",
@@ -61,17 +56,14 @@ class BagWriter(RosWriter):
         with from_extra("ros"):
             from rosbags.rosbag1 import Writer
         super().__init__(
-            target,
-            format=format,
-            size=size,
-            limits=limits,
+            destination,
             version=1,
             message_us=message_us,
             message_events=message_events,
             frame_id=frame_id,
         )
         self._connections: dict[str, Connection] = {}
-        path = claim(self.path, overwrite=overwrite)
+        path = destination.claim()
         path.unlink()
         self._bag = Writer(path)
         if compression != "none":
@@ -140,16 +132,14 @@ class BagFormat(Format):
     suffixes = (".bag",)
     options = ("message_us", "message_events", "compression", "frame_id")
     holds = ALL_PARTS
+    writer = BagWriter
     limits = Limits(latest_us=_LATEST_US)
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(b"#ROSBAG V2.0\n")
 
-    def require_libraries(self, **_: Any) -> None:
+    def require_libraries(self, **_: object) -> None:
         require("ros", "rosbags")
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> BagWriter:
-        return BagWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> BagReader:  # noqa: B008
         return BagReader(Path(path), format=self.name, caller=CALLER, rules=rules)

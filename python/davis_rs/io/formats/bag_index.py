@@ -1,4 +1,4 @@
-"""A bag's index and its chunks by rosbags, which trusts what a bag says of sizes: here it may not."""
+"""Reads a bag's index and its chunks by rosbags, within bounds, because rosbags trusts what a bag says of sizes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ENTRY, _ENTRY_HELD = 12, 160
 
 
 def bag_index(path: Path, limit: int) -> Reader:
-    """A reader of a bag of ROS 1, still to be opened, that takes memory for no more than the bag holds.
+    """Return a reader of a bag of ROS 1, still to be opened, that takes memory for no more than the bag holds.
 
     No read goes beyond the file's end, all parts of the index together are no longer than the file, and a chunk unpacks
     to at most ``limit`` bytes. Otherwise a few bytes could ask for any amount of memory. Opening it raises a
@@ -89,7 +89,7 @@ class _Unpacked:
         self._seen.clear()
 
     def get(self, place: int, unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
-        """What the chunk at a place unpacks to."""
+        """Return what the chunk at a place unpacks to."""
         if place in self._kept:
             self._kept.move_to_end(place)
             return self._kept[place]

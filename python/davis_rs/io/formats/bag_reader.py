@@ -1,4 +1,4 @@
-"""Reading ROS 1 bags: ours, and those of the public Event-Camera Dataset."""
+"""Reads ROS 1 bags: ours, and those of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class BagReader(RosReader):
         return topics.typestore(1).deserialize_ros1(raw.data, raw.type)
 
     def blocks(self) -> Blocks:
-        """A block is all messages of one of the bag's times; the bag is read once."""
+        """Read the bag once: a block is all messages of one of its times."""
         if self._reader is None:
             refuse(self.path, "the bag has no index")
         times: list[list[int]] = []  # time of the messages in ns, number of their events, first event's time
@@ -138,7 +138,7 @@ class BagReader(RosReader):
             for message in scan_messages(self.path, self._limit):
                 if wanted(message.topic, message.type):
                     if events:
-                        self._done = message.share
+                        self._done = message.fraction
                     yield RawMessage(message.topic, message.type, message.t_ns, message.data)
             return
         connections = [c for c in self._reader.connections if wanted(c.topic, c.msgtype)]

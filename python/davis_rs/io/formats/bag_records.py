@@ -1,4 +1,4 @@
-"""The records of a bag without an index, from its beginning to its last whole one."""
+"""Reads the records of a bag without an index, from its beginning to its last whole one."""
 
 from __future__ import annotations
 
@@ -7,26 +7,29 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
+from ..._util.budget import Budget
 from .unpack import unpack_bz2, unpack_lz4
 
 if TYPE_CHECKING:
     from rosbags.rosbag1.reader import Header
 
 _HEAD = len(b"#ROSBAG V2.0\n")
+_CONNECTION_HELD = 300
+"""Bytes in memory of a connection, apart from its names."""
 
 
 class ScannedMessage(NamedTuple):
-    """A message, and the share of the file that lies behind it."""
+    """A message, and the fraction of the file that lies behind it."""
 
     topic: str
     type: str
     t_ns: int
     data: bytes
-    share: float
+    fraction: float
 
 
 def unpackers(path: Path, limit: int) -> dict[str, Callable[[bytes], bytes]]:
-    """How the data of a chunk are unpacked, by the name of the compression; to at most ``limit`` bytes."""
+    """Return how the data of a chunk are unpacked, by the name of the compression; to at most ``limit`` bytes."""
     return {
         "none": lambda data: data,
         "bz2": lambda data: unpack_bz2(path, data, limit),
@@ -35,13 +38,15 @@ def unpackers(path: Path, limit: int) -> dict[str, Callable[[bytes], bytes]]:
 
 
 def scan_messages(path: Path, limit: int) -> Iterator[ScannedMessage]:
-    """All whole messages, in the file's order; a chunk may unpack to ``limit`` bytes.
+    """Yield all whole messages, in the file's order; a chunk may unpack to ``limit`` bytes.
+
+    A chunk and the names of connections are held in memory, and charged to the file's budget.
 
     Source: http://wiki.ros.org/Bags/Format/2.0.
     """
     from rosbags.rosbag1.reader import RecordType
 
-    size = path.stat().st_size
+    size, budget = path.stat().st_size, Budget(path)
     unpack = unpackers(path, limit)
     connections: dict[int, tuple[str, str]] = {}
     with path.open("rb") as file:
@@ -50,13 +55,17 @@ def scan_messages(path: Path, limit: int) -> Iterator[ScannedMessage]:
             if header.get_uint8("op") != RecordType.CHUNK:
                 continue
             chunk = unpack[header.get_string("compression")](data)
-            share = file.tell() / size
-            for header, data in _records(io.BytesIO(chunk), len(chunk)):
-                operation, connection = header.get_uint8("op"), header.get_uint32("conn")
-                if operation == RecordType.CONNECTION:
-                    connections[connection] = _named(header, data)
-                elif operation == RecordType.MSGDATA and connection in connections:
-                    yield ScannedMessage(*connections[connection], header.get_time("time"), data, share)
+            fraction = file.tell() / size
+            with budget.borrow(len(chunk), "a chunk"):
+                for header, data in _records(io.BytesIO(chunk), len(chunk)):
+                    operation, connection = header.get_uint8("op"), header.get_uint32("conn")
+                    if operation == RecordType.CONNECTION:
+                        names = _named(header, data)
+                        if connection not in connections:
+                            budget.take(_CONNECTION_HELD + sum(map(len, names)), "the names of connections")
+                        connections[connection] = names
+                    elif operation == RecordType.MSGDATA and connection in connections:
+                        yield ScannedMessage(*connections[connection], header.get_time("time"), data, fraction)
 
 
 def _records(stream: BinaryIO, size: int) -> Iterator[tuple[Header, bytes]]:
@@ -80,7 +89,7 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[Header, bytes]]:
 
 
 def _named(header: Header, data: bytes) -> tuple[str, str]:
-    """Topic and type of a connection."""
+    """Return topic and type of a connection."""
     from rosbags.rosbag1.reader import Header as Fields
     from rosbags.typesys.msg import normalize_msgtype
 

@@ -1,11 +1,11 @@
-"""The events of a file in blocks, each of which can be read without those before it."""
+"""Cuts the events of a file into blocks, each of which can be read without those before it."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +42,7 @@ class Blocks:
 def blocks_of(
     counts: npt.ArrayLike, first_us: npt.ArrayLike | None, places: npt.ArrayLike, last_us: int = UNKNOWN_US
 ) -> Blocks:
-    """Blocks by the number of events of each."""
+    """Return blocks by the number of events of each."""
     numbers = np.asarray(counts, np.int64)
     starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(numbers)])
     times = np.full(len(numbers), UNKNOWN_US, np.int64) if first_us is None else np.asarray(first_us, np.int64)
@@ -51,7 +51,8 @@ def blocks_of(
 
 
 def equal_blocks(events: int, size: int) -> Blocks:
-    """Blocks of ``size`` events each, the last one shorter; their places are their first and last events' numbers."""
+    """Return blocks of ``size`` events each, the last one shorter; their places are their first and last events'
+    numbers."""
     starts = np.append(np.arange(0, events, size, dtype=np.int64), events)
     return Blocks(starts, np.full(len(starts) - 1, UNKNOWN_US, np.int64), np.stack([starts[:-1], starts[1:]], axis=1))
 
@@ -69,7 +70,7 @@ def refuse(path: str | os.PathLike[str], why: str) -> NoReturn:
 
 
 def pieces(blocks: Blocks, first: int, stop: int) -> Iterator[tuple[int, slice]]:
-    """The blocks that hold events ``first`` to ``stop``, and which part of each."""
+    """Yield the blocks that hold events ``first`` to ``stop``, and which part of each."""
     block = int(np.searchsorted(blocks.starts, first, side="right")) - 1
     while first < stop:
         start, end = int(blocks.starts[block]), int(blocks.starts[block + 1])
@@ -78,5 +79,5 @@ def pieces(blocks: Blocks, first: int, stop: int) -> Iterator[tuple[int, slice]]
         block += 1
 
 
-Place = npt.NDArray[Any]
+Place = npt.NDArray[np.int64]
 """A row of :attr:`Blocks.places`."""

@@ -1,4 +1,4 @@
-"""Writers and readers of the formats that the Rust core encodes and decodes."""
+"""Defines writers and readers of the formats that the Rust core encodes and decodes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import numpy as np
 from ..._core import EventFileReader, EventFileWriter
 from ...events.arrays import EventArray
 from .blocks import Blocks, Place, blocks_of
-from .interface import EventReader, EventWriter, Failing, Limits, Target, warn_truncated
+from .destination import Destination, Limits
+from .interface import EventReader, EventWriter, Failing, warn_truncated
 from .reading import ReadRules
 
 _STEP = 1 << 13
@@ -23,12 +24,17 @@ _SCANNED = 1 << 10
 class CoreWriter(EventWriter):
     """A writer of a format of the core; ``options`` are those of :class:`davis_rs._core.EventFileWriter`."""
 
-    def __init__(
-        self, target: Target, *, format: str, size: tuple[int, int], limits: Limits, overwrite: bool, **options: Any
-    ) -> None:
-        super().__init__(target, format=format, size=size, limits=limits)
+    def __init__(self, destination: Destination, **options: Any) -> None:
+        super().__init__(destination)
         width, height = self.size
-        self._core = EventFileWriter(target, format, width=width, height=height, overwrite=overwrite, **options)
+        self._core = EventFileWriter(
+            destination.target,
+            destination.format,
+            width=width,
+            height=height,
+            overwrite=destination.overwrite,
+            **options,
+        )
 
     def _take(self, packet: EventArray) -> None:
         # The core checks before it writes: a packet that it refuses has left nothing.
@@ -63,7 +69,7 @@ class CoreReader(EventReader):
         return self._core.bytes / max(self._core.file_size, 1)
 
     def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
-        """The core's reader of the whole file, or of a part of it with all events of a slice of time."""
+        """Return the core's reader of the whole file, or of a part of it with all events of a slice of time."""
         return EventFileReader(self.path, self.format, in_order=self.rules.in_order)
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
@@ -97,7 +103,7 @@ class CoreReader(EventReader):
             warn_truncated(self.path, f"the last {left_over} bytes, from byte {byte}, are no whole record")
 
     def _past(self, packet: EventArray, stop_us: int | None) -> bool:
-        """Whether nothing before ``stop_us`` can follow, since the format keeps times in order."""
+        """Return whether nothing before ``stop_us`` can follow, since the format keeps times in order."""
         return False
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:

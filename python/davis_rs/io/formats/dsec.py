@@ -1,4 +1,4 @@
-"""HDF5 in the layout of DSEC: events/{t, x, y, p}, ms_to_idx, t_offset; and what DSEC has in other files, in groups."""
+"""Writes and reads DSEC's HDF5: events/{t, x, y, p}, ms_to_idx, t_offset; what DSEC has in other files, in groups."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy.typing as npt
 from ..._core import DecodeError, check_events
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
+from .destination import Limits
 from .hdf5 import Hdf5Format
 from .hdf5_parts import Hdf5PartsReader, Hdf5PartsWriter, Series
-from .interface import Limits
 from .parts import ALL_PARTS, DEPTH, FLOW, FRAMES, IMU, POSES
 from .reading import ReadRules
 

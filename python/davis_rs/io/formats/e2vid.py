@@ -1,4 +1,4 @@
-"""HDF5 in the layout of e2vid and event_cnn_minimal: events/{xs, ys, ts, ps}, times in seconds."""
+"""Writes and reads HDF5 in the layout of e2vid and event_cnn_minimal: events/{xs, ys, ts, ps}, times in seconds."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import numpy.typing as npt
 from ..._core import DecodeError
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
+from .destination import Limits
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
 from .hdf5_links import find_inside
-from .interface import Failing, Limits
+from .interface import Failing
 from .parts import FRAMES
 
 
@@ -98,7 +99,7 @@ class E2vidReader(Hdf5Reader):
     names = ("events/ts", "events/xs", "events/ys", "events/ps")
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width)), in the order of their names."""
+        """Yield intensity frames as (t_us, uint8 (height, width)), in the order of their names."""
         with decoding(self.path, "images"):
             group = self._find("images")
             names = [] if group is None else sorted(group)

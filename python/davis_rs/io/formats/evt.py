@@ -1,4 +1,4 @@
-"""EVT 2.0 and EVT 3.0, Prophesee's ``.raw`` files: words of 32 and of 16 bits."""
+"""Writes and reads EVT 2.0 and EVT 3.0, Prophesee's ``.raw`` files: words of 32 and of 16 bits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import re
 from pathlib import Path
 
 from .core_files import CoreReader, CoreWriter
-from .interface import EventWriter, Format, Limits, Target
+from .destination import Limits
+from .interface import Format
 from .reading import ReadRules
 
 
@@ -22,6 +23,7 @@ class EvtFormat(Format):
     """
 
     suffixes = (".raw",)
+    writer = CoreWriter
 
     def __init__(self, version: int, latest_us: int) -> None:
         self.name = f"evt{version}"
@@ -30,9 +32,6 @@ class EvtFormat(Format):
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(b"%") and self._header.search(head) is not None
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
-        return CoreWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> CoreReader:  # noqa: B008
         return CoreReader(path, format=self.name, limits=self.limits, rules=rules)

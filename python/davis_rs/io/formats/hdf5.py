@@ -1,4 +1,4 @@
-"""Events in HDF5: what the layouts of DSEC and of e2vid share."""
+"""Writes and reads events in HDF5: what the layouts of DSEC and of e2vid share."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
 from .blocks import BLOCK, Blocks, Place, equal_blocks
-from .files import claim
+from .destination import Destination, Target
 from .hdf5_chunks import Rows
 from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
 from .hdf5_disk import Hdf5File
 from .hdf5_links import find_inside
-from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
+from .interface import EventReader, EventWriter, Format, warn_truncated
 from .reading import ANY_SIZE, ReadRules
 
 if TYPE_CHECKING:
@@ -50,23 +50,18 @@ class Hdf5Writer(EventWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
-        overwrite: bool,
         compression: str,
         level: int,
     ) -> None:
-        if not isinstance(target, str | os.PathLike):
-            raise ValueError("HDF5 needs a file: it cannot be written into a stream")
-        super().__init__(target, format=format, size=size, limits=limits)
+        destination.path("HDF5 needs a file: it")
+        super().__init__(destination)
         check_compression(compression, level)
         self._compression, self._level = compression, level
         self._columns: dict[str, GrowingDataset] = {}
         self._rows = 0
-        self._hdf5 = Hdf5File(claim(target, overwrite=overwrite))
+        self._hdf5 = Hdf5File(destination.claim())
         try:
             root = self._hdf5.file.attrs
             root["sensor_resolution"] = np.array([self.size[1], self.size[0]], np.int64)
@@ -185,16 +180,16 @@ class Hdf5Reader(EventReader):
         self._file.close()
 
     def _find(self, name: str) -> Any:
-        """The dataset or group of a name, None where there is none."""
+        """Return the dataset or group of a name, None where there is none."""
         return find_inside(self.path, self._file, name)
 
     def _rows_of(self, dataset: h5py.Dataset, rows: int, row: tuple[int | None, ...] = ()) -> Rows:
-        """The rows of a dataset of the file, within its limits."""
+        """Return the rows of a dataset of the file, within its limits."""
         return Rows(self.path, dataset, rows, self.rules.max_packet_bytes, self._budget, row)
 
     @abstractmethod
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        """Microseconds from what the dataset of times holds."""
+        """Return microseconds from what the dataset of times holds."""
 
     def _size(self) -> tuple[int, int] | None:
         resolution = self._file.attrs.get("sensor_resolution")
@@ -271,7 +266,7 @@ class Hdf5Reader(EventReader):
 
 
 def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
-    """An HDF5 file for reading, with the compressions of hdf5plugin.
+    """Return an HDF5 file for reading, with the compressions of hdf5plugin.
 
     Raises:
         ImportError: if a library is missing, with the extra that brings it.
@@ -300,7 +295,7 @@ class Hdf5Format(Format):
     writer: ClassVar[type[Hdf5Writer]]
     reader: ClassVar[type[Hdf5Reader]]
 
-    def require_libraries(self, *, compression: str | None = None, **_: Any) -> None:
+    def require_libraries(self, *, compression: str | None = None, **_: object) -> None:
         require("hdf5", "h5py")
         if (compression or self.default_compression) != "none":
             require("hdf5", "hdf5plugin", "numcodecs")
@@ -316,16 +311,8 @@ class Hdf5Format(Format):
         **options: Any,
     ) -> EventWriter:
         self.require_libraries(compression=compression)
-        return self.writer(
-            target,
-            format=self.name,
-            size=size,
-            limits=self.limits,
-            overwrite=overwrite,
-            compression=self.default_compression if compression is None else compression,
-            level=level,
-            **options,
-        )
+        compression = self.default_compression if compression is None else compression
+        return super().open_writer(target, size, overwrite=overwrite, compression=compression, level=level, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         return self.reader(Path(path), format=self.name, rules=rules)

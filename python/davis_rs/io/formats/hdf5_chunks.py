@@ -1,4 +1,4 @@
-"""Rows of HDF5's datasets, each chunk of which is checked and unpacked once.
+"""Reads rows of HDF5's datasets, each chunk of which is checked and unpacked once.
 
 HDF5's filters take memory for whatever a chunk claims, or unpacks to. HDF5 forgets a chunk of more than 1 MiB at once,
 so that it would be unpacked again for each piece that is read of it.
@@ -89,8 +89,8 @@ class Rows:
         """
         if not self._charged:
             with decoding(self._path, f"{self._dataset.name}, {start}..{end}"):
-                found: npt.NDArray[Any] = self._dataset[start:end]
-            return found
+                whole: npt.NDArray[Any] = self._dataset[start:end]
+            return whole
         step = self._dataset.chunks[0]
         rows = np.empty((max(0, end - start), *self._dataset.shape[1:]), self.dtype)
         for first in range(start - start % step, end, step):
@@ -111,7 +111,7 @@ class Rows:
         self.close()
 
     def _chunk_at(self, first: int) -> npt.NDArray[Any]:
-        """The rows of the chunk, or of all chunks side by side, that begins at a row."""
+        """Return the rows of the chunk, or of all chunks side by side, that begins at a row."""
         if first != self._first:
             self._first, self._kept = -1, self._kept[:0]
             with decoding(self._path, f"{self._dataset.name}, the chunk at {first}"):
@@ -121,14 +121,14 @@ class Rows:
                     shape = (min(self._dataset.chunks[0], len(self._dataset) - first), *self._dataset.shape[1:])
                     self._kept = np.empty(shape, self.dtype)
                     for place in self._places:
-                        part = self._unpack((first, *place))
-                        inside = (slice(o, o + n) for o, n in zip((0, *place), part.shape, strict=True))
-                        self._kept[tuple(inside)] = part
+                        columns = self._unpack((first, *place))
+                        inside = (slice(o, o + n) for o, n in zip((0, *place), columns.shape, strict=True))
+                        self._kept[tuple(inside)] = columns
             self._first = first
         return self._kept
 
     def _unpack(self, place: tuple[int, ...]) -> npt.NDArray[Any]:
-        """What a chunk holds, as far as it lies within the dataset."""
+        """Return what a chunk holds, as far as it lies within the dataset."""
         dataset = self._dataset
         inside = tuple(
             slice(o, min(o + step, side)) for o, step, side in zip(place, dataset.chunks, dataset.shape, strict=True)
@@ -146,18 +146,18 @@ class Rows:
         for number in filters:
             if number not in (_SHUFFLE, _FLETCHER) and _unpacked(number, data, self._limit) > self._limit:
                 raise above_limit(self._path, f"the chunk of {dataset.name} at {place[0]}", self._limit)
-        found: npt.NDArray[Any] = dataset[inside]
-        return found
+        unfiltered: npt.NDArray[Any] = dataset[inside]
+        return unfiltered
 
     def _is_plain(self) -> bool:
-        """Whether values lie in the file as they do in an array."""
+        """Return whether values lie in the file as they do in an array."""
         import h5py
 
         return self.dtype.kind in "iuf" and self._dataset.id.get_type() == h5py.h5t.py_create(self.dtype)
 
     def _inflated(self, data: bytes, *, shuffled: bool) -> npt.NDArray[Any]:
-        """The values of a chunk of gzip's: here, because HDF5 unpacks it without a limit, so that it would have to be
-        unpacked before."""
+        """Return the values of a chunk of gzip's: here, because HDF5 unpacks it without a limit, so that it would have
+        to be unpacked before."""
         stream = zlib.decompressobj()
         values = stream.decompress(data, self._chunk_bytes + 1)
         if len(values) != self._chunk_bytes or not stream.eof:
@@ -180,12 +180,12 @@ def check_dataset(
         DecodeError: for the first rule that is broken.
     """
     name, file = dataset.name, os.fspath(path)
-    found = dataset.shape[1:]
-    fits = dataset.ndim == 1 + len(row) and all(want in (None, side) for want, side in zip(row, found, strict=True))
+    row_shape = dataset.shape[1:]
+    fits = dataset.ndim == 1 + len(row) and all(want in (None, side) for want, side in zip(row, row_shape, strict=True))
     if not fits or dataset.dtype.kind not in "biuf":
         form = f"of rows {row}".replace("None", "any") if row else "one-dimensional"
         raise DecodeError(f"{file}: {name} must be {form}, of numbers: found {dataset.shape}, {dataset.dtype}")
-    size = math.prod(found) * dataset.dtype.itemsize
+    size = math.prod(row_shape) * dataset.dtype.itemsize
     if row and size > limit:
         raise above_limit(path, f"a row of {name}", limit)
     if dataset.is_virtual or dataset.external or not os.path.samefile(dataset.file.filename, path):
@@ -196,26 +196,26 @@ def check_dataset(
         return
     if math.prod(dataset.chunks) * dataset.dtype.itemsize > limit:
         raise above_limit(path, f"a chunk of {name}", limit)
-    chunks = math.prod(-(-side // step) for side, step in zip((rows, *found), dataset.chunks, strict=True))
+    chunks = math.prod(-(-side // step) for side, step in zip((rows, *row_shape), dataset.chunks, strict=True))
     if dataset.id.get_num_chunks() < chunks:
         raise DecodeError(f"{file}: {name} says {rows} values, and does not hold all of their chunks")
 
 
 def _filters(path: str | os.PathLike[str], dataset: h5py.Dataset) -> list[int]:
-    """The numbers of a dataset's filters, in the order in which they were applied.
+    """Return the numbers of a dataset's filters, in the order in which they were applied.
 
     Raises:
         DecodeError: for a compression of which it is not known what it unpacks to.
     """
     properties = dataset.id.get_create_plist()
-    found = [properties.get_filter(k) for k in range(properties.get_nfilters())]
-    for number, _, parameters, _ in found:
+    listed = [properties.get_filter(k) for k in range(properties.get_nfilters())]
+    for number, _, parameters, _ in listed:
         if len(parameters) < _PARAMETERS.get(number, 0):
             raise DecodeError(
                 f"{os.fspath(path)}: {dataset.name} has {len(parameters)} parameters of HDF5's filter {number}: "
                 f"expected {_PARAMETERS[number]} or more"
             )
-    filters = [number for number, *_ in found]
+    filters = [number for number, *_ in listed]
     packing = [number for number in filters if number not in (_SHUFFLE, _FLETCHER)]
     if len(packing) > 1 or not set(packing) <= {_DEFLATE, _LZF, _BLOSC, _LZ4, _BITSHUFFLE, _ZSTD}:
         raise DecodeError(
@@ -226,7 +226,7 @@ def _filters(path: str | os.PathLike[str], dataset: h5py.Dataset) -> list[int]:
 
 
 def _unpacked(number: int, data: bytes, limit: int) -> int:
-    """What a chunk unpacks to, or more; where it is above the limit, any number above it."""
+    """Return what a chunk unpacks to, or more; where it is above the limit, any number above it."""
     if number == _BLOSC:
         return int.from_bytes(data[4:8], "little")
     if number in (_LZ4, _BITSHUFFLE):
@@ -244,7 +244,8 @@ def _unpacked(number: int, data: bytes, limit: int) -> int:
 
 
 def _zstd_size(frame: bytes) -> int:
-    """The size that a frame's header states (RFC 8878, 3.1.1.1); 0 where it states none, which the filter refuses."""
+    """Return the size that a frame's header states (RFC 8878, 3.1.1.1); 0 where it states none, which the filter
+    refuses."""
     descriptor = frame[4] if len(frame) > 4 else 0
     single = descriptor >> 5 & 1
     begin = 5 + (1 - single) + (0, 1, 2, 4)[descriptor & 3]

@@ -1,4 +1,4 @@
-"""One column of events in an HDF5 file, growing by chunks that are compressed here and handed over whole."""
+"""Grows one column of events in an HDF5 file, by chunks that are compressed here and handed over whole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file under an HDF5 writer: one that can be read at any moment, up to the last flush.
+"""Keeps the file under an HDF5 writer such that it can be read at any moment, up to the last flush.
 
 HDF5 changes its metadata in place, and neither says in which order nor stops at an error. So between two flushes only
 new bytes go to the disk (the file never reuses space, and its cache keeps metadata until a flush), and those of a flush
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..._util.extras import from_extra
-from .system import naming
+from .destination import naming
 
 if TYPE_CHECKING:
     import h5py

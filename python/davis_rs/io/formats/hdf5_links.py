@@ -1,4 +1,4 @@
-"""Finding what HDF5's names stand for within one file: links to other files are not followed."""
+"""Finds what HDF5's names stand for within one file: links to other files are not followed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MOST_LINKS = 16
 
 
 def find_inside(path: str | os.PathLike[str], group: h5py.Group, name: str, links: int = 0) -> Any:
-    """The dataset or group of a name, None where there is none.
+    """Return the dataset or group of a name, None where there is none.
 
     HDF5 would open any file that a link names, of which some never answer, such as a pipe.
 

@@ -1,4 +1,4 @@
-"""Series of stamped arrays next to the events in an HDF5 file, written as they come and read one by one."""
+"""Writes series of stamped arrays next to the events in an HDF5 file as they come, and reads them one by one."""
 
 from __future__ import annotations
 
@@ -168,34 +168,34 @@ class Hdf5PartsReader(Hdf5Reader):
     series: ClassVar[Mapping[str, Series]]
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width))."""
+        """Yield intensity frames as (t_us, uint8 (height, width))."""
         for t_us, image in self._rows(FRAMES, (None, None)):
             if image.dtype != np.uint8:
                 raise DecodeError(f"{self.path}: images must be uint8, found {image.dtype}")
             yield t_us, image
 
     def depth_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Depth maps as (t_us, float32 (height, width) in metres)."""
+        """Yield depth maps as (t_us, float32 (height, width) in metres)."""
         for t_us, depth in self._rows(DEPTH, (None, None)):
             yield t_us, depth.astype(np.float32)
 
     def flow_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
+        """Yield maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
         for t_us, flow in self._rows(FLOW, (None, None, 2)):
             yield t_us, flow.astype(np.float32)
 
     def imu(self) -> Iterator[ImuSample]:
-        """IMU samples."""
+        """Yield IMU samples."""
         for t_us, sample in self._rows(IMU, (6,)):
             yield ImuSample(t_us, sample[:3].astype(np.float64), sample[3:].astype(np.float64))
 
     def poses(self) -> Iterator[PoseSample]:
-        """Poses, T_world_camera."""
+        """Yield poses, T_world_camera."""
         for t_us, pose in self._rows(POSES, (7,)):
             yield PoseSample(t_us, pose[:3].astype(np.float64), pose[3:].astype(np.float64))
 
     def cameras(self) -> Iterator[tuple[int, Calibration]]:
-        """The calibration as (0, calibration), nothing where there is none."""
+        """Yield the calibration as (0, calibration), nothing where there is none."""
         values = []
         with decoding(self.path, CALIBRATION):
             if self._find(CALIBRATION) is None:

@@ -1,4 +1,4 @@
-"""What every event format offers: one writer, one reader, and the format itself, which opens them."""
+"""Defines what every event format offers: one writer, one reader, and the format itself, which opens them."""
 
 from __future__ import annotations
 
@@ -6,28 +6,26 @@ import os
 import threading
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Protocol, TypeVar, final
+from typing import Any, ClassVar, Protocol, TypeVar, final
 
 import numpy as np
 
 from ..._core import check_events
-from ..._util.argument_checks import as_size, check_number, is_number
+from ..._util.argument_checks import check_number, is_number
 from ..._util.argument_error import ArgumentError
 from ..._util.untrusted import decoding, guarded
 from ..._util.whole_file import Workplace, require_no_file
 from ...events.arrays import EVENT_DTYPE, EventArray, as_events, concatenate_events
 from .blocks import Blocks, Place, refuse
+from .destination import Destination, Limits, Target
 from .reading import ANY_SIZE, EventCheck, ReadRules
 
 CHUNK = 1 << 20
 """Events that an iteration hands out at a time, unless told otherwise: 16 MiB."""
-
-Target = str | os.PathLike[str] | BinaryIO
-"""Where events are written: a path, or an open binary stream (a pipe, a buffer), which the writer leaves open."""
 
 Roi = tuple[int, int, int, int]
 """A region of the sensor, (x0, y0, x1, y1): x0 <= x < x1 and y0 <= y < y1. Coordinates stay the sensor's."""
@@ -38,28 +36,6 @@ _Reader = TypeVar("_Reader", bound="EventReader")
 
 class TruncatedFileWarning(UserWarning):
     """A file ends in the middle of a record, or was never finished; its complete records were read."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a format can hold: whole microseconds 0 .. ``latest_us``, and sensors of ``width`` x ``height``."""
-
-    latest_us: int = 2**63 - 1
-    width: int = 65_535
-    height: int = 65_535
-
-    def check_size(self, name: str, size: tuple[int, int]) -> tuple[int, int]:
-        """Check ``size``, and return it as (width, height) integers.
-
-        Raises:
-            ValueError: for no size, or if the format called ``name`` cannot hold a sensor of that size.
-        """
-        width, height = as_size(size)
-        if not (1 <= width <= self.width and 1 <= height <= self.height):
-            raise ValueError(
-                f"{name} holds sensors of 1 x 1 to {self.width} x {self.height} pixels: got {width} x {height}"
-            )
-        return width, height
 
 
 @dataclass(frozen=True)
@@ -98,17 +74,17 @@ class EventWriter(ABC):
     offers for writing holds ``_turn`` meanwhile.
 
     Args:
-        target: the path, or the stream, that is written to; for messages and the report.
-        format: the format's name.
-        size: (width, height) of the sensor in pixels.
-        limits: what the format can hold.
+        destination: where it writes, in which format, and of which sensor.
+
+    Raises:
+        ValueError: for a sensor that the format cannot hold.
     """
 
-    def __init__(self, target: Target, *, format: str, size: tuple[int, int], limits: Limits) -> None:
-        self.path = os.fspath(target) if isinstance(target, str | os.PathLike) else str(getattr(target, "name", target))
-        self.format = format
-        self.size = limits.check_size(format, size)
-        self._limits = limits
+    def __init__(self, destination: Destination) -> None:
+        self.path = destination.name
+        self.format = destination.format
+        self.size = destination.checked_size()
+        self._limits = destination.limits
         self._events = 0
         self._first_us: int | None = None
         self._last_us: int | None = None
@@ -315,7 +291,7 @@ class EventReader(ABC):
 
     @property
     def progress(self) -> float:
-        """The share of the file that the current iteration has read, 0 .. 1."""
+        """The fraction of the file that the current iteration has read, 0 .. 1."""
         return 0.0
 
     @final
@@ -340,14 +316,14 @@ class EventReader(ABC):
         waiting: list[EventArray] = []
         count = 0
         for packet in self._checked(chunk, start_us, stop_us):
-            part = select(packet, start_us, stop_us, roi)
-            while count + len(part) >= chunk:
+            selected = select(packet, start_us, stop_us, roi)
+            while count + len(selected) >= chunk:
                 cut = chunk - count
-                yield part[:cut] if not waiting else concatenate_events([*waiting, part[:cut]])
-                waiting, count, part = [], 0, part[cut:]
-            if len(part):
-                waiting.append(part)
-                count += len(part)
+                yield selected[:cut] if not waiting else concatenate_events([*waiting, selected[:cut]])
+                waiting, count, selected = [], 0, selected[cut:]
+            if len(selected):
+                waiting.append(selected)
+                count += len(selected)
         if waiting:
             yield waiting[0] if len(waiting) == 1 else concatenate_events(waiting)
 
@@ -363,7 +339,7 @@ class EventReader(ABC):
         return self.check.take(select(events, start_us, stop_us, None))
 
     def _checked(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
-        """The packets, once they have passed the check; all of them, where times may go back."""
+        """Yield the packets, once they have passed the check; all of them, where times may go back."""
         check = self.check = self._new_check()
         packets = self._packets(chunk, start_us, stop_us) if self.rules.in_order else self._packets(chunk, None, None)
         for packet in guarded(self.path, packets):
@@ -378,7 +354,7 @@ class EventReader(ABC):
         start_us <= t < stop_us, and perhaps others. What is handed out belongs to the caller."""
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
-        """All events with start_us <= t < stop_us, and perhaps others, as one array of the caller's."""
+        """Return all events with start_us <= t < stop_us, and perhaps others, as one array of the caller's."""
         parts = (select(packet, start_us, stop_us, None) for packet in self._packets(CHUNK, start_us, stop_us))
         return concatenate_events(list(parts))
 
@@ -452,9 +428,12 @@ class Format(ABC):
     def make_room(self, path: Path) -> None:  # noqa: B027 - a file is replaced as it is renamed
         """Remove what is there and may be replaced."""
 
-    open_writer: Callable[..., EventWriter]
-    """``open_writer(target, size, *, overwrite, **options)``: a writer into a new file, with the format's own options;
-    see :func:`davis_rs.open_writer`."""
+    writer: ClassVar[type[EventWriter]]
+    """What writes it, where it can be written: made of a :class:`Destination`, and of the format's own options."""
+
+    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> EventWriter:
+        """Open a writer into a new file, with the format's own options; see :func:`davis_rs.open_writer`."""
+        return self.writer(Destination(target, self.name, size, self.limits, overwrite), **options)
 
     @abstractmethod
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
@@ -482,7 +461,7 @@ def check_slice(start_us: int | None, stop_us: int | None, roi: Roi | None) -> N
 
 
 def select(events: EventArray, start_us: int | None, stop_us: int | None, roi: Roi | None) -> EventArray:
-    """The events of a slice, as :meth:`EventReader.iter` defines it; without a copy where all of them are."""
+    """Return the events of a slice, as :meth:`EventReader.iter` defines it; without a copy where all of them are."""
     keep = np.ones(len(events), np.bool_)
     if start_us is not None:
         keep &= events["t"] >= start_us

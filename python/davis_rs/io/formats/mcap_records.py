@@ -1,4 +1,4 @@
-"""The messages of an MCAP file, from its beginning to its last whole record, finished or not."""
+"""Reads the messages of an MCAP file, from its beginning to its last whole record, finished or not."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from ..._core import DecodeError
+from ..._util.budget import Budget
 from ..._util.untrusted import above_limit
 from .bag_records import ScannedMessage
 from .unpack import unpack_lz4, unpack_zstd
@@ -16,10 +17,14 @@ MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END, _FOOTER = 3, 4, 5, 6, 15, 2
 _HEAD = struct.Struct("<BQ")
 _FOOTER_HEAD, _FOOTER_BODY = _HEAD.pack(_FOOTER, 20), struct.Struct("<QQI")
+_NAME_HELD, _MESSAGE_HELD = 300, 200
+"""Bytes in memory of a schema or a channel, and of a message, apart from their own bytes."""
 
 
 class McapScan:
     """Reads messages in the file's order, those of a chunk in order of time; a chunk may unpack to ``limit`` bytes.
+
+    A chunk, its messages and all names of channels are held in memory, and charged to the file's budget.
 
     Attributes:
         whole: whether the file was finished; that of a killed writer has no end.
@@ -28,7 +33,7 @@ class McapScan:
     """
 
     def __init__(self, path: Path, limit: int) -> None:
-        self._path, self._limit = path, limit
+        self._path, self._limit, self._budget = path, limit, Budget(path)
         self._size = path.stat().st_size
         self.whole = True
         with path.open("rb") as file:
@@ -39,28 +44,26 @@ class McapScan:
             self._topics = {message.topic: message.type for message in self.messages()}
 
     def topics(self) -> dict[str, str]:
-        """The types of all topics."""
+        """Return the types of all topics."""
         return dict(self._topics or {})
 
     def messages(self) -> Iterator[ScannedMessage]:
-        """All messages."""
-        names = _Names()
-        with self._path.open("rb") as file:
+        """Yield all messages."""
+        with _Names(self._budget) as names, self._path.open("rb") as file:
             file.seek(len(MAGIC))
             for kind, length in self._records(file):
                 if kind in (_DATA_END, _FOOTER):
                     return
-                share = file.tell() / self._size
+                fraction = file.tell() / self._size
                 if kind == _CHUNK:
-                    content = self._chunk(file, length)
-                    yield from sorted(_inside(self._path, content, names, share), key=lambda message: message.t_ns)
+                    yield from self._in_order(self._chunk(file, length), names, fraction)
                 elif kind in (_SCHEMA, _CHANNEL, _MESSAGE):
                     if length > self._limit:
                         raise above_limit(self._path, "a record", self._limit)
-                    yield from names.take(kind, memoryview(file.read(length)), share)
+                    yield from names.take(kind, memoryview(file.read(length)), fraction)
 
     def _summary(self, file: BinaryIO) -> dict[str, str] | None:
-        """Topics and types as the summary at the file's end has them; None without one."""
+        """Return topics and types as the summary at the file's end has them; None without one."""
         end = self._size - len(_FOOTER_HEAD) - _FOOTER_BODY.size - len(MAGIC)
         self.whole = False
         if end < len(MAGIC):
@@ -74,13 +77,29 @@ class McapScan:
         if not len(MAGIC) <= start < end:
             return None
         file.seek(start)
-        names = _Names()
-        for kind, length in self._records(file):
-            if kind in (_SCHEMA, _CHANNEL):
-                if length > self._limit:
-                    raise above_limit(self._path, "a record", self._limit)
-                list(names.take(kind, memoryview(file.read(length)), 1.0))
-        return names.topics() or None
+        with _Names(self._budget) as names:
+            for kind, length in self._records(file):
+                if kind in (_SCHEMA, _CHANNEL):
+                    if length > self._limit:
+                        raise above_limit(self._path, "a record", self._limit)
+                    list(names.take(kind, memoryview(file.read(length)), 1.0))
+            return names.topics() or None
+
+    def _in_order(self, chunk: bytes, names: _Names, fraction: float) -> Iterator[ScannedMessage]:
+        """Yield the messages of a chunk in order of time."""
+        held = 0
+        messages = []
+        try:
+            self._budget.take(len(chunk), "a chunk")
+            held += len(chunk)
+            for message in _inside(self._path, chunk, names, fraction):
+                size = _MESSAGE_HELD + len(message.data)
+                self._budget.take(size, "the messages of a chunk")
+                held += size
+                messages.append(message)
+            yield from sorted(messages, key=lambda message: message.t_ns)
+        finally:
+            self._budget.give_back(held)
 
     def _records(self, file: BinaryIO) -> Iterator[tuple[int, int]]:
         """Yield (kind, length) of each record that is whole, with the file at its content."""
@@ -96,7 +115,7 @@ class McapScan:
             file.seek(begin + length)
 
     def _chunk(self, file: BinaryIO, length: int) -> bytes:
-        """The records of a chunk."""
+        """Return the records of a chunk, unpacked."""
         head = file.read(min(length, 64))
         _, _, unpacked, _, name_length = struct.unpack_from("<QQQII", head)
         compression = head[32 : 32 + name_length].decode()
@@ -122,33 +141,53 @@ class _Channel(NamedTuple):
 
 
 class _Names:
-    """What channels and schemas are called, as far as they were read."""
+    """Knows what channels and schemas are called, as far as they were read; its ``with`` charges them to the budget.
 
-    def __init__(self) -> None:
+    A few bytes of a compressed chunk can make a name as long as the limit allows, and there may be 65,536 of each.
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        self._budget, self._held = budget, 0
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, _Channel] = {}
 
+    def __enter__(self) -> _Names:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._budget.give_back(self._held)
+
+    def _keep(self, name: str, before: str | None) -> str:
+        """Charge a name, in place of the one that its number had before."""
+        change = len(name) + _NAME_HELD if before is None else len(name) - len(before)
+        self._budget.take(change, "the names of channels and schemas")
+        self._held += change
+        return name
+
     def topics(self) -> dict[str, str]:
-        """The types of the topics so far."""
+        """Return the types of the topics so far."""
         return {channel.topic: self._schemas.get(channel.schema, "") for channel in self._channels.values()}
 
-    def take(self, kind: int, content: memoryview, share: float) -> Iterator[ScannedMessage]:
+    def take(self, kind: int, content: memoryview, fraction: float) -> Iterator[ScannedMessage]:
         """Note a schema or a channel; hand out a message."""
         if kind == _SCHEMA:
-            self._schemas[struct.unpack_from("<H", content)[0]] = _string(content, 2)[0]
+            (number,) = struct.unpack_from("<H", content)
+            self._schemas[number] = self._keep(_string(content, 2)[0], self._schemas.get(number))
         elif kind == _CHANNEL:
             number, schema = struct.unpack_from("<HH", content)
-            self._channels[number] = _Channel(_string(content, 4)[0], schema)
+            before = self._channels.get(number)
+            topic = self._keep(_string(content, 4)[0], None if before is None else before.topic)
+            self._channels[number] = _Channel(topic, schema)
         elif kind == _MESSAGE:
             number, _, t_ns, _ = struct.unpack_from("<HIQQ", content)
             channel = self._channels.get(number)
             if channel is not None:
                 type_ = self._schemas.get(channel.schema, "")
-                yield ScannedMessage(channel.topic, type_, t_ns, bytes(content[22:]), share)
+                yield ScannedMessage(channel.topic, type_, t_ns, bytes(content[22:]), fraction)
 
 
-def _inside(path: Path, chunk: bytes, names: _Names, share: float) -> Iterator[ScannedMessage]:
-    """The messages of a chunk."""
+def _inside(path: Path, chunk: bytes, names: _Names, fraction: float) -> Iterator[ScannedMessage]:
+    """Yield the messages of a chunk, in its own order."""
     place, content = 0, memoryview(chunk)
     while place < len(chunk):
         if len(chunk) - place < _HEAD.size:
@@ -157,12 +196,12 @@ def _inside(path: Path, chunk: bytes, names: _Names, share: float) -> Iterator[S
         place += _HEAD.size
         if length > len(chunk) - place:
             raise DecodeError(f"{path}: a record of {length} bytes goes beyond its chunk")
-        yield from names.take(kind, content[place : place + length], share)
+        yield from names.take(kind, content[place : place + length], fraction)
         place += length
 
 
 def _string(content: memoryview, place: int) -> tuple[str, int]:
-    """A string, and where it ends."""
+    """Return a string, and where it ends."""
     (length,) = struct.unpack_from("<I", content, place)
     end = place + 4 + length
     if end > len(content):

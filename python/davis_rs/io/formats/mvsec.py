@@ -1,4 +1,4 @@
-"""HDF5 in the layout of MVSEC: davis/left/{events, image_raw, imu, depth_image_raw, pose, flow_dist}."""
+"""Writes and reads MVSEC's HDF5: davis/left/{events, image_raw, imu, depth_image_raw, pose, flow_dist}."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy.typing as npt
 from ..._core import DecodeError
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
+from .destination import Limits
 from .hdf5 import Hdf5Format
 from .hdf5_dataset import GrowingDataset
 from .hdf5_parts import Hdf5PartsReader, Hdf5PartsWriter, Series
-from .interface import Limits
 from .parts import ALL_PARTS, DEPTH, FLOW, FRAMES, IMU, POSES, PoseSample
 
 _LEFT = "davis/left/"
@@ -114,12 +114,12 @@ class MvsecReader(Hdf5PartsReader):
     row = (4,)
 
     def depth_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Depth maps as (t_us, float32 (height, width) in metres), inf where there is none."""
+        """Yield depth maps as (t_us, float32 (height, width) in metres), inf where there is none."""
         for t_us, depth in super().depth_maps():
             yield t_us, np.where(np.isnan(depth), np.float32(np.inf), depth)
 
     def flow_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
+        """Yield maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
         series = SERIES[FLOW.name]
         with decoding(self.path, series.times):
             times, dataset = self._find(series.times), self._find(_INTERVALS)
@@ -140,7 +140,7 @@ class MvsecReader(Hdf5PartsReader):
             yield t_us, np.moveaxis(displacement / interval_s, 0, -1).astype(np.float32)
 
     def poses(self) -> Iterator[PoseSample]:
-        """Poses; the sign of a quaternion is free."""
+        """Yield poses; the sign of a quaternion is free."""
         from scipy.spatial.transform import Rotation
 
         for t_us, matrix in self._rows(POSES, (4, 4)):

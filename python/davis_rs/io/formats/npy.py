@@ -1,4 +1,4 @@
-"""NumPy's .npy: an event array as it is in memory."""
+"""Writes and reads NumPy's .npy: an event array as it is in memory."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from ..._core import DecodeError
 from ..._util.untrusted import above_limit, decoding
 from ...events.arrays import EVENT_DTYPE, EventArray, as_events
 from .blocks import BLOCK, Blocks, Place, equal_blocks
-from .files import claim
-from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
+from .destination import Destination, naming
+from .interface import EventReader, EventWriter, Format, warn_truncated
 from .reading import ReadRules
-from .system import naming
 
 _LONGEST_HEADER = 10_000
 """As NumPy's own limit."""
@@ -29,7 +28,7 @@ HEADER = 192
 
 
 def npy_header(count: int) -> bytes:
-    """The header of an array of ``count`` events."""
+    """Return the header of an array of ``count`` events."""
     text = f"{{'descr': {np.lib.format.dtype_to_descr(EVENT_DTYPE)!r}, 'fortran_order': False, 'shape': ({count},), }}"
     length = HEADER - len(MAGIC) - 4
     return MAGIC + b"\x01\x00" + length.to_bytes(2, "little") + text.ljust(length - 1).encode() + b"\n"
@@ -39,22 +38,23 @@ class NpyWriter(EventWriter):
     """Appends events, and puts their number into the header after each packet: NumPy then reads all that was written,
     also when the process was killed."""
 
-    def __init__(self, target: Target, *, format: str, size: tuple[int, int], limits: Limits, overwrite: bool) -> None:
-        super().__init__(target, format=format, size=size, limits=limits)
-        self._owned = isinstance(target, str | os.PathLike)
+    def __init__(self, destination: Destination) -> None:
+        super().__init__(destination)
+        self._owned = not destination.is_stream
         self._count = 0
         with naming(self.path):
-            self._file = self._open(target, overwrite=overwrite)
+            self._file = self._open(destination)
             if not self._file.seekable():
                 raise ValueError(
-                    f"{format} states the number of events at its beginning, but {self.path} is not seekable"
+                    f"{self.format} states the number of events at its beginning, but {self.path} is not seekable"
                 )
             self._start = self._file.tell()
             self._begin()
 
-    def _open(self, target: Target, *, overwrite: bool) -> BinaryIO:
+    def _open(self, destination: Destination) -> BinaryIO:
+        target = destination.target
         if isinstance(target, str | os.PathLike):
-            return claim(target, overwrite=overwrite).open("r+b", buffering=0)
+            return destination.claim().open("r+b", buffering=0)
         return target
 
     def _begin(self) -> None:
@@ -172,7 +172,7 @@ class NpyReader(EventReader):
         return self._offset + self._events * self._dtype.itemsize
 
     def _find(self, t_us: int) -> int:
-        """The first event at or after ``t_us``."""
+        """Return the first event at or after ``t_us``."""
         if not self._events:
             return 0
         times = np.memmap(self.path, self._dtype, "r", self._offset, (self._events,))["t"]
@@ -188,12 +188,10 @@ class NpyFormat(Format):
 
     name = "npy"
     suffixes = (".npy",)
+    writer = NpyWriter
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(MAGIC)
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
-        return NpyWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         return NpyReader(path, format=self.name, rules=rules)

@@ -1,4 +1,4 @@
-"""NumPy's .npz: a zip archive, here with the one array ``events``."""
+"""Writes and reads NumPy's .npz: a zip archive, here with the one array ``events``."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from typing import BinaryIO
 import numpy as np
 
 from ..._core import DecodeError, crc32, crc32_combine
+from ..._util.budget import Budget
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
 from .blocks import BLOCK, Blocks, equal_blocks, refuse
-from .files import PartFile
-from .interface import EventReader, EventWriter, Format, Target, warn_truncated
+from .destination import Destination, PartFile
+from .interface import EventReader, Format, warn_truncated
 from .npy import HEADER, NpyReader, NpyWriter, npy_header, read_header, to_events
 from .reading import ReadRules
 
@@ -26,6 +27,11 @@ _LOCAL = struct.Struct("<4s5H3L2H")
 """Signature, version, flags, method, time, date, CRC-32, two sizes, lengths of name and extra field."""
 _DATE = (0, 0x21)
 """Midnight of 1980-01-01: the same events are the same bytes."""
+_END, _END_64 = b"PK\x05\x06", b"PK\x06\x06"
+_END_LENGTH = 22 + 0xFFFF
+"""The record that an archive ends with, and the longest comment behind it."""
+_MEMBER, _MEMBER_HELD = 46, 600
+"""Bytes of a member of the list of members: the fewest in the file, and in memory."""
 _LATER = 0xFFFFFFFF
 """A size that stands in the extra field, where it has 64 bits."""
 
@@ -37,10 +43,11 @@ class NpzWriter(NpyWriter):
     _part: PartFile | None = None
     _crc = 0
 
-    def _open(self, target: Target, *, overwrite: bool) -> BinaryIO:
+    def _open(self, destination: Destination) -> BinaryIO:
+        target = destination.target
         if not isinstance(target, str | os.PathLike):
             return target
-        self._part = PartFile(target, overwrite=overwrite)
+        self._part = destination.claim_part()
         return self._part.part.open("r+b", buffering=0)
 
     def _begin(self) -> None:
@@ -88,13 +95,15 @@ class DeflatedReader(EventReader):
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         self._done = 0
+        budget = Budget(self.path)
         with zipfile.ZipFile(self.path) as archive, archive.open(self._member) as file:
             read_header(file, self.path, self.rules.max_packet_bytes)
             at_once = min(chunk, self.rules.max_packet_bytes // self._dtype.itemsize)
             while self._done < self._count:
-                with decoding(self.path, f"after event {self._done}"):
-                    data = file.read(min(at_once, self._count - self._done) * self._dtype.itemsize)
-                packet = np.frombuffer(bytearray(data), self._dtype, len(data) // self._dtype.itemsize)
+                size = min(at_once, self._count - self._done) * self._dtype.itemsize
+                with budget.borrow(2 * size, "a piece of the array"), decoding(self.path, f"after event {self._done}"):
+                    data = file.read(size)
+                    packet = np.frombuffer(bytearray(data), self._dtype, len(data) // self._dtype.itemsize)
                 if not len(packet):
                     raise DecodeError(f"{self.path}: {self._member} holds {self._done} of {self._count} events")
                 self._done += len(packet)
@@ -128,15 +137,14 @@ class NpzFormat(Format):
 
     name = "npz"
     suffixes = (".npz",)
+    writer = NpzWriter
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(b"PK\x03\x04")
 
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
-        return NpzWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
-
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         file = Path(path)
+        _charge_members(file)
         try:
             with zipfile.ZipFile(file) as archive:
                 member = _events_of(archive, file)
@@ -160,6 +168,24 @@ class NpzFormat(Format):
         return NpyReader(file, format=self.name, rules=rules, start=start, end=start + member.file_size)
 
 
+def _charge_members(path: Path) -> None:
+    """Charge the archive's list of members, all of which ``zipfile`` makes objects of, before it does so.
+
+    Raises:
+        DecodeError: if the file's budget does not hold it.
+    """
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - _END_LENGTH - 76))
+        tail = file.read()
+    end, end_64 = tail.rfind(_END), tail.rfind(_END_64)
+    if 0 <= end <= len(tail) - 22:
+        length = int.from_bytes(tail[end + 12 : end + 16], "little")
+        if length == _LATER and 0 <= end_64 <= len(tail) - 48:
+            length = int.from_bytes(tail[end_64 + 40 : end_64 + 48], "little")
+        Budget(path).take(min(length, size) // _MEMBER * _MEMBER_HELD, "the list of the archive's members")
+
+
 def _events_of(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
     members = archive.infolist()
     chosen = [member for member in members if member.filename == _NAME.decode()] or members
@@ -170,7 +196,7 @@ def _events_of(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether the file begins as those of :class:`NpzWriter` do, whatever is said of sizes."""
+    """Return whether the file begins as those of :class:`NpzWriter` do, whatever is said of sizes."""
     with path.open("rb") as file:
         begin, whole = file.read(_LOCAL.size + len(_NAME)), _local_header(0, 0)
     return begin[:14] == whole[:14] and begin[18:] == whole[18 : len(begin)]
@@ -183,7 +209,7 @@ def _local_header(crc: int, size: int) -> bytes:
 
 
 def _directory(crc: int, size: int, place: int) -> bytes:
-    """The central directory, which begins at ``place``, and its two ends, of 64 and of 32 bits."""
+    """Return the central directory, which begins at ``place``, and its two ends, of 64 and of 32 bits."""
     sizes = struct.pack("<2H2Q", 1, 16, size, size)
     fields = (45, 45, 0, zipfile.ZIP_STORED, *_DATE, crc, _LATER, _LATER, len(_NAME), len(sizes), 0, 0, 0, 0, 0)
     entry = struct.pack("<4s6H3L5H2L", b"PK\x01\x02", *fields) + _NAME + sizes

@@ -1,4 +1,4 @@
-"""Events in Parquet: columns t, x, y, p, times as differences."""
+"""Writes and reads events in Parquet: columns t, x, y, p, times as differences."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import numpy.typing as npt
 
 from ..._core import DecodeError, fill_events
 from ..._util.argument_error import ArgumentError
+from ..._util.budget import Budget
 from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
 from .blocks import UNKNOWN_US, Blocks, Place, blocks_of
-from .files import PartFile
-from .interface import CHUNK, EventReader, EventWriter, Format, Limits, Target
+from .destination import Destination, Limits, naming
+from .interface import CHUNK, EventReader, EventWriter, Format
 from .parquet_footer import MAGIC, RowGroup, check_pages, read_row_groups
 from .reading import ReadRules
-from .system import naming
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,18 +45,14 @@ class ParquetWriter(EventWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
-        overwrite: bool,
         level: int = 1,
         row_group: int = CHUNK,
     ) -> None:
         if row_group < 1:
             raise ArgumentError("{row_group} must be at least 1: got {}", row_group)
-        super().__init__(target, format=format, size=size, limits=limits)
+        super().__init__(destination)
         with from_extra("parquet"):
             import pyarrow as pa
             import pyarrow.parquet as pq
@@ -71,8 +67,10 @@ class ParquetWriter(EventWriter):
             name: np.empty(row_group, dtype) for name, dtype in dtypes.items()
         }
         self._count = 0
-        self._file = PartFile(target, overwrite=overwrite) if isinstance(target, str | os.PathLike) else None
-        self._sink = pa.OSFile(str(self._file.part), "wb") if self._file is not None else pa.PythonFile(target, "w")
+        self._file = None if destination.is_stream else destination.claim_part()
+        self._sink = (
+            pa.PythonFile(destination.target, "w") if self._file is None else pa.OSFile(str(self._file.part), "wb")
+        )
         self._writer = pq.ParquetWriter(
             self._sink,
             self._schema,
@@ -141,7 +139,8 @@ class ParquetReader(EventReader):
     def __init__(self, path: Path, *, format: str, rules: ReadRules) -> None:
         with from_extra("parquet"):
             import pyarrow.parquet as pq
-        self._row_groups = read_row_groups(path, self._COLUMNS)
+        self._budget = Budget(path)
+        self._row_groups = read_row_groups(path, self._COLUMNS, self._budget)
         with decoding(path):
             self._file = pq.ParquetFile(path)
             schema = self._file.schema_arrow
@@ -201,10 +200,12 @@ class ParquetReader(EventReader):
     def _batches(self, groups: list[int], chunk: int) -> Iterator[pa.RecordBatch]:
         self._done = 0
         for group in groups:
-            check_pages(self.path, self._row_groups[group], self.rules.max_packet_bytes)
-            for batch in self._file.iter_batches(chunk, row_groups=[group], columns=list(self._COLUMNS)):
-                yield batch
-                self._done += batch.num_rows
+            row_group = self._row_groups[group]
+            check_pages(self.path, row_group, self.rules.max_packet_bytes)
+            with self._budget.borrow(row_group.bytes, f"row group {group}"):  # Arrow reads all of it before the first
+                for batch in self._file.iter_batches(chunk, row_groups=[group], columns=list(self._COLUMNS)):
+                    yield batch
+                    self._done += batch.num_rows
         self._done = self.events
 
     def _fill(self, events: EventArray, batch: pa.RecordBatch) -> None:
@@ -212,7 +213,7 @@ class ParquetReader(EventReader):
         fill_events(events, t, x, y, p)
 
     def _column(self, batch: pa.RecordBatch, name: str) -> npt.NDArray[Any]:
-        """A column of the type that events have."""
+        """Return a column of the type that events have."""
         column = batch.column(batch.schema.get_field_index(name))
         if column.null_count:
             raise DecodeError(f"{self.path}: {column.null_count} values of {name} are missing")
@@ -238,23 +239,21 @@ class ParquetFormat(Format):
     name = "parquet"
     suffixes = (".parquet", ".pq")
     options = ("level", "row_group")
+    writer = ParquetWriter
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(MAGIC)
 
-    def require_libraries(self, **_: Any) -> None:
+    def require_libraries(self, **_: object) -> None:
         require("parquet", "pyarrow")
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> EventWriter:
-        return ParquetWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         return ParquetReader(Path(path), format=self.name, rules=rules)
 
 
 def _touches(group: RowGroup, start_us: int | None, stop_us: int | None) -> bool:
-    """Whether a row group may hold events of a slice of time, by its statistics."""
+    """Return whether a row group may hold events of a slice of time, by its statistics."""
     t = next(column for column in group.columns if column.name == "t")
     if t.least is None or t.largest is None:
         return True
@@ -262,7 +261,7 @@ def _touches(group: RowGroup, start_us: int | None, stop_us: int | None) -> bool
 
 
 def _least_us(group: RowGroup) -> int:
-    """The time of a row group's first event, where its statistics tell."""
+    """Return the time of a row group's first event, where its statistics tell."""
     least = next(column for column in group.columns if column.name == "t").least
     return UNKNOWN_US if least is None else least
 

@@ -1,5 +1,7 @@
-"""Parquet's metadata and page headers before Arrow acts on them: it ends the process where types contradict each other,
-and takes memory for whatever a page claims to unpack to."""
+"""Checks Parquet's metadata and page headers before Arrow acts on them.
+
+Arrow ends the process where types contradict each other, and takes memory for whatever a page claims to unpack to.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..._core import DecodeError
+from ..._util.budget import Budget
 from ..._util.untrusted import above_limit, decoding
 from .thrift import CompactReader, Malformed
 
@@ -39,13 +42,22 @@ class RowGroup:
     rows: int
     columns: list[Column]
 
+    @property
+    def bytes(self) -> int:
+        """How many bytes of the file its columns have."""
+        return sum(column.end - column.begin for column in self.columns)
 
-def read_row_groups(path: Path, names: tuple[str, ...]) -> list[RowGroup]:
-    """The row groups of a file, with the columns of these names.
+
+def read_row_groups(path: Path, names: tuple[str, ...], budget: Budget) -> list[RowGroup]:
+    """Read the row groups of a file, with the columns of these names.
+
+    Args:
+        budget: of the file: the metadata's bytes and values are charged to it.
 
     Raises:
         OSError: if it cannot be read.
-        DecodeError: if the metadata are malformed, contradict themselves, or are not those of integers.
+        DecodeError: if the metadata are malformed, contradict themselves, or are not those of integers, or if the
+            budget does not hold them.
     """
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
@@ -54,10 +66,11 @@ def read_row_groups(path: Path, names: tuple[str, ...]) -> list[RowGroup]:
         length = int.from_bytes(end[:4], "little")
         if end[4:] != MAGIC or length > size - 12:
             raise DecodeError(f"{path}: it does not end with Parquet's metadata: it was never finished, or was cut")
+        budget.take(length, "Parquet's metadata")
         file.seek(size - 8 - length)
         footer = file.read(length)
     try:
-        metadata = CompactReader(footer).struct()
+        metadata = CompactReader(footer, lambda values: budget.count(values, "values of Parquet's metadata")).struct()
     except Malformed:
         raise DecodeError(f"{path}, byte {size - 8 - length}: Parquet's metadata are malformed") from None
     with decoding(path, "Parquet's metadata"):

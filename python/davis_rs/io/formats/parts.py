@@ -1,4 +1,4 @@
-"""What a recording may have next to its events: the parts, how each is handed on, and which writers take them."""
+"""Lists what a recording may have next to its events: how each part is handed on, and which writers take it."""
 
 from __future__ import annotations
 
@@ -105,11 +105,11 @@ def check_map(what: str, image: npt.NDArray[np.generic], shape: Iterable[int], d
 
 
 def on_sensor(image: npt.NDArray[np.uint8], x: int, y: int, size: tuple[int, int] | None) -> npt.NDArray[np.uint8]:
-    """An image whose first pixel lies at ``x``, ``y`` as one of the whole sensor, 0 where it does not reach."""
+    """Return an image whose first pixel lies at ``x``, ``y`` as one of the whole sensor, 0 where it does not reach."""
     height, width = image.shape
     if size is None or (x, y, width, height) == (0, 0, *size):
         return image
     whole = np.zeros(size[::-1], np.uint8)
-    part = image[: max(size[1] - y, 0), : max(size[0] - x, 0)]
-    whole[y : y + part.shape[0], x : x + part.shape[1]] = part
+    visible = image[: max(size[1] - y, 0), : max(size[0] - x, 0)]
+    whole[y : y + visible.shape[0], x : x + visible.shape[1]] = visible
     return whole

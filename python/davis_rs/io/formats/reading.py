@@ -1,4 +1,4 @@
-"""The rules that events of every file keep, whatever its format, and what is done where they do not."""
+"""Checks the rules that events of every file keep, and does what is asked for where they do not."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class EventCheck:
         self.dropped_outside = 0
 
     def take(self, events: EventArray) -> EventArray:
-        """The events that are handed out.
+        """Return the events that are handed out.
 
         Raises:
             DecodeError: for the first one that breaks a rule, with its number, counted from 0 among those read.

@@ -1,4 +1,4 @@
-"""Recordings of cameras as event files: AEDAT 2.0 and 3.1, and a camera's own bytes, which are only read."""
+"""Reads recordings of cameras as event files: AEDAT 2.0 and 3.1, and a camera's own bytes, which are only read."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ class RecordedParts:
     sensor: tuple[int, int] | None
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width)) of the sensor's size, stamped with the middle of their
-        exposure; 0 where a frame does not cover the sensor. A camera's 10 bits lose the last two, which ``notes`` say.
+        """Yield intensity frames as (t_us, uint8 (height, width)) of the sensor's size, stamped with the middle of
+        their exposure; 0 where a frame does not cover the sensor. A camera's 10 bits lose the last two, which ``notes``
+        say.
         """
         remarks = Remarks()
         for piece in self.recording.pieces(("frames",), remarks):
@@ -49,7 +50,7 @@ class RecordedParts:
         self._found(remarks)
 
     def imu(self) -> Iterator[ImuSample]:
-        """IMU samples."""
+        """Yield IMU samples."""
         remarks = Remarks()
         for piece in self.recording.pieces(("imu",), remarks):
             for sample in piece.decoded.imu:
@@ -78,7 +79,7 @@ class RecordedReader(RecordedParts, EventReader):
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         remarks = Remarks()
         for piece in self.recording.pieces(("events",), remarks):
-            events, self._done = piece.decoded.events, piece.share
+            events, self._done = piece.decoded.events, piece.fraction
             for start in range(0, len(events), chunk):
                 yield events[start : start + chunk]
             if stop_us is not None and len(events) and events["t"][0] >= stop_us:

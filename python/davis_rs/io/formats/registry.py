@@ -1,4 +1,4 @@
-"""The formats there are, by name, by suffix and by content."""
+"""Finds formats by name, by suffix and by content."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def register(*formats: Format) -> None:
 
 
 def written_formats() -> dict[str, Format]:
-    """Those that can be written."""
+    """Return those that can be written."""
     return {name: format for name, format in FORMATS.items() if format.writable}
 
 
 def format_named(name: str) -> Format:
-    """The format of that name, which can be written.
+    """Return the format of that name, which can be written.
 
     Raises:
         ValueError: if there is none; the message lists those there are.
@@ -39,7 +39,7 @@ def format_named(name: str) -> Format:
 
 
 def format_of_suffix(path: str | os.PathLike[str]) -> Format:
-    """The format that a path's suffix stands for.
+    """Return the format that a path's suffix stands for.
 
     Raises:
         ValueError: if it stands for none, or for one that is only read; the message lists those that can be written.
@@ -54,7 +54,7 @@ def format_of_suffix(path: str | os.PathLike[str]) -> Format:
 
 
 def format_of_content(path: str | os.PathLike[str]) -> Format:
-    """The format of an existing file, by its first bytes, or of a folder; an empty file is one of its suffix.
+    """Return the format of an existing file, by its first bytes, or of a folder; an empty file is one of its suffix.
 
     Raises:
         OSError: if it cannot be read.

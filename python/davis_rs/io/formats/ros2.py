@@ -1,4 +1,4 @@
-"""rosbag2: bags of ROS 2 with the topics of the public Event-Camera Dataset."""
+"""Writes rosbag2: bags of ROS 2 with the topics of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ..._util.argument_error import ArgumentError, OverwriteError
 from ..._util.extras import from_extra, require
 from ...events.arrays import EventArray
 from . import mcap_records, ros_messages, sqlite_records
-from .interface import Format, Limits, Target
+from .destination import Destination, Limits, naming
+from .interface import Format
 from .parts import ALL_PARTS
 from .reading import ReadRules
 from .ros2_reader import METADATA, Ros2Reader, storage_files
 from .ros_events import LATEST_US, pack_event_array, packet_message
 from .ros_writer import RosWriter
-from .system import naming
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -52,19 +52,15 @@ class Ros2Writer(RosWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
-        overwrite: bool,
         message_us: int = 10_000,
         message_events: int = 1 << 16,
         frame_id: str = "dvs",
         storage: str | None = None,
         messages: str = "dvs_msgs",
     ) -> None:
-        single = isinstance(target, str | os.PathLike) and _is_single(Path(target))
+        single = not destination.is_stream and _is_single(destination.path())
         storage = storage or ("mcap" if single else "sqlite3")
         if storage not in STORAGES or (single and storage != "mcap"):
             raise ArgumentError(
@@ -73,13 +69,12 @@ class Ros2Writer(RosWriter):
         if messages not in MESSAGES:
             raise ArgumentError("{messages} must be one of {}: got {!r}", ", ".join(MESSAGES), messages)
         self._evt3 = messages == "event_camera_msgs"
-        if self._evt3 and max(size) > _MOST_EVT3:
-            raise ValueError(f"EVT 3.0 holds sensors of up to {_MOST_EVT3} x {_MOST_EVT3} pixels: got {size}")
+        if self._evt3 and max(destination.size) > _MOST_EVT3:
+            raise ValueError(
+                f"EVT 3.0 holds sensors of up to {_MOST_EVT3} x {_MOST_EVT3} pixels: got {destination.size}"
+            )
         super().__init__(
-            target,
-            format=format,
-            size=size,
-            limits=limits,
+            destination,
             version=2,
             message_us=message_us,
             message_events=message_events,
@@ -90,8 +85,8 @@ class Ros2Writer(RosWriter):
         self._connections: dict[ros_messages.Topic, Connection] = {}
         self._unflushed = 0
         self._is_sqlite = storage == "sqlite3"
-        path = Path(self.path)
-        _require_room(path, overwrite=overwrite)
+        path = destination.path()
+        _require_room(path, overwrite=destination.overwrite)
         _make_room(path)
         plugin = StoragePlugin[storage.upper()]
         with naming(path):
@@ -181,7 +176,7 @@ class Ros2Writer(RosWriter):
 
 
 def _is_single(path: Path) -> bool:
-    """Whether a rosbag2 of this name is one file of MCAP, and not a folder."""
+    """Return whether a rosbag2 of this name is one file of MCAP, and not a folder."""
     return path.suffix.lower() == ".mcap"
 
 
@@ -201,8 +196,12 @@ def _require_room(path: Path, *, overwrite: bool) -> None:
     single = _is_single(path)
     if single and path.is_file():
         return
-    found = list(path.iterdir()) if path.is_dir() else []
-    if single or not path.is_dir() or not all(file == path / METADATA or file in storage_files(path) for file in found):
+    entries = list(path.iterdir()) if path.is_dir() else []
+    if (
+        single
+        or not path.is_dir()
+        or not all(file == path / METADATA or file in storage_files(path) for file in entries)
+    ):
         raise FileExistsError(errno.EEXIST, "will not overwrite: no rosbag2 is there", str(path))
 
 
@@ -221,6 +220,7 @@ class Ros2Format(Format):
     suffixes = (".mcap",)
     options = ("message_us", "message_events", "frame_id", "storage", "messages")
     holds = ALL_PARTS
+    writer = Ros2Writer
     limits = Limits(latest_us=LATEST_US)
 
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -231,7 +231,7 @@ class Ros2Format(Format):
     def sniff_folder(self, path: Path) -> bool:
         return bool(storage_files(path)) or (path / METADATA).is_file()
 
-    def require_libraries(self, **_: Any) -> None:
+    def require_libraries(self, **_: object) -> None:
         require("ros", "rosbags")
 
     def require_room(self, path: Path, *, overwrite: bool) -> None:
@@ -239,9 +239,6 @@ class Ros2Format(Format):
 
     def make_room(self, path: Path) -> None:
         _make_room(path)
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> Ros2Writer:
-        return Ros2Writer(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> Ros2Reader:  # noqa: B008
         return Ros2Reader(Path(path), format=self.name, rules=rules)

@@ -1,4 +1,4 @@
-"""Reading rosbag2: folders and single files, in SQLite or MCAP."""
+"""Reads rosbag2: folders and single files, in SQLite or MCAP."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 def storage_files(path: Path) -> list[Path]:
-    """The files of a rosbag2 that hold its messages, in their order: those of a folder, or the file itself."""
+    """Return the files of a rosbag2 that hold its messages, in their order: those of a folder, or the file itself."""
     if not path.is_dir():
         return [path]
 
@@ -95,7 +95,7 @@ class Ros2Reader(RosReader):
             for message in guarded(self.path, scan.messages()):
                 if wanted(message.topic, message.type):
                     if events:
-                        self._done = (number + message.share) / len(self._scans)
+                        self._done = (number + message.fraction) / len(self._scans)
                     yield self._unpacked(message)
 
     def _unpacked(self, message: ScannedMessage) -> RawMessage:

@@ -1,4 +1,4 @@
-"""Messages of events in ROS 2's encoding (CDR): ``dvs_msgs/EventArray`` and ``event_camera_msgs/EventPacket``."""
+"""Packs and unpacks messages of events in CDR: ``dvs_msgs/EventArray`` and ``event_camera_msgs/EventPacket``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _AFTER_LAST = 7
 
 
 def pack_event_array(events: EventArray, size: tuple[int, int], frame_id: str) -> bytes:
-    """A ``dvs_msgs/EventArray`` of at least one event, stamped with the last one's time.
+    """Return a ``dvs_msgs/EventArray`` of at least one event, stamped with the last one's time.
 
     Source: OMG DDSI-RTPS 2.3, chapter 10 (encapsulation, CDR_LE); rpg_dvs_ros, dvs_msgs/msg.
     """
@@ -58,7 +58,8 @@ def pack_event_array(events: EventArray, size: tuple[int, int], frame_id: str) -
 
 
 def unpack_event_array(path: Path, data: bytes) -> tuple[EventArray, tuple[int, int]]:
-    """The events of a ``dvs_msgs/EventArray`` and the sensor's (width, height); times to the nearest microsecond.
+    """Return the events of a ``dvs_msgs/EventArray`` and the sensor's (width, height); times to the nearest
+    microsecond.
 
     Raises:
         DecodeError: where the message breaks its definition.
@@ -100,7 +101,7 @@ def unpack_event_array(path: Path, data: bytes) -> tuple[EventArray, tuple[int, 
 
 
 def packet_message(store: Typestore, events: EventArray, size: tuple[int, int], sequence: int, frame_id: str) -> Any:
-    """An ``event_camera_msgs/EventPacket`` of at least one event, encoded as EVT 3.0.
+    """Return an ``event_camera_msgs/EventPacket`` of at least one event, encoded as EVT 3.0.
 
     It begins with the high part of its first event's time, which is also the header's stamp, so that it can be decoded
     without those before it. ``time_base`` is that time without its low 24 bits, in nanoseconds.
@@ -134,7 +135,7 @@ class PacketDecoder:
         self._offset_us: int | None = None
 
     def unpack(self, message: Any) -> tuple[EventArray, tuple[int, int]]:
-        """The events of the next message and the sensor's (width, height).
+        """Return the events of the next message and the sensor's (width, height).
 
         Raises:
             DecodeError: for an encoding other than evt3, or a packet of an odd length.

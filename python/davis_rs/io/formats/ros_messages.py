@@ -1,4 +1,4 @@
-"""The topics of the public bags, and what their messages hold, in ROS 1 and ROS 2."""
+"""Defines the topics of the public bags, and what their messages hold, in ROS 1 and ROS 2."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _OWN_MESSAGES = {
 
 @cache
 def typestore(version: Literal[1, 2] = 1) -> Typestore:
-    """The message types of ROS 1 (Noetic) or ROS 2 (Humble), of dvs_msgs and of event_camera_msgs.
+    """Return the message types of ROS 1 (Noetic) or ROS 2 (Humble), of dvs_msgs and of event_camera_msgs.
 
     Raises:
         ImportError: without rosbags, with the extra that brings it.
@@ -65,7 +65,7 @@ def typestore(version: Literal[1, 2] = 1) -> Typestore:
 
 
 def header(store: Typestore, seq: int, t_us: int, frame_id: str) -> Any:
-    """A std_msgs/Header; that of ROS 2 has no number."""
+    """Return a std_msgs/Header; that of ROS 2 has no number."""
     seconds, microseconds = divmod(t_us, 1_000_000)
     time = store.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=microseconds * 1000)
     kind = store.types["std_msgs/msg/Header"]
@@ -74,7 +74,7 @@ def header(store: Typestore, seq: int, t_us: int, frame_id: str) -> Any:
 
 
 def image_fields(image: npt.NDArray[Any], encoding: str) -> dict[str, Any]:
-    """Fields of a sensor_msgs/Image with the bytes of an image (height, width) or (height, width, channels)."""
+    """Return fields of a sensor_msgs/Image with the bytes of an image (height, width) or (height, width, channels)."""
     height, width = image.shape[:2]
     data = np.frombuffer(np.ascontiguousarray(image).tobytes(), np.uint8)
     step = data.size // height
@@ -82,7 +82,7 @@ def image_fields(image: npt.NDArray[Any], encoding: str) -> dict[str, Any]:
 
 
 def camera_fields(store: Typestore, camera: CameraLike) -> dict[str, Any]:
-    """Fields of a sensor_msgs/CameraInfo: ``plumb_bob`` with k1, k2, p1, p2, k3."""
+    """Return fields of a sensor_msgs/CameraInfo: ``plumb_bob`` with k1, k2, p1, p2, k3."""
     intrinsics = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1], np.float64)
     kind = store.types["sensor_msgs/msg/CameraInfo"]
     matrices = {
@@ -105,7 +105,7 @@ def camera_fields(store: Typestore, camera: CameraLike) -> dict[str, Any]:
 
 
 def imu_fields(store: Typestore, acceleration: npt.ArrayLike, angular_velocity: npt.ArrayLike) -> dict[str, Any]:
-    """Fields of a sensor_msgs/Imu without an orientation."""
+    """Return fields of a sensor_msgs/Imu without an orientation."""
     vector = store.types["geometry_msgs/msg/Vector3"]
     return {
         "orientation": store.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
@@ -118,12 +118,12 @@ def imu_fields(store: Typestore, acceleration: npt.ArrayLike, angular_velocity: 
 
 
 def pose_fields(store: Typestore, position: npt.ArrayLike, quaternion: npt.ArrayLike) -> dict[str, Any]:
-    """Fields of a geometry_msgs/PoseStamped."""
+    """Return fields of a geometry_msgs/PoseStamped."""
     point = store.types["geometry_msgs/msg/Point"](*np.asarray(position, np.float64).tolist())
     rotation = store.types["geometry_msgs/msg/Quaternion"](*np.asarray(quaternion, np.float64).tolist())
     return {"pose": store.types["geometry_msgs/msg/Pose"](position=point, orientation=rotation)}
 
 
 def stamp_us(stamp: Any) -> int:
-    """A time of ROS in microseconds, to the nearest, halves up."""
+    """Return a time of ROS in microseconds, to the nearest, halves up."""
     return int(stamp.sec) * 1_000_000 + (int(stamp.nanosec) + 500) // 1000

@@ -1,4 +1,4 @@
-"""Reading the topics of the public bags: what bags of ROS 1 and ROS 2 share."""
+"""Reads the topics of the public bags: what bags of ROS 1 and ROS 2 share."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class RosReader(EventReader):
     """Types of messages that hold events."""
 
     def images(self, topic: str | None = None) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width)).
+        """Yield intensity frames as (t_us, uint8 (height, width)).
 
         Raises:
             DecodeError: for an encoding other than mono8 or 8UC1.
@@ -53,7 +53,7 @@ class RosReader(EventReader):
             yield t_us, self._pixels(message, np.dtype("u1"), ("mono8", "8UC1"))
 
     def depth_maps(self, topic: str | None = None) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Depth maps as (t_us, float32 (height, width) in metres).
+        """Yield depth maps as (t_us, float32 (height, width) in metres).
 
         Raises:
             DecodeError: for an encoding other than 32FC1.
@@ -62,7 +62,7 @@ class RosReader(EventReader):
             yield t_us, self._pixels(message, np.dtype("f4"), ("32FC1",))
 
     def flow_maps(self, topic: str | None = None) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second).
+        """Yield maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second).
 
         Raises:
             DecodeError: for an encoding other than 32FC2.
@@ -71,19 +71,19 @@ class RosReader(EventReader):
             yield t_us, self._pixels(message, np.dtype("f4"), ("32FC2",), channels=2)
 
     def imu(self, topic: str | None = None) -> Iterator[ImuSample]:
-        """IMU samples."""
+        """Yield IMU samples."""
         for t_us, message in self._of(topics.INERTIAL, topic):
             a, w = message.linear_acceleration, message.angular_velocity
             yield ImuSample(t_us, np.array([a.x, a.y, a.z]), np.array([w.x, w.y, w.z]))
 
     def poses(self, topic: str | None = None) -> Iterator[PoseSample]:
-        """Poses, of whatever frames the bag's topic is in."""
+        """Yield poses, of whatever frames the bag's topic is in."""
         for t_us, message in self._of(topics.POSES, topic):
             p, q = message.pose.position, message.pose.orientation
             yield PoseSample(t_us, np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w]))
 
     def cameras(self, topic: str | None = None) -> Iterator[tuple[int, Calibration]]:
-        """The first calibration as (t_us, calibration), nothing where there is none.
+        """Yield the first calibration as (t_us, calibration), nothing where there is none.
 
         Raises:
             DecodeError: for a distortion model other than plumb_bob.
@@ -99,11 +99,11 @@ class RosReader(EventReader):
             return
 
     def camera(self, topic: str | None = None) -> Calibration | None:
-        """The first calibration, None where there is none; see :meth:`cameras`."""
+        """Return the first calibration, None where there is none; see :meth:`cameras`."""
         return next((calibration for _, calibration in self.cameras(topic)), None)
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """All messages of a topic as (t_us of its header's stamp, message as rosbags has it)."""
+        """Yield all messages of a topic as (t_us of its header's stamp, message as rosbags has it)."""
         for raw in guarded(self.path, self._raw(lambda name, _: name == topic)):
             with decoding(self.path, f"a message of {topic}"):
                 message = self._deserialize(raw)
@@ -112,19 +112,19 @@ class RosReader(EventReader):
 
     @abstractmethod
     def _names(self) -> set[str]:
-        """The topics that there are."""
+        """Return the topics that there are."""
 
     @abstractmethod
     def _raw(self, wanted: Wanted, start_us: int | None = None, stop_us: int | None = None) -> Iterator[RawMessage]:
-        """The messages that are wanted; of a slice of time where it can be told."""
+        """Yield the messages that are wanted; of a slice of time where it can be told."""
 
     @abstractmethod
     def _deserialize(self, raw: RawMessage) -> Any:
-        """A message as rosbags has it."""
+        """Return a message as rosbags has it."""
 
     @abstractmethod
     def _unpack(self, raw: RawMessage, packets: PacketDecoder) -> tuple[EventArray, tuple[int, int]]:
-        """The events of a message, and the sensor's size as it says it."""
+        """Return the events of a message, and the sensor's size as it says it."""
 
     def _of(self, kind: topics.Topic, topic: str | None) -> Iterator[tuple[int, Any]]:
         if topic is None:

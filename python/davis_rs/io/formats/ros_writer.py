@@ -1,8 +1,7 @@
-"""Writing the topics of the public bags: what bags of ROS 1 and ROS 2 share."""
+"""Writes the topics of the public bags: what bags of ROS 1 and ROS 2 share."""
 
 from __future__ import annotations
 
-import os
 from abc import abstractmethod
 from itertools import pairwise
 from typing import Any, Literal
@@ -12,7 +11,8 @@ import numpy.typing as npt
 
 from ...events.arrays import EventArray, concatenate_events
 from . import ros_messages as messages
-from .interface import EventWriter, Failing, Limits, Target
+from .destination import Destination
+from .interface import EventWriter, Failing
 from .parts import CameraLike, check_map
 
 _MOST_WAITING = 16 << 20
@@ -35,21 +35,17 @@ class RosWriter(EventWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
         version: Literal[1, 2],
         message_us: int,
         message_events: int,
         frame_id: str,
     ) -> None:
-        if not isinstance(target, str | os.PathLike):
-            raise ValueError("a bag needs a file: it cannot be written into a stream")
+        destination.path("a bag needs a file: it")
         if message_us < 1 or message_events < 1:
             raise ValueError(f"a message must hold at least 1 us and 1 event: got {message_us}, {message_events}")
-        super().__init__(target, format=format, size=size, limits=limits)
+        super().__init__(destination)
         self._store = messages.typestore(version)
         self._version = version
         self._message_us, self._message_events, self._frame_id = message_us, message_events, frame_id
@@ -103,11 +99,11 @@ class RosWriter(EventWriter):
 
     @abstractmethod
     def _pack(self, events: EventArray, sequence: int) -> tuple[messages.Topic, bytes]:
-        """A message of events."""
+        """Return a message of events."""
 
     @abstractmethod
     def _serialize(self, message: Any, type_: str) -> bytes:
-        """The bytes of a message."""
+        """Return the bytes of a message."""
 
     def _message(self, topic: messages.Topic, t_us: int, *, frame_id: str | None = None, **fields: Any) -> None:
         """Write one message of a topic other than the events'."""
@@ -131,7 +127,7 @@ class RosWriter(EventWriter):
                     self._send()
 
     def _next(self, topic: str) -> int:
-        """The number of the topic's next message."""
+        """Return the number of the topic's next message."""
         sequence = self._sequences.get(topic, 0)
         self._sequences[topic] = sequence + 1
         return sequence

@@ -1,4 +1,4 @@
-"""The messages of a rosbag2 in SQLite."""
+"""Reads the messages of a rosbag2 in SQLite."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ class SqliteScan:
                 self._topics[number] = name, type_
 
     def topics(self) -> dict[str, str]:
-        """The types of all topics."""
+        """Return the types of all topics."""
         return dict(self._topics.values())
 
     def messages(self) -> Iterator[ScannedMessage]:
-        """All messages."""
+        """Yield all messages."""
         with self._open() as database:
             rows = self._count(database)
             [(first, last)] = self._select(database, "SELECT min(timestamp), max(timestamp) FROM messages", 1)
@@ -81,11 +81,11 @@ class SqliteScan:
                     continue
                 if not (isinstance(t_ns, int) and isinstance(data, bytes)):
                     raise DecodeError(f"{self._path}: a message must have a time and bytes, found {t_ns!r:.40}")
-                share = (t_ns - first) / max(1, last - first)
-                yield ScannedMessage(*self._topics[number], t_ns, data, share)
+                fraction = (t_ns - first) / max(1, last - first)
+                yield ScannedMessage(*self._topics[number], t_ns, data, fraction)
 
     def _count(self, database: sqlite3.Connection) -> int:
-        """How many messages there are: before anything sorts them, because pages that lead in circles never end."""
+        """Count the messages before anything sorts them, because pages that lead in circles never end."""
         if self._rows is None:
             most = self._size // _LEAST_ROW + 1
             query = f"SELECT count(*), total(size) FROM (SELECT length(data) AS size FROM messages LIMIT {most})"
@@ -96,7 +96,7 @@ class SqliteScan:
         return self._rows
 
     def _select(self, database: sqlite3.Connection, query: str, most: int) -> Iterator[tuple[Any, ...]]:
-        """The rows of a query, of which there may be ``most``. Time counts while SQLite works, row by row."""
+        """Yield the rows of a query, of which there may be ``most``. Time counts while SQLite works, row by row."""
         self._budget.start_clock()
         try:
             for number, row in enumerate(database.execute(query)):
@@ -121,15 +121,15 @@ class SqliteScan:
 
     def _check_tables(self, database: sqlite3.Connection) -> None:
         """Refuse what is called as a table that is read, and is none."""
-        found: dict[str, list[str]] = {name: [] for name in _READ}
+        kinds_of: dict[str, list[str]] = {name: [] for name in _READ}
         query = "SELECT lower(name), type, sql FROM sqlite_master WHERE lower(name) IN (?, ?)"
         for name, type_, sql in database.execute(query, tuple(_READ)):
             # The text is what SQLite goes by: a virtual table also has the type of a table.
             plain = str(sql).upper().startswith("CREATE TABLE ")
-            found[name].append(str(type_) if plain or type_ != "table" else "virtual table")
+            kinds_of[name].append(str(type_) if plain or type_ != "table" else "virtual table")
         for name, columns in _READ.items():
-            if found[name] != ["table"]:
-                kinds = ", ".join(found[name])
+            if kinds_of[name] != ["table"]:
+                kinds = ", ".join(kinds_of[name])
                 what = f"{name} is a {kinds:.40}, not a table" if kinds else f"there is no table {name}"
                 raise DecodeError(f"{self._path}: {what}: a rosbag2 in SQLite has the tables {', '.join(_READ)}")
             described = database.execute(f"PRAGMA table_xinfo({name})")

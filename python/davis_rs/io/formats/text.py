@@ -1,4 +1,4 @@
-"""events.txt, the text of the public Event-Camera Dataset: a line ``timestamp x y polarity`` an event."""
+"""Writes and reads the public Event-Camera Dataset's events.txt: a line ``timestamp x y polarity`` an event."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 from ..._core import EventFileReader
 from ...events.arrays import EventArray
 from .core_files import CoreReader, CoreWriter
-from .interface import EventWriter, Format, Limits, Target
+from .destination import Limits
+from .interface import Format
 from .reading import ANY_SIZE, ReadRules
 
 _SEARCHED = 1 << 16
@@ -27,7 +28,7 @@ class TextReader(CoreReader):
         return stop_us is not None and len(packet) > 0 and bool(packet["t"][-1] >= stop_us)
 
     def _find(self, start_us: int) -> int:
-        """The beginning of a line, 0 or one before which all times are below ``start_us``, by bisection."""
+        """Return the beginning of a line, 0 or one before which all times are below ``start_us``, by bisection."""
         with self.path.open("rb") as file:
             low, high = 0, file.seek(0, os.SEEK_END)
             while high - low > _SEARCHED:
@@ -54,29 +55,18 @@ class TextFormat(Format):
     name = "text"
     suffixes = (".txt",)
     options = ("size_line",)
+    writer = CoreWriter
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:
         # Whatever begins with a number: what is wrong with the rest is then told with its line.
         return re.match(rb"[-+]?\d", head) is not None
 
-    def open_writer(
-        self, target: Target, size: tuple[int, int], *, overwrite: bool, size_line: bool = False
-    ) -> EventWriter:
-        return CoreWriter(
-            target,
-            format=self.name,
-            size=size,
-            limits=self.limits,
-            overwrite=overwrite,
-            size_line=size_line,
-        )
-
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> TextReader:  # noqa: B008
         return TextReader(path, format=self.name, limits=Limits(width=ANY_SIZE[0], height=ANY_SIZE[1]), rules=rules)
 
 
 def _stamp(line: bytes) -> int | None:
-    """The time of a line in microseconds, rounded down, if it begins with one."""
+    """Return the time of a line in microseconds, rounded down, if it begins with one."""
     match = re.match(rb"([0-9]{1,13})\.([0-9]{1,9}) ", line)
     return None if match is None else int(match[1] + match[2].ljust(6, b"0")[:6])

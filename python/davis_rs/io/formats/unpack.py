@@ -1,4 +1,4 @@
-"""Compressed chunks and messages of bags, with a limit on what they unpack to."""
+"""Unpacks compressed chunks and messages of bags, with a limit on what they unpack to."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _AT_ONCE = 1 << 20
 
 
 def unpack_bz2(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
-    """What a bzip2 stream unpacks to.
+    """Return what a bzip2 stream unpacks to.
 
     Raises:
         DecodeError: if it is malformed, or has more than ``limit`` bytes.
@@ -24,7 +24,7 @@ def unpack_bz2(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
 
 
 def unpack_lz4(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
-    """What an LZ4 frame unpacks to.
+    """Return what an LZ4 frame unpacks to.
 
     Raises:
         DecodeError: if it is malformed, or has more than ``limit`` bytes.
@@ -35,7 +35,7 @@ def unpack_lz4(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
 
 
 def unpack_zstd(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
-    """What a Zstandard frame unpacks to.
+    """Return what a Zstandard frame unpacks to.
 
     Raises:
         DecodeError: if it is malformed, or has more than ``limit`` bytes.
@@ -53,11 +53,11 @@ def _unpack(path: str | os.PathLike[str], data: bytes, limit: int, decompressor:
     with decoding(path, "a compressed chunk"):
         stream = decompressor()
         while not stream.eof:
-            part = stream.decompress(data, max_length=_AT_ONCE)
-            if not part and stream.needs_input:
+            piece = stream.decompress(data, max_length=_AT_ONCE)
+            if not piece and stream.needs_input:
                 raise DecodeError(f"{os.fspath(path)}: a compressed chunk has no end")
             data = b""
-            unpacked += part
+            unpacked += piece
             if len(unpacked) > limit:
                 raise above_limit(path, "a chunk", limit)
     return bytes(unpacked)

@@ -1,4 +1,4 @@
-"""Recordings of cameras: AEDAT 2.0 (jAER), 3.1 (cAER) and 4 (DV), and a camera's own bytes, as the decoder's arrays.
+"""Reads recordings of cameras: AEDAT 2.0 (jAER), 3.1 (cAER) and 4 (DV), and a camera's own bytes.
 
 Source: docs.inivation.com, AEDAT file formats; jAER's and libcaer's public sources for what those leave open.
 """
@@ -83,7 +83,7 @@ def read_recording(
 
 
 def whole_recording(file: RecordingFile) -> Recording:
-    """All that a file holds, in memory; a :class:`RecordingWarning` tells of a cut end."""
+    """Read all that a file holds into memory; a :class:`RecordingWarning` tells of a cut end."""
     remarks, notes = Remarks(), list[str]()
     parts = [piece.decoded for piece in file.pieces(remarks=remarks)]
     for cut in remarks.cut:
@@ -103,7 +103,7 @@ def whole_recording(file: RecordingFile) -> Recording:
 
 
 def _date(us: int) -> datetime | None:
-    """The date of microseconds since 1970, if there is one."""
+    """Return the date of microseconds since 1970, if there is one."""
     try:
         return _EPOCH + timedelta(microseconds=us) if us else None
     except OverflowError:

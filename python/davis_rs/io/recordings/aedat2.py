@@ -1,4 +1,4 @@
-"""AEDAT 2.0, jAER's format: records of address and time, eight bytes each, big-endian, after lines of text.
+"""Reads AEDAT 2.0, jAER's format: records of address and time, eight bytes each, big-endian, after lines of text.
 
 An address with bit 31 clear is an event (y in bits 22-30, x 12-21, polarity 11) or, with bit 10, an external input.
 With bit 31 set it is a sample of a frame or, with bits 10 and 11 too, a word of an inertial sample. Of events both
@@ -63,19 +63,19 @@ class Aedat2File(RecordingFile):
         chip: str | None = None,
         accelerometer_range_g: int | None = None,
         gyroscope_range_deg_s: int | None = None,
-        **_: Any,
+        **_: object,
     ) -> None:
         with path.open("rb") as file:
             header = _header(file)
         self._start = len(header)
-        found = known_chip(chip, _line(header, rb"AEChip:\s*(\S+)"))
-        if not found:
+        chip_name = known_chip(chip, _line(header, rb"AEChip:\s*(\S+)"))
+        if not chip_name:
             raise DecodeError(
                 f"{path}, byte 0: a file of which no line '# AEChip:' names a DAVIS that is known; "
                 "its coordinates are mirrored in a size that only chip= can tell (davis_rs.read_recording)"
             )
-        self.width, self.height = size_of(found)
-        super().__init__(path, found, (self.width, self.height), started=_started(header))
+        self.width, self.height = size_of(chip_name)
+        super().__init__(path, chip_name, (self.width, self.height), started=_started(header))
         self._scale_notes: list[str] = []
         self.accelerometer_range_g = _full_scale("accelerometer", accelerometer_range_g, header, self._scale_notes)
         self.gyroscope_range_deg_s = _full_scale("gyroscope", gyroscope_range_deg_s, header, self._scale_notes)
@@ -170,11 +170,11 @@ class _Clock:
 
     @classmethod
     def at_start(cls, first: int) -> _Clock:
-        """The clock of a file by its first stamp: one below 0 is from a camera that had been on for 36 minutes."""
+        """Return a file's clock by its first stamp: one below 0 is from a camera that had been on for 36 minutes."""
         return cls(1 << 32 if first < 0 else 0, first)
 
-    def unwrapped(self, stamps: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        """The times of the records that come next."""
+    def unwrapped(self, stamps: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.int64]:
+        """Return the times of the records that come next."""
         t = np.concatenate([np.array([self.last]), stamps.astype(np.int64)])
         anew = (t[1:] < t[:-1] - (1 << 31)).cumsum() << 32
         self.last = int(t[-1])
@@ -191,8 +191,8 @@ class _ImuWords:
         self._address, self._t = np.zeros(0, np.uint32), np.zeros(0, np.int64)
         self._words = self._whole = 0
 
-    def take(self, address: npt.NDArray[np.uint32], t: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-        """The samples that end in these records."""
+    def take(self, address: npt.NDArray[np.uint32], t: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
+        """Return the samples that end in these records."""
         self._words += int(np.count_nonzero(address & _IMU == _IMU))
         address, t = np.concatenate([self._address, address]), np.concatenate([self._t, t])
         kept = max(len(address) - _WORDS + 1, 0)
@@ -206,7 +206,7 @@ class _ImuWords:
         return imu_array(t[words[:, 0]], counts[:, :3], counts[:, 4:], counts[:, 3] / 340 + 35, **self._scales)
 
     def finish(self, notes: list[str]) -> int:
-        """How many words of a sample stand at the end of the file."""
+        """Return how many words of a sample stand at the end of the file."""
         code = _codes(self._address)
         begins = np.flatnonzero(code == 0)
         left = len(code) - int(begins[-1]) if len(begins) else 0
@@ -218,12 +218,12 @@ class _ImuWords:
 
 
 def _codes(address: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64]:
-    """Which word of an inertial sample each record is, :data:`_WORDS` where it is something else."""
+    """Return which word of an inertial sample each record is, :data:`_WORDS` where it is something else."""
     return np.where(address & _IMU == _IMU, (address >> 28 & 7).astype(np.int64), _WORDS)
 
 
 def _header(file: BinaryIO) -> bytes:
-    """The lines that a file begins with."""
+    """Return the lines that a file begins with."""
     data = b""
     while more := file.read(max(len(data), 1 << 16)):
         data += more
@@ -241,7 +241,7 @@ def _lines(data: bytes) -> bytes:
 
 
 def _line(header: bytes, pattern: bytes) -> str:
-    """What a pattern finds in the header, or nothing."""
+    """Return what a pattern finds in the header, or nothing."""
     match = re.search(pattern, header)
     return "" if match is None else match[1].decode("latin-1").strip()
 
@@ -255,8 +255,8 @@ def _started(header: bytes) -> datetime | None:
         return None
 
 
-def _triggers(t: npt.NDArray[np.int64], kind: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[Any], int]:
-    """Triggers, and how many there are of unknown kinds."""
+def _triggers(t: npt.NDArray[np.int64], kind: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.void], int]:
+    """Return triggers, and how many there are of unknown kinds."""
     # Older versions did not write the kind.
     kind = np.where(kind == 0, TriggerKind.INPUT_PULSE, kind)
     known = (kind >= TriggerKind.INPUT_FALLING) & (kind <= TriggerKind.INPUT_PULSE)
@@ -264,15 +264,15 @@ def _triggers(t: npt.NDArray[np.int64], kind: npt.NDArray[np.uint32]) -> tuple[n
 
 
 def _full_scale(sensor: str, given: int | None, header: bytes, notes: list[str]) -> int:
-    """The one given, or the one of the header, or jAER's default."""
+    """Return the one given, or the one of the header, or jAER's default."""
     pattern, ranges, default, unit = _PREFERENCES[sensor]
     if given is not None:
         if given not in ranges:
             raise ValueError(f"{sensor} range must be one of {ranges} {unit}, got {given}")
         return given
-    found = {int(value) for value in re.findall(pattern, header)} & set(ranges)
-    if len(found) == 1:
-        value = found.pop()
+    stated = {int(value) for value in re.findall(pattern, header)} & set(ranges)
+    if len(stated) == 1:
+        value = stated.pop()
         notes.append(f"{sensor} range +-{value} {unit}, from the preferences in the header")
         return value
     notes.append(f"{sensor} range assumed to be jAER's default, +-{default} {unit}: the file does not say")

@@ -1,4 +1,4 @@
-"""Frames of AEDAT 2.0: samples of single pixels, each pixel read twice, put together to images."""
+"""Assembles frames of AEDAT 2.0: samples of single pixels, each pixel read twice, put together to images."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Samples(NamedTuple):
 
 
 def assemble(samples: Samples, width: int, height: int, *, samples_count_double: bool, notes: list[str]) -> list[Frame]:
-    """The frames that were read whole, but for at most half of their samples, which are then 0.
+    """Return the frames that were read whole, but for at most half of their samples, which are then 0.
 
     The file has no mark where a frame begins. A read goes through the image in one direction, so where it steps back,
     it has begun anew. A camera keeps the region of its frames for a recording: it is where most samples are.
@@ -69,14 +69,14 @@ def assemble(samples: Samples, width: int, height: int, *, samples_count_double:
 
 
 def _extent(places: npt.NDArray[np.int64]) -> tuple[int, int]:
-    """The first and the last column or row that holds more than single wrong samples."""
+    """Return the first and the last column or row that holds more than single wrong samples."""
     counts = np.bincount(places)
     held = np.flatnonzero(8 * counts >= counts.max())
     return int(held[0]), int(held[-1])
 
 
 def _passes(samples: Samples, read: int, *, at_least: float) -> list[npt.NDArray[np.intp]]:
-    """The samples of one read, split into passes over the image; only passes of at least ``at_least`` samples."""
+    """Return the samples of one read, split into passes over the image of at least ``at_least`` samples each."""
     places = np.flatnonzero(samples.read == read)
     x, y = samples.x[places], samples.y[places]
     # Column by column or, where the wire's are swapped, row by row, and in either direction.
@@ -90,7 +90,7 @@ def _passes(samples: Samples, read: int, *, at_least: float) -> list[npt.NDArray
 
 
 def _way(steps: npt.NDArray[np.int64]) -> int:
-    """Whether most steps go up (1) or down (-1)."""
+    """Return whether most steps go up (1) or down (-1)."""
     return 1 if 2 * np.count_nonzero(steps > 0) >= len(steps) else -1
 
 
@@ -102,7 +102,8 @@ def _frame(
     *,
     samples_count_double: bool,
 ) -> tuple[Frame, int]:
-    """The image of two reads, and how many of its pixels lack one. Values become intensities as the decoder's do."""
+    """Return the image of two reads, and how many of its pixels lack one. Values become intensities as the decoder's
+    do."""
     reads = np.zeros((2, *shape), np.int64)
     there = np.zeros((2, *shape), np.bool_)
     for read, of in enumerate((reset, signal)):

@@ -1,4 +1,4 @@
-"""AEDAT 3.1, cAER's format: packets of one type each, little-endian, after lines of text.
+"""Reads AEDAT 3.1, cAER's format: packets of one type each, little-endian, after lines of text.
 
 Source: docs.inivation.com, AEDAT 3.1; libcaer's events (the same structures in memory).
 """
@@ -10,12 +10,13 @@ import struct
 from collections.abc import Collection, Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.budget import Budget
 from ...events.arrays import EventArray
 from ...events.decoded import Decoded, Frame, TriggerKind
 from .recording import event_array, grey, imu_array, known_chip, size_of, trigger_array
@@ -57,7 +58,7 @@ class Aedat3File(RecordingFile):
 
     format = "AEDAT 3.1"
 
-    def __init__(self, path: Path, *, chip: str | None = None, **_: Any) -> None:
+    def __init__(self, path: Path, *, chip: str | None = None, **_: object) -> None:
         with path.open("rb") as file:
             data = file.read(_LONGEST_HEADER)
         end = data.find(_END)
@@ -69,15 +70,15 @@ class Aedat3File(RecordingFile):
         if form is not None and form[1].strip() != "RAW":
             raise DecodeError(f"{path}, byte {form.start(1)}: only the format RAW is read, found {form[1]!r}")
         source = re.search(r"#Source \d+: *([^\r\n]*)", header)
-        found = known_chip(chip, "" if source is None else source[1])
-        super().__init__(path, found, size_of(found) if found else None, started=_started(header))
+        known = known_chip(chip, "" if source is None else source[1])
+        super().__init__(path, known, size_of(known) if known else None, started=_started(header))
         self._start = end + len(_END)
 
     def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         remarks = Remarks() if remarks is None else remarks
         wanted = {kind for kind, what in _HOLD.items() if what in kinds}
         everything = set(kinds) == set(KINDS)
-        left_out = _LeftOut()
+        left_out, budget = _LeftOut(), Budget(self.path)
         with self.path.open("rb") as file:
             total = file.seek(0, 2)
             at = file.seek(self._start)
@@ -100,8 +101,9 @@ class Aedat3File(RecordingFile):
                     for first in range(0, there, 1 if kind == _FRAME else _AT_ONCE):
                         count = 1 if kind == _FRAME else min(_AT_ONCE, there - first)
                         place = (at + first * size, kind, size, overflow, count)
-                        part = self._part(file, place, left_out)
-                        yield Piece(part, (place[0] + count * size) / total, place)
+                        with budget.borrow(count * size, f"a packet at byte {at}"):
+                            decoded = self._part(file, place, left_out)
+                        yield Piece(decoded, (place[0] + count * size) / total, place)
                 elif everything:
                     left_out.others += 1
                 if there < number:
@@ -121,7 +123,7 @@ class Aedat3File(RecordingFile):
             return self._part(file, place, _LeftOut()).events
 
     def _part(self, file: BinaryIO, place: tuple[int, ...], left_out: _LeftOut) -> Decoded:
-        """The events of one kind that stand at a place, or those of them that a cut file still has."""
+        """Return the events of one kind that stand at a place, or those of them that a cut file still has."""
         at, kind, size, overflow, count = place
         file.seek(at)
         data, base = file.read(count * size), overflow << 31
@@ -150,12 +152,12 @@ class _LeftOut:
         self.invalid = self.others = 0
 
 
-def _imu(samples: npt.NDArray[Any], base: int) -> npt.NDArray[Any]:
+def _imu(samples: npt.NDArray[np.void], base: int) -> npt.NDArray[np.void]:
     t = samples["t"].astype(np.int64) + base
     return imu_array(t, samples["accel"], samples["gyro"], samples["temperature"])
 
 
-def _triggers(pairs: npt.NDArray[Any], base: int) -> npt.NDArray[Any]:
+def _triggers(pairs: npt.NDArray[np.void], base: int) -> npt.NDArray[np.void]:
     kinds = np.zeros(128, np.uint8)
     kinds[list(_KINDS)] = list(_KINDS.values())
     kind = kinds[pairs["data"] >> 1 & 0x7F]
@@ -165,7 +167,7 @@ def _triggers(pairs: npt.NDArray[Any], base: int) -> npt.NDArray[Any]:
 
 
 def _frame(place: str, data: bytes, base: int) -> Frame | None:
-    """A frame, or None if it is marked as not valid."""
+    """Return a frame, or None if it is marked as not valid."""
     if len(data) < _FRAME_HEADER.size:
         raise DecodeError(f"{place}: a frame has at least {_FRAME_HEADER.size} bytes, found {len(data)}")
     info, start, end, exposed, covered, width, height, x, y = _FRAME_HEADER.unpack_from(data)

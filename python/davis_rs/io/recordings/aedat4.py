@@ -1,4 +1,4 @@
-"""AEDAT 4, DV's format, as the Rust core reads it.
+"""Reads AEDAT 4, DV's format, as the Rust core reads it.
 
 Source: docs.inivation.com, AEDAT 4.0; the schemas of dv-processing.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
 
 from ..._core import Aedat4Recording, DecodeError
 from ..._util.untrusted import MAX_PACKET_BYTES
@@ -30,13 +29,13 @@ class Aedat4File(RecordingFile):
     one_way = "a packet does not say where the next one of its stream is"
 
     def __init__(
-        self, path: Path, *, chip: str | None = None, max_packet_bytes: int = MAX_PACKET_BYTES, **_: Any
+        self, path: Path, *, chip: str | None = None, max_packet_bytes: int = MAX_PACKET_BYTES, **_: object
     ) -> None:
         self._limit = max_packet_bytes
         core = Aedat4Recording(path, [], max_packet_bytes)
         self.has_events = core.has_events
-        found = known_chip(chip, core.source)
-        super().__init__(path, found, core.size or (size_of(found) if found else None))
+        known = known_chip(chip, core.source)
+        super().__init__(path, known, core.size or (size_of(known) if known else None))
 
     def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         if set(kinds) == {"events"} and not self.has_events:

@@ -1,10 +1,9 @@
-"""A camera's bytes, as ``davis-rs record`` writes them: the stream of the USB, decoded again."""
+"""Decodes a camera's bytes, the stream of the USB, as ``davis-rs record`` writes them."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
 
 from ...usb.raw_file import HEADER_BYTES, MAGIC, RawRecording
 from .recording_file import EMPTY, KINDS, Piece, RecordingFile, Remarks
@@ -18,7 +17,7 @@ class CameraBytesFile(RecordingFile):
     format = "camera bytes"
     one_way = "times in a camera's stream follow from those before them"
 
-    def __init__(self, path: Path, *, chip: str | None = None, **_: Any) -> None:
+    def __init__(self, path: Path, *, chip: str | None = None, **_: object) -> None:
         self.raw = RawRecording(path)
         device = self.raw.camera.device
         if chip is not None and chip != device.chip:

@@ -1,4 +1,4 @@
-"""What a recording holds, whatever its format was."""
+"""Holds what a recording has, whatever its format was."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ class Recording:
     width: int
     height: int
     events: EventArray
-    imu: npt.NDArray[Any]
+    imu: npt.NDArray[np.void]
     frames: list[Frame]
-    triggers: npt.NDArray[Any]
+    triggers: npt.NDArray[np.void]
     started: datetime | None = None
     accelerometer_range_g: int | None = None
     gyroscope_range_deg_s: int | None = None
@@ -97,7 +97,7 @@ class Recording:
 
 
 def known_chip(given: str | None, found: str) -> str:
-    """The decoder's name of the camera's chip: the one given, or the one that a file's text names; or empty.
+    """Return the decoder's name of the camera's chip: the one given, or the one that a file's text names; or empty.
 
     Raises:
         ValueError: if what is given is not one.
@@ -116,18 +116,18 @@ _LATEST = {"240": "C", "346": "B"}
 
 
 def size_of(chip: str) -> tuple[int, int]:
-    """Width and height of a chip."""
+    """Return width and height of a chip."""
     device = Device(chip)
     return device.width, device.height
 
 
 def spanned(events: EventArray) -> tuple[int, int]:
-    """Width and height that the events need."""
+    """Return width and height that the events need."""
     return (int(events["x"].max()) + 1, int(events["y"].max()) + 1) if len(events) else (0, 0)
 
 
 def inside(events: EventArray, width: int, height: int, notes: list[str]) -> EventArray:
-    """The events of the image; a note tells of others."""
+    """Return the events of the image; a note tells of others."""
     within = (events["x"] < width) & (events["y"] < height)
     if within.all():
         return events
@@ -136,22 +136,23 @@ def inside(events: EventArray, width: int, height: int, notes: list[str]) -> Eve
 
 
 def event_array(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.ArrayLike) -> EventArray:
-    """Events from columns of one length."""
+    """Return events from columns of one length."""
     events = np.zeros(len(np.asarray(t)), EVENT_DTYPE)
     events["t"], events["x"], events["y"], events["p"] = t, x, y, p
     return events
 
 
 def imu_array(
-    t: npt.NDArray[Any],
-    accel: npt.NDArray[Any],
-    gyro: npt.NDArray[Any],
-    temperature: npt.NDArray[Any],
+    t: npt.NDArray[np.int64],
+    accel: npt.NDArray[np.number[Any]],
+    gyro: npt.NDArray[np.number[Any]],
+    temperature: npt.NDArray[np.number[Any]],
     *,
     g: float = 1.0,
     deg_s: float = 1.0,
-) -> npt.NDArray[Any]:
-    """Samples from columns: acceleration (n, 3) in units of ``g`` times gravity, rotation (n, 3) of ``deg_s`` deg/s."""
+) -> npt.NDArray[np.void]:
+    """Return samples from columns: acceleration (n, 3) in units of ``g`` times gravity, rotation (n, 3) of ``deg_s``
+    deg/s."""
     imu = np.zeros(len(t), IMU_DTYPE)
     imu["t"], imu["temperature"] = t, temperature
     # The units first, as the decoder does it: the same counts are then the same numbers.
@@ -160,20 +161,21 @@ def imu_array(
     return imu
 
 
-def trigger_array(t: npt.NDArray[Any], kind: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Triggers from columns of one length."""
+def trigger_array(t: npt.NDArray[np.int64], kind: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.void]:
+    """Return triggers from columns of one length."""
     triggers = np.zeros(len(t), TRIGGER_DTYPE)
     triggers["t"], triggers["kind"] = t, kind
     return triggers
 
 
-def _dated(triggers: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """All but resets, whose time says nothing."""
+def _dated(triggers: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """Return all but resets, whose time says nothing."""
     return triggers[triggers["kind"] != TriggerKind.TIMESTAMP_RESET]
 
 
-def grey(pixels: npt.NDArray[Any], order: str) -> npt.NDArray[np.uint16]:
-    """Intensities of 16 bits from pixels (height, width, channels) of 16 bits: one, or ``RGB`` or ``BGR`` and alpha."""
+def grey(pixels: npt.NDArray[np.integer[Any]], order: str) -> npt.NDArray[np.uint16]:
+    """Return intensities of 16 bits from pixels (height, width, channels) of 16 bits: one, or ``RGB`` or ``BGR`` and
+    alpha."""
     if pixels.shape[2] == 1:
         return pixels[:, :, 0].astype(np.uint16)
     red, green, blue = (pixels[:, :, order.index(colour)] for colour in "RGB")

@@ -1,4 +1,4 @@
-"""A camera's recording as it lies in a file: read piece by piece, whatever its format is."""
+"""Reads a camera's recording piece by piece, whatever its format is."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class Piece(NamedTuple):
 
     Attributes:
         decoded: what it holds. Events may lie outside of the sensor.
-        share: of the file that is read with it, 0..1.
+        fraction: of the file that is read with it, 0..1.
         place: where its events are, for :meth:`RecordingFile.events_at`; None where they follow from those before them.
     """
 
     decoded: Decoded
-    share: float
+    fraction: float
     place: tuple[int, ...] | None = None
 
 
@@ -82,7 +82,7 @@ class RecordingFile(ABC):
         """
 
     def has(self, kind: str) -> bool:
-        """Whether there is any of a kind.
+        """Return whether there is any of a kind.
 
         Raises:
             OSError, DecodeError: if it cannot be read, or is malformed before the first.
@@ -90,7 +90,7 @@ class RecordingFile(ABC):
         return any(len(getattr(piece.decoded, kind)) for piece in self.pieces((kind,)))
 
     def events_at(self, place: tuple[int, ...]) -> EventArray:
-        """The events of a piece that had this place.
+        """Return the events of a piece that had this place.
 
         Raises:
             OSError, DecodeError: if they cannot be read.

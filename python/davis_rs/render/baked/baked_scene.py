@@ -6,15 +6,15 @@ import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import Mitsuba, MitsubaObject, MitsubaScene, MitsubaShape
 from ..._mitsuba.variants import FAST, default_variant, load_scene_source, variant, versions
 from ..._util.progress import progress, say
 from ...scene.scene import Scene
-from ..matte import is_two_sided, simplify_materials
+from ..diffuse_materials import is_two_sided, simplify_materials
 from ..motion.scene_motion import SceneMotion
 from ..obstacles import Obstacles, Unsuitable
 from . import cache
@@ -105,7 +105,7 @@ class BakedLight:
         return hats(self.maps.instants, t_s)
 
 
-def check_baking(loaded: Any, mi: Any, motion: SceneMotion, *, by_name: bool) -> None:
+def check_baking(loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, *, by_name: bool) -> None:
     """Refuse a scene whose light cannot be baked.
 
     Args:
@@ -118,22 +118,22 @@ def check_baking(loaded: Any, mi: Any, motion: SceneMotion, *, by_name: bool) ->
     """
     obstacles = Obstacles()
     name, why = default_variant()
-    with obstacles.go_on():
+    with obstacles.collect():
         if name != FAST:
             raise Unsuitable(f"its light would have to be baked, which needs LLVM: {why}")
-    with obstacles.go_on():
+    with obstacles.collect():
         if not loaded.emitters():
             raise Unsuitable("it has no lights", "give it one")
-    with obstacles.go_on():
+    with obstacles.collect():
         paths_of(loaded.integrator())
-    with obstacles.go_on():
+    with obstacles.collect():
         check_lights(loaded, mi)
     for shape in small_lamps(loaded):
-        with obstacles.go_on():
+        with obstacles.collect():
             if shape.id() in motion.objects:
                 rule = "moves: its sharp shadows would have to move with it"
                 raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
-    with obstacles.go_on():
+    with obstacles.collect():
         corners = sum(_corners(shape) for shape in loaded.shapes() if shape.is_mesh())
         if corners > MOST_POINTS and not by_name:
             raise Unsuitable(
@@ -144,7 +144,7 @@ def check_baking(loaded: Any, mi: Any, motion: SceneMotion, *, by_name: bool) ->
     obstacles.refuse()
 
 
-def _corners(shape: Any) -> int:
+def _corners(shape: MitsubaShape) -> int:
     """Estimate at how many corners of a mesh light is baked at least, those of backs that reflect included."""
     flat = "face_normals = 1" in str(shape)
     return int(3 * shape.face_count() if flat else shape.vertex_count()) * (2 if is_two_sided(shape.bsdf()) else 1)
@@ -208,7 +208,7 @@ def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
     return np.hstack([times.tests[:, None], *places])
 
 
-def _content(scene: Any, mi: Any, surfaces: Surfaces, poses: FloatArray) -> str:
+def _content(scene: MitsubaScene, mi: Mitsuba, surfaces: Surfaces, poses: FloatArray) -> str:
     """A hash of surfaces, materials and lights, and of how they move."""
     digest = hashlib.sha256()
     for array in (surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, poses):
@@ -224,6 +224,6 @@ def _content(scene: Any, mi: Any, surfaces: Surfaces, poses: FloatArray) -> str:
     return digest.hexdigest()
 
 
-def _parts(scene: Any) -> Iterable[Any]:
+def _parts(scene: MitsubaScene) -> Iterable[MitsubaObject]:
     yield from scene.shapes()
     yield from scene.emitters()

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import JitIndex, JitMask, JitVector, Mitsuba, MitsubaEmitter, MitsubaHit, MitsubaScene
 from ...events.luma import LUMA_WEIGHTS
 from ..rays.frame_sampler import frame_sampler
 from .partial import PartialBake
@@ -47,8 +47,8 @@ class Reflected:
 
     def __init__(
         self,
-        scene: Any,
-        mi: Any,
+        scene: MitsubaScene,
+        mi: Mitsuba,
         counts: Sequence[int],
         normals: FloatArray,
         layouts: npt.NDArray[np.int64],
@@ -68,7 +68,7 @@ class Reflected:
         digest.update(np.ascontiguousarray(texels).tobytes())
         self.digest = digest.digest()
 
-    def at(self, hit: Any, barycentric: Any, active: Any) -> Any:
+    def at(self, hit: MitsubaHit, barycentric: JitVector, active: JitMask) -> JitVector:
         """Irradiance / pi at hits on meshes (surface interactions); ``barycentric``: shares of the second and third
         corner."""
         import drjit as dr
@@ -106,10 +106,10 @@ class Irradiance:
 
     def __init__(
         self,
-        scene: Any,
-        mi: Any,
-        baked_emitters: Sequence[Any],
-        sharp_emitters: Sequence[Any],
+        scene: MitsubaScene,
+        mi: Mitsuba,
+        baked_emitters: Sequence[MitsubaEmitter],
+        sharp_emitters: Sequence[MitsubaEmitter],
         *,
         max_depth: int,
         rr_depth: int,
@@ -189,7 +189,7 @@ class Irradiance:
         if not self._sharp:
             return np.zeros((len(places), 3))
 
-        def one(surface: Any, point: Any, _: Any) -> Any:
+        def one(surface: MitsubaHit, point: JitVector, _: JitIndex) -> JitVector:
             return sum((self._towards(emitter, surface, point) for emitter in self._sharp), self._mi.Color3f(0))
 
         return self._mean("sharp", places, normals, _SHARP_SAMPLES, 0, one)
@@ -197,7 +197,7 @@ class Irradiance:
     def of_lamps(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
         """Direct irradiance / pi, RGB (n, 3), from ``samples`` points on each lamp."""
 
-        def one(surface: Any, point: Any, _: Any) -> Any:
+        def one(surface: MitsubaHit, point: JitVector, _: JitIndex) -> JitVector:
             return sum((self._towards(emitter, surface, point) for emitter in self._lamps), self._mi.Color3f(0))
 
         return self._mean("lamps", places, normals, samples, shift, one)
@@ -209,7 +209,7 @@ class Irradiance:
         balance heuristic (Veach and Guibas, 1995).
         """
 
-        def one(surface: Any, point: Any, _: Any) -> Any:
+        def one(surface: MitsubaHit, point: JitVector, _: JitIndex) -> JitVector:
             import drjit as dr
 
             mi = self._mi
@@ -232,7 +232,9 @@ class Irradiance:
 
         return self._mean("sky", places, normals, samples, shift, one)
 
-    def _towards(self, emitter: Any, surface: Any, point: Any, *, both: bool = False) -> Any:
+    def _towards(
+        self, emitter: MitsubaEmitter, surface: MitsubaHit, point: JitVector, *, both: bool = False
+    ) -> JitVector:
         """Irradiance / pi by one sample of an emitter.
 
         Args:
@@ -256,7 +258,7 @@ class Irradiance:
             reflected: light that falls on the surfaces, to be added up. That of the sharp lights comes on top.
         """
 
-        def one(surface: Any, point: Any, number: Any) -> Any:
+        def one(surface: MitsubaHit, point: JitVector, number: JitIndex) -> JitVector:
             import drjit as dr
 
             mi = self._mi
@@ -292,7 +294,7 @@ class Irradiance:
         """
         integrator = self._endless if endless else self._integrator
 
-        def one(surface: Any, point: Any, number: Any) -> Any:
+        def one(surface: MitsubaHit, point: JitVector, number: JitIndex) -> JitVector:
             import drjit as dr
 
             mi = self._mi
@@ -326,7 +328,7 @@ class Irradiance:
         normals: FloatArray,
         samples: int,
         shift: int,
-        one: Callable[[Any, Any, Any], Any],
+        one: Callable[[MitsubaHit, JitVector, JitIndex], JitVector],
         follows_from: bytes = b"",
     ) -> FloatArray:
         """The mean of ``one(surface, point in the unit square, number of the sample)`` at each place.
@@ -356,7 +358,7 @@ class Irradiance:
         normals: FloatArray,
         samples: int,
         shift: int,
-        one: Callable[[Any, Any, Any], Any],
+        one: Callable[[MitsubaHit, JitVector, JitIndex], JitVector],
     ) -> FloatArray:
         import drjit as dr
 

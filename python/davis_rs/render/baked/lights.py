@@ -11,6 +11,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import (
+    Mitsuba,
+    MitsubaBox,
+    MitsubaEmitter,
+    MitsubaIntegrator,
+    MitsubaScene,
+    MitsubaShape,
+    MitsubaValue,
+)
 from ...events.luma import LUMA_WEIGHTS
 from ..motion.scene_motion import STILL, SceneMotion
 from ..motion.scene_scale import scale_scene
@@ -44,7 +53,7 @@ class Paths:
     rr_depth: int
 
 
-def paths_of(integrator: Any) -> Paths:
+def paths_of(integrator: MitsubaIntegrator) -> Paths:
     """The paths that a scene's integrator follows.
 
     Raises:
@@ -63,7 +72,7 @@ def paths_of(integrator: Any) -> Paths:
     return Paths(-1 if depth >= 2**31 else depth, found.get("rr_depth", _ROULETTE_DEPTH))
 
 
-def check_lights(scene: Any, mi: Any) -> None:
+def check_lights(scene: MitsubaScene, mi: Mitsuba) -> None:
     """Refuse kinds of light that are not baked.
 
     Raises:
@@ -74,7 +83,7 @@ def check_lights(scene: Any, mi: Any) -> None:
     for own_name, emitter in named_emitters(scene):
         kind = emitter.class_name()
         name = f"light {own_name!r}, a {kind},"
-        with obstacles.go_on():
+        with obstacles.collect():
             if kind not in (*SHARP, *_SOFT):
                 lights = "point, spot, directional, area and constant lights and environment maps"
                 raise Unsuitable(f"is not baked: {lights} are", "give it as one of these", name)
@@ -86,7 +95,7 @@ def check_lights(scene: Any, mi: Any) -> None:
     obstacles.refuse()
 
 
-def check_strengths(scene: Any, mi: Any) -> None:
+def check_strengths(scene: MitsubaScene, mi: Mitsuba) -> None:
     """Refuse, by a ValueError, lights whose radiance is negative or not finite."""
     for name, emitter in named_emitters(scene):
         parameters = mi.traverse(emitter)
@@ -105,7 +114,9 @@ def textured_lamp(name: str) -> Unsuitable:
     return Unsuitable(rule, "give it one colour", f"light {name!r}")
 
 
-def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) -> tuple[FloatArray, IntArray]:
+def emissions(
+    scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str]
+) -> tuple[FloatArray, IntArray]:
     """Luma that each triangle emits from its front (t), and which of the groups of lights it belongs to (t).
 
     Args:
@@ -123,7 +134,7 @@ def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) 
     return np.concatenate(luma), np.concatenate(group)
 
 
-def background_luma(scene: Any, mi: Any, names: Sequence[str]) -> list[float]:
+def background_luma(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> list[float]:
     """Luma of a ray that hits nothing, by each group of lights."""
     shown = [0.0] * len(names)
     if not getattr(scene.integrator(), "hide_emitters", False):
@@ -148,7 +159,7 @@ class SkyMap:
     texels: npt.NDArray[np.float32]
 
 
-def sky_map(scene: Any, mi: Any, names: Sequence[str]) -> SkyMap | None:
+def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> SkyMap | None:
     """The scene's environment map as it is seen; None where there is none, or the integrator hides it."""
     if getattr(scene.integrator(), "hide_emitters", False):
         return None
@@ -183,22 +194,22 @@ def _octahedral_directions(side: int) -> FloatArray:
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def small_lamps(scene: Any) -> list[Any]:
+def small_lamps(scene: MitsubaScene) -> list[MitsubaShape]:
     """Shapes that shine and are small next to the scene."""
 
-    def diagonal(box: Any) -> float:
+    def diagonal(box: MitsubaBox) -> float:
         return float(np.linalg.norm(_flat(box.max) - _flat(box.min)))
 
     limit = SMALL_LAMP * diagonal(scene.bbox())
     return [shape for shape in scene.shapes() if shape.is_emitter() and diagonal(shape.bbox()) < limit]
 
 
-def area_light_name(shape: Any) -> str:
+def area_light_name(shape: MitsubaShape) -> str:
     """The name by which a profile finds the light of a shape."""
     return f"{shape.id()}.{shape.emitter().id()}"
 
 
-def light_groups(scene: Any, changing: Sequence[str]) -> list[str]:
+def light_groups(scene: MitsubaScene, changing: Sequence[str]) -> list[str]:
     """Names of the groups of lights: those that change, each baked alone, and before them "" for all others.
 
     A light that has no name has the id "" in Mitsuba: it belongs to all others, see :func:`group_of`.
@@ -212,7 +223,7 @@ def group_of(name: str, names: Sequence[str]) -> int:
     return names.index(name, 1) if name in names[1:] else 0
 
 
-def named_emitters(scene: Any) -> list[tuple[str, Any]]:
+def named_emitters(scene: MitsubaScene) -> list[tuple[str, MitsubaEmitter]]:
     """The lights of a scene, each with the name by which a profile finds it."""
     of_shapes = [(area_light_name(shape), shape.emitter()) for shape in scene.shapes() if shape.is_emitter()]
     others = [(emitter.id(), emitter) for emitter in scene.emitters() if emitter.class_name() != "AreaLight"]
@@ -221,7 +232,7 @@ def named_emitters(scene: Any) -> list[tuple[str, Any]]:
 
 @contextmanager
 def irradiance_of(
-    scene: Any, mi: Any, names: Sequence[str], kept: PartialBake, motion: SceneMotion = STILL
+    scene: MitsubaScene, mi: Mitsuba, names: Sequence[str], kept: PartialBake, motion: SceneMotion = STILL
 ) -> Iterator[Callable[[float], list[Irradiance]]]:
     """A function that gives the light of each group of lights at a time in seconds, to be computed one group at a time.
 
@@ -246,7 +257,7 @@ def irradiance_of(
 class _Placing:
     """Puts a scene's objects where they are at a time."""
 
-    def __init__(self, scene: Any, motion: SceneMotion, scale: float, mi: Any) -> None:
+    def __init__(self, scene: MitsubaScene, motion: SceneMotion, scale: float, mi: Mitsuba) -> None:
         boxes = dict(zip(motion.objects, motion.boxes, strict=True))
         self._motion, self._scale = SceneMotion(motion.objects, {}, boxes), scale
         self._updates = SceneUpdates(scene, self._motion, mi)
@@ -271,8 +282,8 @@ class _Group(Irradiance):
 
     def __init__(
         self,
-        scene: Any,
-        mi: Any,
+        scene: MitsubaScene,
+        mi: Mitsuba,
         paths: Paths,
         scale: float,
         number: int,
@@ -284,7 +295,7 @@ class _Group(Irradiance):
         self._own_name, self._placing, self._t_s = names[number], placing, t_s
         # Lights are told apart by what they are, not by their names: those without one are called alike.
         small = [shape.emitter() for shape in small_lamps(scene)]
-        soft, sharp, self._others = list[Any](), list[Any](), list[Any]()
+        soft, sharp, self._others = list[MitsubaEmitter](), list[MitsubaEmitter](), list[MitsubaEmitter]()
         for name, emitter in named_emitters(scene):
             if group_of(name, names) != number:
                 self._others.append(emitter)
@@ -321,15 +332,15 @@ class _Group(Irradiance):
                 parameters.update()
 
 
-def _rgb(value: Any) -> FloatArray:
+def _rgb(value: MitsubaValue) -> FloatArray:
     return np.broadcast_to(_flat(value), (3,))
 
 
-def numbers(value: Any) -> npt.NDArray[Any]:
+def numbers(value: MitsubaValue) -> npt.NDArray[Any]:
     """A parameter of Mitsuba's as an array."""
     # Colours have an attribute of the same name.
     return np.array(value.matrix if "Transform" in type(value).__name__ else value)
 
 
-def _flat(value: Any) -> FloatArray:
+def _flat(value: MitsubaValue) -> FloatArray:
     return numbers(value).astype(np.float64).reshape(-1)

@@ -1,4 +1,4 @@
-"""Images whose pixels take from their neighbours, and what must be rendered so that single ones can be had."""
+"""Maps images to images whose pixels depend on their neighbours, and finds the pixels that single ones need."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ from ...geometry.camera import Camera
 
 Indices = npt.NDArray[np.int64]
 
-_FEWEST_A_VIEW = 0.03
-"""Where the squares together have this share of all pixels of the views, finding what they share costs less than
-rendering it twice: measured for pixels along edges, which are what is asked for; scattered ones share little, and lose
-little."""
+_DENSE = 0.03
+"""Where the squares together have this fraction of all pixels of the views, it is cheaper to find the pixels that they
+have in common than to render them twice. It was measured for pixels along edges, which is the common case."""
 
 
 class ImageMap(ABC):
-    """A linear map of images, so that rates of luma are mapped alike; beyond its edge a frame is mirrored.
+    """A linear map of images, which maps rates of luma in the same way; a frame is mirrored beyond its edge.
 
     Attributes:
-        reach: how many pixels away, in x or y, the farthest pixel lies that a pixel takes from.
+        reach: the largest distance in pixels, in x or y, from which a pixel gets light.
     """
 
     reach: int
 
     @abstractmethod
     def frames(self, luma: LumaFrames) -> LumaFrames:
-        """Return new frames (n, H, W), float32, of frames (n, H, W); each as if it were alone."""
+        """Return new frames (n, H, W), float32, from frames (n, H, W); each depends on its own frame only."""
 
     @abstractmethod
     def pixels(self, squares: LumaFrames, pixel: Indices) -> LumaFrames:
@@ -41,7 +40,7 @@ class Neighbours:
 
     Attributes:
         wanted: int64 (2 reach + 1, 2 reach + 1, m), by y and x: view H W + pixel of all in the squares.
-        view, pixel: int64, all pixels to render: each once where many of a view are asked for, else a square for each.
+        view, pixel: int64, all pixels to render: each once where many pixels are asked for, else whole squares.
     """
 
     def __init__(self, camera: Camera, views: int, view: Indices, pixel: Indices, reach: int) -> None:
@@ -52,27 +51,27 @@ class Neighbours:
         rows = view * size + mirrored(y + around, height) * width
         columns = mirrored(x + around, width)
         self.wanted = rows[:, None] + columns[None]
-        if self.wanted.size < _FEWEST_A_VIEW * views * size:
-            self._place: npt.NDArray[np.int64] | None = None
+        if self.wanted.size < _DENSE * views * size:
+            self._rendered: npt.NDArray[np.int64] | None = None
             self.view, self.pixel = np.divmod(self.wanted.ravel(), size)
         else:
             mask = np.zeros(views * size, np.bool_)
             mask[self.wanted] = True
-            self._place = np.flatnonzero(mask)
-            self.view, self.pixel = np.divmod(self._place, size)
+            self._rendered = np.flatnonzero(mask)
+            self.view, self.pixel = np.divmod(self._rendered, size)
         self._size = views * size
 
     def squares(self, luma: LumaFrames) -> LumaFrames:
-        """Return the squares (2 reach + 1, 2 reach + 1, m), by y and x, from the luma of those to render."""
-        if self._place is None:
+        """Return luma in the squares (2 reach + 1, 2 reach + 1, m), by y and x, from luma of the rendered pixels."""
+        if self._rendered is None:
             return luma.reshape(self.wanted.shape)
         frames = np.empty(self._size, np.float32)
-        frames[self._place] = luma
+        frames[self._rendered] = luma
         return frames[self.wanted]
 
 
 def mirrored(i: Indices, size: int) -> Indices:
-    """Indices within 0..size - 1 for any: mirrored at both ends, which are not repeated; one alone is all there is."""
+    """Return indices mirrored into 0..size - 1 at both ends, which are not repeated; all 0 where the size is 1."""
     if size == 1:
         return np.zeros_like(i)
     last = size - 1

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import MitsubaScene, MitsubaShape
 from ..._util.argument_error import ArgumentError
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray, Pose, conjugate, hamilton, rotation_matrices
@@ -82,7 +82,7 @@ class Silhouettes:
         self._rounding = 1e-6 * float(np.abs(self.edges).max(initial=0.0))
 
     @classmethod
-    def of_scene(cls, mi_scene: Any) -> Silhouettes:
+    def of_scene(cls, mi_scene: MitsubaScene) -> Silhouettes:
         """The outlines of a loaded Mitsuba scene: the edges of its meshes, and the boxes of all else (spheres, disks,
         instances).
 
@@ -91,7 +91,7 @@ class Silhouettes:
         return cls.of_shapes(mi_scene.shapes())
 
     @classmethod
-    def of_shapes(cls, shapes: Iterable[Any]) -> Silhouettes:
+    def of_shapes(cls, shapes: Iterable[MitsubaShape]) -> Silhouettes:
         """The outlines of some shapes of a loaded Mitsuba scene, see :meth:`of_scene`."""
         found, boxes = [mesh_edges(np.empty((0, 3, 3)))], []
         for shape in shapes:

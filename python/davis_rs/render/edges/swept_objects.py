@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import MitsubaScene
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray, Pose
 from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
@@ -31,7 +31,7 @@ class MovingSilhouettes:
         motion: what moves in it.
     """
 
-    def __init__(self, mi_scene: Any, motion: SceneMotion) -> None:
+    def __init__(self, mi_scene: MitsubaScene, motion: SceneMotion) -> None:
         shapes = mi_scene.shapes()
         self._still = Silhouettes.of_shapes([shape for shape in shapes if shape.id() not in motion.objects])
         self._objects = [

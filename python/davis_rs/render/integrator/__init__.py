@@ -1,4 +1,4 @@
-"""Mitsuba's own integrators, for every scene, with noise.
+"""Renders any scene with Mitsuba's own integrators, with noise.
 
-``renderer`` is that of the LLVM variant, ``scalar`` that of machines without LLVM; ``base`` is what they share.
+``renderer`` is for the LLVM variant, ``scalar`` for machines without LLVM; ``base`` is what they share.
 """

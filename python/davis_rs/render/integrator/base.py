@@ -1,14 +1,14 @@
-"""What the renderers share that ask Mitsuba's own integrators, with LLVM and without."""
+"""Defines what the two renderers on Mitsuba's integrators share, with LLVM and without."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from copy import copy
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import Mitsuba, MitsubaIntegrator, MitsubaScene
 from ..._mitsuba.variants import variant
 from ...events.luma import LumaFrames
 from ...geometry.camera import Camera
@@ -20,11 +20,11 @@ from ..motion.scene_scale import scale_scene
 from ..motion.scene_updates import SceneUpdates
 
 _SEED_STEP = 15_485_863
-"""Between the seeds of :meth:`SceneRenderer.reseeded`: the scalar variant counts on from a seed, by a ray each."""
+"""Distance between the seeds of :meth:`SceneRenderer.reseeded`: the scalar variant uses one more seed for each ray."""
 
 
-def _integrator(scene: Any, mi: Any) -> Any:
-    """The scene's integrator; path tracing where it names none.
+def _integrator(scene: MitsubaScene, mi: Mitsuba) -> MitsubaIntegrator:
+    """Return the integrator that the scene names; a path tracer where it names none.
 
     Raises:
         ValueError: for one that cannot be asked what a ray sees: a particle tracer, or one made for derivatives.
@@ -39,13 +39,13 @@ def _integrator(scene: Any, mi: Any) -> Any:
 
 
 class SceneRenderer(Renderer):
-    """Any scene, through the integrator that it names.
+    """A renderer of any scene through the integrator that the scene names.
 
     Where objects move or lights flicker the scene itself is changed from view to view, see :class:`SceneUpdates`.
     A scene that is very small or very large is scaled first, see :func:`scale_scene`, and the views with it.
 
     Args:
-        scene: loaded under :attr:`variant`; it is the renderer's own from here on.
+        scene: loaded under :attr:`variant`; the renderer changes it, so nobody else may use it any more.
 
     Warns:
         UserWarning: if a scene that is too small or too large cannot be scaled.
@@ -54,11 +54,11 @@ class SceneRenderer(Renderer):
     poses_per_launch = 1
 
     scale: float
-    """How many times as large as it is the scene is rendered."""
+    """The factor by which the scene is scaled for rendering."""
 
     def __init__(
         self,
-        scene: Any,
+        scene: MitsubaScene,
         camera: Camera,
         *,
         samples: int,
@@ -76,7 +76,7 @@ class SceneRenderer(Renderer):
         self.name = f"Mitsuba's {self._integrator.class_name()}"
 
     def reseeded(self, number: int) -> SceneRenderer:
-        """Another renderer of the same scene with other random numbers: those of a seed ``number`` + 1 places on."""
+        """Return a renderer of the same scene with other random numbers, whose seed is ``number`` + 1 steps on."""
         other = copy(self)
         other._seed = (self._seed + _SEED_STEP * (number + 1)) % 2**31
         return other
@@ -97,10 +97,10 @@ class SceneRenderer(Renderer):
         return self._scaled_owners(views.scaled(self.scale))
 
     def _state(self, views: Views) -> SceneState:
-        """The scene when the views see it, as large as it is rendered."""
+        """Return the state of the scaled scene at the times of the views."""
         return self.motion.at(views.t_s).scaled(self.scale)
 
-    # What an implementation gives, of the scene and the views as large as they are rendered.
+    # What a subclass implements, for the scaled scene and scaled views.
 
     @abstractmethod
     def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]: ...
@@ -110,8 +110,8 @@ class SceneRenderer(Renderer):
 
     @abstractmethod
     def _render(self, views: Views, state: SceneState) -> LumaFrames:
-        """Frames of views, of the scene in as many states."""
+        """Render the frames of views, the scene in the state of each."""
 
     @abstractmethod
     def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        """Single pixels of views, of the scene in as many states."""
+        """Render single pixels of views, the scene in the state of each."""

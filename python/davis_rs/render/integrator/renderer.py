@@ -1,18 +1,17 @@
-"""Mitsuba's own integrators on our own rays, for every scene that the table kernel does not cover."""
+"""Renders any scene with Mitsuba's own integrators in the LLVM variant, along our own rays."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import DrJit, JitFloat, JitIndex, Mitsuba, MitsubaHit, MitsubaScene
 from ..._mitsuba.variants import FAST, variant
 from ...events.luma import LUMA_WEIGHTS, LumaFrames
 from ...geometry.camera import Camera
 from ...geometry.trajectory.views import Views
 from ..base import Indices
-from ..motion.scene_motion import SceneState
+from ..motion.scene_motion import STILL, SceneMotion, SceneState
 from ..motion.scene_updates import owner_numbers
 from ..rays.camera_rays import CameraRays, Lanes
 from ..rays.frame_sampler import frame_sampler
@@ -20,17 +19,28 @@ from .base import SceneRenderer
 
 
 class IntegratorRenderer(SceneRenderer):
-    """Any scene, through the integrator that it names, in the LLVM variant.
+    """A renderer of any scene through the integrator that the scene names, in the LLVM variant.
 
-    The random numbers of a ray depend on the seed and on its place in the frame alone: so a still image makes no
-    events, and a single pixel is what it is in the frame. Rates are differences: Mitsuba's forward mode through these
-    integrators is slow, not always the slope of the luma that is seen, and aborts the process in a volumetric one.
+    The random numbers of a ray depend only on the seed and on its number in the frame. So a still image makes no
+    events, and a single pixel has the same luma alone and in the frame. Rates are differences: Mitsuba's forward mode
+    through these integrators is slow, is not always the slope of the rendered luma, and aborts the process in a
+    volumetric one.
     """
 
     variant = FAST
 
-    def __init__(self, scene: Any, camera: Camera, *, samples: int, **settings: Any) -> None:
-        super().__init__(scene, camera, samples=samples, **settings)
+    def __init__(
+        self,
+        scene: MitsubaScene,
+        camera: Camera,
+        *,
+        samples: int,
+        blur: bool,
+        seed: int,
+        reason: str,
+        motion: SceneMotion = STILL,
+    ) -> None:
+        super().__init__(scene, camera, samples=samples, blur=blur, seed=seed, reason=reason, motion=motion)
         self._camera_rays = CameraRays(camera)
         self._camera_rays.prepare(samples)
 
@@ -38,9 +48,9 @@ class IntegratorRenderer(SceneRenderer):
         depths = self._blank(views)
         for i, depth in enumerate(depths):
             with variant(FAST) as (_, dr):
-                found, length = self._centre_hits(views, i)
+                hits, length = self._centre_hits(views, i)
                 # Mitsuba's distance is along unit directions.
-                z = dr.select(found.is_valid(), found.t / length, dr.inf)
+                z = dr.select(hits.is_valid(), hits.t / length, dr.inf)
                 depth[:] = z.numpy().reshape(depth.shape)
         return depths
 
@@ -49,13 +59,13 @@ class IntegratorRenderer(SceneRenderer):
         with variant(FAST) as (mi, dr):
             table = mi.UInt32(owner_numbers(self._scene, self.motion, mi, dr))
             for i, owner in enumerate(owners):
-                found, _ = self._centre_hits(views, i)
-                shape = dr.reinterpret_array(mi.UInt32, found.shape)
-                owner[:] = dr.gather(mi.UInt32, table, shape, found.is_valid()).numpy().reshape(owner.shape)
+                hits, _ = self._centre_hits(views, i)
+                shape = dr.reinterpret_array(mi.UInt32, hits.shape)
+                owner[:] = dr.gather(mi.UInt32, table, shape, hits.is_valid()).numpy().reshape(owner.shape)
         return owners
 
-    def _centre_hits(self, views: Views, index: int) -> tuple[Any, Any]:
-        """What the pixels' centres see in one view, and how long a ray is whose camera-frame z is 1."""
+    def _centre_hits(self, views: Views, index: int) -> tuple[MitsubaHit, JitFloat]:
+        """Return the hits of the pixels' centres in one view, and the length of rays whose z in camera axes is 1."""
         import drjit as dr
         import mitsuba as mi
 
@@ -85,27 +95,27 @@ class IntegratorRenderer(SceneRenderer):
         return luma
 
     def _traced(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        """Luma of pixels of views, in the scene as it is."""
+        """Return luma of pixels of views, in the scene's present state."""
         with variant(FAST) as (mi, dr):
-            lanes, sample, place = self._lanes(views, view, pixel, rays, mi, dr)
+            lanes, sample, number = self._lanes(views, view, pixel, rays, mi, dr)
             ray = self._camera_rays.ray(lanes, sample, rays)
             ray = mi.RayDifferential3f(mi.Ray3f(ray.o, dr.normalize(ray.d)))
-            sampler = frame_sampler()(dr.opaque(mi.UInt32, self._seed), place)
+            sampler = frame_sampler()(dr.opaque(mi.UInt32, self._seed), number)
             colour, valid, *_ = self._integrator.sample(self._scene, sampler, ray, None, True)
             del valid  # a ray that hits nothing has the background's colour
             luma = colour[0] * LUMA_WEIGHTS[0] + colour[1] * LUMA_WEIGHTS[1] + colour[2] * LUMA_WEIGHTS[2]
-            # The rays of a pixel lie side by side, and are summed in order.
+            # The rays of a pixel are neighbours, and are summed in order.
             return np.array((dr.block_sum(luma, rays) / rays).numpy(), np.float32)
 
     def _frame(self, index: int) -> tuple[Indices, Indices]:
-        """All pixels of one view."""
+        """Return (view, pixel) of all pixels of one view."""
         pixels = self._camera_rays.pixels
         return np.full(pixels, index), np.arange(pixels)
 
     def _lanes(
-        self, views: Views, view: Indices, pixel: Indices, rays: int, mi: Any, dr: Any
-    ) -> tuple[Lanes, Any, Any]:
-        """Return (lanes, which lattice ray each is, its place in the frame): a pixel's rays side by side."""
+        self, views: Views, view: Indices, pixel: Indices, rays: int, mi: Mitsuba, dr: DrJit
+    ) -> tuple[Lanes, JitIndex, JitIndex]:
+        """Return (lanes, lattice ray of each, its number in the frame): the rays of a pixel are neighbours."""
         lane = dr.arange(mi.UInt32, len(view) * rays)
         pair = lane // rays
         views_of, pixels = (dr.gather(mi.UInt32, mi.UInt32(index.astype(np.uint32)), pair) for index in (view, pixel))

@@ -1,34 +1,44 @@
-"""Mitsuba's integrators without LLVM."""
+"""Renders any scene with Mitsuba's own integrators on machines without LLVM."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import MitsubaHit, MitsubaScene
 from ..._mitsuba.variants import SCALAR, variant
 from ...events.luma import LUMA_WEIGHTS, LumaFrames
 from ...geometry.camera import Camera
 from ...geometry.trajectory.views import Views
 from ..base import Indices
-from ..motion.scene_motion import SceneState
+from ..motion.scene_motion import STILL, SceneMotion, SceneState
 from ..rays.camera_rays import ray_table
 from .base import SceneRenderer
 
 
 class ScalarRenderer(SceneRenderer):
-    """Any scene, one ray after the other in Mitsuba's scalar variant. Slow, but it runs everywhere.
+    """A renderer of any scene, ray by ray in Mitsuba's scalar variant. It is slow, but runs everywhere.
 
     Each ray seeds the sampler by its own number, so that its random numbers never depend on its neighbours' paths.
     """
 
     variant = SCALAR
 
-    def __init__(self, scene: Any, camera: Camera, *, samples: int, **settings: Any) -> None:
-        super().__init__(scene, camera, samples=samples, **settings)
+    def __init__(
+        self,
+        scene: MitsubaScene,
+        camera: Camera,
+        *,
+        samples: int,
+        blur: bool,
+        seed: int,
+        reason: str,
+        motion: SceneMotion = STILL,
+    ) -> None:
+        super().__init__(scene, camera, samples=samples, blur=blur, seed=seed, reason=reason, motion=motion)
         with variant(SCALAR) as (mi, _):
             self._sampler = mi.load_dict({"type": "independent"})
         self._unit_rays = functools.lru_cache(maxsize=4)(self._make_unit_rays)
@@ -38,28 +48,28 @@ class ScalarRenderer(SceneRenderer):
     def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]:
         depths = self._blank(views)
         z = self._unit_rays(1)[:, 0, 2]
-        for depth, found in zip(depths, self._centre_hits(views), strict=True):
+        for depth, hits in zip(depths, self._centre_hits(views), strict=True):
             # A miss has t = inf; the unit direction's camera-frame z turns distance into depth.
-            depth[:] = (np.array([hit.t for hit in found]) * z).reshape(depth.shape)
+            depth[:] = (np.array([hit.t for hit in hits]) * z).reshape(depth.shape)
         return depths
 
     def _scaled_owners(self, views: Views) -> npt.NDArray[np.uint32]:
         owners = np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
         numbers = {name: number for number, name in enumerate(self.motion.objects, 1)}
-        for owner, found in zip(owners, self._centre_hits(views), strict=True):
-            names = (hit.shape.id() if hit.is_valid() else "" for hit in found)
+        for owner, hits in zip(owners, self._centre_hits(views), strict=True):
+            names = (hit.shape.id() if hit.is_valid() else "" for hit in hits)
             owner[:] = np.array([numbers.get(name, 0) for name in names]).reshape(owner.shape)
         return owners
 
-    def _centre_hits(self, views: Views) -> Iterator[list[Any]]:
-        """What each view's pixel centres see."""
+    def _centre_hits(self, views: Views) -> Iterator[list[MitsubaHit]]:
+        """Yield the hits of the pixels' centres, view by view."""
         rays, state = self._unit_rays(1)[:, 0], self._state(views)
         for i, (position, rotation) in enumerate(zip(views.positions, views.rotations, strict=True)):
             with variant(SCALAR) as (mi, _):
                 self._update(state, i)
-                hit, origin = self._scene.ray_intersect_preliminary, mi.Point3f(*position.tolist())
-                found = [hit(mi.Ray3f(origin, direction), True) for direction in (rays @ rotation.T).tolist()]
-            yield found
+                intersect, origin = self._scene.ray_intersect_preliminary, mi.Point3f(*position.tolist())
+                hits = [intersect(mi.Ray3f(origin, direction), True) for direction in (rays @ rotation.T).tolist()]
+            yield hits
 
     def _render(self, views: Views, state: SceneState) -> LumaFrames:
         shape = (len(views), self.camera.height, self.camera.width)
@@ -79,12 +89,12 @@ class ScalarRenderer(SceneRenderer):
             origins = [mi.Point3f(*position) for position in views.positions.tolist()]
             seeds, views_of = (self._seed + pixel * rays).tolist(), view.tolist()
             last = None
-            for place in order.tolist():
-                which, values, seed = views_of[place], luma[place], seeds[place]
+            for index in order.tolist():
+                which, values, seed = views_of[index], luma[index], seeds[index]
                 if which != last:
                     self._update(state, which)
                     last = which
-                for ray, direction in enumerate(directions[place].tolist()):
+                for ray, direction in enumerate(directions[index].tolist()):
                     sampler.seed(seed + ray)
                     colour = sample(scene, sampler, make_ray(origins[which], make_vector(*direction)))[0]
                     values[ray] = red * colour[0] + green * colour[1] + blue * colour[2]
@@ -95,7 +105,7 @@ class ScalarRenderer(SceneRenderer):
             self._updates.set(state, instant)
 
     def _make_unit_rays(self, rays: int) -> npt.NDArray[np.float64]:
-        """Unit directions (H * W, rays, 3) in camera axes."""
+        """Return unit directions (H * W, rays, 3) in camera axes."""
         xy = ray_table(self.camera, rays).transpose(1, 0, 2)
         directions = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], -1)
         return directions / np.linalg.norm(directions, axis=-1, keepdims=True)

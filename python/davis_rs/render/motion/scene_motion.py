@@ -1,4 +1,4 @@
-"""What changes in a scene besides the camera: objects that move, and lights whose strength runs a profile."""
+"""Describes what changes in a scene besides the camera: objects that move, and lights whose strength varies."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ...scene.light_profile import LightProfile
 
 @dataclass(frozen=True, eq=False)
 class SceneState:
-    """A scene at n instants.
+    """The state of a scene at n instants.
 
     Attributes:
         objects: pose and motion of each moving object at the instants: T_world_object, rates in the object's axes.
-        factors: (n, lights) on the strengths of the lights that run a profile.
-        rates: (n, lights) their derivatives, per second.
+        factors: (n, lights), by which the strengths of the lights with a profile are multiplied.
+        rates: (n, lights), the derivatives of the factors, per second.
     """
 
     objects: tuple[Views, ...]
@@ -34,7 +34,7 @@ class SceneState:
         return SceneState(tuple(pose.moved(step_s) for pose in self.objects), factors, self.rates)
 
     def scaled(self, factor: float) -> SceneState:
-        """The same scene in a world that is ``factor`` times as large."""
+        """Return the same state in a world that is ``factor`` times as large."""
         return SceneState(tuple(pose.scaled(factor) for pose in self.objects), self.factors, self.rates)
 
 
@@ -43,7 +43,7 @@ class SceneMotion:
 
     Args:
         boxes: for each object the lowest and highest corner (2, 3) around it in its own frame, metres.
-        bends_s: seconds, in addition to what paths and profiles say, when the rate of luma jumps.
+        bends_s: seconds at which the rate of luma jumps, besides those that paths and profiles tell.
     """
 
     def __init__(
@@ -58,17 +58,17 @@ class SceneMotion:
         self.boxes = [np.asarray(boxes[name], np.float64) for name in self.objects]
 
     def __bool__(self) -> bool:
-        """Whether anything changes."""
+        """Return whether anything moves or changes."""
         return bool(self.objects or self.lights)
 
     def with_bends(self, instants: npt.ArrayLike) -> SceneMotion:
-        """The same motion, in which light bends at these instants, if there is more than one."""
+        """Return the same motion with ``instants`` as :attr:`bends_s`, if there is more than one."""
         if np.size(instants) < 2:
             return self
         return SceneMotion(self.objects, self.lights, dict(zip(self.objects, self.boxes, strict=True)), instants)
 
     def at(self, t_s: FloatArray) -> SceneState:
-        """The scene at times (n,) of the sequence.
+        """Return the state of the scene at times (n,) of the sequence, seconds.
 
         Raises:
             ValueError: where a profile gives another shape, or a factor that is negative or not finite.
@@ -88,7 +88,7 @@ STILL = SceneMotion({}, {}, {})
 
 
 def held(trajectory: Trajectory, t_s: FloatArray) -> Views:
-    """Poses of an object at any times (n,): before and after its trajectory it stands still at that's ends."""
+    """Return poses of an object at any times (n,); outside of its trajectory it stands still at the nearer end."""
     inside = np.clip(t_s, 0.0, trajectory.duration_s)
     path = Views.along(trajectory, inside)
     moves = (np.abs(t_s - inside) <= TIME_TOLERANCE_S)[:, None]
@@ -97,8 +97,10 @@ def held(trajectory: Trajectory, t_s: FloatArray) -> Views:
 
 
 def pose_arrays(cameras: Sequence[Views]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Cameras in f frames, n views each, as the Rust core takes them, flat: places (n, f, 3), rotations (n, f, 3, 3),
-    velocities (n, f, 3) and angular rates (n, f, 3)."""
+    """Return cameras in f frames, n views each, flat as the Rust core takes them.
+
+    These are positions (n, f, 3), rotations (n, f, 3, 3), velocities (n, f, 3) and angular rates (n, f, 3).
+    """
     positions, rotations, velocities, angular_rates = (
         np.stack([getattr(camera, name) for camera in cameras], 1).ravel()
         for name in ("positions", "rotations", "velocities", "angular_rates")
@@ -107,7 +109,8 @@ def pose_arrays(cameras: Sequence[Views]) -> tuple[FloatArray, FloatArray, Float
 
 
 def seen_from(cameras: Views, objects: Views) -> Views:
-    """The cameras in the frames of objects (n each), as if those stood still and the cameras made all of the motion."""
+    """Return the cameras in the frames of objects (n each), as if the objects stood still and only the cameras
+    moved."""
     to_object = objects.rotations.swapaxes(1, 2)
     offset = cameras.positions - objects.positions
     turning = np.einsum("nij,nj->ni", objects.rotations, objects.angular_rates)  # world axes

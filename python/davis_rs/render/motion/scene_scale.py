@@ -1,9 +1,9 @@
-"""A loaded Mitsuba scene that is scaled to a size at which Mitsuba's own rays are right.
+"""Scales a loaded Mitsuba scene to a size at which Mitsuba's own rays are right.
 
 A ray that leaves a surface at p starts 9e-5 (1 + max|p|) off it (Mitsuba's RayEpsilon), so that it does not hit that
-surface again. In a scene of millimetres that is farther than what throws shadows is high. Far beyond 10 km in diameter
-it is less than the rounding of points on large slanted surfaces near the origin, which then throw shadows upon
-themselves.
+surface again. In a scene of millimetres this distance is larger than the objects that throw shadows. Far beyond 10 km
+in diameter it is less than the rounding of points on large slanted surfaces near the origin, which then throw shadows
+upon themselves.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 
-from .scene_updates import PlacedShape, like, strength_key
+from ..._mitsuba.types import Mitsuba, MitsubaEmitter, MitsubaIntegrator, MitsubaParameters, MitsubaScene, MitsubaShape
+from .scene_updates import MovableShape, like, strength_key
 
 SMALLEST, LARGEST = 1.0, 1e4
-"""Diameters of a scene, in its own units, that are left as they are."""
+"""A scene whose diameter, in its own units, lies between these is not scaled."""
 
 _SMALL_TARGET, _LARGE_TARGET = 64.0, 4096.0
-"""What smaller and larger ones are scaled to, or up to twice that: by a power of two, so that nothing is rounded."""
+"""Smaller and larger scenes get diameters from these to twice these, by a power of two, so that nothing is rounded."""
 
 _INTEGRATORS = ("DirectIntegrator", "PathIntegrator", "VolumetricPathIntegrator", "VolpathMisIntegratorImpl")
 _FAR_LIGHTS = (
@@ -34,7 +34,7 @@ _BSDFS_WITH_LENGTHS = ("BumpMap", "Volume")
 _Change = Callable[[float], None]
 
 
-def scale_scene(scene: Any, integrator: Any, mi: Any) -> float:
+def scale_scene(scene: MitsubaScene, integrator: MitsubaIntegrator, mi: Mitsuba) -> float:
     """Scale a scene, in place and about the origin, where it is too small or too large for Mitsuba's rays.
 
     Point lights, spots and projectors become stronger by the square, so that surfaces are as bright as before.
@@ -71,11 +71,11 @@ def scale_scene(scene: Any, integrator: Any, mi: Any) -> float:
 
 
 class _Unscalable(Exception):
-    """Names the part of a scene that cannot be scaled."""
+    """Raised with the part of a scene that cannot be scaled."""
 
 
-def _changes(scene: Any, integrator: Any, mi: Any) -> Iterator[_Change]:
-    """What has to be done, once it is known that all of it can be."""
+def _changes(scene: MitsubaScene, integrator: MitsubaIntegrator, mi: Mitsuba) -> Iterator[_Change]:
+    """Yield the changes that scale a scene; the caller makes them only if it gets all of them."""
     if integrator.class_name() not in _INTEGRATORS:
         raise _Unscalable(f"the integrator, a {integrator.class_name()}, whose values may be lengths")
     for shape in scene.shapes():
@@ -85,7 +85,7 @@ def _changes(scene: Any, integrator: Any, mi: Any) -> Iterator[_Change]:
             yield _light_change(emitter, mi)
 
 
-def _shape_change(shape: Any, mi: Any) -> _Change:
+def _shape_change(shape: MitsubaShape, mi: Mitsuba) -> _Change:
     name = f"shape {shape.id()!r}, a {shape.class_name()}"
     if shape.interior_medium() is not None or shape.exterior_medium() is not None:
         raise _Unscalable(f"the medium of {name}")
@@ -98,39 +98,40 @@ def _shape_change(shape: Any, mi: Any) -> _Change:
         return _multiply(parameters, "control_points", 1)
     for key in ("to_world", "vertex_positions"):
         if key in parameters and not shape.is_ellipsoids():
-            return _place(parameters, key)
+            return _scale_shape(parameters, key)
     raise _Unscalable(name)
 
 
-def _light_change(emitter: Any, mi: Any) -> _Change:
-    """Scales a light that stands in one point: its place, and its strength with the square of the distances."""
+def _light_change(emitter: MitsubaEmitter, mi: Mitsuba) -> _Change:
+    """Return the change of a light in one point: of its position, and of its strength with the square of the
+    distances."""
     parameters = mi.traverse(emitter)
     kind = emitter.class_name()
     if kind == "PointLight":
-        place = _multiply(parameters, "position", 1)
+        move = _multiply(parameters, "position", 1)
     elif kind in ("SpotLight", "Projector"):
-        place = _move(parameters, "to_world")
+        move = _scale_position(parameters, "to_world")
     else:
         raise _Unscalable(f"light {emitter.id()!r}, a {kind}")
     strengthen = _multiply(parameters, strength_key("", parameters), 2)
 
     def change(factor: float) -> None:
-        place(factor)
+        move(factor)
         strengthen(factor)
 
     return change
 
 
-def _place(parameters: Any, key: str) -> _Change:
+def _scale_shape(parameters: MitsubaParameters, key: str) -> _Change:
     def change(factor: float) -> None:
-        PlacedShape(parameters, key).place(np.diag([factor, factor, factor, 1.0]))
+        MovableShape(parameters, key).move_to(np.diag([factor, factor, factor, 1.0]))
         parameters.update()
 
     return change
 
 
-def _move(parameters: Any, key: str) -> _Change:
-    """A light's place alone: it takes a scale in its own axes for one of the light."""
+def _scale_position(parameters: MitsubaParameters, key: str) -> _Change:
+    """Return the change of a light's position only: a scale of its axes would scale its light too."""
 
     def change(factor: float) -> None:
         matrix = np.array(parameters[key].matrix, np.float64).reshape(4, 4)
@@ -141,7 +142,7 @@ def _move(parameters: Any, key: str) -> _Change:
     return change
 
 
-def _multiply(parameters: Any, key: str, power: int) -> _Change:
+def _multiply(parameters: MitsubaParameters, key: str, power: int) -> _Change:
     def change(factor: float) -> None:
         parameters[key] = like(parameters[key], np.array(parameters[key], np.float64) * factor**power)
         parameters.update()

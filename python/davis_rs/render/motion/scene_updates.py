@@ -1,12 +1,11 @@
-"""A loaded Mitsuba scene that is put into the state of an instant: objects moved, lights dimmed."""
+"""Puts a loaded Mitsuba scene into its state at an instant: objects moved, lights dimmed."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import DrJit, Mitsuba, MitsubaParameters, MitsubaScene, MitsubaShape, MitsubaValue
 from ...geometry.pose import FloatArray
 from ...scene.scene import Scene
 from .scene_motion import SceneMotion, SceneState
@@ -17,8 +16,8 @@ _STRENGTHS = (
 )
 
 
-def scene_motion(scene: Scene, loaded: Any, mi: Any) -> SceneMotion:
-    """What moves and flickers in a scene that is loaded.
+def scene_motion(scene: Scene, loaded: MitsubaScene, mi: Mitsuba) -> SceneMotion:
+    """Return what moves and flickers in a loaded scene.
 
     Raises:
         ValueError: for an object or light that the scene does not have (the message names those that it has), or one
@@ -35,31 +34,31 @@ def scene_motion(scene: Scene, loaded: Any, mi: Any) -> SceneMotion:
         if unknown:
             raise ValueError(f"scene {scene.name!r} has no {kind} {unknown[0]!r}; it has {', '.join(known) or 'none'}")
     for name in scene.objects:
-        _place_key(name, shapes[name], parameters)
+        _pose_key(name, shapes[name], parameters)
     for name in scene.lights:
         strength_key(name, parameters)
     boxes = {name: [np.array(end).reshape(3) for end in _corners(shapes[name])] for name in scene.objects}
     return SceneMotion(scene.objects, scene.lights, boxes)
 
 
-def _corners(shape: Any) -> tuple[Any, Any]:
+def _corners(shape: MitsubaShape) -> tuple[MitsubaValue, MitsubaValue]:
     box = shape.bbox()
     return box.min, box.max
 
 
-def _place_key(name: str, shape: Any, parameters: Any) -> str:
-    """The parameter that places a shape."""
+def _pose_key(name: str, shape: MitsubaShape, parameters: MitsubaParameters) -> str:
+    """Return the name of the parameter that holds a shape's pose or its vertices."""
     for key in (f"{name}.to_world", f"{name}.vertex_positions"):
         if key in parameters:
             return key
     raise ValueError(f"object {name!r} is a {shape.class_name()}, which cannot move; meshes and simple shapes can")
 
 
-def strength_key(name: str, parameters: Any) -> str:
-    """The parameter in which a light is linear.
+def strength_key(name: str, parameters: MitsubaParameters) -> str:
+    """Return the name of the parameter in which a light is linear.
 
     Args:
-        name: of the light; empty for parameters of the light alone.
+        name: the id of the light; empty where ``parameters`` are those of the light alone.
     """
     for strength in _STRENGTHS:
         key = f"{name}.{strength}" if name else strength
@@ -68,8 +67,8 @@ def strength_key(name: str, parameters: Any) -> str:
     raise ValueError(f"light {name!r} has none of {', '.join(_STRENGTHS)}: its strength cannot change")
 
 
-def owner_numbers(scene: Any, motion: SceneMotion, mi: Any, dr: Any) -> npt.NDArray[np.uint32]:
-    """The number of each shape by its registry number: 1, 2, ... for the objects that move, 0 for all else."""
+def owner_numbers(scene: MitsubaScene, motion: SceneMotion, mi: Mitsuba, dr: DrJit) -> npt.NDArray[np.uint32]:
+    """Return for each registry number of a shape: 1, 2, ... for the moving objects, 0 for all else."""
     numbers = {name: number for number, name in enumerate(motion.objects, 1)}
     registered = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)).numpy()[0]) for shape in scene.shapes()]
     owners = np.zeros(max(registered) + 1, np.uint32)
@@ -78,28 +77,28 @@ def owner_numbers(scene: Any, motion: SceneMotion, mi: Any, dr: Any) -> npt.NDAr
 
 
 class SceneUpdates:
-    """Puts a Mitsuba scene into states, each a few milliseconds: Mitsuba builds its ray tracing anew for each.
+    """Moves a Mitsuba scene from state to state; each takes some milliseconds, because Mitsuba builds its BVH anew.
 
-    Made and used under the variant that loaded the scene.
+    It must be made and used under the variant that loaded the scene.
     """
 
-    def __init__(self, scene: Any, motion: SceneMotion, mi: Any) -> None:
+    def __init__(self, scene: MitsubaScene, motion: SceneMotion, mi: Mitsuba) -> None:
         self._parameters = mi.traverse(scene)
         shapes = {shape.id(): shape for shape in scene.shapes()}
-        keys = [_place_key(name, shapes[name], self._parameters) for name in motion.objects]
-        self._objects = [PlacedShape(self._parameters, key) for key in keys]
+        keys = [_pose_key(name, shapes[name], self._parameters) for name in motion.objects]
+        self._objects = [MovableShape(self._parameters, key) for key in keys]
         self._lights = [strength_key(name, self._parameters) for name in motion.lights]
         self._strengths = [np.array(self._parameters[key], np.float64) for key in self._lights]
         self._poses = [np.full((4, 4), np.nan)] * len(self._objects)  # nowhere yet
         self._factors: list[float] = [1.0] * len(self._lights)
 
     def set(self, state: SceneState, instant: int) -> None:
-        """Bring the scene to one of a state's instants; what is there already is left alone."""
+        """Put the scene into its state at one instant; leave alone what does not change."""
         for number, (moving, poses) in enumerate(zip(self._objects, state.objects, strict=True)):
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = poses.rotations[instant], poses.positions[instant]
             if not np.array_equal(pose, self._poses[number]):
-                moving.place(pose)
+                moving.move_to(pose)
                 self._poses[number] = pose
         for number, (key, factor) in enumerate(zip(self._lights, state.factors[instant].tolist(), strict=True)):
             if factor != self._factors[number]:
@@ -108,18 +107,18 @@ class SceneUpdates:
         self._parameters.update()
 
 
-def like(value: Any, values: FloatArray) -> Any:
-    """Numbers as a parameter of the kind that ``value`` is."""
+def like(value: MitsubaValue, values: FloatArray) -> MitsubaValue:
+    """Return ``values`` as the type that the parameter ``value`` has."""
     kind = type(value)
     if kind is float:
         return float(values)
     return kind(values.reshape(-1).tolist()) if values.size <= 3 else kind(values.astype(np.float32))
 
 
-class PlacedShape:
-    """A shape's place in its own frame, and how to move it."""
+class MovableShape:
+    """A shape of a loaded scene that can be moved from the pose that it was loaded in."""
 
-    def __init__(self, parameters: Any, key: str) -> None:
+    def __init__(self, parameters: MitsubaParameters, key: str) -> None:
         self._parameters, self._key = parameters, key
         self._is_mesh = key.endswith("vertex_positions")
         if not self._is_mesh:
@@ -130,15 +129,15 @@ class PlacedShape:
         normals = np.array(parameters[self._normals_key], np.float64)
         self._normals = normals.reshape(-1, 3)
 
-    def place(self, pose: FloatArray) -> None:
-        """Move it by a pose (4, 4), which may also scale it evenly, from where its own frame has it."""
+    def move_to(self, pose: FloatArray) -> None:
+        """Move the shape by a pose (4, 4), which may also scale it evenly, from where it was loaded."""
         parameters = self._parameters
         if not self._is_mesh:
             parameters[self._key] = type(parameters[self._key])(pose @ self._matrix)
             return
         self._put(self._key, self._vertices @ pose[:3, :3].T + pose[:3, 3])
         if len(self._normals):
-            # Mitsuba makes normals anew with the vertices; the mesh's own come after.
+            # Mitsuba computes new normals with the vertices; so the mesh's own are set after them.
             parameters.update()
             scale = np.linalg.norm(pose[:3, 0])
             self._put(self._normals_key, self._normals @ pose[:3, :3].T / scale)

@@ -1,4 +1,4 @@
-"""The native renderer: the Rust core's, which wants a scene's tables and nothing else."""
+"""Wraps the Rust core's renderer, which needs only the tables of a scene."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from ...geometry.pose import FloatArray
 from ...geometry.trajectory.views import Views
 from ..base import Indices, Renderer
 from ..edges.edge_tracks import EdgeTracks
-from ..kept_scenes import kept
 from ..motion.scene_motion import STILL, SceneMotion, pose_arrays, seen_from
-from ..rays.camera_rays import ray_table
-from ..rays.pixel_rays import pixel_rays, table_bytes
+from ..rays.camera_rays import pixel_rays, ray_table, table_bytes
 from ..rays.shadow_rays import END, STEP
+from ..scene_cache import cached
 from ..scene_tables.scene_table import SceneTable
 
 _KINDS = {"spot": "point", "lamp": "point"}
@@ -26,7 +25,7 @@ _KINDS = {"spot": "point", "lamp": "point"}
 _PIXELS_PER_LAUNCH = 1 << 21
 
 _MOST_ACROSS = 65535
-"""Of what the core takes as the pixels of a row."""
+"""The largest width of an image that the core takes."""
 
 ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -34,16 +33,16 @@ ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, F
 class NativeRenderer(Renderer):
     """Renders a :class:`SceneTable`: direct light on diffuse triangles, without noise, in Rust.
 
-    Needs Mitsuba only to load the scene, and no LLVM. Constant light is taken as unoccluded; shadows of the other
-    lights are traced where the table asks for them. Rates are closed forms along the surfaces that the rays see. A
+    It needs Mitsuba only to load the scene, and no LLVM. Constant light is taken as unoccluded; shadows of the other
+    lights are traced where the table asks for them. Rates are closed forms along the surfaces that the rays hit. A
     pixel has the same bits in any batch, on any number of threads and on any processor of one architecture.
 
     Args:
-        threads: None for all that there are.
+        threads: number of threads; None for all processors.
 
     Attributes:
-        baked: the light that was computed beforehand; None where there is none.
-        table: of the scene.
+        baked: the baked light; None without any.
+        table: the tables of the scene.
     """
 
     name = "native renderer"
@@ -69,9 +68,9 @@ class NativeRenderer(Renderer):
         self._profiles = [columns.get(light.name) for light in table.lights]
         self._instants = [light.instant for light in table.lights]
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
-        # The last one is that of a ray that hits nothing.
+        # The last entry is for rays that hit nothing.
         self._frame_of_triangle = np.append(table.frames, np.uint32(0))
-        self._core = kept((table, threads), lambda: _core_of(table, threads))
+        self._core = cached((table, threads), lambda: _core_of(table, threads))
 
     @property
     def ray_bytes(self) -> float:
@@ -79,7 +78,7 @@ class NativeRenderer(Renderer):
         return tables / (self.camera.width * self.camera.height)
 
     def without_blur(self) -> NativeRenderer:
-        """The same rays of the same scene, each pixel alone."""
+        """Return a renderer with the same rays of the same scene, but without blur and lens."""
         return NativeRenderer(self.table, self.camera, samples=self.rays, blur=False, motion=self.motion)
 
     def _luma(self, views: Views) -> LumaFrames:
@@ -97,35 +96,35 @@ class NativeRenderer(Renderer):
     def gradients(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
     ) -> FloatArray:
-        """Luma in float64 with its derivatives, of the renderer's own rays before the blur and the lens.
+        """Return luma in float64 with its derivatives, of the renderer's own rays before the blur and the lens.
 
         Args:
             view: (k,) which of the views.
-            pixel: (k, m) pixels, y W + x, which are added up.
-            weights: (m,) by which they are multiplied before.
+            pixel: (k, m) pixels, y W + x, whose weighted luma is added up.
+            weights: (m,) their weights.
 
         Returns:
             (k, 8 + l): luma; its rate per second; its derivatives by the camera's position in world axes, per metre,
-            and by a rotation vector in camera axes, per radian; and the part of each light in it, by the number of the
-            light in :attr:`table`.
+            and by a rotation vector in camera axes, per radian; and the part of luma that comes from each light, in the
+            order of :attr:`table`.
         """
-        found = self._core.gradients(
+        gradients = self._core.gradients(
             pixel_rays(self.camera, self.rays), self._arrays(views), view, np.ascontiguousarray(pixel).ravel(), weights
         )
-        return found.reshape(len(view), 8 + len(self.table.lights))
+        return gradients.reshape(len(view), 8 + len(self.table.lights))
 
     def texel_gradients(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64], FloatArray]:
-        """Derivatives of luma by the reflectance of texels, all of a texel's channels alike; light that bounces stays.
+        """Return derivatives of luma by the reflectance of texels, all channels alike; light that bounces is held
+        constant.
 
         Args:
             view, pixel, weights: as in :meth:`gradients`.
 
         Returns:
-            How many texels each of k pixels sees (k,); their numbers in the texels of :attr:`table`, one pixel's after
-            the other's, a number more than once where it is seen through the frame of its texture; and luma by the
-            reflectance, as many.
+            (k,) how many texels each of k pixels sees; the numbers of these texels in :attr:`table`, pixel after pixel
+            (a texel that wraps around its texture may come more than once); and for each the derivative of luma.
         """
         textures = self.table.textures
         steps = np.array([weights.sum() for weights in textures.group_weights], np.float64)
@@ -139,38 +138,38 @@ class NativeRenderer(Renderer):
         )
         return counts, textures.of_framed[texels], values
 
-    def ray_sights(
+    def ray_hits(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], FloatArray]:
-        """What each of r rays of single pixels (k,) sees, in float64.
+        """Return the hits of each of r rays of single pixels (k,), in float64.
 
         Returns:
-            (k, r) each: the number of the triangle in :attr:`table`, 2^32 - 1 for none; which lights are hidden (bit
-            n mod 64 is turned over for each light n that something hides); and luma.
+            (k, r) each: the number of the triangle in :attr:`table`, 2^32 - 1 for none; a mask of hidden lights (bit
+            n mod 64 is flipped for each light n that something hides); and luma.
         """
         shape = len(pixel), self.rays
-        triangle, hidden, luma = self._core.ray_sights(
+        triangle, hidden, luma = self._core.ray_hits(
             pixel_rays(self.camera, self.rays), self._arrays(views), view, pixel
         )
         return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
 
     def ray_luma(self, views: Views, rays: FloatArray) -> FloatArray:
-        """Luma (n,), in float64, along one ray of each of n views: (n, 3), x, y and 1 in camera axes."""
-        found = [np.zeros(0)]
+        """Return luma (n,), in float64, along one ray of each of n views: (n, 3), x, y and 1 in camera axes."""
+        parts = [np.zeros(0)]
         for first in range(0, len(views), _MOST_ACROSS):
-            some = views[first : first + _MOST_ACROSS]
+            block = views[first : first + _MOST_ACROSS]
             table = np.ascontiguousarray(rays[first : first + _MOST_ACROSS, :2], np.float32)
-            number = np.arange(len(some), dtype=np.uint32)
-            of_rays = PixelRays(len(some), 1, 1, table.ravel())
-            found.append(self._core.ray_sights(of_rays, self._arrays(some), number, number)[2])
-        return np.concatenate(found)
+            number = np.arange(len(block), dtype=np.uint32)
+            pixels = PixelRays(len(block), 1, 1, table.ravel())
+            parts.append(self._core.ray_hits(pixels, self._arrays(block), number, number)[2])
+        return np.concatenate(parts)
 
     def cameras(self, views: Views) -> list[Views]:
-        """The cameras in the world, and in the frame of each body that moves."""
+        """Return the cameras in the world, and in the frame of each body that moves."""
         return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks]:
-        found = self._core.edge_tracks(
+        spans = self._core.edge_tracks(
             pixel_rays(self.camera, self.rays),
             self._arrays(views),
             t_us.ravel(),
@@ -182,7 +181,7 @@ class NativeRenderer(Renderer):
             EdgeTracks(
                 pixels.astype(np.int64), unknown.astype(np.int64), pixel.astype(np.int64), sample_us, luma, rendered
             )
-            for pixels, unknown, pixel, sample_us, luma, rendered in found
+            for pixels, unknown, pixel, sample_us, luma, rendered in spans
         ]
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
@@ -193,15 +192,15 @@ class NativeRenderer(Renderer):
         return self._frame_of_triangle[np.minimum(triangles, len(self._frame_of_triangle) - 1)]
 
     def shapes_seen(self, views: Views, view: Indices, pixel: Indices) -> tuple[Indices, npt.NDArray[np.bool_]]:
-        """Which shapes the centres of single pixels see, and where it is the back of their triangles.
+        """Return which shapes the centres of single pixels see, and whether they see the back of its triangles.
 
         Args:
             view: (m,) which of the views.
             pixel: (m,) which pixel, y W + x.
 
         Returns:
-            The number (m,) of a shape in the names of :attr:`table`, -1 where nothing is seen; and bool (m,), whether
-            that side is seen on which a triangle's corners go round to the right.
+            The number (m,) of a shape in the names of :attr:`table`, -1 where nothing is hit; and bool (m,), whether
+            the side is seen on which a triangle's corners run clockwise.
         """
         _, triangle = self._core.hits(
             pixel_rays(self.camera, 1), self._arrays(views), view.astype(np.uint32), pixel.astype(np.uint32)
@@ -219,7 +218,7 @@ class NativeRenderer(Renderer):
         return len(views), self.camera.height, self.camera.width
 
     def _arrays(self, views: Views) -> ViewArrays:
-        """The cameras in the world and in the objects' frames, and the lights' factors with their rates."""
+        """Return the cameras in the world and in the objects' frames, and the lights' factors with their rates."""
         shape = (len(views), len(self._profiles))
         factors, rates = np.ones(shape), np.zeros(shape)
         cameras = [views]
@@ -240,7 +239,7 @@ class NativeRenderer(Renderer):
 
 
 def _core_of(table: SceneTable, threads: int | None) -> SceneRenderer:
-    """What the core makes of a table."""
+    """Build the core's renderer from a table."""
     textures = table.textures
     return SceneRenderer(
         corners=table.corners.ravel(),

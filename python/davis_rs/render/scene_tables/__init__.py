@@ -1,5 +1,5 @@
-"""A scene as flat tables: what the native renderer and the table kernel take.
+"""Makes flat tables of a scene, for the native renderer and the table kernel.
 
-``scene_table`` -> ``scene_texture``, ``mesh_triangles``: a record for each triangle, and all texels in one buffer
-for each light colour.
+``scene_table`` has a record for each triangle (from ``mesh_triangles``), and all texels in one buffer for each light
+colour (from ``scene_texture``).
 """

@@ -1,12 +1,14 @@
-"""The triangles of a Mitsuba mesh, with planes, texture coordinates and normals as affine maps of a place."""
+"""Takes the triangles of a Mitsuba mesh: planes, and affine maps of a point to texture coordinates and normals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from ..._mitsuba.types import JitFloat, Mitsuba, MitsubaShape
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -15,7 +17,7 @@ _PART = 1 << 14
 
 
 class _Buffers(NamedTuple):
-    """What a mesh has of its corners: vertices, their texture coordinates, and their normals where it is smooth."""
+    """The vertices of a mesh, their texture coordinates, and their normals where it is smooth."""
 
     faces: npt.NDArray[np.uint32]
     positions: FloatArray
@@ -23,8 +25,10 @@ class _Buffers(NamedTuple):
     normals: FloatArray | None
 
     @classmethod
-    def of(cls, shape: Any) -> _Buffers:
-        def values(buffer: Any, width: int) -> FloatArray:
+    def of(cls, shape: MitsubaShape) -> _Buffers:
+        """Copy the buffers of a Mitsuba mesh."""
+
+        def values(buffer: JitFloat, width: int) -> FloatArray:
             return np.array(buffer, np.float64).reshape(-1, width)
 
         smooth = shape.has_vertex_normals() and "face_normals = 0" in str(shape)
@@ -37,14 +41,14 @@ class _Buffers(NamedTuple):
 
 
 class MeshTriangles:
-    """A mesh's triangles in float64, or some of them.
+    """The triangles of a mesh, or some of them, in float64.
 
     Attributes:
         corners: (n, 3, 3), metres.
         count: n.
     """
 
-    def __init__(self, shape: Any, buffers: _Buffers | None = None, part: slice = slice(None)) -> None:
+    def __init__(self, shape: MitsubaShape, buffers: _Buffers | None = None, part: slice = slice(None)) -> None:
         self.shape = shape
         buffers = _Buffers.of(shape) if buffers is None else buffers
         self.first, faces = part.start or 0, buffers.faces[part]
@@ -65,23 +69,25 @@ class MeshTriangles:
         )
 
     @classmethod
-    def parts(cls, shape: Any) -> Iterator[MeshTriangles]:
-        """Yield the mesh's triangles a part at a time, in their order: all at once takes gigabytes for millions."""
+    def parts(cls, shape: MitsubaShape) -> Iterator[MeshTriangles]:
+        """Yield the triangles of the mesh a part at a time, in their order, because millions at once take gigabytes."""
         buffers = _Buffers.of(shape)
         for first in range(0, len(buffers.faces), _PART):
             yield cls(shape, buffers, slice(first, first + _PART))
 
     def planes(self) -> FloatArray:
+        """Return the planes (n, 4): unit normal and offset, normal . p + offset = 0."""
         offsets = -np.einsum("ij,ij->i", self.normals, self.corners[:, 0])
         return np.concatenate([self.normals, offsets[:, None]], 1)
 
     def affine(self, values: FloatArray) -> FloatArray:
-        """Return maps (n, 4) that have the values (n, 3) at a triangle's corners, and are linear between."""
+        """Return the affine maps (n, 4) of a point that have the values (n, 3) at each triangle's corners."""
         slopes = np.einsum("ij,ijk->ik", values[:, 1:] - values[:, :1], self.gradients)
         offsets = values[:, 0] - np.einsum("ij,ij->i", slopes, self.corners[:, 0])
         return np.concatenate([slopes, offsets[:, None]], 1)
 
     def texture_maps(self) -> tuple[FloatArray, FloatArray]:
+        """Return affine maps (n, 4) of a point to the texture coordinates u and v."""
         if self.uv is None:
             # Without texture coordinates Mitsuba takes the barycentric ones.
             barycentric = np.broadcast_to(np.array([[0.0, 1, 0], [0, 0, 1]]), (self.count, 2, 3))
@@ -89,17 +95,17 @@ class MeshTriangles:
         return self.affine(self.uv[..., 0]), self.affine(self.uv[..., 1])
 
     def normal_maps(self) -> tuple[FloatArray, bool]:
-        """Return maps (n, 3, 4) of the shading normal, and whether any triangle is smooth (its normals vary)."""
+        """Return affine maps (n, 3, 4) of a point to the shading normal, and whether any triangle's normals vary."""
         if self.vertex_normals is None:
             return flat_normal_maps(self.normals), False
         maps = np.stack([self.affine(self.vertex_normals[..., axis]) for axis in range(3)], 1)
         differs = np.abs(self.vertex_normals - self.normals[:, None]).max(initial=0.0) > 1e-5
         return maps, bool(differs)
 
-    def is_turned(self, mi: Any) -> bool | None:
+    def is_turned(self, mi: Mitsuba) -> bool | None:
         """Return whether Mitsuba's normals are the opposite (flipped, or a mirrored rectangle); None without an area.
 
-        A mesh is turned as a whole: its first triangle with an area tells.
+        All triangles of a mesh are turned alike, so the first one that has an area decides.
         """
         facing = np.flatnonzero(self.normals.any(1))
         if not len(facing):

@@ -1,4 +1,4 @@
-"""A diffuse scene of triangles as flat tables: what the native renderer and the table kernel have of it.
+"""Makes flat tables of a diffuse scene of triangles, for the native renderer and the table kernel.
 
 Each triangle becomes one record: its plane, and affine maps from a point on it to texture coordinates (and to the
 interpolated normal, where a mesh is smooth). All textures lie in one flat buffer of texels, already weighted to luma:
@@ -9,11 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import (
+    JitFloat,
+    Mitsuba,
+    MitsubaEmitter,
+    MitsubaIntegrator,
+    MitsubaScene,
+    MitsubaShape,
+    MitsubaValue,
+)
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.lattice import rank1_lattice
 from ..baked.bake import Surfaces
@@ -27,6 +36,8 @@ from .scene_texture import TextureTable
 
 FloatArray = npt.NDArray[np.float64]
 
+_Float = TypeVar("_Float", np.float32, np.float64)
+
 
 @dataclass(frozen=True)
 class Light:
@@ -34,9 +45,10 @@ class Light:
 
     ``vector`` is the position (point, spot and lamp, metres) or the direction that light travels (directional, unit).
     ``background`` is what baked light of strength 1 adds to luma where nothing is hit. ``axis`` is the middle of a
-    spot's beam, and the normal of a place on a small lamp; ``angles`` (radians) are those from a spot's axis up to
-    which it shines fully, and at all. ``instant`` is that of baked light, see :class:`BakedLight`; the light that is
-    itself seen of the same lamps and skies is one of kind ``visible``.
+    spot's beam, and the normal at a point of a small area light (kind ``lamp``); ``angles`` (radians from a spot's
+    axis) are those up to which it shines fully, and up to which it shines at all. ``instant`` is the number of the
+    instant of baked light, see :class:`BakedLight`. What a camera sees directly of the same area lights and skies is a
+    light of kind ``visible``.
     """
 
     kind: str
@@ -51,7 +63,7 @@ class Light:
 
     @property
     def beam(self) -> tuple[list[float], tuple[float, float] | None] | None:
-        """Axis and angles, as the Rust core takes them."""
+        """The spot's axis and angles, as the Rust core takes them."""
         return None if self.axis is None else (self.axis.tolist(), self.angles)
 
 
@@ -59,38 +71,38 @@ class SceneTable:
     """The tables of a Mitsuba scene, loaded under any variant.
 
     Args:
-        moving: ids of shapes that move; each is in tables of its own frame.
-        baked: the light of lamps and of other surfaces is to be baked, see :meth:`bake`; else there is direct light
-            alone.
-        obstacles: that were met before. Where there are any, the scene is only looked through for more of them, because
-            tables of millions of triangles take gigabytes.
+        moving: ids of the shapes that move; each has its records in its own frame.
+        baked: light of area lights and of other surfaces will be baked, see :meth:`bake`; otherwise there is only
+            direct light.
+        obstacles: those found before. Where there are any, the scene is only searched for more, because tables of
+            millions of triangles take gigabytes.
 
     Attributes:
         scene: the Mitsuba scene.
         shadows: whether point and directional lights throw them.
         names: the ids of the scene's shapes.
-        counts: how many records each of them has, in their order.
+        counts: how many records each of these shapes has.
         corners: float64 (n, 3, 3), the triangles' corners, metres.
         planes: float64 (n, 4): unit normal and offset, n . p + offset = 0.
         u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1).
         normal_maps: float64 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
         textures: the textures, and which one each record has.
-        two_sided: uint32 (n): 1 where the back of the surface reflects too.
-        frames: uint32 (n): 0 for what stands still, 1, 2, ... for the shapes of ``moving``.
-        moving: their ids.
+        two_sided: uint32 (n), 1 where the back of the surface reflects too.
+        frames: uint32 (n), 0 for what stands still, 1, 2, ... for the shapes of ``moving``.
+        moving: the ids of the shapes that move.
         centre: (3,), the middle of what stands still, see :mod:`shadow_rays`.
         lights: the lights.
-        baked: light that was computed beforehand; None before :meth:`bake`.
-        emission_lights: uint32 (n), for triangles that emit the number of their light.
+        baked: the baked light; None before :meth:`bake`.
+        emission_lights: uint32 (n), the number of its light for each triangle that emits.
 
     Raises:
-        Unsuitable: with all that is not diffuse triangles under direct light.
+        Unsuitable: with all that is not a diffuse triangle or a direct light.
     """
 
     def __init__(
         self,
-        scene: Any,
-        mi: Any,
+        scene: MitsubaScene,
+        mi: Mitsuba,
         *,
         shadows: bool,
         any_integrator: bool,
@@ -102,26 +114,26 @@ class SceneTable:
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
         obstacles = Obstacles() if obstacles is None else obstacles
         if not any_integrator and not baked:
-            with obstacles.go_on():
+            with obstacles.collect():
                 _check_integrator(scene.integrator())
         colours: list[FloatArray] = []
         self.lights: list[Light] = []
         for emitter in scene.emitters():
             if not baked or emitter.class_name() in SHARP:
-                with obstacles.go_on():
+                with obstacles.collect():
                     self.lights.append(_light(emitter, mi, colours))
         for shape in small_lamps(scene) if baked else ():
-            with obstacles.go_on():
-                self.lights += _lamp_points(shape, mi, colours)
+            with obstacles.collect():
+                self.lights += _area_light_points(shape, mi, colours)
         self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
         self.names = [str(shape.id()) for shape in scene.shapes()]
         self.counts: list[int] = []
         has_back: list[bool] = []
         for shape in scene.shapes():
             faces, back = 0, False
-            with obstacles.go_on():
+            with obstacles.collect():
                 faces = _triangles(shape)
-            with obstacles.go_on():
+            with obstacles.collect():
                 back = self.textures.add(shape, faces)
             self.counts.append(faces)
             has_back.append(back)
@@ -135,7 +147,7 @@ class SceneTable:
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
         self.baked: BakedLight | None = None
 
-    def _add_triangles(self, shapes: Sequence[tuple[Any, bool]], mi: Any) -> None:
+    def _add_triangles(self, shapes: Sequence[tuple[MitsubaShape, bool]], mi: Mitsuba) -> None:
         """Compute what each triangle has, a part of a mesh at a time.
 
         Args:
@@ -165,7 +177,7 @@ class SceneTable:
                 self.normal_maps[rows] = maps
 
     def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
-        """Take the light that is computed beforehand on the surfaces."""
+        """Compute the light on the surfaces with ``light``, and add it to the lights."""
         maps = self.normal_maps
         if maps is None:
             at_corners = np.repeat(self.planes[:, None, :3], 3, axis=1)
@@ -176,11 +188,13 @@ class SceneTable:
         frames = self.frames.astype(np.int64)
         self.baked = light(Surfaces(self.corners, unit, self.two_sided == 1, self.counts, frames))
         self._first_baked = self._add_baked(self.baked)
-        self.emission_lights = self.light_of_group(self.baked.emitters).astype(np.uint32)
+        self.emission_lights = (self._first_baked + self.baked.emitters).astype(np.uint32)
 
     def _add_baked(self, baked: BakedLight) -> int:
-        """Add baked light to the lights: one that is seen for each of its groups, and one that falls on surfaces for
-        each instant, group and colour. Returns the number of the first."""
+        """Add baked light to the lights, and return the number of the first.
+
+        Each group has one light that is seen directly, and one for each instant and colour that falls on surfaces.
+        """
         grey = self.textures.is_grey and all((texels == texels[:, :1]).all() for texels in baked.maps.texels)
         self._channels = 1 if grey else 3
         group_weights = self.textures.group_weights
@@ -195,23 +209,23 @@ class SceneTable:
                     self.lights.append(Light("baked", group + channel, 1.0, nowhere, name, instant=instant))
         return first
 
-    def light_of_group(self, group: Any) -> Any:
-        """The number of the light that is seen of groups of baked lights."""
+    def light_of_group(self, group: int) -> int:
+        """Return the number of the light by which a group of baked lights is seen directly."""
         return self._first_baked + group
 
     @property
     def irradiance(self) -> list[npt.NDArray[np.float32]]:
-        """The texels of the maps of each baked light, irradiance / pi."""
+        """The texels of the maps of each baked light: irradiance / pi."""
         maps = [] if self.baked is None else self.baked.maps.texels
         return [np.ascontiguousarray(texels[:, channel]) for texels in maps for channel in range(self._channels)]
 
     def light_map_coordinates(self) -> tuple[FloatArray, FloatArray]:
-        """Return (n, 2, 4) maps of a place to coordinates u and v in the light maps of a triangle's front and back."""
+        """Return affine maps (n, 2, 4) of a point to u and v in the light maps of a triangle's front and back."""
         assert self.baked is not None
         return map_coordinates(self.corners, self.baked.maps.divisions)
 
-    def uv_maps(self, precision: type[np.floating[Any]]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """Return :attr:`u_maps` and :attr:`v_maps`, computed in a precision from maps that were rounded to it."""
+    def uv_maps(self, precision: type[_Float]) -> tuple[npt.NDArray[_Float], npt.NDArray[_Float]]:
+        """Return :attr:`u_maps` and :attr:`v_maps`, computed in this precision from maps that were rounded to it."""
         u, v = (maps.astype(precision, copy=False) for maps in self._mesh_uv)
         # The texture's own uv transform is affine too: fold it into the mesh's maps.
         if (self.textures.uv_maps == np.eye(3)[:2]).all():
@@ -223,7 +237,7 @@ class SceneTable:
 
     @property
     def description(self) -> str:
-        """What the scene is made of, for people."""
+        """What the scene is made of, for messages."""
         if self.baked is not None:
             return f"diffuse triangles under {self.baked.description}"
         kinds = sorted({light.kind for light in self.lights})
@@ -235,13 +249,13 @@ class SceneTable:
         """Luma of a ray that hits nothing: the radiance of the constant lights, unless the scene hides its lights."""
         return float(self.background(self.lights))
 
-    def background(self, lights: Sequence[Light]) -> Any:
+    def background(self, lights: Sequence[Light]) -> JitFloat:
         """Return :attr:`background_luma` under these lights, whose strengths may be Dr.Jit arrays."""
         shown = ((light.strength, self.background_per_strength(light)) for light in lights)
-        return sum(strength * share for strength, share in shown if share)
+        return sum(strength * per_strength for strength, per_strength in shown if per_strength)
 
     def background_per_strength(self, light: Light) -> float:
-        """What a light of strength 1 adds to :attr:`background_luma`."""
+        """Return what a light of strength 1 adds to :attr:`background_luma`."""
         if light.kind in ("baked", "visible"):
             return light.background
         if self._hides_lights or light.kind != "constant":
@@ -249,11 +263,11 @@ class SceneTable:
         return float(self.textures.group_weights[light.group].sum())
 
 
-LAMP_POINTS = 16
-"""Places on a small lamp that stand for all of it, each with its exact shadow."""
+AREA_LIGHT_POINTS = 16
+"""Points on a small area light that stand for all of it, each with its exact shadow."""
 
 
-def _check_integrator(integrator: Any) -> None:
+def _check_integrator(integrator: MitsubaIntegrator) -> None:
     remedy = "name the integrator direct, for direct light alone"
     if integrator is None:
         raise Unsuitable("the scene names no integrator, so it means a path tracer's light, with all bounces", remedy)
@@ -261,15 +275,15 @@ def _check_integrator(integrator: Any) -> None:
         raise Unsuitable(f"the scene asks for the light of Mitsuba's {integrator.class_name()}", remedy)
 
 
-def _triangles(shape: Any) -> int:
-    """How many triangles a mesh has."""
+def _triangles(shape: MitsubaShape) -> int:
+    """Return the number of triangles of a mesh."""
     if not shape.is_mesh():
         raise Unsuitable(f"is a {plugin_name(shape)}, not made of triangles", "give it as a mesh", shape_name(shape))
     return int(shape.face_count())
 
 
-def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
-    """The emitter as a light; its colour joins ``colours`` unless one of the same hue is there."""
+def _light(emitter: MitsubaEmitter, mi: Mitsuba, colours: list[FloatArray]) -> Light:
+    """Return the emitter as a light, and add its colour to ``colours`` unless one of the same hue is there."""
     kind = emitter.class_name()
     parameters = mi.traverse(emitter)
     names = {
@@ -299,8 +313,8 @@ def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
     return Light(kind, group, strength, vector, emitter.id(), axis=axis, angles=angles)
 
 
-def _strength(value: Any, colours: list[FloatArray]) -> tuple[float, int]:
-    """The strongest channel of a light, and the number of its colour, which joins ``colours`` unless it is there."""
+def _strength(value: MitsubaValue, colours: list[FloatArray]) -> tuple[float, int]:
+    """Return a light's strongest channel, and the number of its colour in ``colours``, to which it is added if new."""
     rgb = np.broadcast_to(np.array(value, np.float64).reshape(-1), (3,))
     strength = float(rgb.max())
     colour = rgb / strength if strength > 0 else np.ones(3)
@@ -310,16 +324,17 @@ def _strength(value: Any, colours: list[FloatArray]) -> tuple[float, int]:
     return strength, group
 
 
-def _lamp_points(shape: Any, mi: Any, colours: list[FloatArray]) -> list[Light]:
-    """A small lamp as a lattice of places on it that shine with the cosine of the angle to their normals."""
+def _area_light_points(shape: MitsubaShape, mi: Mitsuba, colours: list[FloatArray]) -> list[Light]:
+    """Return a small area light as a lattice of points on it, whose light falls off with the cosine to their
+    normals."""
     parameters = mi.traverse(shape.emitter())
     if "radiance.value" not in parameters:
         raise textured_lamp(area_light_name(shape))
     strength, group = _strength(parameters["radiance.value"], colours)
-    share = strength * float(np.array(shape.surface_area()).reshape(())) / LAMP_POINTS
+    strength_each = strength * float(np.array(shape.surface_area()).reshape(())) / AREA_LIGHT_POINTS
     lights = []
-    for x, y in rank1_lattice(LAMP_POINTS) + 0.5:
+    for x, y in rank1_lattice(AREA_LIGHT_POINTS) + 0.5:
         sample = shape.sample_position(0.0, mi.Point2f(float(x), float(y)))
-        place, normal = (np.array(one, np.float64).reshape(3) for one in (sample.p, sample.n))
-        lights.append(Light("lamp", group, share, place, area_light_name(shape), axis=normal))
+        point, normal = (np.array(vector, np.float64).reshape(3) for vector in (sample.p, sample.n))
+        lights.append(Light("lamp", group, strength_each, point, area_light_name(shape), axis=normal))
     return lights

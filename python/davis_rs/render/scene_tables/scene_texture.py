@@ -1,28 +1,32 @@
-"""The textures of a diffuse scene in one flat buffer of texels, weighted to luma for each light colour."""
+"""Puts the textures of a diffuse scene into one flat buffer of texels, weighted to luma for each light colour."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaParameters, MitsubaShape, MitsubaValue
 from ..._mitsuba.variants import FAST
 from ...scene.textures import from_srgb
-from ..matte import is_plain, is_two_sided, reflectance_kind, surface_kind, surface_name, surface_remedy
+from ..diffuse_materials import is_plain, is_two_sided, reflectance_kind, surface_kind, surface_name, surface_remedy
 from ..obstacles import Unsuitable
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
-_PIECE = 1 << 18
-"""Texels that are weighted together."""
+_Number = TypeVar("_Number", bound=np.generic)
+
+_TEXELS_AT_ONCE = 1 << 18
+"""How many texels are decoded and weighted at a time."""
 
 WRAP_MODES = ("repeat", "clamp", "mirror")
 
 
 class TextureTable:
-    """Diffuse reflectances of a scene's shapes: bitmaps with bilinear lookup, or constants (bitmaps of one texel).
+    """The diffuse reflectances of a scene's shapes: bitmaps with bilinear lookup, or constants (bitmaps of one texel).
 
     Args:
         mi: Mitsuba, under the variant that loaded the scene.
@@ -33,7 +37,7 @@ class TextureTable:
         texture_of: uint32 (records): each record's texture.
     """
 
-    def __init__(self, mi: Any, group_weights: list[FloatArray]) -> None:
+    def __init__(self, mi: Mitsuba, group_weights: list[FloatArray]) -> None:
         self._mi, self.group_weights = mi, group_weights
         self._texels: list[Texels] = []
         self._count = 0
@@ -60,15 +64,15 @@ class TextureTable:
         return np.concatenate(self._texture_of)
 
     def texels(self, group: int) -> npt.NDArray[np.float32]:
-        """All texels as luma under a light of the group's colour, float32."""
-        found = np.empty(self._count, np.float32)
+        """Return all texels as luma under a light of the group's colour, float32."""
+        luma = np.empty(self._count, np.float32)
         for (first, *_), texels in zip(self._sizes, self._texels, strict=True):
             for start, piece in texels.pieces():
-                found[first + start : first + start + len(piece)] = piece @ self.group_weights[group]
-        return found
+                luma[first + start : first + start + len(piece)] = piece @ self.group_weights[group]
+        return luma
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
-        """Return :meth:`texels` with a frame of one texel around each texture: what its wrap mode puts there."""
+        """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode."""
         return self._framed(self.texels(group))
 
     @property
@@ -76,7 +80,7 @@ class TextureTable:
         """The number in :meth:`texels` of each texel of :meth:`framed`."""
         return self._framed(np.arange(self._count))
 
-    def _framed(self, texels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def _framed(self, texels: npt.NDArray[_Number]) -> npt.NDArray[_Number]:
         images = []
         for first, width, height, wrap in self.sizes.tolist():
             image = texels[first : first + width * height].reshape(height, width)
@@ -90,8 +94,8 @@ class TextureTable:
         layout[:, 0] = np.cumsum([0, *((layout[:, 1] + 2) * (layout[:, 2] + 2))])[:-1]
         return layout
 
-    def add(self, shape: Any, records: int) -> bool:
-        """Take the reflectance of a shape that has ``records`` records; returns whether it is two-sided.
+    def add(self, shape: MitsubaShape, records: int) -> bool:
+        """Add the reflectance of a shape that has ``records`` records, and return whether it is two-sided.
 
         Raises:
             Unsuitable: if its BSDF is not diffuse, or its texture neither a constant nor a bilinear bitmap.
@@ -123,10 +127,11 @@ class TextureTable:
         self._texels.append(texels)
         return two_sided
 
-    def _lookup(self, shape: Any, data: npt.NDArray[Any], uv_map: FloatArray) -> tuple[Texels, int]:
-        """Reflectances (H, W, 3) and wrap mode of a bitmap.
+    def _lookup(self, shape: MitsubaShape, data: npt.NDArray[np.generic], uv_map: FloatArray) -> tuple[Texels, int]:
+        """Find the reflectances (H, W, 3) and the wrap mode of a bitmap.
 
-        Mitsuba does not tell a bitmap's encoding, wrap mode or filter: find those whose lookup agrees with its own.
+        Mitsuba does not tell a bitmap's encoding, wrap mode or filter. So each is tried, until a lookup agrees with
+        Mitsuba's own.
         """
         mi = self._mi
         uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
@@ -143,10 +148,10 @@ class TextureTable:
         raise Unsuitable("has a texture whose lookup is not bilinear", "give its bitmap the filter_type bilinear", name)
 
 
-def _looked_up(mi: Any, bsdf: Any, uv: npt.NDArray[np.float32]) -> FloatArray:
-    """Mitsuba's own reflectances (n, 3) at uv (2, n)."""
+def _looked_up(mi: Mitsuba, bsdf: MitsubaBsdf, uv: npt.NDArray[np.float32]) -> FloatArray:
+    """Return the reflectances (n, 3) at uv (2, n) that Mitsuba looks up."""
 
-    def at(uv: Any) -> FloatArray:
+    def at(uv: npt.NDArray[np.float32] | list[float]) -> FloatArray:
         si = mi.SurfaceInteraction3f()
         si.uv, si.wi = mi.Point2f(uv), mi.Vector3f(0, 0, 1)
         return np.array(bsdf.eval_diffuse_reflectance(si), np.float64)
@@ -155,7 +160,7 @@ def _looked_up(mi: Any, bsdf: Any, uv: npt.NDArray[np.float32]) -> FloatArray:
 
 
 def bilinear(texels: FloatArray | Texels, uv: FloatArray, wrap: int) -> FloatArray:
-    """Reference lookup: (n, 3) from texels (H, W, 3) at uv (2, n); texel centres lie at (i + 0.5) / size."""
+    """Look up (n, 3) bilinearly from texels (H, W, 3) at uv (2, n); texel centres lie at (i + 0.5) / size."""
     height, width = texels.shape[:2]
     x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
     x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
@@ -166,8 +171,8 @@ def bilinear(texels: FloatArray | Texels, uv: FloatArray, wrap: int) -> FloatArr
     return np.asarray(top * (1 - fy) + bottom * fy)
 
 
-def wrap_index(index: npt.NDArray[Any], n: int, wrap: int) -> npt.NDArray[Any]:
-    """The texel that an index outside of 0..n-1 stands for."""
+def wrap_index(index: IntArray, n: int, wrap: int) -> IntArray:
+    """Return the texel that an index outside of 0..n-1 stands for."""
     if WRAP_MODES[wrap] == "clamp":
         return np.clip(index, 0, n - 1)
     if WRAP_MODES[wrap] == "repeat":
@@ -177,28 +182,30 @@ def wrap_index(index: npt.NDArray[Any], n: int, wrap: int) -> npt.NDArray[Any]:
 
 
 class Texels:
-    """The texels of a bitmap as Mitsuba holds them, and as linear RGB in float64 where they are asked for.
+    """The texels of a bitmap as Mitsuba holds them; linear RGB in float64 where they are asked for.
 
-    All of them at a time would be the largest of all copies of a texture.
+    They are decoded block by block, because all of them in float64 would be the largest copy of a texture.
 
     Args:
         data: (H, W) or (H, W, channels), of which the first three count.
-        light: what an integer of ``data`` stands for; None where the numbers are light themselves.
+        light: the linear value that each integer of ``data`` stands for; None where ``data`` is linear itself.
     """
 
-    def __init__(self, data: npt.NDArray[Any], light: FloatArray | None = None) -> None:
+    def __init__(self, data: npt.NDArray[np.generic], light: FloatArray | None = None) -> None:
         self._data = data.reshape(data.shape[0], data.shape[1], -1)[..., :3]
         self._light = light
         self.shape = (*data.shape[:2], 3)
 
-    def __getitem__(self, where: Any) -> FloatArray:
-        """Those at the rows and columns of an index, (..., 3)."""
+    def __getitem__(self, where: tuple[IntArray, IntArray]) -> FloatArray:
+        """Return the texels (..., 3) at rows and columns."""
         return self._rgb(self._data[where])
 
     def pieces(self) -> Iterator[tuple[int, FloatArray]]:
-        """All of them row by row, (n, 3) at a time, each piece with the number of its first."""
+        """Return all texels row by row, in pieces (n, 3), each with the number of its first texel."""
         flat = self._data.reshape(-1, self._data.shape[2])
-        return ((start, self._rgb(flat[start : start + _PIECE])) for start in range(0, len(flat), _PIECE))
+        return (
+            (start, self._rgb(flat[start : start + _TEXELS_AT_ONCE])) for start in range(0, len(flat), _TEXELS_AT_ONCE)
+        )
 
     @property
     def range(self) -> float:
@@ -211,13 +218,14 @@ class Texels:
         """Whether none has a hue."""
         return bool((self._data == self._data[..., :1]).all())
 
-    def _rgb(self, values: npt.NDArray[Any]) -> FloatArray:
-        found = values.astype(np.float64) if self._light is None else self._light[values]
-        return np.broadcast_to(found, (*found.shape[:-1], 3))
+    def _rgb(self, values: npt.NDArray[np.generic]) -> FloatArray:
+        linear = values.astype(np.float64) if self._light is None else self._light[values.astype(np.uint8, copy=False)]
+        return np.broadcast_to(linear, (*linear.shape[:-1], 3))
 
 
-def _decoded(data: npt.NDArray[Any]) -> Iterator[Texels]:
-    """What a bitmap's data may stand for: 8-bit images stay encoded until they are looked up, in sRGB unless raw."""
+def _decoded(data: npt.NDArray[np.generic]) -> Iterator[Texels]:
+    """Yield the possible meanings of a bitmap's data; 8-bit images, in sRGB unless raw, stay encoded until
+    looked up."""
     if data.dtype != np.uint8:
         yield Texels(data)
         return
@@ -226,7 +234,7 @@ def _decoded(data: npt.NDArray[Any]) -> Iterator[Texels]:
     yield Texels(data, encoded)
 
 
-def _same_on_both_sides(parameters: Any) -> bool:
+def _same_on_both_sides(parameters: MitsubaParameters) -> bool:
     front, back = (
         {key[7:]: _numbers(value) for key, value in parameters if key.startswith(f"brdf_{side}.")} for side in (0, 1)
     )
@@ -234,5 +242,5 @@ def _same_on_both_sides(parameters: Any) -> bool:
     return not back or (front.keys() == back.keys() and all(np.array_equal(front[key], back[key]) for key in front))
 
 
-def _numbers(value: Any) -> npt.NDArray[Any]:
+def _numbers(value: MitsubaValue) -> npt.NDArray[np.generic]:
     return np.array(getattr(value, "matrix", value))

@@ -1,4 +1,4 @@
-"""The table kernel on Dr.Jit: the same scenes as the native renderer, with derivatives.
+"""Renders the scenes of the native renderer on Dr.Jit, with derivatives.
 
-It stays as what the native renderer is compared with, and for derivatives.
+The native renderer is compared with it, and gradients by the scene are computed with it.
 """

@@ -1,14 +1,26 @@
-"""What a ray sees of a :class:`SceneTable`: Mitsuba finds the triangle, flat buffers give the rest."""
+"""Computes luma along rays through a :class:`SceneTable`: Mitsuba finds the triangle, flat buffers give the rest."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import (
+    JitArray,
+    JitFloat,
+    JitIndex,
+    JitMask,
+    JitRay,
+    JitVector,
+    Mitsuba,
+    MitsubaBox,
+    MitsubaScene,
+    MitsubaShape,
+)
 from ..rays.shadow_rays import END, STEP
 from ..scene_tables.scene_table import Light, SceneTable
 from ..scene_tables.scene_texture import WRAP_MODES
@@ -16,32 +28,39 @@ from .moving_lanes import Body, Surroundings
 
 
 class _Surface(NamedTuple):
-    """What rays hit: whether anything, the triangle's record, the depth, the place in the world and in the frame of its
-    record, the shading normal and the plane's, both in the world."""
+    """The hits of rays.
 
-    hit: Any
-    record: Any
-    depth: Any
-    point: Any
-    own_point: Any
-    normal: Any
-    plane_normal: Any
+    Attributes:
+        hit: whether anything is hit.
+        record: the triangle's record.
+        depth: distance in units of the ray's direction.
+        point, own_point: the point in the world, and in the frame of the record.
+        normal, plane_normal: the shading normal and the plane's, in the world.
+    """
+
+    hit: JitMask
+    record: JitIndex
+    depth: JitFloat
+    point: JitVector
+    own_point: JitVector
+    normal: JitVector
+    plane_normal: JitVector
 
 
 class TableKernel:
-    """The scene table as Dr.Jit buffers, and traced code that computes from them what rays see.
+    """The scene table as Dr.Jit buffers, and traced code that computes luma from them.
 
-    The triangle that is hit is found without derivatives. Everything after follows from the ray by smooth operations,
-    so derivatives of the ray pass through: luma's are exact inside surfaces, and know nothing of edges.
+    The hit triangle is found without derivatives. All else follows from the ray by smooth operations, so derivatives
+    of the ray pass through: those of luma are exact inside surfaces, and leave out edges.
     """
 
-    def __init__(self, table: SceneTable, mi: Any) -> None:
+    def __init__(self, table: SceneTable, mi: Mitsuba) -> None:
         self._table = table
         shapes = table.scene.shapes()
-        self._scene, self._bodies = table.scene, list[Any]()
+        self._scene, self._bodies = table.scene, list[MitsubaScene]()
         if table.moving:
-            self._scene = _part_of([shape for shape in shapes if shape.id() not in table.moving], mi)
-            self._bodies = [_part_of([shape for shape in shapes if shape.id() == name], mi) for name in table.moving]
+            self._scene = _subscene([shape for shape in shapes if shape.id() not in table.moving], mi)
+            self._bodies = [_subscene([shape for shape in shapes if shape.id() == name], mi) for name in table.moving]
         self._first_record = mi.UInt32(_first_records(table, mi))
         self._planes = _column(table.planes, mi)
         textures = table.textures
@@ -54,22 +73,22 @@ class TableKernel:
         self._two_sided = _PerRecord(table.two_sided, mi.UInt32)
         self._texels = [mi.Float(textures.framed(group)) for group in range(len(textures.group_weights))]
 
-    def hit(self, ray: Any) -> tuple[Any, Any, Any, Any]:
+    def hit(self, ray: JitRay) -> tuple[JitFloat, JitMask, JitIndex, JitVector]:
         """Return (distance in units of the direction, whether anything is hit, the triangle's record, its normal)."""
         import drjit as dr
         import mitsuba as mi
 
-        found = self._scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
-        hit = found.is_valid()
-        shape = dr.reinterpret_array(mi.UInt32, found.shape)
-        record = dr.gather(mi.UInt32, self._first_record, shape, hit) + found.prim_index
+        nearest = self._scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
+        hit = nearest.is_valid()
+        shape = dr.reinterpret_array(mi.UInt32, nearest.shape)
+        record = dr.gather(mi.UInt32, self._first_record, shape, hit) + nearest.prim_index
         plane = dr.gather(mi.Vector4f, self._planes, record, hit)
         normal = plane.xyz
         distance = -(dr.dot(normal, ray.o) + plane.w) / dr.dot(normal, ray.d)
         return distance, hit, record, normal
 
-    def luma(self, ray: Any, around: Surroundings | None = None) -> Any:
-        """Linear luma along a ray; ``around`` it is what moves and flickers, None in a still scene."""
+    def luma(self, ray: JitRay, around: Surroundings | None = None) -> JitFloat:
+        """Return linear luma along a ray; ``around`` is what moves and flickers in the scene, None if nothing does."""
         import drjit as dr
         import mitsuba as mi
 
@@ -87,13 +106,17 @@ class TableKernel:
         background = self._table.background_luma if around is None else self._table.background(lights)
         return dr.select(hit, dr.select(lit, total, 0), background)
 
-    def nearest(self, ray: Any, bodies: Sequence[Body]) -> tuple[Any, Any, Any]:
-        """Return (distance in units of the direction, whether anything is hit, what: 0 if it is static, else the number
-        of the body from 1 on), without derivatives."""
-        _, _, found, owner, distance = self._nearest(ray, bodies)
-        return distance, found, owner
+    def nearest(self, ray: JitRay, bodies: Sequence[Body]) -> tuple[JitFloat, JitMask, JitIndex]:
+        """Return the nearest hit of a ray, without derivatives.
 
-    def _still_surface(self, ray: Any) -> _Surface:
+        Returns:
+            Distance in units of the direction; whether anything is hit; 0 where it stands still, else the number of
+            the body from 1 on.
+        """
+        _, _, hit, owner, distance = self._nearest(ray, bodies)
+        return distance, hit, owner
+
+    def _still_surface(self, ray: JitRay) -> _Surface:
         import drjit as dr
 
         distance, hit, record, plane_normal = self.hit(ray)
@@ -101,7 +124,7 @@ class TableKernel:
         normal = self._smooth_normal(point, record, hit) if self._normal_maps else plane_normal
         return _Surface(hit, record, distance, point, point, normal, plane_normal)
 
-    def _surface(self, ray: Any, bodies: Sequence[Body]) -> _Surface:
+    def _surface(self, ray: JitRay, bodies: Sequence[Body]) -> _Surface:
         import drjit as dr
         import mitsuba as mi
 
@@ -117,22 +140,22 @@ class TableKernel:
         point = dr.fma(ray.d, distance, ray.o)
         return _Surface(hit, record, distance, point, own_point, normal, plane_normal)
 
-    def _nearest(self, ray: Any, bodies: Sequence[Body]) -> tuple[Any, Any, Any, Any, Any]:
-        """Return (the ray in the frame of what it hits, record, whether anything is hit, which body or 0, distance)."""
+    def _nearest(self, ray: JitRay, bodies: Sequence[Body]) -> tuple[JitRay, JitIndex, JitMask, JitIndex, JitFloat]:
+        """Return (the ray in the frame of what it hits, record, whether anything is hit, body or 0, distance)."""
         import drjit as dr
         import mitsuba as mi
 
-        found = self._scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
-        shape, triangle, distance = dr.reinterpret_array(mi.UInt32, found.shape), found.prim_index, found.t
+        still = self._scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
+        shape, triangle, distance = dr.reinterpret_array(mi.UInt32, still.shape), still.prim_index, still.t
         origin, direction, owner = ray.o, ray.d, mi.UInt32(0)
         for number, (body, scene) in enumerate(zip(bodies, self._bodies, strict=True), 1):
-            # It is looked for only up to what is the nearest so far.
+            # Hits beyond the nearest one so far do not matter.
             own = mi.Ray3f(dr.detach(body.ray.o), dr.detach(body.ray.d), distance, 0, [])
-            found = scene.ray_intersect_preliminary(own, coherent=True, active=_meets(scene.bbox(), own))
-            nearer = found.is_valid()
-            shape = dr.select(nearer, dr.reinterpret_array(mi.UInt32, found.shape), shape)
-            triangle = dr.select(nearer, found.prim_index, triangle)
-            distance = dr.select(nearer, found.t, distance)
+            moving = scene.ray_intersect_preliminary(own, coherent=True, active=_may_hit_box(scene.bbox(), own))
+            nearer = moving.is_valid()
+            shape = dr.select(nearer, dr.reinterpret_array(mi.UInt32, moving.shape), shape)
+            triangle = dr.select(nearer, moving.prim_index, triangle)
+            distance = dr.select(nearer, moving.t, distance)
             origin, direction = dr.select(nearer, body.ray.o, origin), dr.select(nearer, body.ray.d, direction)
             owner = dr.select(nearer, number, owner)
         hit = distance < dr.inf
@@ -140,21 +163,21 @@ class TableKernel:
         return mi.Ray3f(origin, direction), record, hit, owner, distance
 
     def _lights_at(self, around: Surroundings) -> list[Light]:
-        """The lights, those that run a profile with their strength on it."""
+        """Return the lights; the strengths of those with a profile are multiplied by its factor."""
         return [
             light if factor is None else replace(light, strength=light.strength * factor)
             for light, factor in zip(self._table.lights, around.factors, strict=True)
         ]
 
-    def _smooth_normal(self, point: Any, record: Any, hit: Any) -> Any:
+    def _smooth_normal(self, point: JitVector, record: JitIndex, hit: JitMask) -> JitVector:
         import drjit as dr
         import mitsuba as mi
 
         rows = [dr.gather(mi.Vector4f, rows, record, hit) for rows in self._normal_maps]
         return dr.normalize(mi.Vector3f(*(dr.dot(row.xyz, point) + row.w for row in rows)))
 
-    def _reflectances(self, point: Any, record: Any, hit: Any) -> list[Any]:
-        """Bilinear texture lookup: the reflectance as luma, for each light colour."""
+    def _reflectances(self, point: JitVector, record: JitIndex, hit: JitMask) -> list[JitFloat]:
+        """Look the reflectance up bilinearly, as luma for each light colour."""
         import drjit as dr
         import mitsuba as mi
 
@@ -166,21 +189,22 @@ class TableKernel:
         top = mi.UInt32(first + line * (width + 2) + column)
         below = top + mi.UInt32(width + 2)
 
-        def lookup(texels: Any) -> Any:
+        def lookup(texels: JitFloat) -> JitFloat:
             lines = [[dr.gather(mi.Float, texels, line + i, hit) for i in (0, 1)] for line in (top, below)]
             return dr.lerp(*(dr.lerp(left, right, fx) for left, right in lines), fy)
 
         return [lookup(texels) for texels in self._texels]
 
-    def _texel_before(self, u: Any, n: Any, wrap: Any) -> tuple[Any, Any]:
-        """The texel at or before a coordinate, counted from the frame around the texture, and how far it is past it.
+    def _texel_before(self, u: JitFloat, n: JitIndex, wrap: JitIndex) -> tuple[JitIndex, JitFloat]:
+        """Return the texel at or before a coordinate, counted from the texture's border, and the fraction of a texel
+        beyond.
 
-        The same as :func:`scene_texture.wrap_index` on whole texels; only the modes that the scene has are compiled.
+        It is :func:`scene_texture.wrap_index` for Dr.Jit; only the modes that the scene has are compiled.
         """
         import drjit as dr
         import mitsuba as mi
 
-        def fold(mode: int) -> Any:
+        def fold(mode: int) -> JitFloat:
             if WRAP_MODES[mode] == "clamp":
                 return dr.clip(u, 0, 1)
             if WRAP_MODES[mode] == "repeat":
@@ -193,13 +217,13 @@ class TableKernel:
             inside = dr.select(wrap == mode, fold(mode), inside)
         x = dr.fma(inside, mi.Float(n), -0.5)
         x0 = dr.floor(x)
-        # What is not finite must not lead outside of the buffer.
+        # A coordinate that is not finite must not lead outside of the buffer.
         return dr.clip(mi.Int32(x0) + 1, 0, n), x - x0
 
     def _irradiance_over_pi(
-        self, light: Light, surface: _Surface, normal: Any, active: Any, bodies: Sequence[Body] = ()
-    ) -> Any:
-        """What a white diffuse surface reflects: irradiance / pi, in the light's strongest channel."""
+        self, light: Light, surface: _Surface, normal: JitVector, active: JitMask, bodies: Sequence[Body] = ()
+    ) -> JitFloat:
+        """Return irradiance / pi, which a white diffuse surface reflects, in the light's strongest channel."""
         import drjit as dr
         import mitsuba as mi
 
@@ -219,9 +243,9 @@ class TableKernel:
         return value
 
     def _occluded(
-        self, light: Light, surface: _Surface, to_light: Any, active: Any, bodies: Sequence[Body] = ()
-    ) -> Any:
-        """Whether something lies between a surface and a light, by the rule of :mod:`shadow_rays`."""
+        self, light: Light, surface: _Surface, to_light: JitVector, active: JitMask, bodies: Sequence[Body] = ()
+    ) -> JitMask:
+        """Return whether something lies between a surface and a light, by the rule of :mod:`shadow_rays`."""
         import drjit as dr
         import mitsuba as mi
 
@@ -237,12 +261,13 @@ class TableKernel:
         occluded = self._scene.ray_test(ray, active)
         for body, scene in zip(bodies, self._bodies, strict=True):
             own = body.to_own(ray)
-            occluded |= scene.ray_test(own, active & ~occluded & _meets(scene.bbox(), own))
+            occluded |= scene.ray_test(own, active & ~occluded & _may_hit_box(scene.bbox(), own))
         return occluded
 
 
-def _meets(box: Any, ray: Any) -> Any:
-    """Whether a ray may meet what is in a box: far cheaper than the search in it, which most rays can do without."""
+def _may_hit_box(box: MitsubaBox, ray: JitRay) -> JitMask:
+    """Return whether a ray may hit what is in a box; this is far cheaper than the search in it, which most rays need
+    not."""
     import drjit as dr
     import mitsuba as mi
 
@@ -250,30 +275,30 @@ def _meets(box: Any, ray: Any) -> Any:
     far = dr.max(dr.maximum(dr.abs(low), dr.abs(high))) + dr.max(dr.abs(ray.o))
     margin = 1e-4 * dr.max(high - low) + 1e-6 * far
     inverse = dr.rcp(ray.d)
-    one, other = (low - margin - ray.o) * inverse, (high + margin - ray.o) * inverse
-    enter, leave = dr.max(dr.minimum(one, other)), dr.min(dr.maximum(one, other))
+    to_low, to_high = (low - margin - ray.o) * inverse, (high + margin - ray.o) * inverse
+    enter, leave = dr.max(dr.minimum(to_low, to_high)), dr.min(dr.maximum(to_low, to_high))
     return ~((enter > leave) | (leave < 0) | (enter > ray.maxt))
 
 
 class _PerRecord:
-    """A number for each record; nothing is gathered where all have the same."""
+    """A number for each record, which is not gathered where all records have the same."""
 
-    def __init__(self, values: npt.NDArray[np.integer], kind: Any) -> None:
+    def __init__(self, values: npt.NDArray[np.integer], kind: JitArray) -> None:
         self._kind, self._same = kind, bool((values == values[0]).all())
         self._values = kind(int(values[0])) if self._same else kind(np.ascontiguousarray(values))
 
-    def __call__(self, record: Any, active: Any) -> Any:
+    def __call__(self, record: JitIndex, active: JitMask) -> JitIndex:
         import drjit as dr
 
         return self._values if self._same else dr.gather(self._kind, self._values, record, active)
 
 
-def _column(values: npt.NDArray[np.float64], mi: Any) -> Any:
+def _column(values: npt.NDArray[np.float64], mi: Mitsuba) -> JitFloat:
     return mi.Float(np.ascontiguousarray(values, np.float32).ravel())
 
 
-def _first_records(table: SceneTable, mi: Any) -> npt.NDArray[np.uint32]:
-    """The record of each shape's first triangle, by the shape's registry number."""
+def _first_records(table: SceneTable, mi: Mitsuba) -> npt.NDArray[np.uint32]:
+    """Return the record of each shape's first triangle, indexed by the shape's registry number."""
     import drjit as dr
 
     shapes = table.scene.shapes()
@@ -283,10 +308,12 @@ def _first_records(table: SceneTable, mi: Any) -> npt.NDArray[np.uint32]:
     return first
 
 
-def _part_of(shapes: list[Any], mi: Any) -> Any:
-    """A Mitsuba scene of some of a scene's shapes, for its ray tracing alone."""
+def _subscene(shapes: list[MitsubaShape], mi: Mitsuba) -> MitsubaScene:
+    """Build a Mitsuba scene of some shapes of another, only to trace rays in it."""
     names = [shape.id() for shape in shapes]
-    part = mi.load_dict({"type": "scene", **{f"shape_{i}": shape for i, shape in enumerate(shapes)}}, optimize=False)
-    for shape, name in zip(shapes, names, strict=True):  # loading has named them anew
+    subscene = mi.load_dict(
+        {"type": "scene", **{f"shape_{i}": shape for i, shape in enumerate(shapes)}}, optimize=False
+    )
+    for shape, name in zip(shapes, names, strict=True):  # loading has renamed them
         shape.set_id(name)
-    return part
+    return subscene

@@ -1,12 +1,13 @@
-"""What moves and flickers around the cameras of traced lanes, as Dr.Jit arrays."""
+"""Holds what moves and flickers in a scene, for lanes of rays, as Dr.Jit arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from ..._mitsuba.types import JitArray, JitFloat, JitIndex, JitMatrix, JitRay, JitVector
 from ...geometry.trajectory.views import Views
 from ..motion.scene_motion import SceneState, seen_from
 from ..rays.camera_rays import CameraRays, Lanes
@@ -15,23 +16,24 @@ from ..rays.camera_rays import CameraRays, Lanes
 class Body(NamedTuple):
     """A moving object, for lanes of rays: the ray in the object's own frame, and the object's pose in the world.
 
-    Along both rays a place has the same distance. ``turning`` is the object's angular rate in world axes, for rates.
+    A point has the same distance along this ray as along the ray in the world. ``turning`` is the object's angular rate
+    in world axes; None without rates.
     """
 
-    ray: Any
-    position: Any
-    rotation: Any
-    turning: Any | None
+    ray: JitRay
+    position: JitVector
+    rotation: JitMatrix
+    turning: JitVector | None
 
-    def to_world(self, vector: Any) -> Any:
-        """A vector in the world's axes; with motion its tangent too."""
+    def to_world(self, vector: JitVector) -> JitVector:
+        """Return a vector of the object in world axes; with motion its tangent too."""
         import drjit as dr
 
         world = self.rotation @ vector
         return world if self.turning is None else world + _tangent(dr.cross(self.turning, dr.detach(world)))
 
-    def to_own(self, ray: Any) -> Any:
-        """A ray of the world in the object's own frame, without derivatives."""
+    def to_own(self, ray: JitRay) -> JitRay:
+        """Return a ray of the world in the object's own frame, without derivatives."""
         import mitsuba as mi
 
         back = self.rotation.T
@@ -39,10 +41,11 @@ class Body(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What moves and flickers around lanes of rays: all objects; for each light its factor, None where it is steady."""
+    """The moving bodies and flickering lights for lanes of rays; a factor is None where a light is
+    steady."""
 
     bodies: Sequence[Body]
-    factors: Sequence[Any]
+    factors: Sequence[JitFloat]
 
 
 class MovingLanes:
@@ -57,8 +60,8 @@ class MovingLanes:
         camera_rays: CameraRays,
         state: SceneState,
         views: Views,
-        view: Any,
-        pixel: Any,
+        view: JitIndex,
+        pixel: JitIndex,
         *,
         profiles: Sequence[int | None],
         motion: bool,
@@ -73,8 +76,8 @@ class MovingLanes:
         ]
         self._factors = [None if column is None else _lanes_of(state, column, view, motion) for column in profiles]
 
-    def of_rays(self, sample: Any, rays: int) -> Surroundings:
-        """What surrounds lattice ray ``sample`` of ``rays``, with tangents where the lanes have motion."""
+    def of_rays(self, sample: JitIndex, rays: int) -> Surroundings:
+        """Return the surroundings of lattice ray ``sample`` of ``rays``, with tangents where the lanes have motion."""
         bodies = [
             Body(
                 self._camera_rays.ray(seen, sample, rays),
@@ -90,8 +93,8 @@ class MovingLanes:
         return Surroundings(bodies, factors)
 
 
-def _lanes_of(state: SceneState, column: int, view: Any, motion: bool) -> tuple[Any, Any | None]:
-    """The factor and rate of a profile at the lanes' views."""
+def _lanes_of(state: SceneState, column: int, view: JitIndex, motion: bool) -> tuple[JitFloat, JitFloat | None]:
+    """Return the factor and rate of a profile at the lanes' views."""
     import drjit as dr
     import mitsuba as mi
 
@@ -100,8 +103,8 @@ def _lanes_of(state: SceneState, column: int, view: Any, motion: bool) -> tuple[
     return lanes[0], lanes[1] if motion else None
 
 
-def _tangent(rate: Any) -> Any:
-    """Zero that has a rate."""
+def _tangent(rate: JitArray) -> JitArray:
+    """Return zeros whose forward-mode derivative is ``rate``."""
     import drjit as dr
 
     zero = dr.zeros(type(rate), dr.width(rate))

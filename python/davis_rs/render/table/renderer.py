@@ -1,14 +1,15 @@
-"""The table renderer: the table kernel on the lattice rays of many views, or of single pixels, in one launch."""
+"""Renders with the table kernel: the lattice rays of many views, or of single pixels, in one launch."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._mitsuba.types import DrJit, JitArray, JitFloat, JitIndex, Mitsuba
 from ..._mitsuba.variants import FAST, variant
 from ...events.luma import LumaFrames
 from ...geometry.camera import Camera
@@ -20,6 +21,8 @@ from ..scene_tables.scene_table import SceneTable
 from .kernel import TableKernel
 from .moving_lanes import MovingLanes
 
+_Number = TypeVar("_Number", np.float32, np.uint32)
+
 _RAYS_PER_LAUNCH = 1 << 22
 _PACKET = 16
 """Pixels of a view are padded to whole ray packets. So no packet has rays of two views, and no result depends on which
@@ -30,8 +33,8 @@ class TableRenderer(Renderer):
     """Renders a :class:`SceneTable`: direct light on diffuse triangles, without noise.
 
     The kernel loops over a pixel's lattice rays and adds them in a fixed order. Constant light is taken as unoccluded;
-    shadows of the other lights are traced where the table asks for them. Rates are forward-mode derivatives, made
-    inside of that loop.
+    shadows of the other lights are traced where the table asks for them. Rates are forward-mode derivatives,
+    computed inside that loop.
     """
 
     name = "table kernel"
@@ -59,7 +62,7 @@ class TableRenderer(Renderer):
                 distance, hit, _, _ = self._kernel.hit(ray)
             else:
                 distance, hit, _ = self._kernel.nearest(ray, around.of_rays(0, 1).bodies)
-            return self._frames(dr.select(hit, distance, dr.inf), len(views))
+            return self._frames(dr.select(hit, distance, dr.inf), len(views), np.float32)
 
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
         with variant(FAST) as (mi, dr):
@@ -67,7 +70,7 @@ class TableRenderer(Renderer):
             if around is None:
                 return super()._owners(views)
             _, _, owner = self._kernel.nearest(self._camera_rays.ray(lanes, 0, 1), around.of_rays(0, 1).bodies)
-            return self._frames(owner, len(views))
+            return self._frames(owner, len(views), np.uint32)
 
     @property
     def ray_bytes(self) -> float:
@@ -79,14 +82,14 @@ class TableRenderer(Renderer):
     def _begin_luma(self, views: Views) -> Callable[[], LumaFrames]:
         with variant(FAST) as (mi, dr):
             luma, _ = self._mean(*self._frame_lanes(views, mi, dr), self.rays, mi, dr)
-            dr.eval(luma)  # returns while Dr.Jit's threads are at it
-            return partial(self._frames, luma, len(views))
+            dr.eval(luma)  # returns while Dr.Jit's threads compute
+            return partial(self._frames, luma, len(views), np.float32)
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
         with variant(FAST) as (mi, dr):
             both = self._mean(*self._frame_lanes(views, mi, dr, motion=True), self.rays, mi, dr)
             dr.eval(both)
-            luma, rate = (self._frames(values, len(views)) for values in both)
+            luma, rate = (self._frames(values, len(views), np.float32) for values in both)
             return luma, rate
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
@@ -96,41 +99,49 @@ class TableRenderer(Renderer):
             luma, _ = self._mean(*self._lanes(views, *lanes, motion=False), rays, mi, dr)
             return np.array(luma.numpy()[: len(view)])
 
-    def _frame_lanes(self, views: Views, mi: Any, dr: Any, *, motion: bool = False) -> tuple[Lanes, MovingLanes | None]:
-        """Every pixel of every view."""
+    def _frame_lanes(
+        self, views: Views, mi: Mitsuba, dr: DrJit, *, motion: bool = False
+    ) -> tuple[Lanes, MovingLanes | None]:
+        """Return lanes for every pixel of every view."""
         lane = dr.arange(mi.UInt32, self._padded * len(views))
         view = lane // self._padded
         pixel = dr.minimum(lane - view * self._padded, self._camera_rays.pixels - 1)
         return self._lanes(views, view, pixel, motion=motion)
 
-    def _lanes(self, views: Views, view: Any, pixel: Any, *, motion: bool) -> tuple[Lanes, MovingLanes | None]:
-        """Lanes of the cameras and pixels, and the objects that move around them; None if nothing moves."""
+    def _lanes(
+        self, views: Views, view: JitIndex, pixel: JitIndex, *, motion: bool
+    ) -> tuple[Lanes, MovingLanes | None]:
+        """Return the lanes of cameras and pixels, and the objects that move; None if nothing moves."""
         lanes = self._camera_rays.lanes(views, view, pixel, motion=motion)
         if not self.motion:
             return lanes, None
         state = self.motion.at(views.t_s)
         return lanes, MovingLanes(self._camera_rays, state, views, view, pixel, profiles=self._profiles, motion=motion)
 
-    def _mean(self, lanes: Lanes, around: MovingLanes | None, rays: int, mi: Any, dr: Any) -> tuple[Any, Any]:
-        """Luma, averaged over the lattice rays of each lane's pixel, and its rate (0 for lanes without motion)."""
+    def _mean(
+        self, lanes: Lanes, around: MovingLanes | None, rays: int, mi: Mitsuba, dr: DrJit
+    ) -> tuple[JitFloat, JitFloat]:
+        """Return luma, the mean over the lattice rays of each lane's pixel, and its rate (0 for lanes without
+        motion)."""
         self._camera_rays.prepare(rays)
 
-        def one(sample: Any) -> tuple[Any, Any]:
+        def along_ray(sample: JitIndex) -> tuple[JitFloat, JitFloat]:
             ray = self._camera_rays.ray(lanes, sample, rays)
             luma = self._kernel.luma(ray) if around is None else self._kernel.luma(ray, around.of_rays(sample, rays))
             return dr.detach(luma), rate_of(luma)
 
-        def body(sample: Any, luma: Any, rate: Any) -> tuple[Any, Any, Any]:
-            more_luma, more_rate = one(sample)
+        def body(sample: JitIndex, luma: JitFloat, rate: JitFloat) -> tuple[JitIndex, JitFloat, JitFloat]:
+            more_luma, more_rate = along_ray(sample)
             return sample + 1, luma + more_luma, rate + more_rate
 
         if rays == 1:
-            return one(mi.UInt32(0))
+            return along_ray(mi.UInt32(0))
         count, zero = mi.UInt32(rays), dr.zeros(mi.Float, dr.width(lanes.pixel))
         _, luma, rate = dr.while_loop((mi.UInt32(0), zero, zero), lambda sample, *_: sample < count, body)
         return luma / rays, rate / rays
 
-    def _frames(self, lanes: Any, count: int) -> npt.NDArray[Any]:
+    def _frames(self, lanes: JitArray, count: int, number: type[_Number]) -> npt.NDArray[_Number]:
+        """Wait for lanes, and return them as images (count, H, W) of a type of numbers, without the padding."""
         height, width = self.camera.height, self.camera.width
         frames = lanes.numpy().reshape(count, self._padded)[:, : height * width]
-        return np.ascontiguousarray(frames).reshape(count, height, width)
+        return np.ascontiguousarray(frames, number).reshape(count, height, width)

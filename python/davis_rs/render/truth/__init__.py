@@ -1,8 +1,8 @@
-"""What a camera cannot give: the surfaces that pixels see, frame by frame and event by event."""
+"""Computes ground truth that a camera cannot give: the surfaces that pixels see, by frame and by event."""
 
 from .camera_velocities import camera_velocities
 from .event_truth import EVENT_TRUTH_DTYPE, EventTruth, EventTruthArray, event_truth
-from .lost_look_shares import lost_look_shares
+from .lost_look_fractions import lost_look_fractions
 from .scene_surfaces import SceneSurfaces, Surfaces
 
 __all__ = [
@@ -13,5 +13,5 @@ __all__ = [
     "Surfaces",
     "camera_velocities",
     "event_truth",
-    "lost_look_shares",
+    "lost_look_fractions",
 ]

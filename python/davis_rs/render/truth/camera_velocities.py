@@ -1,4 +1,4 @@
-"""How the camera moves, in its own axes."""
+"""Computes the camera's velocities and accelerations in its own axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth, optical flow and shape at each event, at its own pixel and its own microsecond."""
+"""Computes depth, optical flow and shape at each event, at its own pixel and its own microsecond."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ nothing; the number of the shape, 0 for nothing."""
 EventTruthArray = npt.NDArray[np.void]
 
 _AT_ONCE = 1 << 16
-"""Events whose views are held at once: 200 bytes each, and as many for each object that moves."""
+"""Events whose views are in memory at a time: 200 bytes each, and as many for each object that moves."""
 
 
 class EventTruth:
-    """Gives what the centre of each event's pixel sees at the event's time.
+    """Computes what the centre of each event's pixel sees at the event's time.
 
-    An event's light comes from all of its pixel, and at an edge a part of it sees another surface: the one at the
-    centre is named.
+    The light of an event comes from all of its pixel. At an edge a part of the pixel sees another surface; the surface
+    at the centre counts.
 
     Args:
         scene: with its camera path, made of triangles alone.
         camera: its lens and size; None takes the scene's.
-        surfaces: those of the scene and the camera, where they are there already; None makes them.
+        surfaces: of the scene and the camera, where the caller has them already; None makes them.
 
     Attributes:
         shape_names: the ids of the scene's shapes; shape number 1 is the first.
@@ -55,9 +55,9 @@ class EventTruth:
         self._end_us = round(1e6 * self._path.duration_s)
 
     def __call__(self, events: EventArray) -> EventTruthArray:
-        """Truth at events (n,), which may be in any order: :data:`EVENT_TRUTH_DTYPE`, (n,).
+        """Return the truth at events (n,), which may be in any order: :data:`EVENT_TRUTH_DTYPE`, (n,).
 
-        Events that come later than the camera's path ends, as those that a slow readout delays, have its last view.
+        Events after the end of the camera's path, such as those that a slow readout delays, get its last view.
 
         Raises:
             ValueError: for an event outside of the sensor or before the start.
@@ -70,11 +70,11 @@ class EventTruth:
             raise ValueError(f"events must have t >= 0, x < {width} and y < {height}, got t = {t} us, x = {x}, y = {y}")
         truth = np.empty(len(events), EVENT_TRUTH_DTYPE)
         for first in range(0, len(events), _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
-            t_us, view = np.unique(np.minimum(events["t"][part], self._end_us), return_inverse=True)
-            pixel = events["y"][part].astype(np.int64) * width + events["x"][part]
+            block = slice(first, first + _AT_ONCE)
+            t_us, view = np.unique(np.minimum(events["t"][block], self._end_us), return_inverse=True)
+            pixel = events["y"][block].astype(np.int64) * width + events["x"][block]
             seen = self._surfaces.of_pixels(Views.along(self._path, t_us * 1e-6), view.ravel(), pixel)
-            truth["depth"][part], truth["flow"][part], truth["shape"][part] = seen.depth, seen.flow, seen.shape
+            truth["depth"][block], truth["flow"][block], truth["shape"][block] = seen.depth, seen.flow, seen.shape
         return truth
 
 

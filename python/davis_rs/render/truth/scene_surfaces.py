@@ -1,5 +1,4 @@
-"""What the pixels' rays meet: depth, shape, surface normal and optical flow, at any instant, of frames and of single
-pixels."""
+"""Computes depth, shape, surface normal and optical flow of what pixels see, of frames and of single pixels."""
 
 from __future__ import annotations
 
@@ -19,30 +18,29 @@ from ...scene.scene import Scene
 from ..flow import OpticalFlow
 from ..motion.scene_motion import pose_arrays, seen_from
 from ..motion.scene_updates import scene_motion
-from ..rays.camera_rays import pixel_centres, ray_table
-from ..rays.pixel_rays import pixel_rays
+from ..rays.camera_rays import pixel_centres, pixel_rays, ray_table
 from ..rays.shadow_rays import END, STEP, scene_centre
 from ..scene_tables.mesh_triangles import MeshTriangles
 
 _MOST_SHAPES = 65_535
 
 _VISIBLE = 1e-3
-"""Share of its depth by which a surface may lie before a point and still be the point's own, by rounding."""
+"""Fraction of a point's depth by which, because of rounding, the point's own surface may seem to lie before it."""
 
 Indices = npt.NDArray[np.int64]
 
 
 class Surfaces(NamedTuple):
-    """What rays meet, each array with one row a ray; a frame's rays are its pixels' centres, row by row.
+    """The surfaces that rays hit, each array with one row per ray; the rays of a frame are its pixels' centres.
 
     Attributes:
-        depth: float32 (m,), z along the optical axis, metres; inf where nothing is met.
-        shape: uint16 (m,), 1 for the first of :attr:`SceneSurfaces.names`; 0 where nothing is met.
+        depth: float32 (m,), z along the optical axis, metres; inf where nothing is hit.
+        shape: uint16 (m,), 1 for the first of :attr:`SceneSurfaces.names`; 0 where nothing is hit.
         normal: float32 (m, 3), unit, in camera axes (x right, y down, z ahead), on the side that is seen; interpolated
-            where a mesh is smooth. NaN where nothing is met.
+            where a mesh is smooth. NaN where nothing is hit.
         flow: float32 (m, 2), pixels per second (x right, y down): the motion in the image, through the lens, of the
-            point that is met, by the camera's motion and by its own. NaN where nothing is met.
-        back: bool (m,), whether that side is met on which a triangle's corners go round to the right.
+            point that is hit, by the camera's motion and by its own. NaN where nothing is hit.
+        back: bool (m,), whether the side is hit on which a triangle's corners run clockwise.
     """
 
     depth: npt.NDArray[np.float32]
@@ -53,12 +51,12 @@ class Surfaces(NamedTuple):
 
 
 class SceneSurfaces:
-    """The surfaces of a scene as a camera's pixels see them, whatever they are made of and however they are lit.
+    """The surfaces of a scene as a camera's pixels see them, whatever their material and light.
 
     Args:
         scene: made of triangles alone.
         camera: its lens and size.
-        threads: None for all that there are.
+        threads: number of threads; None for all processors.
 
     Attributes:
         names: the ids of the scene's shapes; shape number 1 is the first.
@@ -88,7 +86,7 @@ class SceneSurfaces:
         moving = list(self._motion.objects)
         numbers = [moving.index(name) + 1 if name in moving else 0 for name in self.names]
         counts = [mesh.count for mesh in meshes]
-        # One more for rays that meet nothing.
+        # One more for rays that hit nothing.
         self._frame_of = np.append(np.repeat(np.array(numbers, np.uint32), counts), np.uint32(0))
         self._shape_of = np.append(np.repeat(np.arange(1, len(meshes) + 1), counts), 0).astype(np.uint16)
         self._normal_maps = np.concatenate([mesh.normal_maps()[0] for mesh in meshes])
@@ -151,11 +149,11 @@ class SceneSurfaces:
         points = self._rays * np.where(seen, depth, 1.0)[:, None]
         later = np.full((len(depth), 3), np.nan)
         for number, camera in enumerate(cameras):
-            of = seen & (self._frame_of[triangle] == number)
-            place = points[of] @ camera.rotations[0].T + camera.positions[0]
-            later[of] = (place - camera.positions[1]) @ camera.rotations[1]
+            mine = seen & (self._frame_of[triangle] == number)
+            point = points[mine] @ camera.rotations[0].T + camera.positions[0]
+            later[mine] = (point - camera.positions[1]) @ camera.rotations[1]
         ahead = seen & (later[:, 2] > 0)
-        later[~ahead] = self._rays[~ahead]  # looked along in vain
+        later[~ahead] = self._rays[~ahead]  # these rays are traced too, but not used
         ends = PixelRays(
             self.camera.width, self.camera.height, 1, (later[:, :2] / later[:, 2:]).astype(np.float32).ravel()
         )
@@ -180,25 +178,25 @@ class SceneSurfaces:
         back = np.zeros(len(depth), bool)
         frame = self._frame_of[triangle]
         for number, camera in enumerate(cameras):
-            of = np.flatnonzero((frame == number) & np.isfinite(depth))
-            if not len(of):
+            rows = np.flatnonzero((frame == number) & np.isfinite(depth))
+            if not len(rows):
                 continue
-            rays = self._rays[pixel[of]]
-            rotation = camera.rotations[view[of]]
-            place = np.einsum("mij,mj->mi", rotation, rays * depth[of, None]) + camera.positions[view[of]]
-            maps = self._normal_maps[triangle[of]]
-            own = np.einsum("mij,mj->mi", maps[..., :3], place) + maps[..., 3]
-            # Which side is seen is the plane's to tell: at the rim of a smooth mesh the normal may point away from it.
-            plane = self._planes[triangle[of], :3]
-            back[of] = np.einsum("mi,mij,mj->m", plane, rotation, rays) > 0
+            rays = self._rays[pixel[rows]]
+            rotation = camera.rotations[view[rows]]
+            point = np.einsum("mij,mj->mi", rotation, rays * depth[rows, None]) + camera.positions[view[rows]]
+            maps = self._normal_maps[triangle[rows]]
+            own = np.einsum("mij,mj->mi", maps[..., :3], point) + maps[..., 3]
+            # The plane decides which side is seen: at the rim of a smooth mesh the shading normal may point away.
+            plane = self._planes[triangle[rows], :3]
+            back[rows] = np.einsum("mi,mij,mj->m", plane, rotation, rays) > 0
             against = np.einsum("mi,mi->m", own, plane) < 0
-            own *= np.where(back[of] != against, -1, 1)[:, None] / np.linalg.norm(own, axis=1, keepdims=True)
-            normal[of] = np.einsum("mji,mj->mi", rotation, own)
-            flow[of] = self._flow.of_pixels(camera, view[of], pixel[of], depth[of])
+            own *= np.where(back[rows] != against, -1, 1)[:, None] / np.linalg.norm(own, axis=1, keepdims=True)
+            normal[rows] = np.einsum("mji,mj->mi", rotation, own)
+            flow[rows] = self._flow.of_pixels(camera, view[rows], pixel[rows], depth[rows])
         return Surfaces(depth, self._shape_of[triangle], normal, flow, back)
 
     def _cameras(self, views: Views) -> list[Views]:
-        """Return the cameras in the world, and in the frame of each object that moves."""
+        """Return the cameras in the world, and in the frame of each moving object."""
         return [views, *(seen_from(views, poses) for poses in self._motion.at(views.t_s).objects)]
 
     @cached_property
@@ -221,6 +219,6 @@ class SceneSurfaces:
 
 
 def _arrays(cameras: list[Views]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Views as the core takes them, without lights."""
+    """Return views as the core takes them, without lights."""
     none = np.empty(0)
     return *pose_arrays(cameras), none, none

@@ -1,1 +1,1 @@
-"""Scenes that are made in code: planes, walls, a fence, a checkerboard, images that move."""
+"""Makes scenes in code: planes, walls, a fence, a checkerboard, images that move."""

@@ -1,4 +1,4 @@
-"""A checkerboard: what a calibration looks at."""
+"""Describes the checkerboard of a calibration."""
 
 from __future__ import annotations
 

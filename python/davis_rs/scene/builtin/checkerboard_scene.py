@@ -1,12 +1,12 @@
-"""The scene ``checkerboard``: a checkerboard on a white panel, seen from many sides."""
+"""Makes the scene ``checkerboard``: a checkerboard on a white panel, seen from many sides."""
 
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 
+from ..._mitsuba.types import SceneDictionary
 from ...geometry.camera import PRESETS
 from ...geometry.pose import FloatArray, Pose
 from ...geometry.trajectory.sampled_trajectory import SampledTrajectory
@@ -26,13 +26,13 @@ _BLACK, _GREY, _WHITE = 0.08, 0.3, 0.9
 
 @cache
 def board_in_world() -> Pose:
-    """T_world_board: the board's own axes and origin are those of :class:`.Checkerboard`."""
+    """Return T_world_board, in the board axes of :class:`.Checkerboard`."""
     origin = _CENTRE - _AXES @ DATASET_BOARD.centre
     return Pose.from_matrix(np.block([[_AXES, origin[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]))
 
 
 def checkerboard() -> Scene:
-    """A checkerboard of 6 x 7 tiles of 70 mm on a white panel before a grey wall, for the DAVIS240C's lens; 20 s.
+    """Make a checkerboard of 6 x 7 tiles of 70 mm on a white panel before a grey wall, for a DAVIS240C's lens; 20 s.
 
     Light falls straight on the board and from everywhere at once, so that one colour is equally bright everywhere. The
     camera goes :func:`around_board` at up to about 1 m/s and 130 deg/s.
@@ -43,29 +43,29 @@ def checkerboard() -> Scene:
 
 
 def around_board(duration_s: float, *, pace: float = 1.0, gaze_pace: float = 1.0) -> SampledTrajectory:
-    """A path around the board by up to 35 degrees to either side and 30 up and down, 0.6 to 1.2 m away.
+    """Make a path around the board by up to 35 degrees to either side and 30 up and down, 0.6 to 1.2 m away.
 
     It rolls by up to 35 degrees and lets the board wander over the image: every rotation and translation is excited,
     which calibrating against a hand or an IMU needs.
 
     Args:
         duration_s: > 0.
-        pace, gaze_pace: of the places, and of gaze and roll: 0.5 is half as fast.
+        pace, gaze_pace: speed of the position, and of gaze and roll: 0.5 is half as fast.
     """
     t = np.linspace(0.0, duration_s, round(duration_s * 50) + 1)
 
-    def place(amplitude: float, hertz: float, phase: float) -> FloatArray:
+    def position(amplitude: float, hertz: float, phase: float) -> FloatArray:
         return np.asarray(amplitude * np.sin(2 * np.pi * pace * hertz * t + phase))
 
     def gaze(amplitude: float, hertz: float, phase: float) -> FloatArray:
         return np.asarray(amplitude * np.sin(2 * np.pi * gaze_pace * hertz * t + phase))
 
-    # Where it stands: angles around the board, and distance.
-    around, above = np.radians([place(35.0, 0.17, 0.0), place(30.0, 0.23, 1.0)])
-    distance = 0.9 + place(0.27, 0.29, 2.5)
+    # The position: angles around the board, and distance.
+    around, above = np.radians([position(35.0, 0.17, 0.0), position(30.0, 0.23, 1.0)])
+    distance = 0.9 + position(0.27, 0.29, 2.5)
     direction = np.stack([np.sin(around) * np.cos(above), -np.cos(around) * np.cos(above), np.sin(above)], 1)
     positions = _CENTRE + distance[:, None] * direction
-    # How it looks: past the board's middle by these angles (more where it is far), and rolled.
+    # The direction: past the board's middle by these angles (more where it is far), and rolled.
     far = (distance - 0.63) / 0.54
     yaw = np.radians(2.5 + gaze(14.0, 0.41, 0.5) * far + gaze(3.0, 1.1, 0.0))
     pitch = np.radians(-6.0 + gaze(7.0, 0.53, 2.0) * far + gaze(3.0, 1.3, 1.0))
@@ -79,7 +79,7 @@ def around_board(duration_s: float, *, pace: float = 1.0, gaze_pace: float = 1.0
 
 
 def _looking(forward: FloatArray, yaw: FloatArray, pitch: FloatArray, roll: FloatArray) -> FloatArray:
-    """Quaternions of cameras that look along ``forward`` (n, 3), then turned about their own y, x and z."""
+    """Return quaternions of cameras that look along ``forward`` (n, 3), then turned about their own y, x and z."""
     from scipy.spatial.transform import Rotation
 
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -88,7 +88,7 @@ def _looking(forward: FloatArray, yaw: FloatArray, pitch: FloatArray, roll: Floa
     return np.asarray((upright * Rotation.from_euler("YXZ", np.stack([yaw, pitch, roll], 1))).as_quat())
 
 
-def _scene() -> dict[str, Any]:
+def _scene() -> SceneDictionary:
     board = DATASET_BOARD
     towards_camera = -_AXES[:, 2]
     facing = np.stack([_AXES[:, 0], -_AXES[:, 1], towards_camera], 1)

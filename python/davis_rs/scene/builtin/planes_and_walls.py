@@ -1,4 +1,4 @@
-"""The two scenes that the public dataset simulates: three_planes and three_walls.
+"""Makes the two scenes that the public dataset simulates: three_planes and three_walls.
 
 Their original textures are lost; these are procedural, and tuned so that the event counts are of the same size.
 
@@ -7,10 +7,9 @@ Source: Mueggler et al., IJRR 2017, section 6 and table of sequences (simulation
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from ..._mitsuba.types import SceneDictionary
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.trajectory import CallableTrajectory
 from ..parts import DIRECT, look_at, textured_rectangle
@@ -18,7 +17,7 @@ from ..scene import Scene
 
 
 def three_planes() -> Scene:
-    """Three textured planes at three depths, seen from a circle of 0.2 m radius; 2 s, C = 0.15.
+    """Make three textured planes at three depths, seen from a circle of 0.2 m radius; 2 s, C = 0.15.
 
     The middle plane is the nearest, and the camera always above it: it sees both of its edges from the high side, in
     front of the farther planes. So no shadow of the light, which stands high above, can be seen.
@@ -51,7 +50,7 @@ def three_planes() -> Scene:
     return Scene(name="three_planes", source=_planes, trajectory=trajectory, blur=True, shadows=False)
 
 
-def _planes() -> dict[str, Any]:
+def _planes() -> SceneDictionary:
     return {
         "type": "scene",
         "integrator": DIRECT,
@@ -63,8 +62,8 @@ def _planes() -> dict[str, Any]:
     }
 
 
-def _plane(centre: list[float], half: tuple[float, float], seed: int) -> dict[str, Any]:
-    """A horizontal plane, facing up."""
+def _plane(centre: list[float], half: tuple[float, float], seed: int) -> SceneDictionary:
+    """Make a horizontal plane, facing up."""
     return textured_rectangle(centre, np.eye(3), half, seed=seed, period=0.8, darkest=0.02, shapes=900)
 
 
@@ -72,7 +71,10 @@ _TOP_SPEED, _TOP_RATE = 5.31, np.radians(109.0)
 
 
 def three_walls() -> Scene:
-    """A corner of two walls and a floor, seen on a fast 6-DOF path; 2 s, C = 0.2, at most 5.31 m/s and 109 deg/s."""
+    """Make a corner of two walls and a floor, seen on a fast 6-DOF path; 2 s, C = 0.2.
+
+    The camera goes at most 5.31 m/s and 109 deg/s.
+    """
     from scipy.spatial.transform import Rotation
 
     # Sines a_i sin(2 pi f t + phase) in each of x, y, z and of a rotation vector; amplitudes before scaling.
@@ -89,7 +91,7 @@ def three_walls() -> Scene:
         return np.asarray((amplitude * waves).sum(-2))
 
     def rates(t: FloatArray, amplitude: FloatArray) -> FloatArray:
-        """Body rates of exp(r(t)): the right Jacobian of SO(3) times dr/dt."""
+        """Return the body rates of exp(r(t)): the right Jacobian of SO(3) times dr/dt."""
         r, dr = sines(t, amplitude, False), sines(t, amplitude, True)
         angle = np.linalg.norm(r, axis=-1, keepdims=True)
         safe = np.maximum(angle, 1e-9)
@@ -127,7 +129,7 @@ def three_walls() -> Scene:
     )
 
 
-def _walls() -> dict[str, Any]:
+def _walls() -> SceneDictionary:
     x, y, z = np.eye(3)
     # Seen from inside of a concave corner, no wall shades another.
     return {

@@ -1,4 +1,4 @@
-"""Scenes of random moving images and meshes before a background: training data as "2D and texture" sets are made.
+"""Makes scenes of random moving images and meshes before a background, as training data.
 
 The idea is that of FlyingChairs (Dosovitskiy et al., "FlowNet", ICCV 2015) and MultiFlow (Gehrig et al., "Dense
 Continuous-Time Optical Flow from Events and Frames", 2022): images that move over other images. Here they are planes in
@@ -12,10 +12,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from ..._mitsuba.types import MitsubaShape, SceneDictionary
 from ..._util.argument_error import ArgumentError
 from ..._util.budget import Budget
 from ..._util.random_words import Words
@@ -38,16 +39,16 @@ CAMERA = PRESETS["ideal"]
 _TILES = 9
 """How often the image of the background is repeated each way, every other time mirrored: the view never leaves it."""
 
-_PLACED = 0.8
-"""Share of the image, from its middle to its edges, in which the middles of objects lie."""
+_INNER = 0.8
+"""Fraction of the image, from its middle to its edges, in which the middles of objects lie."""
 
 
 @dataclass(frozen=True)
 class _Ranges:
-    """What is drawn for each object lies in these."""
+    """The ranges from which the values of each object are drawn."""
 
     depth_m: tuple[float, float]
-    share: tuple[float, float]
+    size: tuple[float, float]
     top_speed_m_s: float
     top_rate_rad_s: float
     tilt_rad: float
@@ -73,16 +74,16 @@ def random_textured_planes(
     camera_rate_rad_s: float = 0.5,
     texture_px: int = 512,
 ) -> Scene:
-    """Return a scene of random images on planes that move, before an image that covers the view.
+    """Make a scene of random images on planes that move, before an image that covers the view.
 
-    Every object has a random place in the image, depth, size, pose and motion of its own, and so has the camera. Speeds
-    go evenly from one drawn value to another over the scene's time. Objects are where they were drawn at half of it.
-    Light comes evenly from all sides, so luma is what the images reflect: there are no shadows and no shading. Objects
-    may pass through each other. Shapes are called ``background``, ``plane_1``, ..., ``mesh_1``, ...
+    Every object has a random position in the image, depth, size, pose and motion of its own, and so has the camera.
+    Speeds change linearly from one drawn value to another over the scene's time. Objects are where they were drawn at
+    half of it. Light comes evenly from all sides, so luma is what the images reflect: there are no shadows and no
+    shading. Objects may pass through each other. Shapes are called ``background``, ``plane_1``, ..., ``mesh_1``, ...
 
     Args:
         textures: a folder with images (PNG, JPEG, TIFF, BMP, TGA, of 8 bits a channel, subfolders too), or its files.
-        seed: of all that is drawn; what one object draws depends on the seed and its number alone.
+        seed: of all random draws; those of one object depend only on the seed and its number.
         planes: how many, >= 0.
         meshes: a folder with OBJ and PLY meshes, or its files: they move as planes do, each with a random image on it
             in place of its own materials.
@@ -90,12 +91,12 @@ def random_textured_planes(
         duration_s: of the motion, > 0.
         nearest_m, farthest_m: between which depths objects are, 0 < nearest < farthest. background_m: the
             background's, farther than that.
-        smallest, largest: of an object, between which shares of the image's width its size lies,
+        smallest, largest: between which fractions of the image's width the size of an object lies,
             0 < smallest <= largest.
         top_speed_m_s, top_rate_rad_s: of objects, >= 0.
-        tilt_rad: so far planes are turned away from the camera at most, 0 to pi / 2.
+        tilt_rad: by how much planes are turned away from the camera at most, 0 to pi / 2.
         camera_speed_m_s, camera_rate_rad_s: the top speeds of the camera's own path, >= 0.
-        texture_px: images are made so small that no side has more texels, >= 16.
+        texture_px: the most texels on a side, >= 16; larger images are scaled down.
 
     Raises:
         OSError: if a folder or a file cannot be read.
@@ -127,7 +128,7 @@ def random_textured_planes(
         files = _listed(meshes, mesh_files, "meshes")
         count = 1 if mesh_objects is None else mesh_objects
         drawn += [_Object(seed, f"mesh_{k + 1}", images, files, duration_s, ranges) for k in range(count)]
-    for image in {background, *(one.image for one in drawn)}:
+    for image in {background, *(item.image for item in drawn)}:
         check_image(image)
     read = functools.cache(lambda image: read_image_texture(image, texture_px))  # sources are asked for more than once
     return Scene(
@@ -136,17 +137,17 @@ def random_textured_planes(
         camera=CAMERA,
         trajectory=camera.trajectory,
         shadows=False,
-        objects={one.name: one.trajectory for one in drawn},
+        objects={item.name: item.trajectory for item in drawn},
         ambient=True,
-        note="; ".join(f"{one}" for one in (f"background: {background.name}", *drawn)),
+        note="; ".join(f"{item}" for item in (f"background: {background.name}", *drawn)),
     )
 
 
 class _Motion:
-    """A path whose velocity, and rate about one axis, go evenly from one drawn value to another.
+    """A path whose velocity, and rate about one axis, change linearly from one drawn value to another.
 
     Args:
-        axes, position: where it is at half of its time, in camera axes.
+        axes, position: its pose at half of its time, in camera axes.
 
     Attributes:
         trajectory: in world axes (z up; the camera looks along y).
@@ -166,8 +167,8 @@ class _Motion:
         body_axis = rotation[:3, :3].T @ axis
         at, half = world @ position, duration_s / 2
 
-        def travelled(t: FloatArray, first: Any, last: Any) -> Any:
-            """The integral of a value that goes evenly from the first to the last, from half of the time on."""
+        def travelled(t: FloatArray, first: FloatArray | float, last: FloatArray | float) -> FloatArray:
+            """Integrate a value that changes linearly from the first to the last, from half of the time on."""
             return first * (t - half) + (last - first) * (t * t - half * half) / (2 * duration_s)
 
         def quaternions(t: FloatArray) -> FloatArray:
@@ -207,8 +208,8 @@ class _Object:
         depth = words("depth").uniform(*ranges.depth_m)
         half = np.array([CAMERA.width / CAMERA.fx, CAMERA.height / CAMERA.fy]) / 2 * depth
         at = words("place")
-        place = half * [at.uniform(-_PLACED, _PLACED), at.uniform(-_PLACED, _PLACED)]
-        self.half_m = half[0] * words("size").uniform(*ranges.share)
+        offset = half * [at.uniform(-_INNER, _INNER), at.uniform(-_INNER, _INNER)]
+        self.half_m = half[0] * words("size").uniform(*ranges.size)
         if meshes is None:
             turned = words("tilt")
             around, tilt = turned.uniform(-math.pi, math.pi), turned.uniform(0, ranges.tilt_rad)
@@ -218,7 +219,7 @@ class _Object:
         else:
             turned = words("turn")
             axes = _about(_in_ball(turned), turned.uniform(-math.pi, math.pi))
-        position = np.array([*place, depth])
+        position = np.array([*offset, depth])
         top = ranges.top_speed_m_s, ranges.top_rate_rad_s
         self.trajectory = _Motion(seed, name, duration_s, *top, axes, position).trajectory
 
@@ -226,8 +227,8 @@ class _Object:
         mesh = "" if self.mesh is None else f"{self.mesh.name} with "
         return f"{self.name}: {mesh}{self.image.name}"
 
-    def shape(self, read: _Reader) -> Any:
-        """It in its own frame, for Mitsuba."""
+    def shape(self, read: _Reader) -> SceneDictionary | MitsubaShape:
+        """Make its Mitsuba shape, in its own frame."""
         texture = read(self.image)
         if self.mesh is not None:
             return shape(_fitted(self.mesh, self.half_m), texture)
@@ -236,7 +237,7 @@ class _Object:
         return rectangle([0.0, 0.0, 0.0], np.eye(3), half, bitmap(texture, wrap="clamp"))
 
 
-def _source(background: Path, background_m: float, objects: Sequence[_Object], read: _Reader) -> dict[str, Any]:
+def _source(background: Path, background_m: float, objects: Sequence[_Object], read: _Reader) -> SceneDictionary:
     texture = read(background)
     aspect = texture.shape[1] / texture.shape[0]
     width = max(CAMERA.width / CAMERA.fx, CAMERA.height / CAMERA.fy * aspect) * background_m
@@ -248,12 +249,12 @@ def _source(background: Path, background_m: float, objects: Sequence[_Object], r
         "integrator": DIRECT,
         "light": {"type": "constant", "radiance": 1.0},
         "background": rectangle([0.0, background_m, 0.0], axes, half, tiled),
-        **{one.name: one.shape(read) for one in objects},
+        **{item.name: item.shape(read) for item in objects},
     }
 
 
 def _fitted(path: Path, radius: float) -> Mesh:
-    """All triangles of a mesh file, about its middle, in a ball of this radius; v downwards, as rows of images go.
+    """Read a mesh file, centred and scaled into a ball of this radius; v runs downwards, as rows of images do.
 
     Parts without texture coordinates get those of the box around the mesh, seen along its thinnest side.
     """
@@ -287,7 +288,7 @@ def _drawn_file(files: Sequence[Path], seed: int, path: str) -> Path:
 
 
 def _in_ball(words: Words) -> FloatArray:
-    """Uniform in the unit ball, and not at its very middle."""
+    """Draw a point uniformly in the unit ball, but not at its very middle."""
     while True:
         point = np.array([words.uniform(-1, 1) for _ in range(3)])
         if 1e-6 < point @ point <= 1:
@@ -298,8 +299,8 @@ def _unit(vector: FloatArray) -> FloatArray:
     return vector / np.linalg.norm(vector)
 
 
-def _about(axis: Any, angle: float) -> FloatArray:
-    """The rotation (3, 3) about an axis."""
+def _about(axis: npt.ArrayLike, angle: float) -> FloatArray:
+    """Return the rotation (3, 3) about an axis."""
     return rotation_matrices(np.array([*_unit(np.asarray(axis)) * math.sin(angle / 2), math.cos(angle / 2)]))
 
 

@@ -1,4 +1,4 @@
-"""Scenes from files: OBJ, PLY, glTF and their materials, checked before Mitsuba sees them.
+"""Reads scenes from files: OBJ, PLY, glTF and their materials, checked before Mitsuba sees them.
 
 ``mesh_scene`` (meshes) -> ``obj_file`` -> ``mtl_file``, ``ply_file`` -> ``triangulation``, ``rounding``;
 ``gltf_scene`` -> ``gltf_mesh`` -> ``gltf_materials``, ``gltf_nodes`` (transforms, animation) -> ``gltf_file``

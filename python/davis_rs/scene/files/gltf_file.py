@@ -1,4 +1,4 @@
-"""glTF 2.0 files (.gltf and .glb): their JSON, and the numbers and images that it refers to.
+"""Reads glTF 2.0 files (.gltf and .glb): their JSON, and the numbers and images that it refers to.
 
 The files are untrusted: every index, size and offset is checked, and no file outside of the scene's folder is read.
 
@@ -27,9 +27,9 @@ from ..named_file import named_file
 from .rounding import within
 
 _VALUE_BYTES = 100
-"""About what a value of the JSON takes in memory: one is no more than a sign of punctuation in the text."""
+"""About what a value of the JSON takes in memory; in the text it may be as short as one punctuation mark."""
 _HEADER_BYTES = 20
-"""Of a GLB file, with those of its first chunk, which is the JSON."""
+"""Bytes before the JSON of a GLB file: the file's header, and that of its first chunk."""
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -56,7 +56,7 @@ _UNSEEN = {
     "KHR_xmp_json_ld",
     "MSFT_lod",
 }
-"""Extensions that change nothing of what a camera sees; of levels of detail the finest is the node itself."""
+"""Extensions that do not change what a camera sees; of levels of detail the finest is the node itself."""
 _COMPRESSED = {
     "EXT_meshopt_compression",
     "EXT_texture_avif",
@@ -65,13 +65,13 @@ _COMPRESSED = {
     "KHR_texture_basisu",
     "MSFT_texture_dds",
 }
-"""What a file may use next to data that are not compressed; whether these are there is checked where they are read."""
+"""Compression that a file may offer next to plain data; the readers check that the plain data are there."""
 
-Values = npt.NDArray[Any]
+Values = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 
 
 class Item(dict[str, Any]):
-    """An object of the JSON. Its values are attributes too, unchecked; what it does not say is None."""
+    """An object of the JSON, whose values can be read as attributes: unchecked, and None where they are missing."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -83,13 +83,13 @@ class GltfFile:
     """A glTF file.
 
     Args:
-        path: where it is.
-        budget: what it may take, with all that it names; a new one if not given.
+        path: of the file.
+        budget: what the file may take, with all files that it names; a new one if not given.
 
     Attributes:
         path, budget: the same.
         document: its JSON.
-        files: what was read in addition to it.
+        files: other files that were read.
 
     Raises:
         OSError: if it cannot be read.
@@ -101,79 +101,83 @@ class GltfFile:
         self.files: dict[Path, None] = {}
         self._arrays: dict[int, Values] = {}
         self._finite: set[int] = set()
-        """The accessors that were looked at, so that many users of one cost no more than one."""
+        """The accessors that were checked, so that each is checked once, however many users it has."""
         self._buffers: dict[int, memoryview] = {}
         with decoding(path):
             text, self._chunk = _parts(read_charged(path, self.budget))
             self.document = self._parsed(text)
         required = [
-            one for one in map(str, self.document.extensionsRequired or []) if one in _COMPRESSED or unknown(one)
+            name for name in map(str, self.document.extensionsRequired or []) if name in _COMPRESSED or unknown(name)
         ]
         if required:
             advice = "; export without compression" if _COMPRESSED & {*required} else ""
             raise self.error("extensionsRequired", f"{plain(required[0])} is not read{advice}")
 
-    def error(self, place: str, rule: str) -> DecodeError:
-        """The error for what breaks a rule at a place of the file."""
-        return DecodeError(f"{self.path}: {place}: {rule}")
+    def error(self, where: str, rule: str) -> DecodeError:
+        """Return the error to raise for a broken rule; ``where`` names the part of the file."""
+        return DecodeError(f"{self.path}: {where}: {rule}")
 
-    def item(self, name: str, index: Any, place: str) -> Any:
-        """Number ``index`` of one of the document's lists, that ``place`` names."""
+    def item(self, name: str, index: object, where: str) -> Item:
+        """Return object ``index`` of the document's list ``name``, to which ``where`` refers."""
         items = getattr(self.document, name) or []
-        return items[self.whole(index, place, f"of the {len(items)} {name}", len(items) - 1)]
+        return items[self.whole(index, where, f"of the {len(items)} {name}", len(items) - 1)]
 
-    def whole(self, value: Any, place: str, what: str, most: int) -> int:
-        """A whole number from 0 to ``most``."""
+    def whole(self, value: object, where: str, what: str, most: int) -> int:
+        """Return a whole number from 0 to ``most``."""
         if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= most:
-            raise self.error(place, f"must be a number {what}, counted from 0, got {plain(value)}")
+            raise self.error(where, f"must be a number {what}, counted from 0, got {plain(value)}")
         return value
 
-    def numbers(self, value: Any, place: str, count: int, *, low: float = -1e18, high: float = 1e18) -> Values:
-        """Return ``count`` finite numbers of the JSON, float64; what rounding put beyond a bound is brought back."""
+    def numbers(
+        self, value: object, where: str, count: int, *, low: float = -1e18, high: float = 1e18
+    ) -> npt.NDArray[np.float64]:
+        """Return ``count`` finite numbers of the JSON, float64; a number just beyond a bound, by rounding, is
+        clipped."""
         items = value if isinstance(value, list | tuple) else [value]
         kinds = (isinstance(one, int | float) and not isinstance(one, bool) for one in items)
-        found = within(np.array(items, np.float64), low, high) if len(items) == count and all(kinds) else None
-        if found is None:
-            raise self.error(place, f"must be {count} numbers from {low:g} to {high:g}, got {plain(value)}")
-        return found
+        got = within(np.array(items, np.float64), low, high) if len(items) == count and all(kinds) else None
+        if got is None:
+            raise self.error(where, f"must be {count} numbers from {low:g} to {high:g}, got {plain(value)}")
+        return got
 
-    def array(self, index: Any, place: str, *, width: tuple[int, ...], finite: bool = True) -> Values:
-        """The values (n, width) of an accessor: float64, integers that are no shares as they are.
+    def array(self, index: object, where: str, *, width: tuple[int, ...], finite: bool = True) -> Values:
+        """Return the values (n, width) of an accessor: float64, or int64 where they are not normalised.
 
         Args:
             width: how many numbers an element may have.
-            finite: refuse others.
+            finite: refuse numbers that are not finite.
         """
-        accessor = self.item("accessors", index, place)
+        accessor = self.item("accessors", index, where)
+        assert isinstance(index, int)
         if index not in self._arrays:
             self._arrays[index] = self._read(accessor, f"accessors[{index}]")
         values = self._arrays[index]
         if values.shape[1] not in width:
-            raise self.error(f"accessors[{index}]", f"must have {' or '.join(map(str, width))} numbers each ({place})")
+            raise self.error(f"accessors[{index}]", f"must have {' or '.join(map(str, width))} numbers each ({where})")
         if finite and index not in self._finite:
             if not (np.abs(values) < 1e18).all():  # squares of lengths must fit in float32; False for NaN too
-                raise self.error(f"accessors[{index}]", f"must have finite values ({place})")
+                raise self.error(f"accessors[{index}]", f"must have finite values ({where})")
             self._finite.add(index)
         return values
 
-    def unbacked(self, index: Any, place: str) -> bool:
-        """Whether an accessor has no data of its own: all of it is 0."""
-        accessor = self.item("accessors", index, place)
+    def unbacked(self, index: object, where: str) -> bool:
+        """Return whether an accessor has no data of its own: all of it is 0."""
+        accessor = self.item("accessors", index, where)
         return accessor.bufferView is None and accessor.sparse is None
 
-    def image(self, item: Any, place: str) -> tuple[bytes | memoryview, Path | None]:
-        """The bytes of one of the images, which ``place`` names, and its file if it is one of its own."""
+    def image(self, item: Item, where: str) -> tuple[bytes | memoryview, Path | None]:
+        """Return the bytes of an image, to which ``where`` refers, and its file if it has one of its own."""
         if item.bufferView is not None:
-            return self._view(item.bufferView, place)[0], None
+            return self._view(item.bufferView, where)[0], None
         if not isinstance(item.uri, str):
-            raise self.error(place, "must have a bufferView or a uri")
+            raise self.error(where, "must have a bufferView or a uri")
         if item.uri.startswith("data:"):
-            return self._embedded(item.uri, place), None
-        file = self._local(item.uri, place)
+            return self._embedded(item.uri, where), None
+        file = self._local(item.uri, where)
         return read_charged(file, self.budget), file
 
     def _parsed(self, text: bytes) -> Item:
-        """The JSON, charged before there is more of it than its text."""
+        """Parse the JSON; what it will take is charged before."""
         values = sum(map(text.count, (b",", b":", b"[", b"{")))
         self.budget.take(_VALUE_BYTES * values, f"JSON with {values} values")
         self.budget.count(text.count(b"{"), "objects of the JSON")
@@ -184,125 +188,126 @@ class GltfFile:
             raise ValueError(f"must be glTF 2.0, got version {plain(version)}")
         return document
 
-    def _read(self, accessor: Any, place: str) -> Values:
-        count = self.whole(accessor.count, f"{place}.count", "of elements", 2**31 - 1)
+    def _read(self, accessor: Item, where: str) -> Values:
+        count = self.whole(accessor.count, f"{where}.count", "of elements", 2**31 - 1)
         kind, width = _COMPONENTS.get(accessor.componentType), _WIDTHS.get(accessor.type)
         if kind is None or width is None:
-            found = f"{plain(accessor.componentType)}, {plain(accessor.type)}"
-            raise self.error(place, f"must have a componentType and a type of glTF 2.0, got {found}")
-        wanted = f"{place}: {count} elements of {width} numbers"
+            got = f"{plain(accessor.componentType)}, {plain(accessor.type)}"
+            raise self.error(where, f"must have a componentType and a type of glTF 2.0, got {got}")
+        wanted = f"{where}: {count} elements of {width} numbers"
         if accessor.bufferView is not None:
-            values = self._elements(accessor.bufferView, accessor.byteOffset, count, width, kind, place)
+            values = self._elements(accessor.bufferView, accessor.byteOffset, count, width, kind, where)
             self.budget.take(8 * count * width, wanted)
         else:
             self.budget.take(8 * count * width, wanted)
             values = np.zeros((count, width), kind)
         if accessor.sparse is not None:
-            values = self._with_sparse(values, accessor.sparse, kind, place)
+            values = self._with_sparse(values, accessor.sparse, kind, where)
         if values.dtype.kind != "f" and accessor.normalized:
-            return np.asarray(np.maximum(values / np.iinfo(values.dtype).max, -1.0))
+            return np.asarray(np.maximum(values / np.iinfo(kind).max, -1.0))
         if values.dtype.kind != "f":
             return values.astype(np.int64)
         return values.astype(np.float64)
 
-    def _elements(self, view: Any, offset: Any, count: int, width: int, kind: str, place: str) -> Values:
-        data, stride = self._view(view, place)
+    def _elements(self, view: object, offset: object, count: int, width: int, kind: str, where: str) -> Values:
+        data, stride = self._view(view, where)
         size = width * np.dtype(kind).itemsize
-        begin = self.whole(0 if offset is None else offset, f"{place}.byteOffset", "of bytes", len(data))
-        stride = size if stride is None else self.whole(stride, f"{place}: byteStride", "of bytes", 252)
+        begin = self.whole(0 if offset is None else offset, f"{where}.byteOffset", "of bytes", len(data))
+        stride = size if stride is None else self.whole(stride, f"{where}: byteStride", "of bytes", 252)
         if stride < size or begin + (count - 1) * stride + size > len(data):
-            raise self.error(place, f"{count} elements of {size} bytes, {stride} apart, exceed its bufferView")
+            raise self.error(where, f"{count} elements of {size} bytes, {stride} apart, exceed its bufferView")
         return np.ndarray((count, width), kind, data, begin, (stride, np.dtype(kind).itemsize))
 
-    def _with_sparse(self, values: Values, sparse: Any, kind: str, place: str) -> Values:
-        count = self.whole(sparse.count, f"{place}.sparse.count", "of elements", len(values))
+    def _with_sparse(self, values: Values, sparse: Item, kind: str, where: str) -> Values:
+        count = self.whole(sparse.count, f"{where}.sparse.count", "of elements", len(values))
         values_of = sparse.get("values")  # as an attribute it is a dictionary's method
         if count == 0 or sparse.indices is None or values_of is None:
-            raise self.error(f"{place}.sparse", "must have a count, indices and values")
+            raise self.error(f"{where}.sparse", "must have a count, indices and values")
         indices_kind = _COMPONENTS.get(sparse.indices.componentType, "")
         if indices_kind[1:2] != "u":
-            raise self.error(f"{place}.sparse.indices", "must be unsigned integers")
-        where = f"{place}.sparse"
+            raise self.error(f"{where}.sparse.indices", "must be unsigned integers")
+        inside = f"{where}.sparse"
         indices = self._elements(
-            sparse.indices.bufferView, sparse.indices.byteOffset, count, 1, indices_kind, where
+            sparse.indices.bufferView, sparse.indices.byteOffset, count, 1, indices_kind, inside
         ).ravel()
         if indices.max() >= len(values):
-            raise self.error(where, f"names element {indices.max()} of {len(values)}")
+            raise self.error(inside, f"names element {indices.max()} of {len(values)}")
         changed = values.copy()
         changed[indices] = self._elements(
-            values_of.bufferView, values_of.byteOffset, count, values.shape[1], kind, where
+            values_of.bufferView, values_of.byteOffset, count, values.shape[1], kind, inside
         )
         return changed
 
-    def _view(self, index: Any, place: str) -> tuple[memoryview, Any]:
-        """The bytes of a buffer view, and its stride."""
-        view = self.item("bufferViews", index, f"{place}.bufferView")
-        place = f"bufferViews[{index}]"
-        buffer = self._buffer(view.buffer, place)
-        offset = self.whole(0 if view.byteOffset is None else view.byteOffset, place, "of bytes", len(buffer))
-        length = self.whole(view.byteLength, f"{place}.byteLength", "of bytes of its buffer", len(buffer) - offset)
+    def _view(self, index: object, where: str) -> tuple[memoryview, object]:
+        """Return the bytes of a buffer view, and its stride."""
+        view = self.item("bufferViews", index, f"{where}.bufferView")
+        where = f"bufferViews[{index}]"
+        buffer = self._buffer(view.buffer, where)
+        offset = self.whole(0 if view.byteOffset is None else view.byteOffset, where, "of bytes", len(buffer))
+        length = self.whole(view.byteLength, f"{where}.byteLength", "of bytes of its buffer", len(buffer) - offset)
         return buffer[offset : offset + length], view.byteStride
 
-    def _buffer(self, index: Any, place: str) -> memoryview:
-        buffer = self.item("buffers", index, f"{place}.buffer")
+    def _buffer(self, index: object, where: str) -> memoryview:
+        buffer = self.item("buffers", index, f"{where}.buffer")
+        assert isinstance(index, int)
         if index not in self._buffers:
-            place = f"buffers[{index}]"
+            where = f"buffers[{index}]"
             if isinstance(buffer.uri, str):
                 embedded = buffer.uri.startswith("data:")
                 data: bytes | memoryview = (
-                    self._embedded(buffer.uri, place)
+                    self._embedded(buffer.uri, where)
                     if embedded
-                    else read_charged(self._local(buffer.uri, place), self.budget)
+                    else read_charged(self._local(buffer.uri, where), self.budget)
                 )
             else:
                 data = self._chunk if index == 0 else b""
                 if not len(data):
                     compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED]
                     if compressed:
-                        raise self.error(place, f"has data by {compressed[0]} alone, which is not read")
-                    raise self.error(place, "has neither a uri nor a binary chunk")
-            length = self.whole(buffer.byteLength, f"{place}.byteLength", f"of the {len(data)} bytes", len(data))
+                        raise self.error(where, f"has data by {compressed[0]} alone, which is not read")
+                    raise self.error(where, "has neither a uri nor a binary chunk")
+            length = self.whole(buffer.byteLength, f"{where}.byteLength", f"of the {len(data)} bytes", len(data))
             self._buffers[index] = memoryview(data)[:length]
         return self._buffers[index]
 
-    def _embedded(self, uri: str, place: str) -> bytes:
+    def _embedded(self, uri: str, where: str) -> bytes:
         head, _, text = uri.partition(",")
         if not head.endswith(";base64"):
-            raise self.error(place, "a data: uri must be in base64")
-        self.budget.take(3 * len(text) // 4, f"{place}: its data: uri")
+            raise self.error(where, "a data: uri must be in base64")
+        self.budget.take(3 * len(text) // 4, f"{where}: its data: uri")
         try:
             return base64.b64decode(unquote(text), validate=True)
         except (binascii.Error, ValueError) as error:
-            raise self.error(place, f"is no base64: {error}") from None
+            raise self.error(where, f"is no base64: {error}") from None
 
-    def _local(self, uri: str, place: str) -> Path:
-        """A file next to this one, or below."""
+    def _local(self, uri: str, where: str) -> Path:
+        """Return the path of a file next to this one, or in a folder below."""
         name = unquote(uri)
         if re.match(r"[A-Za-z][\w+.-]*:", name) or "\\" in name:
-            raise self.error(place, f"must name a file in the scene's folder, got {plain(uri)}")
-        file = named_file(name, self.path, self.path.parent, f"{self.path}: {place}")
+            raise self.error(where, f"must name a file in the scene's folder, got {plain(uri)}")
+        file = named_file(name, self.path, self.path.parent, f"{self.path}: {where}")
         if not file.is_file():
-            missing = FileNotFoundError(f"{self.path}: {place}: the file {plain(uri)} is not there")
-            missing.errno = errno.ENOENT  # the system's word, not that of the bytes
+            missing = FileNotFoundError(f"{self.path}: {where}: the file {plain(uri)} is not there")
+            missing.errno = errno.ENOENT  # as the operating system would report it
             raise missing
         self.files[file] = None
         return file
 
 
 def unknown(extension: str) -> bool:
-    """Whether an extension may change where surfaces are, for all that is known of it."""
+    """Return whether an extension is unknown, so that it may change where surfaces are."""
     known = extension in _READ | _UNSEEN | _COMPRESSED
     return not known and re.fullmatch(r"[A-Z0-9]+_materials_\w+", extension) is None
 
 
-def plain(value: Any) -> str:
-    """Something of the file in a message: short, and on one line."""
+def plain(value: object) -> str:
+    """Return a value of the file for a message: short, and on one line."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _parts(data: bytes) -> tuple[bytes, memoryview]:
-    """The JSON of a file, and its binary chunk, which may be empty."""
+    """Return the JSON of a file, and its binary chunk, which may be empty."""
     if data[:4] != b"glTF":
         return data, memoryview(b"")
     if len(data) < _HEADER_BYTES:
@@ -310,10 +315,10 @@ def _parts(data: bytes) -> tuple[bytes, memoryview]:
     version, length, first = struct.unpack_from("<3I", data, 4)
     end = _HEADER_BYTES + first
     if version != 2 or not end <= length <= len(data) or data[16:20] != b"JSON":
-        found = f"version {version}, {length} of {len(data)} bytes"
-        raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {found}")
+        got = f"version {version}, {length} of {len(data)} bytes"
+        raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {got}")
     text, at = data[_HEADER_BYTES:end], end
-    while at + 8 <= length:  # chunks of kinds that are not known are passed over
+    while at + 8 <= length:  # chunks of unknown kinds are skipped
         size, kind = struct.unpack_from("<I4s", data, at)
         if kind == b"BIN\0":
             if at + 8 + size > length:

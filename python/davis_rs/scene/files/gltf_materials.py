@@ -1,4 +1,4 @@
-"""The materials of a glTF file, as matte ones: base colours and their textures. What else there is, is told.
+"""Reads the materials of a glTF file as diffuse ones: base colours and their textures. What is lost, is noted.
 
 Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp and
 KHR_materials_pbrSpecularGlossiness.
@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...geometry.pose import FloatArray
 from ..lost_looks import BACKS, BUMPS, METAL, OWN_LIGHT, TRANSPARENCY
 from ..texture_file import EncodedTexture, texture_of_bytes
-from .gltf_file import GltfFile, plain
+from .gltf_file import GltfFile, Item, plain
 from .rounding import ROUNDING
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -24,22 +24,22 @@ _GLOSS = "KHR_materials_pbrSpecularGlossiness"
 _WEBP = "EXT_texture_webp"
 _IMAGES = ("PNG", "JPEG", "WEBP")
 _UNTOLD = {_GLOSS, "KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_unlit"}
-"""Extensions of materials of which nothing is lost, or what is told by another name."""
+"""Extensions of materials that lose nothing, or whose loss is noted under another name."""
 
 
-class Matte(NamedTuple):
-    """A material by its diffuse colour.
+class DiffuseMaterial(NamedTuple):
+    """A material, as its diffuse colour.
 
     Attributes:
-        name: of the file, or its number.
+        name: its name in the file, or its number.
         reflectance: a texture, or a colour (3,), linear RGB.
-        factor: (3,), what colours of vertices are multiplied by.
+        factor: (3,), by which colours of vertices are multiplied.
         uv_set: which texture coordinates the texture takes; None without one.
-        uv_transform: (2, 3), of them, v downwards.
+        uv_transform: (2, 3), the transform of these coordinates, v downwards.
         wrap: repeat, clamp or mirror.
-        files: that the texture was read from.
-        transparent: it may be, where an alpha says so.
-        lost: what of it is not shown: kinds of looks.
+        files: those that the texture was read from.
+        transparent: whether alpha makes it transparent.
+        lost: the kinds of its looks that are not shown.
     """
 
     name: str
@@ -54,87 +54,90 @@ class Matte(NamedTuple):
 
 
 class GltfMaterials:
-    """The materials of a file, each read when it is asked for. Its texture is charged for one shape that shows it."""
+    """The materials of a file, each read on first use. Its texture is charged for one shape that shows it."""
 
     def __init__(self, file: GltfFile) -> None:
         self._file = file
-        self._known: dict[int | None, Matte] = {}
+        self._known: dict[int | None, DiffuseMaterial] = {}
         self._images: dict[int, tuple[EncodedTexture, tuple[Path, ...]]] = {}
 
-    def __getitem__(self, index: int | None) -> Matte:
-        """The material of this number; that of surfaces without one for None."""
+    def __getitem__(self, index: int | None) -> DiffuseMaterial:
+        """Return the material of this number; for None the material of surfaces without one."""
         if index not in self._known:
             self._known[index] = self._default() if index is None else self._read(index)
         return self._known[index]
 
-    def _default(self) -> Matte:
-        return Matte("material", np.ones(3), np.ones(3), None, np.eye(2, 3), "repeat", ())
+    def _default(self) -> DiffuseMaterial:
+        return DiffuseMaterial("material", np.ones(3), np.ones(3), None, np.eye(2, 3), "repeat", ())
 
-    def _read(self, index: int) -> Matte:
-        file, place = self._file, f"materials[{index}]"
+    def _read(self, index: int) -> DiffuseMaterial:
+        file, where = self._file, f"materials[{index}]"
         item = file.item("materials", index, "a primitive's material")
         name = plain(item.name)[1:-1] if isinstance(item.name, str) and item.name else f"material_{index}"
         kind, given, info = _diffuse(item)
-        place = f"{place}: {kind}"
+        where = f"{where}: {kind}"
         lost = dict.fromkeys(self._lost(item))
-        factor = file.numbers([1.0] * 4 if given is None else given, f"{place}Factor", 4, low=0, high=1)
+        factor = file.numbers([1.0] * 4 if given is None else given, f"{where}Factor", 4, low=0, high=1)
         transparent = item.alphaMode in ("MASK", "BLEND")
         opaque = factor[3] >= 1 - ROUNDING
         colour = factor[:3]
-        made = Matte(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent)
+        made = DiffuseMaterial(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent)
         if info is not None:
-            made, solid = self._textured(made, info, f"{place}Texture", lost)
+            made, solid = self._textured(made, info, f"{where}Texture", lost)
             opaque = opaque and solid
         if transparent and not opaque:
             lost[TRANSPARENCY] = None
         return made._replace(lost=tuple(lost))
 
-    def _textured(self, made: Matte, info: Any, place: str, lost: dict[str, None]) -> tuple[Matte, bool]:
-        """A material with its texture, and whether that is opaque everywhere."""
-        file, info = self._file, _dictionary(info)
-        texture = file.item("textures", info.get("index"), place)
+    def _textured(
+        self, made: DiffuseMaterial, given: object, where: str, lost: dict[str, None]
+    ) -> tuple[DiffuseMaterial, bool]:
+        """Return a material with its texture, and whether the texture is opaque everywhere."""
+        file, info = self._file, _dictionary(given)
+        texture = file.item("textures", info.get("index"), where)
         source = texture.source
         if source is None:
             source = _dictionary(_dictionary(texture.extensions).get(_WEBP)).get("source")
         if source is None:
-            raise file.error(place, "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures")
-        image, files = self._image(source, place)
-        uv_set = file.whole(info.get("texCoord") or 0, f"{place}.texCoord", "of texture coordinates", 15)
-        uv_set, transform = self._transform(info.get("extensions"), uv_set, place)
+            raise file.error(where, "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures")
+        image, files = self._image(source, where)
+        uv_set = file.whole(info.get("texCoord") or 0, f"{where}.texCoord", "of texture coordinates", 15)
+        uv_set, transform = self._transform(info.get("extensions"), uv_set, where)
         wrap = self._wrap(texture, lost)
         tinted = image.tinted(made.factor)
-        tinted.charge(file.budget, place)
+        tinted.charge(file.budget, where)
         textured = made._replace(reflectance=tinted, uv_set=uv_set, uv_transform=transform, wrap=wrap, files=files)
         return textured, image.opaque
 
-    def _image(self, index: Any, place: str) -> tuple[EncodedTexture, tuple[Path, ...]]:
-        file, item = self._file, self._file.item("images", index, place)
+    def _image(self, index: object, where: str) -> tuple[EncodedTexture, tuple[Path, ...]]:
+        file, item = self._file, self._file.item("images", index, where)
+        assert isinstance(index, int)
         if index not in self._images:
-            place = f"images[{index}]"
-            data, own = file.image(item, place)
-            texture = texture_of_bytes(data, f"{file.path}, {place}" if own is None else str(own), file.budget, _IMAGES)
+            where = f"images[{index}]"
+            data, own = file.image(item, where)
+            texture = texture_of_bytes(data, f"{file.path}, {where}" if own is None else str(own), file.budget, _IMAGES)
             if item.bufferView is None:  # nobody else needs its bytes
                 file.budget.give_back(len(data))
             self._images[index] = texture, () if own is None else (own,)
         return self._images[index]
 
-    def _transform(self, extensions: Any, uv_set: int, place: str) -> tuple[int, FloatArray]:
-        """Set and transform of texture coordinates: uv' = T R S uv, R by the angle from u towards -v."""
+    def _transform(self, extensions: object, uv_set: int, where: str) -> tuple[int, FloatArray]:
+        """Return the set and the transform of texture coordinates: uv' = T R S uv, R by the angle from u towards -v."""
         given = _dictionary(extensions).get("KHR_texture_transform")
         if given is None:
             return uv_set, np.eye(2, 3)
-        place = f"{place}: KHR_texture_transform"
+        where = f"{where}: KHR_texture_transform"
         if not isinstance(given, dict):
-            raise self._file.error(place, f"must be an object, got {plain(given)}")
-        offset = self._file.numbers(given.get("offset", [0, 0]), f"{place}.offset", 2)
-        scale = self._file.numbers(given.get("scale", [1, 1]), f"{place}.scale", 2)
-        angle = self._file.numbers(given.get("rotation", 0), f"{place}.rotation", 1)[0]
+            raise self._file.error(where, f"must be an object, got {plain(given)}")
+        offset = self._file.numbers(given.get("offset", [0, 0]), f"{where}.offset", 2)
+        scale = self._file.numbers(given.get("scale", [1, 1]), f"{where}.scale", 2)
+        angle = self._file.numbers(given.get("rotation", 0), f"{where}.rotation", 1)[0]
         cos, sin = np.cos(angle), np.sin(angle)
         turn = np.array([[cos, sin], [-sin, cos]])
-        uv_set = self._file.whole(given.get("texCoord", uv_set), f"{place}.texCoord", "of texture coordinates", 15)
+        uv_set = self._file.whole(given.get("texCoord", uv_set), f"{where}.texCoord", "of texture coordinates", 15)
         return uv_set, np.concatenate([turn * scale, offset[:, None]], 1)
 
-    def _wrap(self, texture: Any, lost: dict[str, None]) -> str:
+    def _wrap(self, texture: Item, lost: dict[str, None]) -> str:
         if texture.sampler is None:
             return "repeat"
         sampler = self._file.item("samplers", texture.sampler, "a texture's sampler")
@@ -150,8 +153,8 @@ class GltfMaterials:
             lost["texels with hard edges (they are taken as bilinear)"] = None
         return wraps[0]
 
-    def _lost(self, item: Any) -> Iterator[str]:
-        """What of a material is not shown."""
+    def _lost(self, item: Item) -> Iterator[str]:
+        """Yield the kinds of looks of a material that are not shown."""
         surface, extensions = item.pbrMetallicRoughness, _dictionary(item.extensions)
         metallic = 1.0 if surface is None or surface.metallicFactor is None else surface.metallicFactor
         if "KHR_materials_unlit" in extensions:
@@ -171,8 +174,8 @@ class GltfMaterials:
         yield from (plain(name)[1:-1] for name in extensions if name not in _UNTOLD)
 
 
-def _diffuse(item: Any) -> tuple[str, Any, Any]:
-    """How the file calls a material's diffuse colour, its factor, and its texture; the latter as they are."""
+def _diffuse(item: Item) -> tuple[str, object, object]:
+    """Return the file's name for a material's diffuse colour, the factor, and the texture, both unchecked."""
     surface, gloss = item.pbrMetallicRoughness, _dictionary(item.extensions).get(_GLOSS)
     if gloss is not None:
         gloss = _dictionary(gloss)
@@ -180,6 +183,6 @@ def _diffuse(item: Any) -> tuple[str, Any, Any]:
     return "baseColor", getattr(surface, "baseColorFactor", None), getattr(surface, "baseColorTexture", None)
 
 
-def _dictionary(value: Any) -> dict[str, Any]:
-    """An object of the file; {} for anything else."""
-    return value if isinstance(value, dict) else {}
+def _dictionary(value: object) -> Item:
+    """Return ``value`` if it is an object of the JSON, else {}."""
+    return value if isinstance(value, Item) else Item()

@@ -1,11 +1,11 @@
-"""The meshes of a glTF file as triangles.
+"""Reads the meshes of a glTF file as triangles.
 
 Source: Khronos Group, glTF 2.0 Specification, section 3.7 (geometry).
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +14,13 @@ from ...geometry.pose import FloatArray
 from ..lost_looks import TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles, unit_normals
 from ..repairs import Repairs
-from .gltf_file import GltfFile
-from .gltf_materials import GltfMaterials, Matte
+from .gltf_file import GltfFile, Item
+from .gltf_materials import DiffuseMaterial, GltfMaterials
 from .rounding import ROUNDING, within
 from .triangulation import cut_strip, distinct, has_area
 
 MOST_TRIANGLES = 4_000_000
-"""Of a scene: nodes may show one mesh many times, so a small file could ask for any number."""
+"""The most triangles of a scene. Nodes may show one mesh many times, so a small file could ask for any number."""
 
 _WITHOUT_SURFACE = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
 _DRACO = "KHR_draco_mesh_compression"
@@ -35,7 +35,7 @@ class Primitive(NamedTuple):
         corners: (m, 3, 3).
         normals, colours: (m, 3, 3) or None.
         uv: (m, 3, 2) or None.
-        lost: what is not shown of their look besides that of the material.
+        lost: the kinds of their looks that are not shown, besides those of the material.
     """
 
     material: int | None
@@ -46,16 +46,16 @@ class Primitive(NamedTuple):
     lost: tuple[str, ...] = ()
 
     def placed(self, matrices: FloatArray) -> Primitive:
-        """Return the primitive as transforms (k, 4, 4) place it, once for each.
+        """Return k copies of the primitive, one for each of the transforms (k, 4, 4).
 
-        The corners of mirrored ones are turned round, so that they go round to the left on the same side as before.
+        The corners of mirrored copies are reversed, so that they run counterclockwise on the same side as before.
         """
         linear, offset = matrices[:, :3, :3], matrices[:, None, :3, 3]
         mirrored = np.linalg.det(linear) < 0
         shape = len(matrices), *self.corners.shape[:2]
 
         def each(values: FloatArray) -> FloatArray:
-            """Values at the corners of each copy as (k m, 3, ...), from those of all copies or of one."""
+            """Return values at the corners of all copies, (k m, 3, ...), from those of each copy or of one for all."""
             values = np.broadcast_to(values.reshape(-1, *shape[1:], values.shape[-1]), (*shape, values.shape[-1]))
             turned = np.where(mirrored[:, None, None, None], values[:, :, ::-1], values)
             return turned.reshape(-1, 3, values.shape[-1])
@@ -81,128 +81,134 @@ class Primitive(NamedTuple):
 
 
 class GltfMeshes:
-    """The meshes of a file, each read when it is asked for."""
+    """The meshes of a file, each read on first use."""
 
     def __init__(self, file: GltfFile, materials: GltfMaterials, repairs: Repairs) -> None:
         self._file, self._materials, self._repairs = file, materials, repairs
         self._known: dict[int, list[Primitive]] = {}
         self._triangles = 0
 
-    def of(self, node: Any, place: str, count: int = 1) -> list[Primitive]:
-        """The primitives of a node's mesh, which it shows ``count`` times."""
+    def of(self, node: Item, where: str, count: int = 1) -> list[Primitive]:
+        """Return the primitives of a node's mesh, which it shows ``count`` times."""
         file, index = self._file, node.mesh
-        mesh = file.item("meshes", index, f"{place}.mesh")
+        mesh = file.item("meshes", index, f"{where}.mesh")
         if node.skin is not None:
-            raise file.error(place, "has a skin (an armature's deformation), which is not read: apply it before export")
+            raise file.error(where, "has a skin (an armature's deformation), which is not read: apply it before export")
         weights = node.weights or mesh.weights or []
         if any(abs(weight) > ROUNDING for weight in weights):
             raise file.error(f"meshes[{index}]", "is deformed by morph targets, which are not read: apply them")
         if index not in self._known:
-            found = (
+            primitives = (
                 self._primitive(primitive, f"meshes[{index}].primitives[{number}]")
                 for number, primitive in enumerate(mesh.primitives or [])
             )
-            self._known[index] = [primitive for primitive in found if len(primitive.corners)]
+            self._known[index] = [primitive for primitive in primitives if len(primitive.corners)]
         each = sum(len(primitive.corners) for primitive in self._known[index])
-        charge_triangles(file.budget, count * each, 2 * (3 + 3 + 2 + 3), f"{place}: {count} of its mesh")
+        charge_triangles(file.budget, count * each, 2 * (3 + 3 + 2 + 3), f"{where}: {count} of its mesh")
         self._triangles += count * each
         if self._triangles > MOST_TRIANGLES:
             has = f"this one has {self._triangles} or more"
-            raise file.error(place, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
+            raise file.error(where, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
         return self._known[index]
 
-    def _primitive(self, item: Any, place: str) -> Primitive:
+    def _primitive(self, item: Item, where: str) -> Primitive:
         file = self._file
         file.budget.check_time("reading its meshes")
-        mode = 4 if item.mode is None else file.whole(item.mode, f"{place}.mode", "of a kind of primitives", 6)
+        mode = 4 if item.mode is None else file.whole(item.mode, f"{where}.mode", "of a kind of primitives", 6)
         if mode in _WITHOUT_SURFACE:
             what = _WITHOUT_SURFACE[mode]
-            raise file.error(place, f"is made of {what}, which have no surface: remove them, or make triangles of them")
+            raise file.error(where, f"is made of {what}, which have no surface: remove them, or make triangles of them")
         given = item.attributes if isinstance(item.attributes, dict) else {}
         attributes = {name: value for name, value in given.items() if value is not None}
         if "POSITION" not in attributes:
-            raise file.error(place, "has no POSITION")
-        if _DRACO in (item.extensions or {}) and file.unbacked(attributes["POSITION"], place):
-            raise file.error(place, f"has data by {_DRACO} alone, which is not read: export without compression")
-        positions = self._attribute(attributes, "POSITION", place, (3,))
+            raise file.error(where, "has no POSITION")
+        if _DRACO in (item.extensions or {}) and file.unbacked(attributes["POSITION"], where):
+            raise file.error(where, f"has data by {_DRACO} alone, which is not read: export without compression")
+        positions = self._attribute(attributes, "POSITION", where, (3,))
         assert positions is not None
-        faces = self._faces(item, mode, len(positions), place)
+        faces = self._faces(item, mode, len(positions), where)
         file.budget.count(len(faces), "triangles")
         whole = has_area(positions[faces])
-        self._repairs.add("triangles without area are left out", int((~whole).sum()), place)
+        self._repairs.add("triangles without area are left out", int((~whole).sum()), where)
         faces = faces[whole]
         if len(faces) > MOST_TRIANGLES:
-            raise file.error(place, f"a scene may have {MOST_TRIANGLES} triangles, this one has more")
+            raise file.error(where, f"a scene may have {MOST_TRIANGLES} triangles, this one has more")
         vertices = {
-            "NORMAL": self._attribute(attributes, "NORMAL", place, (3,), finite=False),
-            "COLOR_0": self._attribute(attributes, "COLOR_0", place, (3, 4)),
+            "NORMAL": self._attribute(attributes, "NORMAL", where, (3,), finite=False),
+            "COLOR_0": self._attribute(attributes, "COLOR_0", where, (3, 4)),
         }
         for name, values in vertices.items():
             if values is not None and len(values) != len(positions):
-                raise file.error(place, f"has {len(values)} of {name} for {len(positions)} of POSITION")
-        charge_triangles(file.budget, len(faces), 3 + 3 + 2 + 3, place)
+                raise file.error(where, f"has {len(values)} of {name} for {len(positions)} of POSITION")
+        charge_triangles(file.budget, len(faces), 3 + 3 + 2 + 3, where)
         corners, normals = positions[faces], vertices["NORMAL"]
-        matte = self._materials[item.material]
-        uv = self._uv(attributes, matte, len(positions), place)
-        colours, lost = self._colours(vertices["COLOR_0"], matte)
+        material = self._materials[item.material]
+        uv = self._uv(attributes, material, len(positions), where)
+        colours, lost = self._colours(vertices["COLOR_0"], material)
         return Primitive(
             item.material,
             corners,
-            None if normals is None else unit_normals(normals[faces], corners, place, self._repairs),
+            None if normals is None else unit_normals(normals[faces], corners, where, self._repairs),
             None if uv is None else uv[faces],
-            None if colours is None else colours[faces] * matte.factor,
+            None if colours is None else colours[faces] * material.factor,
             lost,
         )
 
-    def _colours(self, given: FloatArray | None, matte: Matte) -> tuple[FloatArray | None, tuple[str, ...]]:
-        """Colours of vertices (v, 3) where they are shown, and what is lost of them."""
+    def _colours(
+        self, given: FloatArray | None, material: DiffuseMaterial
+    ) -> tuple[FloatArray | None, tuple[str, ...]]:
+        """Return the colours of vertices (v, 3), None where they are not shown; and the kinds of looks that are
+        lost."""
         if given is None:
             return None, ()
         lost = []
         colours = np.clip(given[:, :3], 0.0, 1.0)
         if within(given[:, :3], 0.0, 1.0) is None:
             lost.append(_COLOURS_CUT)
-        if matte.transparent and (given[:, 3:] < 1 - ROUNDING).any():
+        if material.transparent and (given[:, 3:] < 1 - ROUNDING).any():
             lost.append(TRANSPARENCY)
         if (colours >= 1 - ROUNDING).all():
             return None, tuple(lost)
-        if matte.uv_set is not None:
+        if material.uv_set is not None:
             return None, (*lost, _COLOURS_LOST)
         return colours, tuple(lost)
 
-    def _uv(self, attributes: dict[str, Any], matte: Matte, count: int, place: str) -> FloatArray | None:
-        """The texture coordinates that the material's texture takes, as it transforms them."""
-        if matte.uv_set is None:
+    def _uv(
+        self, attributes: dict[str, object], material: DiffuseMaterial, count: int, where: str
+    ) -> FloatArray | None:
+        """Return the texture coordinates for the material's texture, transformed as the material says."""
+        if material.uv_set is None:
             return None
-        name = f"TEXCOORD_{matte.uv_set}"
-        uv = self._attribute(attributes, name, place, (2,))
+        name = f"TEXCOORD_{material.uv_set}"
+        uv = self._attribute(attributes, name, where, (2,))
         if uv is None or len(uv) != count:
-            raise self._file.error(place, f"lacks the {name} that the texture of material {matte.name} needs")
-        moved: FloatArray = uv @ matte.uv_transform[:, :2].T + matte.uv_transform[:, 2]
+            raise self._file.error(where, f"lacks the {name} that the texture of material {material.name} needs")
+        moved: FloatArray = uv @ material.uv_transform[:, :2].T + material.uv_transform[:, 2]
         return moved
 
     def _attribute(
-        self, attributes: dict[str, Any], name: str, place: str, width: tuple[int, ...], *, finite: bool = True
+        self, attributes: dict[str, object], name: str, where: str, width: tuple[int, ...], *, finite: bool = True
     ) -> FloatArray | None:
         if name not in attributes:
             return None
-        values = self._file.array(attributes[name], f"{place}: {name}", width=width, finite=finite)
+        values = self._file.array(attributes[name], f"{where}: {name}", width=width, finite=finite)
         return np.asarray(values, np.float64)
 
-    def _faces(self, item: Any, mode: int, count: int, place: str) -> npt.NDArray[np.int64]:
-        """The vertices (m, 3) of the triangles, in lists, strips or fans."""
+    def _faces(self, item: Item, mode: int, count: int, where: str) -> npt.NDArray[np.int64]:
+        """Return the vertices (m, 3) of triangles that are given as a list, a strip or a fan."""
         if item.indices is None:
             order = np.arange(count)
         else:
-            order = self._file.array(item.indices, f"{place}: indices", width=(1,)).ravel()
-            if order.dtype.kind not in "iu":
-                raise self._file.error(f"{place}: indices", "must be integers")
+            values = self._file.array(item.indices, f"{where}: indices", width=(1,)).ravel()
+            if values.dtype.kind not in "iu":
+                raise self._file.error(f"{where}: indices", "must be integers")
+            order = values.astype(np.int64, copy=False)
             if len(order) and not (order.min() >= 0 and order.max() < count):
                 wrong = order[(order < 0) | (order >= count)][0]
-                raise self._file.error(f"{place}: indices", f"name vertex {wrong} of {count}")
+                raise self._file.error(f"{where}: indices", f"name vertex {wrong} of {count}")
         if mode == 4:
             if len(order) % 3:
-                raise self._file.error(place, f"{len(order)} corners make no whole number of triangles")
+                raise self._file.error(where, f"{len(order)} corners make no whole number of triangles")
             return order.reshape(-1, 3)
         if mode == 5:
             return cut_strip(order)
@@ -210,8 +216,8 @@ class GltfMeshes:
         return distinct(order[np.stack([0 * first, first + 1, first + 2], 1)])
 
 
-def joined(primitives: list[Primitive], matte: Matte) -> MeshPart:
-    """Primitives of one :attr:`Primitive.kind` as one part."""
+def joined(primitives: list[Primitive], material: DiffuseMaterial) -> MeshPart:
+    """Join primitives of one :attr:`Primitive.kind` to one part."""
     first = primitives[0]
 
     def together(name: str) -> FloatArray | None:
@@ -224,10 +230,10 @@ def joined(primitives: list[Primitive], matte: Matte) -> MeshPart:
         corners,
         None if uv is None else uv * [1, -1] + [0, 1],
         together("normals") if first.normals is not None else None,
-        matte.reflectance,
+        material.reflectance,
         together("colours"),
-        matte.name,
-        matte.files,
-        matte.wrap,
-        tuple(dict.fromkeys([*matte.lost, *(what for primitive in primitives for what in primitive.lost)])),
+        material.name,
+        material.files,
+        material.wrap,
+        tuple(dict.fromkeys([*material.lost, *(what for primitive in primitives for what in primitive.lost)])),
     )

@@ -1,4 +1,4 @@
-"""The nodes of a glTF file: where they are, and how animations move them.
+"""Reads the nodes of a glTF file: their transforms, and how animations move them.
 
 Source: Khronos Group, glTF 2.0 Specification, sections 3.5 (scenes), 3.11 (animations) and appendix C (interpolation).
 """
@@ -8,22 +8,23 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ...geometry.pose import FloatArray, hamilton, rotation_matrices
-from ...geometry.trajectory.trajectory import CallableTrajectory
-from .gltf_file import GltfFile, plain
+from ...geometry.trajectory.trajectory import CallableTrajectory, Trajectory
+from .gltf_file import GltfFile, Item, plain
 from .rounding import ROUNDING
 
 DEEPEST = 100
-"""Nodes within nodes."""
+"""How deep nodes may be nested."""
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 _REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 _RIGID = 1e-4
-"""A body whose axes are longer or shorter than at first by more than this is no rigid one."""
+"""A node is not a rigid body if the length of its axes changes by more than this."""
 _STILL = 1e-12
 _UNIT = 0.01
 """By how much a quaternion's length may differ from 1: four numbers of 8 bits."""
@@ -31,12 +32,12 @@ _KEYFRAME_BYTES = 200
 """About what a keyframe takes besides its own numbers."""
 _COPY_BYTES = 300
 """About what the transform of a copy takes."""
-_LOOKED_AT = 4
-"""Instants from one keyframe to the next at which a body is looked at: whether it is rigid, and how it is turned."""
-_LOOKED_AT_BYTES = 150
+_CHECKED = 4
+"""Instants per keyframe at which a body is checked for being rigid, and its orientation is noted."""
+_CHECKED_BYTES = 150
 """About what such an instant takes."""
-_PIECE = 1 << 14
-"""Instants that are looked at together."""
+_AT_ONCE = 1 << 14
+"""How many instants are checked at a time."""
 _INSTANCING = "EXT_mesh_gpu_instancing"
 
 
@@ -46,7 +47,7 @@ class Node:
 
     index: int
     parent: int | None
-    item: Any
+    item: Item
     name: str
 
 
@@ -62,47 +63,47 @@ class Track(NamedTuple):
     kind: str
 
     def at(self, t: FloatArray, end_s: float) -> tuple[FloatArray, FloatArray]:
-        """Values and rates (n, width) at times (n,); ``end_s`` is when everything ends."""
+        """Return values and rates (n, width) at times (n,); ``end_s`` is the end of the whole scene."""
         times, values = self.times, self.values
         if len(times) == 1:
             return np.repeat(values, len(t), 0), np.zeros((len(t), values.shape[1]))
-        # At a keyframe what holds from there on; at the very end what held until there.
+        # At a keyframe the segment after it counts; at the very end the one before it.
         segment = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
         held = (t < times[0]) | (t > times[-1]) | ((t == times[-1]) & (times[-1] < end_s))
         span = times[segment + 1] - times[segment]
-        share = np.clip((t - times[segment]) / span, 0.0, 1.0)[:, None]
+        fraction = np.clip((t - times[segment]) / span, 0.0, 1.0)[:, None]
         first, second = values[segment], values[segment + 1]
         if self.kind == "STEP":
-            found = np.where(share >= 1, second, first)
-            rate = np.zeros_like(found)
+            result = np.where(fraction >= 1, second, first)
+            rate = np.zeros_like(result)
         elif self.kind == "CUBICSPLINE":
-            found, rate = self._cubic(segment, span[:, None], share)
+            result, rate = self._cubic(segment, span[:, None], fraction)
         elif values.shape[1] == 4:
-            found, rate = _slerp(first, second, share, span[:, None])
+            result, rate = _slerp(first, second, fraction, span[:, None])
         else:
-            found = first + share * (second - first)
+            result = first + fraction * (second - first)
             rate = (second - first) / span[:, None]
-        return found, np.where(held[:, None], 0.0, rate)
+        return result, np.where(held[:, None], 0.0, rate)
 
-    def _cubic(self, segment: Any, span: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _cubic(self, segment: npt.NDArray[np.intp], span: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         assert self.tangents is not None
         incoming, outgoing = self.tangents
         first, second = self.values[segment], self.values[segment + 1]
         start, end = span * outgoing[segment], span * incoming[segment + 1]
-        found = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * start
-        found = found + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * end
+        result = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * start
+        result = result + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * end
         rate = (6 * s**2 - 6 * s) * (first - second) + (3 * s**2 - 4 * s + 1) * start + (3 * s**2 - 2 * s) * end
-        return found, rate / span
+        return result, rate / span
 
     @property
     def moves(self) -> bool:
-        """Whether it is not the same all the time."""
+        """Whether the value changes."""
         tangents = () if self.tangents is None else self.tangents
-        return bool((np.abs(self.values - self.values[0]) > _STILL).any()) or any(one.any() for one in tangents)
+        return bool((np.abs(self.values - self.values[0]) > _STILL).any()) or any(tangent.any() for tangent in tangents)
 
     @property
     def corners(self) -> FloatArray:
-        """The times at which it is not smooth."""
+        """The times at which the value is not smooth."""
         if self.kind != "CUBICSPLINE" or self.tangents is None:
             return self.times
         incoming, outgoing = self.tangents
@@ -111,17 +112,19 @@ class Track(NamedTuple):
         return self.times[~smooth]
 
 
-def _slerp(first: FloatArray, second: FloatArray, share: FloatArray, span: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _slerp(
+    first: FloatArray, second: FloatArray, fraction: FloatArray, span: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the interpolation along the shorter arc between unit quaternions, and its rate."""
     dot = (first * second).sum(1, keepdims=True)
     second, dot = np.where(dot < 0, -second, second), np.abs(dot)
     angle = np.arccos(np.minimum(dot, 1.0))
     sine = np.where(angle > 1e-6, np.sin(angle), 1.0)
     near = angle <= 1e-6
-    a = np.where(near, 1 - share, np.sin((1 - share) * angle) / sine)
-    b = np.where(near, share, np.sin(share * angle) / sine)
-    da = np.where(near, -1.0, -angle * np.cos((1 - share) * angle) / sine) / span
-    db = np.where(near, 1.0, angle * np.cos(share * angle) / sine) / span
+    a = np.where(near, 1 - fraction, np.sin((1 - fraction) * angle) / sine)
+    b = np.where(near, fraction, np.sin(fraction * angle) / sine)
+    da = np.where(near, -1.0, -angle * np.cos((1 - fraction) * angle) / sine) / span
+    db = np.where(near, 1.0, angle * np.cos(fraction * angle) / sine) / span
     return a * first + b * second, da * first + db * second
 
 
@@ -130,8 +133,8 @@ class NodeTree:
     """The nodes of a file's scene, parents before children, and what moves them.
 
     Attributes:
-        duration_s: until the last keyframe of whatever moves in the scene; 0 where nothing does.
-        lost: what animations change and the scene does not: the names of what they change by its kind.
+        duration_s: time of the last keyframe in the scene; 0 where nothing moves.
+        lost: by kind, the names of what animations change and the scene does not show.
     """
 
     file: GltfFile
@@ -142,10 +145,10 @@ class NodeTree:
 
     @classmethod
     def of(cls, file: GltfFile) -> NodeTree:
-        """Return the nodes of the file's default scene.
+        """Read the nodes of the file's default scene.
 
         Raises:
-            DecodeError: naming the place that breaks a rule.
+            DecodeError: naming the part of the file that breaks a rule.
         """
         nodes = {node.index: node for node in _walk(file)}
         lost: dict[str, dict[str, None]] = {}
@@ -157,22 +160,22 @@ class NodeTree:
         return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost)
 
     def chain(self, index: int) -> list[Node]:
-        """A node and those that it is within, the outermost first."""
-        found, at = [], self.nodes[index]
+        """Return a node and its ancestors, the outermost first."""
+        chain, node = [], self.nodes[index]
         while True:
-            found.append(at)
-            if at.parent is None:
-                return found[::-1]
-            at = self.nodes[at.parent]
+            chain.append(node)
+            if node.parent is None:
+                return chain[::-1]
+            node = self.nodes[node.parent]
 
     def moves(self, index: int) -> bool:
-        """Whether an animation moves a node, or one that it is within."""
+        """Return whether an animation moves a node or one of its ancestors."""
         return any(
             len(track.times) > 1 for node in self.chain(index) for track in self.tracks.get(node.index, {}).values()
         )
 
     def matrices(self, index: int, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The node's transform to the scene's axes (n, 4, 4) at times (n,), and its rate."""
+        """Return the node's transform to the scene's axes (n, 4, 4) at times (n,), and its rate."""
         matrix, rate = np.tile(np.eye(4), (len(t), 1, 1)), np.zeros((len(t), 4, 4))
         for node in self.chain(index):
             local, local_rate = self._local(node, t)
@@ -180,28 +183,31 @@ class NodeTree:
         return matrix, rate
 
     def instances(self, index: int) -> FloatArray:
-        """The transforms (n, 4, 4) within a node of what it shows, of EXT_mesh_gpu_instancing; of one without any."""
+        """Return the transforms (n, 4, 4) of the copies within a node (EXT_mesh_gpu_instancing); one identity
+        without."""
         given = (self.nodes[index].item.extensions or {}).get(_INSTANCING)
         if given is None:
             return np.eye(4)[None]
-        place = f"nodes[{index}]: {_INSTANCING}"
+        where = f"nodes[{index}]: {_INSTANCING}"
         accessors = given.get("attributes") if isinstance(given, dict) else None
         if not isinstance(accessors, dict) or not accessors:
-            raise self.file.error(place, f"must have attributes, got {plain(given)}")
+            raise self.file.error(where, f"must have attributes, got {plain(given)}")
         read = {
-            name: self.file.array(accessors[name.upper()], place, width=(width,)).astype(np.float64)
+            name: self.file.array(accessors[name.upper()], where, width=(width,)).astype(np.float64)
             for name, width in _WIDTHS.items()
             if name.upper() in accessors
         }
         counts = sorted({len(values) for values in read.values()}) or [1]  # none: at the node, with marks of their own
         if len(counts) > 1:
-            raise self.file.error(place, f"must have as many of each attribute, got {' and '.join(map(str, counts))}")
-        self.file.budget.take(_COPY_BYTES * counts[0], f"{place}: {counts[0]} copies")
+            raise self.file.error(where, f"must have as many of each attribute, got {' and '.join(map(str, counts))}")
+        self.file.budget.take(_COPY_BYTES * counts[0], f"{where}: {counts[0]} copies")
         every = {name: read.get(name, np.tile(_REST[name], (counts[0], 1))) for name in _WIDTHS}
-        return _composed(every["translation"], _unit(self.file, every["rotation"], place), every["scale"])
+        return _composed(every["translation"], _unit(self.file, every["rotation"], where), every["scale"])
 
-    def path(self, index: int, to_world: FloatArray, flip: FloatArray, duration_s: float) -> tuple[Any, FloatArray]:
-        """How a node moves, as a trajectory, and what its own axes are stretched by first (3, 3).
+    def path(
+        self, index: int, to_world: FloatArray, flip: FloatArray, duration_s: float
+    ) -> tuple[Trajectory, FloatArray]:
+        """Return a node's motion as a trajectory, and the stretch (3, 3) of its own axes that comes before it.
 
         Args:
             to_world: (4, 4), from the scene's axes.
@@ -209,7 +215,7 @@ class NodeTree:
             duration_s: of the trajectory, > 0.
 
         Raises:
-            DecodeError: for a node that is no rigid body, because its animation scales it.
+            DecodeError: for a node that is not a rigid body, because its animation scales it.
         """
         self.file.budget.check_time("reading its animations")
         start, _ = self.matrices(index, np.zeros(1))
@@ -230,12 +236,12 @@ class NodeTree:
 
         tracks = [track for node in self.chain(index) for track in self.tracks.get(node.index, {}).values()]
         times = _within([track.times for track in tracks], duration_s)
-        self.file.budget.take(_LOOKED_AT_BYTES * _LOOKED_AT * len(times), f"the path of node {name}")
+        self.file.budget.take(_CHECKED_BYTES * _CHECKED * len(times), f"the path of node {name}")
         times = np.concatenate([[0.0], times, [duration_s]])
-        grid = np.unique(np.linspace(times[:-1], times[1:], _LOOKED_AT + 1))
+        grid = np.unique(np.linspace(times[:-1], times[1:], _CHECKED + 1))
         reference = np.empty((len(grid), 4))
-        for begin in range(0, len(grid), _PIECE):
-            piece = slice(begin, begin + _PIECE)
+        for begin in range(0, len(grid), _AT_ONCE):
+            piece = slice(begin, begin + _AT_ONCE)
             axes = rigid(grid[piece])[0][:, :3, :3]
             off = np.abs(np.swapaxes(axes, 1, 2) @ axes - np.eye(3)).max((1, 2))
             if off.max() > _RIGID:
@@ -248,9 +254,9 @@ class NodeTree:
         signs = np.diag(flip)
 
         def quaternion(t: FloatArray) -> FloatArray:
-            found = _quaternions(rigid(t)[0][:, :3, :3] * flip)
+            result = _quaternions(rigid(t)[0][:, :3, :3] * flip)
             near = reference[np.clip(np.searchsorted(grid, t, side="right") - 1, 0, len(grid) - 1)]
-            return np.where((found * near).sum(1, keepdims=True) < 0, -found, found)
+            return np.where((result * near).sum(1, keepdims=True) < 0, -result, result)
 
         def angular_rate(t: FloatArray) -> FloatArray:
             matrix, rate = rigid(t)
@@ -271,30 +277,30 @@ class NodeTree:
         return trajectory, stretch
 
     def _local(self, node: Node, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        tracks, item, place = self.tracks.get(node.index, {}), node.item, f"nodes[{node.index}]"
+        tracks, item, where = self.tracks.get(node.index, {}), node.item, f"nodes[{node.index}]"
         if not tracks and item.matrix is not None:
-            matrix = self.file.numbers(item.matrix, f"{place}.matrix", 16).reshape(4, 4).T
+            matrix = self.file.numbers(item.matrix, f"{where}.matrix", 16).reshape(4, 4).T
             if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
-                raise self.file.error(f"{place}.matrix", "must be an affine transform")
+                raise self.file.error(f"{where}.matrix", "must be an affine transform")
             return np.tile(matrix, (len(t), 1, 1)), np.zeros((len(t), 4, 4))
-        found: dict[str, tuple[FloatArray, FloatArray]] = {}
+        result: dict[str, tuple[FloatArray, FloatArray]] = {}
         for name, width in _WIDTHS.items():
             if name in tracks:
-                found[name] = tracks[name].at(t, self.duration_s)
+                result[name] = tracks[name].at(t, self.duration_s)
                 continue
             given = getattr(item, name)
-            rest = np.array(_REST[name]) if given is None else self.file.numbers(given, f"{place}.{name}", width)
+            rest = np.array(_REST[name]) if given is None else self.file.numbers(given, f"{where}.{name}", width)
             if name == "rotation":
-                rest = _unit(self.file, rest[None], f"{place}.rotation")[0]
-            found[name] = np.tile(rest, (len(t), 1)), np.zeros((len(t), width))
-        quaternion, turning = found["rotation"]
+                rest = _unit(self.file, rest[None], f"{where}.rotation")[0]
+            result[name] = np.tile(rest, (len(t), 1)), np.zeros((len(t), width))
+        quaternion, turning = result["rotation"]
         length = np.linalg.norm(quaternion, axis=1, keepdims=True)
         if not (length > 1e-6).all():
-            raise self.file.error(f"{place}.rotation", "an animation takes it through 0: it has no direction there")
+            raise self.file.error(f"{where}.rotation", "an animation takes it through 0: it has no direction there")
         unit = quaternion / length
         turning = (turning - unit * (unit * turning).sum(1, keepdims=True)) / length
         spin = rotation_matrices(unit) @ _skew(2 * hamilton(unit * [-1, -1, -1, 1], turning)[:, :3])
-        (translation, speed), (scale, growing) = found["translation"], found["scale"]
+        (translation, speed), (scale, growing) = result["translation"], result["scale"]
         change = np.zeros((len(t), 4, 4))
         change[:, :3, :3] = spin * scale[:, None] + rotation_matrices(unit) * growing[:, None]
         change[:, :3, 3] = speed
@@ -302,7 +308,7 @@ class NodeTree:
 
 
 def _walk(file: GltfFile) -> Iterator[Node]:
-    """The nodes of the default scene, parents first."""
+    """Yield the nodes of the default scene, parents first."""
     document = file.document
     every = document.nodes or []
     if document.scenes:
@@ -312,7 +318,7 @@ def _walk(file: GltfFile) -> Iterator[Node]:
         children = {child for node in every for child in node.children or [] if isinstance(child, int)}
         roots = [index for index in range(len(every)) if index not in children]
     seen: set[int] = set()
-    waiting: list[tuple[Any, int | None, int]] = [(root, None, 0) for root in reversed(roots)]
+    waiting: list[tuple[int, int | None, int]] = [(root, None, 0) for root in reversed(roots)]
     while waiting:
         index, parent, depth = waiting.pop()
         node = file.item("nodes", index, "scenes" if parent is None else f"nodes[{parent}].children")
@@ -331,7 +337,7 @@ def _walk(file: GltfFile) -> Iterator[Node]:
 def _tracks(file: GltfFile, nodes: dict[int, Node], lost: dict[str, dict[str, None]]) -> dict[int, dict[str, Track]]:
     tracks: dict[int, dict[str, Track]] = {}
     for number, animation in enumerate(file.document.animations or []):
-        place = f"animations[{number}]"
+        where = f"animations[{number}]"
         samplers = animation.samplers or []
         for channel in animation.channels or []:
             if channel.target is None:
@@ -339,70 +345,70 @@ def _tracks(file: GltfFile, nodes: dict[int, Node], lost: dict[str, dict[str, No
             node, path = _target(channel.target)
             if path not in (*_WIDTHS, "weights"):
                 if path.startswith(("/nodes/", "/meshes/", "/cameras/")):
-                    raise file.error(place, f"animates {plain(path)}, which is not read")
+                    raise file.error(where, f"animates {plain(path)}, which is not read")
                 lost.setdefault("the animation", {})[plain(path)] = None
             if path not in (*_WIDTHS, "weights") or node not in nodes:
                 continue
-            which = file.whole(channel.sampler, f"{place}.channels", "of its samplers", len(samplers) - 1)
+            which = file.whole(channel.sampler, f"{where}.channels", "of its samplers", len(samplers) - 1)
             if path == "weights":
-                weights = file.array(samplers[which].output, f"{place}.samplers[{which}].output", width=(1,))
+                weights = file.array(samplers[which].output, f"{where}.samplers[{which}].output", width=(1,))
                 if (np.abs(weights) > ROUNDING).any():
                     name = nodes[node].name
-                    raise file.error(place, f"moves the shape of node {name} (morph targets), which is not read")
+                    raise file.error(where, f"moves the shape of node {name} (morph targets), which is not read")
                 continue
             if path in tracks.setdefault(node, {}):
                 lost.setdefault("a second animation", {})[nodes[node].name] = None
                 continue
             if nodes[node].item.matrix is not None:
                 raise file.error(f"nodes[{node}]", "is animated, so it must have no matrix")
-            tracks[node][path] = _track(file, samplers[which], f"{place}.samplers[{which}]", _WIDTHS[path])
+            tracks[node][path] = _track(file, samplers[which], f"{where}.samplers[{which}]", _WIDTHS[path])
     return tracks
 
 
-def _target(target: Any) -> tuple[Any, str]:
-    """The node and its property that a channel moves; for anything else the path of KHR_animation_pointer alone."""
+def _target(target: Item) -> tuple[int | None, str]:
+    """Return the node and the property that a channel animates; None and the pointer for anything else."""
     given = (target.extensions or {}).get("KHR_animation_pointer")
     if target.path != "pointer" or not isinstance(given, dict):
         return target.node, str(target.path)
     pointer = str(given.get("pointer"))
-    found = re.fullmatch(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights)", pointer)
-    return (int(found[1]), found[2]) if found else (None, pointer)
+    match = re.fullmatch(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights)", pointer)
+    return (int(match[1]), match[2]) if match else (None, pointer)
 
 
-def _track(file: GltfFile, sampler: Any, place: str, width: int) -> Track:
-    times = np.asarray(file.array(sampler.input, f"{place}.input", width=(1,)).ravel(), np.float64)
-    values = np.asarray(file.array(sampler.output, f"{place}.output", width=(width,)), np.float64)
-    file.budget.take(_KEYFRAME_BYTES * len(times), f"{place}: {len(times)} keyframes")
+def _track(file: GltfFile, sampler: Item, where: str, width: int) -> Track:
+    times = np.asarray(file.array(sampler.input, f"{where}.input", width=(1,)).ravel(), np.float64)
+    values = np.asarray(file.array(sampler.output, f"{where}.output", width=(width,)), np.float64)
+    file.budget.take(_KEYFRAME_BYTES * len(times), f"{where}: {len(times)} keyframes")
     kind = sampler.interpolation or "LINEAR"
     if kind not in ("LINEAR", "STEP", "CUBICSPLINE"):
-        raise file.error(f"{place}.interpolation", f"must be LINEAR, STEP or CUBICSPLINE, got {plain(kind)}")
+        raise file.error(f"{where}.interpolation", f"must be LINEAR, STEP or CUBICSPLINE, got {plain(kind)}")
     if len(times) == 0 or times[0] < 0 or not (np.diff(times) > 0).all() or times[-1] > 1e6:
-        raise file.error(f"{place}.input", "times must increase, from 0 s or later to 1e6 s at most")
+        raise file.error(f"{where}.input", "times must increase, from 0 s or later to 1e6 s at most")
     each = 3 if kind == "CUBICSPLINE" else 1
     if len(values) != each * len(times):
-        raise file.error(f"{place}.output", f"must have {each * len(times)} values for its times, got {len(values)}")
+        raise file.error(f"{where}.output", f"must have {each * len(times)} values for its times, got {len(values)}")
     tangents = None
     if each == 3:
         incoming, values, outgoing = values.reshape(len(times), 3, width).swapaxes(0, 1)
         tangents = (incoming, outgoing)
     if width == 4:
-        unit = _unit(file, values, f"{place}.output")
+        unit = _unit(file, values, f"{where}.output")
         values = unit if each == 1 else values
     return Track(times, values, tangents, kind)
 
 
-def _unit(file: GltfFile, quaternions: FloatArray, place: str) -> FloatArray:
-    """Return quaternions (n, 4) of length 1 that were so but for rounding."""
+def _unit(file: GltfFile, quaternions: FloatArray, where: str) -> FloatArray:
+    """Normalise quaternions (n, 4) that have length 1 but for rounding; refuse others."""
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     wrong = np.abs(length - 1) > _UNIT
     if wrong.any():
-        found = quaternions[int(wrong.argmax())].tolist()
-        raise file.error(place, f"rotations must be unit quaternions, got {plain(found)}")
+        result = quaternions[int(wrong.argmax())].tolist()
+        raise file.error(where, f"rotations must be unit quaternions, got {plain(result)}")
     return quaternions / length
 
 
 def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
-    """Transforms (n, 4, 4) of translations (n, 3), unit quaternions (n, 4) and scales (n, 3)."""
+    """Compose transforms (n, 4, 4) of translations (n, 3), unit quaternions (n, 4) and scales (n, 3)."""
     matrix = np.tile(np.eye(4), (len(translation), 1, 1))
     matrix[:, :3, :3] = rotation_matrices(rotation) * scale[:, None]
     matrix[:, :3, 3] = translation
@@ -410,7 +416,7 @@ def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) 
 
 
 def _within(times: list[FloatArray], end_s: float) -> FloatArray:
-    """All times between 0 and the end, each once, in order."""
+    """Return all times between 0 and the end, each once, in order."""
     every = np.unique(np.concatenate([np.empty(0), *times]))
     return every[(every > 0) & (every < end_s)]
 
@@ -418,12 +424,12 @@ def _within(times: list[FloatArray], end_s: float) -> FloatArray:
 def _quaternions(rotations: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
-    found: FloatArray = Rotation.from_matrix(rotations).as_quat()
-    return found
+    result: FloatArray = Rotation.from_matrix(rotations).as_quat()
+    return result
 
 
 def _continuous(quaternions: FloatArray) -> FloatArray:
-    """Return the quaternions with signs such that no neighbours are far apart."""
+    """Choose the signs of quaternions so that neighbours are close."""
     dots = (quaternions[1:] * quaternions[:-1]).sum(1)
     return quaternions * np.concatenate([[1.0], np.cumprod(np.where(dots < 0, -1.0, 1.0))])[:, None]
 

@@ -1,4 +1,4 @@
-"""A glTF file as a scene: meshes, base colours, lights, and what its animations move.
+"""Makes a scene of a glTF file: meshes, base colours, lights, and what its animations move.
 
 Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113:2022), and its extension KHR_lights_punctual.
 """
@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from ..._mitsuba.types import SceneDictionary
 from ..._util.untrusted import decoding
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray, Pose
@@ -21,7 +21,7 @@ from ..parts import DIRECT
 from ..repairs import Repairs
 from ..scene import Scene
 from ..texture_file import EncodedTexture
-from .gltf_file import GltfFile, plain, unknown
+from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
 from .gltf_mesh import GltfMeshes, Primitive, joined
 from .gltf_nodes import Node, NodeTree
@@ -30,14 +30,14 @@ from .rounding import ROUNDING
 
 LUMENS_PER_WATT = 683.0
 """Lux or candela for one unit of Mitsuba's linear light, because glTF gives lights in these. Blender's exporter uses
-the same luminous efficacy, so the resulting numbers are those in Blender: watts divided by 4 pi for lamps."""
+the same luminous efficacy, so the resulting numbers are those in Blender: watts divided by 4 pi for point lights."""
 
 WHITE_LUX = LUMENS_PER_WATT * np.pi
 """Illuminance of a white surface of luma 1 under such lights."""
 
 _WIDTH = 240
 _HARD_EDGE = 0.999
-"""Share of a spot's cone in which its light may be even: Mitsuba needs an edge."""
+"""Largest fraction of a spot's cone in which its light may be even: Mitsuba needs a soft edge."""
 _FLIP = np.array([1.0, -1.0, -1.0])
 """glTF's cameras look along -z, and their y points up."""
 
@@ -45,14 +45,14 @@ _FLIP = np.array([1.0, -1.0, -1.0])
 def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
     """Return a glTF 2.0 file (.gltf, .glb) as a scene.
 
-    Surfaces are matte, opaque and seen from both sides: base colours and their textures are taken, with
+    Surfaces are diffuse, opaque and seen from both sides: base colours and their textures are taken, with
     ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of
     vertices. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela as one unit; a file without any gets those of
     a mesh file. The first perspective camera gives the lens and the path: that of its animation, or one at rest where
     other things move. A file without a camera gets the path around of a mesh file. Nodes that are animated are moving
     objects with the ids ``NODE_MATERIAL``; all others are one shape for each material, ``mesh_MATERIAL``. Copies of a
     mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not shown (metal, light of their own, transparency)
-    are in :attr:`Scene.lost_looks`, and a simulator tells them.
+    are in :attr:`Scene.lost_looks`, and a simulator warns of them.
 
     Args:
         up: the file's axis that points up; None: y, as glTF says.
@@ -61,7 +61,7 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     Raises:
         OSError: if the file, or one that it names, cannot be read.
         DecodeError: naming the file and the place that breaks a rule, or has shapes that would be missing or in the
-            wrong place: skins, morph targets in use, animated scales, points and lines, compression.
+            wrong where: skins, morph targets in use, animated scales, points and lines, compression.
         ValueError: for another axis or scale.
 
     Warns:
@@ -75,7 +75,7 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
 
 
 class _GltfScene:
-    """What is made of a file."""
+    """Builds a scene from a file."""
 
     def __init__(self, file: GltfFile, up: Axis, scale: float) -> None:
         self.file, self.up, self.scale = file, up, scale
@@ -89,6 +89,7 @@ class _GltfScene:
         self.lost = {what: dict(names) for what, names in self.tree.lost.items()}
 
     def scene(self) -> Scene:
+        """Build the scene."""
         shapes, objects = self._shapes()
         corners = self._corners(shapes, objects)
         if not len(corners):
@@ -106,7 +107,7 @@ class _GltfScene:
         for name in map(str, self.file.document.extensionsUsed or []):
             if unknown(name):
                 self._lose("what unknown extensions say", plain(name)[1:-1])
-        described: dict[str, Any] = lights or usual_light()
+        described = lights or usual_light()
         x, y, z = (f"{side:.3g}" for side in high - low)
         size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
         shining = "no lights, so a sun and a sky"
@@ -133,8 +134,8 @@ class _GltfScene:
         )
 
     def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory]]:
-        """All parts by their ids: those at rest in the world, those that move in their own axes, with their paths."""
-        at_rest: dict[tuple[Any, ...], list[Primitive]] = {}
+        """Return all parts by their ids, and the paths of those that move, which are in their own axes."""
+        at_rest: dict[tuple[int | None, bool, bool], list[Primitive]] = {}
         moving: list[tuple[Node, list[Primitive], Trajectory]] = []
         start = np.zeros(1)
         for node in self.tree.nodes.values():
@@ -158,7 +159,7 @@ class _GltfScene:
             part = self._part(primitives)
             shapes[names.unused(f"mesh_{part.material}")] = part
         for node, primitives, trajectory in moving:
-            by_kind: dict[tuple[Any, ...], list[Primitive]] = {}
+            by_kind: dict[tuple[int | None, bool, bool], list[Primitive]] = {}
             for primitive in primitives:
                 by_kind.setdefault(primitive.kind, []).append(primitive)
             for alike in by_kind.values():
@@ -171,35 +172,35 @@ class _GltfScene:
 
     def _part(self, primitives: list[Primitive]) -> MeshPart:
         index = primitives[0].material
-        matte = self.materials[index]
-        if index in self.shown and isinstance(matte.reflectance, EncodedTexture):
-            matte.reflectance.charge(self.file.budget, f"one more shape of the material {matte.name}")
+        material = self.materials[index]
+        if index in self.shown and isinstance(material.reflectance, EncodedTexture):
+            material.reflectance.charge(self.file.budget, f"one more shape of the material {material.name}")
         self.shown.add(index)
-        return joined(primitives, matte)
+        return joined(primitives, material)
 
     def _corners(self, shapes: dict[str, MeshPart], objects: dict[str, Trajectory]) -> FloatArray:
-        """All corners where they are at first."""
-        found = [np.empty((0, 3))]
+        """Return all corners (n, 3) in the world at the start."""
+        corners_of = [np.empty((0, 3))]
         for name, part in shapes.items():
             corners = part.corners.reshape(-1, 3)
             if name in objects:
                 pose = objects[name].pose(0.0)
                 corners = corners @ pose.rotation.T + pose.position
-            found.append(corners)
-        return np.concatenate(found)
+            corners_of.append(corners)
+        return np.concatenate(corners_of)
 
-    def _lights(self) -> dict[str, Any]:
+    def _lights(self) -> SceneDictionary:
         declared = self._extension(self.file.document.extensions).get("lights", [])
         if not isinstance(declared, list):
             raise self.file.error("KHR_lights_punctual.lights", "must be a list")
-        lights: dict[str, Any] = {}
+        lights: SceneDictionary = {}
         names = _Names()
         for node in self.tree.nodes.values():
             given = self._extension(node.item.extensions)
             if "light" not in given:
                 continue
-            place = f"nodes[{node.index}]: KHR_lights_punctual"
-            which = self.file.whole(given["light"], place, f"of the {len(declared)} lights", len(declared) - 1)
+            where = f"nodes[{node.index}]: KHR_lights_punctual"
+            which = self.file.whole(given["light"], where, f"of the {len(declared)} lights", len(declared) - 1)
             if not isinstance(declared[which], dict):
                 raise self.file.error(f"KHR_lights_punctual.lights[{which}]", "must be an object")
             if self.tree.moves(node.index):
@@ -208,10 +209,10 @@ class _GltfScene:
             lights[names.unused(f"light_{node.name}")] = light
         return lights
 
-    def _light(self, given: dict[str, Any], node: Node, place: str) -> dict[str, Any]:
+    def _light(self, given: dict[str, object], node: Node, where: str) -> SceneDictionary:
         matrix = self.to_world @ self.tree.matrices(node.index, np.zeros(1))[0][0]
-        intensity = self.file.numbers(given.get("intensity", 1.0), f"{place}.intensity", 1, low=0)[0] / LUMENS_PER_WATT
-        colour = self.file.numbers(given.get("color", [1, 1, 1]), f"{place}.color", 3, low=0)
+        intensity = self.file.numbers(given.get("intensity", 1.0), f"{where}.intensity", 1, low=0)[0] / LUMENS_PER_WATT
+        colour = self.file.numbers(given.get("color", [1, 1, 1]), f"{where}.color", 3, low=0)
         strength = {"type": "rgb", "value": (colour * intensity).tolist()}
         axis = -matrix[:3, 2]
         length = np.linalg.norm(axis)
@@ -225,16 +226,16 @@ class _GltfScene:
         if kind == "directional":
             return {"type": "directional", "direction": (axis / length).tolist(), "irradiance": strength}
         if kind != "spot":
-            raise self.file.error(f"{place}.type", f"must be point, directional or spot, got {plain(kind)}")
+            raise self.file.error(f"{where}.type", f"must be point, directional or spot, got {plain(kind)}")
         cone = given.get("spot", {})
         if not isinstance(cone, dict):
-            raise self.file.error(f"{place}.spot", "must be an object")
-        outer = self.file.numbers(cone.get("outerConeAngle", np.pi / 4), f"{place}.spot", 1, low=1e-4, high=np.pi / 2)[
+            raise self.file.error(f"{where}.spot", "must be an object")
+        outer = self.file.numbers(cone.get("outerConeAngle", np.pi / 4), f"{where}.spot", 1, low=1e-4, high=np.pi / 2)[
             0
         ]
-        inner = self.file.numbers(cone.get("innerConeAngle", 0.0), f"{place}.spot", 1, low=0, high=np.pi / 2)[0]
+        inner = self.file.numbers(cone.get("innerConeAngle", 0.0), f"{where}.spot", 1, low=0, high=np.pi / 2)[0]
         if inner > outer * (1 + ROUNDING):
-            raise self.file.error(f"{place}.spot", f"innerConeAngle {inner:g} must be at most outerConeAngle {outer:g}")
+            raise self.file.error(f"{where}.spot", f"innerConeAngle {inner:g} must be at most outerConeAngle {outer:g}")
         self._lose("how the spot light's edge falls off (linear in the angle here)", node.name)
         to_world = np.eye(4)
         forward = axis / length
@@ -250,18 +251,18 @@ class _GltfScene:
             "beam_width": float(np.degrees(min(inner, _HARD_EDGE * outer))),
         }
 
-    def _extension(self, extensions: Any) -> dict[str, Any]:
+    def _extension(self, extensions: object) -> dict[str, object]:
         given = (extensions if isinstance(extensions, dict) else {}).get("KHR_lights_punctual", {})
         if not isinstance(given, dict):
             raise self.file.error("KHR_lights_punctual", "must be an object")
         return given
 
     def _camera(self) -> tuple[Camera | None, Pose | None, Trajectory | None, str]:
-        """Lens, start, path and what is to be said of them; an animated camera comes before others."""
+        """Return lens, start, path and a note about them; an animated camera comes before others."""
         seen = [node for node in self.tree.nodes.values() if node.item.camera is not None]
         cameras = [(node, self.file.item("cameras", node.item.camera, f"nodes[{node.index}].camera")) for node in seen]
         usable = [(node, camera) for node, camera in cameras if camera.type == "perspective"]
-        usable.sort(key=lambda one: not self.tree.moves(one[0].index))
+        usable.sort(key=lambda pair: not self.tree.moves(pair[0].index))
         taken = usable[0][0] if usable else None
         others = tuple(node.name for node, _ in cameras if node is not taken)
         unused = f"; not taken: the camera{'s' if len(others) > 1 else ''} {shown(others)}" if others else ""
@@ -281,19 +282,19 @@ class _GltfScene:
             return lens, start, trajectory, f"{size}, at rest for {duration_s:.4g} s{unused}"
         return lens, start, trajectory, f"{size}, moves for {duration_s:.4g} s{unused}"
 
-    def _lens(self, perspective: Any, place: str) -> Camera:
+    def _lens(self, perspective: Item | None, where: str) -> Camera:
         """Return a lens 240 pixels wide, and as high as the file's aspect ratio says, or 180 without one."""
         if perspective is None:
-            raise self.file.error(place, "has no perspective")
-        angle = self.file.numbers(perspective.yfov, f"{place}.yfov", 1, low=1e-3, high=np.pi - 1e-3)[0]
+            raise self.file.error(where, "has no perspective")
+        angle = self.file.numbers(perspective.yfov, f"{where}.yfov", 1, low=1e-3, high=np.pi - 1e-3)[0]
         given = perspective.aspectRatio
-        aspect = 4 / 3 if given is None else self.file.numbers(given, f"{place}.aspectRatio", 1, low=0.1, high=10)[0]
+        aspect = 4 / 3 if given is None else self.file.numbers(given, f"{where}.aspectRatio", 1, low=0.1, high=10)[0]
         height = max(1, round(_WIDTH / aspect))
         focal = _WIDTH / (2 * aspect * np.tan(angle / 2))
         return Camera(_WIDTH, height, focal, focal, (_WIDTH - 1) / 2, (height - 1) / 2)
 
     def _lose(self, what: str, name: str) -> None:
-        """Note what is not shown, and of what."""
+        """Note that the look ``what`` of ``name`` is not shown."""
         self.lost.setdefault(what, {})[name] = None
 
 
@@ -308,12 +309,12 @@ class _Names:
         self._next: dict[str, int] = {}
 
     def unused(self, name: str) -> str:
-        """An id like ``name`` that no other has."""
+        """Return an id like ``name`` that is not in use."""
         plain_name = re.sub(r"\W", "_", name)[:80]
-        found, number = plain_name, self._next.get(plain_name, 1)
-        while found in self._next:
+        candidate, number = plain_name, self._next.get(plain_name, 1)
+        while candidate in self._next:
             number += 1
-            found = f"{plain_name}_{number}"
+            candidate = f"{plain_name}_{number}"
         self._next[plain_name] = number
-        self._next.setdefault(found, 1)
-        return found
+        self._next.setdefault(candidate, 1)
+        return candidate

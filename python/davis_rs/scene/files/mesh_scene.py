@@ -1,14 +1,15 @@
-"""A mesh file as a scene: default light, a plain background, and a camera path around the mesh."""
+"""Makes a scene of a mesh file: default light, a plain background, and a camera path around the mesh."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from ..._mitsuba.types import MitsubaShape, MitsubaValue, SceneDictionary
 from ..._util.argument_error import ArgumentError
 from ..._util.budget import Budget
 from ...geometry.camera import PRESETS
@@ -27,15 +28,15 @@ from .ply_file import read_ply
 Axis = Literal["y", "z"]
 
 READERS = {".obj": read_obj, ".ply": read_ply}
-"""How the files are read, by their suffix."""
+"""The readers of mesh files, by suffix."""
 
 USUAL_UP: dict[str, Axis] = {".obj": "y", ".ply": "z"}
-"""The axis that points up if nobody says so: the defaults of Blender's exports."""
+"""The axis that points up by default, as Blender exports them."""
 
 CAMERA = PRESETS["ideal"]
-"""Of a file that has none."""
+"""The camera of a file that has none."""
 _FILLED = 0.6
-"""Share of the image's height that a ball around the mesh fills."""
+"""Fraction of the image's height that a ball around the mesh fills."""
 
 _ELEVATION_RAD, _TURN_S = np.radians(30.0), 10.0
 
@@ -44,7 +45,8 @@ _SUN, _SKY = 2.0, 0.3
 
 
 def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
-    """Return an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from all around.
+    """Make a scene of an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from
+    all around.
 
     Surfaces are diffuse, opaque, and seen from both sides. A shape's id is ``mesh``, or ``mesh_MATERIAL`` where faces
     use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30 degrees above its middle, so far
@@ -60,7 +62,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         ValueError: for a file that breaks its format's rules, a mesh without a surface, or another axis or scale.
 
     Warns:
-        SceneFileWarning: in one line, of what of the file is left out or mended.
+        SceneFileWarning: in one line, of what is left out or repaired.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -100,27 +102,27 @@ def check_axis_and_scale(up: str | None, scale: float) -> None:
 
 
 def to_z_up(up: Axis) -> FloatArray:
-    """The rotation (3, 3) of a file's axes into the world's."""
+    """Return the rotation (3, 3) of a file's axes into the world's."""
     return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else np.eye(3)
 
 
 def _in_world(part: MeshPart, up: Axis, scale: float) -> MeshPart:
-    """A part in metres, with z up."""
+    """Convert a part to metres, with z up."""
     turn = to_z_up(up)
     normals = None if part.normals is None else part.normals @ turn.T
     return part._replace(corners=part.corners @ turn.T * scale, normals=normals)
 
 
 def _shape_ids(parts: list[MeshPart]) -> list[str]:
-    """The ids of all parts. Names that differ only in characters that an id cannot have are told apart by place."""
+    """Return the ids of all parts. Names that would have the same id get the index of their part too."""
     if len(parts) == 1:
         return ["mesh"]
     names = [re.sub(r"\W", "_", part.material) for part in parts]
     alike = Counter(names)
-    return [f"mesh_{name}" if alike[name] == 1 else f"mesh_{name}_{place}" for place, name in enumerate(names)]
+    return [f"mesh_{name}" if alike[name] == 1 else f"mesh_{name}_{index}" for index, name in enumerate(names)]
 
 
-def _source(parts: dict[str, MeshPart]) -> dict[str, Any]:
+def _source(parts: dict[str, MeshPart]) -> SceneDictionary:
     return {
         "type": "scene",
         "integrator": DIRECT,
@@ -129,8 +131,8 @@ def _source(parts: dict[str, MeshPart]) -> dict[str, Any]:
     }
 
 
-def usual_light() -> dict[str, Any]:
-    """A sun behind the start of :func:`around`, to its left and above, and light from all sides."""
+def usual_light() -> SceneDictionary:
+    """Return a sun behind the start of :func:`around`, to its left and above, and light from all sides."""
     right, down, forward = look_at(_direction(0.0), np.zeros(3)).T
     direction = (forward + 0.6 * down + 0.6 * right).tolist()
     return {
@@ -139,13 +141,15 @@ def usual_light() -> dict[str, Any]:
     }
 
 
-def mitsuba_shape(part: MeshPart) -> Any:
-    """A part in world axes as a shape; made under the variant that loads the scene."""
+def mitsuba_shape(part: MeshPart) -> MitsubaShape:
+    """Make a shape of a part in world axes; call it under the variant that loads the scene."""
     import mitsuba as mi
 
     given, uv = part.reflectance, part.uv
-    # Of a large texture no copy is kept but the tensor, which Mitsuba copies.
-    reflectance: Any = mi.TensorXf(given.linear()) if isinstance(given, EncodedTexture) else given
+    # Of a large texture there is only this tensor, which Mitsuba copies.
+    reflectance: Texture | FloatArray | MitsubaValue = (
+        mi.TensorXf(given.linear()) if isinstance(given, EncodedTexture) else given
+    )
     if part.colours is not None:
         reflectance, uv = colours_as_texture(part.colours)
     flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0
@@ -156,7 +160,7 @@ def mitsuba_shape(part: MeshPart) -> Any:
 
 
 def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
-    """A texture that shows colours at corners, linear between: of 2 x 2 texels for each triangle.
+    """Make a texture that shows colours at corners, linear in between, of 2 x 2 texels for each triangle.
 
     Corners lie at the centres of three of the four texels. The fourth continues the plane through their colours, so
     that the bilinear lookup between them is linear. It may lie outside of 0 to 1, but no point of the triangle does.
@@ -180,13 +184,13 @@ def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
 
 
 def _direction(angle_rad: float) -> FloatArray:
-    """Unit vector from the mesh to the camera, turned so far from its start in front of the mesh (-y)."""
+    """Return the unit vector from the mesh to the camera, turned by an angle from its start in front (-y)."""
     out, rise = np.cos(_ELEVATION_RAD), np.sin(_ELEVATION_RAD)
     return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
 
 
 def around(centre: FloatArray, radius: float) -> CallableTrajectory:
-    """Once around a ball, which fills :data:`_FILLED` of the image's height, looking at its centre."""
+    """Make a path once around a ball, which fills :data:`_FILLED` of the image's height, looking at its centre."""
     # The rim of a ball is seen at the angle whose sine is radius / distance.
     distance = radius * np.hypot(1.0, 2 * CAMERA.fy / (_FILLED * CAMERA.height))
     rate = 2 * np.pi / _TURN_S

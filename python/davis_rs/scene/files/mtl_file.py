@@ -1,4 +1,4 @@
-"""The material files (MTL) of OBJ meshes: the diffuse colour or texture of each material."""
+"""Reads material files (MTL) of OBJ meshes: the diffuse colour or texture of each material."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _LOOKS = {
     "map_Pm": METAL,
     **dict.fromkeys(("bump", "map_bump", "map_Bump", "norm", "disp"), BUMPS),
 }
-"""What is lost of a material that has one of these lines."""
+"""The kind of look that is lost if a material has one of these lines."""
 _MATERIAL_BYTES = 1000
 """About what a material takes in memory, without its texture."""
 _USUAL = {"d": 1.0, "Tr": 0.0, "Ke": 0.0, "Pm": 0.0}
-"""With these numbers nothing is lost."""
+"""Values with which nothing is lost."""
 
 
 class Materials:
-    """The materials of a file by name: ``Kd`` (linear RGB), or ``map_Kd`` (a texture, which takes the place of ``Kd``).
+    """The materials of a file by name: ``Kd`` (linear RGB), or ``map_Kd`` (a texture, which replaces ``Kd``).
 
     Surfaces are diffuse and opaque: highlights are not read.
 
@@ -73,7 +73,7 @@ class Materials:
                 self._lost[name][_LOOKS[key]] = None
 
     def texture(self, name: str) -> Path | None:
-        """The file of a material's texture; None without one.
+        """Return the file of a material's texture; None without one.
 
         Raises:
             DecodeError: if it does not lie in the scene's folder.
@@ -84,7 +84,7 @@ class Materials:
         return named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: map_Kd")
 
     def reflectance(self, name: str, textures: TextureFiles) -> tuple[EncodedTexture | FloatArray, tuple[str, ...]]:
-        """Return a material's texture, or its colour (3,); and the looks that are lost of it.
+        """Return a material's texture, or its colour (3,), and the kinds of its looks that are lost.
 
         Raises:
             OSError, ValueError: if its texture cannot be read.
@@ -97,7 +97,7 @@ class Materials:
 
 
 def text_lines(data: bytes, budget: Budget) -> Iterator[str]:
-    """The lines of a text of OBJ or MTL, in UTF-8 or nearly so, each made when it is asked for.
+    """Iterate over the lines of an OBJ or MTL file, in UTF-8 or nearly so.
 
     Raises:
         DecodeError: if there are more than the budget allows.
@@ -118,7 +118,7 @@ def _colour(text: str, where: str) -> FloatArray:
 
 
 def _is_different(key: str, text: str) -> bool:
-    """Whether a line's numbers are other than those of an opaque, dark and smooth surface that is no metal."""
+    """Return whether a line says more than that a surface is opaque, dark, smooth and not metallic."""
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:

@@ -1,4 +1,4 @@
-"""Wavefront OBJ meshes with their materials."""
+"""Reads Wavefront OBJ meshes with their materials."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .triangulation import cut_polygons
 _WIDTH = {"v": 3, "vt": 2, "vn": 3}
 _UNREAD = {"curv", "curv2", "surf", "call"}
 _FACE_BYTES = 9 * 8 * 2
-"""Of a triangle's indices: those of one number of corners, and of all of them together."""
+"""Bytes of a triangle's indices, while the faces are joined."""
 _WITHOUT_SURFACE = {"p": "points", "l": "lines"}
 
 
 def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
-    """The parts of an OBJ file, one a material that faces use, in the order of their first use.
+    """Read the parts of an OBJ file, one for each material that faces use, in the order of first use.
 
     Polygons are cut into triangles; ``v x y z r g b`` gives a colour (sRGB) to the vertices of faces without a
     material. Points, lines and faces without area have no surface: they are left out. Groups have no meaning here.
@@ -44,7 +44,7 @@ def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
         ValueError: naming the line and the rule that it breaks.
 
     Warns:
-        SceneFileWarning: in one line, of what is left out or mended.
+        SceneFileWarning: in one line, of what is left out or repaired.
     """
     file = _ObjFile(path, budget)
     parts = file.parts()
@@ -54,16 +54,16 @@ def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
 
 
 class _ObjFile:
-    """The numbers of a file, and its faces by material and number of corners."""
+    """Reads the numbers of a file, and its faces by material and number of corners."""
 
     def __init__(self, path: Path, budget: Budget) -> None:
         self.path, self.budget = path, budget
         self.numbers = {"v": array("d"), "vt": array("d"), "vn": array("d")}
         self.colours = array("d")
         self.faces: dict[tuple[str, int], array[int]] = {}
-        """(line, then position, texture coordinate and normal of each corner) for each; from 1, 0 for none."""
+        """Each face as its line, then position, texture coordinate and normal of each corner, from 1; 0 for none."""
         self.libraries: dict[Path, Materials] = {}
-        """Material files, each read once, in the order in which they were named last: later ones count."""
+        """Material files, each read once, in the order in which they were last named: later ones win."""
         self.textures = TextureFiles(budget)
         self.repairs = Repairs(path)
         self._read()
@@ -115,12 +115,12 @@ class _ObjFile:
             fields = word.split("/")
             if len(fields) > 3:
                 raise ValueError(f"a corner is v, v/vt, v//vn or v/vt/vn, got {word!r}")
-            for place in range(3):
-                field = fields[place] if place < len(fields) else ""
+            for slot in range(3):
+                field = fields[slot] if slot < len(fields) else ""
                 index = int(field) if field else 0
                 if index < 0:
-                    index += counts[place] + 1
-                if (index < 1 and field) or (place == 0 and not field) or index >= 1 << 32:
+                    index += counts[slot] + 1
+                if (index < 1 and field) or (slot == 0 and not field) or index >= 1 << 32:
                     raise ValueError(f"a corner's index counts from 1, or from -1 backwards, got {word!r}")
                 row.append(index)
         self.budget.take(8 * len(row), "its faces")
@@ -137,6 +137,7 @@ class _ObjFile:
         self.libraries[path] = known or Materials(path, self.path.parent, self.budget)
 
     def parts(self) -> list[MeshPart]:
+        """Build the parts, one for each material."""
         values = {key: np.array(self.numbers[key]).reshape(-1, width) for key, width in _WIDTH.items()}
         for key, what in (("v", "vertex"), ("vt", "texture coordinate")):
             check_finite(values[key], what, str(self.path))
@@ -152,7 +153,7 @@ class _ObjFile:
         ]
 
     def _vertex_colours(self, count: int) -> FloatArray | None:
-        """Linear RGB (count, 3) of the vertices, or None where not all have one."""
+        """Return linear RGB (count, 3) of the vertices, or None where not all have one."""
         if len(self.colours) != 3 * count or not count:
             if self.colours:
                 what = f"colours of vertices are left out because not all of the {count} have one"
@@ -170,12 +171,12 @@ class _ObjFile:
     def _triangles(self, faces: npt.NDArray[np.int64], values: dict[str, FloatArray]) -> npt.NDArray[np.int64]:
         """Return indices of position, texture coordinate and normal of each corner, (m, 3, 3), from 0; -1 for none."""
         lines, corners = faces[:, 0], faces[:, 1:].reshape(len(faces), -1, 3) - 1
-        for place, key in enumerate(_WIDTH):
-            outside = (corners[..., place] >= len(values[key])).any(1)
+        for slot, key in enumerate(_WIDTH):
+            outside = (corners[..., slot] >= len(values[key])).any(1)
             if outside.any():
                 worst = int(outside.argmax())
                 raise ValueError(
-                    f"{self.path}:{lines[worst]}: a face names {key} {corners[worst, :, place].max() + 1}, but the "
+                    f"{self.path}:{lines[worst]}: a face names {key} {corners[worst, :, slot].max() + 1}, but the "
                     f"file has {len(values[key])}"
                 )
         return corners.reshape(-1, 3)[cut_polygons(corners[..., 0], values["v"], "line", lines, self.repairs)]
@@ -186,17 +187,17 @@ class _ObjFile:
         charge_triangles(self.budget, len(triangles), 3 + 2 + 3 + 3, f"{self.path}: {material or 'the mesh'}")
         position, texture, normal = np.moveaxis(triangles, 2, 0)
         uv = values["vt"][texture] if (texture >= 0).all() else None
-        places = values["v"][position]
+        points = values["v"][position]
         normals = None
         if (normal >= 0).all():
-            normals = unit_normals(values["vn"][normal], places, material or "the mesh", self.repairs)
+            normals = unit_normals(values["vn"][normal], points, material or "the mesh", self.repairs)
         if material not in self.materials:
             if self.libraries and material:
                 raise ValueError(
                     f"{self.path}: no material file of this mesh has the material {material!r} that faces use"
                 )
             own = None if colours is None else colours[position]
-            return MeshPart(places, uv, normals, np.full(3, GREY), own, material)
+            return MeshPart(points, uv, normals, np.full(3, GREY), own, material)
         materials = self.materials[material]
         reflectance, lost = materials.reflectance(material, self.textures)
         image = materials.texture(material)
@@ -208,4 +209,4 @@ class _ObjFile:
                     "texture needs; unwrap the mesh before you export it"
                 )
             reflectance.charge(self.budget, f"the material {material!r}")
-        return MeshPart(places, uv, normals, reflectance, None, material, files, lost=lost)
+        return MeshPart(points, uv, normals, reflectance, None, material, files, lost=lost)

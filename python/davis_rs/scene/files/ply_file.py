@@ -1,4 +1,4 @@
-"""PLY meshes (Stanford's polygon format): ASCII and binary, with colours of vertices or a texture."""
+"""Reads PLY meshes (Stanford's polygon format): ASCII and binary, with colours of vertices or a texture."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _SPACES = (b" ", b"\n", b"\t", b"\r", b"\v", b"\f")
 _WORD_BYTES, _ROW_BYTES, _NUMBER_BYTES = 50, 100, 40
 """About what a word, a list of numbers and each of its numbers take as objects of Python."""
 _LONGEST = 1 << 16
-"""A list of more numbers than this is no face that anybody made; strips of triangles may be longer."""
+"""The longest list of a face; strips of triangles may be longer."""
 
 _INDICES = ("vertex_indices", "vertex_index")
 _STRIPS = "tristrips"
@@ -51,7 +51,7 @@ Columns = dict[str, npt.NDArray[np.float64]]
 
 @dataclass
 class _Element:
-    """What the header says of one kind of rows: its properties as (name, type, type of a list's length or None)."""
+    """An element of the header: its properties are (name, type, type of a list's length or None)."""
 
     name: str
     count: int
@@ -59,7 +59,7 @@ class _Element:
 
 
 def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
-    """A PLY file as one part: polygons cut into triangles, with normals, texture coordinates and colours of vertices.
+    """Read a PLY file as one part: triangles, with normals, texture coordinates and colours of vertices.
 
     Strips of triangles (the element ``tristrips``, as in Stanford's repository: lists of vertices, -1 between strips)
     are read, too. Edges, and faces without area, have no surface: they are left out. Colours of vertices as integers
@@ -74,7 +74,7 @@ def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
         ValueError: naming the file and the rule that it breaks.
 
     Warns:
-        SceneFileWarning: in one line, of what is left out or mended.
+        SceneFileWarning: in one line, of what is left out or repaired.
     """
     data = read_charged(path, budget)
     order, texture, elements, start = _header(path, data)
@@ -98,7 +98,7 @@ def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
 
 
 def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
-    """Byte order, name of the texture or nothing, elements, and where the body starts."""
+    """Parse the header: byte order, name of the texture or "", elements, and where the body starts."""
     first, _, _ = data[:8].partition(b"\n")
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
@@ -131,7 +131,7 @@ def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
 
 
 def _vertices(path: Path, element: _Element, rows: list[Columns]) -> Columns:
-    """The columns of the vertices, and as "full scale" the number that stands for a colour of 1."""
+    """Return the columns of the vertices, and as "full scale" the value of a full colour."""
     if len(rows) > 1:
         raise ValueError(f"{path}: vertices with lists of different lengths are not read")
     kind = next((kind for name, kind, _ in element.properties if name == "red"), "f4")
@@ -140,7 +140,7 @@ def _vertices(path: Path, element: _Element, rows: list[Columns]) -> Columns:
 
 
 class _Body:
-    """The numbers after the header, read from the front."""
+    """Reads the numbers after the header, from front to back."""
 
     def __init__(self, path: Path, data: memoryview, order: str, budget: Budget) -> None:
         self.path, self.order, self.budget = path, order, budget
@@ -154,7 +154,7 @@ class _Body:
         return text.split()
 
     def rows(self, element: _Element) -> list[Columns]:
-        """All rows of an element, those together whose lists are of the same lengths; "row" is a row's number."""
+        """Read all rows of an element, grouped by the lengths of their lists; "row" is a row's number."""
         if not element.properties or not element.count:
             return []
         start = self.at
@@ -163,17 +163,17 @@ class _Body:
         columns = self._alike(element, lengths)
         if columns is not None:
             return [columns]
-        found: dict[tuple[int, ...], list[list[float]]] = {}
-        of = f"rows of the element {element.name!r}"
+        groups: dict[tuple[int, ...], list[list[float]]] = {}
+        what = f"rows of the element {element.name!r}"
         for row in range(element.count):
-            self.budget.count(1, of)
+            self.budget.count(1, what)
             lengths, values = self._row(element)
-            self.budget.take(_ROW_BYTES + _NUMBER_BYTES * len(values), of)
-            found.setdefault(tuple(lengths), []).append([row, *values])
-        return [self._columns(element, lengths, np.array(values)) for lengths, values in found.items()]
+            self.budget.take(_ROW_BYTES + _NUMBER_BYTES * len(values), what)
+            groups.setdefault(tuple(lengths), []).append([row, *values])
+        return [self._columns(element, lengths, np.array(values)) for lengths, values in groups.items()]
 
     def _row(self, element: _Element) -> tuple[list[int], list[float]]:
-        """The next row: the lengths of its lists, and all its numbers but these."""
+        """Read the next row: the lengths of its lists, and all its other numbers."""
         lengths: list[int] = []
         values: list[float] = []
         for _, kind, length in element.properties:
@@ -204,7 +204,7 @@ class _Body:
             raise ValueError(f"{self.path}: in the element {element.name!r}: {error}") from None
 
     def _alike(self, element: _Element, lengths: list[int]) -> Columns | None:
-        """The rows of an element whose lists all have these lengths, or None where some have others."""
+        """Read the rows of an element at once if all lists have these lengths; else return None."""
         layout: list[tuple[str, str, tuple[int, ...]]] = []
         left = iter(lengths)
         for index, (_, kind, length) in enumerate(element.properties):
@@ -219,10 +219,10 @@ class _Body:
         numbers = 8 * element.count * (1 + width)
         self.budget.take(numbers, f"the element {element.name!r}")
         with self.budget.borrow(numbers if self.order else _NUMBER_BYTES * element.count * width, "its numbers"):
-            found = self._table(element, lengths, layout, width, end)
-        if found is None:
+            columns = self._table(element, lengths, layout, width, end)
+        if columns is None:
             self.budget.give_back(numbers)
-        return found
+        return columns
 
     def _table(
         self,
@@ -232,7 +232,7 @@ class _Body:
         width: int,
         end: int,
     ) -> Columns | None:
-        """The rows of an element until ``end`` as one table, or None where some have lists of other lengths."""
+        """Read the rows of an element until ``end`` as one table; return None if lists have other lengths."""
         if self.order:
             table = np.frombuffer(self.data, np.dtype(layout), element.count, self.at)
             parts = [table[name].reshape(element.count, -1).astype(np.float64) for name, _, _ in layout]
@@ -258,7 +258,7 @@ class _Body:
 
 
 def _faces(path: Path, positions: FloatArray, faces: list[Columns], repairs: Repairs) -> Iterator[Indices]:
-    """The polygons, cut into triangles."""
+    """Yield the triangles of polygons."""
     for rows in faces:
         polygons = _indices(path, rows, "face", len(positions), least=0)
         if polygons.shape[1] < 3:
@@ -268,7 +268,7 @@ def _faces(path: Path, positions: FloatArray, faces: list[Columns], repairs: Rep
 
 
 def _strips(path: Path, positions: FloatArray, strips: list[Columns], repairs: Repairs) -> Iterator[Indices]:
-    """The triangles of strips."""
+    """Yield the triangles of strips."""
     for rows in strips:
         for strip, row in zip(_indices(path, rows, "strip", len(positions), least=-1), rows["row"], strict=True):
             triangles = cut_strip(strip)
@@ -279,17 +279,17 @@ def _strips(path: Path, positions: FloatArray, strips: list[Columns], repairs: R
 
 
 def _indices(path: Path, rows: Columns, what: str, count: int, *, least: int) -> Indices:
-    """The vertices (m, n) that rows name, each from ``least`` to ``count`` - 1."""
+    """Return the vertices (m, n) of rows, and check that each is from ``least`` to ``count`` - 1."""
     given = next((rows[name] for name in _INDICES if name in rows), np.empty((len(rows["row"]), 0)))
     if given.ndim != 2:
         given = np.empty((len(rows["row"]), 0))
     outside = ~((given >= least) & (given < count))
     if outside.any():
-        worst, place = np.argwhere(outside)[0]
+        worst, column = np.argwhere(outside)[0]
         named = (
-            f"the vertices [{', '.join(f'{one:g}' for one in given[worst])}]"
+            f"the vertices [{', '.join(f'{index:g}' for index in given[worst])}]"
             if given.shape[1] < 10
-            else f"vertex {given[worst, place]:g}"
+            else f"vertex {given[worst, column]:g}"
         )
         raise ValueError(
             f"{path}: {what} {int(rows['row'][worst]) + 1} names {named}, but the file has {count}, counted from 0"
@@ -324,11 +324,11 @@ def _part(
         reflectance = TextureFiles(budget).read(files[0], str(path))
         reflectance.charge(budget, str(path))
         opaque = reflectance.opaque
-    places = positions[corners]
+    points = positions[corners]
     return MeshPart(
-        places,
+        points,
         None if uv is None else uv[corners],
-        None if normals is None else unit_normals(normals[corners], places, "the mesh", repairs),
+        None if normals is None else unit_normals(normals[corners], points, "the mesh", repairs),
         reflectance,
         None if colours is None else colours[corners],
         "",
@@ -338,7 +338,7 @@ def _part(
 
 
 def _colours(path: Path, vertices: Columns) -> tuple[FloatArray | None, bool]:
-    """Linear RGB (v, 3) of the vertices, or None where the file has no colours; and whether all are opaque."""
+    """Return linear RGB (v, 3) of the vertices, or None where the file has no colours; and whether all are opaque."""
     given = _stacked(vertices, ("red", "green", "blue"))
     if given is None:
         return None, True
@@ -351,7 +351,7 @@ def _colours(path: Path, vertices: Columns) -> tuple[FloatArray | None, bool]:
 
 
 def _stacked(columns: Columns, names: Sequence[str]) -> FloatArray | None:
-    """These columns side by side, or None where one is not there."""
+    """Stack these columns side by side; return None if one is missing."""
     if not all(name in columns and columns[name].ndim == 1 for name in names):
         return None
     return np.stack([columns[name] for name in names], 1)

@@ -1,4 +1,4 @@
-"""A user's folder of images as textures, or of meshes: what is in it, and reading one of them."""
+"""Lists and reads the images and meshes in a user's folder."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ..textures import Texture
 from .mesh_scene import READERS as MESH_READERS
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".tga")
-"""Of files that are taken as images; others of the folder are not looked at."""
+"""Suffixes of images; other files of the folder are ignored."""
 
 SMALLEST_SIDE = 16
-"""An image of fewer pixels on a side is no texture: it would be a few blurred patches."""
+"""The fewest pixels on a side of a texture; fewer would be a few blurred patches."""
 
 
 def image_files(folder: str | Path) -> tuple[Path, ...]:
-    """The images in a folder and its subfolders, by their suffix, in the order of their names.
+    """List the images in a folder and its subfolders, by their suffix, in the order of their names.
 
     Raises:
         OSError: if there is no such folder, or it cannot be read.
@@ -33,12 +33,12 @@ def image_files(folder: str | Path) -> tuple[Path, ...]:
 
 
 def mesh_files(folder: str | Path) -> tuple[Path, ...]:
-    """The meshes (OBJ, PLY) in a folder and its subfolders, likewise."""
+    """List the meshes (OBJ, PLY) in a folder and its subfolders, as :func:`image_files` lists images."""
     return _files(Path(folder), tuple(MESH_READERS), "meshes")
 
 
 def check_image(path: Path) -> None:
-    """Refuse what is no image that can be a texture, as far as its first bytes tell.
+    """Refuse a file that, by its header, is not an image that can be a texture.
 
     Raises:
         OSError: if it cannot be read.
@@ -62,9 +62,9 @@ def check_image(path: Path) -> None:
 
 
 def read_image_texture(path: Path, longest_side: int) -> Texture:
-    """An image as reflectance (H, W, 3) in linear RGB, with at most ``longest_side`` texels on a side.
+    """Read an image as reflectance (H, W, 3) in linear RGB, with at most ``longest_side`` texels on a side.
 
-    A larger one is made smaller by means over areas, in linear light.
+    A larger image is scaled down by averages over areas, in linear light.
 
     Raises:
         OSError, ValueError: as :func:`~davis_rs.scene.texture_file.TextureFiles.read` and :func:`check_image`.
@@ -85,16 +85,16 @@ def read_image_texture(path: Path, longest_side: int) -> Texture:
         return texture
     import cv2
 
-    share = longest_side / max(height, width)
-    size = max(1, round(width * share)), max(1, round(height * share))
+    factor = longest_side / max(height, width)
+    size = max(1, round(width * factor)), max(1, round(height * factor))
     return np.clip(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), 0.0, 1.0).astype(np.float32)
 
 
 def _files(folder: Path, suffixes: Sequence[str], what: str) -> tuple[Path, ...]:
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder} is no folder: it must be one with {what}")
-    found = (path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
-    files = sorted((path for path in found if not path.name.startswith(".")), key=lambda path: path.as_posix())
+    paths = (path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
+    files = sorted((path for path in paths if not path.name.startswith(".")), key=lambda path: path.as_posix())
     if not files:
         raise ValueError(f"{folder}: there are no {what} in it ({', '.join(suffixes)})")
     return tuple(files)

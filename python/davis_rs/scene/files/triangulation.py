@@ -1,4 +1,4 @@
-"""Polygons and strips as triangles: what a file's faces are cut into, and what of it has to be told."""
+"""Cuts polygons and strips of a file into triangles, and notes what a user should know of it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ..repairs import Repairs
 Indices = npt.NDArray[np.int64]
 
 MOST_CORNERS = 8192
-"""Of a polygon whose ears are clipped: the time grows with the square of their number."""
+"""The most corners of a polygon whose ears are clipped: the time grows with the square of their number."""
 
 _NO_AREA = 1e-12
-"""A triangle of less than this share of the area of a square on its side has none."""
+"""A triangle has no area if it has less than this fraction of that of a square on its longest side."""
 _BENT = 0.15
-"""A polygon is far from flat where a corner lies off its plane by more than this share of its radius."""
+"""A polygon is far from flat where a corner lies off its plane by more than this fraction of its radius."""
 _STRAIGHT = 1e-14
-"""A corner of a polygon of size 1 whose triangle is smaller than this is none."""
+"""A corner of a polygon of size 1 is straight if its triangle is smaller than this."""
 _FANS = 8
-"""From so many corners a fan is tried."""
+"""How many corners are tried as the centre of a fan."""
 
 
 def cut_polygons(
@@ -34,11 +34,11 @@ def cut_polygons(
     Args:
         polygons: (m, n), the vertices of m polygons of n corners each.
         positions: (v, 3) of all vertices.
-        what, numbers: how messages call a polygon: what is numbered, and the (m,) numbers.
-        repairs: takes note of what is left out, crosses itself or is far from flat.
+        what, numbers: the name of a polygon in messages: what is numbered, and the (m,) numbers.
+        repairs: gets a note of what is left out, crosses itself or is far from flat.
 
     Returns:
-        (k, 3), the triangles' corners as places in ``polygons.ravel()``.
+        (k, 3), the triangles' corners as indices into ``polygons.ravel()``.
 
     Raises:
         ValueError: for a polygon whose ears are to be clipped and that has more than :data:`MOST_CORNERS`.
@@ -89,21 +89,21 @@ def cut_strip(strip: Indices) -> Indices:
     Returns:
         (k, 3), the triangles' vertices, turned as the strip's first.
     """
-    place = np.arange(max(0, len(strip) - 2))
-    begin = np.maximum.accumulate(np.where(strip < 0, np.arange(len(strip)) + 1, 0))[: len(place)]
-    odd = (place - begin) % 2
-    triangles = strip[np.stack([place, place + 1 + odd, place + 2 - odd], 1)]
+    index = np.arange(max(0, len(strip) - 2))
+    begin = np.maximum.accumulate(np.where(strip < 0, np.arange(len(strip)) + 1, 0))[: len(index)]
+    odd = (index - begin) % 2
+    triangles = strip[np.stack([index, index + 1 + odd, index + 2 - odd], 1)]
     return distinct(triangles[(triangles >= 0).all(1)])
 
 
 def distinct(triangles: Indices) -> Indices:
-    """Return the triangles (k, 3) of three different vertices."""
+    """Return the triangles (k, 3) that have three different vertices."""
     a, b, c = triangles.T
     return triangles[(a != b) & (b != c) & (c != a)]
 
 
 def has_area(corners: FloatArray) -> npt.NDArray[np.bool_]:
-    """Say of triangles (..., 3, 3) whether they have an area."""
+    """Return whether triangles (..., 3, 3) have an area."""
     first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     longer = np.maximum((first**2).sum(-1), (second**2).sum(-1))
     area: npt.NDArray[np.bool_] = np.linalg.norm(np.cross(first, second), axis=-1) > _NO_AREA * longer
@@ -126,18 +126,18 @@ def _fans(points: FloatArray, upright: FloatArray) -> tuple[Indices, Indices]:
     cut = np.tile(first, (len(points), 1, 1))
     left = np.flatnonzero(has_area(points[:, first]).any(1))
     for turn in range(min(corners, _FANS)):
-        places = (first + turn) % corners
-        a, b, c = np.moveaxis(points[left][:, places], 2, 0)
+        indices = (first + turn) % corners
+        a, b, c = np.moveaxis(points[left][:, indices], 2, 0)
         areas = np.cross(b - a, c - a)
         along = np.einsum("mij,mj->mi", areas, upright[left])
         good = (along >= -1e-9 * np.linalg.norm(areas, axis=2)).all(1) & upright[left].any(1)
-        cut[left[good]] = places
+        cut[left[good]] = indices
         left = left[~good]
     return cut, left
 
 
 def _flat(points: FloatArray, upright: FloatArray) -> FloatArray:
-    """Return a polygon's corners (n, 3) in its plane (n, 2), seen from the side that it turns left on; of size 1.
+    """Project a polygon's corners (n, 3) onto its plane, (n, 2), counterclockwise and scaled to size 1.
 
     Args:
         upright: (3,), unit; 0 for the plane that is nearest to the corners.
@@ -158,36 +158,36 @@ def _ears(points: FloatArray) -> tuple[Indices, bool]:
     triangle (Meisters, Polygons have ears, 1975).
     """
     ring = np.arange(len(points))
-    found: list[Indices] = []
+    triangles: list[Indices] = []
     crossed = False
     start = 0
     while len(ring) > 3:
         turns = _turns(points[ring])
         inward = points[ring[turns <= 0]]
         corners = np.stack([np.roll(ring, 1), ring, np.roll(ring, -1)], 1)
-        # Begun where the last ear was, so that not all triangles meet in one corner.
+        # The search starts where the last ear was, so that not all triangles meet in one corner.
         order = np.roll(np.arange(len(ring)), -start)
         ears = (i for i in order[turns[order] > _STRAIGHT] if not _inside(inward, points[corners[i]]))
         ear = next(ears, None)
         if ear is None:
             ear = int(turns.argmax())
             crossed = crossed or bool(turns.min() < -_STRAIGHT)
-        found.append(corners[ear])
+        triangles.append(corners[ear])
         ring = np.delete(ring, ear)
         start = int(ear)
     crossed = crossed or bool(_turns(points[ring]).min() < -_STRAIGHT)
-    return np.array([*found, ring]), crossed
+    return np.array([*triangles, ring]), crossed
 
 
 def _turns(ring: FloatArray) -> FloatArray:
-    """Twice the signed area of each corner (n, 2) with its neighbours: > 0 where the ring turns left."""
+    """Return twice the signed area of each corner (n, 2) with its neighbours: > 0 where the ring turns left."""
     before, after = ring - np.roll(ring, 1, 0), np.roll(ring, -1, 0) - ring
     turns: FloatArray = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     return turns
 
 
 def _inside(points: FloatArray, triangle: FloatArray) -> bool:
-    """Whether any of the points (k, 2) lies in a triangle (3, 2) that turns left, or on its rim but at no corner."""
+    """Return whether any point (k, 2) lies in a counterclockwise triangle (3, 2), or on its rim but not at a corner."""
     to = points[:, None] - triangle
     side = np.roll(triangle, -1, 0) - triangle
     within = (side[:, 0] * to[..., 1] - side[:, 1] * to[..., 0] >= 0).all(1)

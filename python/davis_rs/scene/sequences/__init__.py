@@ -1,4 +1,4 @@
-"""The 27 sequences of the public Event-Camera Dataset, as synthetic counterparts.
+"""Makes synthetic counterparts of the 27 sequences of the public Event-Camera Dataset.
 
 >>> from davis_rs.scene.sequences import SEQUENCES
 >>> scene = SEQUENCES["poster_6dof"].scene()  # with lens, contrast threshold and trajectory

@@ -1,20 +1,19 @@
-"""A cluttered room: printed boxes that stand and are stacked on a carpet."""
+"""Makes a cluttered room: printed boxes that stand and are stacked on a carpet."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import numpy as np
 
+from ..._mitsuba.types import SceneDictionary
 from ...geometry.camera import PRESETS
-from ..parts import DIRECT, rectangle
+from ..parts import DIRECT, rectangle, start_looking_at
 from ..scene import Scene
 from ..textures import Texture, bitmap, patchwork
 from .prints import blocks, plain_shapes, stones, text
-from .room import FACING, LUX_PER_LUMA, SIDEWAYS, covered_box, empty_room, general_light, lamp
-from .starts import start_looking_at
+from .room import FACING, LUX_PER_LUMA, SIDEWAYS, covered_box, empty_room, general_light, point_light
 
 _EYE_M = (0.0, 0.0, 1.1)
 _FREE_M = 1.1
@@ -25,7 +24,7 @@ _CELL_M = 0.62
 
 
 def boxes(hdr: bool = False) -> Scene:
-    """Return some fifty boxes of 15 to 50 cm on a carpet, evenly lit or (``hdr``) by a lamp among them: 80 to 2400 lux.
+    """Make some fifty boxes of 15 to 50 cm on a carpet, evenly lit or (``hdr``) by a light among them: 80 to 2400 lux.
 
     A synthetic counterpart of the dataset's boxes and hdr_boxes by kind: many textured boxes at 1 to 4 m, each before
     others; none of them is one of the dataset's.
@@ -41,11 +40,11 @@ def boxes(hdr: bool = False) -> Scene:
     )
 
 
-def _boxes(hdr: bool) -> dict[str, Any]:
+def _boxes(hdr: bool) -> SceneDictionary:
     lights = (
-        {"spot": lamp((-0.45, 1.5, 1.6), 2320.0, 0.545), "general": general_light(80.0)}
+        {"spot": point_light((-0.45, 1.5, 1.6), 2320.0, 0.545), "general": general_light(80.0)}
         if hdr
-        else {"lamp": lamp((0.9, -0.6, 2.1), 350.0, 2.5), "general": general_light(200.0)}
+        else {"lamp": point_light((0.9, -0.6, 2.1), 350.0, 2.5), "general": general_light(200.0)}
     )
     carpet = patchwork(256, 60, low=0.08, high=0.5, grain=0.7, shapes=120, tint=(1.0, 0.9, 0.8))
     return {
@@ -58,8 +57,8 @@ def _boxes(hdr: bool) -> dict[str, Any]:
     }
 
 
-def _pictures() -> dict[str, Any]:
-    """Posters on the wall ahead and those to the sides, 2 mm before them."""
+def _pictures() -> SceneDictionary:
+    """Make posters on the wall ahead and those to the sides, 2 mm before them."""
     rocks = stones(128, 192, 72, low=0.08, high=0.8, stone=18.0)
     planes = blocks(128, 73, low=0.08, high=0.85, count=60)
     page = text(128, 74, line=12, ink=0.08, paper=0.9)
@@ -72,9 +71,9 @@ def _pictures() -> dict[str, Any]:
     }
 
 
-def _stacks(random: np.random.RandomState) -> dict[str, Any]:
+def _stacks(random: np.random.RandomState) -> SceneDictionary:
     covers = _covers()
-    found: dict[str, Any] = {}
+    stacks: SceneDictionary = {}
     for x, y in _places():
         bottom, width, depth = 0.0, *random.uniform(0.3, 0.46, 2)
         # Higher at the back, so that the ones behind are seen too.
@@ -84,14 +83,14 @@ def _stacks(random: np.random.RandomState) -> dict[str, Any]:
             turn = random.uniform(-0.3, 0.3)
             centre = np.array([x, y, bottom + height / 2])
             cover = covers[random.randint(len(covers))]
-            found[f"box_{len(found):02}"] = covered_box(centre, np.array([width, depth, height]), turn, cover)
+            stacks[f"box_{len(stacks):02}"] = covered_box(centre, np.array([width, depth, height]), turn, cover)
             bottom += height
             width, depth = random.uniform(0.7, 1.0, 2) * (width, depth)
-    return found
+    return stacks
 
 
 def _places() -> Iterator[tuple[float, float]]:
-    """Middles of the squares that have a stack: around the camera's place, but not behind it."""
+    """Yield middles of the squares that have a stack: around the camera's position, but not behind it."""
     for row in range(5):
         for column in range(-3, 4):
             x, y = _CELL_M * column, 0.35 + _CELL_M * row
@@ -101,11 +100,11 @@ def _places() -> Iterator[tuple[float, float]]:
 
 
 def _covers() -> list[Texture]:
-    """What boxes are printed with; 48 texels are 3 to 9 mm each on a box's side, about what a pixel sees."""
+    """Draw the prints of boxes; 48 texels are 3 to 9 mm each on a box's side, about what a pixel sees."""
     pictures = [blocks(48, 62 + k, low=0.08, high=0.8, count=40) for k in range(5)]
     pages = [text(48, 67 + k, line=9, ink=0.1, paper=paper) for k, paper in enumerate((0.8, 0.45))]
     signs = [
-        plain_shapes(48, 48, 69 + k, cell=16, radius=(4.0, 6.5), share=0.9, ink=ink, paper=0.3)
+        plain_shapes(48, 48, 69 + k, cell=16, radius=(4.0, 6.5), fraction=0.9, ink=ink, paper=0.3)
         for k, ink in enumerate((0.05, 0.85))
     ]
     return [*pictures, *pages, *signs]

@@ -1,4 +1,4 @@
-"""The scene ``dynamic``: the office with a person in it who sits, stands up, walks to and fro and waves."""
+"""Makes the scene ``dynamic``: the office with a person in it who sits, stands up, walks to and fro and waves."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ...geometry.camera import PRESETS
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.sampled_trajectory import SampledTrajectory
 from ..meshes import shape
+from ..parts import start_looking_at
 from ..scene import Scene
 from .office_scene import chair, office_room
 from .person import Joints, clothes, parts
 from .room import LUX_PER_LUMA
-from .starts import start_looking_at
 
 DURATION_S = 60.0
-"""Of what the person does; then it stays seated."""
+"""Length of what the person does; then it stays seated."""
 _RATE_HZ = 50.0
 _SMOOTH_S = 0.07
 """Standard deviation of the Gaussian that rounds off all joints: no muscle jerks."""
@@ -38,7 +38,8 @@ _WALK = [
 
 
 def dynamic() -> Scene:
-    """The office of :func:`~davis_rs.scene.sequences.office_scene.office` with a person in it, for 60 s; C = 0.5.
+    """Make the office of :func:`~davis_rs.scene.sequences.office_scene.office` with a person in it, for 60 s; C =
+    0.5.
 
     The person sits at the desk and types in the air, 8 to 20 cm above the height of the keyboard, stands up (the chair
     rolls back), walks to and fro before the desk at up to about 1.5 m/s, turning to the camera at the ends, stops and
@@ -64,7 +65,7 @@ def dynamic() -> Scene:
 
 @cache
 def performance() -> dict[str, SampledTrajectory]:
-    """The paths of the person's parts and of the chair; :data:`DURATION_S` long."""
+    """Make the paths of the person's parts and of the chair; :data:`DURATION_S` long."""
     t = np.linspace(0.0, DURATION_S, round(DURATION_S * _RATE_HZ) + 1)
     sits = _keyed(t, [(0, 1), (8, 1), (9.5, 0), (54, 0), (55.5, 1)])
     placed = _joints(t, sits).placed()
@@ -74,7 +75,7 @@ def performance() -> dict[str, SampledTrajectory]:
 
 
 def _joints(t: FloatArray, sits: FloatArray) -> Joints:
-    """What every joint does at the times (n,)."""
+    """Return the angles of all joints at times (n,)."""
     x, degrees = (_keyed(t, [(key[0], key[column]) for key in _WALK]) for column in (1, 2))
     speed = np.abs(np.gradient(x, t))
     swing = _rounded(0.5 * np.clip(speed / 1.2, 0.0, 1.0))[:, None]
@@ -85,7 +86,7 @@ def _joints(t: FloatArray, sits: FloatArray) -> Joints:
     types = seated * np.stack([np.sin(11.0 * t), np.sin(13.0 * t + 1)], 1)
     waves = np.stack([0 * t, _keyed(t, [(29, 0), (30, 1), (35.5, 1), (36.5, 0)])], 1)
     return Joints(
-        place=_rounded(np.column_stack([x, _SEAT[1] + 0.16 * (1 - sits)])),
+        position=_rounded(np.column_stack([x, _SEAT[1] + 0.16 * (1 - sits)])),
         heading=_rounded(np.radians(degrees)),
         lean=_rounded(0.06 + 1.6 * sits * (1 - sits) + 0.04 * np.sin(0.9 * t)),
         hips=_rounded(np.pi / 2 * seated + swing * legs),
@@ -97,11 +98,11 @@ def _joints(t: FloatArray, sits: FloatArray) -> Joints:
 
 
 def _keyed(t: FloatArray, keys: list[tuple[float, float]]) -> FloatArray:
-    """A number that goes from key (time, value) to key, at rest in each."""
+    """Interpolate between keys (time, value) smoothly, at rest at each."""
     times, values = np.array(keys, np.float64).T
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
-    share = np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0)
-    return np.asarray(values[k] + (values[k + 1] - values[k]) * share**2 * (3 - 2 * share))
+    fraction = np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0)
+    return np.asarray(values[k] + (values[k + 1] - values[k]) * fraction**2 * (3 - 2 * fraction))
 
 
 def _rounded(values: FloatArray) -> FloatArray:

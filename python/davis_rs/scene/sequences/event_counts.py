@@ -1,4 +1,4 @@
-"""How many events the sequences have, as they were counted before."""
+"""Reads how many events the sequences have, as they were counted before."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ They are kept here because counting them takes hours.
 """
 
 MEASURED_RECORDED = Path(__file__).with_name("measured_recorded.csv")
-"""Those of the sensors of the recordings."""
+"""The counts of the sensors of the recordings."""
 
 
 @dataclass(frozen=True)
 class EventCount:
-    """The events of a sequence.
+    """The number of events of a sequence.
 
     Attributes:
         name: of the sequence.
@@ -41,7 +41,7 @@ class EventCount:
 
 
 def read_counts(path: str | Path = MEASURED) -> dict[str, EventCount]:
-    """Counts by the sequences' names, from a CSV file.
+    """Read counts by the sequences' names, from a CSV file.
 
     Raises:
         OSError: if it cannot be read.

@@ -1,4 +1,4 @@
-"""The paper's table next to that of the simulated sequences."""
+"""Lists the paper's table next to that of the simulated sequences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ HEAD = (
     *("T [s]", "ours", "TS [m/s]", "ours", "RS [deg/s]", "ours"),
     *("NE", "ours", "recorded sensor"),
 )
-"""What the columns of :func:`table` are."""
+"""The heads of the columns of :func:`table`."""
 
 WORDS = 4
 """The number of columns from the left that hold words; the others hold numbers."""
@@ -24,7 +24,7 @@ WORDS = 4
 def table(
     sequences: Iterable[Sequence], counts: Mapping[str, EventCount], recorded: Mapping[str, EventCount]
 ) -> list[tuple[str, ...]]:
-    """A row of cells for each sequence; a ``-`` is not counted.
+    """Return a row of cells for each sequence; a ``-`` is not counted.
 
     Args:
         counts: of ideal pixels, by name.
@@ -55,12 +55,12 @@ def _row(sequence: Sequence, counts: tuple[EventCount | None, EventCount | None]
 
 
 def as_text(rows: Rows[Rows[str]]) -> str:
-    """Columns of equal width under :data:`HEAD`, numbers to the right."""
+    """Format columns of equal width under :data:`HEAD`, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(HEAD, *rows, strict=True)]
     return "\n".join(
         "  ".join(
-            cell.ljust(width) if place < WORDS else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+            cell.ljust(width) if column < WORDS else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in (HEAD, *rows)
     )

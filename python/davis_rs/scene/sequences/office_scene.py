@@ -1,19 +1,17 @@
-"""The scene ``office``: a desk with what stands on it and around it, for office_zigzag and office_spiral."""
+"""Makes the scene ``office``: a desk with what stands on it and around it, for office_zigzag and office_spiral."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from ..._mitsuba.types import SceneDictionary
 from ...geometry.camera import PRESETS
 from ..meshes import Mesh, box, merged, quad, shape, tube
-from ..parts import DIRECT
+from ..parts import DIRECT, start_looking_at
 from ..scene import Scene
 from ..textures import patchwork
-from .place_textures import books, facade, grid, noise, wood, writing
 from .room import LUX_PER_LUMA, general_light
-from .starts import start_looking_at
+from .surface_textures import books, facade, grid, noise, wood, writing
 
 # The room, metres: x to the right, y ahead, to the wall behind the desk, z up from the floor.
 _LEFT, _RIGHT, _FRONT, _BACK, _CEILING = -3.0, 3.0, -3.0, 3.0, 3.0
@@ -24,7 +22,7 @@ _DESK_Z = 0.74
 
 
 def office() -> Scene:
-    """A desk 1.5 m ahead, with two monitors, keyboard, mugs, books and papers, under some 500 lux; C = 0.17.
+    """Make a desk 1.5 m ahead, with two monitors, keyboard, mugs, books and papers, under some 500 lux; C = 0.17.
 
     Around it a shelf of books, a whiteboard and pictures, a chair, a cabinet, a door, and a window onto a street whose
     light parts are about twice as bright as the walls. The camera has 0.7 m of air all around. A synthetic counterpart
@@ -42,8 +40,8 @@ def office() -> Scene:
     )
 
 
-def office_room() -> dict[str, Any]:
-    """The room with its light and all that stands still in any scene of it."""
+def office_room() -> SceneDictionary:
+    """Make the room with its light and all that stands still in any scene of it."""
     return {
         "type": "scene",
         "integrator": DIRECT,
@@ -60,15 +58,15 @@ def office_room() -> dict[str, Any]:
 
 
 def chair() -> Mesh:
-    """An office chair that faces the wall behind the desk, its foot at the origin."""
+    """Make an office chair that faces the wall behind the desk, its foot at the origin."""
     legs = [box([x - 0.02, y - 0.02, 0.0], [x + 0.02, y + 0.02, 0.37]) for x in (-0.2, 0.2) for y in (-0.2, 0.2)]
     seat, back = box([-0.24, -0.24, 0.37], [0.24, 0.24, 0.44]), box([-0.22, -0.28, 0.58], [0.22, -0.23, 0.95])
     posts = [box([x - 0.02, -0.27, 0.44], [x + 0.02, -0.24, 0.58]) for x in (-0.15, 0.15)]
     return merged([*legs, seat, back, *posts])
 
 
-def _shell() -> dict[str, Any]:
-    """Floor, ceiling, walls and what the window shows."""
+def _shell() -> SceneDictionary:
+    """Make floor, ceiling, walls and what the window shows."""
     wide, deep = _RIGHT - _LEFT, _BACK - _FRONT
     left, right, sill, lintel = _WINDOW
     x, y, z = np.diag([wide, deep, _CEILING])
@@ -103,8 +101,8 @@ def _shell() -> dict[str, Any]:
     }
 
 
-def _on_the_walls() -> dict[str, Any]:
-    """Whiteboard, pictures, sheets of paper, a door and a cabinet."""
+def _on_the_walls() -> SceneDictionary:
+    """Make whiteboard, pictures, sheets of paper, a door and a cabinet."""
     boards = [quad([-1.0, _BACK - 0.02, 1.45], [1.6, 0, 0], [0, 0, 0.9])]
     sheets = [quad([_LEFT + 0.02, -1.6 + 0.75 * k, 1.2 + 0.1 * (k % 2)], [0, 0.5, 0], [0, 0, 0.7]) for k in range(3)]
     papers = [quad([_RIGHT - 0.02, 1.9 - 0.6 * k, 1.2 - 0.15 * (k % 3)], [0, -0.42, 0], [0, 0, 0.6]) for k in range(5)]
@@ -129,8 +127,8 @@ def _on_the_walls() -> dict[str, Any]:
     }
 
 
-def _desk() -> dict[str, Any]:
-    """The desk and what stands on it."""
+def _desk() -> SceneDictionary:
+    """Make the desk and what stands on it."""
     top = _DESK_Z
     legs = [box([x - 0.03, y - 0.03, 0], [x + 0.03, y + 0.03, top]) for x in (-1.05, 1.05) for y in (2.25, 2.9)]
     plate = box([-1.15, 2.2, top - 0.04], [1.15, 2.95, top], period_m=0.8)
@@ -172,7 +170,7 @@ def _monitor(number: int) -> Mesh:
 
 
 def _case() -> Mesh:
-    """Frame and foot of a monitor."""
+    """Make frame and foot of a monitor."""
     return merged(
         [
             box([-0.29, -0.03, 0.11], [0.29, 0.03, 0.46]),
@@ -182,8 +180,8 @@ def _case() -> Mesh:
     )
 
 
-def _shelf() -> dict[str, Any]:
-    """Five rows of books to the left of the desk."""
+def _shelf() -> SceneDictionary:
+    """Make five rows of books to the left of the desk."""
     low, high, front, back = -2.75, -1.35, 2.66, _BACK
     levels = np.linspace(0.08, 1.98, 6)
     boards = [box([low, front, z - 0.03], [high, back, z]) for z in levels]

@@ -1,4 +1,4 @@
-"""A body like a person's, of nine rigid parts, and how its joints carry them.
+"""Makes a body like a person's, of nine rigid parts, and moves them by its joints.
 
 Each part has a frame of its own with its upper joint at the origin: x to the body's right, y ahead, z up. Lengths are
 those of an adult of 1.85 m; the rest is as simple as a wooden figure's.
@@ -7,15 +7,18 @@ those of an adult of 1.85 m; the rest is as simple as a wooden figure's.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...geometry.pose import FloatArray
 from ..meshes import Mesh, Window, ball, box, merged, tube
 from ..textures import Texture
-from .place_textures import grid, noise
 from .reflectance import finished
+from .surface_textures import grid, noise
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 THIGH_M, SHIN_M, ANKLE_M = 0.44, 0.43, 0.09
 _UPPER_ARM_M = 0.3
@@ -34,7 +37,7 @@ _DARK: Window = (0.77, 0.52, 0.98, 0.98)
 
 
 def parts() -> dict[str, Mesh]:
-    """The parts by name, each in its own frame."""
+    """Make the parts by name, each in its own frame."""
     torso = [
         box([-0.17, -0.1, -0.08], [0.17, 0.1, 0.1], window=_TROUSERS),
         box([-0.19, -0.11, 0.1], [0.19, 0.12, 0.54], window=_SHIRT),
@@ -59,7 +62,7 @@ def parts() -> dict[str, Mesh]:
 
 
 def clothes() -> Texture:
-    """A checked shirt above; trousers, skin, and what is dark (hair and shoes) below."""
+    """Draw a checked shirt above; trousers, skin, and what is dark (hair and shoes) below."""
     shirt = grid(81, 8, 16, (8, 8), joint=0.45, low=0.22, high=0.4)
     below = [noise(82, 0.1, 0.2)[:64, :64], noise(83, 0.4, 0.6)[:64, :32], noise(84, 0.06, 0.15)[:64, :32]]
     return finished(np.concatenate([shirt, np.concatenate(below, axis=1)])[..., 0].astype(np.float64))
@@ -67,7 +70,7 @@ def clothes() -> Texture:
 
 @dataclass(frozen=True)
 class Joints:
-    """Angles of the joints at n instants, radians, and where the body stands.
+    """The angles of the joints at n instants, radians, and the position of the body.
 
     Attributes:
         place: (n, 2) of the hips on the floor, metres.
@@ -78,7 +81,7 @@ class Joints:
         aside: (n, 2): the arm's, away from the body.
     """
 
-    place: FloatArray
+    position: FloatArray
     heading: FloatArray
     lean: FloatArray
     hips: FloatArray
@@ -87,8 +90,8 @@ class Joints:
     elbows: FloatArray
     aside: FloatArray
 
-    def placed(self) -> dict[str, tuple[FloatArray, Any]]:
-        """Positions (n, 3) and SciPy rotations of the parts in the world.
+    def placed(self) -> dict[str, tuple[FloatArray, Rotation]]:
+        """Return positions (n, 3) and SciPy rotations of the parts in the world.
 
         The lower ankle is within 2 cm of its height over a flat foot. Feet turn with their shins, so that in a walk
         toes reach up to 4 cm into the floor where a heel is raised.
@@ -101,10 +104,10 @@ class Joints:
         reach = THIGH_M * np.cos(self.hips) + SHIN_M * np.cos(self.hips - self.knees)
         # The longer of the two, rounded off where they take turns.
         height = _ROUND_M * np.logaddexp(*(reach.T / _ROUND_M))
-        hips = np.column_stack([self.place, ANKLE_M + height])
+        hips = np.column_stack([self.position, ANKLE_M + height])
         body = about("z", self.heading)
         trunk = body * about("x", -self.lean)
-        placed: dict[str, tuple[FloatArray, Any]] = {"torso": (hips, trunk)}
+        placed: dict[str, tuple[FloatArray, Rotation]] = {"torso": (hips, trunk)}
         for k, (side, sign) in enumerate([("left", -1.0), ("right", 1.0)]):
             hip, thigh = hips + body.apply([sign * _HIP, 0, 0]), body * about("x", self.hips[:, k])
             knee, shin = hip + thigh.apply([0, 0, -THIGH_M]), thigh * about("x", -self.knees[:, k])

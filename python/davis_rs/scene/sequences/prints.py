@@ -1,4 +1,4 @@
-"""What is printed on walls, posters and boxes: plain shapes, stones, lines of text.
+"""Draws what is printed on walls, posters and boxes: plain shapes, stones, lines of text.
 
 Made of frozen random numbers. A texture has no finer copies of itself for far views, so each has its smallest detail a
 few texels wide.
@@ -6,10 +6,13 @@ few texels wide.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 from ...geometry.pose import FloatArray
 from ..textures import Texture, value_noise
@@ -17,7 +20,7 @@ from .reflectance import between, finished
 
 
 def stones(height: int, width: int, seed: int, *, low: float, high: float, stone: float) -> Texture:
-    """A rock face, (height, width, 3): stones of different brightness with dark joints, grained and stained.
+    """Draw a rock face, (height, width, 3): stones of different brightness with dark joints, grained and stained.
 
     Args:
         height, width: texels.
@@ -41,7 +44,8 @@ def stones(height: int, width: int, seed: int, *, low: float, high: float, stone
 
 
 def blocks(size: int, seed: int, *, low: float, high: float, count: int) -> Texture:
-    """Overlapping upright rectangles, (size, size, 3), a tenth to half as wide and high as all, from low to high."""
+    """Draw overlapping upright rectangles, (size, size, 3), a tenth to half as wide and high as all, from low to
+    high."""
     random = np.random.RandomState(seed)
     level = np.full((size, size), 0.5)
     for _ in range(count):
@@ -52,7 +56,7 @@ def blocks(size: int, seed: int, *, low: float, high: float, count: int) -> Text
 
 
 def text(size: int, seed: int, *, line: int, ink: float, paper: float) -> Texture:
-    """A page, (size, size, 3): lines of words whose letters are bars; every sixth line or so is a heading.
+    """Draw a page, (size, size, 3): lines of words whose letters are bars; every sixth line or so is a heading.
 
     Args:
         size: texels a side.
@@ -83,17 +87,17 @@ def plain_shapes(
     *,
     cell: int,
     radius: tuple[float, float],
-    share: float,
+    fraction: float,
     ink: float,
     paper: float,
 ) -> Texture:
-    """Discs, triangles, squares, hexagons and stars on plain paper, (height, width, 3); none touches another.
+    """Draw discs, triangles, squares, hexagons and stars on plain paper, (height, width, 3); none touches another.
 
     Args:
         height, width: texels.
         cell: side in texels of the squares that hold at most one shape each.
         radius: smallest and largest, texels; at most a third of ``cell``.
-        share: of the squares that have a shape.
+        fraction: of the squares that have a shape.
         ink, paper: reflectances.
     """
     random = np.random.RandomState(seed)
@@ -102,7 +106,7 @@ def plain_shapes(
     for top in range(0, height - cell + 1, cell):
         for left in range(0, width - cell + 1, cell):
             here, scale, at_x, at_y, angle, kind = random.random_sample(6)
-            if here > share:
+            if here > fraction:
                 continue
             r = radius[0] * (radius[1] / radius[0]) ** scale
             free = cell / 2 - r - 1
@@ -116,7 +120,7 @@ def plain_shapes(
 
 
 def _outside(kind: str, dx: FloatArray, dy: FloatArray, radius: float, angle: float) -> FloatArray:
-    """How far outside of a shape places are (negative within), texels."""
+    """Return the signed distance of points from a shape in texels, negative inside."""
     if kind == "disc":
         return np.asarray(np.sqrt(dx * dx + dy * dy) - radius)
     # The sides of a polygon, or of a star through the corners of a pentagon: how far past each.
@@ -129,6 +133,6 @@ def _outside(kind: str, dx: FloatArray, dy: FloatArray, radius: float, angle: fl
     return np.asarray(past[-2] if kind == "star" else past[-1])
 
 
-def _two_nearest(tree: Any, places: FloatArray) -> tuple[tuple[FloatArray, FloatArray], npt.NDArray[np.int_]]:
+def _two_nearest(tree: cKDTree, places: FloatArray) -> tuple[tuple[FloatArray, FloatArray], npt.NDArray[np.int_]]:
     distances, owners = tree.query(places, k=2)
     return (distances[..., 0], distances[..., 1]), owners[..., 0]

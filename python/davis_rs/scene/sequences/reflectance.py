@@ -1,4 +1,4 @@
-"""What surfaces reflect: textures as arrays, finished alike, and as Mitsuba takes them.
+"""Finishes textures: rounds them to eight bits, and tells Mitsuba of them.
 
 Rounded to eight bits, as the textures of :mod:`davis_rs.scene.textures`, so that they are the same on every machine.
 """
@@ -16,11 +16,12 @@ GREY: Tint = (1.0, 1.0, 1.0)
 
 
 def finished(reflectance: FloatArray, tint: Tint = GREY) -> Texture:
-    """RGB (H, W, 3) from grey (H, W), rounded to eight bits."""
+    """Make RGB (H, W, 3) from grey (H, W), rounded to eight bits."""
     rgb = np.clip(reflectance[..., None] * np.array(tint), 0.0, 1.0)
     return (np.round(rgb * 255) / 255).astype(np.float32)
 
 
 def between(low: float, high: float, level: FloatArray) -> FloatArray:
-    """Reflectance of levels, clipped to [0, 1]: even in log reflectance, equal contrast in the dark and the bright."""
+    """Map levels, clipped to [0, 1], to reflectances that are even in the logarithm: equal contrast in dark and
+    bright."""
     return np.asarray(low * (high / low) ** np.clip(level, 0, 1))

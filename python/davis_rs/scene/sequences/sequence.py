@@ -1,11 +1,11 @@
-"""A sequence of the public dataset, as its synthetic counterpart."""
+"""Describes a sequence of the public dataset and its synthetic counterpart."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ...geometry.camera import PRESETS
 from ...geometry.trajectory.trajectory import Trajectory
@@ -54,8 +54,9 @@ class Sequence:
     differs: str
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """What the dataset's has: frames, depth maps and IMU, as settings of :func:`~davis_rs.simulate_to_folder`."""
+    def settings(self) -> dict[str, str | float | None]:
+        """The frames, depth maps and IMU of the dataset's sequence, as settings of
+        :func:`~davis_rs.simulate_to_folder`."""
         return {
             "imu": "mpu6150" if self.imu else None,
             "frame_rate_hz": self.frame_rate_hz,
@@ -69,7 +70,7 @@ class Sequence:
 
 @functools.lru_cache(maxsize=32)
 def _scene(sequence: Sequence) -> Scene:
-    """Kept, because a trajectory of 60 s takes a second to be made."""
+    """Make the scene once, because a trajectory of 60 s takes a second."""
     scene = sequence.make_scene()
     trajectory = scene.trajectory if sequence.make_motion is None else sequence.make_motion(scene)
     return replace(

@@ -1,21 +1,20 @@
-"""What a camera on a linear slider looks at: a wall of prints straight ahead, and objects at several depths."""
+"""Makes the scenes of a camera on a linear slider: a wall of prints ahead, and objects at several depths."""
 
 from __future__ import annotations
 
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 
+from ..._mitsuba.types import SceneDictionary
 from ..._util.argument_error import ArgumentError
 from ...geometry.camera import PRESETS
-from ..parts import DIRECT, rectangle
+from ..parts import DIRECT, rectangle, start_looking_at
 from ..scene import Scene
 from ..textures import Texture, bitmap, patchwork
 from .prints import blocks, plain_shapes, stones, text
-from .room import FACING, LUX_PER_LUMA, covered_box, empty_room, general_light, lamp
-from .starts import start_looking_at
+from .room import FACING, LUX_PER_LUMA, covered_box, empty_room, general_light, point_light
 
 _EYE_M = (0.0, 0.0, 1.2)
 _SLIDE_M = 1.04
@@ -25,9 +24,9 @@ _SHEET_M, _PITCH_M = 0.512, 0.54
 
 
 def slider_wall(distance_m: float, hdr: bool = False) -> Scene:
-    """A wall hung with prints, exactly so far in front of a camera that slides 1.04 m to its right.
+    """Make a wall hung with prints, exactly so far in front of a camera that slides 1.04 m to its right.
 
-    Lit evenly, or (``hdr``) by a lamp close to the wall, half-way along the slide: from 2400 lux down to 95 lux at the
+    Lit evenly, or (``hdr``) by a light close to the wall, half-way along the slide: from 2400 lux down to 95 lux at the
     ends of the slide, 83 where the wall is as close as 0.23 m. The dataset's distances are 0.231 m (slider_close,
     slider_hdr_close) and 0.584 m (slider_far, slider_hdr_far).
 
@@ -52,13 +51,13 @@ def slider_wall(distance_m: float, hdr: bool = False) -> Scene:
     )
 
 
-def _wall(distance_m: float, hdr: bool) -> dict[str, Any]:
+def _wall(distance_m: float, hdr: bool) -> SceneDictionary:
     # The closer the camera, the less of the wall it passes: the smaller must the spot be for all of its falling off.
     spot_m = min(0.2, 0.35 * distance_m)
     lights = (
-        {"spot": lamp((_SLIDE_M / 2, distance_m - spot_m, 1.3), 2320.0, spot_m), "general": general_light(80.0)}
+        {"spot": point_light((_SLIDE_M / 2, distance_m - spot_m, 1.3), 2320.0, spot_m), "general": general_light(80.0)}
         if hdr
-        else {"lamp": lamp((0.5, distance_m - 2.5, 2.0), 350.0, 2.6), "general": general_light(150.0)}
+        else {"lamp": point_light((0.5, distance_m - 2.5, 2.0), 350.0, 2.6), "general": general_light(150.0)}
     )
     sheets = _sheets()
     columns, rows = np.arange(-2, 5), np.arange(-1, 2)
@@ -87,7 +86,7 @@ def _sheets() -> list[Texture]:
         text(256, 82, line=18, ink=0.08, paper=0.8),
         stones(256, 256, 83, low=0.06, high=0.85, stone=20.0),
         blocks(256, 84, low=0.06, high=0.9, count=90),
-        plain_shapes(256, 256, 85, cell=42, radius=(6.0, 14.0), share=0.9, ink=0.85, paper=0.1),
+        plain_shapes(256, 256, 85, cell=42, radius=(6.0, 14.0), fraction=0.9, ink=0.85, paper=0.1),
     ]
 
 
@@ -106,11 +105,11 @@ _OBJECTS = [
     (0.65, 1.80, 0.30, 0.45),
     (-0.70, 1.70, 0.40, 0.70),
 ]
-"""Place to the right, distance of the front, width and height, all in metres; on a table."""
+"""Position to the right, distance of the front, width and height, all in metres; on a table."""
 
 
 def slider_depth() -> Scene:
-    """Printed boxes on a table at 0.58 to 1.8 m, before a wall at 2.6 m; the camera slides 1.09 m to its right.
+    """Make printed boxes on a table at 0.58 to 1.8 m, before a wall at 2.6 m; the camera slides 1.09 m to its right.
 
     The front of the nearest two is exactly 0.584 m from the camera's way and parallel to the image. A synthetic
     counterpart by kind of layout: objects at several depths, each before others; not the dataset's objects.
@@ -126,12 +125,12 @@ def slider_depth() -> Scene:
     )
 
 
-def _depths() -> dict[str, Any]:
+def _depths() -> SceneDictionary:
     top = 1.02
     covers = [
         blocks(48, 86, low=0.08, high=0.8, count=20),
         text(64, 87, line=12, ink=0.08, paper=0.8),
-        plain_shapes(48, 48, 88, cell=16, radius=(4.0, 6.5), share=0.9, ink=0.85, paper=0.15),
+        plain_shapes(48, 48, 88, cell=16, radius=(4.0, 6.5), fraction=0.9, ink=0.85, paper=0.15),
         blocks(48, 89, low=0.08, high=0.8, count=30),
         stones(64, 64, 91, low=0.1, high=0.8, stone=12.0),
     ]
@@ -145,7 +144,7 @@ def _depths() -> dict[str, Any]:
     return {
         "type": "scene",
         "integrator": DIRECT,
-        "lamp": lamp((0.5, -0.8, 2.4), 350.0, 2.0),
+        "lamp": point_light((0.5, -0.8, 2.4), 350.0, 2.0),
         "general": general_light(150.0),
         **empty_room((-2.5, 3.5), (-2.5, 2.601), 2.7),
         "table": covered_box(np.array([0.5, 1.45, top - 0.02]), np.array([3.0, 1.9, 0.04]), 0.0, 0.4),

@@ -1,4 +1,4 @@
-"""What streets are made of: houses, trees, hedges, cars, lamps, each of few triangles and of the textures it needs."""
+"""Makes parts of streets: houses, trees, hedges, cars, lamps, each of few triangles and of the textures it needs."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from ..meshes import Mesh, Window, ball, box, merged, quad, tube
 from ..textures import Texture
-from .place_textures import facade
+from .surface_textures import facade
 
 FRONTS = 8
-"""Different house fronts, side by side in one texture."""
+"""How many house fronts lie side by side in one texture."""
 
 
 @cache
 def fronts(seed: int, floors: tuple[int, int], bays: tuple[int, int]) -> Texture:
-    """Return :data:`FRONTS` facades in a row, each of a number of floors and bays between these."""
+    """Draw :data:`FRONTS` facades in a row, each of a number of floors and bays between these."""
     random = np.random.RandomState(seed)
     counts = [
         (int(random.randint(floors[0], floors[1] + 1)), int(random.randint(bays[0], bays[1] + 1)))
@@ -27,13 +27,13 @@ def fronts(seed: int, floors: tuple[int, int], bays: tuple[int, int]) -> Texture
 
 
 def front_window(number: int) -> Window:
-    """One front of :func:`fronts`, a texel within its edges."""
+    """Return the window of one front of :func:`fronts`, a texel within its edges."""
     left = number % FRONTS / FRONTS
     return (left + 0.0005, 0.004, left + 1 / FRONTS - 0.0005, 0.996)
 
 
 def house(width: float, depth: float, height: float, ridge: float, window: Window) -> tuple[Mesh, Mesh]:
-    """Walls and roof of a house whose front, facing -y, runs from the origin along x; all lengths in metres."""
+    """Make walls and roof of a house whose front, facing -y, runs from the origin along x; all lengths in metres."""
     x, y, z = np.diag([width, depth, height])
     up = np.array([0.0, depth / 2, ridge])
     gable_window = (window[0], 0.05, window[2], 0.051)  # plain wall
@@ -66,7 +66,7 @@ def row_of_houses(
     gap: tuple[float, float],
     ridge: float = 2.5,
 ) -> Iterator[tuple[Mesh, Mesh]]:
-    """Houses along y on the line at x, their fronts to x = 0; numbers are drawn between pairs of ends, metres."""
+    """Yield houses along y on the line at x, their fronts to x = 0; numbers are drawn between pairs of ends, metres."""
     random = np.random.RandomState(seed)
     y = reach[0]
     while y < reach[1]:
@@ -80,7 +80,7 @@ def row_of_houses(
 
 
 def trees(seed: int, x: float, reach: tuple[float, float], spacing: float) -> tuple[Mesh, Mesh]:
-    """Trunks and crowns of trees along y, about so far apart."""
+    """Make trunks and crowns of trees along y, about so far apart."""
     random = np.random.RandomState(seed)
     trunks, crowns = [], []
     for line in np.arange(*reach, spacing):
@@ -95,7 +95,7 @@ def trees(seed: int, x: float, reach: tuple[float, float], spacing: float) -> tu
 
 
 def car() -> tuple[Mesh, Mesh]:
-    """Body, and windows with wheels, of a car that stands along y, its middle at the origin."""
+    """Make body, and windows with wheels, of a car that stands along y, its middle at the origin."""
     body = [box([-0.85, -2.1, 0.3], [0.85, 2.1, 0.85]), box([-0.7, -1.3, 1.3], [0.7, 0.9, 1.38])]
     body += [box([x, y, 0.8], [x * 0.94, y + 0.08, 1.32]) for x in (-0.76, 0.76) for y in (-1.35, 0.85)]
     dark = [box([-0.72, -1.3, 0.85], [0.72, 0.9, 1.3])]
@@ -108,12 +108,12 @@ def car() -> tuple[Mesh, Mesh]:
 
 
 def _disc(x: float, y: float) -> Mesh:
-    """The outside of a wheel, a flat cone."""
+    """Make the outside of a wheel, a flat cone."""
     return tube([x, y, 0.32], [x * 1.02, y, 0.32], (0.32, 0.0))
 
 
 def lamp_post() -> Mesh:
-    """A street lamp, 4.5 m high, its arm along x."""
+    """Make a street lamp, 4.5 m high, its arm along x."""
     return merged(
         [
             tube([0, 0, 0], [0, 0, 4.5], (0.07, 0.05), sides=6),

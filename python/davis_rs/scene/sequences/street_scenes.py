@@ -1,21 +1,19 @@
-"""The scenes ``outdoors`` and ``urban``: a path between gardens and a street, and the fronts of a city street."""
+"""Makes the scenes ``outdoors`` and ``urban``: a path between gardens and a street, and the fronts of a city street."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from ..._mitsuba.types import SceneDictionary
 from ...geometry.camera import PRESETS
 from ..meshes import Mesh, box, merged, quad, shape
-from ..parts import DIRECT
+from ..parts import DIRECT, start_looking_at
 from ..scene import Scene
-from .place_textures import grid, leaves, noise, writing
-from .starts import start_looking_at
 from .street_parts import car, front_window, fronts, house, lamp_post, row_of_houses, trees
+from .surface_textures import grid, leaves, noise, writing
 
 _REACH = (-60.0, 400.0)
-"""Along y, metres: the camera starts at 0."""
+"""The extent along y in metres; the camera starts at 0."""
 
 _SUNLIGHT = {
     "sun": {"type": "directional", "direction": [0.62, 0.42, -0.66], "irradiance": 2.6},
@@ -26,7 +24,7 @@ _LUX_PER_LUMA = 80_000.0
 
 
 def outdoors() -> Scene:
-    """A sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
+    """Make a sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
 
     For a camera carried straight ahead, 300 m at most, by a person who walks or runs: slabs and grass, trees whose
     shadows lie on the path, hedges, houses on both sides, lamps, parked cars, and a skyline at the end. A synthetic
@@ -44,7 +42,7 @@ def outdoors() -> Scene:
 
 
 def urban() -> Scene:
-    """Five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
+    """Make five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
 
     For a camera held by hand that looks across and along the street. A synthetic counterpart of the dataset's by kind
     of things and light, not a copy: nobody walks or drives, and fronts are flat but for their balconies and signs.
@@ -60,26 +58,26 @@ def urban() -> Scene:
 
 
 def _strip(left: float, right: float, z: float, period: float) -> Mesh:
-    """Return a strip of ground along the street."""
+    """Make a strip of ground along the street."""
     start, end = _REACH
     repeats = ((right - left) / period, (end - start) / period)
     return quad([left, start, z], [right - left, 0, 0], [0, end - start, 0], (0, 0, *repeats))
 
 
 def _skyline(seed: int) -> list[Mesh]:
-    """High blocks at both ends and far to the sides."""
+    """Make high blocks at both ends and far to the sides."""
     random = np.random.RandomState(seed)
     blocks = []
     for x0, y0, x1, y1 in [(-90, 405, 90, 440), (-90, -100, 90, -65), (-95, -80, -80, 420), (80, -80, 95, 420)]:
         for _ in range(14):
             wide, deep, height = random.uniform(14, 30), 12.0, random.uniform(10, 38)
             walls, _ = house(wide, deep, height, 1.0, front_window(int(random.randint(8))))
-            place = [random.uniform(x0, x1), random.uniform(y0, y1), 0.0]
-            blocks.append(walls.moved(place, np.pi / 2 if x1 - x0 < 50 else 0.0))
+            base = [random.uniform(x0, x1), random.uniform(y0, y1), 0.0]
+            blocks.append(walls.moved(base, np.pi / 2 if x1 - x0 < 50 else 0.0))
     return blocks
 
 
-def _outdoors() -> dict[str, Any]:
+def _outdoors() -> SceneDictionary:
     rows = [
         *row_of_houses(101, -11.0, _REACH, height=(5, 8), width=(9, 14), gap=(1, 4)),
         *row_of_houses(102, 16.0, _REACH, height=(5, 9), width=(9, 14), gap=(0, 3)),
@@ -116,11 +114,11 @@ def _outdoors() -> dict[str, Any]:
 
 def _parked(random: np.random.RandomState, x: float, y: float) -> tuple[Mesh, Mesh]:
     body, dark = car()
-    place = [x + random.uniform(-0.15, 0.15), y + random.uniform(-2.5, 2.5), 0.0]
-    return body.moved(place), dark.moved(place)
+    base = [x + random.uniform(-0.15, 0.15), y + random.uniform(-2.5, 2.5), 0.0]
+    return body.moved(base), dark.moved(base)
 
 
-def _urban() -> dict[str, Any]:
+def _urban() -> SceneDictionary:
     reach = (-60.0, 120.0)
     rows = [
         *row_of_houses(201, -7.0, reach, height=(14, 18), width=(11, 16), gap=(0, 0)),

@@ -1,4 +1,4 @@
-"""The 27 rows of the paper's table, and the scene and motion of each.
+"""Lists the 27 rows of the paper's table, and the scene and motion of each.
 
 Source of the figures: Mueggler et al., IJRR 2017, the table of sequences; of motions and places, its list of datasets.
 """
@@ -50,7 +50,7 @@ _LOST = "textures of like density, as the simulator's own are lost"
 
 
 def _hand(name: str, make_scene: Callable[[], Scene], differs: str, kind: Kind, paper: PaperRow) -> Sequence:
-    """A hand's motion of the row's duration and top speeds, with draws of its own."""
+    """Make a hand's motion of the row's duration and top speeds, with draws of its own."""
     duration_s, speed_m_s, rate_deg_s, _ = paper
     assert speed_m_s is not None
     assert rate_deg_s is not None
@@ -69,7 +69,7 @@ def _hand(name: str, make_scene: Callable[[], Scene], differs: str, kind: Kind, 
 
 
 def _slider(name: str, make_scene: Callable[[], Scene], differs: str, paper: PaperRow) -> Sequence:
-    """A motion to the right at the row's speed, for its duration."""
+    """Make a motion to the right at the row's speed, for its duration."""
     speed_m_s = paper.speed_m_s
     assert speed_m_s is not None
     return _recorded(
@@ -89,7 +89,7 @@ def _start(scene: Scene) -> Pose:
 
 
 def _in_time(duration_s: float, path: Callable[[float], Trajectory]) -> Trajectory:
-    """The path of that duration, among those that differ by their speed alone."""
+    """Return the path of this duration among paths that differ only in speed."""
     from scipy.optimize import brentq
 
     slowest, fastest = 0.02, 20.0  # m/s

@@ -1,8 +1,8 @@
-"""A real sensor's imperfections, each off unless asked for.
+"""Defines a real sensor's imperfections, each off unless asked for.
 
-One module an effect: its parameters, ranges and source. ``optics`` carries out those on luma, for every renderer
-and for frames, rates and single samples alike; those in the pixel are carried out by ``rust/src/crossing/effects``.
-``custom_effects`` are objects of a user's own: they see whole keyframes and whole intervals, each once and in the
+Each effect has one module, with its parameters, ranges and source. ``optics`` applies those on luma, for every renderer
+and for frames, rates and single samples alike; ``rust/src/crossing/effects`` applies those in the pixel.
+``custom_effects`` calls a user's own objects. They see whole keyframes and whole intervals, each once and in the
 order of time, so that they may have a state.
 """
 

@@ -1,4 +1,4 @@
-"""The active pixels of a DAVIS, which make its intensity frames: shutter, electrons, noise, and an ADC."""
+"""Simulates the active pixels of a DAVIS, which make its intensity frames: shutter, electrons, noise, and an ADC."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _SLOWEST_ROW_US = 1e5
 _MOST_BITS = 16
 _USUAL_BITS = 10
 _MOST_ELECTRONS = 1e15
-"""A pixel so bright has no shot noise to speak of, and the generator's integers hold it."""
+"""Beyond this many electrons shot noise is negligible, and up to it the generator's integers hold the number."""
 
 _SHOT, _READ, _COLUMN_NOISE, _PRNU, _DSNU, _COLUMN_OFFSET = range(6)
-"""Each noise and each fixed pattern has its own stream of random numbers."""
+"""The streams of random numbers, one for each noise and each fixed pattern."""
 
 
 @dataclass(frozen=True)
 class Aps(Effect):
-    """The frames of an active pixel sensor, in place of exact luma at an instant.
+    """Frames of an active pixel sensor, instead of exact luma at an instant.
 
     A frame stamped t gathers light in (t - exposure_us, t]: it is stamped when the shutter closes, as a frame that is
     made while the camera moves must be. Who wants stamps in the middle subtracts half of the exposure. The shutter is
@@ -35,7 +35,7 @@ class Aps(Effect):
     the image's row y (of H) shows (t_y - exposure_us, t_y] with t_y = t - (H - 1 - y) row_readout_us. Before the first
     instant of a sequence there is no light: an exposure that would begin there begins with the sequence.
 
-    What is read out of the mean luma of a pixel, in this order (the linear model of EMVA 1288):
+    The mean luma of a pixel is read out in these steps (the linear model of EMVA 1288):
 
     - electrons: luma times (electrons at full scale / ``full_scale_luma``), times the pixel's own gain (``prnu``);
     - photon shot noise: Poisson, and what is beyond the full well is lost;
@@ -59,13 +59,14 @@ class Aps(Effect):
         full_well_e: electrons that a pixel holds, 1..1e9: more are lost. None for no limit.
         electrons_per_dn: 1e-6..1e9, for photon shot noise; what a chip has is measured from its photon transfer curve.
             None makes a full well full scale; without a full well there is no shot noise then.
-        prnu: photo response non-uniformity: standard deviation of the pixels' gains, a share of their mean, 0..1;
+        prnu: photo response non-uniformity: standard deviation of the pixels' gains, a fraction of their mean, 0..1;
             log-normal.
         dsnu_dn: dark signal non-uniformity: standard deviation of the pixels' offsets, in DN, >= 0; normal.
         column_offset_dn: standard deviation of an offset that all pixels of a column have, in DN, >= 0; normal, the
             same in each frame.
-        column_noise_dn: likewise of one that is another in each frame.
-        row_readout_us: from a row's closing to that of the next one below, 0..1e5 us; 0 is a global shutter.
+        column_noise_dn: standard deviation of such an offset that changes from frame to frame.
+        row_readout_us: time between the ends of exposure of a row and of the next one below, 0..1e5 us; 0 is a global
+            shutter.
 
     Raises:
         ValueError: for a value out of range.
@@ -114,7 +115,7 @@ class Aps(Effect):
 
     @property
     def _exact(self) -> bool:
-        """Whether what is exposed is read out as it is."""
+        """Whether the exposure is read out unchanged."""
         limits = (self.bits, self.full_scale_luma, self.full_well_e, self.electrons_per_dn)
         noise = (self.read_noise_dn, self.prnu, self.dsnu_dn, self.column_offset_dn, self.column_noise_dn)
         return limits == (None, None, None, None) and not any(noise)
@@ -124,7 +125,7 @@ class Aps(Effect):
         return (height - 1) * self.row_readout_us
 
     def read_out(self, luma: npt.ArrayLike, *, frame: int, seed: int = 0) -> npt.NDArray[np.float32]:
-        """Return the frame (H, W), float32 in units of luma, read from the exposure's mean ``luma`` (H, W).
+        """Read out the frame (H, W), float32 in units of luma, from the exposure's mean ``luma`` (H, W).
 
         Its noise depends on ``seed`` and ``frame`` (whole numbers in 0..2^64 - 1), the frame's number, alone, and its
         fixed patterns on ``seed``.
@@ -138,7 +139,7 @@ class Aps(Effect):
         if self.prnu > 0:
             variance = math.log1p(self.prnu**2)
             signal = signal * np.exp(math.sqrt(variance) * _fixed(seed, _PRNU, signal.shape) - variance / 2)
-        signal = self._gathered(signal, highest, seed, frame)
+        signal = self._as_electrons(signal, highest, seed, frame)
         if self.dsnu_dn > 0:
             signal = signal + self.dsnu_dn * _fixed(seed, _DSNU, signal.shape)
         if self.column_offset_dn > 0:
@@ -152,8 +153,8 @@ class Aps(Effect):
             signal = np.rint(signal)
         return (signal * luma_per_dn).astype(np.float32)
 
-    def _gathered(self, signal: FloatArray, highest: float, seed: int, frame: int) -> FloatArray:
-        """The signal in DN with the shot noise of its electrons, no more of them than a pixel holds."""
+    def _as_electrons(self, signal: FloatArray, highest: float, seed: int, frame: int) -> FloatArray:
+        """Add the shot noise of its electrons to a signal in DN, and cut it off at the full well."""
         per_dn = self.electrons_per_dn
         if per_dn is None:
             if self.full_well_e is None:
@@ -169,7 +170,7 @@ class Aps(Effect):
 
 @lru_cache(maxsize=16)
 def _fixed(seed: int, purpose: int, shape: tuple[int, ...]) -> FloatArray:
-    """Standard normal draws that stay from frame to frame; kept, because each frame needs them."""
+    """Draw standard normal numbers that stay from frame to frame; they are kept, because each frame needs them."""
     pattern = Aps().random(seed, purpose=purpose).standard_normal(shape)
     pattern.flags.writeable = False
     return pattern

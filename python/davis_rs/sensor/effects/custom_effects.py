@@ -1,4 +1,4 @@
-"""Effects of a user's own: what they are asked for, and what they may give back."""
+"""Calls effects of a user's own, and checks what they return."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import importlib.util
 import inspect
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, is_dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ from ..._util.close_names import did_you_mean
 from ...events.arrays import EVENT_DTYPE, EventArray, as_events
 
 _METHODS = ("luma", "log_intensity", "events")
-_Frame = npt.NDArray[Any]
+_Float = TypeVar("_Float", np.float32, np.float64)
 
 
 class CustomEffects:
@@ -34,8 +35,8 @@ class CustomEffects:
     - ``log_intensity(t_us, log_intensity)``: likewise ln(luma + log_eps), float64 (H, W), before the photoreceptor.
       Returns finite numbers.
     - ``events(start_us, end_us, events)``: the events in (start_us, end_us], behind the bus; the intervals follow each
-      other without a gap. Returns events in that interval, sorted by (t, y, x), in the sensor. What is to come later is
-      kept for a later call. After the last interval ``end_us`` is None: all that was kept comes then.
+      other without a gap. Returns events in that interval, sorted by (t, y, x), in the sensor. An effect keeps what
+      shall come later for a later call. After the last interval ``end_us`` is None: then it returns all that it kept.
     - ``begin(width, height, seed)``: called before all others, at the begin of a run.
 
     Args:
@@ -55,36 +56,36 @@ class CustomEffects:
         else:
             given = effects if isinstance(effects, list | tuple) else (effects,)
         self._effects = [load_custom_effect(one) if isinstance(one, str) else one for one in given]
-        for one in self._effects:
-            if isinstance(one, type) or not any(callable(getattr(one, method, None)) for method in _METHODS):
-                hint = "; an object is wanted, this is a class" if isinstance(one, type) else ""
+        for effect in self._effects:
+            if isinstance(effect, type) or not any(callable(getattr(effect, method, None)) for method in _METHODS):
+                hint = "; an object is wanted, this is a class" if isinstance(effect, type) else ""
                 raise ValueError(
-                    f"a custom effect must have one of the methods {', '.join(_METHODS)}, got {one!r}{hint}"
+                    f"a custom effect must have one of the methods {', '.join(_METHODS)}, got {effect!r}{hint}"
                 )
         self._width, self._height = width, height
-        for one in self._effects:
-            if callable(getattr(one, "begin", None)):
-                one.begin(width, height, seed)  # type: ignore[attr-defined]
+        for effect in self._effects:
+            if callable(getattr(effect, "begin", None)):
+                effect.begin(width, height, seed)  # type: ignore[attr-defined]
 
     def __bool__(self) -> bool:
-        """Whether there is any."""
+        """Return whether there are any effects."""
         return bool(self._effects)
 
     @property
     def on_luma(self) -> bool:
-        """Whether one acts on luma."""
+        """Whether an effect acts on luma."""
         return any(True for _ in self._having("luma"))
 
     @property
     def on_log_intensity(self) -> bool:
-        """Whether one acts on log intensity."""
+        """Whether an effect acts on log intensity."""
         return any(True for _ in self._having("log_intensity"))
 
-    def luma(self, t_us: int, luma: _Frame) -> npt.NDArray[np.float32]:
-        """Return luma as the pixels see it.
+    def luma(self, t_us: int, luma: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Apply the effects on luma.
 
         Raises:
-            ValueError: for a result that is no luma, naming effect, time, rule and pixel.
+            ValueError: for a result that is not luma, naming effect, time, rule and pixel.
         """
         for effect, act in self._having("luma"):
             luma = _frame(effect, "luma", t_us, act(t_us, luma.copy()), luma.shape, np.float32)
@@ -93,35 +94,36 @@ class CustomEffects:
                 raise ValueError(f"{_at(effect, 'luma', t_us)} must be >= 0, got {luma[y, x]} at pixel ({x}, {y})")
         return luma
 
-    def log_intensity(self, t_us: int, luma: _Frame, log_eps: float) -> npt.NDArray[np.float64]:
-        """Return log intensity as the photoreceptor sees it.
+    def log_intensity(self, t_us: int, luma: npt.NDArray[np.float32], log_eps: float) -> npt.NDArray[np.float64]:
+        """Apply the effects on log intensity.
 
         Raises:
-            ValueError: for a result that is no log intensity, naming effect, time, rule and pixel.
+            ValueError: for a result that is not log intensity, naming effect, time, rule and pixel.
         """
-        logs: npt.NDArray[Any] = np.asarray(log_intensity(luma, log_eps))
+        logs: npt.NDArray[np.float64] = np.asarray(log_intensity(luma, log_eps))
         for effect, act in self._having("log_intensity"):
             logs = _frame(effect, "log_intensity", t_us, act(t_us, logs.copy()), logs.shape, np.float64)
         return logs
 
     def events(self, start_us: int, end_us: int | None, events: EventArray) -> EventArray:
-        """Return the events of (start_us, end_us], or, where that is None, all that are still held.
+        """Apply the effects on the events of (start_us, end_us]; with None as the end, return all that they still keep.
 
         Raises:
-            ValueError: for a result that is no stream of this interval and this sensor, naming effect, rule and event.
+            ValueError: for a result that is not a stream of this interval and this sensor, naming effect, rule and
+                event.
         """
         for effect, act in self._having("events"):
             events = self._stream(effect, start_us, end_us, act(start_us, end_us, events.copy()))
         return events
 
-    def describe(self) -> list[dict[str, Any]]:
+    def describe(self) -> list[dict[str, object]]:
         """Return a record of each effect: its class, where it acts, its parameters, its source file's SHA-256."""
         return [_described(one) for one in self._effects]
 
-    def _having(self, method: str) -> Iterable[tuple[object, Any]]:
+    def _having(self, method: str) -> Iterable[tuple[object, Callable[..., npt.ArrayLike]]]:
         return ((one, getattr(one, method)) for one in self._effects if callable(getattr(one, method, None)))
 
-    def _stream(self, effect: object, start_us: int, end_us: int | None, result: Any) -> EventArray:
+    def _stream(self, effect: object, start_us: int, end_us: int | None, result: npt.ArrayLike) -> EventArray:
         end = "the end" if end_us is None else f"{end_us}"
         where = f"{_name(effect)}.events of ({start_us}, {end}] us"
         try:
@@ -149,7 +151,7 @@ class CustomEffects:
 
 
 def load_custom_effect(entry: str) -> object:
-    """The object that ``MODULE:NAME`` or ``FILE.py:NAME`` stands for.
+    """Load the object that ``MODULE:NAME`` or ``FILE.py:NAME`` stands for.
 
     The working directory's modules are found as well. A class or a function is called without arguments.
 
@@ -173,17 +175,17 @@ def load_custom_effect(entry: str) -> object:
     if not hasattr(module, name):
         names = [one for one in vars(module) if not one.startswith("_")]
         raise ValueError(f"custom effect {entry!r}: {where} has no {name}{did_you_mean(name, names)}")
-    found = getattr(module, name)
-    if isinstance(found, type) or inspect.isfunction(found):
+    entity = getattr(module, name)
+    if isinstance(entity, type) or inspect.isfunction(entity):
         try:
-            inspect.signature(found).bind()
+            inspect.signature(entity).bind()
         except TypeError as error:
             raise ValueError(f"custom effect {entry!r}: {name}() is called without arguments: {error}") from None
-        return found()
-    return found
+        return entity()
+    return entity
 
 
-def _import(name: str, entry: str) -> Any:
+def _import(name: str, entry: str) -> ModuleType:
     folder = str(Path.cwd())
     added = folder not in sys.path
     if added:
@@ -199,15 +201,17 @@ def _import(name: str, entry: str) -> Any:
             sys.path.remove(folder)
 
 
-def _frame(effect: object, method: str, t_us: int, result: Any, shape: tuple[int, ...], dtype: Any) -> _Frame:
-    """What an effect returned, if it is a finite frame of that shape."""
+def _frame(
+    effect: object, method: str, t_us: int, result: npt.ArrayLike, shape: tuple[int, ...], dtype: type[_Float]
+) -> npt.NDArray[_Float]:
+    """Check that an effect returned a finite frame of this shape, and return it."""
     where = _at(effect, method, t_us)
     array = np.asarray(result)
     if array.shape != shape:
         raise ValueError(f"{where} must have the shape {shape}, got {'None' if result is None else array.shape}")
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{where} must be numbers, got dtype {array.dtype}")
-    with np.errstate(over="ignore"):  # told below
+    with np.errstate(over="ignore"):  # reported below
         frame = np.ascontiguousarray(array, dtype)
     finite = np.isfinite(frame)
     if not finite.all():
@@ -224,9 +228,9 @@ def _name(effect: object) -> str:
     return type(effect).__qualname__
 
 
-def _described(effect: object) -> dict[str, Any]:
+def _described(effect: object) -> dict[str, object]:
     kind = type(effect)
-    parameters: Any = asdict(effect) if is_dataclass(effect) and not isinstance(effect, type) else repr(effect)
+    parameters: object = asdict(effect) if is_dataclass(effect) and not isinstance(effect, type) else repr(effect)
     try:
         json.dumps(parameters)
     except (TypeError, ValueError):

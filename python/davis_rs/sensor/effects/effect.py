@@ -1,4 +1,4 @@
-"""What all effects have in common."""
+"""Defines what all effects have in common."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import asdict
 from numbers import Real
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
+
+from ..._core import check_effects
+from ..._util.argument_checks import is_number
 
 Where = Literal["luma", "log intensity", "pixel", "stream", "frames", "imu", "ground truth"]
 
@@ -17,8 +20,8 @@ class Effect(ABC):
     """An imperfection of a real sensor: a frozen dataclass whose first field is what ``--effect NAME=VALUE`` sets.
 
     Attributes:
-        name: what it is called in :class:`~davis_rs.Effects` and on the command line, with its unit.
-        acts_on: where in the sensor it acts, and so where its code lives.
+        name: its name in :class:`~davis_rs.Effects` and on the command line, with its unit.
+        acts_on: where in the sensor it acts.
     """
 
     name: ClassVar[str]
@@ -27,14 +30,15 @@ class Effect(ABC):
     @property
     @abstractmethod
     def neutral(self) -> bool:
-        """Whether it changes nothing with these values; it is then off."""
+        """Whether the effect changes nothing with these values; it is then off."""
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, float | None]:
         """Return the effect's parameters by name."""
         return asdict(self)  # type: ignore[call-overload]  # implementations are dataclasses
 
     def random(self, seed: int, *, purpose: int = 0, index: int = 0) -> np.random.Generator:
-        """Return draws of (seed, effect, purpose, index) alone; a name's first 8 bytes stand for the effect.
+        """Return a generator that depends only on (seed, effect, purpose, index); a name's first 8 bytes stand for the
+        effect.
 
         Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox).
         """
@@ -43,7 +47,17 @@ class Effect(ABC):
         return np.random.Generator(np.random.Philox(key=np.array([seed, effect], np.uint64), counter=counter))
 
 
-def check_range(name: str, value: Any, low: float, high: float, unit: str = "", *, finite: bool = True) -> None:
+class EngineEffect(Effect):
+    """An effect that the crossing engine simulates; the engine checks the ranges of its parameters."""
+
+    def __post_init__(self) -> None:
+        for name, value in self.settings().items():
+            if value is not None and not is_number(value):
+                raise ValueError(f"{self.name}: {name} must be a number, got {value!r}")
+        check_effects({self.name: self.settings()})
+
+
+def check_range(name: str, value: object, low: float, high: float, unit: str = "", *, finite: bool = True) -> None:
     """Refuse a number outside of low..high.
 
     Args:
@@ -52,9 +66,10 @@ def check_range(name: str, value: Any, low: float, high: float, unit: str = "", 
     Raises:
         ValueError: naming the parameter, its value and the allowed range.
     """
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if number and low <= value <= high and not (finite and math.isinf(value)):
-        return
+    if not isinstance(value, bool) and isinstance(value, Real):
+        inside = not value < low and value <= high  # False for NaN
+        if inside and not (finite and math.isinf(value)):
+            return
     ending = f" {unit}" if unit else ""
     allowed = f"be finite and >= {low:g}" if finite and math.isinf(high) else f"lie in {low:g}..{high:g}"
     raise ValueError(f"{name} must {allowed}{ending}, got {value!r}")

@@ -1,4 +1,4 @@
-"""The composition of effects."""
+"""Composes effects."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import Any, TypeAlias
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean, names_checked
 from .aps import Aps
-from .effect import Effect
-from .engine_effect import EngineEffect
+from .effect import Effect, EngineEffect
 from .hot_pixels import HotPixels
 from .leak_rate import LeakRate
 from .lens_blur import LensBlur
@@ -40,18 +39,18 @@ EFFECTS: dict[str, type[Effect]] = {
 """All effects by name, in the order in which light and events meet them."""
 
 PLANNED = "auto"
-"""In place of effects, or among them: those of the sensor that matter in the scene."""
+"""Given instead of effects, or among them: adds the effects of the sensor that matter in the scene."""
 
 
 @dataclass(frozen=True, init=False)
 class Effects:
-    """What makes a sensor differ from ideal pixels; each effect is off unless it is given.
+    """The effects that make a sensor differ from ideal pixels; each is off unless it is given.
 
     >>> Effects(refractory_period_us=100, leak_rate_hz=0.1)
 
     Each argument is an object of the effect's class, a number (its first parameter), or its parameters by name in a
     mapping. An effect with neutral values is off, and becomes None; over a sensor's (:meth:`with_defaults`) it switches
-    that one off. What an effect does is said by its class.
+    that one off. The class of an effect documents what it does.
 
     Raises:
         TypeError: for an effect that does not exist, with the one that is close.
@@ -104,49 +103,50 @@ class Effects:
         return cls(**given)
 
     def with_defaults(self, others: Effects) -> Effects:
-        """Return these and, of the others, those not given here (an effect with a neutral value counts as given)."""
+        """Return these effects and those of ``others`` not given here (an effect with a neutral value counts as
+        given)."""
         kept = [effect for effect in others if effect.name not in self.switched_off]
         return Effects.of([*kept, *self]).without(self.switched_off)
 
     def without(self, names: Iterable[str]) -> Effects:
-        """Return these, with the named ones switched off: no defaults bring them back."""
+        """Return these effects with the named ones switched off: no defaults bring them back."""
         off = frozenset(names)
         kept = Effects.of(effect for effect in self if effect.name not in off)
         object.__setattr__(kept, "switched_off", self.switched_off | off)
         return kept
 
     def __iter__(self) -> Iterator[Effect]:
-        """The effects that are on, in the order in which light and events meet them."""
+        """Iterate over the effects that are on, in the order in which light and events meet them."""
         return (effect for name in EFFECTS if (effect := getattr(self, name)) is not None)
 
     @property
     def optical(self) -> Effects:
-        """Those that act on luma: the lens's."""
+        """The effects of the lens, which act on luma."""
         return Effects.of(effect for effect in self if effect.acts_on == "luma")
 
     def __bool__(self) -> bool:
-        """Whether any is on."""
+        """Return whether any effect is on."""
         return any(True for _ in self)
 
-    def engine_settings(self) -> dict[str, dict[str, Any]]:
-        """Return the parameters, by effect, of those that the crossing engine simulates."""
+    def engine_settings(self) -> dict[str, dict[str, float | None]]:
+        """Return the parameters of the effects that the crossing engine simulates, by effect."""
         return {effect.name: effect.settings() for effect in self if isinstance(effect, EngineEffect)}
 
-    def describe(self) -> dict[str, dict[str, Any]]:
-        """Return the parameters of all that are on, by effect, in JSON's types for records; infinity is text."""
+    def describe(self) -> dict[str, dict[str, object]]:
+        """Return the parameters of all effects that are on, by effect, in JSON's types; infinity is text."""
         return {
             effect.name: {name: "inf" if value == math.inf else value for name, value in effect.settings().items()}
             for effect in self
         }
 
 
-EffectsLike: TypeAlias = Effects | Effect | Mapping[str, Any] | str | Sequence[str | Effect]
-"""What stands for effects: Effects; one effect, or its text (see :func:`parse_effect`); several of these; or, by their
-names, objects, numbers or parameters by name."""
+EffectsLike: TypeAlias = Effects | Effect | Mapping[str, object] | str | Sequence[str | Effect]
+"""What may be given as effects: Effects; one effect, or its text (see :func:`parse_effect`); several of these; or, by
+their names, objects, numbers or parameters by name."""
 
 
 def read_effects(given: EffectsLike | None) -> tuple[Effects, bool]:
-    """The effects that something stands for, none for None; and whether others are to be planned.
+    """Read effects from all that may be given, none from None; and whether others are to be planned.
 
     Raises:
         ValueError: for an effect or a parameter that is not there, a value that is missing, malformed or out of range.
@@ -161,10 +161,10 @@ def read_effects(given: EffectsLike | None) -> tuple[Effects, bool]:
 
 
 def effects_of(given: EffectsLike | None, *, not_planned: str) -> Effects:
-    """As :func:`read_effects`, where nothing can be planned.
+    """Read effects as :func:`read_effects` does, where nothing can be planned.
 
     Args:
-        not_planned: what is said of ``auto``: why, and what to do; a part of an :class:`ArgumentError`'s rule.
+        not_planned: why ``auto`` is refused, and what to do instead; a part of the rule of an :class:`ArgumentError`.
 
     Raises:
         ArgumentError: for ``auto``.
@@ -177,9 +177,10 @@ def effects_of(given: EffectsLike | None, *, not_planned: str) -> Effects:
 
 
 def named_effects(
-    given: Effect | Mapping[str, Any] | str | Iterable[str | Effect] | None, among: Mapping[str, type[Effect]] = EFFECTS
+    given: Effect | Mapping[str, object] | str | Iterable[str | Effect] | None,
+    among: Mapping[str, type[Effect]] = EFFECTS,
 ) -> dict[str, Effect]:
-    """The effects that something stands for, by name; of several of one kind the last one counts.
+    """Read effects by name; of several of one kind the last one counts.
 
     Args:
         given: see :data:`EffectsLike`.
@@ -192,14 +193,14 @@ def named_effects(
         return {name: _effect_of(name, _class_of(name, among), value) for name, value in given.items()}
     if given is None or isinstance(given, str | Effect):
         given = () if given is None else (given,)
-    found: dict[str, Effect] = {}
-    for one in given if isinstance(given, Iterable) else (given,):
-        effect = parse_effect(one, among) if isinstance(one, str) else one
+    by_name: dict[str, Effect] = {}
+    for item in given if isinstance(given, Iterable) else (given,):
+        effect = parse_effect(item, among) if isinstance(item, str) else item
         names = [name for name, effect_class in among.items() if isinstance(effect, effect_class)]
         if not names:
-            raise ValueError(f"effects must be Effects, a mapping by name, or texts NAME=VALUE, got {one!r}")
-        found[names[0]] = effect
-    return found
+            raise ValueError(f"effects must be Effects, a mapping by name, or texts NAME=VALUE, got {item!r}")
+        by_name[names[0]] = effect
+    return by_name
 
 
 def parse_effect(text: str, among: Mapping[str, type[Effect]] = EFFECTS) -> Effect:
@@ -213,9 +214,9 @@ def parse_effect(text: str, among: Mapping[str, type[Effect]] = EFFECTS) -> Effe
     name, _, rest = text.partition("=")
     effect_class = _class_of(name, among)
     values: dict[str, float | None] = {}
-    for place, part in enumerate(rest.split(",") if rest else []):
+    for index, part in enumerate(rest.split(",") if rest else []):
         parameter, equals, value = part.rpartition("=")
-        parameter = parameter if equals or place else _parameters(effect_class)[0].name
+        parameter = parameter if equals or index else _parameters(effect_class)[0].name
         _check_parameter(name, effect_class, parameter, part)
         values[parameter] = _number(f"{name} {parameter}", value)
     return _effect_of(name, effect_class, values)
@@ -227,8 +228,8 @@ def _class_of(name: str, among: Mapping[str, type[Effect]]) -> type[Effect]:
     return among[name]
 
 
-def _effect_of(name: str, effect_class: type[Effect], value: Any) -> Effect:
-    """An effect of a class: the object itself, or one with the first parameter, or with its parameters by name."""
+def _effect_of(name: str, effect_class: type[Effect], value: object) -> Effect:
+    """Make an effect of a class from an object of it, its first parameter, or its parameters by name."""
     if isinstance(value, effect_class):
         return value
     if value is None or isinstance(value, Effect):
@@ -240,7 +241,7 @@ def _effect_of(name: str, effect_class: type[Effect], value: Any) -> Effect:
     missing = [one.name for one in _parameters(effect_class) if one.default is MISSING and one.name not in value]
     if missing:
         raise ValueError(f"effect {name} needs a value: {name}={missing[0].upper()}")
-    return effect_class(**value)  # each checks its own
+    return effect_class(**value)  # each class checks its own values
 
 
 def _check_parameter(name: str, effect_class: type[Effect], parameter: str, part: str) -> None:

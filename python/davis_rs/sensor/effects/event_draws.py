@@ -1,4 +1,4 @@
-"""Random numbers that belong to events, for effects of a user's own."""
+"""Draws random numbers that belong to events, for effects of a user's own."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def event_draws(events: EventArray, seed: int, purpose: int = 0) -> npt.NDArray[
     Args:
         events: (n,), as :func:`davis_rs.as_events` takes them.
         seed: 0..2^64 - 1, for example that of ``begin``.
-        purpose: another one gives other numbers, 0..2^64 - 1.
+        purpose: 0..2^64 - 1; each gives other numbers.
 
     Returns:
         (n,) float64.
@@ -34,19 +34,19 @@ def event_draws(events: EventArray, seed: int, purpose: int = 0) -> npt.NDArray[
         if not 0 <= value < 2**64:
             raise ValueError(f"{name} must be an integer in 0..2^64 - 1, got {value!r}")
     events = as_events(events)
-    place = (events["y"].astype(np.uint64) << np.uint64(17)) | (events["x"].astype(np.uint64) << np.uint64(1))
+    pixel = (events["y"].astype(np.uint64) << np.uint64(17)) | (events["x"].astype(np.uint64) << np.uint64(1))
     words = np.full(len(events), seed, np.uint64)
     for part in (
         np.uint64(purpose),
         events["t"].astype(np.int64).view(np.uint64),
-        place | events["p"].astype(np.uint64),
+        pixel | events["p"].astype(np.uint64),
     ):
         words = _mixed(words + np.uint64(_STEP)) ^ part
     return np.asarray((_mixed(words + np.uint64(_STEP)) >> np.uint64(11)) * 2.0**-53, np.float64)
 
 
 def _mixed(words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    """SplitMix64's finaliser, modulo 2^64 as arrays of integers compute."""
+    """Apply SplitMix64's finaliser; NumPy's integers compute modulo 2^64, as it needs."""
     for shift, factor in _SHIFTS_AND_FACTORS:
         words = (words ^ (words >> np.uint64(shift))) * np.uint64(factor)
     return words ^ (words >> np.uint64(31))

@@ -1,4 +1,4 @@
-"""Hot pixels."""
+"""Defines the effect of hot pixels."""
 
 from __future__ import annotations
 
@@ -6,21 +6,20 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from .effect import Where
-from .engine_effect import EngineEffect
+from .effect import EngineEffect, Where
 
 
 @dataclass(frozen=True)
 class HotPixels(EngineEffect):
-    """A share of the pixels fires by itself: nearly periodic ON events in each, whatever it sees.
+    """A fraction of the pixels fires by itself: nearly periodic ON events in each, whatever it sees.
 
-    Which ones depends on the seed alone. Each has a rate of its own, log-normal, and a regularity of its own: the
-    coefficient of variation (CV) of its intervals, which are log-normal and independent, lies between least_cv and
-    most_cv, evenly in its logarithm. A hot pixel sees the scene as well, but each of its own events resets it, so that
-    it sees little of what is slow.
+    Which pixels these are depends only on the seed. Each has a rate of its own, log-normal, and a regularity of its
+    own: the coefficient of variation (CV) of its intervals, which are log-normal and independent, lies between least_cv
+    and most_cv, evenly in its logarithm. A hot pixel sees the scene as well, but each of its own events resets it, so
+    that it sees little of what is slow.
 
     Args:
-        fraction: the share of pixels, 0..1.
+        fraction: the fraction of pixels, 0..1.
         rate_hz: events per second of each, the median of all, 0..1e7 Hz. Neutral where either is 0.
         rate_spread: standard deviation of the natural logarithm of the rate from pixel to pixel, 0..3; no pixel fires
             faster than 1e7 Hz.

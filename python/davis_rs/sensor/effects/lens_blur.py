@@ -1,4 +1,4 @@
-"""Lens blur: the image of a point is a Gaussian spot."""
+"""Defines the effect of lens blur: the image of a point is a Gaussian spot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...render.edges.neighbours import mirrored
 from .effect import Effect, Where, check_range
 
 _NEGLIGIBLE = 2.0**-23
-"""Share of the light, the resolution of float32: what lies beyond the kernel's end is less, on each axis."""
+"""The kernel ends where less than this fraction of the light, float32's resolution, lies beyond on each axis."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class LensBlur(Effect):
         beyond = 2 * (np.cumsum(weights[::-1])[::-1] - weights)
         kept = weights[: np.argmax(beyond < _NEGLIGIBLE) + 1]
         side = (kept[1:] / (2 * kept.sum() - kept[0])).astype(np.float32)
-        # The centre makes up for rounding: light is neither lost nor made.
+        # The centre compensates rounding: light is neither lost nor made.
         centre = 1 - 2 * side.sum(dtype=np.float64)
         return np.concatenate([[np.float32(centre)], side])
 
@@ -72,17 +72,18 @@ def blur_frame(frame: LumaFrames, weights: npt.NDArray[np.float32], out: LumaFra
 
 
 def _continued(rows: LumaFrames, radius: int) -> LumaFrames:
-    """The rows, extended by ``radius`` mirrored rows at either end."""
+    """Extend rows by ``radius`` mirrored rows at either end."""
     return rows.take(mirrored(np.arange(-radius, len(rows) + radius), len(rows)), axis=0)
 
 
 def blur_squares(luma: LumaFrames, weights: npt.NDArray[np.float32]) -> LumaFrames:
-    """What :func:`blur_frame` makes of the middles (m,) of squares (2 radius + 1, 2 radius + 1, m), bit by bit."""
+    """Blur the middles (m,) of squares (2 radius + 1, 2 radius + 1, m), with the same bits as :func:`blur_frame`."""
     return _along_columns(_along_columns(luma, weights)[0], weights)[0]
 
 
 def _along_columns(rows: LumaFrames, weights: npt.NDArray[np.float32]) -> LumaFrames:
-    """Weighted sums of rows around each that has ``radius`` of them on either side, from the middle outwards."""
+    """Convolve along the rows, from the middle outwards; rows without ``radius`` neighbours on both sides are
+    left out."""
     radius = len(weights) - 1
     count = len(rows) - 2 * radius
     total = weights[0] * rows[radius : radius + count]
@@ -95,7 +96,7 @@ def _along_columns(rows: LumaFrames, weights: npt.NDArray[np.float32]) -> LumaFr
 
 
 def _gaussian(k: npt.NDArray[np.int64], variance: float) -> npt.NDArray[np.float64]:
-    """Normalised weights proportional to exp(-a k^2), at k = 0, 1, ..., whose variance over both sides is given."""
+    """Return normalised weights proportional to exp(-a k^2), k = 0, 1, ..., with this variance over both sides."""
     from scipy.optimize import brentq
 
     def weights(a: float) -> npt.NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The lens: what it does to the image before any pixel sees it."""
+"""Applies the lens's effects to the image before any pixel sees it."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .lens_blur import blur_frame, blur_squares
 
 
 class Optics(ImageMap):
-    """image = vignetting x (point-spread function * scene).
+    """The lens: image = vignetting x (point-spread function * scene).
 
-    In this order because the lens's own fall-off is a share of the light that goes to an image point, wherever it then
+    The order is this because the fall-off is a fraction of the light that goes to an image point, wherever it then
     lands: a spot in the corner is as wide as one in the middle, and is dimmed as a whole. With spots of a few pixels,
     over which the fall-off hardly changes, the other order would give nearly the same.
 
     Args:
         camera: the lens, which vignetting needs; None where it is not known.
-        effects: of these, what acts on luma (:attr:`Effects.optical`).
+        effects: those that act on luma (:attr:`Effects.optical`) are applied.
 
     Raises:
         ValueError: for vignetting without a lens.
@@ -39,7 +39,7 @@ class Optics(ImageMap):
 
     def frames(self, luma: LumaFrames) -> LumaFrames:
         image = np.empty_like(luma)
-        # Frame by frame: what is worked on then stays in the cache.
+        # Frame by frame, so that it stays in the processor's cache.
         for frame, out in zip(luma, image, strict=True):
             if self._weights is None:
                 out[:] = frame
@@ -60,11 +60,10 @@ def with_optics(renderer: Renderer, effects: Effects) -> Renderer:
     Depth, flow and silhouettes stay those of the scene. The renderer's own 3 x 3 blur comes before the lens.
 
     Args:
-        effects: of these, what acts on luma (:attr:`Effects.optical`); the others act behind the lens.
+        effects: those that act on luma (:attr:`Effects.optical`) are applied; the others act behind the lens.
 
     Returns:
-        The renderer itself where no optical effect is on; else another one that shares its scene, the first left as it
-        is.
+        The renderer itself where no optical effect is on; else a copy that shares its scene.
 
     Raises:
         ValueError: if the renderer has a lens already.

@@ -1,4 +1,4 @@
-"""The limited bandwidth of the photoreceptor and of the source follower behind it."""
+"""Defines the effect of the limited bandwidth of the photoreceptor and of the source follower behind it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from .effect import Where
-from .engine_effect import EngineEffect
+from .effect import EngineEffect, Where
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class PhotoreceptorBandwidth(EngineEffect):
 
     For an input that runs straight the output has a closed form, and levels are crossed by that; a cubic input is taken
     as chords that stray from it by at most C / 100 (or 16 of them). A pixel begins settled, at its first sample.
-    :meth:`response` is what a small sine comes to.
+    :meth:`response` is the gain of a small sine.
 
     Args:
         hz: the photoreceptor's corner frequency where luma + log_eps = 1, > 0 Hz; inf for one that follows at once.

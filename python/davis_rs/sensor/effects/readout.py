@@ -1,4 +1,4 @@
-"""The readout bus."""
+"""Defines the effect of the readout bus."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from .effect import Where
-from .engine_effect import EngineEffect
+from .effect import EngineEffect, Where
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Readout(EngineEffect):
             stamp is earlier than its grant: where latency or the gaps between bursts are less, it is no longer normal.
         drop_after_us: an event that has waited longer than this when its row is granted is dropped and counted; None
             drops none.
-        row_us: what a row's address costs on top, 0..1e9 us: with 0.55 and 12e6 events a second, bursts of single
+        row_us: additional time for a row's address, 0..1e9 us: with 0.55 and 12e6 events a second, bursts of single
             events follow each other by 0.63 us.
 
     Raises:
@@ -52,5 +51,5 @@ class Readout(EngineEffect):
 
     @property
     def neutral(self) -> bool:
-        """Whether events leave as they come."""
+        """Whether events leave unchanged."""
         return math.isinf(self.events_per_s) and self.row_us == 0 and self.latency_us == 0 and self.jitter_us == 0

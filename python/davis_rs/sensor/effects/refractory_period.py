@@ -1,20 +1,19 @@
-"""The refractory period."""
+"""Defines the effect of the refractory period."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from .effect import Where
-from .engine_effect import EngineEffect
+from .effect import EngineEffect, Where
 
 
 @dataclass(frozen=True)
 class RefractoryPeriod(EngineEffect):
     """Holds a pixel in reset after each of its events. At the end of the reset it memorises log intensity anew.
 
-    Held from the crossing itself, not from its stamp: on a ramp of slope s events follow each other by C / s + T. What
-    log intensity does meanwhile is lost, so events no longer add up to it. Where events wait for a bus
+    It is held from the crossing itself, not from the stamp: on a ramp of slope s events follow each other by C / s + T.
+    What log intensity does meanwhile is lost, so events no longer add up to it. Where events wait for a bus
     (:class:`~davis_rs.sensor.effects.Readout`), the pixel makes none until the period after its readout is over.
 
     Args:

@@ -1,4 +1,4 @@
-"""Events from noise."""
+"""Defines the effect of events from noise."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
-from .effect import Where
-from .engine_effect import EngineEffect
+from .effect import EngineEffect, Where
 from .threshold_mismatch import ThresholdMismatch
 
 _MOST_RATIO = 100.0
@@ -135,7 +134,8 @@ class ShotNoise(EngineEffect):
     def mean_rate_hz(
         self, contrast_threshold: float, contrast_threshold_off: float, mismatch: ThresholdMismatch, light: float
     ) -> float:
-        """:meth:`rate_hz` in the mean over pixels whose thresholds differ; most of it may come from few pixels."""
+        """Return :meth:`rate_hz` in the mean over pixels whose thresholds differ; most of it may come from few
+        pixels."""
         factors, weights = mismatch.nodes()
         rates = self.rate_hz(contrast_threshold * factors, contrast_threshold_off * factors, light)
         return float((rates * weights).sum())

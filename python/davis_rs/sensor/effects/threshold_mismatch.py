@@ -1,4 +1,4 @@
-"""Thresholds that differ from pixel to pixel."""
+"""Defines the effect of thresholds that differ from pixel to pixel."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from .effect import Where
-from .engine_effect import EngineEffect
+from .effect import EngineEffect, Where
 
 _NODES = 24
 
@@ -19,13 +18,13 @@ _NODES = 24
 class ThresholdMismatch(EngineEffect):
     """C_on and C_off of each pixel, drawn once: a fixed pattern for a seed.
 
-    Products of factors whose mean is 1. That of each pixel is log-normal, so never zero or negative, ON and OFF
-    independent of each other. Those of columns and rows are log-normal, too, and the same for ON and OFF. Neighbouring
-    columns may differ alternately.
+    They are products of factors whose mean is 1. The factor of each pixel is log-normal, so never zero or negative, and
+    independent for ON and OFF. The factors of columns and rows are log-normal too, and the same for ON and OFF.
+    Neighbouring columns may differ alternately.
 
     Args:
         sigma: standard deviation of the pixels' own factor, 0..1. Neutral where all are 0.
-        column_parity: even columns have thresholds lower by this share, odd ones higher, -0.5..0.5.
+        column_parity: even columns have thresholds lower by this fraction, odd ones higher, -0.5..0.5.
         columns, rows: standard deviations of what the pixels of a column, or of a row, have in common, 0..1.
 
     Raises:
@@ -52,7 +51,7 @@ class ThresholdMismatch(EngineEffect):
         return self.sigma == self.column_parity == self.columns == self.rows == 0
 
     def nodes(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Factors of a threshold and their weights, for means over the pixels of a sensor, by Gauss's rule.
+        """Return factors of a threshold and their weights, for means over the pixels of a sensor, by Gauss's rule.
 
         Returns:
             float64 (2, n) factors, of even and of odd columns, and float64 (n,) weights, whose sum is 1/2.

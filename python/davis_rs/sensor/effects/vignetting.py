@@ -1,4 +1,4 @@
-"""Vignetting: a lens gives less light to the corners of its image than to the middle."""
+"""Defines the effect of vignetting: a lens gives less light to the corners of its image than to the middle."""
 
 from __future__ import annotations
 

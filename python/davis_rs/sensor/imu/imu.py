@@ -1,9 +1,8 @@
-"""The inertial measurement unit: a trajectory in, samples out."""
+"""Simulates an inertial measurement unit: a trajectory in, samples out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +14,11 @@ from ...geometry.pose import FloatArray
 from ...geometry.trajectory.trajectory import Trajectory
 from ...sampling.rules import periodic_instants
 from ..effects.effect import Effect
+from .converter import ImuQuantisation, ImuSaturation
 from .lag import ImuLag
 from .low_pass import ImuLowPass
 from .mounting import Mounting
 from .noise import ImuNoise
-from .quantisation import ImuQuantisation
-from .saturation import ImuSaturation
 
 ImuArray = np.ndarray[tuple[int], np.dtype[np.void]]
 """One-dimensional array of ``IMU_DTYPE``; temperature is not simulated, and 0 as where a camera sends none."""
@@ -46,7 +44,7 @@ class Imu:
         rate_hz: sample k is stamped round(k 1e6 / rate) us; above 0, up to 1e6 Hz.
         mounting: where it is, see :class:`Mounting`; None is the camera's own centre and axes.
         gravity: in world axes, m/s^2.
-        low_pass, lag, noise, saturation, quantisation: what makes it a real one, applied in this order; None is off.
+        low_pass, lag, noise, saturation, quantisation: its imperfections, applied in this order; None is off.
 
     Raises:
         ValueError: for a rate or gravity out of range, or a lag below the delay of the low-pass.
@@ -101,16 +99,16 @@ class Imu:
         return self.low_pass.delay_s if self.low_pass is not None else 0.0
 
     @property
-    def place(self) -> Mounting:
+    def effective_mounting(self) -> Mounting:
         """The mounting of the IMU; the identity if none was given."""
         return self.mounting or Mounting(np.eye(4))
 
-    def describe(self) -> dict[str, Any]:
-        """Return what it is, in JSON's types."""
+    def describe(self) -> dict[str, object]:
+        """Return a description of the IMU, in JSON's types."""
         effects = {name: getattr(self, name) for name in IMU_EFFECTS}
         return {
             "rate_hz": self.rate_hz,
-            "T_imu_camera": self.place.matrix.tolist(),
+            "T_imu_camera": self.effective_mounting.matrix.tolist(),
             "gravity": list(self.gravity),
             "lag_s": self.lag_s,
             **{name: effect.settings() for name, effect in effects.items() if effect is not None},
@@ -118,10 +116,10 @@ class Imu:
 
 
 def simulate_imu(trajectory: Trajectory, imu: Imu | None = None, *, seed: int = 0) -> ImuArray:
-    """Return what an IMU on the trajectory reads: specific force and angular rate, by the trajectory's derivatives.
+    """Compute what an IMU on the trajectory reads: specific force and angular rate, by the trajectory's derivatives.
 
-    With R the rotation from camera to IMU, c the IMU's place in camera axes, a, w and dw/dt the camera's acceleration
-    (world axes), body rate and its derivative, and g gravity,
+    With R the rotation from camera to IMU, c the IMU's position in camera axes, a, w and dw/dt the camera's
+    acceleration (world axes), body rate and its derivative, and g gravity,
 
         gyro = R w
         accel = R (R_camera_world (a - g) + dw/dt x c + w x (w x c))
@@ -130,7 +128,7 @@ def simulate_imu(trajectory: Trajectory, imu: Imu | None = None, *, seed: int = 
     lag or filter reaches back before t = 0 sees the motion of t = 0 there.
 
     Args:
-        trajectory: of the camera. Its accelerations must be believable: exact, or smoothed (``read_trajectory``).
+        trajectory: of the camera. Its accelerations must be realistic: exact, or smoothed (``read_trajectory``).
         imu: None is the ideal one at the camera's centre.
         seed: of the noise, 0..2^64 - 1.
 
@@ -176,7 +174,7 @@ def as_imu(samples: npt.ArrayLike) -> ImuArray:
 
 
 def _motion(trajectory: Trajectory, imu: Imu, t_us: npt.NDArray[np.int64]) -> FloatArray:
-    """Ideal readings (n, 6), as late and as smooth as the IMU makes them."""
+    """Compute readings (n, 6) with the IMU's lag and low-pass, without noise."""
     t: FloatArray = t_us.astype(np.float64) * 1e-6 - imu.lag_s
     if imu.low_pass is None:
         return _readings(trajectory, imu, t)
@@ -187,9 +185,9 @@ def _motion(trajectory: Trajectory, imu: Imu, t_us: npt.NDArray[np.int64]) -> Fl
 
 
 def _readings(trajectory: Trajectory, imu: Imu, t_s: FloatArray) -> FloatArray:
-    """Specific force and angular rate in the axes of the IMU, (n, 6)."""
+    """Compute specific force and angular rate in the axes of the IMU, (n, 6)."""
     t = np.clip(t_s, 0.0, trajectory.duration_s)
-    rotation, arm = imu.place.rotation, imu.place.lever_arm
+    rotation, arm = imu.effective_mounting.rotation, imu.effective_mounting.lever_arm
     rates = trajectory.angular_rates(t)
     force = np.einsum("nji,nj->ni", trajectory.rotations(t), trajectory.accelerations(t) - np.asarray(imu.gravity))
     if arm.any():

@@ -1,4 +1,4 @@
-"""Kalibr's files: what an estimator is told about IMU and camera."""
+"""Writes Kalibr's files about IMU and camera, which estimators read."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def kalibr_camera_chain(camera: Camera, imu: Imu, *, topic: str = "/dvs/image_ra
     """
     if camera.k3 != 0:
         raise ValueError(f"Kalibr's radtan distortion has no k3, which must be 0, got {camera.k3}")
-    place = imu.place
-    rows = [[*map(float, r), float(x)] for r, x in zip(place.rotation.T, place.lever_arm, strict=True)]
+    mounting = imu.effective_mounting
+    rows = [[*map(float, r), float(x)] for r, x in zip(mounting.rotation.T, mounting.lever_arm, strict=True)]
     lines = ["cam0:", "  T_cam_imu:", *(f"  - {row!r}" for row in [*rows, [0.0, 0.0, 0.0, 1.0]])]
     lines += [
         "  camera_model: pinhole",

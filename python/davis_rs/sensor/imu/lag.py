@@ -1,4 +1,4 @@
-"""How old a sample is when it gets its stamp."""
+"""Defines the effect of a sample's lag behind its stamp."""
 
 from __future__ import annotations
 

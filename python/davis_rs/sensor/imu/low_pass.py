@@ -1,4 +1,4 @@
-"""The IMU's digital low-pass."""
+"""Simulates the IMU's digital low-pass."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ImuLowPass(Effect):
     """A causal filter of linear phase: the motion weighted by a Gaussian around t - ``delay_s``, cut at t.
 
     The width is the one that leaves 1 / sqrt(2) of a sine at ``bandwidth_hz`` (-3 dB). It acts on the continuous
-    motion, so that nothing aliases that the filter lets not through, and it delays every frequency alike; the phase of
+    motion, so that nothing that the filter blocks is aliased, and it delays every frequency alike. The phase of
     the chip's own filter is not published.
 
     Args:

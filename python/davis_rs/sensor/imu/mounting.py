@@ -1,4 +1,4 @@
-"""The pose of the IMU relative to the sensor."""
+"""Defines the pose of the IMU relative to the sensor."""
 
 from __future__ import annotations
 

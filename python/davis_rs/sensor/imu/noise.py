@@ -1,4 +1,4 @@
-"""White noise and wandering bias of the IMU."""
+"""Simulates white noise and a drifting bias of the IMU."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ImuNoise(Effect):
         return not any(self.settings().values())
 
     def draw(self, count: int, rate_hz: float, seed: int) -> FloatArray:
-        """Return noise and bias of ``count`` samples, (count, 6): accelerometer x y z, gyroscope x y z, SI units."""
+        """Draw noise and bias of ``count`` samples, (count, 6): accelerometer x y z, gyroscope x y z, SI units."""
         densities = np.repeat([self.accelerometer_noise_density, self.gyroscope_noise_density], 3)
         walks = np.repeat([self.accelerometer_random_walk, self.gyroscope_random_walk], 3)
         white = self.random(seed, purpose=0).standard_normal((count, 6)) * (densities * np.sqrt(rate_hz))

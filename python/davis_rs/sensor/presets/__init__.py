@@ -1,4 +1,4 @@
-"""Sensors as files: what is known of each, with units and sources, and those that come with the package."""
+"""Reads and writes sensors as files, with units and sources, and holds those that come with the package."""
 
 from .presets import IDEAL, SENSORS, load_sensor, load_sensor_file, preset_file, read_once, sensor_parameters
 from .recorded_sensor import RECORDED, recorded_sensor

@@ -1,4 +1,4 @@
-"""The sensors that come with the package, each a sensor file next to this module, and sensors by name or file."""
+"""Loads sensors by name or file; those of the package are sensor files next to this module."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NAMES = (IDEAL, "davis240c", "davis346")
 
 
 class _Presets(Mapping[str, SensorParameters]):
-    """Sensors by name, each read from its file when it is first asked for."""
+    """Sensors by name, each read from its file on first use."""
 
     def __getitem__(self, name: str) -> SensorParameters:
         return preset_file(name).parameters
@@ -44,7 +44,7 @@ driver sends; what no source is known for is left open.
 
 @cache
 def preset_file(name: str) -> SensorFile:
-    """A preset with its description and its sources.
+    """Load a preset with its description and its sources.
 
     Raises:
         KeyError: for another name.
@@ -72,7 +72,7 @@ def load_sensor(name_or_path: str | os.PathLike[str]) -> SensorParameters:
 
 
 def load_sensor_file(name_or_path: str | os.PathLike[str]) -> SensorFile:
-    """The same as :func:`load_sensor`, with description, sources and uncertainties."""
+    """Load a sensor as :func:`load_sensor` does, with description, sources and uncertainties."""
     name = os.fspath(name_or_path)
     if name in _NAMES:
         return preset_file(name)
@@ -83,7 +83,7 @@ def load_sensor_file(name_or_path: str | os.PathLike[str]) -> SensorFile:
 
 
 def sensor_parameters(sensor: str | os.PathLike[str] | SensorParameters | None) -> SensorParameters:
-    """A sensor by its name or its file; None is the ideal one.
+    """Return the parameters of a sensor given by name, file or parameters; None is the ideal one.
 
     Raises:
         ValueError, OSError: as :func:`load_sensor`.
@@ -94,7 +94,7 @@ def sensor_parameters(sensor: str | os.PathLike[str] | SensorParameters | None) 
 
 
 def read_once(sensor: str | os.PathLike[str] | SensorParameters | None) -> str | SensorParameters | None:
-    """A sensor that no longer depends on a file: its parameters where it is one, else as it is given.
+    """Read a sensor's file if it is one, so that the result no longer depends on the file; return all else unchanged.
 
     A run reads its sensor once, so that all of its parts, and its record, have the same one.
 

@@ -1,4 +1,4 @@
-"""The sensor that the public dataset was recorded with."""
+"""Derives the sensor that the public dataset was recorded with."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ..parameters import SensorParameters
 from .presets import SENSORS
 
 RECORDED = "recorded"
-"""Names, for a sequence of the dataset, the sensor of its recording."""
+"""The name of the sensor of a recording, for a sequence of the dataset."""
 
 
 def recorded_sensor(biases: str) -> SensorParameters:
-    """The DAVIS240C with the biases of the dataset's recordings.
+    """Return the DAVIS240C with the biases of the dataset's recordings.
 
     Both thresholds, the source follower's corner and the refractory period follow from the biases
     (:meth:`~davis_rs.SensorParameters.from_biases`), all else is that of the preset ``davis240c``. Two values do not
@@ -50,7 +50,7 @@ _LUX = 200.0
 
 
 def _noise_hz(sensor: SensorParameters) -> float:
-    """Noise events of a pixel per second, in the mean over pixels."""
+    """Return the noise events per second of a pixel, averaged over pixels."""
     effects = sensor.effects(1.0)
     noise, on = effects.shot_noise_rms, sensor.contrast_threshold
     assert noise is not None

@@ -1,4 +1,4 @@
-"""A sensor as a YAML file: each parameter with its value, its unit and where the value comes from."""
+"""Reads and writes a sensor as a YAML file: each parameter with its value, its unit and its source."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _UNITS_OF_NAMES = {
 
 @dataclass(frozen=True)
 class SensorFile:
-    """What a sensor file holds.
+    """The content of a sensor file.
 
     Attributes:
         parameters: of the sensor; those that the file does not give are None.
@@ -89,7 +89,7 @@ class SensorFile:
                 raise ValueError(f"the uncertainty of {name} must be finite and >= 0, got {_shown(sigma)}")
 
     @property
-    def given(self) -> dict[str, Any]:
+    def given(self) -> dict[str, float]:
         """The parameters that are given, by name."""
         values = ((name, getattr(self.parameters, name)) for name in parameter_names())
         return {name: value for name, value in values if value is not None}
@@ -97,12 +97,12 @@ class SensorFile:
 
 @cache
 def parameter_names() -> tuple[str, ...]:
-    """The names of all parameters of a sensor."""
-    return tuple(one.name for one in fields(SensorParameters))
+    """Return the names of all parameters of a sensor."""
+    return tuple(parameter.name for parameter in fields(SensorParameters))
 
 
 def unit_of(name: str) -> str:
-    """The unit of a parameter, which the end of its name tells; ``"1"`` for a pure number."""
+    """Return the unit of a parameter, which the end of its name tells; ``"1"`` for a pure number."""
     if name in _UNITS_OF_NAMES:
         return _UNITS_OF_NAMES[name]
     ends = (end for end in _UNITS if name.endswith(f"_{end}"))
@@ -171,7 +171,7 @@ def save_sensor(
 
     Raises:
         OSError: if it cannot be written.
-        ValueError: for sources or uncertainties of what is no parameter, or more text than a sensor file may have.
+        ValueError: for sources or uncertainties of anything but a parameter, or more text than a sensor file may have.
     """
     file = Path(path)
     text = sensor_yaml(SensorFile(sensor, description, dict(sources or {}), dict(uncertainties or {})))
@@ -183,13 +183,13 @@ def save_sensor(
 
 
 def sensor_yaml(sensor: SensorFile) -> str:
-    """The text of a sensor file: each value that is given, with its unit, its uncertainty and its source."""
+    """Write the text of a sensor file: each value that is given, with its unit, its uncertainty and its source."""
     import yaml
 
     # YAML reads other line separators than its own back as spaces, unless they are escaped.
     plain = _LINE_SEPARATORS.isdisjoint("".join([sensor.description, *sensor.sources.values()]))
 
-    def dumped(key: str, value: Any) -> str:
+    def dumped(key: str, value: object) -> str:
         return yaml.safe_dump({key: value}, sort_keys=False, allow_unicode=plain, width=_WIDTH)
 
     parts = [_HEADING]
@@ -212,8 +212,8 @@ def sensor_yaml(sensor: SensorFile) -> str:
     return "".join(parts)
 
 
-def _mapping(file: Path, what: str, content: Any, known: Iterable[str]) -> dict[str, Any]:
-    """A mapping whose keys are all known."""
+def _mapping(file: Path, what: str, content: object, known: Iterable[str]) -> dict[str, Any]:
+    """Check that ``content`` is a mapping with known keys only, and return it."""
     known = tuple(known)
     if not isinstance(content, dict):
         raise DecodeError(f"{file}: {what} must be a mapping of keys to values, got {_shown(content)}")
@@ -224,8 +224,8 @@ def _mapping(file: Path, what: str, content: Any, known: Iterable[str]) -> dict[
     return dict(content)
 
 
-def _checked(file: Path, name: str, value: Any) -> Any:
-    """A value whose type is the parameter's; its range is checked by the parameter's own class."""
+def _checked(file: Path, name: str, value: object) -> object:
+    """Check that a value has the parameter's type; the parameter's own class checks the range."""
     kind = _kinds()[name]
     if value is None:
         return None
@@ -242,15 +242,15 @@ def _checked(file: Path, name: str, value: Any) -> Any:
     return value
 
 
-def _is_number(value: Any) -> bool:
-    """Whether it is a number; not an integer beyond the range of floats, with which nothing can be computed."""
+def _is_number(value: object) -> bool:
+    """Return whether a value is a number; an integer beyond the range of floats is not."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return isinstance(value, float) or abs(value) <= sys.float_info.max
 
 
-def _shown(value: Any) -> str:
-    """A value for a message: not all of a long one, and none of an integer that Python will not write out."""
+def _shown(value: object) -> str:
+    """Return a value for a message, cut off where it is long."""
     try:
         return f"{value!r:.60}"
     except ValueError:
@@ -259,7 +259,7 @@ def _shown(value: Any) -> str:
 
 @cache
 def _kinds() -> Mapping[str, type]:
-    """The type of each parameter's value, from the annotations of :class:`SensorParameters`."""
+    """Return the type of each parameter's value, from the annotations of :class:`SensorParameters`."""
     kinds = {}
     for name, annotation in get_type_hints(SensorParameters).items():
         members = [one for one in get_args(annotation) or (annotation,) if one is not type(None)]

@@ -1,9 +1,9 @@
-"""Frames to events: video, image folders and arrays, seen by the pixels of an event camera.
+"""Makes events from frames: video, image folders and arrays, seen by the pixels of an event camera.
 
-``frames_folder`` (a dataset folder), ``events_from_frames`` (packets) -> ``frame_run`` -> ``interpolation``,
-``frames_between`` (flow, a user's interpolator) -> ``optical_flow``; ``light`` (values to luma), ``quantisation``
-(the dark level), ``frame_values``, ``frame_part``; ``open_frames`` -> ``video`` (PyAV), ``image_folder`` ->
-``image_file``, ``array_frames`` -> ``stamps`` -> ``frame_source``.
+``frames_folder`` (a dataset folder), ``events_from_frames`` (packets) -> ``frame_run`` -> ``resolved_frames`` (all
+that is decided) -> ``interpolation``, ``frames_between`` (flow, a user's interpolator) -> ``optical_flow``; ``light``
+(values to luma), ``quantisation`` (the dark level), ``frame_values``, ``frame_part``; ``open_frames`` -> ``video``
+(PyAV), ``image_folder`` -> ``image_file``, ``array_frames`` -> ``stamps`` -> ``frame_source``.
 
 Frames have no scene: packets have no pose, and a folder has a ``calib.txt`` only where a lens is given. Video is
 read by PyAV, whose frames bring their own stamps, range, matrix and transfer function. The matrix is ours, in

@@ -1,21 +1,20 @@
-"""Frames from arrays: a stack, a .npy file, or any iterable of arrays."""
+"""Reads frames from arrays: a stack, a .npy file, or any iterable of arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._util.budget import Budget
 from ..._util.untrusted import decoding, regular_file
-from .frame_source import Encoding, FrameSource, GivenStamps, StampedFrame, Stamps, charge_frame
+from .frame_source import Encoding, FrameArray, FrameSource, GivenStamps, StampedFrame, Stamps, charge_frame
 
 
 class ArrayFrames(FrameSource):
-    """Frames that Python has, each (H, W), (H, W, 1) or (H, W, 3): uint8, uint16 or floating point.
+    """Hands on frames that Python has, each (H, W), (H, W, 1) or (H, W, 3): uint8, uint16 or floating point.
 
     Args:
         images: a stack (n, H, W[, 3]), or an iterable of frames, which is gone through once.
@@ -45,12 +44,12 @@ class ArrayFrames(FrameSource):
     def encoding(self, first: StampedFrame) -> Encoding:
         return Encoding.of(first.image.dtype, first.where)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"kind": "arrays", "name": self.name}
 
 
 class NpyFrames(ArrayFrames):
-    """The frames of a ``.npy`` file (n, H, W) or (n, H, W, 3), mapped into memory rather than read as a whole.
+    """Reads the frames of a ``.npy`` file (n, H, W) or (n, H, W, 3), mapped into memory rather than read as a whole.
 
     Raises:
         OSError: if it cannot be read.
@@ -63,12 +62,12 @@ class NpyFrames(ArrayFrames):
             stack = np.load(regular_file(path), mmap_mode="r", allow_pickle=False)
         super().__init__(stack, stamps_ns, str(path))
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"kind": "npy", "file": self.name}
 
 
-def _checked(image: npt.NDArray[Any], where: str) -> npt.NDArray[Any]:
-    """The frame with one or three values a pixel."""
+def _checked(image: FrameArray, where: str) -> FrameArray:
+    """Return the frame with one or three values a pixel."""
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[..., 0]
     if image.ndim == 3 and image.shape[2] == 4:

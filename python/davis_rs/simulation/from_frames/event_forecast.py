@@ -1,4 +1,4 @@
-"""How many events two frames call for, before anything is made of them."""
+"""Forecasts how many events two frames call for, before anything is made of them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class EventForecast:
         self._threshold, self._log_eps, self._dead_us = threshold, np.float32(log_eps), dead_us
 
     def check(self, before: SensorFrame, after: SensorFrame) -> None:
-        """Go on only where memory holds the events between two frames.
+        """Refuse to go on where memory does not hold the events between two frames.
 
         Raises:
             ValueError: with their number.

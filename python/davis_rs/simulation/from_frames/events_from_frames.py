@@ -1,4 +1,4 @@
-"""Events from frames, as packets."""
+"""Makes packets of events from frames."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from .stamps import as_stamps, rate_stamps
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from ..settings.keywords import FrameKeywords
+
 
 @takes_settings(FrameSettings)
 def events_from_frames(
@@ -27,7 +29,7 @@ def events_from_frames(
     t_us: Iterable[int] | npt.ArrayLike | None = None,
     *,
     fps: float | None = None,
-    **settings: Unpack[FrameSettings],
+    **settings: Unpack[FrameKeywords],
 ) -> Iterator[Packet]:
     """Yield packets of events of a sensor that sees these frames, in bounded memory.
 
@@ -64,9 +66,9 @@ def events_from_frames(
         OSError, DecodeError: as :func:`~davis_rs.open_frames`.
         ImportError: for what needs OpenCV, without it.
     """
-    given = complete(FrameSettings, settings, of=events_from_frames)
+    given = complete(FrameSettings, settings, taker=events_from_frames)
     run = FrameRun(_source(frames, t_us, fps), given)
-    if run.step_line and run.settings["log_eps"] is None:
+    if run.step_line and run.settings.log_eps is None:
         warnings.warn(run.step_line, FrameValuesWarning, stacklevel=2)
     return run.packets()
 

@@ -1,4 +1,4 @@
-"""Which part of a frame the sensor sees: cut out, and reduced to the sensor's size."""
+"""Cuts out the part of a frame that the sensor sees, and reduces it to the sensor's size."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy.typing as npt
 
 from ..._util.argument_checks import as_size, parse_size
 from ..._util.argument_error import ArgumentError
+from .frame_source import FrameArray
 
 _SAME_SHAPE = 0.01
 """How far the two sides may be reduced by different factors: a pixel or so of rounding, not a stretched image."""
 
 
 class FramePart(NamedTuple):
-    """A rectangle of a frame, and the size that it is reduced to.
+    """Holds a rectangle of a frame, and the size that it is reduced to.
 
     Attributes:
         left, top, width, height: of the rectangle in pixels of the frame.
@@ -29,12 +30,12 @@ class FramePart(NamedTuple):
     height: int
     size: tuple[int, int]
 
-    def cut(self, image: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-        """The rectangle of a frame (H, W, ...), not copied."""
+    def cut(self, image: FrameArray) -> FrameArray:
+        """Cut out the rectangle of a frame (H, W, ...), not copied."""
         return image[self.top : self.top + self.height, self.left : self.left + self.width]
 
     def reduce(self, luma: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """The cut-out part at the result's size, by averaging linear light over areas, as a larger pixel would.
+        """Reduce the cut-out part by averaging linear light over areas, as a larger pixel would.
 
         Raises:
             ImportError: without OpenCV, where the size changes.
@@ -48,7 +49,7 @@ class FramePart(NamedTuple):
 def frame_part(
     width: int, height: int, *, crop: tuple[int, int] | str | None, roi: str | None, size: tuple[int, int] | str | None
 ) -> FramePart:
-    """The part of frames of ``width`` x ``height`` pixels that the settings ask for.
+    """Choose the part of frames of ``width`` x ``height`` pixels that the settings ask for.
 
     Raises:
         ValueError: for malformed settings, a part that is not inside the frame, a size that is larger than the part or

@@ -1,56 +1,65 @@
-"""A run over frames: settings made whole, then packets of events."""
+"""Runs over frames: reads them by settings that are decided, and makes packets of events."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from ..._core import CrossingEngine, __version__
-from ..._util.argument_error import ArgumentError
 from ..._util.folder_report import start_line
-from ..._util.memory_forecast import frames_forecast
 from ..._util.read_ahead import read_ahead
 from ...events.arrays import EventArray, concatenate_events
 from ...events.packet import Packet
-from ...geometry.camera import Camera
-from ...sensor.effects import Effects, Optics
-from ...sensor.effects.effects import effects_of
+from ...sensor.effects import Optics
 from ...sensor.parameters import SensorParameters
-from ...sensor.presets import read_once, sensor_parameters
+from ...sensor.presets import read_once
 from ..model_version import MODEL
 from ..no_events import warned_without_events
-from ..settings import LOG_EPS, FrameSettings, camera_of_size
+from ..run_description import RunDescription
+from ..settings import FrameSettings
 from .event_forecast import EventForecast
-from .frame_part import FramePart, frame_part
-from .frame_source import Encoding, FrameSource, StampedFrame
+from .frame_source import FrameSource, StampedFrame
 from .frame_values import FrameValues, FrameValuesWarning
-from .frames_between import Auto, FramesBetween
-from .interpolation import Cubic, Interpolation, Linear, SensorFrame
-from .light import Light
-from .quantisation import QuantisationCount, dark_level
-
-CONTRAST_THRESHOLD = 0.15
-LUX_PER_LUMA = 1000.0
-"""What a scene has where nothing says else (:class:`~davis_rs.Scene`)."""
+from .interpolation import SensorFrame
+from .quantisation import QuantisationCount
+from .resolved_frames import check_times, resolve_frames
 
 _FRAMES_AHEAD = 4
 """Frames that are decoded while the ones before them are worked on."""
 
 
+class FramesDescription(RunDescription):
+    """Holds what ``meta.json`` says of events from frames, next to what :class:`RunDescription` has.
+
+    Attributes:
+        frames: what they are and how they are taken.
+        start_time_ns: the stamp of the first frame.
+        interpolation: what lies between frames.
+        camera: lens and size of the image; None where that is not known.
+        effects_left_out: effects of the sensor that frames cannot have.
+    """
+
+    frames: dict[str, object]
+    start_time_ns: int
+    interpolation: dict[str, object]
+    camera: dict[str, object] | None
+    effects_left_out: list[str]
+
+
 class FrameRun:
-    """Frames on their way to events, by settings that are all decided; :meth:`packets` goes through them once.
+    """Makes events from frames; :meth:`packets` goes through them once.
 
     The first frame is read at once: it says how large the sensor is.
 
     Args:
         source: of the frames.
-        settings: complete ones of :class:`~davis_rs.simulation.settings.FrameSettings`.
+        settings: of the run.
         from_zero: the first frame that is taken gets the stamp 0; else stamps stay as the source has them.
 
     Attributes:
@@ -61,6 +70,7 @@ class FrameRun:
         log_eps: dark level in units of luma.
         light: how values become luma.
         effects: of the pixels and the readout.
+        resolved: all that is decided.
         left_out: effects of the sensor that frames cannot have.
         quantisation: events that rounding may have made.
         interpolation: what lies between frames.
@@ -73,70 +83,59 @@ class FrameRun:
     """
 
     def __init__(self, source: FrameSource, settings: FrameSettings, *, from_zero: bool = False) -> None:
-        self.settings = settings.copy()
-        self.settings["sensor"] = read_once(self.settings["sensor"])
+        self.settings = settings = replace(settings, sensor=read_once(settings.sensor))
         self.source = source
-        _check_times(self.settings)
+        check_times(settings)
         self._taken = self._frames_between()
         first = next(self._taken, None)
         if first is None:
             raise ValueError(f"{source.name}: there are no frames{self._between_words()}")
         self._first = first
         self._start_us = self._end_us = 0 if from_zero else _rounded(first.t_ns, 1000)
-        sensor = sensor_parameters(self.settings["sensor"])
-        white_level, log_eps = (self.settings[name] for name in ("white_level", "log_eps"))
-        self._values = FrameValues(source.encoding(first), first.image, white_level=white_level, log_eps=log_eps)
-        self.light = self._light_of(self._values.encoding)
-        self._part = self._part_of(first, sensor)
-        self.size = self._part.size
-        wanted = self.settings["camera"]
-        self.camera: Camera | None = None if wanted is None else camera_of_size(wanted, self.size, "the frames")
-        on = _first(self.settings["contrast_threshold"], sensor.contrast_threshold, CONTRAST_THRESHOLD)
-        off = _first(self.settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
-        self.contrast_threshold, self.contrast_threshold_off = on, off
-        self.start_phase = self.settings["start_phase"] or sensor.start_phase
-        self.lux_per_luma = _first(self.settings["lux_per_luma"], LUX_PER_LUMA)
-        self.effects, self.left_out = self._effects(sensor)
-        self._optics = self._lens()
-        self._dark_luma = _first(sensor.dark_luma(self.lux_per_luma), LOG_EPS)
-        self.log_eps = _first(log_eps, self._dark_level(self.light))
+        self._values = FrameValues(
+            source.encoding(first), first.image, white_level=settings.white_level, log_eps=settings.log_eps
+        )
+        self.resolved = resolved = resolve_frames(first.image, self._values.encoding, settings)
+        self.size, self.camera, self.light = resolved.area.size, resolved.camera, resolved.light
+        self.effects, self.left_out = resolved.effects, resolved.left_out
+        self.log_eps, self.start_phase = resolved.log_eps, resolved.start_phase
+        self.contrast_threshold = resolved.contrast_threshold
+        self.contrast_threshold_off = resolved.contrast_threshold_off
+        self._optics = Optics(self.camera, self.effects) if self.effects.optical else None
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
-        plain = self._optics is None and self.size == (self._part.width, self._part.height)
+        plain = self._optics is None and self.size == (resolved.area.width, resolved.area.height)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
         refractory = self.effects.refractory_period_us
-        self._forecast = EventForecast(min(on, off), self.log_eps, 0.0 if refractory is None else refractory.period_us)
-        self.interpolation = self._interpolation()
-        self.memory = frames_forecast(
-            self.size,
-            frame_bytes=first.image.nbytes / math.prod(self.size),
-            flow=self.settings["interpolation"] in ("auto", "flow"),
-            effects=bool(self.effects.engine_settings()),
+        self._forecast = EventForecast(
+            resolved.least_threshold, self.log_eps, 0.0 if refractory is None else refractory.period_us
         )
+        self.interpolation = resolved.interpolation()
+        self.memory = resolved.memory(first.image)
         self.memory.refuse()
         self._engine = CrossingEngine(
             *self.size,
-            contrast_threshold=on,
-            contrast_threshold_off=off,
+            contrast_threshold=self.contrast_threshold,
+            contrast_threshold_off=self.contrast_threshold_off,
             log_eps=self.log_eps,
             interpolation=self.interpolation.engine,
             effects=self.effects.engine_settings(),
             start_phase=self.start_phase,
-            seed=self.settings["seed"],
-            threads=self.settings["threads"],
+            seed=settings.seed,
+            threads=settings.threads,
         )
 
     @property
     def dropped_events(self) -> int:
-        """How many events the readout has dropped so far."""
+        """Count the events that the readout has dropped so far."""
         return self._engine.dropped_events
 
     @property
     def missed_events(self) -> int:
-        """How often a pixel has reached a level before its last event was read out and its reset over."""
+        """Count how often a pixel has reached a level before its last event was read out and its reset over."""
         return self._engine.missed_events
 
     def packets(self) -> Iterator[Packet]:
-        """One packet a frame: it ends at the frame's instant, and ``luma`` is what the pixels saw there.
+        """Yield one packet a frame: it ends at the frame's instant, and ``luma`` is what the pixels saw there.
 
         The first has no events: it sets the references. Where a readout still holds events at the end, one more brings
         them.
@@ -172,15 +171,15 @@ class FrameRun:
         yield from self.flush()
 
     def flush(self) -> Iterator[Packet]:
-        """What a readout still holds after the last frame: a packet, if there is any."""
+        """Yield what a readout still holds after the last frame: a packet, if there is any."""
         late = self._engine.flush()
         if len(late):
             yield Packet(self._end_us, int(late["t"][-1]), late, None)
 
-    def describe(self) -> dict[str, Any]:
-        """All that a repetition needs, for meta.json; what was found on the way is there after :meth:`packets`."""
-        sensor = self.settings["sensor"]
-        given = {name: value for name, value in self.settings.items() if name not in _TOLD_ELSEWHERE}
+    def describe(self) -> FramesDescription:
+        """Return all that a repetition needs, for meta.json; after :meth:`packets` also what the frames showed."""
+        sensor = self.settings.sensor
+        given = {name: value for name, value in self.settings.by_name().items() if name not in _TOLD_ELSEWHERE}
         return {
             "davis_rs": __version__,
             "model": MODEL,
@@ -197,14 +196,14 @@ class FrameRun:
                 "contrast_threshold_off": self.contrast_threshold_off,
                 "start_phase": self.start_phase,
                 "log_eps": self.log_eps,
-                "lux_per_luma": self.lux_per_luma,
+                "lux_per_luma": self.resolved.lux_per_luma,
             },
             "effects": self.effects.describe(),
             "effects_left_out": list(self.left_out),
         }
 
-    def describe_frames(self) -> dict[str, Any]:
-        """What the frames are and how they are taken, for meta.json; the step of those that were read so far."""
+    def describe_frames(self) -> dict[str, object]:
+        """Return what the frames are and how they are taken, for meta.json, by those that were read so far."""
         return {
             **self.source.describe(),
             "transfer": self.light.transfer,
@@ -212,12 +211,12 @@ class FrameRun:
             "white_level": self.light.white,
             "value_step": self._values.encoding.step,
             "value_step_of_all_frames": self._values.shown().step,
-            "part": {**self._part._asdict(), "size": list(self.size)},
+            "part": {**self.resolved.area._asdict(), "size": list(self.size)},
         }
 
     @property
     def step_line(self) -> str:
-        """What follows from the step that the first frame shows, for people; "" where it is as the source says."""
+        """Say what follows from the step that the first frame shows, for people; "" where it is as the source says."""
         if not self._values.step_found:
             return ""
         return (
@@ -227,9 +226,9 @@ class FrameRun:
         )
 
     def notes(self) -> Iterator[str]:
-        """What is assumed about the frames, a line each, for people."""
+        """Say what is assumed about the frames, a line each, for people."""
         about = self.source.describe()
-        transfer = f"{self.light.transfer} ({'given' if self.settings['transfer'] else self._why_transfer(about)})"
+        transfer = f"{self.light.transfer} ({'given' if self.settings.transfer else self._why_transfer(about)})"
         step = (
             f" in steps of {self._values.encoding.step:.4g}, as in the first frame," if self._values.step_found else ""
         )
@@ -242,10 +241,10 @@ class FrameRun:
         yield f"{self.source.name}: {encoded}"
         if self._first.t_ns:
             yield start_line(self._first.t_ns, "the frames")
-        if self.settings["log_eps"] is None and self.log_eps > self._dark_luma:
+        if self.settings.log_eps is None and self.log_eps > self.resolved.dark_luma:
             yield (
-                f"log_eps {self.log_eps:.3g}: with {self._dark_luma:.3g} one grey level in the dark would be more than "
-                f"C = {min(self.contrast_threshold, self.contrast_threshold_off):g} (--log-eps)"
+                f"log_eps {self.log_eps:.3g}: with {self.resolved.dark_luma:.3g} one grey level in the dark would be "
+                f"more than C = {self.resolved.least_threshold:g} (--log-eps)"
             )
         if line := self.memory.line():
             yield line
@@ -254,23 +253,16 @@ class FrameRun:
             yield f"of the sensor's effects {names} is left out: the intensity frames are what came in"
 
     def findings(self) -> Iterator[str]:
-        """What was found on the way, a line each, for people."""
+        """Say what was found on the way, a line each, for people."""
         yield from self.interpolation.findings()
         if self.quantisation.counts and self.quantisation.suspect:
             yield str(self.quantisation)
 
     @staticmethod
-    def _why_transfer(about: dict[str, Any]) -> str:
+    def _why_transfer(about: dict[str, object]) -> str:
         if about["kind"] == "video":
             return "as the video says" if about["transfer_stated"] else "the video does not say"
         return "by the type of the values"
-
-    def _light_of(self, encoding: Encoding) -> Light:
-        return Light(encoding, self.settings["transfer"], self.settings["white_level"])
-
-    def _dark_level(self, light: Light) -> float:
-        """The dark level that keeps a step of these frames below C."""
-        return dark_level(light.levels, min(self.contrast_threshold, self.contrast_threshold_off), self._dark_luma)
 
     def _warn_of_values(self) -> None:
         for doubt in self._values.doubts():
@@ -279,8 +271,8 @@ class FrameRun:
     def _warn_of_other_steps(self) -> None:
         """Warn where all frames together show another step than the first, by which the dark level was chosen."""
         shown = self._values.shown()
-        fitting = self._dark_level(self._light_of(shown))
-        if self.settings["log_eps"] is None and not math.isclose(fitting, self.log_eps, rel_tol=_SAME_DARK_LEVEL):
+        fitting = self.resolved.fitting_log_eps(shown)
+        if self.settings.log_eps is None and not math.isclose(fitting, self.log_eps, rel_tol=_SAME_DARK_LEVEL):
             warnings.warn(
                 f"{self.source.name}: all frames together have values in steps of {shown.step:.4g}, and the first "
                 f"frame did not show it: log_eps {fitting:.3g} fits them, {self.log_eps:.3g} was taken",
@@ -289,9 +281,9 @@ class FrameRun:
             )
 
     def _frames_between(self) -> Iterator[StampedFrame]:
-        """The frames from start to stop, their stamps increasing."""
-        start_ns = round(self.settings["start_s"] * 1e9)
-        stop_s = self.settings["stop_s"]
+        """Yield the frames from start to stop, their stamps increasing."""
+        start_ns = round(self.settings.start_s * 1e9)
+        stop_s = self.settings.stop_s
         first_ns = last_ns = None
         for frame in self.source.frames():
             if last_ns is not None and frame.t_ns <= last_ns:
@@ -305,7 +297,7 @@ class FrameRun:
                 yield frame
 
     def _sensor_frames(self) -> Iterator[SensorFrame]:
-        """The frames as the sensor sees them, made ahead in a thread of their own."""
+        """Yield the frames as the sensor sees them, made ahead in a thread of their own."""
         count = 0
         for frame in read_ahead(self._seen(chain([self._first], self._taken)), most=_FRAMES_AHEAD):
             count += 1
@@ -315,7 +307,7 @@ class FrameRun:
 
     def _seen(self, frames: Iterator[StampedFrame]) -> Iterator[SensorFrame]:
         shape, dtype = self._first.image.shape, self._first.image.dtype
-        scale = 1000 * self.settings["slow_motion"]
+        scale = 1000 * self.settings.slow_motion
         last_us, last = -1, None
         for frame in frames:
             if frame.image.shape != shape:
@@ -335,7 +327,7 @@ class FrameRun:
             if t_us == last_us:
                 raise ValueError(f"{frame.where}: it falls on the same microsecond as the frame before it ({t_us} us)")
             last_us = t_us
-            luma = self._part.reduce(self.light.luma(self._part.cut(frame.image), frame.where))
+            luma = self.resolved.area.reduce(self.light.luma(self.resolved.area.cut(frame.image), frame.where))
             if self._optics is not None:
                 luma = self._optics.frames(luma[None])[0]
             seen = SensorFrame(t_us, luma, frame.where)
@@ -344,55 +336,11 @@ class FrameRun:
             last = seen
             yield seen
 
-    def _part_of(self, first: StampedFrame, sensor: SensorParameters) -> FramePart:
-        height, width = first.image.shape[:2]
-        asked = self.settings
-        part = frame_part(width, height, crop=asked["crop"], roi=asked["roi"], size=asked["size"])
-        (width, height), own = part.size, (sensor.width, sensor.height)
-        if own[0] is None or own[1] is None or part.size == own:
-            return part
-        advice = (
-            "frames are not enlarged; a sensor file without width and height takes any size"
-            if width < own[0] or height < own[1]
-            else f"size={own[0]}x{own[1]} reduces them"
-        )
-        raise ValueError(f"the sensor has {own[0]} x {own[1]} pixels, the frames give {width} x {height}: {advice}")
-
-    def _effects(self, sensor: SensorParameters) -> tuple[Effects, tuple[str, ...]]:
-        """Return the given effects over the sensor's, and the names of the sensor's that frames do not allow."""
-        named = effects_of(
-            self.settings["effects"],
-            not_planned="is for a scene that can be rendered; for frames name {sensor} or {effects}",
-        )
-        if named.aps is not None:
-            raise ValueError(
-                "the effect aps makes intensity frames from light, but here intensity frames are the input"
-            )
-        of_sensor = sensor.effects(self.lux_per_luma)
-        left_out = ("aps",) if of_sensor.aps is not None else ()
-        return named.with_defaults(of_sensor.without(left_out)), left_out
-
-    def _lens(self) -> Optics | None:
-        return Optics(self.camera, self.effects) if self.effects.optical else None
-
-    def _interpolation(self) -> Interpolation:
-        chosen, step_px = self.settings["interpolation"], self.settings["max_displacement_px"]
-        if chosen == "linear":
-            return Linear()
-        if chosen == "cubic":
-            return Cubic(self.log_eps)
-        try:
-            if chosen == "auto":
-                return Auto(self.log_eps, step_px)
-            return FramesBetween(step_px, None if isinstance(chosen, str) else chosen)
-        except ImportError as error:
-            raise ImportError(f"{error}; or choose interpolation linear or cubic, which do without") from error
-
     def _between_words(self) -> str:
-        stop_s = self.settings["stop_s"]
+        stop_s = self.settings.stop_s
         end = "the end" if stop_s is None else f"{stop_s:g} s"
-        whole = self.settings["start_s"] == 0 and stop_s is None
-        return "" if whole else f" between {self.settings['start_s']:g} s and {end}"
+        whole = self.settings.start_s == 0 and stop_s is None
+        return "" if whole else f" between {self.settings.start_s:g} s and {end}"
 
 
 _SAME_DARK_LEVEL = 0.05
@@ -401,27 +349,16 @@ _SAME_DARK_LEVEL = 0.05
 _TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "transfer", "white_level", "interpolation"}
 
 
-def _check_times(settings: FrameSettings) -> None:
-    if settings["stop_s"] is not None and settings["stop_s"] <= settings["start_s"]:
-        raise ArgumentError(
-            "{stop_s} must be after {start_s}, got {:g} s and {:g} s", settings["stop_s"], settings["start_s"]
-        )
-
-
 def _rounded(value_ns: int, unit_ns: float) -> int:
-    """The time in the unit, rounded to the nearest with halves up; an integer where the unit is one."""
+    """Round a time to the nearest unit, halves up; exactly where the unit is an integer."""
     if unit_ns == int(unit_ns):
         unit = int(unit_ns)
         return (2 * value_ns + unit) // (2 * unit)
     return round(value_ns / unit_ns)
 
 
-def _both_floating(one: np.dtype[Any], other: np.dtype[Any]) -> bool:
-    return np.issubdtype(one, np.floating) and np.issubdtype(other, np.floating)
-
-
-def _first(*values: float | None) -> float:
-    return next(value for value in values if value is not None)
+def _both_floating(first: np.dtype[Any], second: np.dtype[Any]) -> bool:
+    return np.issubdtype(first, np.floating) and np.issubdtype(second, np.floating)
 
 
 def _seconds(t_ns: int) -> str:

@@ -1,4 +1,4 @@
-"""The interface of a source of frames, whatever its file format is."""
+"""Declares the interface of a source of frames, whatever its file format is."""
 
 from __future__ import annotations
 
@@ -25,12 +25,15 @@ def charge_frame(budget: Budget, width: int, height: int) -> None:
     budget.take(PIXEL_BYTES * width * height, f"a frame of {width} x {height} pixels")
 
 
+FrameArray = npt.NDArray[Any]
+"""A frame (H, W) or (H, W, 3): uint8, uint16 or floating point, which is known only when it is read."""
+
 Stamps = Iterator[int] | Sequence[int]
 """Stamps in nanoseconds, one a frame: as many as there are frames, or an iterator that may have more."""
 
 
 class StampedFrame(NamedTuple):
-    """A frame as its file has it.
+    """Holds a frame as its file has it.
 
     Attributes:
         t_ns: its stamp in nanoseconds.
@@ -39,13 +42,13 @@ class StampedFrame(NamedTuple):
     """
 
     t_ns: int
-    image: npt.NDArray[Any]
+    image: FrameArray
     where: str
 
 
 @dataclass(frozen=True)
 class Encoding:
-    """How the values of all frames of a source stand for light.
+    """Says how the values of all frames of a source stand for light.
 
     Attributes:
         transfer: the transfer function that the source itself names, as the setting ``transfer`` takes it.
@@ -64,7 +67,7 @@ class Encoding:
 
     @property
     def step(self) -> float | None:
-        """How far apart neighbouring values of the source are; None for floating point."""
+        """Return how far apart neighbouring values of the source are; None for floating point."""
         return None if self.levels is None else (self.white - self.black) / self.levels
 
     def in_frame(self, value: float) -> float:
@@ -89,7 +92,7 @@ class Encoding:
 
 
 class GivenStamps:
-    """Stamps that are given apart from the frames: hands out one a frame, and sees that both end together.
+    """Hands out stamps that are given apart from the frames, one a frame, and sees that both end together.
 
     Args:
         stamps: an iterator may have more than there are frames.
@@ -102,7 +105,7 @@ class GivenStamps:
         self._count = 0
 
     def next(self, where: str) -> int:
-        """The stamp of the frame at ``where``, in nanoseconds.
+        """Return the stamp of the frame at ``where``, in nanoseconds.
 
         Raises:
             ValueError: if there is none.
@@ -114,7 +117,7 @@ class GivenStamps:
         return int(t_ns)
 
     def end(self) -> None:
-        """Checks that no stamps are left; to be called after the last frame.
+        """Check that no stamps are left; to be called after the last frame.
 
         Raises:
             ValueError: if there are more stamps.
@@ -124,7 +127,7 @@ class GivenStamps:
 
 
 class FrameSource(ABC):
-    """Frames with their stamps, one after the other.
+    """Yields frames with their stamps, one after the other.
 
     Attributes:
         name: of the file or folder, for titles.
@@ -148,5 +151,5 @@ class FrameSource(ABC):
         """Return how values encode light; a source may know it only from the first frame on."""
 
     @abstractmethod
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return what a repetition needs, in JSON's types, for meta.json."""

@@ -1,15 +1,14 @@
-"""What the values of frames show of themselves: how far apart they are, and whether white is what it is taken for."""
+"""Finds out what the values of frames show: how far apart they are, and whether white is what it is taken for."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .frame_source import Encoding
+from .frame_source import Encoding, FrameArray
 
 _CERTAIN = 16.0
 """A step is believed if values of a finer source would show it by chance with a probability below exp(-16)."""
@@ -51,7 +50,7 @@ class FrameValues:
     """
 
     def __init__(
-        self, stated: Encoding, first: npt.NDArray[Any], *, white_level: float | None, log_eps: float | None
+        self, stated: Encoding, first: FrameArray, *, white_level: float | None, log_eps: float | None
     ) -> None:
         self._stated = stated
         self._white_given, self._dark_given = white_level is not None, log_eps is not None
@@ -66,10 +65,10 @@ class FrameValues:
 
     @property
     def step_found(self) -> bool:
-        """Whether the first frame shows larger steps than the source says."""
+        """Tell whether the first frame shows larger steps than the source says."""
         return self.encoding != self._stated
 
-    def add(self, image: npt.NDArray[Any]) -> None:
+    def add(self, image: FrameArray) -> None:
         """Take the values of a frame."""
         if self._stated.by_type:
             self._largest = max(self._largest, float(image.max()))
@@ -88,11 +87,11 @@ class FrameValues:
         black, white = (self._stated.in_frame(value) for value in (self._stated.black, self._stated.white))
         if step is None or not _FEWEST_LEVELS * step <= white - black <= _AS_FINE * (self._stated.levels or 0) * step:
             return self._stated
-        found = self._stated
-        if found.in_frames is None and (values % step == 0).all():
+        encoding = self._stated
+        if encoding.in_frames is None and (values % step == 0).all():
             white = white // step * step  # of 8 bits that are shifted to 16 it is 255 times 256
-            found = replace(found, white=white)
-        return replace(found, levels=round((white - black) / step))
+            encoding = replace(encoding, white=white)
+        return replace(encoding, levels=round((white - black) / step))
 
     def doubts(self) -> Iterator[str]:
         """Yield what is doubtful about white and steps in the frames so far, a line each, and each one once."""
@@ -128,7 +127,7 @@ class FrameValues:
 
 
 def _step_of(values: npt.NDArray[np.intp]) -> float | None:
-    """The step of the increasing values that occur; None where there are too few to tell.
+    """Return the step of the increasing values that occur; None where there are too few to tell.
 
     n values that lie anywhere within a range R have no gap below g with a probability of about exp(-n^2 (g - 1) / R).
     Where values were stretched and then rounded, single steps differ, and their mean is taken.
@@ -142,8 +141,8 @@ def _step_of(values: npt.NDArray[np.intp]) -> float | None:
     return float(gaps[gaps <= 1.5 * least].mean())
 
 
-def _are_eight_bits(image: npt.NDArray[Any], white: float) -> bool:
-    """Whether values of floating point are the integers from 0 to 255, times ``white`` / 255."""
+def _are_eight_bits(image: FrameArray, white: float) -> bool:
+    """Tell whether values of floating point are the integers from 0 to 255, times ``white`` / 255."""
     if not (image.min() >= 0 and image.max() <= white):
         return False
     values = np.asarray(image, np.float64) * (255 / white)

@@ -1,10 +1,9 @@
-"""Frames made between frames: along optical flow, by an interpolator of the user's, or only where the image moves."""
+"""Makes frames between frames: along optical flow, by a user's interpolator, or only where the image moves."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +33,7 @@ _HIDDEN = 0.25
 
 
 class Motion:
-    """What was seen of the image's motion, for people and for meta.json.
+    """Counts what was seen of the image's motion, for people and for meta.json.
 
     Attributes:
         by_cubics, by_frames: how many intervals were taken by cubics, and with frames made between.
@@ -55,8 +54,8 @@ class Motion:
         self.unsure += unsure
         self.largest_px = max(self.largest_px, moved_px)
 
-    def describe(self) -> dict[str, Any]:
-        """The counts in JSON's types."""
+    def describe(self) -> dict[str, object]:
+        """Return the counts in JSON's types."""
         return {
             "intervals_without_frames_between": self.by_cubics,
             "intervals_with_frames_between": self.by_frames,
@@ -66,7 +65,7 @@ class Motion:
         }
 
     def warnings(self) -> Iterator[str]:
-        """What cannot be known, a line each."""
+        """Say what cannot be known, a line each."""
         if self.unsure:
             yield (
                 f"in {self.unsure} of {self.by_cubics + self.by_frames} intervals the image moves too far from a frame "
@@ -108,17 +107,17 @@ class FramesBetween(Interpolation):
         pair = self._finder.between(last.luma, frame.luma)
         times = instants(last.t_us, frame.t_us, pair.displacement_px, self._step_px)
         self.motion.add(pair.displacement_px, len(times), unsure=_unsure(pair))
-        shares = (times - last.t_us) / (frame.t_us - last.t_us)
-        made = pair.frames(shares) if self._interpolator is None else self._asked(last, frame, shares)
+        fractions = (times - last.t_us) / (frame.t_us - last.t_us)
+        made = pair.frames(fractions) if self._interpolator is None else self._asked(last, frame, fractions)
         for t_us, luma in zip(times.tolist(), made, strict=True):
             yield Sample(t_us, luma, None, None)
 
-    def _asked(self, last: SensorFrame, frame: SensorFrame, shares: npt.NDArray[np.float64]) -> Iterator[LumaFrame]:
-        """What the user's interpolator makes, checked."""
+    def _asked(self, last: SensorFrame, frame: SensorFrame, fractions: npt.NDArray[np.float64]) -> Iterator[LumaFrame]:
+        """Return what the user's interpolator makes, checked."""
         assert self._interpolator is not None
         where = f"the interpolator, between {last.where} and {frame.where}"
-        for start in range(0, len(shares), _BATCH):
-            asked = shares[start : start + _BATCH]
+        for start in range(0, len(fractions), _BATCH):
+            asked = fractions[start : start + _BATCH]
             given = 0
             # Copies: what it writes into them must not change the frames that the events come from.
             images = self._interpolator(last.luma.copy(), frame.luma.copy(), asked.copy())
@@ -136,7 +135,7 @@ class FramesBetween(Interpolation):
             if given != len(asked):
                 raise ValueError(f"{where}: it was asked for {len(asked)} frames, and gave {given}")
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         rule = "flow" if self._interpolator is None else "interpolator"
         name = {} if self._interpolator is None else {"interpolator": repr(self._interpolator)}
         return {"rule": rule, **name, **self.motion.describe()}
@@ -148,7 +147,8 @@ class FramesBetween(Interpolation):
 
 
 class Auto(Interpolation):
-    """Cubics where the image moves by less than :data:`CUBIC_UP_TO_PX` between two frames, flow where it moves further.
+    """Takes cubics where the image moves by less than :data:`CUBIC_UP_TO_PX` between two frames, flow where it moves
+    more.
 
     Args:
         log_eps: as of the crossing engine.
@@ -182,13 +182,13 @@ class Auto(Interpolation):
                 pair = FlowPair.of(last.luma, frame.luma, forward, self._finder.flow(frame.luma, last.luma))
                 times = instants(last.t_us, frame.t_us, pair.displacement_px, self._step_px)
                 self.motion.add(pair.displacement_px, len(times), unsure=_unsure(pair))
-                shares = (times - last.t_us) / (frame.t_us - last.t_us)
-                for t_us, luma in zip(times.tolist(), pair.frames(shares), strict=True):
+                fractions = (times - last.t_us) / (frame.t_us - last.t_us)
+                for t_us, luma in zip(times.tolist(), pair.frames(fractions), strict=True):
                     yield Sample(t_us, luma, straight, None)
             yield Sample(frame.t_us, frame.luma, rate, frame)
             last = frame
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"rule": "auto", **self.motion.describe()}
 
     def findings(self) -> Iterator[str]:
@@ -202,7 +202,7 @@ class Auto(Interpolation):
 
 
 def _as_luma(image: npt.ArrayLike, shape: tuple[int, ...], where: str) -> LumaFrame:
-    """What an interpolator gave for a frame, as a copy of our own: it may use one array for all."""
+    """Copy what an interpolator gave for a frame: it may use one array for all."""
     array = np.asarray(image)
     if array.shape != shape:
         raise ValueError(f"{where}: frames must have the shape {shape}, got {'None' if image is None else array.shape}")
@@ -213,7 +213,7 @@ def _as_luma(image: npt.ArrayLike, shape: tuple[int, ...], where: str) -> LumaFr
 
 
 def instants(start_us: int, end_us: int, moved_px: float, step_px: float) -> npt.NDArray[np.int64]:
-    """Whole microseconds strictly between start and end. Between two of them the image moves by ``step_px`` at most."""
+    """Choose whole microseconds strictly between start and end; between two the image moves by ``step_px`` at most."""
     parts = min(max(math.ceil(moved_px / step_px - 1e-6), 1), MOST_FRAMES + 1, end_us - start_us)
     return start_us + np.arange(1, parts, dtype=np.int64) * (end_us - start_us) // parts
 

@@ -1,4 +1,4 @@
-"""Frames into a dataset folder of events, with a progress bar, and whole even when it is interrupted or fails."""
+"""Turns frames into a dataset folder of events, which is whole even when that is interrupted or fails."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..._util.argument_checks import check_type
 from ..._util.folder_report import FolderReport
@@ -26,10 +26,12 @@ from .open_frames import open_frames
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from ..settings.keywords import FrameFolderKeywords
+
 
 @dataclass(frozen=True, kw_only=True)
 class FramesReport(FolderReport):
-    """What :func:`frames_to_folder` wrote.
+    """Says what :func:`frames_to_folder` wrote.
 
     Attributes:
         frames: how many were taken.
@@ -47,9 +49,9 @@ def frames_to_folder(
     path: str | Path,
     *,
     overwrite: bool = False,
-    meta: Mapping[str, Any] | None = None,
+    meta: Mapping[str, object] | None = None,
     quiet: bool = False,
-    **settings: Unpack[FrameFolderSettings],
+    **settings: Unpack[FrameFolderKeywords],
 ) -> FramesReport:
     """Turn a video, a folder of images or an array of frames into a dataset folder of events.
 
@@ -74,10 +76,10 @@ def frames_to_folder(
         ValueError, DecodeError, ImportError: as :func:`~davis_rs.open_frames` and :func:`~davis_rs.events_from_frames`.
     """
     started = time.perf_counter()
-    given = complete(FrameFolderSettings, settings, of=frames_to_folder)
+    given = complete(FrameFolderSettings, settings, taker=frames_to_folder)
     made_by = "davis_rs.events_from_frames takes arrays"
     check_type("frames", frames, (FrameSource, str, os.PathLike), made_by)
-    FORMATS[given["events_format"]].require_libraries()  # before frames are read
+    FORMATS[given.events_format].require_libraries()  # before frames are read
     source = frames if isinstance(frames, FrameSource) else open_frames(frames)
     run = FrameRun(source, only(FrameSettings, given), from_zero=True)
     packets = run.packets()
@@ -92,15 +94,15 @@ def frames_to_folder(
         DatasetWriter(
             path,
             run.camera or run.size,
-            image_gain=given["image_gain"],
-            events_format=given["events_format"],
+            image_gain=given.image_gain,
+            events_format=given.events_format,
             overwrite=overwrite,
-            meta={**run.describe(), "images_every": given["images_every"], **(meta or {})},
+            meta={**run.describe(), "images_every": given.images_every, **(meta or {})},
         ) as writer,
         progress("frames", source.count or 0, unit="frames", show=not quiet) as bar,
     ):
         try:
-            _write_all(writer, chain(first, packets), run, given["images_every"], bar, stop_requested, counted)
+            _write_all(writer, chain(first, packets), run, given.images_every, bar, stop_requested, counted)
         except Exception as error:
             # What came before is a dataset of its own: it is closed as one that was cut short.
             with suppress(OSError, ValueError):  # a writer that failed is closed already
@@ -125,7 +127,7 @@ def frames_to_folder(
 
 @dataclass
 class _Counted:
-    """How much of a run was written."""
+    """Says how much of a run was written."""
 
     frames: int = 0
     events: int = 0
@@ -160,8 +162,8 @@ def _write_all(
             break
 
 
-def _found(run: FrameRun) -> dict[str, Any]:
-    """What a run found on its way, for meta.json."""
+def _found(run: FrameRun) -> dict[str, object]:
+    """Return what a run found on its way, for meta.json."""
     count = run.quantisation
     return {
         "frames": run.describe_frames(),

@@ -1,19 +1,18 @@
-"""One image file as an array: by Pillow, 16-bit colour by OpenCV, OpenEXR by its own library."""
+"""Reads one image file as an array: by Pillow, 16-bit colour by OpenCV, OpenEXR by its own library."""
 
 from __future__ import annotations
 
 import io
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.budget import Budget
 from ..._util.untrusted import decoding, read_charged
-from .frame_source import charge_frame
+from .frame_source import FrameArray, charge_frame
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -27,8 +26,8 @@ _FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
 _GREY, _COLOUR, _WITH_ALPHA = {"1", "L"}, {"RGB", "P"}, {"LA", "RGBA", "PA", "La", "RGBa"}
 
 
-def read_frame_image(path: Path) -> npt.NDArray[Any]:
-    """The image (H, W) or (H, W, 3): uint8 or uint16 as encoded, or float32.
+def read_frame_image(path: Path) -> FrameArray:
+    """Read an image (H, W) or (H, W, 3): uint8 or uint16 as encoded, or float32.
 
     An image that its EXIF data turns is turned. An alpha channel is left out where it is opaque throughout.
 
@@ -54,7 +53,7 @@ def _opened(data: bytes) -> Image:
         return PIL.Image.open(io.BytesIO(data), formats=_FORMATS)
 
 
-def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> npt.NDArray[Any]:
+def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> FrameArray:
     from PIL import ImageOps, UnidentifiedImageError
 
     deep = False
@@ -96,7 +95,7 @@ def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> npt.NDArray[An
 
 
 def _has_deep_colour(image: Image, data: bytes) -> bool:
-    """Whether it is a PNG or a TIFF with 16-bit colour, of which Pillow would keep 8 bits without a word."""
+    """Tell whether it is a PNG or a TIFF with 16-bit colour, of which Pillow would keep 8 bits without a word."""
     if image.format == "PNG":
         return data[24:25] == b"\x10" and data[25:26] in (b"\x02", b"\x04", b"\x06")
     if image.format == "TIFF":
@@ -106,7 +105,7 @@ def _has_deep_colour(image: Image, data: bytes) -> bool:
 
 
 def _tiff_size(path: Path, data: bytes) -> tuple[int, int]:
-    """Width and height by the first directory of a TIFF file."""
+    """Read width and height from the first directory of a TIFF file."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
     with decoding(path):
@@ -122,7 +121,7 @@ _TIFF = (b"II*\0", b"MM\0*", *_BIG_TIFF)
 _WIDTH, _HEIGHT, _BITS_PER_SAMPLE = 256, 257, 258
 
 
-def _read_with_opencv(path: Path, data: bytes) -> npt.NDArray[Any]:
+def _read_with_opencv(path: Path, data: bytes) -> FrameArray:
     try:
         import cv2
     except ImportError as error:
@@ -142,7 +141,7 @@ def _read_with_opencv(path: Path, data: bytes) -> npt.NDArray[Any]:
     return np.ascontiguousarray(image[..., 2::-1])  # OpenCV has blue first
 
 
-def _read_exr(path: Path, data: bytes, budget: Budget) -> npt.NDArray[Any]:
+def _read_exr(path: Path, data: bytes, budget: Budget) -> FrameArray:
     import OpenEXR
 
     with decoding(path):

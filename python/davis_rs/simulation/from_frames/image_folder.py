@@ -1,4 +1,4 @@
-"""A folder of images as frames, with the lists of stamps that ESIM, vid2e and dataset folders have."""
+"""Reads a folder of images as frames, with the lists of stamps that ESIM, vid2e and dataset folders have."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from ..._core import DecodeError
 from ..._util.argument_error import ArgumentError
@@ -31,7 +30,7 @@ _SUB_FOLDERS = ("imgs", "images")
 
 
 class ImageFolder(FrameSource):
-    """The images of a folder, in the order of a list of stamps, or of the numbers in their names.
+    """Reads the images of a folder, in the order of a list of stamps, or of the numbers in their names.
 
     Args:
         path: the folder.
@@ -70,7 +69,7 @@ class ImageFolder(FrameSource):
     def encoding(self, first: StampedFrame) -> Encoding:
         return Encoding.of(first.image.dtype, first.where)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         first = self._listed_files[0][1].name
         return {
             "kind": "images",
@@ -81,12 +80,12 @@ class ImageFolder(FrameSource):
         }
 
     def _listed(self) -> list[tuple[int, Path]] | None:
-        """Stamps and files of a list in the folder, if there is one."""
+        """Read stamps and files of a list in the folder, if there is one."""
         for name, unit in _LISTS.items():
             path = self._folder / name
             if not path.is_file():
                 continue
-            found = []
+            stamped = []
             for number, words in text_lines(read_text(path)):
                 if number == 1 and not words[0][:1].isdigit():  # a line of column names
                     continue
@@ -95,11 +94,11 @@ class ImageFolder(FrameSource):
                     raise DecodeError(
                         f"{path}, line {number}: expected a stamp and a file of this folder, found {words}"
                     )
-                found.append((parse_stamp(words[0], path, number, unit), self._folder / file))
-            if not found:
+                stamped.append((parse_stamp(words[0], path, number, unit), self._folder / file))
+            if not stamped:
                 raise ValueError(f"{path} lists no images")
             self._stamps_from = name
-            return found
+            return stamped
         return None
 
     def _own_stamps(self) -> tuple[Stamps, str]:
@@ -121,18 +120,18 @@ class ImageFolder(FrameSource):
 
 
 def _images(folder: Path) -> list[Path]:
-    """The images of the folder, or of the sub-folder that vid2e and datasets keep them in, by the numbers in their
+    """List the images of the folder, or of the sub-folder that vid2e and datasets keep them in, by the numbers in their
     names."""
-    found = _images_in(folder)
+    images = _images_in(folder)
     for name in _SUB_FOLDERS:
-        if not found and (folder / name).is_dir():
-            found = _images_in(folder / name)
-    if not found:
+        if not images and (folder / name).is_dir():
+            images = _images_in(folder / name)
+    if not images:
         raise ValueError(f"{folder} has no images in it ({', '.join(IMAGE_SUFFIXES)})")
-    kinds = sorted({file.suffix.lower() for file in found})
+    kinds = sorted({file.suffix.lower() for file in images})
     if len(kinds) > 1 and set(kinds) not in ({".jpg", ".jpeg"}, {".tif", ".tiff"}):
         raise ValueError(f"{folder} has images of several kinds ({', '.join(kinds)}): which are the frames?")
-    return found
+    return images
 
 
 def _images_in(folder: Path) -> list[Path]:
@@ -141,6 +140,6 @@ def _images_in(folder: Path) -> list[Path]:
 
 
 def _by_numbers(file: Path) -> tuple[list[tuple[str, int]], str]:
-    """A key by which frame_2 comes before frame_10."""
+    """Return a key by which frame_2 comes before frame_10."""
     parts = re.findall(r"(\D*)(\d*)", file.stem)
     return [(text, int(number or -1)) for text, number in parts], file.name

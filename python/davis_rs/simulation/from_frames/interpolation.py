@@ -1,10 +1,10 @@
-"""How light runs from one frame to the next, as samples for the crossing engine."""
+"""Interpolates light from one frame to the next, as samples for the crossing engine."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ LumaFrame = npt.NDArray[np.float32]
 
 
 class SensorFrame(NamedTuple):
-    """A frame as the sensor sees it.
+    """Holds a frame as the sensor sees it.
 
     Attributes:
         t_us: microseconds.
@@ -27,7 +27,7 @@ class SensorFrame(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Light at an instant.
+    """Holds light at an instant.
 
     Attributes:
         t_us: microseconds.
@@ -43,7 +43,7 @@ class Sample(NamedTuple):
 
 
 class Interpolation(ABC):
-    """A rule for what lies between frames.
+    """Decides what lies between frames.
 
     Attributes:
         engine: what the crossing engine does between two samples: ``linear`` or ``hermite``.
@@ -56,11 +56,11 @@ class Interpolation(ABC):
         """Samples in the order of time: one at each frame, and any between two."""
 
     @abstractmethod
-    def describe(self) -> dict[str, Any]:
-        """The rule and what it has found so far, for meta.json."""
+    def describe(self) -> dict[str, object]:
+        """Return the rule and what it has found so far, for meta.json."""
 
     def findings(self) -> Iterator[str]:
-        """What it found, a line each, for people."""
+        """Say what it found, a line each, for people."""
         return iter(())
 
 
@@ -72,7 +72,7 @@ class Linear(Interpolation):
     def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
         return (Sample(frame.t_us, frame.luma, None, frame) for frame in frames)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"rule": "linear"}
 
 
@@ -94,7 +94,7 @@ class Cubic(Interpolation):
     def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
         return (Sample(frame.t_us, frame.luma, rate, frame) for frame, rate in with_rates(frames, self._log_eps))
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"rule": "cubic"}
 
 
@@ -127,7 +127,7 @@ def with_rates(frames: Iterator[SensorFrame], log_eps: np.float32) -> Iterator[t
 
 
 def _monotone(before: LumaFrame, before_s: float, after: LumaFrame, after_s: float) -> LumaFrame:
-    """Fritsch and Butland's slope between two lines of these slopes and lengths."""
+    """Return Fritsch and Butland's slope between two lines of these slopes and lengths."""
     w, v = 2 * after_s + before_s, after_s + 2 * before_s
     p, q = np.float32(w / (w + v)), np.float32(v / (w + v))
     product = before * after

@@ -1,18 +1,17 @@
-"""Light: from the values of a frame to linear luma."""
+"""Turns the values of a frame into linear luma."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
 from ...events.luma import LUMA_WEIGHTS
-from .frame_source import Encoding
+from .frame_source import Encoding, FrameArray
 
 FloatArray = npt.NDArray[np.float64]
 LumaFrame = npt.NDArray[np.float32]
@@ -76,14 +75,14 @@ class Light:
             )
         self._black, self._white = encoding.in_frame(self.black), encoding.in_frame(self.white)
         self._decode = parse_transfer(self.transfer)
-        self._tables: dict[np.dtype[Any], list[LumaFrame]] = {}
+        self._tables: dict[np.dtype[np.generic], list[LumaFrame]] = {}
         self.levels: FloatArray | None = None
         if encoding.levels is not None:
             steps = np.linspace(self.black, encoding.white, encoding.levels + 1)
             self.levels = self._decode((steps - self.black) / (self.white - self.black))
 
-    def luma(self, image: npt.NDArray[Any], where: str) -> LumaFrame:
-        """Linear luma (H, W), float32, of a frame (H, W) or (H, W, 3).
+    def luma(self, image: FrameArray, where: str) -> LumaFrame:
+        """Return linear luma (H, W), float32, of a frame (H, W) or (H, W, 3).
 
         Raises:
             ValueError: for a value that is NaN, infinite or negative, naming the frame and the pixel.
@@ -100,7 +99,7 @@ class Light:
         luma = light if light.ndim == 2 else light @ np.array(LUMA_WEIGHTS)
         return np.ascontiguousarray(luma, np.float32)
 
-    def _of_integers(self, image: npt.NDArray[Any]) -> LumaFrame:
+    def _of_integers(self, image: FrameArray) -> LumaFrame:
         if image.dtype not in self._tables:
             values = np.arange(np.iinfo(image.dtype).max + 1, dtype=np.float64)
             light = self._decode(np.maximum(values - self._black, 0) / (self._white - self._black))

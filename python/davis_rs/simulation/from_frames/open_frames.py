@@ -1,4 +1,4 @@
-"""Opening frames: a video, a folder of images, or a .npy file, whichever a path leads to."""
+"""Opens frames: a video, a folder of images, or a .npy file, whichever a path leads to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Optical flow between two frames, and frames at instants between them: OpenCV's DIS, both ways, with occlusions."""
+"""Computes optical flow between two frames by OpenCV's DIS, both ways, with occlusions, and frames between them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ whatever smooth continuation makes of it, and no events come from there."""
 
 
 def opencv() -> Any:
-    """OpenCV.
+    """Import OpenCV.
 
     Raises:
         ImportError: saying how to get it.
@@ -65,7 +65,7 @@ class FlowFinder:
         self._dis = self._cv2.DISOpticalFlow_create(self._cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
 
     def flow(self, before: LumaFrame, after: LumaFrame) -> FlowField:
-        """The flow from each pixel of ``before`` (H, W) to its place in ``after``.
+        """Compute the flow from each pixel of ``before`` (H, W) to its position in ``after``.
 
         Raises:
             ValueError: for frames of more than 32,766 pixels on a side.
@@ -82,13 +82,13 @@ class FlowFinder:
         threads = self._cv2.getNumThreads()
         self._cv2.setNumThreads(1)  # DIS cuts a frame into as many strips as there are threads, and their edges show
         try:
-            found = self._dis.calc(*grey, None)
+            field = self._dis.calc(*grey, None)
         finally:
             self._cv2.setNumThreads(threads)
-        return np.ascontiguousarray(found[:height, :width])
+        return np.ascontiguousarray(field[:height, :width])
 
     def between(self, before: LumaFrame, after: LumaFrame) -> FlowPair:
-        """The flow there and back."""
+        """Compute the flow there and back."""
         return FlowPair.of(before, after, self.flow(before, after), self.flow(after, before))
 
     def _padded(self, grey: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
@@ -97,7 +97,7 @@ class FlowFinder:
 
 
 def displacement(frame: LumaFrame, flow: FlowField) -> float:
-    """How far the image moves, in pixels: the 98th percentile of the pixels that have texture; 0 without any."""
+    """Return how far the image moves, in pixels: the 98th percentile of pixels that have texture; 0 without any."""
     cv2 = opencv()
     grey = _as_grey(frame, _white(frame)).astype(np.float32)
     across, down = (cv2.Sobel(grey, -1, 1 - k, k, ksize=3, scale=1 / 8) for k in (0, 1))
@@ -108,7 +108,7 @@ def displacement(frame: LumaFrame, flow: FlowField) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FlowPair:
-    """Two frames, and how each moves to the other.
+    """Holds two frames, and how each moves to the other.
 
     Attributes:
         before, after: linear luma (H, W).
@@ -126,40 +126,40 @@ class FlowPair:
 
     @classmethod
     def of(cls, before: LumaFrame, after: LumaFrame, forward: FlowField, backward: FlowField) -> FlowPair:
-        """The pair of flows, with the occlusions that follow from them."""
+        """Make the pair of flows, with the occlusions that follow from them."""
         seen = (_seen(one, other) for one, other in ((forward, backward), (backward, forward)))
         return cls(before, after, forward, backward, *seen)
 
     @property
     def displacement_px(self) -> float:
-        """How far the image moves, in pixels, as :func:`displacement`."""
+        """Return how far the image moves, in pixels, as :func:`displacement`."""
         return max(displacement(self.before, self.forward), displacement(self.after, self.backward))
 
     @property
     def occluded(self) -> float:
-        """Share of the pixels of ``before`` whose flow there and back do not agree."""
+        """Return the fraction of the pixels of ``before`` whose flow there and back do not agree."""
         return float((self.seen_after < 0.5).mean())
 
-    def frames(self, shares: npt.ArrayLike) -> Iterator[LumaFrame]:
-        """The frame at each share of the way, in 0..1: what is seen moves straight, at constant speed.
+    def frames(self, fractions: npt.ArrayLike) -> Iterator[LumaFrame]:
+        """Make the frame at each fraction of the way, in 0..1: what is seen moves straight, at constant speed.
 
         A pixel is taken from both frames, by how near they are in time, and from one alone where it is hidden in the
         other.
         """
-        for share in np.asarray(shares, np.float64).tolist():
-            y_before, seen_after = self._from(self.before, self.forward, self.seen_after, share)
-            y_after, seen_before = self._from(self.after, self.backward, self.seen_before, 1 - share)
+        for fraction in np.asarray(fractions, np.float64).tolist():
+            y_before, seen_after = self._from(self.before, self.forward, self.seen_after, fraction)
+            y_after, seen_before = self._from(self.after, self.backward, self.seen_before, 1 - fraction)
             # What the first frame shows and the second does not, must not be mixed with the second; and back.
-            w_before = np.float32(1 - share) * (seen_before + _FLOOR)
-            w_after = np.float32(share) * (seen_after + _FLOOR)
+            w_before = np.float32(1 - fraction) * (seen_before + _FLOOR)
+            w_after = np.float32(fraction) * (seen_after + _FLOOR)
             yield np.asarray((w_before * y_before + w_after * y_after) / (w_before + w_after), np.float32)
 
     @staticmethod
-    def _from(frame: LumaFrame, flow: FlowField, seen: LumaFrame, share: float) -> tuple[LumaFrame, LumaFrame]:
-        """A frame, and how sure its pixels are, moved along its flow by a share of it."""
+    def _from(frame: LumaFrame, flow: FlowField, seen: LumaFrame, fraction: float) -> tuple[LumaFrame, LumaFrame]:
+        """Move a frame, and how sure its pixels are, along its flow by a fraction of it."""
         cv2 = opencv()
         x, y = _grid(*frame.shape)
-        step = np.float32(share)
+        step = np.float32(fraction)
         moved = flow
         # The pixel that comes to p is q with q + share flow(q) = p.
         for _ in range(_TURNS):
@@ -183,7 +183,7 @@ def _grid(height: int, width: int) -> tuple[LumaFrame, LumaFrame]:
 
 
 def _seen(there: FlowField, back: FlowField) -> LumaFrame:
-    """Whether what moves by ``there`` comes back by ``back`` to where it was: 1, and 0 where it misses widely."""
+    """Tell whether what moves by ``there`` comes back by ``back`` to where it was: 1, and 0 where it misses widely."""
     x, y = _grid(*there.shape[:2])
     returned = opencv().remap(back, x + there[..., 0], y + there[..., 1], 1, None, _BORDER)
     missed = (there[..., 0] + returned[..., 0]) ** 2 + (there[..., 1] + returned[..., 1]) ** 2
@@ -191,7 +191,7 @@ def _seen(there: FlowField, back: FlowField) -> LumaFrame:
 
 
 def _white(luma: LumaFrame) -> float:
-    """What is shown as white: all but the brightest highlights are below it."""
+    """Return what is shown as white: all but the brightest highlights are below it."""
     return float(np.percentile(luma, 99.5)) or 1.0
 
 

@@ -1,4 +1,4 @@
-"""Quantisation: what the grey levels of integer frames do to log intensity, and how many events they may have made."""
+"""Counts what the grey levels of integer frames do to log intensity, and how many events they may have made."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BELOW = 0.99
 
 
 def dark_level(levels: npt.NDArray[np.float64] | None, contrast_threshold: float, least: float) -> float:
-    """The least log_eps, and at least ``least``, at which no step of one grey level comes to C in log intensity.
+    """Return the least log_eps, and at least ``least``, at which no step of one grey level comes to C in log intensity.
 
     From ln((Y_k+1 + e) / (Y_k + e)) <= c follows e >= (Y_k+1 - Y_k exp(c)) / (exp(c) - 1), for each step k. The
     largest is nearly always that above black. A pixel that flickers between two levels then makes no events.
@@ -73,8 +73,8 @@ class QuantisationCount:
         self.suspect += int(np.count_nonzero(of_a_step.reshape(before.shape)[events["y"], events["x"]]))
 
     def __str__(self) -> str:
-        share = 100 * self.suspect / self.total if self.total else 0.0
+        percent = 100 * self.suspect / self.total if self.total else 0.0
         return (
-            f"{self.suspect:,} of {self.total:,} events ({share:.2g} %) came where the pixel changed by one grey level "
-            "or less between two frames: rounding alone may have made them"
+            f"{self.suspect:,} of {self.total:,} events ({percent:.2g} %) came where the pixel changed by one "
+            "grey level or less between two frames: rounding alone may have made them"
         )

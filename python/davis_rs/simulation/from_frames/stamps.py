@@ -1,4 +1,4 @@
-"""Stamps of frames: from arrays, text files and frame rates, in integer nanoseconds."""
+"""Reads stamps of frames from arrays, text files and frame rates, in integer nanoseconds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LARGEST_NS = 2**62
 
 
 def rate_stamps(fps: float) -> Iterator[int]:
-    """Stamps of frames at a fixed rate, from 0 on.
+    """Yield stamps of frames at a fixed rate, from 0 on.
 
     Raises:
         ValueError: for a rate that is not positive and finite, or so low that the second frame would have no stamp of
@@ -48,7 +48,7 @@ def _within_64_bits(t_ns: int, number: int, fps: float) -> int:
 
 
 def read_stamps(path: str | Path, unit: str | None = None) -> IntArray:
-    """Stamps of a file: one a line of text (the first word; ``#`` begins a comment), or a ``.npy`` array.
+    """Read stamps of a file: one a line of text (the first word; ``#`` begins a comment), or a ``.npy`` array.
 
     Args:
         unit: s, ms, us or ns. By default text has decimal seconds, an array of floating point seconds, and an array of
@@ -77,7 +77,8 @@ def read_stamps(path: str | Path, unit: str | None = None) -> IntArray:
 
 
 def as_stamps(times: npt.ArrayLike, unit: str | None, what: str) -> IntArray:
-    """Numbers as nanoseconds (n,): integers are microseconds and floating point seconds, unless the unit says else.
+    """Convert numbers to nanoseconds (n,): integers are microseconds, floating point seconds, unless the unit says
+    else.
 
     Raises:
         ValueError: for another shape or type, a value that is not finite or out of range, or an unknown unit.
@@ -109,7 +110,7 @@ def check_unit(unit: str | None) -> None:
 
 
 def parse_stamp(word: str, path: Path, line: int, unit: str) -> int:
-    """A decimal number to nanoseconds in integer arithmetic, to the nearest (halves up).
+    """Parse a decimal number as nanoseconds in integer arithmetic, to the nearest (halves up).
 
     Raises:
         DecodeError: for something else.
@@ -122,7 +123,7 @@ def parse_stamp(word: str, path: Path, line: int, unit: str) -> int:
 
 
 def text_lines(text: str) -> list[tuple[int, list[str]]]:
-    """The numbered lines in words, without comments and empty lines; a comma separates words too."""
+    """Yield the numbered lines in words, without comments and empty lines; a comma separates words too."""
     split = (
         (number, line.partition("#")[0].replace(",", " ").split()) for number, line in enumerate(text.splitlines(), 1)
     )

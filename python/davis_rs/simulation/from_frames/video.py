@@ -1,9 +1,10 @@
-"""A video file as frames: the container's own stamps, range, matrix and transfer function, by PyAV (FFmpeg)."""
+"""Reads a video file as frames: the container's own stamps, range, matrix and transfer function, by PyAV (FFmpeg)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from ..._core import DecodeError
 from ..._util.budget import limits_in_use
 from ..._util.untrusted import regular_file
-from .frame_source import PIXEL_BYTES, Encoding, FrameSource, GivenStamps, StampedFrame, Stamps
+from .frame_source import PIXEL_BYTES, Encoding, FrameArray, FrameSource, GivenStamps, StampedFrame, Stamps
 
 _FULL, _LIMITED = 2, 1
 """FFmpeg's numbers of colour ranges; 0 is unspecified."""
@@ -60,7 +61,7 @@ files (HLS, DASH, concat, image2) open whatever they name."""
 
 
 class Video(FrameSource):
-    """The frames of a video file's first video stream, turned upright as its metadata say.
+    """Reads the frames of a video file's first video stream, turned upright as its metadata say.
 
     Colour is decoded without FFmpeg's 8-bit conversion: Y'CbCr in the stream's own bits and range goes through the
     matrix that the stream names to R'G'B' of 16 bits.
@@ -79,20 +80,20 @@ class Video(FrameSource):
         self._path, self._stamps = regular_file(path), stamps_ns
         self.name = str(path)
         with self._opened() as (_, stream):
-            self._about = _describe(stream)
+            self._about = _format_of(stream)
             if stream.frames > 0:
                 self.count = stream.frames
 
     def encoding(self, first: StampedFrame) -> Encoding:
-        bits = self._about["bits"]
-        limited = self._about["range"] == "limited"
+        bits = self._about.bits
+        limited = self._about.range == "limited"
         black, white = (16 << (bits - 8), 235 << (bits - 8)) if limited else (0, (1 << bits) - 1)
         in_frames = (0.0, float(np.iinfo(first.image.dtype).max))
-        return Encoding(self._about["transfer"], black, white, white - black, in_frames)
+        return Encoding(self._about.transfer, black, white, white - black, in_frames)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         stamps = "container" if self._stamps is None else "given"
-        return {"kind": "video", "file": self.name, **self._about, "stamps": stamps}
+        return {"kind": "video", "file": self.name, **asdict(self._about), "stamps": stamps}
 
     def frames(self) -> Iterator[StampedFrame]:
         with self._opened() as (container, stream):
@@ -150,7 +151,7 @@ class Video(FrameSource):
 
     @contextmanager
     def _opened(self) -> Iterator[tuple[Any, Any]]:
-        """The container and its first video stream."""
+        """Open the container and its first video stream."""
         av = _pyav()
         with _ffmpeg_errors(self.name):
             # A file, whatever its name looks like, and nothing that its contents may refer to elsewhere.
@@ -197,8 +198,34 @@ def _ffmpeg_errors(where: str) -> Iterator[None]:
         raise DecodeError(f"{where}: {said}") from error
 
 
-def _describe(stream: Any) -> dict[str, Any]:
-    """What the stream says of itself, and what is taken where it says nothing."""
+@dataclass(frozen=True)
+class _StreamFormat:
+    """Holds what a stream says of itself, and what is taken where it says nothing; its fields are those of meta.json.
+
+    Attributes:
+        codec, pixel_format: by FFmpeg's names.
+        bits: of a value.
+        width, height: in pixels.
+        range: ``full`` or ``limited``; ``range_stated`` tells whether the stream says so.
+        matrix: of YUV, by FFmpeg's number; None for other formats. ``matrix_stated`` likewise.
+        transfer: by our name, or by FFmpeg's where we have none; ``transfer_stated`` likewise.
+    """
+
+    codec: str
+    pixel_format: str
+    bits: int
+    width: int
+    height: int
+    range: str
+    range_stated: bool
+    matrix: int | None
+    matrix_stated: bool
+    transfer: str
+    transfer_stated: bool
+
+
+def _format_of(stream: Any) -> _StreamFormat:
+    """Read the format of PyAV's stream."""
     codec = stream.codec_context
     if codec.format is None:
         raise DecodeError(f"{stream.container.name}: it does not say its pixel format: cut short, or no video")
@@ -212,45 +239,44 @@ def _describe(stream: Any) -> dict[str, Any]:
     if matrix in _UNSPECIFIED_MATRICES:
         matrix = 1 if codec.width >= _HIGH_DEFINITION[0] or codec.height >= _HIGH_DEFINITION[1] else 5
     transfer = int(codec.color_trc)
-    return {
-        "codec": codec.name,
-        "pixel_format": name,
-        "bits": 8 if name.startswith("pal") else bits,
-        "width": codec.width,
-        "height": codec.height,
-        "range": "full" if full else "limited",
-        "range_stated": range_number != 0,
-        "matrix": matrix if yuv else None,
-        "matrix_stated": int(codec.colorspace) not in _UNSPECIFIED_MATRICES,
-        "transfer": _TRANSFERS.get(transfer, f"FFmpeg's {transfer} ({_TRANSFER_NAMES.get(transfer, 'unknown')})"),
-        "transfer_stated": transfer != 2,
-    }
+    return _StreamFormat(
+        codec=codec.name,
+        pixel_format=name,
+        bits=8 if name.startswith("pal") else bits,
+        width=codec.width,
+        height=codec.height,
+        range="full" if full else "limited",
+        range_stated=range_number != 0,
+        matrix=matrix if yuv else None,
+        matrix_stated=int(codec.colorspace) not in _UNSPECIFIED_MATRICES,
+        transfer=_TRANSFERS.get(transfer, f"FFmpeg's {transfer} ({_TRANSFER_NAMES.get(transfer, 'unknown')})"),
+        transfer_stated=transfer != 2,
+    )
 
 
 class _Converter:
     """Turns FFmpeg's frames into arrays: all of one size and pixel format, those of the stream."""
 
-    def __init__(self, about: dict[str, Any], name: str) -> None:
+    def __init__(self, about: _StreamFormat, name: str) -> None:
         self._about, self._name = about, name
 
-    def image(self, frame: Any, where: str) -> npt.NDArray[Any]:
+    def image(self, frame: Any, where: str) -> FrameArray:
         """Return the image as uint8 or uint16, (H, W) or (H, W, 3)."""
         about = self._about
-        if (frame.width, frame.height) != (about["width"], about["height"]):
+        if (frame.width, frame.height) != (about.width, about.height):
             raise DecodeError(
-                f"{where}: it has {frame.width} x {frame.height} pixels, those before "
-                f"{about['width']} x {about['height']}"
+                f"{where}: it has {frame.width} x {frame.height} pixels, those before {about.width} x {about.height}"
             )
         pixel_format = frame.format.name
-        if pixel_format != about["pixel_format"]:
-            raise DecodeError(f"{where}: its pixel format is {pixel_format}, of those before {about['pixel_format']}")
+        if pixel_format != about.pixel_format:
+            raise DecodeError(f"{where}: its pixel format is {pixel_format}, of those before {about.pixel_format}")
         image = self._decoded(frame, pixel_format, where)
         if frame.rotation % 90:
             raise DecodeError(f"{where}: it is to be turned by {frame.rotation} degrees, which is no multiple of 90")
         return np.ascontiguousarray(np.rot90(image, frame.rotation // 90)) if frame.rotation else image
 
-    def _decoded(self, frame: Any, pixel_format: str, where: str) -> npt.NDArray[Any]:
-        bits, full = self._about["bits"], self._about["range"] == "full"
+    def _decoded(self, frame: Any, pixel_format: str, where: str) -> FrameArray:
+        bits, full = self._about.bits, self._about.range == "full"
         if pixel_format.startswith(("bayer", "xyz")) or bits > 16 or "f16" in pixel_format:
             raise DecodeError(
                 f"{where}: pixel format {pixel_format} cannot be taken; FFmpeg can convert the video "
@@ -269,12 +295,12 @@ class _Converter:
         return self._of_yuv(frame, bits, black, span, full)
 
     def _of_yuv(self, frame: Any, bits: int, black: float, span: float, full: bool) -> npt.NDArray[np.uint16]:
-        """R'G'B' from Y'CbCr: chroma brought to all pixels by FFmpeg, the matrix in float32."""
+        """Compute R'G'B' from Y'CbCr: chroma brought to all pixels by FFmpeg, the matrix in float32."""
         target = "yuv444p" if bits == 8 else f"yuv444p{bits}le"
         if frame.format.name not in (target, target.replace("yuv", "yuvj")):
             number = _FULL if full else _LIMITED
             frame = frame.reformat(format=target, src_color_range=number, dst_color_range=number)
-        red, blue = _MATRICES.get(self._about["matrix"], _MATRICES[5])
+        red, blue = _MATRICES.get(self._about.matrix or 5, _MATRICES[5])
         green = 1 - red - blue
         middle = np.float32(1 << (bits - 1))
         chroma_span = np.float32(span if full else 224.0 * (1 << (bits - 8)))
@@ -294,14 +320,14 @@ def _to_16_bits(image: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
 
 
 def _plane(frame: Any, number: int, bits: int) -> npt.NDArray[np.float32]:
-    """A plane of a planar frame (h, w), without the padding of its lines."""
+    """Return a plane of a planar frame (h, w), without the padding of its lines."""
     plane = frame.planes[number]
     dtype = np.dtype(np.uint8 if bits == 8 else np.dtype("<u2"))
     lines = np.frombuffer(plane, dtype).reshape(-1, plane.line_size // dtype.itemsize)
     return np.asarray(lines[: plane.height, : plane.width], np.float32)
 
 
-def _of_rgb(frame: Any, pixel_format: str, bits: int, where: str) -> npt.NDArray[Any]:
+def _of_rgb(frame: Any, pixel_format: str, bits: int, where: str) -> FrameArray:
     if bits > 8:
         image = np.asarray(frame.to_ndarray(format="rgb48le"))
         return image

@@ -1,4 +1,4 @@
-"""Which of a sensor's effects a sequence calls for, by what leaving them out would do to it."""
+"""Plans which of a sensor's effects a sequence calls for, by what leaving them out would do to it."""
 
 from .effect_plan import EffectPlan, PlannedEffect
 from .effects_together import SetForecast

@@ -1,4 +1,4 @@
-"""What an active pixel's frames differ by from exact luma at an instant."""
+"""Measures what an active pixel's frames differ by from exact luma at an instant."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BLUR_PX = 0.5
 
 
 class FrameChange(NamedTuple):
-    """What neglecting the effect changes in frames.
+    """Says what neglecting the effect changes in frames.
 
     Attributes:
         percent: of the pixels of 8-bit frames that change by more than one grey value.
@@ -59,7 +59,7 @@ def frame_change(sequence: SequenceSample, aps: Aps) -> FrameChange:
 def aps_frame(
     sequence: SequenceSample, aps: Aps, t_us: int, luma: npt.NDArray[np.float32], number: int
 ) -> npt.NDArray[np.float32]:
-    """The frame at ``t_us`` of the sequence, where ``luma`` is seen, as the active pixels have it."""
+    """Return the frame at ``t_us`` of the sequence, where ``luma`` is seen, as the active pixels have it."""
     at_us = sequence.stretch.start_us + int(t_us)
     exposed = expose(luma, [sequence.stretch], at_us, round(aps.exposure_us), aps.row_readout_us)
     return aps.read_out(exposed, frame=number, seed=sequence.seed)

@@ -1,4 +1,4 @@
-"""What a readout bus does to a sequence of which a few pixels are known."""
+"""Estimates what a readout bus does to a sequence of which a few pixels are known."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _PEAK_EVENTS = 50
 
 
 def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int) -> tuple[OmissionError, str]:
-    """What leaving out the bus does to the events of ideal pixels, and what was seen of them, in words."""
-    waits = [_waits_us(events, effect, sample.sensor_share, rows) for events in sample.ideal_parts]
+    """Estimate what leaving out the bus does to the events of ideal pixels, and say what was seen of them."""
+    waits = [_waits_us(events, effect, sample.sensor_share, rows) for events in sample.ideal_segments]
     wait_us = np.concatenate(waits)
     carried = wait_us[~np.isnan(wait_us)]
     peak = _peak_rate(sample)
@@ -32,7 +32,7 @@ def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int
         return NO_ERROR, seen
     error_us = _delays_us(carried, effect, sample.seed)
     dropped = 100 * float(np.isnan(wait_us).mean())
-    found = OmissionError(
+    error = OmissionError(
         dropped,
         dropped,
         scale.error_percent(error_us, 0, len(wait_us)),
@@ -41,13 +41,13 @@ def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int
         float(np.median(error_us)) if len(carried) else math.nan,
         float(np.percentile(error_us, 99)) if len(carried) else math.nan,
     )
-    return found, seen
+    return error, seen
 
 
 def carried_events(
     events: EventArray, effect: Readout, sensor_share: float, rows: int, seed: int, *, refractory_us: float
 ) -> EventArray:
-    """A part's events with the stamps that the bus gives them, without those that are dropped or missed."""
+    """Return a segment's events with the stamps that the bus gives them, without those that are dropped or missed."""
     wait_us = _waits_us(events, effect, sensor_share, rows, refractory_us)
     carried, kept = events[~np.isnan(wait_us)].copy(), wait_us[~np.isnan(wait_us)]
     carried["t"] += np.rint(_delays_us(kept, effect, seed)).astype(np.int64)
@@ -63,7 +63,7 @@ def _delays_us(wait_us: npt.NDArray[np.float64], effect: Readout, seed: int) -> 
 def _waits_us(
     events: EventArray, effect: Readout, sensor_share: float, rows: int, refractory_us: float = 0.0
 ) -> npt.NDArray[np.float64]:
-    """How long events wait for the bus, NaN for those dropped or missed, if each one seen stands for others.
+    """Return how long events wait for the bus, NaN for those dropped or missed, if each one seen stands for others.
 
     A pixel misses what comes before its last event was read out and its reset is over. The others are taken to come
     evenly since the event before, so that a few pixels tell of a queue of all: it grows where the rate exceeds the
@@ -97,7 +97,7 @@ def _waits_us(
 
 
 def _peak_rate(sample: LumaSample) -> float:
-    """Events a second of the whole sensor where they are densest; NaN where there are few."""
+    """Return the events a second of the whole sensor where they are densest; NaN where there are few."""
     t = sample.ideal["t"]
     if len(t) <= _PEAK_EVENTS:
         return math.nan

@@ -1,4 +1,4 @@
-"""What effects cost in time, measured on whole frames of the sequence itself."""
+"""Measures what effects cost in time, on whole frames of the sequence itself."""
 
 from __future__ import annotations
 
@@ -28,12 +28,15 @@ class Costs:
 
     @cached_property
     def _windows(self) -> LumaSample:
-        """Whole frames in a few windows, each from 0 on: so no noise comes before them."""
+        """Return whole frames in a few windows, each from 0 on: so no noise comes before them."""
         sample = self._sequence.frames
-        return replace(sample, parts=[LumaSegment(part.t_us - part.t_us[0], part.luma) for part in sample.parts])
+        return replace(
+            sample, segments=[LumaSegment(segment.t_us - segment.t_us[0], segment.luma) for segment in sample.segments]
+        )
 
     def __call__(self, effect: Effect) -> tuple[float, float]:
-        """Nanoseconds a pixel and keyframe (of the APS: and intensity frame), and an event; NaN where neither fits."""
+        """Return nanoseconds a pixel and keyframe (of the APS: and intensity frame), and an event; NaN where neither
+        fits."""
         if isinstance(effect, Aps):
             return self._aps(effect), np.nan
         sample = self._windows
@@ -41,7 +44,7 @@ class Costs:
             return np.nan, np.nan
         effects = Effects.of([effect])
         if effects.optical:
-            frames = sum(len(part.luma) for part in sample.parts)
+            frames = sum(len(segment.luma) for segment in sample.segments)
             return 1e9 * _median_s(lambda: self._through_lens(effects)) / (frames * sample.pixels), np.nan
         # In turn, so that a slow moment of the machine meets both.
         more_s = [self._pushing_s(effects) - self._pushing_s(None) for _ in range(_ROUNDS)]
@@ -52,7 +55,7 @@ class Costs:
         return taken_ns / sample.pixel_frames, np.nan
 
     def share_percent(self, chosen: Effects, everything: Effects, kept: Effects) -> float:
-        """What a set takes more than ``kept`` alone, in percent of what all effects take; NaN if not measurable.
+        """Return what a set takes more than ``kept`` alone, in percent of what all effects take; NaN if not measurable.
 
         An APS is left out: what it costs depends on the rate of intensity frames.
         """
@@ -68,20 +71,20 @@ class Costs:
         return float(np.clip(100 * (some_s - least_s) / (all_s - least_s), 0, 100)) if all_s > least_s else np.nan
 
     def _whole_s(self, effects: Effects) -> float:
-        """Lens and engine."""
+        """Time lens and engine."""
         lens = effects.optical
         lens_s = _seconds(lambda: self._through_lens(lens)) if lens else 0.0
         return lens_s + self._pushing_s(effects.without([*(effect.name for effect in lens), "aps"]) or None)
 
     def _through_lens(self, effects: Effects) -> None:
         lens = Optics(self._sequence.camera, effects)
-        for part in self._windows.parts:
-            lens.frames(part.luma)
+        for segment in self._windows.segments:
+            lens.frames(segment.luma)
 
     def _pushing_s(self, effects: Effects | None) -> float:
         sample = self._windows
-        engines = [(sample.engine_at(part, effects), part) for part in sample.parts]
-        return _seconds(lambda: [push_all(engine, part) for engine, part in engines])
+        engines = [(sample.engine_at(segment, effects), segment) for segment in sample.segments]
+        return _seconds(lambda: [push_all(engine, segment) for engine, segment in engines])
 
     def _aps(self, aps: Aps) -> float:
         sequence = self._sequence
@@ -90,14 +93,14 @@ class Costs:
         return 1e9 * _median_s(lambda: aps_frame(sequence, aps, t_us, luma, 0)) / luma.size
 
     def _made(self, effect: Effect) -> float:
-        """An upper bound of the number of noise events."""
+        """Return an upper bound of the number of noise events."""
         sample = self._windows
-        seen_us = sum(int(part.t_us[-1]) for part in sample.parts)
+        seen_us = sum(int(segment.t_us[-1]) for segment in sample.segments)
         return most_noise_hz(effect, sample) * sample.pixels * seen_us * 1e-6
 
 
 def most_noise_hz(effect: Effect, sample: LumaSample) -> float:
-    """Events that an effect makes by itself in a pixel and second, in the dark."""
+    """Return how many events an effect makes by itself in a pixel and second, in the dark."""
     match effect:
         case LeakRate():
             return float(effect.mean_rate_hz())

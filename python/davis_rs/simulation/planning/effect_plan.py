@@ -1,4 +1,4 @@
-"""What a plan says: of each effect what leaving it out does and what having it costs, and a table for people."""
+"""Writes a plan: of each effect what leaving it out does and what having it costs, and a table for people."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from textwrap import wrap
-from typing import Any
 
 from ...sensor.effects import Effect, Effects
 from .effects_together import SetForecast
@@ -19,7 +18,7 @@ _WIDTH = 118
 
 @dataclass(frozen=True)
 class PlannedEffect:
-    """What leaving out an effect would do, and what having it costs.
+    """Says what leaving out an effect would do, and what having it costs.
 
     Attributes:
         effect: with its values.
@@ -44,7 +43,7 @@ class PlannedEffect:
 
 @dataclass(frozen=True)
 class EffectPlan:
-    """Which effects a sequence calls for; its string is a short table for people, :meth:`explain` a long one.
+    """Says which effects a sequence calls for; its string is a short table for people, :meth:`explain` a long one.
 
     Attributes:
         items: one for each candidate, in the order in which light and events meet them.
@@ -67,12 +66,13 @@ class EffectPlan:
 
     @property
     def effects(self) -> Effects:
-        """The effects called for and those kept; other candidates are switched off, so no sensor brings them back."""
+        """Return the effects called for and those kept; other candidates are switched off, so no sensor brings them
+        back."""
         chosen = {item.effect.name: item.effect for item in self.items if item.called_for}
         off = {item.effect.name for item in self.items} - chosen.keys()
         return self.kept.with_defaults(Effects.of(chosen.values())).without(off)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the plan in JSON's types, for meta.json: what was found of each effect and of the set."""
         items = [{**asdict(item), "effect": item.effect.name} for item in self.items]
         return {
@@ -92,8 +92,8 @@ class EffectPlan:
         return "\n".join([*_table(self, long=False), "", *_wrapped(_summary(self))])
 
 
-def _without_nan(item: dict[str, Any]) -> dict[str, Any]:
-    """The same with None for NaN, which JSON lacks."""
+def _without_nan(item: dict[str, object]) -> dict[str, object]:
+    """Return the same with None for NaN, which JSON lacks."""
     return {
         name: _without_nan(value) if isinstance(value, dict) else None if value != value else value
         for name, value in item.items()
@@ -101,7 +101,7 @@ def _without_nan(item: dict[str, Any]) -> dict[str, Any]:
 
 
 def _table(plan: EffectPlan, *, long: bool) -> list[str]:
-    """One row an effect, and in the long table what was seen of the sequence below it."""
+    """Write one row an effect, and in the long table what was seen of the sequence below it."""
     rows = [_HEADS + (_MORE_HEADS if long else ()), *(_cells(item, long=long) for item in plan.items)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [_line(rows[0], widths)]
@@ -113,27 +113,33 @@ def _table(plan: EffectPlan, *, long: bool) -> list[str]:
 
 
 def _summary(plan: EffectPlan) -> list[str]:
-    """What is called for, and what the set does."""
+    """Say what is called for, and what the set does."""
     called = [item.effect.name for item in plan.items if item.called_for]
     kept = f", next to what was given: {', '.join(effect.name for effect in plan.kept)}" if plan.kept else ""
     lines = [
         f"Called for at a tolerance of {100 * plan.effects_tolerance:g} %: {', '.join(called) or 'none'}{kept}.",
     ]
-    found = plan.together
-    if found is None:
+    together = plan.together
+    if together is None:
         if any(item.effect.name != "aps" for item in plan.items):
             lines.append("The set was not run as a whole: its noise would make too many events.")
         return lines
-    lines.append(f"Together: about {found.events:,.0f} events; ideal pixels: {plan.events:,.0f}.")
-    where = f"{found.held_out:,} other pixels" if found.held_out else "the same pixels (the sensor has too few others)"
-    if found.chosen == found.candidates:
+    lines.append(f"Together: about {together.events:,.0f} events; ideal pixels: {plan.events:,.0f}.")
+    where = (
+        f"{together.held_out:,} other pixels"
+        if together.held_out
+        else "the same pixels (the sensor has too few others)"
+    )
+    if together.chosen == together.candidates:
         lines.append("These are all of the candidates that act on events.")
         return lines
-    share = "there is no difference" if math.isnan(found.explained_percent) else _share_of(found.explained_percent)
-    cost = "" if math.isnan(found.cost_percent) else f" at {found.cost_percent:.0f} % of the cost"
-    left = found.omission
+    explained = (
+        "there is no difference" if math.isnan(together.explained_percent) else _share_of(together.explained_percent)
+    )
+    cost = "" if math.isnan(together.cost_percent) else f" at {together.cost_percent:.0f} % of the cost"
+    left = together.omission
     lines.append(
-        f"These {found.chosen} of {found.candidates} effects on events: {share}{cost}. "
+        f"These {together.chosen} of {together.candidates} effects on events: {explained}{cost}. "
         f"Compared with all of them on {where}, the events err by {_percent(left.count_percent)} in count, "
         f"{_percent(left.rate_percent)} in rate and {_percent(left.time_percent)} in time."
     )
@@ -147,7 +153,7 @@ def _share_of(percent: float) -> str:
 
 
 def _notes(plan: EffectPlan) -> list[str]:
-    """What the columns mean."""
+    """Say what the columns mean."""
     tolerance, scale = f"{100 * plan.effects_tolerance:g} %", plan.scale
     return [
         f"Of each effect left out alone, compared with ideal pixels, in {plan.duration_s:g} s with about "
@@ -179,17 +185,17 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 def _cells(item: PlannedEffect, *, long: bool) -> tuple[str, ...]:
     start = (item.effect.name, _called(item))
-    found, cost = item.omission, _cost(item)
+    omission, cost = item.omission, _cost(item)
     if not math.isnan(item.frame_change_percent):
         frames = (*start, "-", "-", f"{_percent(item.frame_change_percent)} of frames")
         return (*frames, "-", "-", "-", cost) if long else frames
-    errors = (*start, *map(_percent, (found.count_percent, found.rate_percent, found.time_percent)))
+    errors = (*start, *map(_percent, (omission.count_percent, omission.rate_percent, omission.time_percent)))
     if not long:
         return errors
-    shift = "-" if math.isnan(found.median_us) else f"{_time(found.median_us)} / {_time(found.p99_us)}"
-    sign = ("-" if found.count_percent < 0 else "+") if abs(found.count_percent) >= 0.01 else ""
+    shift = "-" if math.isnan(omission.median_us) else f"{_time(omission.median_us)} / {_time(omission.p99_us)}"
+    sign = ("-" if omission.count_percent < 0 else "+") if abs(omission.count_percent) >= 0.01 else ""
     signed = (*start, sign + errors[2], *errors[3:])
-    return (*signed, _percent(found.missing_percent), _percent(found.spurious_percent), shift, cost)
+    return (*signed, _percent(omission.missing_percent), _percent(omission.spurious_percent), shift, cost)
 
 
 def _called(item: PlannedEffect) -> str:
@@ -218,9 +224,9 @@ def _three_digits(value: float) -> str:
 
 
 def _cost(item: PlannedEffect) -> str:
-    ns, of = item.cost_ns_per_event, "event"
+    ns, unit = item.cost_ns_per_event, "event"
     if math.isnan(ns):
-        ns, of = item.cost_ns_per_pixel, "pixel"
+        ns, unit = item.cost_ns_per_pixel, "pixel"
     if math.isnan(ns):
         return "-"
-    return f"{_time(ns * 1e-3)}/{of}" if ns >= 1000 else f"{_three_digits(ns)} ns/{of}"
+    return f"{_time(ns * 1e-3)}/{unit}" if ns >= 1000 else f"{_three_digits(ns)} ns/{unit}"

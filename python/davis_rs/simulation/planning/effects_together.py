@@ -1,4 +1,5 @@
-"""Several effects at once: what a chosen set makes of a sequence, and what those that it leaves out would change."""
+"""Runs several effects at once: what a chosen set makes of a sequence, and what those that it leaves out would
+change."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ _ADDED_OR_BEHIND = ("hot_pixels", "readout", "aps")
 
 @dataclass(frozen=True)
 class SetForecast:
-    """What a chosen set of effects does together, and what the other candidates would add to it.
+    """Says what a chosen set of effects does together, and what the other candidates would add to it.
 
     Attributes:
         events: with the set, estimated for the whole sequence.
@@ -61,13 +62,13 @@ class EffectsTogether:
 
     @property
     def worth_running(self) -> bool:
-        """Whether a candidate acts on events, and noise does not make more events than are worth simulating."""
+        """Tell whether a candidate acts on events, and noise does not make more events than are worth simulating."""
         sample, in_pixels = self._estimator.sequence.pixels, [e for e in self._everything if e.name != "hot_pixels"]
         pixel_s = sample.pixels * self._estimator.sequence.duration_us * 1e-6
         return bool(self._candidates) and sum(most_noise_hz(e, sample) for e in in_pixels) * pixel_s <= FLOOD
 
     def called_for(self, chosen: Effects, tolerance_percent: float) -> set[str]:
-        """What must join a set so that it errs by no more than the tolerance, compared with all candidates.
+        """Choose what must join a set so that it errs by no more than the tolerance, compared with all candidates.
 
         Some effects matter only with others: a mismatch of thresholds changes the rate of noise, but nothing in a
         scene without noise and motion. The next to join is the one that errs most when it alone is left out of all.
@@ -82,7 +83,7 @@ class EffectsTogether:
         return joined
 
     def forecast(self, costs: Costs, chosen: Effects) -> SetForecast:
-        """What a set does on the pixels of the sample, and how it compares with all candidates on held-out ones."""
+        """Say what a set does on the pixels of the sample, and how it compares with all candidates on held-out ones."""
         estimator, sequence = self._estimator, self._estimator.sequence
         chosen = Effects.of(effect for effect in chosen if effect.name != "aps")
         with_set = chosen.with_defaults(self._kept)
@@ -109,7 +110,7 @@ class EffectsTogether:
 
 
 class _Pixels:
-    """Some pixels under sets of effects."""
+    """Runs some pixels under sets of effects."""
 
     def __init__(self, estimator: OmissionEstimator, pixel: np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
         self._estimator, self._pixel = estimator, pixel
@@ -117,10 +118,10 @@ class _Pixels:
         self.events = lru_cache(maxsize=4)(self._events)
 
     def _events(self, effects: Effects) -> EventArray:
-        """All events but those of hot pixels."""
+        """Return all events but those of hot pixels."""
         sample = self._through(effects.optical)
         in_pixels = Effects.of(e for e in effects if e.acts_on != "luma" and e.name not in _ADDED_OR_BEHIND)
-        parts = [sample.part_events(part, in_pixels or None) for part in sample.parts]
+        parts = [sample.segment_events(segment, in_pixels or None) for segment in sample.segments]
         bus = effects.readout
         if bus is not None:
             rows, held = self._estimator.sequence.camera.height, effects.refractory_period_us
@@ -133,7 +134,7 @@ class _Pixels:
         return events[np.argsort(events["t"], kind="stable")]  # the bus may delay one part's into the next part
 
     def omission(self, without: Effects, everything: Effects) -> tuple[OmissionError, float]:
-        """What it does to have only some effects, and the distance between the streams in us."""
+        """Return what it does to have only some effects, and the distance between the streams in us."""
         fewer, full = self.events(without), self.events(everything)
         scale, sequence = self._estimator.scale, self._estimator.sequence
         error, distance_us = omission_error(fewer, full, size=(len(self._pixel), 1), scale=scale)
@@ -148,6 +149,6 @@ class _Pixels:
 
 
 def _hot_hz(effects: Effects) -> float:
-    """Events of hot pixels, a pixel and second."""
+    """Return the events of hot pixels, a pixel and second."""
     hot = effects.hot_pixels
     return 0.0 if hot is None else hot.fraction * float(hot.mean_rate_hz())

@@ -1,4 +1,4 @@
-"""Parts of a sequence as some pixels see them, and what an engine makes of them under effects."""
+"""Holds segments of a sequence as some pixels see them, and makes events of them under effects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 class LumaSegment(NamedTuple):
-    """Consecutive keyframes of some or all pixels.
+    """Holds consecutive keyframes of some or all pixels.
 
     Attributes:
         t_us: (k,) microseconds of the sequence.
@@ -33,20 +33,21 @@ class LumaSegment(NamedTuple):
 
 @dataclass(frozen=True)
 class LumaSample:
-    """Parts of a sequence as some pixels see them, and the engine that turns them into events.
+    """Holds segments of a sequence as some pixels see them, and the engine that turns them into events.
 
-    Levels are those of references that begin at the sequence's first instant: there each part's engine begins, too, and
-    goes straight to where the part does. What happens on the way does not count, but what has leaked until then has.
+    Levels are those of references that begin at the sequence's first instant: there each segment's engine begins, too,
+    and goes straight to where the segment does. What happens on the way does not count, but what has leaked until then
+    has.
 
     Attributes:
         origin: (1, H, W), the first instant.
-        parts: in order, without overlap.
+        segments: in order, without overlap.
         contrast_threshold, contrast_threshold_off, log_eps, start_phase, seed: of the engine.
         sensor_share: share of the sensor's pixels.
     """
 
     origin: LumaFrames
-    parts: Sequence[LumaSegment]
+    segments: Sequence[LumaSegment]
     contrast_threshold: float
     contrast_threshold_off: float
     log_eps: float
@@ -56,7 +57,7 @@ class LumaSample:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height."""
+        """Return width and height."""
         return self.origin.shape[2], self.origin.shape[1]
 
     @property
@@ -65,29 +66,29 @@ class LumaSample:
 
     @property
     def pixel_frames(self) -> int:
-        """How many pixels of how many keyframes there are, but for the first of each part."""
-        return sum(len(part.t_us) - 1 for part in self.parts) * self.pixels
+        """Return how many pixels of how many keyframes there are, but for the first of each segment."""
+        return sum(len(segment.t_us) - 1 for segment in self.segments) * self.pixels
 
     @cached_property
-    def ideal_parts(self) -> list[EventArray]:
-        """The events of ideal pixels, part by part."""
-        return [self.part_events(part, None) for part in self.parts]
+    def ideal_segments(self) -> list[EventArray]:
+        """Return the events of ideal pixels, segment by segment."""
+        return [self.segment_events(segment, None) for segment in self.segments]
 
     @cached_property
     def ideal(self) -> EventArray:
-        """The events of ideal pixels."""
-        return concatenate_events(self.ideal_parts)
+        """Return the events of ideal pixels."""
+        return concatenate_events(self.ideal_segments)
 
     def events(self, effects: Effects | None) -> EventArray:
-        """The events of the parts under effects."""
-        return concatenate_events([self.part_events(part, effects) for part in self.parts])
+        """Make the events of the segments under effects."""
+        return concatenate_events([self.segment_events(segment, effects) for segment in self.segments])
 
-    def part_events(self, part: LumaSegment, effects: Effects | None) -> EventArray:
-        """The events of one part."""
-        return concatenate_events(push_all(self.engine_at(part, effects), part))
+    def segment_events(self, segment: LumaSegment, effects: Effects | None) -> EventArray:
+        """Make the events of one segment."""
+        return concatenate_events(push_all(self.engine_at(segment, effects), segment))
 
-    def engine_at(self, part: LumaSegment, effects: Effects | None) -> CrossingEngine:
-        """An engine that has taken the first frame of a part."""
+    def engine_at(self, segment: LumaSegment, effects: Effects | None) -> CrossingEngine:
+        """Make an engine that has taken the first frame of a segment."""
         width, height = self.size
         engine = CrossingEngine(
             width,
@@ -100,20 +101,22 @@ class LumaSample:
             seed=self.seed,
             threads=1,
         )
-        if part.t_us[0] > 0:
+        if segment.t_us[0] > 0:
             engine.push(0, self.origin[0])
-        engine.push(int(part.t_us[0]), part.luma[0])
+        engine.push(int(segment.t_us[0]), segment.luma[0])
         return engine
 
     def through(self, lens: Callable[[LumaFrames], LumaFrames]) -> LumaSample:
-        """The same behind a lens, which maps luma (k, H, W) to luma."""
-        parts = [LumaSegment(part.t_us, lens(part.luma)) for part in self.parts]
-        return replace(self, origin=lens(self.origin), parts=parts)
+        """Return the same behind a lens, which maps luma (k, H, W) to luma."""
+        segments = [LumaSegment(segment.t_us, lens(segment.luma)) for segment in self.segments]
+        return replace(self, origin=lens(self.origin), segments=segments)
 
     def steps(self) -> Steps:
-        """All keyframes with their next ones."""
+        """Return all keyframes with their next ones."""
         eps = np.float32(self.log_eps)
-        pairs = [(np.diff(part.t_us) * 1e-6, part.luma.reshape(len(part.luma), -1)) for part in self.parts]
+        pairs = [
+            (np.diff(segment.t_us) * 1e-6, segment.luma.reshape(len(segment.luma), -1)) for segment in self.segments
+        ]
         return Steps(
             np.concatenate([length_s for length_s, _ in pairs]),
             np.concatenate([(luma[:-1] + luma[1:]) / 2 for _, luma in pairs]),
@@ -122,9 +125,9 @@ class LumaSample:
         )
 
 
-def push_all(engine: CrossingEngine, part: LumaSegment) -> list[EventArray]:
-    """The events of all frames of a part but the first, which the engine has."""
-    return [engine.push(t_us, luma) for t_us, luma in zip(part.t_us[1:].tolist(), part.luma[1:], strict=True)]
+def push_all(engine: CrossingEngine, segment: LumaSegment) -> list[EventArray]:
+    """Make the events of all frames of a segment but the first, which the engine has."""
+    return [engine.push(t_us, luma) for t_us, luma in zip(segment.t_us[1:].tolist(), segment.luma[1:], strict=True)]
 
 
 def event_intervals_us(events: EventArray) -> IntArray:
@@ -136,7 +139,7 @@ def event_intervals_us(events: EventArray) -> IntArray:
 
 
 class Steps(NamedTuple):
-    """What lies between consecutive keyframes.
+    """Holds what lies between consecutive keyframes.
 
     Attributes:
         length_s: (k,) seconds.

@@ -1,4 +1,4 @@
-"""What becomes of a stream when effects are left out."""
+"""Compares a stream with what is left of it when effects are left out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...events.matching import EventComparison, compare_events
 
 @dataclass(frozen=True)
 class TimeScale:
-    """What times of events are compared with.
+    """Holds what times of events are compared with.
 
     Attributes:
         window_us: how far apart two events may be that count as the same.
@@ -32,22 +32,22 @@ class TimeScale:
         counted = np.minimum(shifts_us[shifts_us > self.sampling_error_us], self.interval_us)
         return 100 * (float(counted.sum()) / self.interval_us + moved_too_far) / max(events, 1)
 
-    def distance_us(self, found: EventComparison) -> float:
+    def distance_us(self, comparison: EventComparison) -> float:
         """Return Victor and Purpura's distance, by :func:`compare_events`' price of an event without a partner."""
-        shifts_us = np.abs(found.time_error_us)
+        shifts_us = np.abs(comparison.time_error_us)
         return float(shifts_us[shifts_us > self.sampling_error_us].sum()) + self.price_us * (
-            found.missing + found.spurious
+            comparison.missing + comparison.spurious
         )
 
     @property
     def price_us(self) -> float:
-        """What an event without a partner adds to the distance."""
+        """Return what an event without a partner adds to the distance."""
         return (self.window_us + 0.5) / 2
 
 
 @dataclass(frozen=True)
 class OmissionError:
-    """How a stream changes when effects are left out, in percent of the larger of the two streams.
+    """Says how a stream changes when effects are left out, in percent of the larger of the two streams.
 
     Attributes:
         count_percent: events without the effects minus those with them.
@@ -70,19 +70,19 @@ class OmissionError:
 
     @property
     def worst_percent(self) -> float:
-        """The largest of the errors in count, rate and time, which a tolerance limits."""
+        """Return the largest of the errors in count, rate and time, which a tolerance limits."""
         return max(abs(self.count_percent), self.rate_percent, self.time_percent)
 
     def with_added(self, made: float, events: float) -> OmissionError:
         """Return the same where leaving out takes ``made`` more events than the larger stream's ``events`` have."""
-        share = made / max(events + made, 1.0)
+        fraction = made / max(events + made, 1.0)
         return replace(
             self,
-            count_percent=self.count_percent * (1 - share) - 100 * share,
-            rate_percent=self.rate_percent * (1 - share) + 100 * share,
-            time_percent=self.time_percent * (1 - share),
-            missing_percent=self.missing_percent * (1 - share) + 100 * share,
-            spurious_percent=self.spurious_percent * (1 - share),
+            count_percent=self.count_percent * (1 - fraction) - 100 * fraction,
+            rate_percent=self.rate_percent * (1 - fraction) + 100 * fraction,
+            time_percent=self.time_percent * (1 - fraction),
+            missing_percent=self.missing_percent * (1 - fraction) + 100 * fraction,
+            spurious_percent=self.spurious_percent * (1 - fraction),
         )
 
 
@@ -100,20 +100,20 @@ def omission_error(
     Returns:
         The error, and the distance between the streams in microseconds (:meth:`TimeScale.distance_us`).
     """
-    found = compare_events(without, with_effects, size=size, window_us=scale.window_us)
+    comparison = compare_events(without, with_effects, size=size, window_us=scale.window_us)
     events = max(len(without), len(with_effects))
     percent = 100 / max(events, 1)
     change = _counts(without, size) - _counts(with_effects, size)
     error = OmissionError(
         percent * float(change.sum()),
         percent * float(np.abs(change).sum()),
-        scale.error_percent(found.time_error_us, min(found.missing, found.spurious), events),
-        percent * found.missing,
-        percent * found.spurious,
-        found.median_us,
-        found.p99_us,
+        scale.error_percent(comparison.time_error_us, min(comparison.missing, comparison.spurious), events),
+        percent * comparison.missing,
+        percent * comparison.spurious,
+        comparison.median_us,
+        comparison.p99_us,
     )
-    return error, scale.distance_us(found)
+    return error, scale.distance_us(comparison)
 
 
 def omission_error_of_added(made: float, events: float) -> OmissionError:
@@ -126,7 +126,7 @@ def omission_error_of_added(made: float, events: float) -> OmissionError:
 
 
 def _counts(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.int64]:
-    """Events of each pixel and polarity."""
+    """Return events of each pixel and polarity."""
     width, height = size
     index = (events["y"].astype(np.int64) * width + events["x"]) * 2 + (events["p"] != 0)
     return np.bincount(index, minlength=2 * width * height)

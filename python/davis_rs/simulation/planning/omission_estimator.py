@@ -1,4 +1,4 @@
-"""What leaving an effect out does to a sequence, and what was seen of the sequence that says so: effect by effect."""
+"""Estimates what leaving an effect out does to a sequence, and says what was seen of it, effect by effect."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class OmissionEstimator:
     scale: TimeScale
 
     def __call__(self, effect: Effect) -> tuple[OmissionError, str]:
-        """What leaving out an effect on events does, and what was seen of the sequence, in words."""
+        """Estimate what leaving out an effect on events does, and say what was seen of the sequence."""
         estimator = ESTIMATORS[type(effect)]
         return estimator(self, effect)
 
@@ -57,28 +57,29 @@ class OmissionEstimator:
         return omission_error(without, with_effect, size=sample.size, scale=self.scale)[0]
 
     def in_engine(self, effect: Effect) -> OmissionError:
-        """The omission error, from the engine's run on the scattered pixels."""
+        """Return the omission error, from the engine's run on the scattered pixels."""
         sample = self.sequence.pixels
         return self.compare(sample, sample.ideal, sample.events(Effects.of([effect])))
 
     @property
     def scene_events(self) -> float:
-        """The number of events of ideal pixels on the whole sensor and sequence. It is scaled by keyframes, because
+        """Return the number of events of ideal pixels on the whole sensor and sequence. It is scaled by keyframes,
+        because
         both follow the motion."""
         return self.whole(len(self.sequence.pixels.ideal))
 
     def whole(self, events: float) -> float:
         """Scales a number of events of the sampled pixels up to the whole sensor and sequence."""
         sample = self.sequence.pixels
-        seen = sum(len(part.t_us) - 1 for part in sample.parts)
+        seen = sum(len(segment.t_us) - 1 for segment in sample.segments)
         return events / sample.sensor_share * ((len(self.sequence.t_us) - 1) / seen)
 
     def of_rate(self, hz: float) -> float:
-        """The number of events in the whole sequence at ``hz`` events per pixel and second."""
+        """Return the number of events in the whole sequence at ``hz`` events per pixel and second."""
         return hz * self.sequence.camera.width * self.sequence.camera.height * self.sequence.duration_us * 1e-6
 
     def added(self, hz: float) -> OmissionError:
-        """The omission error of events that come on top of the scene's, at a rate for each pixel."""
+        """Return the omission error of events that come on top of the scene's, at a rate for each pixel."""
         return omission_error_of_added(self.of_rate(hz), self.scene_events)
 
 
@@ -86,7 +87,7 @@ def _vignetting(estimator: OmissionEstimator, effect: Vignetting) -> tuple[Omiss
     sample, sequence = estimator.sequence.pixels, estimator.sequence
     gain = effect.gain(sequence.camera).ravel()
     shaded = sample.through(lambda luma: luma * gain[sequence.pixel])
-    darkest = float(np.percentile(np.concatenate([part.luma.ravel() for part in shaded.parts]), 1))
+    darkest = float(np.percentile(np.concatenate([segment.luma.ravel() for segment in shaded.segments]), 1))
     seen = (
         f"corners get {100 * gain.min():.3g} % of the light; then 1 % of all pixels see less than luma {darkest:.3g}, "
         f"against a dark level of {sample.log_eps:g}"
@@ -98,7 +99,7 @@ def _lens_blur(estimator: OmissionEstimator, effect: LensBlur) -> tuple[Omission
     sample = estimator.sequence.frames
     blurred = sample.through(Optics(estimator.sequence.camera, Effects.of([effect])).frames)
     eps = np.float32(sample.log_eps)
-    pairs = zip(sample.parts, blurred.parts, strict=True)
+    pairs = zip(sample.segments, blurred.segments, strict=True)
     squares = [np.mean(np.log((a.luma + eps) / (b.luma + eps)) ** 2, dtype=np.float64) for a, b in pairs]
     rms = math.sqrt(np.mean(squares)) / sample.contrast_threshold
     seen = f"a spot of {effect.sigma_px:g} px takes {rms:.2g} C (rms) from log luma: detail as fine as that"
@@ -113,10 +114,10 @@ def _bandwidth(estimator: OmissionEstimator, effect: PhotoreceptorBandwidth) -> 
     slope = np.abs(steps.change) / steps.length_s[:, None].astype(np.float32)
     quick = slope > 2 * np.pi * corner_hz * sample.contrast_threshold
     moved = float(np.abs(steps.change).sum(dtype=np.float64))
-    share = float(np.abs(steps.change)[quick].sum(dtype=np.float64)) / moved if moved else 0.0
+    fraction = float(np.abs(steps.change)[quick].sum(dtype=np.float64)) / moved if moved else 0.0
     seen = (
         f"corner {corner_hz.min():.3g}..{corner_hz.max():.3g} Hz (median {np.median(corner_hz):.3g}); dL/dt up to "
-        f"{slope.max():.3g} /s: {100 * share:.3g} % of the change is faster than C in a time constant"
+        f"{slope.max():.3g} /s: {100 * fraction:.3g} % of the change is faster than C in a time constant"
     )
     return estimator.in_engine(effect), seen
 
@@ -153,28 +154,28 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
     made = of_a_pixel * sample.pixels
     if made > FLOOD:
         return counted, seen
-    found = estimator.in_engine(effect)
+    error = estimator.in_engine(effect)
     # What little the sample shows of few events is left to the rate, and so is what falls between the sample's parts.
     seen_or_known = replace(
-        found,
-        missing_percent=max(found.missing_percent, counted.missing_percent),
-        rate_percent=max(found.rate_percent, counted.rate_percent),
-        count_percent=counted.count_percent if made < _FEW else found.count_percent,
+        error,
+        missing_percent=max(error.missing_percent, counted.missing_percent),
+        rate_percent=max(error.rate_percent, counted.rate_percent),
+        count_percent=counted.count_percent if made < _FEW else error.count_percent,
     )
     return seen_or_known, seen
 
 
 def static_leak_events(drift: float, effect: LeakRate, sample: LumaSample) -> float:
-    """Events that a leak makes in a pixel that sees a static scene, in the mean over pixels.
+    """Count the events that a leak makes in a pixel that sees a static scene, in the mean over pixels.
 
     Until the first one, a reference drifts from where it was at the start.
 
     Args:
         drift: what leaks in the whole time, in the mean over pixels, in units of C_on.
     """
-    shares = (np.arange(_PIXELS) + 0.5) / _PIXELS
+    quantiles = (np.arange(_PIXELS) + 0.5) / _PIXELS
     deviation = math.sqrt(math.log1p(effect.spread**2))
-    normal = np.array([NormalDist().inv_cdf(share) for share in shares.tolist()])
+    normal = np.array([NormalDist().inv_cdf(share) for share in quantiles.tolist()])
     drifts = drift * np.exp(deviation * normal - deviation**2 / 2)
     if sample.start_phase == "zero":
         return float(np.floor(drifts).mean())
@@ -184,7 +185,7 @@ def static_leak_events(drift: float, effect: LeakRate, sample: LumaSample) -> fl
 
 
 def _sum_of_floors(value: FloatArray) -> FloatArray:
-    """The integral of floor(x) from 0 to a value; 0 below."""
+    """Return the integral of floor(x) from 0 to a value; 0 below."""
     whole = np.floor(np.maximum(value, 0.0))
     return np.asarray(whole * (whole - 1) / 2 + whole * (np.maximum(value, 0.0) - whole))
 

@@ -1,4 +1,4 @@
-"""The plan: which of a sensor's effects a sequence calls for."""
+"""Plans: which of a sensor's effects a sequence calls for."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ import numpy as np
 
 from ...geometry.trajectory.trajectory import Trajectory
 from ...render.base import Renderer
-from ...render.choice import make_renderer
 from ...sampling.keyframes import Stretch
 from ...scene.scene import Scene
 from ...sensor.effects import Aps, Effect, Effects, EffectsLike
 from ...sensor.effects.effect import check_range
 from ...sensor.effects.effects import effects_of
 from ...sensor.presets import SENSORS
-from ..settings import EFFECTS_TOLERANCE, PlanSettings, complete, renderer_settings, takes_settings, view_scene
+from ..settings import EFFECTS_TOLERANCE, PlanSettings, complete, renderer_of, takes_settings, view_scene
 from .aps import frame_change
 from .cost import Costs
 from .effect_plan import EffectPlan, PlannedEffect
@@ -30,6 +29,8 @@ from .sequence_sample import SequenceSample
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from ..settings.keywords import PlanKeywords
+
 _NOT_PLANNED = "is what this finds out: name the candidates, or leave them out for those of the sensor"
 
 
@@ -39,7 +40,7 @@ def plan_effects(
     effects: EffectsLike | None = None,
     *,
     keep: EffectsLike | None = None,
-    **settings: Unpack[PlanSettings],
+    **settings: Unpack[PlanKeywords],
 ) -> EffectPlan:
     """Find out which effects a scene calls for along its camera path, from a cheap sample of it.
 
@@ -58,26 +59,31 @@ def plan_effects(
         ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
         OSError: if a scene file or a calibration cannot be read.
     """
-    given = complete(PlanSettings, settings, of=plan_effects)
-    viewed = view_scene(scene, given)
+    return planned_effects(scene, complete(PlanSettings, settings, taker=plan_effects), effects, keep=keep)
+
+
+def planned_effects(
+    scene: Scene, settings: PlanSettings, effects: EffectsLike | None = None, *, keep: EffectsLike | None = None
+) -> EffectPlan:
+    """Plan as :func:`plan_effects` does, by settings that are complete."""
+    viewed = view_scene(scene, settings)
     candidates = viewed.sensor_effects
-    if effects is None and given["sensor"] is None:
+    if effects is None and settings.sensor is None:
         candidates = SENSORS["davis240c"].effects(viewed.scene.lux_per_luma)
     candidates = effects_of(effects, not_planned=_NOT_PLANNED).with_defaults(candidates)
     kept = effects_of(keep, not_planned=_NOT_PLANNED)
     named = {effect.name for effect in kept} | kept.switched_off
-    made = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
     return plan_effects_of(
-        made,
+        renderer_of(viewed, settings),
         viewed.scene.path,
         Effects.of(effect for effect in candidates if effect.name not in named),
         contrast_threshold=viewed.contrast_threshold,
         contrast_threshold_off=viewed.contrast_threshold_off,
         log_eps=viewed.log_eps,
         start_phase=viewed.start_phase,
-        seed=given["seed"],
+        seed=settings.seed,
         keep=kept,
-        effects_tolerance=given["effects_tolerance"],
+        effects_tolerance=settings.effects_tolerance,
     )
 
 
@@ -164,12 +170,12 @@ def plan_effects_of(
 
 
 def _planned(effect: Effect, estimator: OmissionEstimator, costs: Costs, percent: float) -> PlannedEffect:
-    found: OmissionError = NO_ERROR
+    error: OmissionError = NO_ERROR
     frame_percent = math.nan
     if isinstance(effect, Aps):
         frame_percent, blurred_percent, observation = frame_change(estimator.sequence, effect)
         called_for = max(frame_percent, blurred_percent) > percent
     else:
-        found, observation = estimator(effect)
-        called_for = found.worst_percent > percent
-    return PlannedEffect(effect, called_for, False, observation, found, frame_percent, *costs(effect))
+        error, observation = estimator(effect)
+        called_for = error.worst_percent > percent
+    return PlannedEffect(effect, called_for, False, observation, error, frame_percent, *costs(effect))

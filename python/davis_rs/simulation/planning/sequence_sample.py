@@ -1,4 +1,4 @@
-"""What is looked at of a sequence to foresee effects: a few pixels all the time, all pixels now and then."""
+"""Looks at a sequence to foresee effects: a few pixels all the time, all pixels now and then."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _SHORTEST_WINDOW_US, _LONGEST_WINDOW_US = 200, 10_000
 
 
 class SequenceSample:
-    """A cheap look at a sequence.
+    """Samples a sequence cheaply.
 
     Keyframes lie a third of a pixel apart by the displacement clock. Most effects act in single pixels but over all
     time (levels that drift, drift further), so small squares, spread evenly, are seen at all keyframes: ``pixels``. A
@@ -74,7 +74,7 @@ class SequenceSample:
 
     @cached_property
     def pixels(self) -> LumaSample:
-        """A few pixels over the whole time; of a long sequence in some parts."""
+        """Return a few pixels over the whole time; of a long sequence in some parts."""
         return self.sample(self.pixel, self.renderer)
 
     @cached_property
@@ -98,20 +98,20 @@ class SequenceSample:
         chosen = _spread(self.t_us, PARTS, SAMPLING_KEYFRAMES // PARTS)
         finer = [np.unique(np.concatenate([t_us, (t_us[1:] + t_us[:-1]) // 2])) for t_us in chosen]
         coarse, fine = (self._sample_at(parts, self.pixel, self.renderer) for parts in (chosen, finer))
-        found = compare_events(coarse.ideal, fine.ideal, size=coarse.size, window_us=window_us)
-        return max(4 / 3 * found.median_us, 1.0) if found.matched else 1.0
+        comparison = compare_events(coarse.ideal, fine.ideal, size=coarse.size, window_us=window_us)
+        return max(4 / 3 * comparison.median_us, 1.0) if comparison.matched else 1.0
 
     def _sample_at(self, chosen: list[IntArray], pixel: IntArray, renderer: Renderer) -> LumaSample:
-        parts = [LumaSegment(t_us, self._samples(t_us, pixel, renderer)) for t_us in chosen]
+        segments = [LumaSegment(t_us, self._samples(t_us, pixel, renderer)) for t_us in chosen]
         origin = self._samples(self.t_us[:1], pixel, renderer)
-        return LumaSample(origin, parts, *self._engine, len(pixel) / self._size)
+        return LumaSample(origin, segments, *self._engine, len(pixel) / self._size)
 
     @cached_property
     def frames(self) -> LumaSample:
-        """All pixels in a few windows."""
+        """Return all pixels in a few windows."""
         chosen = _spread(self.t_us, WINDOWS, WHOLE_FRAMES)
-        parts = [LumaSegment(t_us, self.luma(t_us)) for t_us in chosen]
-        return LumaSample(self.luma(self.t_us[:1]), parts, *self._engine, 1.0)
+        segments = [LumaSegment(t_us, self.luma(t_us)) for t_us in chosen]
+        return LumaSample(self.luma(self.t_us[:1]), segments, *self._engine, 1.0)
 
     def luma(self, t_us: IntArray) -> LumaFrames:
         """Return whole frames (k, H, W)."""
@@ -121,7 +121,7 @@ class SequenceSample:
 
     @property
     def window_us(self) -> int:
-        """How far apart events of the same crossing may be: the average time of one pixel of motion.
+        """Return how far apart events of the same crossing may be: the average time of one pixel of motion.
 
         At least 0.2 ms, so that common delays can be seen, and 10 ms where nothing moves.
         """
@@ -136,7 +136,7 @@ class SequenceSample:
         return self.stretch.views(self.stretch.start_us + t_us)
 
     def _samples(self, t_us: IntArray, pixel: IntArray, renderer: Renderer) -> LumaFrames:
-        """Single pixels as frames (k, 1, n)."""
+        """Return single pixels as frames (k, 1, n)."""
         count, batch = len(pixel), max(1, _SAMPLES_A_CALL // len(pixel))
         parts = []
         for i in range(0, len(t_us), batch):
@@ -155,18 +155,18 @@ def _spread(t_us: IntArray, parts: int, length: int) -> list[IntArray]:
 
 
 def _scattered(width: int, height: int, seed: int) -> IntArray:
-    """Pixels y W + x of squares, one at random in each cell of a grid."""
+    """Return pixels y W + x of squares, one at random in each cell of a grid."""
     across, down = min(PATCH_PX, width), min(PATCH_PX, height)
     wanted = float(np.clip(SENSOR_SHARE * width * height / (across * down), FEWEST_PATCHES, MOST_PATCHES))
     columns = int(np.clip(round(math.sqrt(wanted * width / height)), 1, width // across))
     rows = int(np.clip(round(wanted / columns), 1, height // down))
     random = np.random.Generator(np.random.Philox(seed))
-    found = []
+    pixels = []
     for row in range(rows):
         for column in range(columns):
             left, right = column * width // columns, (column + 1) * width // columns
             top, bottom = row * height // rows, (row + 1) * height // rows
             x = random.integers(left, right - across, endpoint=True) + np.arange(across)
             y = random.integers(top, bottom - down, endpoint=True) + np.arange(down)
-            found.append((y[:, None] * width + x).ravel())
-    return np.concatenate(found)
+            pixels.append((y[:, None] * width + x).ravel())
+    return np.concatenate(pixels)

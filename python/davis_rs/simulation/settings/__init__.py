@@ -1,7 +1,9 @@
-"""The settings of a simulation: their declarations, and what they stand for with a given scene.
+"""Declares the settings of a simulation, and resolves them with a given scene.
 
-A setting is declared once, with its type, range, unit and help. Options of the command line, keys of a plan,
-arguments of Python, their checks, ``meta.json`` and docs/settings.md follow, so that they cannot disagree.
+``simulation_settings`` and ``frame_settings`` declare each setting once, as a field of a frozen dataclass, with its
+type, range, unit and help. Options of the command line, keys of a plan, arguments of Python, their checks,
+``meta.json`` and docs/settings.md follow, so that they cannot disagree. ``setting`` is what reads a declaration.
+``keywords`` says the same to type checkers, and is made from them. ``resolve`` decides what settings leave open.
 """
 
 from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
@@ -10,20 +12,23 @@ from .inertial import make_imu, make_motion_capture
 from .resolve import (
     AUTO,
     LOG_EPS,
+    Resolved,
     ViewedScene,
     chosen_sampling,
+    first_given,
     fixed_sensor,
     memory_of,
-    renderer_settings,
+    renderer_of,
+    resolve,
     truth_rates_hz,
     view_scene,
-    whole_frame_sampling,
 )
-from .setting import Declared, Setting, complete, only, settings_of, takes_settings
+from .setting import Declared, Setting, Settings, complete, only, settings_of, takes_settings
 from .simulation_settings import (
     EFFECTS_TOLERANCE,
     FolderSettings,
     PlanSettings,
+    SamplingSettings,
     SimulationSettings,
     SimulatorSettings,
     ViewSettings,
@@ -39,7 +44,10 @@ __all__ = [
     "FrameFolderSettings",
     "FrameSettings",
     "PlanSettings",
+    "Resolved",
+    "SamplingSettings",
     "Setting",
+    "Settings",
     "SimulationSettings",
     "SimulatorSettings",
     "ViewSettings",
@@ -47,15 +55,16 @@ __all__ = [
     "camera_of_size",
     "chosen_sampling",
     "complete",
+    "first_given",
     "fixed_sensor",
     "make_imu",
     "make_motion_capture",
     "memory_of",
     "only",
-    "renderer_settings",
+    "renderer_of",
+    "resolve",
     "settings_of",
     "takes_settings",
     "truth_rates_hz",
     "view_scene",
-    "whole_frame_sampling",
 ]

@@ -1,15 +1,16 @@
-"""The settings of events from frames (video, images, arrays), each declared once, next to those of a simulation."""
+"""Declares the settings of events from frames (video, images, arrays), next to those of a simulation."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Annotated, Any, TypedDict
+from dataclasses import dataclass
+from typing import Any
 
 from ...geometry.camera import PRESETS, Camera
 from ...sensor.effects import EffectsLike
 from ...sensor.parameters import SensorParameters
-from .setting import Declared
+from .setting import Declared, Settings, declare
 from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, FolderFileSettings, PixelSettings
 
 _LIGHT, _PART, _BETWEEN = "light", "which part", "between frames"
@@ -18,20 +19,21 @@ INTERPOLATIONS = ("auto", "linear", "cubic", "flow")
 """How light may run between two frames."""
 
 
-class _LightSettings(TypedDict, total=False):
-    """What the values of a frame stand for."""
+@dataclass(frozen=True, kw_only=True)
+class _LightSettings(Settings):
+    """Declares what the values of a frame stand for."""
 
-    transfer: Annotated[
-        str | None,
+    transfer: str | None = declare(
+        None,
         Declared(
             "how values encode light: srgb (IEC 61966-2-1), rec709 (the camera curve of ITU-R BT.709), linear, gamma=G",
             default_help="what the video says; else srgb for integers, linear for floating point",
             metavar="CURVE",
             group=_LIGHT,
         ),
-    ]
-    white_level: Annotated[
-        float | None,
+    )
+    white_level: float | None = declare(
+        None,
         Declared(
             "the value of a frame that stands for luma 1, such as 4095 for 12 bits in 16; of a video in its own bits",
             default_help="the video's; else the largest multiple of the step between integers, 1 for floating point",
@@ -40,9 +42,9 @@ class _LightSettings(TypedDict, total=False):
             metavar="V",
             group=_LIGHT,
         ),
-    ]
-    log_eps: Annotated[
-        float | None,
+    )
+    log_eps: float | None = declare(
+        None,
         Declared(
             "dark level: L = ln(luma + log_eps)",
             default_help="the sensor's dark current, or 0.001; or more, so that one grey level stays below C",
@@ -53,17 +55,24 @@ class _LightSettings(TypedDict, total=False):
             metavar="Y",
             group=_LIGHT,
         ),
-    ]
+    )
 
 
-class _PartSettings(TypedDict, total=False):
-    """Which part of the frames is taken, in time and in space."""
+@dataclass(frozen=True, kw_only=True)
+class _PartSettings(Settings):
+    """Declares which part of the frames is taken, in time and in space."""
 
-    start_s: Annotated[
-        float, Declared("where to start, in seconds after the first frame", 0.0, unit="s", low=0, group=_PART)
-    ]
-    stop_s: Annotated[
-        float | None,
+    start_s: float = declare(
+        0.0,
+        Declared(
+            "where to start, in seconds after the first frame",
+            unit="s",
+            low=0,
+            group=_PART,
+        ),
+    )
+    stop_s: float | None = declare(
+        None,
         Declared(
             "where to stop, in seconds after the first frame",
             default_help="the end",
@@ -72,19 +81,18 @@ class _PartSettings(TypedDict, total=False):
             above_low=True,
             group=_PART,
         ),
-    ]
-    slow_motion: Annotated[
-        float,
+    )
+    slow_motion: float = declare(
+        1.0,
         Declared(
             "factor by which the video is slowed down: 8 for 240 frames per second that are stamped as 30",
-            1.0,
             low=1e-6,
             high=1e6,
             group=_PART,
         ),
-    ]
-    crop: Annotated[
-        tuple[int, int] | str | None,
+    )
+    crop: tuple[int, int] | str | None = declare(
+        None,
         Declared(
             "crop the middle of each frame to this size, in pixels",
             default_help="all of it",
@@ -92,18 +100,18 @@ class _PartSettings(TypedDict, total=False):
             text=str,
             group=_PART,
         ),
-    ]
-    roi: Annotated[
-        str | None,
+    )
+    roi: str | None = declare(
+        None,
         Declared(
             "a part of each frame: its size, and its left and upper edge, in pixels",
             default_help="all of it",
             metavar="WxH+X+Y",
             group=_PART,
         ),
-    ]
-    size: Annotated[
-        tuple[int, int] | str | None,
+    )
+    size: tuple[int, int] | str | None = declare(
+        None,
         Declared(
             "size of the sensor in pixels, to which that part is reduced by averaging areas",
             default_help="the size of the frames",
@@ -111,9 +119,9 @@ class _PartSettings(TypedDict, total=False):
             text=str,
             group=_PART,
         ),
-    ]
-    camera: Annotated[
-        Camera | str | os.PathLike[str] | None,
+    )
+    camera: Camera | str | os.PathLike[str] | None = declare(
+        None,
         Declared(
             f"lens of the resulting image, for calib.txt and for vignetting: {', '.join(PRESETS)}, or a calib.txt",
             default_help="not known",
@@ -121,43 +129,43 @@ class _PartSettings(TypedDict, total=False):
             text=str,
             group=_PART,
         ),
-    ]
+    )
 
 
-class _BetweenSettings(TypedDict, total=False):
-    """How light runs between two frames."""
+@dataclass(frozen=True, kw_only=True)
+class _BetweenSettings(Settings):
+    """Declares how light runs between two frames."""
 
-    interpolation: Annotated[
-        str | Callable[..., Any],
+    interpolation: str | Callable[..., Any] = declare(
+        "auto",
         Declared(
             "linear or cubic in log intensity; flow: along optical flow; auto: cubic where the image hardly moves, "
             "flow where it does. From Python also interpolator(before, after, shares) -> frames",
-            "auto",
             choices=INTERPOLATIONS,
             text=str,
             group=_BETWEEN,
         ),
-    ]
-    max_displacement_px: Annotated[
-        float,
+    )
+    max_displacement_px: float = declare(
+        0.5,
         Declared(
             "flow and interpolators make frames so densely that the image moves by at most this much between them",
-            0.5,
             unit="px",
             low=0.01,
             high=100,
             metavar="PX",
             group=_BETWEEN,
         ),
-    ]
+    )
 
 
-class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettings, EngineSettings, total=False):
-    """The settings of :func:`~davis_rs.events_from_frames`."""
+@dataclass(frozen=True, kw_only=True)
+class FrameSettings(EngineSettings, PixelSettings, _BetweenSettings, _PartSettings, _LightSettings):
+    """Declares the settings of :func:`~davis_rs.events_from_frames`."""
 
-    sensor: Annotated[SensorParameters | str | os.PathLike[str] | None, SENSOR]
-    effects: Annotated[
-        EffectsLike | None,
+    sensor: SensorParameters | str | os.PathLike[str] | None = declare(None, SENSOR)
+    effects: EffectsLike | None = declare(
+        None,
         Declared(
             f"effects {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same name",
             default_help="the sensor's",
@@ -165,13 +173,19 @@ class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettin
             text=list,
             group=EFFECTS,
         ),
-    ]
+    )
 
 
-class FrameFolderSettings(FrameSettings, FolderFileSettings, total=False):
-    """The settings of :func:`~davis_rs.frames_to_folder`: those of the events, and what is written next to them."""
+@dataclass(frozen=True, kw_only=True)
+class FrameFolderSettings(FolderFileSettings, FrameSettings):
+    """Declares the settings of :func:`~davis_rs.frames_to_folder`: those of the events, and what is written next to
+    them."""
 
-    images_every: Annotated[
-        int,
-        Declared("write every Nth frame into the folder as an intensity frame; 0 for none", 1, low=0, metavar="N"),
-    ]
+    images_every: int = declare(
+        1,
+        Declared(
+            "write every Nth frame into the folder as an intensity frame; 0 for none",
+            low=0,
+            metavar="N",
+        ),
+    )

@@ -1,4 +1,4 @@
-"""Which camera a simulation has: from the scene, a calibration, a size and a sensor, which must agree."""
+"""Decides which camera a simulation has: by the scene, a calibration, a size and a sensor, which must agree."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def image_camera(
     size: tuple[int, int] | str | None,
     sensor: SensorParameters,
 ) -> Camera:
-    """The camera that the arguments ask for together.
+    """Make the camera that the arguments ask for together.
 
     Args:
         camera: a camera, a preset's name or a ``calib.txt``; None takes the scene's lens.
@@ -45,13 +45,17 @@ def image_camera(
         raise ArgumentError("{size} {} contradicts the sensor's {} pixels", _text(asked), _text(own))
     wanted = asked or own
     if camera is None:
-        found = scene.own_camera
-        return found if wanted in (None, (found.width, found.height)) else _with_same_view(found, *wanted)
+        own_camera = scene.own_camera
+        return (
+            own_camera
+            if wanted in (None, (own_camera.width, own_camera.height))
+            else _with_same_view(own_camera, *wanted)
+        )
     return camera_of_size(camera, wanted, "size" if asked is not None else "the sensor")
 
 
 def camera_of_size(camera: Camera | str | os.PathLike[str], wanted: tuple[int, int] | None, source: str) -> Camera:
-    """A camera, a preset's name or a ``calib.txt``, for an image of a size.
+    """Load a camera, a preset's name or a ``calib.txt``, for an image of a size.
 
     Args:
         wanted: (width, height) in pixels; None takes the camera's own.
@@ -114,7 +118,7 @@ def _centred(camera: Camera) -> bool:
 
 
 def _with_same_view(camera: Camera, width: int, height: int) -> Camera:
-    """The same lens on another size, with the same horizontal field of view."""
+    """Return the same lens on another size, with the same horizontal field of view."""
     scale = width / camera.width
     return replace(
         camera,

@@ -1,4 +1,4 @@
-"""The IMU and the motion capture that settings stand for."""
+"""Makes the IMU and the motion capture that settings stand for."""
 
 from __future__ import annotations
 
@@ -15,15 +15,12 @@ _MAKERS = {"ideal": Imu, "davis": lambda: Imu(mounting=Mounting()), "mpu6150": I
 
 
 def make_imu(settings: FolderSettings) -> Imu | None:
-    """The IMU; None for none.
-
-    Args:
-        settings: complete ones of :class:`~davis_rs.simulation.settings.FolderSettings`.
+    """Make the IMU that the settings ask for; None for none.
 
     Raises:
         ValueError: for an effect that is not there or out of range, or a rate or effects where there is no IMU.
     """
-    imu, rate_hz, effects = settings["imu"], settings["imu_rate_hz"], settings["imu_effects"]
+    imu, rate_hz, effects = settings.imu, settings.imu_rate_hz, settings.imu_effects
     if imu in (None, "none"):
         if rate_hz is not None or effects:
             raise ArgumentError("{imu_rate_hz} and {imu_effects} are those of an IMU, but {imu} is none: choose an IMU")
@@ -35,22 +32,19 @@ def make_imu(settings: FolderSettings) -> Imu | None:
 
 
 def make_motion_capture(settings: FolderSettings) -> MotionCapture:
-    """What gives the ground truth.
-
-    Args:
-        settings: complete ones of :class:`~davis_rs.simulation.settings.FolderSettings`.
+    """Make the motion capture that gives the ground truth.
 
     Raises:
         ValueError: for a value out of range, or a motion capture next to settings of another one.
     """
-    parts = {
-        "pose_noise_m": settings["pose_noise_m"],
-        "rotation_noise_rad": settings["rotation_noise_rad"],
-        "clock_offset_s": settings["clock_offset_s"],
-        "clock_drift_ms_per_min": settings["clock_drift_ms_per_min"],
+    asked = {
+        "pose_noise_m": settings.pose_noise_m,
+        "rotation_noise_rad": settings.rotation_noise_rad,
+        "clock_offset_s": settings.clock_offset_s,
+        "clock_drift_ms_per_min": settings.clock_drift_ms_per_min,
     }
-    given = {name: value for name, value in parts.items() if value is not None}
-    made = settings["motion_capture"]
+    given = {name: value for name, value in asked.items() if value is not None}
+    made = settings.motion_capture
     if made is not None:
         if given:
             raise ArgumentError("{motion_capture} is given: {others} would be ignored", others=list(given))
@@ -58,5 +52,5 @@ def make_motion_capture(settings: FolderSettings) -> MotionCapture:
     noise = MocapNoise(given.get("pose_noise_m", 0.0), given.get("rotation_noise_rad", 0.0))
     clock = MocapClock(given.get("clock_offset_s", 0.0), given.get("clock_drift_ms_per_min", 0.0) * 1e-3 / 60)
     return MotionCapture(
-        settings["pose_rate_hz"], noise=None if noise.neutral else noise, clock=None if clock.neutral else clock
+        settings.pose_rate_hz, noise=None if noise.neutral else noise, clock=None if clock.neutral else clock
     )

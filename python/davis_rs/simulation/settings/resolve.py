@@ -1,23 +1,29 @@
-"""What settings stand for with a given scene: camera, thresholds, sampling and effects, each of them decided."""
+"""Resolves settings with a scene: camera, thresholds, sampling and effects, each of them decided, nothing rendered.
+
+:func:`resolve` decides all that a :class:`~davis_rs.Simulator` needs. :func:`view_scene` is its part that a planner of
+effects, an estimate of noise and a check of a plan need too.
+"""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from typing import Any, cast
 
 from ..._util.argument_error import ArgumentError
 from ..._util.memory_forecast import MemoryForecast, simulation_forecast
 from ...geometry.camera import Camera
+from ...render.base import Renderer
+from ...render.choice import make_renderer
 from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ...sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ...sampling.tolerance import Tolerance
 from ...scene.scene import Scene, check_scene
-from ...sensor.effects import Effects
+from ...sensor.effects import CustomEffects, Effects
+from ...sensor.effects.effects import effects_of
 from ...sensor.parameters import SensorParameters
 from ...sensor.presets import RECORDED, read_once, recorded_sensor, sensor_parameters
 from .image_camera import image_camera
-from .simulation_settings import SimulatorSettings, ViewSettings
+from .simulation_settings import SamplingSettings, SimulatorSettings, ViewSettings
 
 AUTO = "auto"
 """In place of a number of samples: chosen by the noise, see :mod:`~davis_rs.simulation.monte_carlo_noise`."""
@@ -25,12 +31,15 @@ AUTO = "auto"
 LOG_EPS = 1e-3
 """The dark level in units of luma where neither settings nor sensor say it."""
 
-_RULES = {"render_rate_hz": FixedRate, "max_displacement_px": MaxDisplacement, "tolerance": Tolerance}
+_NOT_PLANNED = (
+    "must be resolved before a simulator is made: "
+    "Simulator(scene, effects=plan_effects(scene, sensor=...).effects), or simulate(scene, effects='auto')"
+)
 
 
 @dataclass(frozen=True)
 class ViewedScene:
-    """A scene as a sensor sees it: what a planner of effects needs.
+    """Holds a scene as a sensor sees it: what a planner of effects needs.
 
     Attributes:
         scene: in the settings' light.
@@ -51,8 +60,82 @@ class ViewedScene:
 
     @property
     def sensor_effects(self) -> Effects:
-        """The settings of the sensor, in this scene's light."""
+        """Return the effects of the sensor, in this scene's light."""
         return self.sensor.effects(self.scene.lux_per_luma)
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """Holds all that a simulator needs, decided; a simulator changes nothing of it.
+
+    Attributes:
+        settings: those that were given, the sensor's file read.
+        view: the scene as the sensor sees it.
+        sampling: when luma is rendered.
+        refine: whether event times are polished.
+        effects: of the pixels, readout and frames.
+        custom_effects: those of the user's own. They may remember what they have seen, and so serve one simulator.
+    """
+
+    settings: SimulatorSettings
+    view: ViewedScene
+    sampling: TimeSampling
+    refine: bool
+    effects: Effects
+    custom_effects: CustomEffects
+
+    def memory(self, ray_bytes: float = 0.0) -> MemoryForecast:
+        """Forecast what the simulation takes, see :func:`memory_of`."""
+        return memory_of(self.view.camera, self.settings, self.effects, ray_bytes=ray_bytes)
+
+    def renderer(self) -> Renderer:
+        """Make the renderer, without a lens. Light may be baked here, which takes time.
+
+        Raises:
+            ValueError: as :func:`~davis_rs.render.choice.make_renderer`, or where there is not enough memory.
+            OSError: if a scene file cannot be read.
+        """
+        plain = renderer_of(self.view, self.settings, edges=self.sampling.edges, threads=self.settings.threads)
+        self.memory(plain.ray_bytes).refuse()
+        return plain
+
+
+def resolve(scene: Scene, settings: SimulatorSettings) -> Resolved:
+    """Decide what settings leave open, and refuse settings that contradict each other.
+
+    Nothing is rendered, so that a mistake costs no time.
+
+    Raises:
+        ValueError: for effects or samples that are still to be chosen, contradictions, a value out of range, or a
+            sensor for which there is not enough memory; else as :func:`view_scene`.
+        OSError: as :func:`view_scene`.
+    """
+    if settings.samples == AUTO:
+        raise ArgumentError(
+            "{samples:auto} must be resolved before a simulator is made: simulate(scene, samples='auto'), or the "
+            "number that estimate_noise(scene).samples_for(0.05) gives"
+        )
+    settings = replace(settings, sensor=fixed_sensor(scene, settings.sensor))
+    view, chosen = view_scene(scene, settings), chosen_sampling(settings)
+    camera = view.camera
+    custom_effects = CustomEffects(settings.custom_effects, camera.width, camera.height, settings.seed)
+    on_light = custom_effects.on_luma or custom_effects.on_log_intensity
+    sampling = whole_frame_sampling(settings) if on_light else chosen.sampling
+    effects = effects_of(settings.effects, not_planned=_NOT_PLANNED).with_defaults(view.sensor_effects)
+    in_engine = effects.engine_settings()
+    _check_exposure(effects, settings.frame_rate_hz, camera.height)
+    if settings.refine and in_engine:
+        raise ArgumentError(
+            "{refine} finds the times of ideal pixels: it cannot be combined with {}", ", ".join(in_engine)
+        )
+    if settings.refine and on_light:
+        raise ArgumentError("{refine} asks the renderer for times: it cannot be combined with custom effects on light")
+    if settings.flow_interval_s is not None and settings.flow_rate_hz == 0:
+        raise ArgumentError("{flow_interval_s} is that of maps of flow: give {flow_rate_hz}")
+    refine = chosen.refine and not in_engine and not on_light
+    resolved = Resolved(settings, view, sampling, refine, effects, custom_effects)
+    resolved.memory().refuse()
+    return resolved
 
 
 def view_scene(scene: Scene, settings: ViewSettings) -> ViewedScene:
@@ -64,17 +147,17 @@ def view_scene(scene: Scene, settings: ViewSettings) -> ViewedScene:
             else is asked for.
     """
     check_scene(scene)
-    if settings["lux_per_luma"] is not None:
-        scene = replace(scene, lux_per_luma=settings["lux_per_luma"])
-    if settings["matte"]:
+    if settings.lux_per_luma is not None:
+        scene = replace(scene, lux_per_luma=settings.lux_per_luma)
+    if settings.matte:
         scene = replace(scene, matte=True)
-    sensor = sensor_parameters(fixed_sensor(scene, settings["sensor"]))
-    camera = image_camera(scene, settings["camera"], settings["size"], sensor)
+    sensor = sensor_parameters(fixed_sensor(scene, settings.sensor))
+    camera = image_camera(scene, settings.camera, settings.size, sensor)
     simulation_forecast((camera.width, camera.height)).refuse()
-    log_eps = _first(settings["log_eps"], sensor.dark_luma(scene.lux_per_luma), LOG_EPS)
-    on = _first(settings["contrast_threshold"], sensor.contrast_threshold, scene.contrast_threshold)
-    off = _first(settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
-    return ViewedScene(scene, camera, sensor, on, off, log_eps, settings["start_phase"] or sensor.start_phase)
+    log_eps = first_given(settings.log_eps, sensor.dark_luma(scene.lux_per_luma), LOG_EPS)
+    on = first_given(settings.contrast_threshold, sensor.contrast_threshold, scene.contrast_threshold)
+    off = first_given(settings.contrast_threshold_off, sensor.contrast_threshold_off, on)
+    return ViewedScene(scene, camera, sensor, on, off, log_eps, settings.start_phase or sensor.start_phase)
 
 
 def fixed_sensor(
@@ -99,25 +182,40 @@ def fixed_sensor(
     return recorded_sensor(scene.biases)
 
 
-def renderer_settings(settings: ViewSettings) -> dict[str, Any]:
-    """What :func:`~davis_rs.render.choice.make_renderer` takes of :class:`~davis_rs.simulation.settings.ViewSettings`.
+def renderer_of(
+    view: ViewedScene, settings: ViewSettings, *, edges: bool = False, threads: int | None = None
+) -> Renderer:
+    """Make the renderer that settings ask for, without a lens.
 
     All that render a scene before its run take it from here, so that they render what the run does, and light is baked
     once. Samples that are to be chosen are left to the renderer. Without ``accuracy`` they are those of the default.
+
+    Args:
+        view: what is rendered.
+        settings: of the view, or of more.
+        edges, threads: as of :func:`~davis_rs.render.choice.make_renderer`.
+
+    Raises:
+        ValueError, OSError: as :func:`~davis_rs.render.choice.make_renderer`.
     """
-    return {
-        "samples": None if settings["samples"] == AUTO else settings["samples"],
-        "lattice_samples": ACCURACY[cast(SimulatorSettings, settings).get("accuracy", DEFAULT_ACCURACY)].samples,
-        "seed": settings["seed"],
-        "kind": settings["renderer"],
-        "blur": settings["blur"],
-        "bake_error": settings["bake_error"],
-    }
+    accuracy = settings.accuracy if isinstance(settings, SamplingSettings) else DEFAULT_ACCURACY
+    return make_renderer(
+        view.scene,
+        view.camera,
+        samples=None if isinstance(settings.samples, str) else settings.samples,
+        lattice_samples=ACCURACY[accuracy].samples,
+        seed=settings.seed,
+        kind=settings.renderer,
+        blur=settings.blur,
+        bake_error=settings.bake_error,
+        edges=edges,
+        threads=threads,
+    )
 
 
 @dataclass(frozen=True)
 class TimeSamplingChoice:
-    """How finely a sequence is sampled in time.
+    """Says how finely a sequence is sampled in time.
 
     Attributes:
         sampling: in time.
@@ -128,47 +226,45 @@ class TimeSamplingChoice:
     refine: bool
 
 
-def chosen_sampling(settings: SimulatorSettings) -> TimeSamplingChoice:
-    """The rule of sampling that the settings ask for, and what belongs to it.
+def chosen_sampling(settings: SamplingSettings) -> TimeSamplingChoice:
+    """Choose the rule of sampling that the settings ask for, and what belongs to it.
 
     Raises:
         ValueError: for more than one rule, or a value out of range.
     """
-    preset = ACCURACY[settings["accuracy"]]
-    rules: dict[str, TimeSampling | float | None] = {
-        "render_rate_hz": settings["render_rate_hz"],
-        "max_displacement_px": settings["max_displacement_px"],
-        "tolerance": settings["tolerance"],
-        "sampling": settings["sampling"],
+    preset = ACCURACY[settings.accuracy]
+    asked: dict[str, object] = {
+        "render_rate_hz": settings.render_rate_hz,
+        "max_displacement_px": settings.max_displacement_px,
+        "tolerance": settings.tolerance,
+        "sampling": settings.sampling,
     }
-    given = {name: value for name, value in rules.items() if value is not None}
+    given = [name for name, value in asked.items() if value is not None]
     if len(given) > 1:
-        raise ArgumentError("only one of {rules} may be given, got {given}", rules=list(rules), given=list(given))
-    sampling = preset.sampling
-    for name, value in given.items():
-        sampling = _RULES[name](value) if isinstance(value, int | float) else value
-    return TimeSamplingChoice(
-        sampling,
-        preset.refine if settings["refine"] is None else settings["refine"],
-    )
+        raise ArgumentError("only one of {rules} may be given, got {given}", rules=list(asked), given=given)
+    sampling = preset.sampling if settings.sampling is None else settings.sampling
+    if settings.render_rate_hz is not None:
+        sampling = FixedRate(settings.render_rate_hz)
+    elif settings.max_displacement_px is not None:
+        sampling = MaxDisplacement(settings.max_displacement_px)
+    elif settings.tolerance is not None:
+        sampling = Tolerance(settings.tolerance)
+    return TimeSamplingChoice(sampling, preset.refine if settings.refine is None else settings.refine)
 
 
-def truth_rates_hz(settings: SimulatorSettings) -> dict[str, float]:
-    """The rates of the maps of the ground truth that fall due at rates of their own, by what they show."""
-    return {
-        "flow": settings["flow_rate_hz"],
-        "mask": settings["mask_rate_hz"],
-        "normal": settings["normal_rate_hz"],
-    }
+def truth_rates_hz(settings: SamplingSettings) -> dict[str, float]:
+    """Return the rates of the maps of the ground truth that fall due at rates of their own, by what they show."""
+    return {"flow": settings.flow_rate_hz, "mask": settings.mask_rate_hz, "normal": settings.normal_rate_hz}
 
 
 def memory_of(
-    camera: Camera, settings: SimulatorSettings, effects: Effects, *, ray_bytes: float = 0.0
+    camera: Camera, settings: SamplingSettings, effects: Effects, *, ray_bytes: float = 0.0
 ) -> MemoryForecast:
-    """What a simulation will take.
+    """Forecast what a simulation will take.
 
     Args:
-        settings: complete ones of :class:`~davis_rs.simulation.settings.SimulatorSettings`.
+        camera: its size counts.
+        settings: of the sampling in time and of the maps of the ground truth.
         effects: of the pixels, readout and frames.
         ray_bytes: what the renderer keeps of the rays of a pixel.
     """
@@ -184,11 +280,11 @@ def memory_of(
     )
 
 
-def whole_frame_sampling(settings: SimulatorSettings) -> TimeSampling:
-    """A rule that renders whole frames, between which light runs straight, as effects of a user's own on light need.
+def whole_frame_sampling(settings: SamplingSettings) -> TimeSampling:
+    """Choose a rule that renders whole frames, between which light runs straight.
 
-    It is the one that is asked for if it is such a one, or else as many renders as keep the image within a third of a
-    pixel from one to the next; half of that with ``exact``.
+    Effects of a user's own on light need it. It is the rule that is asked for if it is such a one, or else as many
+    renders as keep the image within a third of a pixel from one to the next; half of that with ``exact``.
 
     Raises:
         ValueError: where another rule is asked for by name.
@@ -196,15 +292,27 @@ def whole_frame_sampling(settings: SimulatorSettings) -> TimeSampling:
     sampling = chosen_sampling(settings).sampling
     if sampling.interpolation == "linear":
         return sampling
-    if settings["sampling"] is not None or settings["tolerance"] is not None:
+    if settings.sampling is not None or settings.tolerance is not None:
         raise ArgumentError(
             "custom effects on light need whole frames, between which light runs straight: give {render_rate_hz} or "
             "{max_displacement_px}, got {!r}",
             sampling,
         )
-    return MaxDisplacement(1 / 6 if settings["accuracy"] == "exact" else 1 / 3)
+    return MaxDisplacement(1 / 6 if settings.accuracy == "exact" else 1 / 3)
 
 
-def _first(*values: float | None) -> float:
-    """The first that is given."""
+def first_given(*values: float | None) -> float:
+    """Return the first value that is not None."""
     return next(value for value in values if value is not None)
+
+
+def _check_exposure(effects: Effects, frame_rate_hz: float, height: int) -> None:
+    """Refuse frames whose exposure, or whose readout row by row, takes longer than the time between them."""
+    if effects.aps is None:
+        return
+    readout_us = effects.aps.readout_us(height)
+    for what, length_us in (("exposure", effects.aps.exposure_us), (f"readout of {height} rows", readout_us)):
+        if length_us * frame_rate_hz > 1e6:
+            raise ValueError(
+                f"the {what} of {length_us:g} us must not exceed the frames' period of {1e6 / frame_rate_hz:g} us"
+            )

@@ -1,4 +1,9 @@
-"""What is declared of a setting, and how values are checked and read from text by that declaration."""
+"""Declares settings as fields of frozen dataclasses, and checks values by what is declared.
+
+:func:`declare` puts a :class:`Declared` into a field's metadata; :func:`settings_of` reads it back; :func:`complete`
+checks values and makes the dataclass. All that takes settings goes this way, so that all refuse the same values in the
+same words.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +13,24 @@ import re
 import textwrap
 import types
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cache
-from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from ..._util.argument_checks import is_number
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean, names_of, no_argument, without_unit
 from ...sensor.effects import EFFECTS
 
-Settings = TypeVar("Settings")
-"""A TypedDict that declares settings: its keys are known to type checkers and editors."""
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
 class Declared:
-    """What a setting's annotation says besides its Python type.
+    """Holds what a setting has besides its name and its Python type.
 
     Attributes:
         help: one sentence, for ``--help``, docstrings and docs/settings.md.
-        default: of Python, of the command line and of plans alike.
+        default: of Python, of the command line and of plans alike; :func:`declare` fills it in.
         default_help: what None stands for, where None is the default.
         unit: of the number; "" where it has none.
         low, high: the smallest and largest value that is allowed.
@@ -42,7 +45,7 @@ class Declared:
     """
 
     help: str
-    default: Any = None
+    default: object = None
     default_help: str = ""
     unit: str = ""
     low: float = -math.inf
@@ -56,9 +59,38 @@ class Declared:
     text: type | None = object
 
 
+def declare(default: Value, declared: Declared) -> Value:
+    """Declare a field of a dataclass that derives from :class:`Settings`.
+
+    Args:
+        default: of the field.
+        declared: help, unit, range and whatever else options, keys and checks need.
+
+    Returns:
+        A ``dataclasses.field``; to type checkers it is the default.
+    """
+    return field(default=default, metadata={_DECLARED: replace(declared, default=default)})
+
+
+_DECLARED = "declared"
+"""The key of a field's metadata."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Holds settings, each a field with a default that comes from :func:`declare`; the base of all declarations."""
+
+    def by_name(self) -> dict[str, object]:
+        """Return the settings by name, in the order of their declaration; values are not copied."""
+        return {name: getattr(self, name) for name in settings_of(type(self))}
+
+
+SettingsType = TypeVar("SettingsType", bound=Settings)
+
+
 @dataclass(frozen=True)
 class Setting:
-    """A setting of a simulation: its name, its type and what is declared of it.
+    """Describes a setting as options, keys and checks see it: its name, its type and what is declared of it.
 
     Attributes:
         name: of the Python argument, and in meta.json; it ends with the unit where there is one.
@@ -76,32 +108,32 @@ class Setting:
 
     @property
     def key(self) -> str:
-        """Its name in plans: without the unit, which the docs tell."""
+        """Return its name in plans: without the unit, which the docs tell."""
         return without_unit(self.name)
 
     @property
     def option(self) -> str:
-        """Its option of the command line; one of a list is given at a time."""
+        """Return its option of the command line; a list is given one value at a time."""
         key = self.key.removesuffix("s") if self.kind is list else self.key
         return "--" + key.replace("_", "-")
 
     @property
     def range_text(self) -> str:
-        """The allowed values in words; "" where any value of the type is allowed."""
-        one = self.declared
-        if one.choices:
-            file = (f"a file ({', '.join(one.file_suffixes)})",) if one.file_suffixes else ()
-            return ", or ".join([", ".join(one.choices), *file])
-        if one.low == -math.inf and one.high == math.inf:
+        """Return the allowed values in words; "" where any value of the type is allowed."""
+        declared = self.declared
+        if declared.choices:
+            file = (f"a file ({', '.join(declared.file_suffixes)})",) if declared.file_suffixes else ()
+            return ", or ".join([", ".join(declared.choices), *file])
+        if declared.low == -math.inf and declared.high == math.inf:
             return ""
-        low, high = _number(one.low), _number(one.high)
-        if one.high == math.inf:
-            numbers = f"{'>' if one.above_low else '>='} {low}"
+        low, high = _number(declared.low), _number(declared.high)
+        if declared.high == math.inf:
+            numbers = f"{'>' if declared.above_low else '>='} {low}"
         else:
-            numbers = f"> {low} and <= {high}" if one.above_low else f"{low}..{high}"
-        return ", or ".join([numbers, *one.words])
+            numbers = f"> {low} and <= {high}" if declared.above_low else f"{low}..{high}"
+        return ", or ".join([numbers, *declared.words])
 
-    def check(self, value: Any) -> None:
+    def check(self, value: object) -> None:
         """Refuse a value that the declaration does not allow.
 
         Raises:
@@ -111,27 +143,27 @@ class Setting:
         if fault is not None:
             raise ArgumentError("{setting} must {}", fault, setting=self.name)
 
-    def _fault(self, value: Any) -> str | None:
-        """What the value must be, and is not; None where it is allowed."""
-        one = self.declared
+    def _fault(self, value: object) -> str | None:
+        """Say what the value must be and is not; return None where it is allowed."""
+        declared = self.declared
         if value is None:
-            return "be given, got None" if one.default is not None else None
-        if isinstance(value, str) and value in one.words:
+            return "be given, got None" if declared.default is not None else None
+        if isinstance(value, str) and value in declared.words:
             return None
-        if one.choices and isinstance(value, str) and not self._is_choice(value):
-            return f"be one of {self.range_text}, got {value!r}{did_you_mean(value, one.choices)}"
+        if declared.choices and isinstance(value, str) and not self._is_choice(value):
+            return f"be one of {self.range_text}, got {value!r}{did_you_mean(value, declared.choices)}"
         if self.types not in ((int,), (float,)):
             fits = isinstance(value, self.types)
-            form = f" ({one.metavar})" if one.metavar and str in self.types else ""
+            form = f" ({declared.metavar})" if declared.metavar and str in self.types else ""
             return None if fits else f"be {self.annotation.removesuffix(' | None')}{form}, got {value!r}"
         whole = self.types == (int,)
-        wanted = ", or ".join(["an integer" if whole else "a number", *one.words])
-        unit = f" {one.unit}" if one.unit else ""
+        wanted = ", or ".join(["an integer" if whole else "a number", *declared.words])
+        unit = f" {declared.unit}" if declared.unit else ""
         if not is_number(value, whole=whole):
             return f"be {wanted}, got {value!r}"
         if not math.isfinite(value):
             return f"be finite, got {value!r}"
-        if not one.low <= value <= one.high or (one.above_low and value == one.low):
+        if not declared.low <= value <= declared.high or (declared.above_low and value == declared.low):
             return f"be {self.range_text}{unit}, got {value!r}"
         return None
 
@@ -140,54 +172,61 @@ class Setting:
         return text in self.declared.choices or bool(suffixes and text.lower().endswith(suffixes))
 
 
-@cache
-def settings_of(declaration: type) -> Mapping[str, Setting]:
-    """The settings that a TypedDict declares, by name, those of its bases first."""
-    found = {}
-    for name, hint in get_type_hints(declaration, include_extras=True).items():
-        if get_origin(hint) is not Annotated:
-            raise TypeError(f"{declaration.__name__}.{name} is not declared: Annotated[..., Declared(...)] is needed")
-        annotation, declared = get_args(hint)
-        kind = _kind(annotation) if declared.text is object else declared.text
-        types = tuple(get_origin(one) or one for one in _members(annotation) if one is not type(None))
-        if declared.words:
-            types = tuple(one for one in types if one is not str)
-        found[name] = Setting(name, _shown(annotation), types, kind, declared)
-    return found
+_READ: dict[type[Settings], Mapping[str, Setting]] = {}
+"""What :func:`settings_of` has read: type hints are slow to resolve."""
 
 
-def complete(declaration: type[Settings], given: Mapping[str, object], *, of: Callable[..., Any] | str) -> Settings:
-    """The given settings, checked, and the defaults of all others.
+def settings_of(declaration: type[Settings]) -> Mapping[str, Setting]:
+    """Return the settings that a dataclass declares, by name, those of its bases first."""
+    if declaration not in _READ:
+        hints = get_type_hints(declaration)
+        _READ[declaration] = {
+            each.name: _setting(each.name, hints[each.name], each.metadata[_DECLARED]) for each in fields(declaration)
+        }
+    return _READ[declaration]
+
+
+def _setting(name: str, annotation: object, declared: Declared) -> Setting:
+    kind = _kind(annotation) if declared.text is object else declared.text
+    types = tuple(get_origin(member) or member for member in _members(annotation) if member is not type(None))
+    if declared.words:
+        types = tuple(member for member in types if member is not str)
+    return Setting(name, _shown(annotation), types, kind, declared)
+
+
+def complete(
+    declaration: type[SettingsType], given: Mapping[str, object], *, taker: Callable[..., Any] | str
+) -> SettingsType:
+    """Check the given settings and add the defaults of all others.
 
     Args:
-        declaration: the TypedDict that declares them.
+        declaration: the dataclass that declares them.
         given: by their names.
-        of: the function or class that takes them, or who else does, for messages.
+        taker: the function or class that takes them, or who else does, for messages.
 
     Raises:
         TypeError: for a name that is not declared, with the one that is close.
         ArgumentError: for a value that is not allowed.
     """
-    declared = settings_of(cast(type, declaration))
+    declared = settings_of(declaration)
     for name, value in given.items():
         if name not in declared:
-            known = declared if isinstance(of, str) else names_of(of)
+            known = declared if isinstance(taker, str) else names_of(taker)
             effects = {effect: f"effects={{{effect!r}: ...}}" for effect in EFFECTS} if "effects" in declared else {}
-            raise TypeError(no_argument(of, name, known, effects))
+            raise TypeError(no_argument(taker, name, known, effects))
         declared[name].check(value)
-    return cast(Settings, {name: given.get(name, setting.declared.default) for name, setting in declared.items()})
+    return declaration(**given)
 
 
-def only(declaration: type[Settings], given: Mapping[str, object]) -> Settings:
-    """Return those of the given settings that a declaration has."""
-    declared = settings_of(cast(type, declaration))
-    return cast(Settings, {name: value for name, value in given.items() if name in declared})
+def only(declaration: type[SettingsType], settings: Settings) -> SettingsType:
+    """Return those of the settings that a smaller declaration has."""
+    return declaration(**{name: getattr(settings, name) for name in settings_of(declaration)})
 
 
 Taker = TypeVar("Taker", bound=Callable[..., Any])
 
 
-def takes_settings(declaration: type) -> Callable[[Taker], Taker]:
+def takes_settings(declaration: type[Settings]) -> Callable[[Taker], Taker]:
     """Mark a function or a class whose ``**settings`` are those of a declaration.
 
     ``inspect.signature`` and ``help()`` then show each of them: the signature with its default, and the docstring with
@@ -198,12 +237,12 @@ def takes_settings(declaration: type) -> Callable[[Taker], Taker]:
         settings = settings_of(declaration).values()
         function: Any = vars(taker)["__init__"] if isinstance(taker, type) else taker
         plain = inspect.signature(function)
-        kept = [one for one in plain.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
+        kept = [each for each in plain.parameters.values() if each.kind is not inspect.Parameter.VAR_KEYWORD]
         listed = [
             inspect.Parameter(
-                one.name, inspect.Parameter.KEYWORD_ONLY, default=one.declared.default, annotation=one.annotation
+                each.name, inspect.Parameter.KEYWORD_ONLY, default=each.declared.default, annotation=each.annotation
             )
-            for one in settings
+            for each in settings
         ]
         function.__signature__ = plain.replace(parameters=[*kept, *listed])
         indent, mark, _ = (taker.__doc__ or "").partition("{settings}")
@@ -219,33 +258,33 @@ def takes_settings(declaration: type) -> Callable[[Taker], Taker]:
 
 
 def _argument(setting: Setting) -> str:
-    """A line of a docstring's Args."""
-    one = setting.declared
-    facts = ", ".join(part for part in (setting.annotation, one.unit, setting.range_text) if part)
-    default = one.default_help if one.default is None else repr(one.default)
-    return f"{setting.name} ({facts}): {one.help}{f'; default: {default}' if default else ''}."
+    """Return a line of a docstring's Args."""
+    declared = setting.declared
+    facts = ", ".join(fact for fact in (setting.annotation, declared.unit, setting.range_text) if fact)
+    default = declared.default_help if declared.default is None else repr(declared.default)
+    return f"{setting.name} ({facts}): {declared.help}{f'; default: {default}' if default else ''}."
 
 
 def _number(value: float) -> str:
-    """A bound of a range, as people write it."""
+    """Write a bound of a range as people do."""
     if value == 2**64 - 1:
         return "2^64 - 1"
     return str(int(value)) if math.isfinite(value) and value == int(value) else f"{value:g}"
 
 
-def _kind(annotation: Any) -> type | None:
-    kinds = [one for one in _members(annotation) if one is not type(None)]
+def _kind(annotation: object) -> type | None:
+    kinds = [member for member in _members(annotation) if member is not type(None)]
     if len(kinds) != 1 or kinds[0] not in (float, int, bool, str):
         raise TypeError(f"how is {annotation} given as text? Declared(text=...) must say so")
     kind: type = kinds[0]
     return kind
 
 
-def _members(annotation: Any) -> tuple[Any, ...]:
+def _members(annotation: object) -> tuple[Any, ...]:
     return get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
 
 
-def _shown(annotation: Any) -> str:
-    names = (str(one) if get_origin(one) else one.__name__ for one in _members(annotation))
+def _shown(annotation: object) -> str:
+    names = (str(member) if get_origin(member) else member.__name__ for member in _members(annotation))
     names = ("None" if name == "NoneType" else name for name in names)
     return re.sub(r"\b(?:\w+\.)+", "", " | ".join(names))

@@ -1,15 +1,16 @@
-"""The settings of a simulation, each declared once.
+"""Declares the settings of a simulation, each once, as a field of a frozen dataclass.
 
 Command-line options, keys of plans, the arguments of Python, what meta.json keeps and docs/settings.md all follow from
-these declarations.
+these fields. A dataclass lists its fields base by base from the last base to the first; tables and ``--help`` keep
+that order.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Annotated, Any, TypedDict
+from dataclasses import dataclass, replace
+from typing import Any
 
 from ...geometry.camera import PRESETS, Camera
 from ...io.dataset.files import EVENT_FILES
@@ -22,7 +23,7 @@ from ...sensor.imu import IMU_EFFECTS, Imu
 from ...sensor.motion_capture import MotionCapture
 from ...sensor.parameters import START_PHASES, SensorParameters
 from ...sensor.presets import RECORDED, SENSOR_SUFFIXES, SENSORS
-from .setting import Declared
+from .setting import Declared, Settings, declare
 
 _ACCURACY = "accuracy and cost"
 _TRUTH = "ground truth (docs/ground_truth.md)"
@@ -43,11 +44,12 @@ SENSOR = Declared(
 EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
 
 
-class PixelSettings(TypedDict, total=False):
-    """What the pixels are like, wherever their light comes from."""
+@dataclass(frozen=True, kw_only=True)
+class PixelSettings(Settings):
+    """Declares what the pixels are like, wherever their light comes from."""
 
-    contrast_threshold: Annotated[
-        float | None,
+    contrast_threshold: float | None = declare(
+        None,
         Declared(
             "C of ON events, in natural-log units",
             default_help="the sensor's, or else the scene's; 0.15 for frames",
@@ -55,13 +57,19 @@ class PixelSettings(TypedDict, total=False):
             above_low=True,
             metavar="C",
         ),
-    ]
-    contrast_threshold_off: Annotated[
-        float | None,
-        Declared("C of OFF events", default_help="the sensor's, or else as ON", low=0, above_low=True, metavar="C"),
-    ]
-    lux_per_luma: Annotated[
-        float | None,
+    )
+    contrast_threshold_off: float | None = declare(
+        None,
+        Declared(
+            "C of OFF events",
+            default_help="the sensor's, or else as ON",
+            low=0,
+            above_low=True,
+            metavar="C",
+        ),
+    )
+    lux_per_luma: float | None = declare(
+        None,
         Declared(
             "brightness: illuminance that one unit of luma stands for",
             default_help="the scene's; 1000 for frames",
@@ -70,61 +78,61 @@ class PixelSettings(TypedDict, total=False):
             above_low=True,
             metavar="LUX",
         ),
-    ]
-    start_phase: Annotated[
-        str | None,
+    )
+    start_phase: str | None = declare(
+        None,
         Declared(
             "where the pixels' references lie at the first frame: zero, at its log intensity; stationary, anywhere "
             "between both levels, as in a camera that has run before",
             default_help="stationary for a sensor, zero for ideal pixels",
             choices=START_PHASES,
         ),
-    ]
-    seed: Annotated[
-        int,
+    )
+    seed: int = declare(
+        0,
         Declared(
             "random seed of threshold mismatch, start phases, noise, IMU and motion capture, and of Mitsuba's "
             "integrators",
-            0,
             low=0,
             high=2**64 - 1,
             metavar="N",
             group=_ACCURACY,
         ),
-    ]
+    )
 
 
-class ViewSettings(PixelSettings, total=False):
-    """How the sensor sees the scene; the planner of effects needs these settings too."""
+@dataclass(frozen=True, kw_only=True)
+class ViewSettings(PixelSettings):
+    """Declares how the sensor sees the scene; the planner of effects needs these settings too."""
 
-    sensor: Annotated[
-        SensorParameters | str | os.PathLike[str] | None,
+    sensor: SensorParameters | str | os.PathLike[str] | None = declare(
+        None,
         replace(
             SENSOR,
             help=f"{SENSOR.help}; {RECORDED}: of a sequence of the dataset, that of its recording",
             choices=(*SENSORS, RECORDED),
         ),
-    ]
-    camera: Annotated[
-        Camera | str | os.PathLike[str] | None,
+    )
+    camera: Camera | str | os.PathLike[str] | None = declare(
+        None,
         Declared(
             f"lens and size of the image: {', '.join(PRESETS)}, or a calib.txt",
             default_help="the scene's",
             metavar="CAMERA",
             text=str,
         ),
-    ]
-    size: Annotated[
-        tuple[int, int] | str | None,
+    )
+    size: tuple[int, int] | str | None = declare(
+        None,
         Declared(
             "size of the image in pixels, which a calib.txt does not hold",
             default_help="the camera's or the sensor's",
             metavar="WxH",
             text=str,
         ),
-    ]
-    log_eps: Annotated[
-        float | None,
+    )
+    log_eps: float | None = declare(
+        None,
         Declared(
             "dark level: L = ln(luma + log_eps)",
             default_help="the sensor's dark current, or 0.001",
@@ -134,9 +142,9 @@ class ViewSettings(PixelSettings, total=False):
             above_low=True,
             metavar="Y",
         ),
-    ]
-    samples: Annotated[
-        int | str | None,
+    )
+    samples: int | str | None = declare(
+        None,
         Declared(
             "rays per pixel; auto: as many as keep the noise of Mitsuba's integrators below the noise share, or the "
             "default if there is no noise",
@@ -148,58 +156,62 @@ class ViewSettings(PixelSettings, total=False):
             group=_ACCURACY,
             text=int,
         ),
-    ]
-    noise_share: Annotated[
-        float,
+    )
+    noise_share: float = declare(
+        0.05,
         Declared(
             "share of events that the noise of Mitsuba's integrators may make missing or spurious: the run warns "
             "if there are more, and samples=auto stays below it",
-            0.05,
             low=0,
             high=1,
             above_low=True,
             metavar="SHARE",
             group=_ACCURACY,
         ),
-    ]
-    matte: Annotated[
-        bool,
+    )
+    matte: bool = declare(
+        False,
         Declared(
             "render materials with highlights or bumps by their diffuse colour alone, so that the native renderer can "
             "render them",
-            False,
             group=_ACCURACY,
         ),
-    ]
-    renderer: Annotated[
-        str,
+    )
+    renderer: str = declare(
+        "auto",
         Declared(
-            f"renderer: {', '.join(f'{kind.name} ({kind.does})' for kind in KINDS.values())}, or auto: the first "
+            f"renderer: {', '.join(f'{kind.name} ({kind.summary})' for kind in KINDS.values())}, or auto: the first "
             f"possible one of {', '.join(kind.name for kind in AUTOMATIC)}",
-            "auto",
             choices=RENDERERS,
             group=_ACCURACY,
         ),
-    ]
-    bake_error: Annotated[
-        float,
+    )
+    bake_error: float = declare(
+        BAKE_ERROR,
         Declared(
             "relative error of baked light that is allowed (docs/light.md)",
-            BAKE_ERROR,
             low=1e-3,
             high=1,
             metavar="SHARE",
             group=_ACCURACY,
         ),
-    ]
-    blur: Annotated[bool | None, Declared("3 x 3 blur of luma", default_help="as the scene has it", group=_ACCURACY)]
+    )
+    blur: bool | None = declare(
+        None,
+        Declared(
+            "3 x 3 blur of luma",
+            default_help="as the scene has it",
+            group=_ACCURACY,
+        ),
+    )
 
 
-class EffectsToleranceSettings(TypedDict, total=False):
-    """How effects are planned."""
+@dataclass(frozen=True, kw_only=True)
+class EffectsToleranceSettings(Settings):
+    """Declares how effects are planned."""
 
-    effects_tolerance: Annotated[
-        float | None,
+    effects_tolerance: float | None = declare(
+        None,
         Declared(
             "for planned effects: the relative error in event count, rate or time that leaving an effect out may cause "
             "(docs/effects.md)",
@@ -209,18 +221,20 @@ class EffectsToleranceSettings(TypedDict, total=False):
             metavar="SHARE",
             group=EFFECTS,
         ),
-    ]
+    )
 
 
-class PlanSettings(ViewSettings, EffectsToleranceSettings, total=False):
-    """The settings of :func:`~davis_rs.plan_effects`."""
+@dataclass(frozen=True, kw_only=True)
+class PlanSettings(EffectsToleranceSettings, ViewSettings):
+    """Declares the settings of :func:`~davis_rs.plan_effects`."""
 
 
-class EngineSettings(TypedDict, total=False):
-    """How the crossing engine runs."""
+@dataclass(frozen=True, kw_only=True)
+class EngineSettings(Settings):
+    """Declares how the crossing engine runs."""
 
-    threads: Annotated[
-        int | None,
+    threads: int | None = declare(
+        None,
         Declared(
             "number of threads of the native renderer and of the crossing engine; results do not depend on it",
             default_help="as many as are useful",
@@ -229,23 +243,23 @@ class EngineSettings(TypedDict, total=False):
             metavar="N",
             group=_ACCURACY,
         ),
-    ]
+    )
 
 
-class FolderFileSettings(TypedDict, total=False):
-    """How frames and events are written into a folder."""
+@dataclass(frozen=True, kw_only=True)
+class FolderFileSettings(Settings):
+    """Declares how frames and events are written into a folder."""
 
-    events_format: Annotated[
-        str,
+    events_format: str = declare(
+        "text",
         Declared(
             "format of the folder's events: text (events.txt), or another file in its place (docs/formats.md)",
-            "text",
             choices=tuple(EVENT_FILES),
         ),
-    ]
+    )
 
-    image_gain: Annotated[
-        float | None,
+    image_gain: float | None = declare(
+        None,
         Declared(
             "gain of the 8-bit frames: grey = 255 x image gain x luma",
             default_help="chosen from the first frame",
@@ -253,34 +267,46 @@ class FolderFileSettings(TypedDict, total=False):
             above_low=True,
             metavar="GAIN",
         ),
-    ]
+    )
 
 
-class SamplingSettings(ViewSettings, EngineSettings, total=False):
-    """What the sensor records, and how finely time is sampled."""
+@dataclass(frozen=True, kw_only=True)
+class SamplingSettings(EngineSettings, ViewSettings):
+    """Declares what the sensor records, and how finely time is sampled."""
 
-    frame_rate_hz: Annotated[
-        float,
+    frame_rate_hz: float = declare(
+        40.0,
         Declared(
             "rate of intensity frames, the first at t = 0; 0 for none",
-            40.0,
             unit="Hz",
             low=0,
             high=1e6,
             metavar="HZ",
         ),
-    ]
-    depth_rate_hz: Annotated[
-        float, Declared("rate of depth maps; 0 for none", 40.0, unit="Hz", low=0, high=1e6, metavar="HZ")
-    ]
-    flow_rate_hz: Annotated[
-        float,
+    )
+    depth_rate_hz: float = declare(
+        40.0,
         Declared(
-            "rate of maps of optical flow; 0 for none", 0.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_TRUTH
+            "rate of depth maps; 0 for none",
+            unit="Hz",
+            low=0,
+            high=1e6,
+            metavar="HZ",
         ),
-    ]
-    flow_interval_s: Annotated[
-        float | None,
+    )
+    flow_rate_hz: float = declare(
+        0.0,
+        Declared(
+            "rate of maps of optical flow; 0 for none",
+            unit="Hz",
+            low=0,
+            high=1e6,
+            metavar="HZ",
+            group=_TRUTH,
+        ),
+    )
+    flow_interval_s: float | None = declare(
+        None,
         Declared(
             "write with each map of flow how far points move in the image in this time, and which are then hidden",
             default_help="none",
@@ -290,42 +316,39 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
             metavar="S",
             group=_TRUTH,
         ),
-    ]
-    mask_rate_hz: Annotated[
-        float,
+    )
+    mask_rate_hz: float = declare(
+        0.0,
         Declared(
             "rate of maps of the shapes that the pixels see; 0 for none",
-            0.0,
             unit="Hz",
             low=0,
             high=1e6,
             metavar="HZ",
             group=_TRUTH,
         ),
-    ]
-    normal_rate_hz: Annotated[
-        float,
+    )
+    normal_rate_hz: float = declare(
+        0.0,
         Declared(
             "rate of maps of the surfaces' normals; 0 for none",
-            0.0,
             unit="Hz",
             low=0,
             high=1e6,
             metavar="HZ",
             group=_TRUTH,
         ),
-    ]
-    accuracy: Annotated[
-        str,
+    )
+    accuracy: str = declare(
+        DEFAULT_ACCURACY,
         Declared(
             "a preset of docs/accuracy.md; settings of sampling in time, samples and refine override their part of it",
-            DEFAULT_ACCURACY,
             choices=tuple(ACCURACY),
             group=_ACCURACY,
         ),
-    ]
-    render_rate_hz: Annotated[
-        float | None,
+    )
+    render_rate_hz: float | None = declare(
+        None,
         Declared(
             "render at a fixed rate, and also at frames, at depth maps and at the ends of packets (40 per second)",
             unit="Hz",
@@ -335,9 +358,9 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
             metavar="HZ",
             group=_ACCURACY,
         ),
-    ]
-    max_displacement_px: Annotated[
-        float | None,
+    )
+    max_displacement_px: float | None = declare(
+        None,
         Declared(
             "render whenever the image has moved by this many pixels; 1/3 in the paper",
             unit="px",
@@ -347,9 +370,9 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
             metavar="PX",
             group=_ACCURACY,
         ),
-    ]
-    tolerance: Annotated[
-        float | None,
+    )
+    tolerance: float | None = declare(
+        None,
         Declared(
             "render often enough to keep the error of log luma below this share of C",
             low=0,
@@ -358,18 +381,25 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
             metavar="SHARE",
             group=_ACCURACY,
         ),
-    ]
-    sampling: Annotated[TimeSampling | None, Declared("your own rule of sampling in time", text=None, group=_ACCURACY)]
-    refine: Annotated[
-        bool | None,
+    )
+    sampling: TimeSampling | None = declare(
+        None,
+        Declared(
+            "your own rule of sampling in time",
+            text=None,
+            group=_ACCURACY,
+        ),
+    )
+    refine: bool | None = declare(
+        None,
         Declared(
             "refine each event's time to the microsecond with the renderer; slow, ideal pixels only",
             default_help="as the accuracy says",
             group=_ACCURACY,
         ),
-    ]
-    poses_per_launch: Annotated[
-        int | None,
+    )
+    poses_per_launch: int | None = declare(
+        None,
         Declared(
             "poses that are rendered in one call; results do not depend on it",
             default_help="the renderer's choice",
@@ -377,14 +407,15 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
             text=None,
             group=_ACCURACY,
         ),
-    ]
+    )
 
 
-class CustomSettings(SamplingSettings, total=False):
-    """What a user adds of their own."""
+@dataclass(frozen=True, kw_only=True)
+class CustomSettings(SamplingSettings):
+    """Declares what a user adds of their own."""
 
-    custom_effects: Annotated[
-        object | None,
+    custom_effects: object | None = declare(
+        None,
         Declared(
             "an effect of your own, in Python (docs/effects.md): MODULE:NAME or FILE.py:NAME; from Python also objects",
             default_help="none",
@@ -392,28 +423,30 @@ class CustomSettings(SamplingSettings, total=False):
             text=list,
             group=EFFECTS,
         ),
-    ]
+    )
 
 
-class SimulatorSettings(CustomSettings, total=False):
-    """The settings of :class:`~davis_rs.Simulator`."""
+@dataclass(frozen=True, kw_only=True)
+class SimulatorSettings(CustomSettings):
+    """Declares the settings of :class:`~davis_rs.Simulator`."""
 
-    effects: Annotated[
-        EffectsLike | None,
+    effects: EffectsLike | None = declare(
+        None,
         Declared(
             "effects; each is added to the sensor's, or replaces the sensor's of the same name",
             default_help="the sensor's",
             text=None,
             group=EFFECTS,
         ),
-    ]
+    )
 
 
-class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
-    """The settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
+@dataclass(frozen=True, kw_only=True)
+class SimulationSettings(EffectsToleranceSettings, CustomSettings):
+    """Declares the settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
 
-    effects: Annotated[
-        EffectsLike | None,
+    effects: EffectsLike | None = declare(
+        None,
         Declared(
             f"effects {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same name. auto "
             "takes those effects of the sensor (davis240c if not given) that matter in this scene",
@@ -422,23 +455,25 @@ class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
             text=list,
             group=EFFECTS,
         ),
-    ]
+    )
 
 
-class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
-    """The settings of :func:`~davis_rs.simulate_to_folder`: a simulation's, and what is written next to the events."""
+@dataclass(frozen=True, kw_only=True)
+class FolderSettings(FolderFileSettings, SimulationSettings):
+    """Declares the settings of :func:`~davis_rs.simulate_to_folder`: a simulation's, and what is written next to the
+    events."""
 
-    accept_noise: Annotated[
-        bool | None,
+    accept_noise: bool | None = declare(
+        None,
         Declared(
             "run even if the noise of Mitsuba's integrators makes more than 20 % of the events missing or spurious (or "
             "than noise_share, if that is more); if that is not accepted, such a run is refused before it renders",
             default_help="such a run is refused; in Python it only warns",
             group=_ACCURACY,
         ),
-    ]
-    imu: Annotated[
-        Imu | str | None,
+    )
+    imu: Imu | str | None = declare(
+        None,
         Declared(
             "write imu.txt: ideal (at the camera's centre), davis (ideal, where the DAVIS240C has it), mpu6150 (there, "
             "with all of its effects), none",
@@ -447,9 +482,9 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
             group=_INERTIAL,
             text=str,
         ),
-    ]
-    imu_rate_hz: Annotated[
-        float | None,
+    )
+    imu_rate_hz: float | None = declare(
+        None,
         Declared(
             "rate of the IMU's samples",
             default_help="1000",
@@ -459,18 +494,18 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
             metavar="HZ",
             group=_INERTIAL,
         ),
-    ]
-    imu_effects: Annotated[
-        Mapping[str, Any] | str | Sequence[str | Effect] | None,
+    )
+    imu_effects: Mapping[str, Any] | str | Sequence[str | Effect] | None = declare(
+        None,
         Declared(
             f"imperfections of the IMU, in addition to those of --imu or in place of them: {', '.join(IMU_EFFECTS)}",
             metavar=EFFECT_FORM,
             text=list,
             group=_INERTIAL,
         ),
-    ]
-    flow_png: Annotated[
-        str | None,
+    )
+    flow_png: str | None = declare(
+        None,
         Declared(
             "write displacements (flow_interval) as 16-bit PNG too: kitti (steps of 1/64 px, up to 512 px) or dsec "
             "(1/128 px, up to 256 px)",
@@ -478,42 +513,40 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
             choices=("kitti", "dsec"),
             group=_TRUTH,
         ),
-    ]
-    event_truth: Annotated[
-        str | None,
+    )
+    event_truth: str | None = declare(
+        None,
         Declared(
             "write depth, flow and shape at each event's own pixel and time: into event_truth.h5 or event_truth.npz",
             default_help="none",
             choices=("h5", "npz"),
             group=_TRUTH,
         ),
-    ]
-    velocity_rate_hz: Annotated[
-        float,
+    )
+    velocity_rate_hz: float = declare(
+        0.0,
         Declared(
             "write velocity.txt at this rate: the camera's velocities and accelerations; 0 for none",
-            0.0,
             unit="Hz",
             low=0,
             high=1e6,
             metavar="HZ",
             group=_TRUTH,
         ),
-    ]
-    pose_rate_hz: Annotated[
-        float,
+    )
+    pose_rate_hz: float = declare(
+        200.0,
         Declared(
             "rate of the ground truth's poses; 0 for none",
-            200.0,
             unit="Hz",
             low=0,
             high=1e6,
             metavar="HZ",
             group=_INERTIAL,
         ),
-    ]
-    pose_noise_m: Annotated[
-        float | None,
+    )
+    pose_noise_m: float | None = declare(
+        None,
         Declared(
             "standard deviation of the noise of ground-truth positions",
             default_help="0",
@@ -522,9 +555,9 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
             metavar="M",
             group=_INERTIAL,
         ),
-    ]
-    rotation_noise_rad: Annotated[
-        float | None,
+    )
+    rotation_noise_rad: float | None = declare(
+        None,
         Declared(
             "standard deviation of the noise of ground-truth rotations",
             default_help="0",
@@ -533,9 +566,9 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
             metavar="RAD",
             group=_INERTIAL,
         ),
-    ]
-    clock_offset_s: Annotated[
-        float | None,
+    )
+    clock_offset_s: float | None = declare(
+        None,
         Declared(
             "time that the clock of the ground truth shows at the camera's start",
             default_help="0",
@@ -543,9 +576,9 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
             metavar="S",
             group=_INERTIAL,
         ),
-    ]
-    clock_drift_ms_per_min: Annotated[
-        float | None,
+    )
+    clock_drift_ms_per_min: float | None = declare(
+        None,
         Declared(
             "drift of the clock of the ground truth; 2 in the paper",
             default_help="0",
@@ -553,12 +586,12 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
             metavar="MS_PER_MIN",
             group=_INERTIAL,
         ),
-    ]
-    motion_capture: Annotated[
-        MotionCapture | None,
+    )
+    motion_capture: MotionCapture | None = declare(
+        None,
         Declared(
             "a motion-capture system that gives the ground truth, in place of the five settings above",
             text=None,
             group=_INERTIAL,
         ),
-    ]
+    )

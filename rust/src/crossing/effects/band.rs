@@ -12,19 +12,21 @@
 //! - [`Band::undo`] restores everything that [`Band::advance`] changes.
 
 use super::arrivals::Arrivals;
+use super::chords::{Chords, Start, number_of_chords};
 use super::excursion::Excursion;
-use super::input::{Input, LowPass, bend};
+use super::input::{Input, LowPass};
 use super::leak::{LeakJitter, Leaks};
 use super::noise::Noise;
 use super::scan::{
     FilterStep, TwoOutputs, TwoSteps, low_pass, mark_out_of_bounds, mark_sign_changes, mark_turns, two_low_passes,
 };
 use super::sensor::Sensor;
-use super::timeline::{FREE, Pixel};
+use super::timeline::{FREE, Pixel, bounds};
 use crate::crossing::band::Interval;
 use crate::crossing::core::Push;
 use crate::crossing::frame::SparseSamples;
 use crate::crossing::level::{Level, Thresholds};
+use crate::crossing::line::Line;
 use crate::crossing::parameters::CrossingParameters;
 use crate::crossing::record::NEVER;
 use crate::crossing::room::{Allowance, Full, Room};
@@ -104,6 +106,7 @@ struct Tile {
     leaked: Vec<f64>,
     will_leak: Vec<f64>,
     marked: Vec<bool>,
+    chords: Chords,
     /// Log intensity of one pixel's sparse samples.
     sparse: Vec<f64>,
 }
@@ -124,6 +127,7 @@ impl Tile {
             leaked,
             will_leak,
             marked: vec![false; TILE],
+            chords: Chords::default(),
             sparse: vec![],
         }
     }
@@ -198,13 +202,10 @@ impl Band {
         }
     }
 
-    /// Rounded inward: the reference is within 1e-9, adding rounds by less, and what has leaked for long by its own ulp.
     fn set_bounds(&mut self, i: usize, c: Thresholds) {
         let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
-        let reference = self.references[i].value(c);
-        let margin = 3e-9 + 4.0 * f64::EPSILON * reference.abs();
-        self.low[i] = if held { f64::NEG_INFINITY } else { reference - c.off + margin };
-        self.high[i] = if held { f64::INFINITY } else { reference + c.on - margin };
+        let free = bounds(self.references[i], c);
+        (self.low[i], self.high[i]) = if held { (f64::NEG_INFINITY, f64::INFINITY) } else { free };
     }
 
     /// Runs the band's pixels over a frame, within an allowance of events: then [`Self::settle`], or [`Self::undo`].
@@ -296,6 +297,7 @@ impl Band {
         sensor: &Sensor,
     ) {
         let (n, tile, at) = (end - start, &mut self.tile, share.at);
+        tile.chords.begin(at.ticks);
         S::logs(&share.new[start..end], p.log_eps, &mut tile.logs[..n]);
         if let Some(rates) = share.rates {
             let samples = share.new[start..end].iter().zip(&rates[start..end]);
@@ -317,10 +319,15 @@ impl Band {
             } else {
                 low_pass(bandwidth, ticks, before, input, (decay, output));
             }
+            if share.rates.is_some() {
+                self.see_chords(start, end, share, sensor);
+            }
+            let tile = &mut self.tile;
             tile.seen[..n].copy_from_slice(&tile.filtered[..n]);
         } else {
             tile.seen[..n].copy_from_slice(&tile.logs[..n]);
         }
+        let tile = &mut self.tile;
         if !self.leaks.dark.is_empty() {
             let (elapsed_us, ticks) = (sensor.elapsed(at.start_us), at.ticks as f64);
             for k in 0..n {
@@ -329,6 +336,31 @@ impl Band {
                 tile.seen[k] += tile.will_leak[k];
                 self.leaks.note(start + k, &drift, ticks);
             }
+        }
+    }
+
+    /// Computes what the low-passes of a tile come to where their input is so bent that it is taken as chords.
+    ///
+    /// Sparse samples of a pixel have straight lines between them, so it needs none.
+    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
+    fn see_chords<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, sensor: &Sensor) {
+        let (tile, first, ticks) = (&mut self.tile, self.first_pixel + start, share.at.ticks);
+        let sparse = share.sparse.of(first, self.first_pixel + end).pixel;
+        let seconds = ticks as f64 * 1e-6;
+        for i in 0..end - start {
+            let line = Line { from: self.logs[start + i], to: tile.logs[i], ticks };
+            let slopes = (self.slopes[start + i] * seconds, tile.slopes[i] * seconds);
+            let chords = number_of_chords(slopes, line.to - line.from, sensor.tolerance, ticks);
+            if chords > 1 && sparse.binary_search(&((first + i) as u32)).is_err() {
+                tile.chords.add(i, line, slopes, chords);
+            }
+        }
+        let photoreceptor = self.photoreceptor.get(start..end).unwrap_or_default();
+        let before = Start { photoreceptor, filtered: &self.filtered[start..end] };
+        tile.chords.filter(sensor.effects.photoreceptor_bandwidth, &before);
+        for (i, node) in tile.chords.ends() {
+            (tile.photoreceptor[i], tile.filtered[i]) = (node.photoreceptor, node.filtered);
         }
     }
 
@@ -358,17 +390,16 @@ impl Band {
                 mark_sign_changes(&filter_step, leaked, bounds, marked);
             }
         }
-        if share.rates.is_some() {
+        if share.rates.is_some() && self.filtered.is_empty() {
             let seconds = ticks * 1e-6;
-            for i in 0..n {
+            for (i, marked) in marked.iter_mut().enumerate() {
                 let slopes = (self.slopes[start + i] * seconds, tile.slopes[i] * seconds);
                 let leaked = if self.leaks.dark.is_empty() { 0.0 } else { tile.will_leak[i] - tile.leaked[i] };
-                marked[i] |= if self.filtered.is_empty() {
-                    (slopes.0 + leaked) * (slopes.1 + leaked) < 0.0
-                } else {
-                    bend(slopes, tile.logs[i] - from[i]) > sensor.tolerance
-                };
+                *marked |= (slopes.0 + leaked) * (slopes.1 + leaked) < 0.0;
             }
+        }
+        for (i, (least, most)) in tile.chords.extents() {
+            marked[i] |= most + tile.will_leak[i] >= bounds.1[i] || least + tile.leaked[i] <= bounds.0[i];
         }
         for (marked, &held) in marked.iter_mut().zip(self.held_us.get(start..end).unwrap_or_default()) {
             *marked |= held > FREE && held <= ticks;
@@ -448,21 +479,23 @@ impl Band {
             ],
         };
         let input = Input { drift, from: self.logs[i], to: self.tile.logs[in_tile], ticks: at.ticks };
-        let low_pass = self.filtered.get(i).map(|&before| {
-            self.tile.filtered[in_tile] = before;
-            let photoreceptor = self.photoreceptor.get(i).map(|&before| {
-                self.tile.photoreceptor[in_tile] = before;
-                &mut self.tile.photoreceptor[in_tile]
-            });
-            let bandwidth = sensor.effects.photoreceptor_bandwidth;
-            LowPass { bandwidth, photoreceptor, output: &mut self.tile.filtered[in_tile] }
-        });
+        let bandwidth = sensor.effects.photoreceptor_bandwidth;
         let sparse = share.sparse.of(index, index + 1);
-        if share.rates.is_some() && sparse.is_empty() {
+        if let Some(nodes) = self.tile.chords.nodes(in_tile) {
+            input.follow_chords(&mut pixel, nodes, (bandwidth, !self.photoreceptor.is_empty()), emit);
+        } else if share.rates.is_some() && sparse.is_empty() && self.filtered.is_empty() {
             let seconds = at.ticks as f64 * 1e-6;
             let slopes = (self.slopes[i] * seconds, self.tile.slopes[in_tile] * seconds);
-            input.follow_cubic(&mut pixel, slopes, sensor.tolerance, low_pass, emit);
+            input.follow_cubic(&mut pixel, slopes, emit);
         } else {
+            let low_pass = self.filtered.get(i).map(|&before| {
+                self.tile.filtered[in_tile] = before;
+                let photoreceptor = self.photoreceptor.get(i).map(|&before| {
+                    self.tile.photoreceptor[in_tile] = before;
+                    &mut self.tile.photoreceptor[in_tile]
+                });
+                LowPass { bandwidth, photoreceptor, output: &mut self.tile.filtered[in_tile] }
+            });
             self.tile.sparse.resize(sparse.samples.len(), 0.0);
             S::logs(sparse.samples, p.log_eps, &mut self.tile.sparse);
             let ticks = sparse.t_us.iter().map(|t_us| t_us - at.start_us);

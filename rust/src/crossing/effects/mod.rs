@@ -10,7 +10,7 @@
 //! - [`shot_noise`] and [`hot_pixels`] draw the arrivals of [`noise`]. An [`excursion`] is what follows an arrival of
 //!   shot noise.
 //! - [`leak`] is the drift of references. [`filtered`] is the output curve of one low-pass, [`two_poles`] that of two.
-//! - [`input`] is what a pixel sees over an interval, and [`timeline`] what happens to the pixel on the way.
+//! - [`input`] is what a pixel sees over an interval, [`chords`] takes a cubic as straight lines, and [`timeline`] what happens to the pixel on the way.
 //! - [`scan`] finds the pixels to which something may happen. [`band`] takes a band of rows, with an [`estimate`] of
 //!   the events that it makes. [`core`] runs the bands on threads, and [`sensor`] holds what is the same for all
 //!   pixels.
@@ -20,8 +20,11 @@
 //! What must not break: every draw is a function of (seed, purpose, pixel, index). So draws depend neither on threads
 //! nor on when frames come.
 
+#[cfg(test)]
+mod against_chords;
 mod arrivals;
 mod band;
+mod chords;
 mod core;
 mod estimate;
 mod excursion;

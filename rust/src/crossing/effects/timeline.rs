@@ -35,7 +35,31 @@ pub(crate) struct Pixel<'a> {
     pub(crate) noise: [Option<(Noise, &'a mut Arrivals)>; 2],
 }
 
+/// Between these a comparator sees no level of a pixel with this reference; where one lies at or beyond them, it may.
+///
+/// Rounded inward: the reference is within 1e-9, adding rounds by less, and what has leaked for long by its own ulp.
+pub(super) fn bounds(reference: Level, c: Thresholds) -> (f64, f64) {
+    let reference = reference.value(c);
+    let margin = 3e-9 + 4.0 * f64::EPSILON * reference.abs();
+    (reference - c.off + margin, reference + c.on - margin)
+}
+
 impl Pixel<'_> {
+    /// Returns whether nothing can happen to it until `finish`, if what its comparators see stays from `least` to `most`.
+    ///
+    /// Then [`Self::follow`] would change nothing, and need not be called.
+    pub(super) fn rests_until(&self, finish: f64, (least, most): (f64, f64)) -> bool {
+        let held = *self.held_until_us > FREE;
+        if held && *self.held_until_us <= finish || self.excursion.is_on() && self.excursion.until_us <= finish {
+            return false;
+        }
+        if self.next_noise().is_some_and(|(_, at)| at <= finish) {
+            return false;
+        }
+        let (low, high) = bounds(*self.reference, self.c);
+        held || low < least && most < high
+    }
+
     /// Follows a curve that begins at `offset` of the interval; calls `emit(tick, on)` for each event, ticks counted
     /// from the interval's start.
     ///

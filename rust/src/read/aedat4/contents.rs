@@ -11,8 +11,9 @@ use super::unpack::unpack;
 use crate::error::{Error, Result};
 
 impl Aedat4Decoder {
-    /// A decoder of the packets that hold the events with `start_us` <= t < `stop_us`, to the first of which `source` is
-    /// moved; of all packets in a file without a table of contents. A packet may unpack to `max_packet_bytes`.
+    /// Returns a decoder of the packets that hold the events with `start_us` <= t < `stop_us`, to the first of which
+    /// `source` is moved; of all packets in a file without a table of contents. A packet may unpack to
+    /// `max_packet_bytes`.
     ///
     /// # Errors
     /// [`Error::Io`] if the source refuses; [`Error::Format`] for a malformed header.
@@ -24,28 +25,29 @@ impl Aedat4Decoder {
             source.by_ref().take(u32::from_le_bytes(*size).into()).read_to_end(&mut begin).map_err(io())?;
         }
         let mut decoder = Packets::new(max_packet_bytes);
-        let place = if let Some(mut header) = Header::parse(&begin)? {
-            let mut place = header.length;
-            if let Some(table) = header.table_place {
+        let offset = if let Some(mut header) = Header::parse(&begin)? {
+            let mut offset = header.length;
+            if let Some(table) = header.table_offset {
                 let mut bytes = Vec::new();
                 source.seek(SeekFrom::Start(table as u64)).map_err(io())?;
                 source.by_ref().take(max_packet_bytes as u64).read_to_end(&mut bytes).map_err(io())?;
                 // All packets, if the table cannot be read.
                 let packets = packets(&bytes, &header, &times, max_packet_bytes).unwrap_or(header.length..table);
-                place = packets.start;
-                header.table_place = Some(packets.end);
+                offset = packets.start;
+                header.table_offset = Some(packets.end);
             }
-            (decoder.header, decoder.place) = (Some(header), place);
-            place
+            (decoder.header, decoder.offset) = (Some(header), offset);
+            offset
         } else {
             0
         };
-        source.seek(SeekFrom::Start(place as u64)).map_err(io())?;
+        source.seek(SeekFrom::Start(offset as u64)).map_err(io())?;
         Ok(Self(decoder))
     }
 }
 
-/// From the first packet that a slice needs to the end of the last one; None if the table cannot be read.
+/// Returns the bytes from the first packet that a slice needs to the end of the last one; None if the table cannot be
+/// read.
 fn packets(frame: &[u8], header: &Header, times: &Range<i64>, limit: usize) -> Option<Range<usize>> {
     let mut bytes = Vec::new();
     if header.compression == 0 {
@@ -60,15 +62,15 @@ fn packets(frame: &[u8], header: &Header, times: &Range<i64>, limit: usize) -> O
     let mut needed = header.length..header.length;
     for entry in buffer.tables(buffer.field(buffer.root()?, 0)?)? {
         let entry = entry?;
-        let number = |index| buffer.field(entry, index).map_or(Some(0), |place| buffer.i64(place));
-        let place = usize::try_from(number(0)?).ok()?;
+        let number = |index| buffer.field(entry, index).map_or(Some(0), |offset| buffer.i64(offset));
+        let offset = usize::try_from(number(0)?).ok()?;
         let info = buffer.field(entry, 1)?;
         let (stream, size) = (buffer.i32(info)?, usize::try_from(buffer.i32(info + 4)?).ok()?);
-        // A packet's head of eight bytes stands before its place.
-        let place = place.checked_sub(8).filter(|&place| place >= header.length)?;
+        // A packet's head of eight bytes stands before its offset.
+        let offset = offset.checked_sub(8).filter(|&offset| offset >= header.length)?;
         if header.kind_of(stream) == Some(Kind::Events) && number(4)? >= times.start && number(3)? < times.end {
-            let end = place.checked_add(8 + size)?;
-            needed = if needed.is_empty() { place..end } else { needed.start.min(place)..needed.end.max(end) };
+            let end = offset.checked_add(8 + size)?;
+            needed = if needed.is_empty() { offset..end } else { needed.start.min(offset)..needed.end.max(end) };
         }
     }
     Some(needed)

@@ -35,7 +35,7 @@ pub(super) fn frame(bytes: &[u8]) -> Result<Aedat4Frame, String> {
         let time = |index| buffer.number(root, index, i64::from_le_bytes, 0);
         let side = |index| buffer.number(root, index, i16::from_le_bytes, 0);
         let values = match buffer.field(root, 10) {
-            Some(place) => buffer.vector(place, 1)?,
+            Some(offset) => buffer.vector(offset, 1)?,
             None => &[],
         };
         let times = [time(0)?, time(1)?, time(2)?, time(3)?, time(4)?, time(11)?];
@@ -89,7 +89,7 @@ fn fits([width, height, ..]: [i16; 4], pixel: usize, values: &[u8]) -> bool {
     width * height * pixel == values.len()
 }
 
-/// The intensity of a pixel whose colours come as blue, green, red.
+/// Returns the intensity of a pixel whose colours come as blue, green, red.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a mean of 16 bits")]
 fn grey(pixel: &[u16]) -> u16 {
     let [blue, green, red] = [0, 1, 2].map(|channel| f64::from(pixel[channel]));

@@ -1,4 +1,4 @@
-//! The header: magic line, compression, place of the table of contents, and the streams in DV's XML.
+//! The header: magic line, compression, offset of the table of contents, and the streams in DV's XML.
 
 use super::flatbuffer::Flatbuffer;
 use crate::error::{Error, Result};
@@ -47,13 +47,13 @@ pub(super) struct Header {
     /// 0 none, 1 and 2 LZ4, 3 and 4 Zstandard.
     pub(super) compression: i32,
     /// Where the packets end, if a table of contents was written.
-    pub(super) table_place: Option<usize>,
+    pub(super) table_offset: Option<usize>,
     /// By their numbers.
     pub(super) streams: Vec<Stream>,
 }
 
 impl Header {
-    /// The header at the beginning of `bytes`, once it is there.
+    /// Returns the header at the beginning of `bytes`, once it is there.
     pub(super) fn parse(bytes: &[u8]) -> Result<Option<Self>> {
         let known = bytes.len().min(MAGIC.len());
         if bytes[..known] != MAGIC[..known] {
@@ -80,24 +80,24 @@ impl Header {
             return None;
         }
         let root = buffer.root()?;
-        let compression = buffer.field(root, 0).map_or(Some(0), |place| buffer.i32(place))?;
-        let table_place = buffer.field(root, 1).map_or(Some(-1), |place| buffer.i64(place))?;
+        let compression = buffer.field(root, 0).map_or(Some(0), |offset| buffer.i32(offset))?;
+        let table_offset = buffer.field(root, 1).map_or(Some(-1), |offset| buffer.i64(offset))?;
         let xml = std::str::from_utf8(buffer.vector(buffer.field(root, 2)?, 1)?).ok()?;
         if !(0..=4).contains(&compression) {
             let rule = format!("compression must be 0 (none), 1, 2 (LZ4), 3 or 4 (Zstandard), not {compression}");
             return Some(Err(fault(&rule, MAGIC.len())));
         }
-        // A place that is no place behind the header means, like -1, that there is none.
-        let table_place = usize::try_from(table_place).ok().filter(|&place| place >= length);
-        Some(streams(xml).map(|streams| Self { length, compression, table_place, streams }))
+        // An offset that lies not behind the header means, like -1, that there is none.
+        let table_offset = usize::try_from(table_offset).ok().filter(|&offset| offset >= length);
+        Some(streams(xml).map(|streams| Self { length, compression, table_offset, streams }))
     }
 
-    /// The first stream of a kind.
+    /// Returns the first stream of a kind.
     pub(super) fn stream(&self, kind: Kind) -> Option<&Stream> {
         self.streams.iter().find(|stream| stream.kind == Some(kind))
     }
 
-    /// The stream that tells of the camera: that of its events or, without any, of its frames.
+    /// Returns the stream that tells of the camera: that of its events or, without any, of its frames.
     pub(super) fn camera(&self) -> Option<&Stream> {
         self.stream(Kind::Events).or_else(|| self.stream(Kind::Frames))
     }
@@ -106,14 +106,14 @@ impl Header {
         self.streams.iter().any(|stream| stream.number == number)
     }
 
-    /// The kind of a stream that is read: one that is the first of its kind.
+    /// Returns the kind of a stream that is read: one that is the first of its kind.
     pub(super) fn kind_of(&self, number: i32) -> Option<Kind> {
         let kind = self.streams.iter().find(|stream| stream.number == number)?.kind?;
         self.stream(kind).is_some_and(|first| first.number == number).then_some(kind)
     }
 }
 
-/// The streams, by their numbers.
+/// Returns the streams, by their numbers.
 fn streams(xml: &str) -> Result<Vec<Stream>> {
     let wrong = |rule: &str| fault(rule, MAGIC.len());
     let document = roxmltree::Document::parse(xml).map_err(|error| wrong(&format!("the header's XML: {error}")))?;

@@ -32,7 +32,7 @@ impl Default for Aedat4Decoder {
 }
 
 impl Aedat4Decoder {
-    /// A decoder of a file's bytes, from its beginning; a packet may unpack to `max_packet_bytes`.
+    /// Returns a decoder of a file's bytes, from its beginning; a packet may unpack to `max_packet_bytes`.
     #[must_use]
     pub fn new(max_packet_bytes: usize) -> Self {
         Self(Packets::new(max_packet_bytes))
@@ -68,7 +68,7 @@ impl Decode for Aedat4Decoder {
     }
 
     fn resume(&mut self, byte: usize, _state: DecoderState) -> Result<()> {
-        (self.0.place, self.0.over) = (byte, false);
+        (self.0.offset, self.0.over) = (byte, false);
         if byte == 0 {
             self.0.header = None;
         }
@@ -128,9 +128,9 @@ mod tests {
     #[test]
     fn faults_are_named_with_their_byte() {
         let good = written(&some(), Compression::None, 100, 0);
-        for (place, rule) in [(0, "not an AEDAT 4.0 file"), (20, "IOHE")] {
+        for (offset, rule) in [(0, "not an AEDAT 4.0 file"), (20, "IOHE")] {
             let mut bad = good.clone();
-            bad[place] ^= 0xff;
+            bad[offset] ^= 0xff;
             let error = read(&bad, Aedat4Decoder::default()).unwrap_err().to_string();
             assert!(error.contains(rule), "{error}");
         }
@@ -157,8 +157,8 @@ mod tests {
             let compression = [Compression::None, Compression::Lz4, Compression::Zstd(1)][kind];
             let mut bytes = written(&some(), compression, 10, 0);
             let length = bytes.len();
-            for (place, value) in damage {
-                bytes[place % length] = value;
+            for (offset, value) in damage {
+                bytes[offset % length] = value;
             }
             let _ = read(&bytes, Aedat4Decoder::default());
         }

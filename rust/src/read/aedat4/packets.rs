@@ -11,7 +11,7 @@ const OVERHEAD: usize = 64;
 pub(super) struct Packets {
     pub(super) header: Option<Header>,
     /// Where the bytes that come next are in the file.
-    pub(super) place: usize,
+    pub(super) offset: usize,
     /// No packets follow.
     pub(super) over: bool,
     /// What a packet may unpack to.
@@ -21,10 +21,10 @@ pub(super) struct Packets {
 
 impl Packets {
     pub(super) fn new(limit: usize) -> Self {
-        Self { header: None, place: 0, over: false, limit, body: Vec::new() }
+        Self { header: None, offset: 0, over: false, limit, body: Vec::new() }
     }
 
-    /// Hands out the whole packets in `bytes`, those of kinds that are `wanted` unpacked, of others their place alone;
+    /// Hands out the whole packets in `bytes`, those of kinds that are `wanted` unpacked, of others their offset alone;
     /// returns how many bytes are used.
     pub(super) fn push(
         &mut self,
@@ -37,28 +37,28 @@ impl Packets {
             match Header::parse(bytes)? {
                 Some(header) => {
                     at = header.length;
-                    self.place = at;
+                    self.offset = at;
                     self.header = Some(header);
                 }
                 None => return Ok(0),
             }
         }
         while let Some(header) = &self.header {
-            self.over |= header.table_place.is_some_and(|table| self.place >= table);
+            self.over |= header.table_offset.is_some_and(|table| self.offset >= table);
             let Some((stream, size)) = packet_header(&bytes[at..]) else { break };
             // A stream that was not announced: a table of contents that was being written when its writer ended.
-            self.over |= header.table_place.is_none() && !header.announces(stream);
+            self.over |= header.table_offset.is_none() && !header.announces(stream);
             if self.over {
                 break;
             }
-            let place = self.place;
-            let fault = |message: String| Error::Format { message, line: None, byte: place };
+            let offset = self.offset;
+            let fault = |message: String| Error::Format { message, line: None, byte: offset };
             let size =
                 usize::try_from(size).map_err(|_| fault(format!("a packet's size must be positive, not {size}")))?;
             if size > self.limit.saturating_add(self.limit / 255 + OVERHEAD) {
                 return Err(fault(above(self.limit)));
             }
-            if header.table_place.is_some_and(|table| place + 8 + size > table) {
+            if header.table_offset.is_some_and(|table| offset + 8 + size > table) {
                 return Err(fault(format!("a packet of {size} bytes must end before the table of contents")));
             }
             let Some(body) = bytes[at + 8..].get(..size) else { break };
@@ -74,7 +74,7 @@ impl Packets {
             };
             take(packet).map_err(|rule| fault(format!("stream {stream}: {rule}")))?;
             at += 8 + size;
-            self.place += 8 + size;
+            self.offset += 8 + size;
         }
         // What comes behind the last packet is passed over.
         Ok(if self.over { bytes.len() } else { at })
@@ -90,7 +90,7 @@ impl Packets {
     }
 }
 
-/// Stream and size of the packet that begins here.
+/// Returns stream and size of the packet that begins here.
 fn packet_header(bytes: &[u8]) -> Option<(i32, i32)> {
     let (stream, rest) = bytes.split_first_chunk()?;
     Some((i32::from_le_bytes(*stream), i32::from_le_bytes(*rest.first_chunk()?)))

@@ -52,7 +52,7 @@ impl<R: Read> Aedat4Recording<R> {
         Ok(recording)
     }
 
-    /// What some hundred kilobytes of the file hold, None at its end.
+    /// Returns what some hundred kilobytes of the file hold, None at its end.
     ///
     /// # Errors
     /// [`Error::Io`] if the source refuses, [`Error::Format`] for the first packet that does not follow the format.
@@ -66,33 +66,33 @@ impl<R: Read> Aedat4Recording<R> {
         self.advance().map(Some)
     }
 
-    /// Width and height of the sensor, where the header says.
+    /// Returns width and height of the sensor, where the header says.
     pub fn size(&self) -> Option<(u32, u32)> {
         self.packets.header.as_ref()?.camera()?.size
     }
 
-    /// The camera that the header names, or nothing.
+    /// Returns the camera that the header names, or nothing.
     pub fn source(&self) -> &str {
         self.packets.header.as_ref().and_then(Header::camera).map_or("", |stream| &stream.source)
     }
 
-    /// Whether the header announces a stream of a kind.
+    /// Returns whether the header announces a stream of a kind.
     pub fn has(&self, kind: Kind) -> bool {
         self.packets.header.as_ref().is_some_and(|header| header.stream(kind).is_some())
     }
 
-    /// Bytes of the file whose packets were handed out.
+    /// Returns how many bytes there are of the file whose packets were handed out.
     pub fn bytes(&self) -> usize {
-        self.packets.place
+        self.packets.offset
     }
 
-    /// What the end of the file cuts off, and where; known at the end.
+    /// Returns what the end of the file cuts off, and where; known at the end.
     pub fn cut(&self) -> Option<String> {
-        let (header, place) = (self.packets.header.as_ref()?, self.packets.place);
-        let end = place + self.buffer.len();
-        match header.table_place {
+        let (header, offset) = (self.packets.header.as_ref()?, self.packets.offset);
+        let end = offset + self.buffer.len();
+        match header.table_offset {
             _ if self.packets.over => None,
-            _ if !self.buffer.is_empty() => Some(format!("byte {place}: the last packet is cut off")),
+            _ if !self.buffer.is_empty() => Some(format!("byte {offset}: the last packet is cut off")),
             Some(table) => {
                 Some(format!("byte {end}: the file is cut off before its table of packets, at byte {table}"))
             }
@@ -147,7 +147,7 @@ mod tests {
 
     const ALL: [Kind; 4] = [Kind::Events, Kind::Frames, Kind::Imu, Kind::Triggers];
 
-    /// The events, how many packets were passed over, and what is said of a cut end.
+    /// Returns the events, how many packets were passed over, and what is said of a cut end.
     fn read(bytes: &[u8], kinds: &[Kind]) -> Result<(Vec<Event>, u64, Option<String>)> {
         let mut recording = Aedat4Recording::new(bytes, kinds.to_vec(), MAX_PACKET_BYTES)?;
         let (mut events, mut others) = (Vec::new(), 0);
@@ -179,8 +179,8 @@ mod tests {
         fn damaged_files_never_panic(damage in prop::collection::vec((0usize..3000, any::<u8>()), 1..20)) {
             let mut bytes = written(&some());
             let length = bytes.len();
-            for (place, value) in damage {
-                bytes[place % length] = value;
+            for (offset, value) in damage {
+                bytes[offset % length] = value;
             }
             let _ = read(&bytes, &ALL);
         }

@@ -26,7 +26,7 @@ pub struct Aedat4Trigger {
     pub kind: i8,
 }
 
-/// The flatbuffer at the beginning of a packet, of which it names the kind.
+/// Returns the flatbuffer at the beginning of a packet, of which it names the kind.
 pub(super) fn buffer<'a>(bytes: &'a [u8], identifier: &str) -> Result<Flatbuffer<'a>, String> {
     let buffer = Flatbuffer::with_size(bytes)
         .ok_or_else(|| format!("a packet of {} bytes must hold a flatbuffer, and ends before it does", bytes.len()))?;

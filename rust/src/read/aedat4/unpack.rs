@@ -35,7 +35,7 @@ fn take(decoder: impl Read, limit: usize, out: &mut Vec<u8>) -> io::Result<()> {
     Ok(())
 }
 
-/// What is said of a packet that has more bytes than it may.
+/// Returns what is said of a packet that has more bytes than it may.
 pub(super) fn above(limit: usize) -> String {
     format!("a packet may have {limit} bytes unpacked, this has more; max_packet_bytes (--max-packet-bytes) allows it")
 }

@@ -1,7 +1,7 @@
 //! Builds a binary BVH over triangles by the surface area heuristic, on all threads.
 //!
-//! Triangles are kept as [`Item`]s that are moved into the order of the tree, so that every pass over a node's triangles
-//! reads memory in sequence.
+//! Triangles are kept as [`Item`]s that are moved into the order of the tree, so that every pass over a node's
+//! triangles reads memory in sequence.
 //!
 //! Measured next to crates (two threads; a bumpy sphere and a soup; nanoseconds a ray on one thread, the sphere's rays
 //! coherent; wheels are built for plain x86-64, so that is how the crates were compiled):
@@ -12,9 +12,9 @@
 //! | `obvhs` 0.4.0, eight wide, sphere / soup | 0.45 / 0.55 | 25 | 434 / 974 | 332 / 427 |
 //! | `bvh` 0.13.0 (every box that a ray meets), sphere / soup | 0.24 / 0.51 | 158 | 1690 / 20466 | - |
 //!
-//! `tinybvh-rs` compiles C++ with `-march=native`: a wheel of it stops on other processors. `obvhs` gives other bits where
-//! it is compiled with fused operations, and knows rays only: the renderer asks for regions of space too. Its tree would
-//! also have another order, by which it is decided which of two triangles in one plane is seen.
+//! `tinybvh-rs` compiles C++ with `-march=native`: a wheel of it stops on other processors. `obvhs` gives other bits
+//! where it is compiled with fused operations, and knows rays only: the renderer asks for regions of space too. Its
+//! tree would also have another order, by which it is decided which of two triangles in one plane is seen.
 //!
 //! What must not break: the tree and the order of its triangles depend on the triangles alone, not on threads.
 
@@ -24,7 +24,7 @@ use std::ops::Range;
 
 use super::vector::{Bounds, Vector};
 
-/// Triangles in a leaf, at most; unless they all lie at one place.
+/// Triangles in a leaf, at most; unless they all lie at one point.
 const LEAF: usize = 8;
 
 /// Candidates for a cut along an axis.
@@ -46,7 +46,7 @@ pub(super) struct Item {
 /// A node of the binary tree.
 pub(super) struct Node {
     pub(super) bounds: Bounds,
-    /// The places of its triangles in the order of the tree.
+    /// The indices of its triangles in the order of the tree.
     pub(super) range: Range<usize>,
     /// None for a leaf.
     pub(super) children: Option<Box<[Node; 2]>>,
@@ -58,8 +58,8 @@ pub(super) fn build(items: &mut [Item], parallel: bool) -> Node {
     subtree(items, &mut spare, 0, if parallel { ALONE } else { usize::MAX })
 }
 
-/// Builds the tree over some items, which begin at a place in the order of all; `spare` is room for as many. Nodes of fewer
-/// than `alone` items are built by one thread.
+/// Builds the tree over some items, which begin at an index in the order of all; `spare` is a buffer for as many. Nodes
+/// of fewer than `alone` items are built by one thread.
 fn subtree(items: &mut [Item], spare: &mut [Item], first: usize, alone: usize) -> Node {
     let bounds = around(items);
     let range = first..first + items.len();
@@ -78,7 +78,7 @@ fn around(items: &[Item]) -> Bounds {
     items.iter().fold(Bounds::NONE, |all, item| all.with(&item.bounds))
 }
 
-/// Orders items so that those before the returned place are one child, the rest the other; None for a leaf.
+/// Orders items so that those before the returned position are one child, the rest the other; None for a leaf.
 ///
 /// The cut is the one with the least expected cost by the surface area heuristic.
 ///
@@ -103,7 +103,7 @@ fn split(around: &Bounds, items: &mut [Item], spare: &mut [Item]) -> Option<usiz
     Some(left)
 }
 
-/// The axis and the bin at which to cut, and what the centres lie in; None for a leaf.
+/// Finds the axis and the bin at which to cut, and what the centres lie in; None for a leaf.
 fn best_cut(around: &Bounds, items: &[Item]) -> Option<(usize, usize, Bounds)> {
     let centres = items.iter().fold(Bounds::NONE, |all, item| {
         let centre = item.bounds.centre();
@@ -149,8 +149,8 @@ fn best_cut(around: &Bounds, items: &[Item]) -> Option<(usize, usize, Bounds)> {
     Some((axis, cut, centres))
 }
 
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of CUTS")]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a fraction of CUTS")]
 fn bin(centre: Vector, centres: &Bounds, axis: usize) -> usize {
-    let share = (centre[axis] - centres.low[axis]) / (centres.high[axis] - centres.low[axis]);
-    ((share * CUTS as f64) as usize).min(CUTS - 1)
+    let fraction = (centre[axis] - centres.low[axis]) / (centres.high[axis] - centres.low[axis]);
+    ((fraction * CUTS as f64) as usize).min(CUTS - 1)
 }

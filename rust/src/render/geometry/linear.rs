@@ -21,7 +21,7 @@ impl Rect {
         self.high = [self.high[0].max(x), self.high[1].max(y)];
     }
 
-    /// What holds some points, `LANES` of which are looked at together; their number is a multiple of it.
+    /// Returns what holds some points, `LANES` of which are looked at together; their number is a multiple of it.
     pub(crate) fn around<const LANES: usize>(x: &[f32], y: &[f32]) -> Self {
         let [(left, right), (top, bottom)] = [x, y].map(|values| {
             let (mut low, mut high) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);

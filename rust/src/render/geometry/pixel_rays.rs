@@ -2,8 +2,8 @@
 //!
 //! Rays are stored in the order in which they are processed: tile by tile, block by block, lattice ray by lattice ray.
 //! They are undistorted coordinates, so the renderer knows nothing of lenses. Without distortion all pixels of a column
-//! have the same x, and all of a row the same y. Then only these are stored, and a tile's rays are put together when it is
-//! their turn, because the rays of a large sensor would not fit into memory.
+//! have the same x, and all of a row the same y. Then only these are stored, and a tile's rays are put together when it
+//! is their turn, because the rays of a large sensor would not fit into memory.
 //!
 //! What must not break: the order. A pixel's luma is added up in it, so another order changes bits.
 
@@ -44,8 +44,8 @@ impl Aligned {
         &self.all[self.skipped..]
     }
 
-    /// Room for as many, whose values are still to be given.
-    fn room(&mut self, count: usize) -> &mut [f32] {
+    /// Resizes it to so many numbers, whose values are still to be given.
+    fn resized(&mut self, count: usize) -> &mut [f32] {
         if self.values().len() != count {
             *self = Self::with_capacity(count);
             self.all.resize(self.skipped + count, 0.0);
@@ -56,14 +56,14 @@ impl Aligned {
 
 /// Where the coordinates of rays are.
 #[derive(Debug)]
-enum Places {
+enum Coordinates {
     /// Of each ray, in the order of tiles.
     Rays { x: Aligned, y: Aligned },
     /// By ray of the lattice, x of each column and y of each row, with those of tiles that reach beyond the image.
     Grid { x: Vec<f32>, y: Vec<f32> },
 }
 
-/// Room for the rays of a tile, where they have to be put together.
+/// A buffer for the rays of a tile, where they have to be put together.
 #[derive(Debug, Default)]
 pub(crate) struct TileRays {
     x: Aligned,
@@ -107,7 +107,7 @@ pub struct PixelRays {
     pub(crate) rays: usize,
     pub(crate) columns: usize,
     pub(crate) rows: usize,
-    places: Places,
+    coordinates: Coordinates,
     tiles: Vec<Rect>,
     blocks: Vec<Rect>,
     pub(crate) all: Rect,
@@ -116,7 +116,7 @@ pub struct PixelRays {
 }
 
 impl PixelRays {
-    /// The rays of a sensor, from a table of (x, y) by lattice ray and pixel, row by row.
+    /// Returns the rays of a sensor, from a table of (x, y) by lattice ray and pixel, row by row.
     ///
     /// # Errors
     ///
@@ -125,8 +125,8 @@ impl PixelRays {
         Self::from_parts(width, height, rays, height, |_| Ok(table))
     }
 
-    /// The rays of a sensor, from tables as those of [`Self::new`], each of so many rows of the image; the last one may have
-    /// fewer. `next` gives the table that begins with a row.
+    /// Returns the rays of a sensor, from tables as those of [`Self::new`], each of so many rows of the image; the last
+    /// one may have fewer. `next` gives the table that begins with a row.
     ///
     /// # Errors
     ///
@@ -142,8 +142,8 @@ impl PixelRays {
         if rows < height && (rows == 0 || !rows.is_multiple_of(TILE)) {
             return Err(Error::Argument(format!("a part must have a multiple of {TILE} rows, got {rows}")).into());
         }
-        let room = || Aligned::with_capacity(width.div_ceil(TILE) * height.div_ceil(TILE) * PIXELS * rays);
-        let mut new = Self::empty(width, height, rays, Places::Rays { x: room(), y: room() });
+        let empty = || Aligned::with_capacity(width.div_ceil(TILE) * height.div_ceil(TILE) * PIXELS * rays);
+        let mut new = Self::empty(width, height, rays, Coordinates::Rays { x: empty(), y: empty() });
         for first in (0..height).step_by(rows) {
             let rows = rows.min(height - first);
             let table = next(first)?;
@@ -166,7 +166,7 @@ impl PixelRays {
         Ok(new)
     }
 
-    /// The rays of a sensor without distortion: by ray of the lattice, x of each column and y of each row.
+    /// Returns the rays of a sensor without distortion: by ray of the lattice, x of each column and y of each row.
     ///
     /// # Errors
     ///
@@ -182,7 +182,7 @@ impl PixelRays {
             values.chunks_exact(count).flat_map(of_ray).collect()
         };
         let (x, y) = (padded(x, width), padded(y, height));
-        let mut new = Self::empty(width, height, rays, Places::Grid { x: vec![], y: vec![] });
+        let mut new = Self::empty(width, height, rays, Coordinates::Grid { x: vec![], y: vec![] });
         // What the columns and rows of blocks lie in.
         let around = |values: &[f32], count: usize| -> Vec<[f32; 2]> {
             let mut found = vec![[f32::INFINITY, f32::NEG_INFINITY]; count.next_multiple_of(TILE) / BLOCK];
@@ -202,12 +202,12 @@ impl PixelRays {
                 new.enclose(tile, block, right, bottom);
             }
         }
-        new.places = Places::Grid { x, y };
+        new.coordinates = Coordinates::Grid { x, y };
         new.spread_reach();
         Ok(new)
     }
 
-    fn empty(width: usize, height: usize, rays: usize, places: Places) -> Self {
+    fn empty(width: usize, height: usize, rays: usize, coordinates: Coordinates) -> Self {
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let tiles = columns * rows;
         Self {
@@ -216,7 +216,7 @@ impl PixelRays {
             rays,
             columns,
             rows,
-            places,
+            coordinates,
             tiles: vec![Rect::NONE; tiles],
             blocks: vec![Rect::NONE; tiles * BLOCKS],
             all: Rect::NONE,
@@ -236,39 +236,39 @@ impl PixelRays {
         }
     }
 
-    /// Columns of the sensor.
+    /// Returns the columns of the sensor.
     #[must_use]
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows of the sensor.
+    /// Returns the rows of the sensor.
     #[must_use]
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Rays of each pixel.
+    /// Returns the rays of each pixel.
     #[must_use]
     pub fn rays(&self) -> usize {
         self.rays
     }
 
-    /// Pixels of the sensor.
+    /// Returns the number of pixels of the sensor.
     #[must_use]
     pub fn pixels(&self) -> usize {
         self.width * self.height
     }
 
     fn push(&mut self, tile: usize, block: usize, x: f32, y: f32) {
-        if let Places::Rays { x: all_x, y: all_y } = &mut self.places {
+        if let Coordinates::Rays { x: all_x, y: all_y } = &mut self.coordinates {
             all_x.all.push(x);
             all_y.all.push(y);
         }
         self.enclose(tile, block, x, y);
     }
 
-    /// Takes a place into what a tile's block, and all around it, lie in.
+    /// Takes a point into what a tile's block, and all around it, lie in.
     fn enclose(&mut self, tile: usize, block: usize, x: f32, y: f32) {
         self.tiles[tile].add(x, y);
         self.blocks[tile * BLOCKS + block].add(x, y);
@@ -279,9 +279,9 @@ impl PixelRays {
         }
     }
 
-    /// Column and row of a tile's pixel, by block and lane; they may lie beyond the image.
-    pub(crate) fn pixel(&self, tile: usize, place: usize) -> (usize, usize) {
-        let (block, lane) = (place / LANES, place % LANES);
+    /// Returns column and row of a tile's pixel, by block and lane; they may lie beyond the image.
+    pub(crate) fn pixel(&self, tile: usize, in_tile: usize) -> (usize, usize) {
+        let (block, lane) = (in_tile / LANES, in_tile % LANES);
         let per_row = TILE / BLOCK;
         (
             tile % self.columns * TILE + block % per_row * BLOCK + lane % BLOCK,
@@ -289,23 +289,23 @@ impl PixelRays {
         )
     }
 
-    /// The tile of a pixel, and the pixel's place in it.
+    /// Returns the tile of a pixel, and the pixel's index in it.
     pub(crate) fn tile_of(&self, pixel: usize) -> (usize, usize) {
         let (column, row) = (pixel % self.width, pixel / self.width);
         let block = row % TILE / BLOCK * (TILE / BLOCK) + column % TILE / BLOCK;
         (row / TILE * self.columns + column / TILE, block * LANES + row % BLOCK * BLOCK + column % BLOCK)
     }
 
-    /// A tile's rays, which may be put together in a room.
-    pub(crate) fn of_tile<'a>(&'a self, tile: usize, room: &'a mut TileRays) -> Part<'a> {
+    /// Returns a tile's rays, which may be put together in a buffer.
+    pub(crate) fn of_tile<'a>(&'a self, tile: usize, buffer: &'a mut TileRays) -> Part<'a> {
         let count = PIXELS * self.rays;
-        let (x, y) = match &self.places {
-            Places::Rays { x, y } => {
+        let (x, y) = match &self.coordinates {
+            Coordinates::Rays { x, y } => {
                 let range = tile * count..(tile + 1) * count;
                 (&x.values()[range.clone()], &y.values()[range])
             }
-            Places::Grid { x, y } => {
-                let (to_x, to_y) = (room.x.room(count), room.y.room(count));
+            Coordinates::Grid { x, y } => {
+                let (to_x, to_y) = (buffer.x.resized(count), buffer.y.resized(count));
                 let mut groups = to_x.chunks_exact_mut(LANES).zip(to_y.chunks_exact_mut(LANES));
                 for block in 0..BLOCKS {
                     let (column, row) = self.pixel(tile, block * LANES);
@@ -325,18 +325,18 @@ impl PixelRays {
     }
 
     /// Copies the rays of a pixel of a tile, in the lattice's order.
-    pub(crate) fn copy_pixel(&self, tile: usize, place: usize, x: &mut [f32], y: &mut [f32]) {
-        match &self.places {
-            Places::Rays { x: all_x, y: all_y } => {
-                let first = (tile * PIXELS + place / LANES * LANES) * self.rays + place % LANES;
+    pub(crate) fn copy_pixel(&self, tile: usize, in_tile: usize, x: &mut [f32], y: &mut [f32]) {
+        match &self.coordinates {
+            Coordinates::Rays { x: all_x, y: all_y } => {
+                let first = (tile * PIXELS + in_tile / LANES * LANES) * self.rays + in_tile % LANES;
                 for (values, copy) in [(all_x.values(), x), (all_y.values(), y)] {
                     for (to, from) in copy.iter_mut().zip(values[first..].iter().step_by(LANES)) {
                         *to = *from;
                     }
                 }
             }
-            Places::Grid { x: all_x, y: all_y } => {
-                let (column, row) = self.pixel(tile, place);
+            Coordinates::Grid { x: all_x, y: all_y } => {
+                let (column, row) = self.pixel(tile, in_tile);
                 for (ray, (x, y)) in x.iter_mut().zip(y).enumerate() {
                     (*x, *y) = (all_x[ray * self.columns * TILE + column], all_y[ray * self.rows * TILE + row]);
                 }
@@ -352,7 +352,7 @@ impl PixelRays {
         &self.tiles[tile]
     }
 
-    /// The columns (axis 0) or rows (1) of tiles that may reach into low..high.
+    /// Returns the columns (axis 0) or rows (1) of tiles that may reach into low..high.
     pub(crate) fn reaching(&self, axis: usize, low: f32, high: f32) -> std::ops::Range<usize> {
         // Both ascend. Some ten numbers are counted sooner than halved, because nothing has to be guessed.
         let Reach { low: lowest, high: highest } = &self.reach[axis];
@@ -391,18 +391,18 @@ mod tests {
         let table: Vec<f32> = (0..width * height * rays * 2).map(|i| i as f32).collect();
         let all = PixelRays::new(width, height, rays, &table).unwrap();
         for pixel in 0..width * height {
-            let (tile, place) = all.tile_of(pixel);
-            assert_eq!(all.pixel(tile, place), (pixel % width, pixel / width));
+            let (tile, in_tile) = all.tile_of(pixel);
+            assert_eq!(all.pixel(tile, in_tile), (pixel % width, pixel / width));
             for ray in 0..rays {
-                let at = place / LANES * LANES * rays + ray * LANES + place % LANES;
-                let mut room = TileRays::default();
-                let part = all.of_tile(tile, &mut room);
+                let at = in_tile / LANES * LANES * rays + ray * LANES + in_tile % LANES;
+                let mut buffer = TileRays::default();
+                let part = all.of_tile(tile, &mut buffer);
                 let (x, y) = (part.x[at], part.y[at]);
                 assert_eq!([x, y], table[(ray * width * height + pixel) * 2..][..2]);
                 let (mut own_x, mut own_y) = (vec![0.0; all.rays], vec![0.0; all.rays]);
-                all.copy_pixel(tile, place, &mut own_x, &mut own_y);
+                all.copy_pixel(tile, in_tile, &mut own_x, &mut own_y);
                 assert_eq!((own_x[ray], own_y[ray]), (x, y));
-                for part in [all.tile(tile), &part.blocks[place / LANES], &all.all] {
+                for part in [all.tile(tile), &part.blocks[in_tile / LANES], &all.all] {
                     assert!(part.low[0] <= x && x <= part.high[0] && part.low[1] <= y && y <= part.high[1]);
                 }
                 assert!(all.reaching(0, x, x).contains(&(tile % all.columns)));
@@ -436,15 +436,15 @@ mod tests {
         let parts = PixelRays::from_parts(width, height, rays, 8, part).unwrap();
         for other in [&table, &parts] {
             for tile in 0..grid.tiles() {
-                let (mut room, mut other_room) = (TileRays::default(), TileRays::default());
-                let (one, two) = (grid.of_tile(tile, &mut room), other.of_tile(tile, &mut other_room));
+                let (mut buffer, mut other_buffer) = (TileRays::default(), TileRays::default());
+                let (one, two) = (grid.of_tile(tile, &mut buffer), other.of_tile(tile, &mut other_buffer));
                 assert_eq!((one.x, one.y), (two.x, two.y));
                 assert_eq!(format!("{:?}{:?}", one.around, one.blocks), format!("{:?}{:?}", two.around, two.blocks));
-                for place in 0..PIXELS {
+                for in_tile in 0..PIXELS {
                     let (mut own, mut others) = ([[0.0; 3]; 2], [[0.0; 3]; 2]);
                     let ([x, y], [other_x, other_y]) = (&mut own, &mut others);
-                    grid.copy_pixel(tile, place, x, y);
-                    other.copy_pixel(tile, place, other_x, other_y);
+                    grid.copy_pixel(tile, in_tile, x, y);
+                    other.copy_pixel(tile, in_tile, other_x, other_y);
                     assert_eq!(own, others);
                 }
             }

@@ -4,7 +4,7 @@
 //!
 //! What must not break: operations are in a fixed order, because results reach every pixel.
 
-/// A vector or a place.
+/// A vector or a point.
 pub(crate) type Vector = [f64; 3];
 
 pub(crate) fn dot(a: Vector, b: Vector) -> f64 {
@@ -27,7 +27,7 @@ pub(crate) fn scale(a: Vector, by: f64) -> Vector {
     a.map(|component| component * by)
 }
 
-/// The largest of the components' magnitudes.
+/// Returns the largest of the components' magnitudes.
 pub(crate) fn largest(a: Vector) -> f64 {
     a[0].abs().max(a[1].abs()).max(a[2].abs())
 }
@@ -77,7 +77,7 @@ impl Bounds {
         std::array::from_fn(|k| std::array::from_fn(|i| if k >> i & 1 == 0 { self.low[i] } else { self.high[i] }))
     }
 
-    /// Half of the surface's area.
+    /// Returns half of the surface's area.
     pub(crate) fn half_area(&self) -> f64 {
         let [x, y, z] = sub(self.high, self.low);
         x * y + y * z + z * x

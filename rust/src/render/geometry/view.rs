@@ -23,28 +23,28 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// A vector of the frame in camera axes.
+    /// Returns a vector of the frame in camera axes.
     pub(crate) fn turned(&self, vector: Vector) -> Vector {
         let rows = &self.rotation;
         std::array::from_fn(|i| rows[0][i] * vector[0] + rows[1][i] * vector[1] + rows[2][i] * vector[2])
     }
 
-    /// How a vector that stands still in the frame changes in camera axes, there given in these.
+    /// Returns how a vector that stands still in the frame changes in camera axes, there given in these.
     pub(crate) fn turning(&self, turned: Vector) -> Vector {
         cross(turned, self.angular_rate)
     }
 
-    /// A place given in camera axes, in the frame.
-    pub(crate) fn place(&self, point: Vector) -> Vector {
+    /// Returns a point given in camera axes, in the frame.
+    pub(crate) fn point(&self, point: Vector) -> Vector {
         add(self.vector(point), self.position)
     }
 
-    /// A vector given in camera axes, in the frame's.
+    /// Returns a vector given in camera axes, in the frame's.
     pub(crate) fn vector(&self, vector: Vector) -> Vector {
         self.rotation.map(|row| dot(row, vector))
     }
 
-    /// The frame's velocity in camera axes.
+    /// Returns the frame's velocity in camera axes.
     pub(crate) fn drift(&self) -> Vector {
         scale(self.turned(self.velocity), -1.0)
     }

@@ -3,7 +3,8 @@
 //! Derivatives ([`super::slopes`]) are computed in the frame of the triangle that is hit, so lights are brought there
 //! first.
 //!
-//! What must not break: lights and their rates agree with those that frames are rendered with ([`crate::render::light::lights`]).
+//! What must not break: lights and their rates agree with those that frames are rendered with
+//! ([`crate::render::light::lights`]).
 
 use crate::render::geometry::vector::{Vector, add, cross, scale, sub};
 use crate::render::geometry::view::{Pose, View};
@@ -23,7 +24,7 @@ pub(crate) struct FramedLight {
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum FramedKind {
-    /// A place, and its rate.
+    /// A position, and its rate.
     Point(Vector, Vector),
     /// The unit vector towards the light, and its rate.
     Directional(Vector, Vector),
@@ -33,16 +34,16 @@ pub(crate) enum FramedKind {
     Visible,
 }
 
-/// The lights of a view in one of its frames.
+/// Returns the lights of a view in one of its frames.
 pub(crate) fn framed_lights(scene: &Scene, view: &View, frame: usize) -> Vec<FramedLight> {
     let (camera, own) = (&view.poses[0], &view.poses[frame]);
     let of_light = |(light, factor): (&Light, &[f64; 2])| FramedLight {
         kind: match light.kind {
-            LightKind::Point(place) => {
-                let seen = camera.turned(sub(place, camera.position));
+            LightKind::Point(position) => {
+                let seen = camera.turned(sub(position, camera.position));
                 let change = add(camera.turning(seen), camera.drift());
                 let rate = add(own.vector(add(cross(own.angular_rate, seen), change)), own.velocity);
-                FramedKind::Point(own.place(seen), rate)
+                FramedKind::Point(own.point(seen), rate)
             }
             LightKind::Directional(along) => {
                 let [towards, rate] = turned(camera, own, scale(along, -1.0));
@@ -68,7 +69,7 @@ pub(crate) fn framed_lights(scene: &Scene, view: &View, frame: usize) -> Vec<Fra
     scene.lights.iter().zip(&view.factors).map(of_light).collect()
 }
 
-/// A vector that stands still in the world, in a frame, and its rate there.
+/// Returns a vector that stands still in the world, in a frame, and its rate there.
 fn turned(camera: &Pose, own: &Pose, vector: Vector) -> [Vector; 2] {
     let seen = camera.turned(vector);
     [own.vector(seen), own.vector(add(cross(own.angular_rate, seen), camera.turning(seen)))]

@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::render::geometry::pixel_rays::PixelRays;
 use crate::render::geometry::vector::{Vector, add, cross, dot, scale};
 use crate::render::geometry::view::View;
-use crate::render::renderer::{NO_TRIANGLE, Renderer, check_room};
+use crate::render::renderer::{NO_TRIANGLE, Renderer, check_length};
 use crate::render::scene::Scene;
 use crate::render::visibility::first_hit::Candidates;
 
@@ -27,10 +27,10 @@ pub(crate) const PIXELS_OF_THREAD: usize = 64;
 
 /// What one ray sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RaySight {
+pub struct RayHit {
     /// The triangle's number in the scene's tables, [`NO_TRIANGLE`] for none.
     pub triangle: u32,
-    /// Bit n mod 64 is turned over for each light n that falls on the place, but for what lies between.
+    /// Bit n mod 64 is turned over for each light n that falls on the point, but for what lies between.
     pub hidden: u64,
     /// Luma.
     pub luma: f64,
@@ -53,7 +53,7 @@ impl<'a> Lit<'a> {
 
 /// Room for one ray after the other.
 #[derive(Default)]
-pub(crate) struct Room {
+pub(crate) struct RayBuffers {
     stack: Vec<u32>,
     candidates: Candidates,
     shaded: Shaded,
@@ -62,7 +62,7 @@ pub(crate) struct Room {
 }
 
 impl Renderer {
-    /// Luma of pixels, or of weighted sums of pixels, in float64, each with its derivatives.
+    /// Computes luma of pixels, or of weighted sums of pixels, in float64, each with its derivatives.
     ///
     /// Which surface a ray meets, and whether a light is hidden from it, is taken as fixed. A gradient has
     /// `BEFORE_LIGHTS` numbers, and for each light its part in luma, which is the derivative by the logarithm of its
@@ -72,7 +72,8 @@ impl Renderer {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or other room.
+    /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or a buffer of another
+    /// length.
     pub fn gradients(
         &self,
         rays: &PixelRays,
@@ -85,7 +86,7 @@ impl Renderer {
         let views = &self.centred(views)?;
         check_numbers(rays, views, of_view, pixels, weights.len())?;
         let size = BEFORE_LIGHTS + self.scene.lights.len();
-        check_room(of_view.len() * size, gradients.len())?;
+        check_length(of_view.len() * size, gradients.len())?;
         if of_view.is_empty() {
             return Ok(());
         }
@@ -94,43 +95,43 @@ impl Renderer {
             let pixels = pixels.par_chunks(PIXELS_OF_THREAD * weights.len());
             let gradients = gradients.par_chunks_mut(PIXELS_OF_THREAD * size);
             of_view.zip(pixels).zip(gradients).for_each(|((of_view, pixels), gradients)| {
-                let (mut room, mut lit) = (Room::default(), Lit::new(&self.scene, views, of_view[0]));
+                let (mut buffers, mut lit) = (RayBuffers::default(), Lit::new(&self.scene, views, of_view[0]));
                 let pixels = pixels.chunks_exact(weights.len());
                 for ((&view, pixels), gradient) in of_view.iter().zip(pixels).zip(gradients.chunks_exact_mut(size)) {
                     if lit.number != view {
                         lit = Lit::new(&self.scene, views, view);
                     }
-                    self.add_pixels(rays, &lit, pixels, weights, &mut room, gradient);
+                    self.add_pixels(rays, &lit, pixels, weights, &mut buffers, gradient);
                 }
             });
         })
     }
 
-    /// What each ray of pixels sees, in float64: `rays.rays()` for each pixel.
+    /// Returns what each ray of pixels sees, in float64: `rays.rays()` for each pixel.
     ///
     /// # Errors
     ///
     /// [`Error::Argument`] as for [`Self::gradients`].
-    pub fn ray_sights(
+    pub fn ray_hits(
         &self,
         rays: &PixelRays,
         views: &[View],
         of_view: &[u32],
         pixels: &[u32],
-        sights: &mut [RaySight],
+        hits: &mut [RayHit],
     ) -> Result<()> {
         let views = &self.centred(views)?;
         check_numbers(rays, views, of_view, pixels, 1)?;
-        check_room(pixels.len() * rays.rays(), sights.len())?;
+        check_length(pixels.len() * rays.rays(), hits.len())?;
         self.install(|| {
             let numbers = of_view.par_iter().zip(pixels).with_min_len(PIXELS_OF_THREAD);
-            numbers.zip(sights.par_chunks_exact_mut(rays.rays())).for_each(|((&view, &pixel), sights)| {
-                let (mut room, lit) = (Room::default(), Lit::new(&self.scene, views, view));
-                let mut sights = sights.iter_mut();
-                self.each_ray(rays, &lit, &[pixel], &mut room, |_, _, seen, shaded| {
-                    if let Some(sight) = sights.next() {
+            numbers.zip(hits.par_chunks_exact_mut(rays.rays())).for_each(|((&view, &pixel), hits)| {
+                let (mut buffers, lit) = (RayBuffers::default(), Lit::new(&self.scene, views, view));
+                let mut hits = hits.iter_mut();
+                self.each_ray(rays, &lit, &[pixel], &mut buffers, |_, _, seen, shaded| {
+                    if let Some(hit) = hits.next() {
                         let triangle = seen.map_or(NO_TRIANGLE, |hit| hit.surface.number);
-                        *sight = RaySight { triangle, hidden: shaded.hidden, luma: shaded.luma };
+                        *hit = RayHit { triangle, hidden: shaded.hidden, luma: shaded.luma };
                     }
                 });
             });
@@ -144,15 +145,15 @@ impl Renderer {
         lit: &Lit,
         pixels: &[u32],
         weights: &[f64],
-        room: &mut Room,
+        buffers: &mut RayBuffers,
         gradient: &mut [f64],
     ) {
         #[allow(clippy::cast_precision_loss, reason = "rays are few")]
-        let share = 1.0 / rays.rays() as f64;
+        let per_ray = 1.0 / rays.rays() as f64;
         let camera = &lit.view.poses[0];
         gradient.fill(0.0);
-        self.each_ray(rays, lit, pixels, room, |number, ray, hit, shaded| {
-            let weight = weights[number] * share;
+        self.each_ray(rays, lit, pixels, buffers, |number, ray, hit, shaded| {
+            let weight = weights[number] * per_ray;
             let (by_position, by_turn, rate) = match hit {
                 Some(hit) => {
                     let own = &lit.view.poses[hit.surface.frame as usize];
@@ -174,7 +175,7 @@ impl Renderer {
         });
     }
 
-    /// Derivatives of what a ray sees that hits nothing, and its rate by the camera's motion.
+    /// Returns the derivatives of what a ray sees that hits nothing, and its rate by the camera's motion.
     fn by_direction(&self, lit: &Lit, [x, y, _]: Vector) -> (Vector, Vector, f64) {
         let Some(sky) = &self.scene.sky else { return ([0.0; 3], [0.0; 3], 0.0) };
         let mut camera = lit.view.poses[0];
@@ -195,18 +196,18 @@ impl Renderer {
         rays: &PixelRays,
         lit: &Lit,
         pixels: &[u32],
-        room: &mut Room,
+        buffers: &mut RayBuffers,
         mut work: impl FnMut(usize, Vector, Option<&Hit>, &Shaded),
     ) {
         let (scene, view) = (&self.scene, lit.view);
-        let Room { stack, candidates, shaded, x, y } = room;
+        let RayBuffers { stack, candidates, shaded, x, y } = buffers;
         let per_pixel = rays.rays();
         for values in [&mut *x, &mut *y] {
             values.resize(pixels.len() * per_pixel, 0.0);
         }
         for (&pixel, (x, y)) in pixels.iter().zip(x.chunks_exact_mut(per_pixel).zip(y.chunks_exact_mut(per_pixel))) {
-            let (tile, place) = rays.tile_of(pixel as usize);
-            rays.copy_pixel(tile, place, x, y);
+            let (tile, in_tile) = rays.tile_of(pixel as usize);
+            rays.copy_pixel(tile, in_tile, x, y);
         }
         let mut around = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
         for (axis, values) in [&*x, &*y].into_iter().enumerate() {
@@ -231,7 +232,7 @@ impl Renderer {
                 surface,
                 triangle,
                 seen: scale(ray, depth),
-                place: add(pose.position, scale(direction, depth)),
+                point: add(pose.position, scale(direction, depth)),
                 direction,
                 in_front: dot(normal, pose.position) + surface.plane[3] >= 0.0,
             };
@@ -240,7 +241,7 @@ impl Renderer {
         }
     }
 
-    /// What a ray sees that hits nothing.
+    /// Computes what a ray sees that hits nothing.
     fn beyond(&self, lit: &Lit, [x, y, _]: Vector, shaded: &mut Shaded) {
         (shaded.luma, shaded.rate, shaded.slope, shaded.hidden) = (0.0, 0.0, [0.0; 3], 0);
         shaded.by_light.clear();

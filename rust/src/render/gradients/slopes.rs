@@ -3,7 +3,8 @@
 //! Light on a diffuse surface depends only on the point. So this one derivative gives those by the camera's position,
 //! its rotation, and time.
 //!
-//! What must not break: luma is that of [`crate::render::light::shade`] up to rounding, and shadows follow the rule of all renderers.
+//! What must not break: luma is that of [`crate::render::light::shade`] up to rounding, and shadows follow the rule of
+//! all renderers.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -16,7 +17,7 @@ use crate::render::light::texture::{Texture, Wrap, parted};
 use crate::render::scene::{Scene, Surface};
 use crate::render::visibility::first_hit::{Ray, is_blocked};
 
-/// A number, and its derivative by a place.
+/// A number, and its derivative by a point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sloped {
     pub(crate) value: f64,
@@ -42,14 +43,14 @@ pub(crate) struct Hit<'a> {
     /// In camera axes.
     pub(crate) seen: Vector,
     /// In the frame of the triangle.
-    pub(crate) place: Vector,
+    pub(crate) point: Vector,
     /// In the same frame.
     pub(crate) direction: Vector,
     /// Whether the camera is on the side that the plane's normal points to.
     pub(crate) in_front: bool,
 }
 
-/// What a ray sees: luma by the place that it hits, its rate where nothing moves but the lights, and the part of each
+/// What a ray sees: luma by the point that it hits, its rate where nothing moves but the lights, and the part of each
 /// light in it.
 #[derive(Debug, Default)]
 pub(crate) struct Shaded {
@@ -102,7 +103,7 @@ pub(crate) fn shade(
         }
         let reflected = match reflectance {
             Some((group, known)) if group == light.group => known,
-            _ => looked_up(texture, &scene.texels[light.group], [&surface.u, &surface.v], hit.place),
+            _ => looked_up(texture, &scene.texels[light.group], [&surface.u, &surface.v], hit.point),
         };
         reflectance = Some((light.group, reflected));
         let seen = falls.times(&reflected);
@@ -117,7 +118,7 @@ pub(crate) fn shade(
 /// The unit normal that light is reckoned by, on the side that is seen.
 struct Normal {
     unit: Vector,
-    /// How the unit normal changes with the place, row by row; None where it does not.
+    /// How the unit normal changes with the point, row by row; None where it does not.
     slopes: Option<[Vector; 3]>,
     in_front: bool,
 }
@@ -129,7 +130,7 @@ impl Normal {
             let sign = if hit.in_front { 1.0 } else { -1.0 };
             return Self { unit: [0, 1, 2].map(|i| sign * plane[i]), slopes: None, in_front: hit.in_front };
         };
-        let bent = [0, 1, 2].map(|i| dot([maps[i][0], maps[i][1], maps[i][2]], hit.place) + maps[i][3]);
+        let bent = [0, 1, 2].map(|i| dot([maps[i][0], maps[i][1], maps[i][2]], hit.point) + maps[i][3]);
         let in_front = dot(bent, hit.direction) <= 0.0;
         let per_length = if in_front { 1.0 } else { -1.0 } / dot(bent, bent).sqrt();
         let unit = scale(bent, per_length);
@@ -139,7 +140,7 @@ impl Normal {
         Self { unit, slopes: Some(slopes), in_front }
     }
 
-    /// The component of a vector along it, and how that changes with the place while the vector stays.
+    /// Returns the component of a vector along it, and how that changes with the point while the vector stays.
     fn along(&self, vector: Vector) -> Sloped {
         let slope =
             self.slopes.map_or([0.0; 3], |rows| std::array::from_fn(|k| (0..3).map(|i| vector[i] * rows[i][k]).sum()));
@@ -147,7 +148,8 @@ impl Normal {
     }
 }
 
-/// Irradiance / pi of a light of strength 1, and its rate by the light's own motion; None where it does not fall.
+/// Returns the irradiance / pi of a light of strength 1, and its rate by the light's own motion; None where it does not
+/// fall.
 fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Option<(Sloped, f64)> {
     match light.kind {
         FramedKind::Constant => Some((Sloped::constant(1.0), 0.0)),
@@ -155,7 +157,7 @@ fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Op
         FramedKind::Baked(texels) => {
             let [front, back] = hit.surface.light_maps.as_deref()?;
             let SideMap { u, v, texture } = if hit.in_front || !hit.surface.two_sided { front } else { back };
-            let found = looked_up(texture, &scene.irradiance[texels], [u, v], hit.place);
+            let found = looked_up(texture, &scene.irradiance[texels], [u, v], hit.point);
             // Beyond a triangle's third edge a map may fall below 0, and rounding leads there.
             (found.value > 0.0).then_some((found, 0.0))
         }
@@ -165,8 +167,8 @@ fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Op
             let rate = FRAC_1_PI * dot(normal.unit, rate);
             (cosine.value > 0.0).then_some((Sloped { value: FRAC_1_PI * cosine.value, slope }, rate))
         }
-        FramedKind::Point(place, rate) => {
-            let to = sub(place, hit.place);
+        FramedKind::Point(position, rate) => {
+            let to = sub(position, hit.point);
             let above = normal.along(to);
             if above.value <= 0.0 {
                 return None;
@@ -178,21 +180,23 @@ fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Op
             let value = Sloped { value: per_cube * above.value, slope: scale(add(by_place, above.slope), per_cube) };
             let value_rate = -per_cube * dot(by_place, rate);
             let Some((beam, axis_rate)) = &light.beam else { return Some((value, value_rate)) };
-            let (share, share_rate) = in_beam(beam, *axis_rate, scale(to, -1.0), rate);
-            (share.value > 0.0).then(|| (value.times(&share), value_rate * share.value + value.value * share_rate))
+            let (fraction, fraction_rate) = in_beam(beam, *axis_rate, scale(to, -1.0), rate);
+            (fraction.value > 0.0)
+                .then(|| (value.times(&fraction), value_rate * fraction.value + value.value * fraction_rate))
         }
     }
 }
 
-/// The share of a light that its beam sends to a place `away` from it, and its rate by the light's own motion.
-fn in_beam(beam: &Beam, axis_rate: Vector, away: Vector, place_rate: Vector) -> (Sloped, f64) {
+/// Returns the fraction of a light that its beam sends to a point `away` from it, and its rate by the light's own
+/// motion.
+fn in_beam(beam: &Beam, axis_rate: Vector, away: Vector, position_rate: Vector) -> (Sloped, f64) {
     let (Beam::Cosine(axis) | Beam::Spot { axis, .. }) = *beam;
     let per_length = 1.0 / dot(away, away).sqrt();
     let unit = scale(away, per_length);
     let cosine = dot(axis, unit);
     let slope = scale(sub(axis, scale(unit, cosine)), per_length);
-    let rate = dot(axis_rate, unit) - dot(slope, place_rate);
-    let (share, by_cosine) = match *beam {
+    let rate = dot(axis_rate, unit) - dot(slope, position_rate);
+    let (fraction, by_cosine) = match *beam {
         Beam::Cosine(_) => (cosine.max(0.0), 1.0),
         Beam::Spot { full, cutoff, .. } => {
             let angle = cosine.clamp(-1.0, 1.0).acos();
@@ -204,17 +208,17 @@ fn in_beam(beam: &Beam, axis_rate: Vector, away: Vector, place_rate: Vector) -> 
             }
         }
     };
-    (Sloped { value: share, slope: scale(slope, by_cosine) }, by_cosine * rate)
+    (Sloped { value: fraction, slope: scale(slope, by_cosine) }, by_cosine * rate)
 }
 
-/// Whether something lies between a place and a light, by the rule of all renderers: a shadow's ray begins a step off
-/// the surface, ends a little before the light, and does not meet the surface that it begins on.
+/// Returns whether something lies between a point and a light, by the rule of all renderers: a shadow's ray begins a
+/// step off the surface, ends a little before the light, and does not meet the surface that it begins on.
 fn is_hidden(scene: &Scene, view: &View, light: &FramedLight, hit: &Hit, stack: &mut Vec<u32>) -> bool {
     let frame = hit.surface.frame as usize;
     let (own, plane) = (&view.poses[frame], &hit.surface.plane);
     let farthest = f64::from(scene.farthest);
     let (to_light, end) = match light.kind {
-        FramedKind::Point(lamp, _) => (sub(lamp, hit.place), farthest / (1.0 + farthest)),
+        FramedKind::Point(position, _) => (sub(position, hit.point), farthest / (1.0 + farthest)),
         FramedKind::Directional(towards, _) => (towards, f64::INFINITY),
         FramedKind::Constant | FramedKind::Baked(_) | FramedKind::Visible => return false,
     };
@@ -222,24 +226,24 @@ fn is_hidden(scene: &Scene, view: &View, light: &FramedLight, hit: &Hit, stack: 
         return false;
     }
     let normal = [plane[0], plane[1], plane[2]];
-    let step = scene.step * (largest(view.poses[0].place(hit.seen)) + hit.seen[2]);
+    let step = scene.step * (largest(view.poses[0].point(hit.seen)) + hit.seen[2]);
     let off = scale(normal, step.copysign(dot(normal, to_light)));
     let rest = if end.is_finite() { sub(to_light, off) } else { to_light };
     let [off, rest] = [off, rest].map(|vector| own.turned(vector));
     let rays: Vec<Ray> = view
         .poses
         .iter()
-        .map(|pose| Ray { origin: pose.place(add(hit.seen, off)), direction: pose.vector(rest) })
+        .map(|pose| Ray { origin: pose.point(add(hit.seen, off)), direction: pose.vector(rest) })
         .collect();
     is_blocked(scene, &rays, end, hit.triangle, stack)
 }
 
-/// Bilinear lookup, and how it changes with the place.
-fn looked_up(texture: &Texture, texels: &[u64], maps: [&[f64; 4]; 2], place: Vector) -> Sloped {
+/// Looks up bilinearly. Returns the value, and how it changes with the point.
+fn looked_up(texture: &Texture, texels: &[u64], maps: [&[f64; 4]; 2], point: Vector) -> Sloped {
     if texture.is_constant() {
         return Sloped::constant(f64::from(parted(texels[texture.first])[0]));
     }
-    let Cell { first, stride, past, per_unit } = cell_of(texture, maps, place);
+    let Cell { first, stride, past, per_unit } = cell_of(texture, maps, point);
     let [[p, q], [r, s]] = [first, first + stride].map(|at| parted(texels[at]).map(f64::from));
     let (upper, lower) = (q - p, s - r);
     let (a, b) = (p + upper * past[0], r + lower * past[0]);
@@ -249,12 +253,13 @@ fn looked_up(texture: &Texture, texels: &[u64], maps: [&[f64; 4]; 2], place: Vec
     Sloped { value: a + (b - a) * past[1], slope: std::array::from_fn(|i| by_u * u[i] + by_v * v[i]) }
 }
 
-/// The texels that a lookup at a place mixes, by their numbers in the buffer, and their weights; several may be the same.
-pub(crate) fn taps(texture: &Texture, maps: [&[f64; 4]; 2], place: Vector) -> [(usize, f64); 4] {
+/// Returns the texels that a lookup at a point mixes, by their numbers in the buffer, and their weights; several may be
+/// the same.
+pub(crate) fn taps(texture: &Texture, maps: [&[f64; 4]; 2], point: Vector) -> [(usize, f64); 4] {
     if texture.is_constant() {
         return [(texture.first, 1.0), (texture.first, 0.0), (texture.first, 0.0), (texture.first, 0.0)];
     }
-    let Cell { first, stride, past: [x, y], .. } = cell_of(texture, maps, place);
+    let Cell { first, stride, past: [x, y], .. } = cell_of(texture, maps, point);
     [
         (first, (1.0 - x) * (1.0 - y)),
         (first + 1, x * (1.0 - y)),
@@ -263,21 +268,21 @@ pub(crate) fn taps(texture: &Texture, maps: [&[f64; 4]; 2], place: Vector) -> [(
     ]
 }
 
-/// Four texels with a place between them.
+/// Four texels with a point between them.
 struct Cell {
     /// The first texel, and how many there are to the one below it.
     first: usize,
     stride: usize,
-    /// How far the place is past the first one, in texels, and texels per unit of u and of v.
+    /// How far the point is past the first one, in texels, and texels per unit of u and of v.
     past: [f64; 2],
     per_unit: [f64; 2],
 }
 
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the texture")]
-fn cell_of(texture: &Texture, maps: [&[f64; 4]; 2], place: Vector) -> Cell {
+fn cell_of(texture: &Texture, maps: [&[f64; 4]; 2], point: Vector) -> Cell {
     let (mut cell, mut past, mut per_unit) = ([0usize; 2], [0.0; 2], [0.0; 2]);
     for (k, (map, side)) in maps.into_iter().zip([texture.width, texture.height]).enumerate() {
-        let coordinate = dot([map[0], map[1], map[2]], place) + map[3];
+        let coordinate = dot([map[0], map[1], map[2]], point) + map[3];
         let (inside, direction) = folded(texture.wrap, coordinate);
         let at = inside * f64::from(side) - 0.5;
         let whole = at.floor();
@@ -288,7 +293,7 @@ fn cell_of(texture: &Texture, maps: [&[f64; 4]; 2], place: Vector) -> Cell {
     Cell { first: texture.first + cell[1] * stride + cell[0], stride, past, per_unit }
 }
 
-/// Where a wrap mode folds a coordinate to, and in which direction it goes on there.
+/// Returns where a wrap mode folds a coordinate to, and in which direction it goes on there.
 fn folded(wrap: Wrap, coordinate: f64) -> (f64, f64) {
     match wrap {
         Wrap::Repeat => (coordinate - coordinate.floor(), 1.0),
@@ -303,8 +308,8 @@ fn folded(wrap: Wrap, coordinate: f64) -> (f64, f64) {
     }
 }
 
-/// How luma changes where the ray that hits a place is shifted by a vector: the place stays on the plane, and goes along
-/// the ray's direction as far as that takes.
+/// Returns how luma changes where the ray that hits a point is shifted by a vector: the point stays on the plane, and
+/// goes along the ray's direction as far as that takes.
 pub(crate) fn on_plane(slope: Vector, plane: &[f64; 4], direction: Vector) -> Vector {
     let normal = [plane[0], plane[1], plane[2]];
     sub(slope, scale(normal, dot(slope, direction) / dot(normal, direction)))

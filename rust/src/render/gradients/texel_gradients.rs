@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 
-use super::pixel_gradients::{Lit, PIXELS_OF_THREAD, Room, check_numbers};
+use super::pixel_gradients::{Lit, PIXELS_OF_THREAD, RayBuffers, check_numbers};
 use super::slopes::taps;
 use crate::error::{Error, Result};
 use crate::render::geometry::pixel_rays::PixelRays;
@@ -35,7 +35,7 @@ impl TexelGradients {
 }
 
 impl Renderer {
-    /// Derivatives of weighted sums of pixels by the texels of the surfaces that their rays meet, in float64.
+    /// Computes derivatives of weighted sums of pixels by the texels of the surfaces that their rays meet, in float64.
     ///
     /// `pixels` are `weights.len()` for each of `of_view`, the numbers of their views. `steps` say by how much each
     /// light colour's texels change for a unit. Light that bounces is taken as fixed.
@@ -66,14 +66,14 @@ impl Renderer {
             let of_view = of_view.par_chunks(PIXELS_OF_THREAD);
             let pixels = pixels.par_chunks(PIXELS_OF_THREAD * weights.len());
             let of_chunk = |(of_view, pixels): (&[u32], &[u32])| {
-                let (mut room, mut seen, mut found) = (Room::default(), vec![], TexelGradients::default());
+                let (mut buffers, mut seen, mut found) = (RayBuffers::default(), vec![], TexelGradients::default());
                 let mut lit: Option<Lit> = None;
                 for (&view, pixels) in of_view.iter().zip(pixels.chunks_exact(weights.len())) {
                     let lit = match lit.take() {
                         Some(same) if same.number == view => lit.insert(same),
                         _ => lit.insert(Lit::new(&self.scene, views, view)),
                     };
-                    self.collect(rays, lit, pixels, weights, steps, &mut room, &mut seen);
+                    self.collect(rays, lit, pixels, weights, steps, &mut buffers, &mut seen);
                     let before = found.texels.len();
                     for same in seen.chunk_by(|one, other| one.0 == other.0) {
                         found.texels.push(same[0].0);
@@ -89,8 +89,8 @@ impl Renderer {
         Ok(found.into_iter().fold(TexelGradients::default(), TexelGradients::join))
     }
 
-    /// What pixels, each times its weight, see of texels: sorted, a texel as often as rays see it.
-    #[allow(clippy::too_many_arguments, reason = "room that is used again")]
+    /// Collects what pixels, each times its weight, see of texels: sorted, a texel as often as rays see it.
+    #[allow(clippy::too_many_arguments, reason = "buffers that are used again")]
     fn collect(
         &self,
         rays: &PixelRays,
@@ -98,14 +98,14 @@ impl Renderer {
         pixels: &[u32],
         weights: &[f64],
         steps: &[f64],
-        room: &mut Room,
+        buffers: &mut RayBuffers,
         seen: &mut Vec<(u32, f64)>,
     ) {
         #[allow(clippy::cast_precision_loss, reason = "rays are few")]
-        let share = 1.0 / rays.rays() as f64;
+        let per_ray = 1.0 / rays.rays() as f64;
         let scene = &self.scene;
         seen.clear();
-        self.each_ray(rays, lit, pixels, room, |number, _, hit, shaded| {
+        self.each_ray(rays, lit, pixels, buffers, |number, _, hit, shaded| {
             let Some(hit) = hit else { return };
             let lights = scene.lights.iter().zip(&shaded.falls);
             let by_reflectance: f64 = lights.map(|(light, falls)| falls * steps[light.group as usize]).sum();
@@ -114,10 +114,10 @@ impl Renderer {
             }
             let surface = hit.surface;
             let texture = &scene.textures[surface.texture as usize];
-            for (texel, part) in taps(texture, [&surface.u, &surface.v], hit.place) {
+            for (texel, part) in taps(texture, [&surface.u, &surface.v], hit.point) {
                 if part != 0.0 {
                     #[allow(clippy::cast_possible_truncation, reason = "texels are numbered below 2^31")]
-                    seen.push((texel as u32, weights[number] * share * by_reflectance * part));
+                    seen.push((texel as u32, weights[number] * per_ray * by_reflectance * part));
                 }
             }
         });

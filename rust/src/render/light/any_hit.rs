@@ -1,21 +1,21 @@
-//! Any hits: whether anything lies between places and a light, for a few places at a time.
+//! Any hits: finds whether anything lies between points and a light, for a few points at a time.
 //!
 //! Where a part of the image sees many small triangles, what may throw shadows on all of them is a long list. Here the
-//! hierarchy is asked for a few neighbouring places instead.
+//! BVH is asked for a few neighbouring points instead.
 //!
-//! What must not break: a place is hidden if the [`cone`](super::cone) of any triangle but its own hides it, with the same
-//! bits as where the cones are listed before.
+//! What must not break: a point is hidden if the [`cone`](super::cone) of any triangle but its own hides it, with the
+//! same bits as where the cones are listed before.
 
 use std::ops::Range;
 
 use multiversion::multiversion;
 
 use super::cone::{Packet, Shaft, Source};
-use crate::render::geometry::hierarchy::{Hierarchy, WIDTH, below, index};
+use crate::render::geometry::bvh::{Bvh, WIDTH, below, index};
 use crate::render::lanes::{Lanes, STEP};
 
-/// Places that are tested together, in the frame of what may hide them.
-pub(crate) struct Places {
+/// Points that are tested together, in the frame of what may hide them.
+pub(crate) struct Points {
     coordinates: [[f32; STEP]; 3],
     /// The triangle that each lies on.
     own: [u32; STEP],
@@ -27,8 +27,9 @@ pub(crate) struct Places {
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Places {
-    /// Those from the first of some lanes on; `depth` and `step` are theirs, and those that are 1 in `hidden` are known.
+impl Points {
+    /// Takes those from the first of some lanes on; `depth` and `step` are theirs, and those that are 1 in `hidden` are
+    /// known.
     #[inline(always)]
     pub(crate) fn new(
         first: usize,
@@ -73,7 +74,7 @@ impl Places {
         self.hidden.iter().fold(1, |all, one| all & one) == 1
     }
 
-    /// Tests the triangles of a leaf; says whether any place is left that none hides.
+    /// Tests the triangles of a leaf; says whether any point is left that none hides.
     #[inline(always)]
     fn test(&mut self, first: usize, packets: &[Packet], leaf: Range<usize>, farthest: f32) -> bool {
         let [x, y, z] = &self.coordinates;
@@ -89,25 +90,25 @@ impl Places {
     }
 }
 
-/// Triangles that may hide places from a light: those of a frame, which begin at `first` in the scene, and their cones.
+/// Triangles that may hide points from a light: those of a frame, which begin at `first` in the scene, and their cones.
 pub(crate) struct Before<'a> {
-    pub(crate) hierarchy: &'a Hierarchy,
+    pub(crate) bvh: &'a Bvh,
     pub(crate) first: usize,
     pub(crate) packets: &'a [Packet],
     pub(crate) source: Source,
     pub(crate) farthest: f32,
 }
 
-/// Finds which of the places triangles hide.
+/// Finds which of the points triangles hide.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(crate) fn hide(before: &Before, places: &mut Places, stack: &mut Vec<u32>) {
-    if places.all_hidden() {
+pub(crate) fn hide(before: &Before, points: &mut Points, stack: &mut Vec<u32>) {
+    if points.all_hidden() {
         return;
     }
     // What may hide them is rounded too, by as much as it is large.
-    let slack = f64::from(places.slack) + 1e-6 * before.hierarchy.reach;
-    let [low, high] = places.bounds;
+    let slack = f64::from(points.slack) + 1e-6 * before.bvh.reach;
+    let [low, high] = points.bounds;
     let around = [low.map(|x| below(f64::from(x) - slack)), high.map(|x| -below(-f64::from(x) - slack))];
     let shaft = Shaft::new(&around, &before.source);
-    before.hierarchy.visit(stack, &shaft, |leaf| places.test(before.first, before.packets, leaf, before.farthest));
+    before.bvh.visit(stack, &shaft, |leaf| points.test(before.first, before.packets, leaf, before.farthest));
 }

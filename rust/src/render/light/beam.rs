@@ -1,4 +1,4 @@
-//! Beams: lights at a place that shine differently in different directions (spots, and pieces of a lamp's surface).
+//! Beams: lights at a position that shine differently in different directions (spots, and pieces of an area light).
 //!
 //! Both change a light's irradiance by a factor of the direction, so they share one type and the renderer's steps for a
 //! point light stay as they are. The inverse cosine is plain arithmetic ([`acos`]), because the C library's differs
@@ -13,10 +13,10 @@ use crate::render::geometry::view::Pose;
 use crate::render::lanes::Lanes;
 use crate::render::lanes::Rays;
 
-/// How a light in a place shines to its sides.
+/// How a light at a position shines to its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Beam {
-    /// With the cosine of the angle to a unit vector, and not to the other side: a piece of a lamp's surface.
+    /// With the cosine of the angle to a unit vector, and not to the other side: a piece of an area light.
     Cosine([f64; 3]),
     /// Around a unit vector: all of it within an angle, nothing beyond another, and linear in the angle between them.
     Spot {
@@ -30,7 +30,7 @@ pub enum Beam {
 }
 
 impl Beam {
-    /// Whether all numbers of it make sense.
+    /// Returns whether all numbers of it make sense.
     pub(crate) fn is_valid(&self) -> bool {
         let (axis, angles) = match *self {
             Self::Cosine(axis) => (axis, true),
@@ -39,7 +39,7 @@ impl Beam {
         angles && axis.iter().all(|x| x.is_finite())
     }
 
-    /// In camera axes.
+    /// Returns the beam in camera axes.
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
     pub(crate) fn seen(&self, camera: &Pose) -> SeenBeam {
         let (axis, spot) = match *self {
@@ -60,7 +60,7 @@ pub(crate) struct SeenBeam {
     spot: Option<[f32; 2]>,
 }
 
-/// The inverse cosine, the same bits on every processor (Abramowitz and Stegun, 4.4.46: within 2e-8).
+/// Returns the inverse cosine, the same bits on every processor (Abramowitz and Stegun, 4.4.46: within 2e-8).
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn acos(cosine: f32) -> f32 {
@@ -84,24 +84,24 @@ fn acos(cosine: f32) -> f32 {
 }
 
 impl SeenBeam {
-    /// Takes from the light of a place, and from its rate, what the beam does not send to where rays hit.
+    /// Takes from the light at a position, and from its rate, what the beam does not send to where rays hit.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn take<const RATE: bool, const FULL: bool>(
         &self,
-        (place, place_rate): ([f32; 3], [f32; 3]),
+        (position, position_rate): ([f32; 3], [f32; 3]),
         rays: &Rays<FULL>,
         (depth, depth_rate): (&Lanes, &Lanes),
         (value, rate): (&mut Lanes, &mut Lanes),
     ) {
         let (x, y) = (&rays.x, &rays.y);
         for i in 0..rays.count() {
-            let away = [x[i] * depth[i] - place[0], y[i] * depth[i] - place[1], depth[i] - place[2]];
+            let away = [x[i] * depth[i] - position[0], y[i] * depth[i] - position[1], depth[i] - position[2]];
             let squared = away[0] * away[0] + (away[1] * away[1] + away[2] * away[2]);
             let per_length = 1.0 / squared.sqrt();
             let along = self.axis[0] * away[0] + (self.axis[1] * away[1] + self.axis[2] * away[2]);
             let cosine = along * per_length;
-            let (share, slope) = match self.spot {
+            let (fraction, slope) = match self.spot {
                 None if cosine > 0.0 => (cosine, 1.0),
                 None => (0.0, 0.0),
                 Some([full, cutoff]) => {
@@ -118,15 +118,15 @@ impl SeenBeam {
             };
             if RATE {
                 let dz = depth_rate[i];
-                let change = [x[i] * dz - place_rate[0], y[i] * dz - place_rate[1], dz - place_rate[2]];
+                let change = [x[i] * dz - position_rate[0], y[i] * dz - position_rate[1], dz - position_rate[2]];
                 let along_rate = self.axis[0] * change[0]
                     + (self.axis[1] * change[1] + self.axis[2] * change[2])
                     + (self.axis_rate[0] * away[0] + (self.axis_rate[1] * away[1] + self.axis_rate[2] * away[2]));
                 let outwards = away[0] * change[0] + (away[1] * change[1] + away[2] * change[2]);
                 let cosine_rate = (along_rate - along * outwards / squared) * per_length;
-                rate[i] = rate[i] * share + value[i] * slope * cosine_rate;
+                rate[i] = rate[i] * fraction + value[i] * slope * cosine_rate;
             }
-            value[i] *= share;
+            value[i] *= fraction;
         }
     }
 }

@@ -9,16 +9,16 @@
 
 use multiversion::multiversion;
 
-use super::any_hit::{Places, hide as hide_few};
+use super::any_hit::{Points, hide as hide_few};
 use super::lights::{SeenKind, Surroundings};
-use super::shadows::{Occluders, Placing, Shadow};
-use crate::render::geometry::hierarchy::WIDTH;
+use super::shadows::{Occluders, Shadow, ToFrame};
+use crate::render::geometry::bvh::WIDTH;
 use crate::render::geometry::vector::{dot, single};
 use crate::render::lanes::{Lanes, MOST, Rays, STEP};
 use crate::render::visibility::bins::Seen;
 use crate::render::visibility::sorted::gathered;
 
-/// More cones than this are first tested together against a box around all places.
+/// More cones than this are first tested together against a box around all points.
 const FEW: usize = 12;
 
 /// Shadows on some triangles.
@@ -38,7 +38,7 @@ pub(crate) struct Caster {
     lights: usize,
     /// Numbers in the tile of the rays that are looked at together, receiver by receiver.
     numbers: Vec<u32>,
-    /// Of each light, and each of the tile's rays that were looked at, 1 where it sees a place that is hidden.
+    /// Of each light, and each of the tile's rays that were looked at, 1 where it sees a point that is hidden.
     hidden: Vec<Vec<u32>>,
     stack: Vec<u32>,
 }
@@ -73,7 +73,7 @@ impl Caster {
         self.normals.extend(of.view.poses.iter().map(|pose| single(pose.vector(normal))));
         self.sides.extend(of.lights.iter().map(|light| {
             let side = match light.kind {
-                SeenKind::Point(place, _) => dot(normal, place) + height,
+                SeenKind::Point(position, _) => dot(normal, position) + height,
                 SeenKind::Directional(towards, _) => dot(normal, towards),
                 SeenKind::Constant | SeenKind::Baked(_) | SeenKind::Visible => 0.0,
             };
@@ -84,7 +84,7 @@ impl Caster {
         self.receivers.push(Receiver { end, number: seen.triangle, inverse_depth });
     }
 
-    /// Finds which of the rays that were added see places that are hidden from each light.
+    /// Finds which of the rays that were added see points that are hidden from each light.
     pub(crate) fn cast(&mut self, of: &Surroundings, x: &[f32], y: &[f32]) {
         let (mut hidden, mut stack) = (std::mem::take(&mut self.hidden), std::mem::take(&mut self.stack));
         hidden.resize_with(self.lights, Vec::new);
@@ -102,14 +102,14 @@ impl Caster {
         (self.hidden, self.stack) = (hidden, stack);
     }
 
-    /// Whether anything may hide a light of this number.
+    /// Returns whether anything may hide a light of this number.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn hides(&self, light: usize) -> bool {
         self.shadow.hides(light)
     }
 
-    /// Takes away a light, and its rate, from rays that see places of a receiver which are hidden from it.
+    /// Takes away a light, and its rate, from rays that see points of a receiver which are hidden from it.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn take<const FULL: bool>(
@@ -152,7 +152,7 @@ fn hide<const FULL: bool>(
     hidden: &mut [u32; MOST],
 ) {
     let n = rays.count();
-    let mut at = At { places: [Lanes::ZERO; 3], step: Lanes::ZERO };
+    let mut at = At { points: [Lanes::ZERO; 3], step: Lanes::ZERO };
     for i in 0..n {
         at.set(i, &caster.shadow, [rays.x[i] * depth[i], rays.y[i] * depth[i], depth[i]]);
     }
@@ -160,8 +160,8 @@ fn hide<const FULL: bool>(
     let side = caster.sides[receiver * caster.lights + light];
     for occluders in caster.shadow.occluders(light) {
         let off = caster.normals[receiver * caster.frames + occluders.frame].map(|component| side * component);
-        let places = at.off_the_surface(&occluders.placing, n, |_| off);
-        test(occluders, caster.shadow.farthest(light), (&places, n), |_| own, hidden);
+        let points = at.off_the_surface(&occluders.to_frame, n, |_| off);
+        test(occluders, caster.shadow.farthest(light), (&points, n), |_| own, hidden);
     }
 }
 
@@ -197,7 +197,7 @@ fn look(
             inverse[k][span.clone()].fill(receiver.inverse_depth[k]);
         }
     }
-    let mut at = At { places: [Lanes::ZERO; 3], step: Lanes::ZERO };
+    let mut at = At { points: [Lanes::ZERO; 3], step: Lanes::ZERO };
     for i in 0..n {
         let depth = 1.0 / (inverse[0][i] * x[i] + (inverse[1][i] * y[i] + inverse[2][i]));
         at.set(i, &caster.shadow, [x[i] * depth, y[i] * depth, depth]);
@@ -216,18 +216,18 @@ fn look(
             off
         };
         for (frame, before) in caster.shadow.before(of, light) {
-            let (placing, off) = (Placing::new(&of.view.poses[frame]), off(frame));
-            let places = at.off_the_surface(&placing, n, |i| [off[0][i], off[1][i], off[2][i]]);
+            let (to_frame, off) = (ToFrame::new(&of.view.poses[frame]), off(frame));
+            let points = at.off_the_surface(&to_frame, n, |i| [off[0][i], off[1][i], off[2][i]]);
             for first in (0..n).step_by(STEP) {
-                let mut some = Places::new(first, &places, &own, &at.places[2], &at.step, &hidden);
+                let mut some = Points::new(first, &points, &own, &at.points[2], &at.step, &hidden);
                 hide_few(&before, &mut some, stack);
                 hidden[first..first + STEP].copy_from_slice(some.hidden());
             }
         }
         for occluders in caster.shadow.occluders(light) {
             let off = off(occluders.frame);
-            let places = at.off_the_surface(&occluders.placing, n, |i| [off[0][i], off[1][i], off[2][i]]);
-            test(occluders, caster.shadow.farthest(light), (&places, n), |i| own[i], &mut hidden);
+            let points = at.off_the_surface(&occluders.to_frame, n, |i| [off[0][i], off[1][i], off[2][i]]);
+            test(occluders, caster.shadow.farthest(light), (&points, n), |i| own[i], &mut hidden);
         }
         for (&ray, hidden) in numbers.iter().zip(hidden) {
             found[ray as usize] = hidden;
@@ -235,51 +235,51 @@ fn look(
     }
 }
 
-/// The places that rays see, in camera axes, and how far to step off the surface there.
+/// The points that rays see, in camera axes, and how far to step off the surface there.
 struct At {
-    places: [Lanes; 3],
+    points: [Lanes; 3],
     step: Lanes,
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl At {
     #[inline(always)]
-    fn set(&mut self, i: usize, shadow: &Shadow, place: [f32; 3]) {
-        let q = shadow.world.place(place[0], place[1], place[2]);
+    fn set(&mut self, i: usize, shadow: &Shadow, point: [f32; 3]) {
+        let q = shadow.world.point(point[0], point[1], point[2]);
         let one = if q[0].abs() > q[1].abs() { q[0].abs() } else { q[1].abs() };
         let most = if one > q[2].abs() { one } else { q[2].abs() };
-        (self.places[0][i], self.places[1][i], self.places[2][i]) = (place[0], place[1], place[2]);
-        self.step[i] = shadow.step * (most + place[2]);
+        (self.points[0][i], self.points[1][i], self.points[2][i]) = (point[0], point[1], point[2]);
+        self.step[i] = shadow.step * (most + point[2]);
     }
 
-    /// Where shadow rays begin, in a frame of the scene.
+    /// Returns where shadow rays begin, in a frame of the scene.
     #[inline(always)]
-    fn off_the_surface(&self, placing: &Placing, n: usize, off: impl Fn(usize) -> [f32; 3]) -> [Lanes; 3] {
-        let mut places = [Lanes::ZERO; 3];
+    fn off_the_surface(&self, to_frame: &ToFrame, n: usize, off: impl Fn(usize) -> [f32; 3]) -> [Lanes; 3] {
+        let mut points = [Lanes::ZERO; 3];
         for i in 0..n {
-            let q = placing.place(self.places[0][i], self.places[1][i], self.places[2][i]);
+            let q = to_frame.point(self.points[0][i], self.points[1][i], self.points[2][i]);
             for k in 0..3 {
-                places[k][i] = q[k] + off(i)[k] * self.step[i];
+                points[k][i] = q[k] + off(i)[k] * self.step[i];
             }
         }
-        places
+        points
     }
 }
 
-/// Sets 1 for each of the first n places that occluders hide, but for what lies behind its own triangle alone.
+/// Sets 1 for each of the first n points that occluders hide, but for what lies behind its own triangle alone.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn test(
     occluders: &Occluders,
     farthest: f32,
-    (places, n): (&[Lanes; 3], usize),
+    (points, n): (&[Lanes; 3], usize),
     own: impl Fn(usize) -> u32,
     hidden: &mut [u32; MOST],
 ) {
-    let [x, y, z] = places;
+    let [x, y, z] = points;
     let cones = &occluders.cones;
     let few = cones.triangles.len() <= FEW;
-    let part = if few { [[0.0; 3]; 2] } else { bounds(places, n) };
+    let part = if few { [[0.0; 3]; 2] } else { bounds(points, n) };
     for (packet, triangles) in cones.packets.iter().zip(cones.triangles.chunks(WIDTH)) {
         let any = if few { [true; WIDTH] } else { packet.hides(&part, farthest).any };
         for (lane, &triangle) in triangles.iter().enumerate().filter(|(lane, _)| any[*lane]) {
@@ -295,14 +295,14 @@ fn test(
     }
 }
 
-/// The lowest and highest coordinates of the first n places.
+/// Returns the lowest and highest coordinates of the first n points.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn bounds(places: &[Lanes; 3], n: usize) -> [[f32; 3]; 2] {
+fn bounds(points: &[Lanes; 3], n: usize) -> [[f32; 3]; 2] {
     let mut part = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
     for k in 0..3 {
         let (mut low, mut high) = ([f32::INFINITY; STEP], [f32::NEG_INFINITY; STEP]);
-        for some in places[k][..n].chunks_exact(STEP) {
+        for some in points[k][..n].chunks_exact(STEP) {
             for i in 0..STEP {
                 low[i] = if some[i] < low[i] { some[i] } else { low[i] };
                 high[i] = if some[i] > high[i] { some[i] } else { high[i] };

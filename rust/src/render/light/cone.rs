@@ -5,22 +5,22 @@
 //!
 //! What must not break: what is found for a box is true for each point in it as float32 computes it.
 
-use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
+use crate::render::geometry::bvh::{Boxes, Region, WIDTH};
 use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
 
-/// Seen from its side a triangle hides nothing: it is this share as wide as its corners are far from the light.
+/// Seen from its side a triangle hides nothing: it is this fraction as wide as its corners are far from the light.
 const EDGE_ON: f64 = 1e-7;
 
 /// Where a light shines from, in the frame of what it is hidden by.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Source {
-    /// A place.
+    /// A point.
     Point(Vector),
     /// The unit vector towards the light.
     Directional(Vector),
 }
 
-/// A place q is hidden where none of the three edges is negative and the height lies below 0; each is
+/// A point q is hidden where none of the three edges is negative and the height lies below 0; each is
 /// a x + (b y + (c z + d)). Seen from a point light at height 1 the triangle lies at 0.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cone {
@@ -63,7 +63,7 @@ impl Cone {
         Self { edges: edges.map(single), height: single(with(height, -dot(height, corners[0]))) }
     }
 
-    /// Whether it hides a place.
+    /// Returns whether it hides a point.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
@@ -93,7 +93,8 @@ pub(crate) struct Packet {
     functions: [[[f32; WIDTH]; 4]; 4],
 }
 
-/// The cones of one frame's triangles behind each light, in the order of the seen lights; none for light from all sides.
+/// The cones of one frame's triangles behind each light, in the order of the seen lights; none for light from all
+/// sides.
 pub(crate) type FrameCones = Vec<Vec<Packet>>;
 
 /// Cones that were picked out of packets, in packets again; and the triangles that they lie behind.
@@ -150,7 +151,7 @@ impl Packet {
         ],
     };
 
-    /// The cones behind some triangles; the last packet is filled up with what hides nothing.
+    /// Adds the cones behind some triangles; the last packet is filled up with what hides nothing.
     pub(crate) fn behind(triangles: &[[Vector; 3]], source: &Source, packets: &mut Vec<Self>) {
         packets.clear();
         packets.extend(triangles.chunks(WIDTH).map(|some| {
@@ -172,7 +173,7 @@ impl Packet {
         Cone { edges: [a, b, c], height }
     }
 
-    /// What they hide of a box, as it is computed for each place in it.
+    /// Returns what they hide of a box, as it is computed for each point in it.
     #[inline(always)]
     pub(crate) fn hides(&self, [low, high]: &[[f32; 3]; 2], farthest: f32) -> Hides {
         let [a, b, c, height] = &self.functions;
@@ -189,7 +190,7 @@ impl Packet {
     }
 }
 
-/// The least and the largest values of functions in a box.
+/// Returns the least and the largest values of functions in a box.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn bounds(function: &[[f32; WIDTH]; 4], low: &[f32; 3], high: &[f32; 3]) -> [[f32; WIDTH]; 2] {
@@ -213,8 +214,8 @@ fn bounds(function: &[[f32; WIDTH]; 4], low: &[f32; 3], high: &[f32; 3]) -> [[f3
 /// All that lies between a box and a light, a little more.
 pub(crate) struct Shaft {
     end: f32,
-    /// Of each axis the box's lowest coordinate and one over the way from there to the light; and the same of its highest,
-    /// turned round.
+    /// Of each axis the box's lowest coordinate and one over the way from there to the light; and the same of its
+    /// highest, turned round.
     sides: [[[f32; 2]; 2]; 3],
 }
 
@@ -242,28 +243,28 @@ impl Shaft {
 impl Region for Shaft {
     #[inline(always)]
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
-        // At a share s of its way the box reaches from low + s (light - low) to high + s (light - high).
+        // At a fraction s of its way the box reaches from low + s (light - low) to high + s (light - high).
         let (mut first, mut last) = ([0f32; WIDTH], [self.end; WIDTH]);
         for axis in 0..3 {
             let [[low, per_low], [high, per_high]] = self.sides[axis];
-            let mut shares = [[0f32; WIDTH]; 2];
+            let mut fractions = [[0f32; WIDTH]; 2];
             for i in 0..WIDTH {
-                shares[0][i] = (boxes.high[axis][i] - low) * per_low;
-                shares[1][i] = (high - boxes.low[axis][i]) * per_high;
+                fractions[0][i] = (boxes.high[axis][i] - low) * per_low;
+                fractions[1][i] = (high - boxes.low[axis][i]) * per_high;
             }
-            for (shares, per) in shares.iter().zip([per_low, per_high]) {
+            for (fractions, per) in fractions.iter().zip([per_low, per_high]) {
                 if per > 0.0 {
                     for i in 0..WIDTH {
-                        last[i] = if shares[i] < last[i] { shares[i] } else { last[i] };
+                        last[i] = if fractions[i] < last[i] { fractions[i] } else { last[i] };
                     }
                 } else {
                     for i in 0..WIDTH {
-                        first[i] = if shares[i] > first[i] { shares[i] } else { first[i] };
+                        first[i] = if fractions[i] > first[i] { fractions[i] } else { first[i] };
                     }
                 }
             }
         }
-        // Each share is off by three roundings at most.
+        // Each fraction is off by three roundings at most.
         std::array::from_fn(|i| first[i] <= last[i] * 1.000_002)
     }
 }

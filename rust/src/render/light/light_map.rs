@@ -10,12 +10,13 @@ use crate::error::{Error, Result};
 /// Irradiance on surfaces, as tables; empty where no light is baked.
 #[derive(Clone, Debug, Default)]
 pub struct LightMapTables {
-    /// For the front and the back of each triangle, one after the other: coordinates u and v in its map of a place p:
+    /// For the front and the back of each triangle, one after the other: coordinates u and v in its map of a point p:
     /// `map[..3] . p + map[3]`.
     pub uv_maps: Vec<[[f64; 4]; 2]>,
     /// For the front and the back of each triangle: first texel, width, height and wrap mode, as those of textures.
     pub layouts: Vec<[i64; 4]>,
-    /// For each baked light all texels as irradiance / pi for a strength of 1, with a frame of one texel around each map.
+    /// For each baked light all texels as irradiance / pi for a strength of 1, with a frame of one texel around each
+    /// map.
     pub texels: Vec<Vec<f32>>,
 }
 
@@ -37,7 +38,7 @@ pub(crate) struct SideMap {
 }
 
 impl LightMapTables {
-    /// The maps of the front and the back of each of `triangles` triangles; none where there are no tables.
+    /// Returns the maps of the front and the back of each of `triangles` triangles; none where there are no tables.
     pub(crate) fn checked(&self, triangles: usize) -> Result<Vec<[SideMap; 2]>> {
         if self.layouts.is_empty() && self.uv_maps.is_empty() && self.texels.is_empty() {
             return Ok(vec![]);

@@ -24,7 +24,7 @@ pub(crate) struct SeenLight {
 /// Where it shines from.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum SeenKind {
-    /// A place, and its rate.
+    /// A position, and its rate.
     Point(Vector, Vector),
     /// The unit vector towards the light, and its rate.
     Directional(Vector, Vector),
@@ -46,7 +46,7 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) moving: &'a [FrameCones],
 }
 
-/// Lights in the order of their colours, which is that in which they are added up.
+/// Returns the lights in the order of their colours, which is that in which they are added up.
 pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
     let camera = &view.poses[0];
     let mut lights: Vec<SeenLight> = scene
@@ -55,8 +55,8 @@ pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
         .zip(&view.factors)
         .map(|(light, factor)| SeenLight {
             kind: match light.kind {
-                LightKind::Point(place) => {
-                    let seen = camera.turned(sub(place, camera.position));
+                LightKind::Point(position) => {
+                    let seen = camera.turned(sub(position, camera.position));
                     SeenKind::Point(seen, add(camera.turning(seen), camera.drift()))
                 }
                 LightKind::Directional(along) => {
@@ -77,7 +77,7 @@ pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
     lights
 }
 
-/// Luma of a ray that hits nothing, and its rate.
+/// Returns the luma of a ray that hits nothing, and its rate.
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
 pub(crate) fn background(scene: &Scene, view: &View) -> (f32, f32) {
     let of = |which: usize| -> f64 {

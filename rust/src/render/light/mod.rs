@@ -1,5 +1,6 @@
 //! Light that reaches the camera: lights and their shadows, baked light, textures, and the sky.
 
+mod affine;
 pub(super) mod any_hit;
 pub(super) mod beam;
 pub(super) mod cast;
@@ -8,6 +9,7 @@ pub(super) mod light_map;
 pub(super) mod lights;
 pub(super) mod patch;
 pub(super) mod shade;
+pub(super) mod shader;
 pub(super) mod shadows;
 pub(super) mod sky;
 pub(super) mod texture;

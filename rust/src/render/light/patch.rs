@@ -13,8 +13,8 @@ use crate::render::visibility::bins::Seen;
 /// What roundings of an inverse depth amount to, by the sum of its parts.
 const ROUNDING: f64 = 4e-7;
 
-/// A box around what is seen of some triangles of one frame, in its coordinates: it holds each place as its rays find it in
-/// float32.
+/// A box around what is seen of some triangles of one frame, in its coordinates: it holds each point as its rays find
+/// it in float32.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Patch {
     pub(crate) frame: usize,
@@ -24,7 +24,7 @@ pub(crate) struct Patch {
 }
 
 impl Patch {
-    /// Of one triangle.
+    /// Returns the patch of one triangle.
     pub(crate) fn new(of: &Surroundings, seen: &Seen, part: &Rect) -> Self {
         let Surroundings { scene, view, .. } = *of;
         let frame = scene.surfaces[seen.triangle as usize].frame as usize;
@@ -54,33 +54,33 @@ impl Patch {
         Self { frame, bounds, size: width * height }
     }
 
-    /// This and another patch as one, where that is not much larger than the two.
+    /// Returns this and another patch as one, where that is not much larger than the two.
     pub(crate) fn with(&self, other: &Self) -> Option<Self> {
         let bounds = self.bounds.with(&other.bounds);
         let larger = bounds.half_area() > self.bounds.half_area() + other.bounds.half_area() + self.size;
         (self.frame == other.frame && !larger).then_some(Self { bounds, ..*self })
     }
 
-    /// Its corners in camera axes.
+    /// Returns its corners in camera axes.
     pub(crate) fn corners(&self, view: &View) -> [Vector; 8] {
         let pose = &view.poses[self.frame];
         self.bounds.corners().map(|corner| pose.turned(sub(corner, pose.position)))
     }
 }
 
-/// The largest coordinate.
+/// Returns the largest coordinate.
 fn reach(bounds: &Bounds) -> f64 {
     largest(bounds.low).max(largest(bounds.high))
 }
 
-/// The sum of the magnitudes of what an inverse depth is the sum of: a ray's depth is rounded with them.
+/// Returns the sum of the magnitudes of what an inverse depth is the sum of: a ray's depth is rounded with them.
 fn parts(seen: &Seen, x: f32, y: f32) -> f64 {
     let [a, b, c] = seen.inverse_depth.0;
     f64::from((a * x).abs() + (b * y).abs() + c.abs())
 }
 
-/// How far off a place may be that a part of the image sees of a triangle, where the part reaches to the horizon of the
-/// triangle's plane: as far as if all of it were as far away as the farthest corner.
+/// Returns how far off a point may be that a part of the image sees of a triangle, where the part reaches to the
+/// horizon of the triangle's plane: as far as if all of it were as far away as the farthest corner.
 fn off_by_the_farthest(seen: &Seen, part: &Rect, pose: &Pose, corners: &[Vector; 3]) -> f64 {
     let depth = corners.iter().fold(0.0f64, |most, &corner| most.max(pose.turned(sub(corner, pose.position))[2]));
     part.corners().iter().fold(0.0, |most: f64, &[x, y]| {
@@ -91,7 +91,7 @@ fn off_by_the_farthest(seen: &Seen, part: &Rect, pose: &Pose, corners: &[Vector;
 
 #[cfg(test)]
 mod tests {
-    use super::super::shadows::Placing;
+    use super::super::shadows::ToFrame;
     use super::*;
     use crate::render::geometry::vector::cross;
     use crate::render::scene::{Scene, SceneTables};
@@ -106,7 +106,7 @@ mod tests {
         std::array::from_fn(|i| [right[i], down[i], forward[i]])
     }
 
-    /// A scene of one triangle, which lies level at a height.
+    /// Returns a scene of one triangle, which lies level at a height.
     fn level(corners: [[f64; 2]; 3], height: f64) -> Scene {
         let corners = corners.map(|[x, y]| [x, y, height]);
         let tables = SceneTables {
@@ -127,8 +127,8 @@ mod tests {
     }
 
     proptest! {
-        /// A level triangle's box has no thickness but for roundings, so that a place which is off by more lies outside. Near
-        /// the horizon, at the triangle's corners and from far, places are off by most.
+        /// A level triangle's box has no thickness but for roundings, so that a point which is off by more lies
+        /// outside. Near the horizon, at the triangle's corners and from far, points are off by most.
         #[test]
         #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
         #[allow(clippy::cast_precision_loss, reason = "small numbers")]
@@ -166,7 +166,7 @@ mod tests {
                 rays.extend(near(x).iter().flat_map(|&x| near(y).map(|y| [x, y])));
             }
             let of = Surroundings { scene: &scene, view: &view, lights: &[], still: &vec![], moving: &[] };
-            let placing = Placing::new(&pose);
+            let to_frame = ToFrame::new(&pose);
             for seen in &bins.seen {
                 let patch = Patch::new(&of, seen, &part).bounds;
                 for &[x, y] in &rays {
@@ -176,9 +176,9 @@ mod tests {
                         continue;
                     }
                     let depth = 1.0 / inverse;
-                    let place = placing.place(x * depth, y * depth, depth).map(f64::from);
-                    let inside = (0..3).all(|i| patch.low[i] <= place[i] && place[i] <= patch.high[i]);
-                    prop_assert!(inside, "{place:?} in {patch:?}");
+                    let point = to_frame.point(x * depth, y * depth, depth).map(f64::from);
+                    let inside = (0..3).all(|i| patch.low[i] <= point[i] && point[i] <= patch.high[i]);
+                    prop_assert!(inside, "{point:?} in {patch:?}");
                 }
             }
         }

@@ -1,309 +1,22 @@
 //! Shading: luma of rays whose triangle is known, and its rate of change along that triangle.
 //!
-//! A triangle is set up once per view in float64 ([`Shader`]). Its rays are then shaded together in float32, in vector
-//! code.
+//! A triangle is set up once per view ([`Shader`]). Its rays are then shaded together in float32, in vector code.
 //!
 //! What must not break: each step is one fixed sequence of float operations, never fused, so that bits do not depend on
 //! the processor. Rates are derivatives of the same steps. docs/rendering.md lists the steps.
 
-use std::f64::consts::FRAC_1_PI;
-
-use super::beam::SeenBeam;
+use super::affine::Affine;
 use super::cast::Caster;
-use super::light_map::SideMap;
-use super::lights::{SeenKind, SeenLight, Surroundings};
-use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Texture, Wrap, parted};
-use crate::render::geometry::linear::Linear;
-use crate::render::geometry::vector::{Vector, dot, single};
-use crate::render::geometry::view::Pose;
+use super::shader::{Falls, LightMap, Shader};
+use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Wrap, parted};
 use crate::render::lanes::{Lanes, Rays};
-use crate::render::scene::Scene;
-use crate::render::visibility::bins::Seen;
-
-/// A linear function of the ray, and its rate.
-#[derive(Clone, Copy, Debug)]
-struct Changing {
-    now: Linear,
-    rate: Linear,
-}
-
-/// An affine function of the place that a ray hits: its part that is linear in the ray, per unit of depth, and the rest.
-#[derive(Clone, Copy, Debug)]
-struct Affine {
-    slope: Changing,
-    offset: f32,
-    offset_rate: f32,
-}
-
-/// How a light falls on a triangle.
-#[derive(Clone, Copy, Debug)]
-enum Falls {
-    /// The same everywhere on it.
-    Evenly { amount: f32, rate: f32 },
-    /// From a place: by the plane's distance from it.
-    From { place: [f32; 3], place_rate: [f32; 3], amount: f32, rate: f32 },
-    /// From a place, on a surface whose normal changes.
-    FromOnSmooth { place: [f32; 3], place_rate: [f32; 3], strength: f32, rate: f32 },
-    /// Along a direction, on a surface whose normal changes.
-    AlongOnSmooth { towards: [f32; 3], towards_rate: [f32; 3], strength: f32, rate: f32 },
-    /// As these texels of the triangle's light map have it.
-    Baked { texels: usize, strength: f32, rate: f32 },
-}
-
-impl Falls {
-    /// The place that it falls from, and its rate.
-    fn place(&self) -> Option<([f32; 3], [f32; 3])> {
-        match *self {
-            Self::From { place, place_rate, .. } | Self::FromOnSmooth { place, place_rate, .. } => {
-                Some((place, place_rate))
-            }
-            _ => None,
-        }
-    }
-}
-
-/// A light on a triangle: its colour, its number among the view's lights.
-#[derive(Clone, Copy, Debug)]
-struct Lit {
-    falls: Falls,
-    group: usize,
-    light: usize,
-    beam: Option<SeenBeam>,
-}
-
-/// A triangle as a camera sees it.
-#[derive(Debug)]
-pub(crate) struct Shader<'a> {
-    /// The triangle's number in the scene.
-    pub(crate) triangle: u32,
-    scene: &'a Scene,
-    texture: &'a Texture,
-    inverse_depth: Changing,
-    u: Affine,
-    v: Affine,
-    smooth: Option<[Affine; 3]>,
-    /// Of the side that is seen.
-    light_map: Option<LightMap<'a>>,
-    /// Luma that the side emits, and its rate.
-    emitted: (f32, f32),
-    two_sided: bool,
-    lit: Vec<Lit>,
-    /// Whether all of it is black.
-    pub(crate) dark: bool,
-}
-
-impl<'a> Shader<'a> {
-    pub(crate) fn new(of: &Surroundings<'a>, seen: &Seen) -> Self {
-        let Surroundings { scene, view, lights, .. } = *of;
-        let surface = &scene.surfaces[seen.triangle as usize];
-        let pose = &view.poses[surface.frame as usize];
-        let texture = &scene.textures[surface.texture as usize];
-        let normal = pose.turned([surface.plane[0], surface.plane[1], surface.plane[2]]);
-        let normal_rate = pose.turning(normal);
-        let plane = Plane {
-            normal,
-            normal_rate,
-            height: dot([surface.plane[0], surface.plane[1], surface.plane[2]], pose.position) + surface.plane[3],
-            height_rate: -dot(normal, pose.drift()),
-        };
-        let smooth = surface.normal.as_ref().map(|maps| {
-            // The map's components along the frame's axes, turned into camera axes.
-            let rows = maps.map(|map| Map::new(&map, pose));
-            std::array::from_fn(|i| turned_map(&rows, pose, i))
-        });
-        // The normal n points at the camera where n . p + d > 0 at its place p.
-        let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
-        let dark = smooth.is_none() && facing < 0.0 && !surface.two_sided;
-        let mut shader = Self {
-            triangle: seen.triangle,
-            scene,
-            texture,
-            inverse_depth: Changing {
-                now: seen.inverse_depth,
-                rate: Linear(single(std::array::from_fn(|i| {
-                    (plane.normal[i] * plane.height_rate / plane.height - plane.normal_rate[i]) / plane.height
-                }))),
-            },
-            u: coordinate(&surface.u, pose, texture.wrap),
-            v: coordinate(&surface.v, pose, texture.wrap),
-            smooth,
-            light_map: surface.light_maps.as_deref().map(|[front, back]| {
-                LightMap::new(if facing > 0.0 || !surface.two_sided { front } else { back }, pose)
-            }),
-            emitted: (0.0, 0.0),
-            two_sided: surface.two_sided,
-            lit: vec![],
-            dark,
-        };
-        if let (Some(emission), true) = (surface.emission, facing > 0.0) {
-            shader.emitted = emitted(emission.luma, view.factors[emission.light as usize]);
-        }
-        if !dark {
-            let is_smooth = shader.smooth.is_some();
-            shader.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
-                let falls = if is_smooth { on_smooth(light) } else { plane.lit_by(light, facing) };
-                Some(Lit { falls: falls?, group: light.group, light: number, beam: light.beam })
-            }));
-            shader.dark = shader.lit.is_empty() && surface.emission.is_none();
-        }
-        shader
-    }
-
-    /// Whether a light of this number falls on it.
-    pub(crate) fn lit_by(&self, light: usize) -> bool {
-        self.lit.iter().any(|lit| lit.light == light)
-    }
-}
-
-struct Plane {
-    normal: Vector,
-    normal_rate: Vector,
-    /// n . p + d at the camera's place p.
-    height: f64,
-    height_rate: f64,
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-impl Plane {
-    /// How a light falls on the side that faces the camera; None where it does not.
-    fn lit_by(&self, light: &SeenLight, facing: f64) -> Option<Falls> {
-        match light.kind {
-            SeenKind::Constant => {
-                Some(Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 })
-            }
-            SeenKind::Baked(texels) => baked(texels, light),
-            SeenKind::Visible => None,
-            SeenKind::Directional(towards, towards_rate) => {
-                let cosine = facing * dot(self.normal, towards);
-                let rate = facing * (dot(self.normal_rate, towards) + dot(self.normal, towards_rate));
-                (cosine > 0.0).then_some(Falls::Evenly {
-                    amount: (cosine * light.strength * FRAC_1_PI) as f32,
-                    rate: ((rate * light.strength + cosine * light.strength_rate) * FRAC_1_PI) as f32,
-                })
-            }
-            SeenKind::Point(place, place_rate) => {
-                let above = facing * (dot(self.normal, place) + self.height);
-                let rate = facing * (dot(self.normal_rate, place) + dot(self.normal, place_rate) + self.height_rate);
-                (above > 0.0).then(|| Falls::From {
-                    place: single(place),
-                    place_rate: single(place_rate),
-                    amount: (above * light.strength * FRAC_1_PI) as f32,
-                    rate: ((rate * light.strength + above * light.strength_rate) * FRAC_1_PI) as f32,
-                })
-            }
-        }
-    }
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-fn on_smooth(light: &SeenLight) -> Option<Falls> {
-    let (strength, rate) = ((light.strength * FRAC_1_PI) as f32, (light.strength_rate * FRAC_1_PI) as f32);
-    Some(match light.kind {
-        SeenKind::Constant => Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 },
-        SeenKind::Baked(texels) => return baked(texels, light),
-        SeenKind::Visible => return None,
-        SeenKind::Directional(towards, towards_rate) => {
-            Falls::AlongOnSmooth { towards: single(towards), towards_rate: single(towards_rate), strength, rate }
-        }
-        SeenKind::Point(place, place_rate) => {
-            Falls::FromOnSmooth { place: single(place), place_rate: single(place_rate), strength, rate }
-        }
-    })
-}
-
-/// Luma that is emitted under a light's factor, and its rate.
-#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-fn emitted(luma: f64, [factor, rate]: [f64; 2]) -> (f32, f32) {
-    ((luma * factor) as f32, (luma * rate) as f32)
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-fn baked(texels: usize, light: &SeenLight) -> Option<Falls> {
-    // Of the light at all instants of a motion, few count at a time.
-    let counts = light.strength != 0.0 || light.strength_rate != 0.0;
-    counts.then_some(Falls::Baked { texels, strength: light.strength as f32, rate: light.strength_rate as f32 })
-}
-
-/// The map of irradiance on the side of a triangle that is seen.
-#[derive(Debug)]
-struct LightMap<'a> {
-    texture: &'a Texture,
-    u: Affine,
-    v: Affine,
-}
-
-impl<'a> LightMap<'a> {
-    fn new(side: &'a SideMap, pose: &Pose) -> Self {
-        let (u, v) = (coordinate(&side.u, pose, Wrap::Clamp), coordinate(&side.v, pose, Wrap::Clamp));
-        Self { texture: &side.texture, u, v }
-    }
-}
-
-/// An affine function of places in a frame, in camera axes and float64.
-struct Map {
-    slope: Vector,
-    slope_rate: Vector,
-    offset: f64,
-    offset_rate: f64,
-}
-
-impl Map {
-    fn new(map: &[f64; 4], pose: &Pose) -> Self {
-        let slope = [map[0], map[1], map[2]];
-        let turned = pose.turned(slope);
-        Self {
-            slope: turned,
-            slope_rate: pose.turning(turned),
-            offset: dot(slope, pose.position) + map[3],
-            offset_rate: dot(slope, pose.velocity),
-        }
-    }
-
-    #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-    fn single(&self) -> Affine {
-        Affine {
-            slope: Changing { now: Linear(single(self.slope)), rate: Linear(single(self.slope_rate)) },
-            offset: self.offset as f32,
-            offset_rate: self.offset_rate as f32,
-        }
-    }
-}
-
-/// A texture coordinate. Whole periods are taken from it, so that float32 is fine enough wherever the texture lies.
-fn coordinate(map: &[f64; 4], pose: &Pose, wrap: Wrap) -> Affine {
-    let mut map = Map::new(map, pose);
-    match wrap {
-        Wrap::Repeat => map.offset -= map.offset.floor(),
-        Wrap::Mirror => map.offset -= 2.0 * (map.offset / 2.0).floor(),
-        Wrap::Clamp => {}
-    }
-    map.single()
-}
-
-/// Component `i` in camera axes of a vector whose components in the frame's axes are affine functions.
-fn turned_map(rows: &[Map; 3], pose: &Pose, i: usize) -> Affine {
-    let mut sum = Map { slope: [0.0; 3], slope_rate: [0.0; 3], offset: 0.0, offset_rate: 0.0 };
-    for (k, row) in rows.iter().enumerate() {
-        let mut axis = [0.0; 3];
-        axis[k] = 1.0;
-        let turned = pose.turned(axis);
-        let (share, share_rate) = (turned[i], pose.turning(turned)[i]);
-        for j in 0..3 {
-            sum.slope[j] += share * row.slope[j];
-            sum.slope_rate[j] += share * row.slope_rate[j] + share_rate * row.slope[j];
-        }
-        sum.offset += share * row.offset;
-        sum.offset_rate += share * row.offset_rate + share_rate * row.offset;
-    }
-    sum.single()
-}
 
 /// Luma and, where it is wanted, its rate.
 pub(crate) type Reflected = (Lanes, Lanes);
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Shader<'_> {
-    /// What rays see of the triangle.
+    /// Computes what rays see of the triangle.
     #[inline(always)]
     pub(crate) fn luma<const RATE: bool, const FULL: bool>(
         &self,
@@ -331,8 +44,8 @@ impl Shader<'_> {
                     }
                     (falls, _) => falling::<RATE, FULL>(&falls, rays, &depth, &depth_rate, normal.as_ref()),
                 };
-                if let (Some(beam), Some(place)) = (&lit.beam, lit.falls.place()) {
-                    beam.take::<RATE, FULL>(place, rays, (&depth, &depth_rate), (&mut one, &mut one_rate));
+                if let (Some(beam), Some(position)) = (&lit.beam, lit.falls.position()) {
+                    beam.take::<RATE, FULL>(position, rays, (&depth, &depth_rate), (&mut one, &mut one_rate));
                 }
                 if caster.hides(lit.light) {
                     caster.take((receiver, lit.light), rays, &depth, (&mut one, &mut one_rate));
@@ -417,7 +130,7 @@ impl Shader<'_> {
         looked_up::<RATE, FULL, F>([&self.u, &self.v], sampler, rays, depth, depth_rate)
     }
 
-    /// Irradiance / pi of a baked light, and its rate.
+    /// Computes the irradiance / pi of a baked light, and its rate.
     #[inline(always)]
     fn baked<const RATE: bool, const FULL: bool>(
         &self,
@@ -442,7 +155,7 @@ impl Shader<'_> {
     }
 }
 
-/// Bilinear lookup at the places that rays hit, by the maps to its coordinates, and its rate.
+/// Looks up bilinearly at the points that rays hit, by the maps to their coordinates. Returns values and their rates.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
@@ -475,19 +188,6 @@ fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
         }
     }
     (value, rate)
-}
-
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Affine {
-    #[inline(always)]
-    fn at<const RATE: bool>(&self, x: f32, y: f32, depth: f32, depth_rate: f32) -> (f32, f32) {
-        let slope = self.slope.now.at(x, y);
-        let value = depth * slope + self.offset;
-        if !RATE {
-            return (value, 0.0);
-        }
-        (value, depth_rate * slope + (depth * self.slope.rate.at(x, y) + self.offset_rate))
-    }
 }
 
 /// Unit normals that face the camera, their rates, and whether (1 or -1) their front does.
@@ -529,7 +229,7 @@ fn normals<const RATE: bool, const FULL: bool>(
     normals
 }
 
-/// Irradiance / pi of a light that nothing shadows, and its rate.
+/// Computes the irradiance / pi of a light that nothing shadows, and its rate.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn falling<const RATE: bool, const FULL: bool>(
@@ -542,23 +242,23 @@ fn falling<const RATE: bool, const FULL: bool>(
     let (count, x, y) = (rays.count(), rays.x, rays.y);
     let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
     match (*falls, normals) {
-        (Falls::From { place, place_rate, amount, rate: amount_rate }, _) => {
+        (Falls::From { position, position_rate, amount, rate: amount_rate }, _) => {
             for i in 0..count {
-                let to = [place[0] - x[i] * depth[i], place[1] - y[i] * depth[i], place[2] - depth[i]];
+                let to = [position[0] - x[i] * depth[i], position[1] - y[i] * depth[i], position[2] - depth[i]];
                 let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
                 let cube = squared * squared.sqrt();
                 value[i] = amount / cube;
                 if RATE {
                     let dz = depth_rate[i];
-                    let change = [place_rate[0] - x[i] * dz, place_rate[1] - y[i] * dz, place_rate[2] - dz];
+                    let change = [position_rate[0] - x[i] * dz, position_rate[1] - y[i] * dz, position_rate[2] - dz];
                     let along = to[0] * change[0] + (to[1] * change[1] + to[2] * change[2]);
                     rate[i] = amount_rate / cube - 3.0 * value[i] * along / squared;
                 }
             }
         }
-        (Falls::FromOnSmooth { place, place_rate, strength, rate: strength_rate }, Some(normals)) => {
+        (Falls::FromOnSmooth { position, position_rate, strength, rate: strength_rate }, Some(normals)) => {
             for i in 0..count {
-                let to = [place[0] - x[i] * depth[i], place[1] - y[i] * depth[i], place[2] - depth[i]];
+                let to = [position[0] - x[i] * depth[i], position[1] - y[i] * depth[i], position[2] - depth[i]];
                 let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
                 let cube = squared * squared.sqrt();
                 let n = [normals.now[0][i], normals.now[1][i], normals.now[2][i]];
@@ -567,7 +267,7 @@ fn falling<const RATE: bool, const FULL: bool>(
                 value[i] = if lit { strength * above / cube } else { 0.0 };
                 if RATE {
                     let dz = depth_rate[i];
-                    let change = [place_rate[0] - x[i] * dz, place_rate[1] - y[i] * dz, place_rate[2] - dz];
+                    let change = [position_rate[0] - x[i] * dz, position_rate[1] - y[i] * dz, position_rate[2] - dz];
                     let along = to[0] * change[0] + (to[1] * change[1] + to[2] * change[2]);
                     let dn = [normals.rate[0][i], normals.rate[1][i], normals.rate[2][i]];
                     let above_rate = n[0] * change[0]

@@ -1,6 +1,6 @@
 //! Shadows: finds what may hide points of a triangle, seen in a part of the image, from a light.
 //!
-//! The search is made once for each patch and light, in the hierarchy of each frame. [`super::cast`] then tests single
+//! The search is made once for each patch and light, in the BVH of each frame. [`super::cast`] then tests single
 //! points against what was found.
 //!
 //! What must not break: everything that may hide a point of the patch is found. Where all of the patch is known to be
@@ -12,12 +12,12 @@ use super::any_hit::Before;
 use super::cone::{FrameCones, Gathered, Packet, Shaft, Source};
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::patch::Patch;
-use crate::render::geometry::hierarchy::{Hierarchy, WIDTH, below};
+use crate::render::geometry::bvh::{Bvh, WIDTH, below};
 use crate::render::geometry::vector::{Bounds, largest, single};
 use crate::render::geometry::view::{Pose, View};
 use crate::render::scene::{LightKind, Scene};
 
-/// The cones of all that stands still.
+/// Returns the cones of all that stands still.
 pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     if !scene.shadows {
         return vec![];
@@ -28,7 +28,7 @@ pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     let of_light = |kind: &LightKind| {
         let mut packets = vec![];
         match *kind {
-            LightKind::Point(place) => Packet::behind(still, &Source::Point(place), &mut packets),
+            LightKind::Point(position) => Packet::behind(still, &Source::Point(position), &mut packets),
             LightKind::Directional(along) => {
                 Packet::behind(still, &Source::Directional(along.map(|x| -x)), &mut packets);
             }
@@ -39,7 +39,7 @@ pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     lights.iter().map(|light| of_light(&light.kind)).collect()
 }
 
-/// The cones of what moves, as it is in a view: by frame, without the world's.
+/// Finds the cones of what moves, as it is in a view: by frame, without the world's.
 pub(crate) fn moving_cones(scene: &Scene, view: &View, lights: &[SeenLight], cones: &mut Vec<FrameCones>) {
     if !scene.shadows {
         return;
@@ -55,10 +55,10 @@ pub(crate) fn moving_cones(scene: &Scene, view: &View, lights: &[SeenLight], con
     }
 }
 
-/// Where a light shines from, in a frame.
+/// Returns where a light shines from, in a frame.
 fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
     match light.kind {
-        SeenKind::Point(place, _) => Some(Source::Point(pose.place(place))),
+        SeenKind::Point(position, _) => Some(Source::Point(pose.point(position))),
         SeenKind::Directional(towards, _) => Some(Source::Directional(pose.vector(towards))),
         SeenKind::Constant | SeenKind::Baked(_) | SeenKind::Visible => None,
     }
@@ -66,22 +66,22 @@ fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
 
 /// Camera axes to a frame's, in float32.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Placing {
+pub(crate) struct ToFrame {
     rotation: [[f32; 3]; 3],
     position: [f32; 3],
 }
 
-impl Placing {
+impl ToFrame {
     pub(crate) fn new(pose: &Pose) -> Self {
         Self { rotation: pose.rotation.map(single), position: single(pose.position) }
     }
 }
 
-/// What may hide places from one light, in one frame.
+/// What may hide points from one light, in one frame.
 #[derive(Debug)]
 pub(crate) struct Occluders {
     pub(crate) frame: usize,
-    pub(crate) placing: Placing,
+    pub(crate) to_frame: ToFrame,
     pub(crate) cones: Gathered,
 }
 
@@ -92,7 +92,7 @@ struct LightShadow {
     /// Those that are in use come first.
     frames: Vec<Occluders>,
     used: usize,
-    /// Whether the hierarchy is asked for single places.
+    /// Whether the BVH is asked for single points.
     by_rays: bool,
     farthest: f32,
 }
@@ -103,7 +103,7 @@ pub(crate) struct Shadow {
     lights: Vec<LightShadow>,
     stack: Vec<u32>,
     /// The world's frame, by which surfaces are stepped off.
-    pub(crate) world: Placing,
+    pub(crate) world: ToFrame,
     pub(crate) step: f32,
 }
 
@@ -124,7 +124,7 @@ impl Shadow {
             if frame == patch.frame {
                 patch.bounds
             } else {
-                Bounds::of(&corners.map(|corner| view.poses[frame].place(corner)))
+                Bounds::of(&corners.map(|corner| view.poses[frame].point(corner)))
             }
         };
         let reach = |part: &Bounds| largest(part.low).max(largest(part.high));
@@ -134,7 +134,7 @@ impl Shadow {
                 continue;
             }
             let part = part(frame);
-            let around = scene.frames[frame].hierarchy.reach;
+            let around = scene.frames[frame].bvh.reach;
             let grown = part.grown(step + 1e-6 * (reach(&part) + depth + around));
             let part = [grown.low.map(below), grown.high.map(|x| -below(-x))];
             for number in (0..of.lights.len()).filter(|&number| falls(number)) {
@@ -145,7 +145,7 @@ impl Shadow {
         }
     }
 
-    /// Looks for nothing before single places are known, which are then asked for.
+    /// Leaves the search for what hides points to [`Self::before`], once single points are known.
     pub(crate) fn by_rays(&mut self, of: &Surroundings, falls: impl Fn(usize) -> bool) {
         self.begin(of);
         for (number, shadow) in self.lights.iter_mut().enumerate().filter(|(number, _)| falls(*number)) {
@@ -161,13 +161,13 @@ impl Shadow {
         for shadow in &mut self.lights {
             (shadow.dark, shadow.used, shadow.by_rays) = (false, 0, false);
         }
-        self.world = Placing::new(&of.view.poses[0]);
+        self.world = ToFrame::new(&of.view.poses[0]);
         #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
         let step = of.scene.step as f32;
         self.step = step;
     }
 
-    /// What the hierarchy of each frame has between places and a light, where it is to be asked for them.
+    /// Returns what the BVH of each frame has between points and a light, where it is to be asked for them.
     pub(crate) fn before<'a>(
         &self,
         of: &'a Surroundings,
@@ -179,8 +179,8 @@ impl Shadow {
             move |(at, (frame, pose))| {
                 let source = source(&of.lights[number], pose)?;
                 let packets = if at == 0 { &of.still[number] } else { &of.moving[at - 1][number] };
-                let (hierarchy, first) = (&frame.hierarchy, frame.triangles.start);
-                Some((at, Before { hierarchy, first, packets, source, farthest }))
+                let (bvh, first) = (&frame.bvh, frame.triangles.start);
+                Some((at, Before { bvh, first, packets, source, farthest }))
             },
         )
     }
@@ -198,46 +198,46 @@ impl Shadow {
         let shadow = &mut self.lights[number];
         shadow.farthest = if matches!(source, Source::Point(_)) { of.scene.farthest } else { f32::INFINITY };
         if shadow.used == shadow.frames.len() {
-            let placing = Placing::new(pose);
-            shadow.frames.push(Occluders { frame, placing, cones: Gathered::default() });
+            let to_frame = ToFrame::new(pose);
+            shadow.frames.push(Occluders { frame, to_frame, cones: Gathered::default() });
         }
         let occluders = &mut shadow.frames[shadow.used];
         occluders.cones.clear();
         let packets = if frame == 0 { &of.still[number] } else { &of.moving[frame - 1][number] };
         let first = of.scene.frames[frame].triangles.start;
         let found = Found { first, part, farthest: shadow.farthest, alone };
-        let hierarchy = &of.scene.frames[frame].hierarchy;
+        let bvh = &of.scene.frames[frame].bvh;
         let shaft = Shaft::new(part, &source);
-        shadow.dark = search_leaves(hierarchy, &shaft, packets, &found, &mut self.stack, &mut occluders.cones);
+        shadow.dark = search_leaves(bvh, &shaft, packets, &found, &mut self.stack, &mut occluders.cones);
         if !occluders.cones.is_empty() {
-            (occluders.frame, occluders.placing) = (frame, Placing::new(pose));
+            (occluders.frame, occluders.to_frame) = (frame, ToFrame::new(pose));
             shadow.used += 1;
         }
     }
 
-    /// Whether single places may be hidden from any light.
+    /// Returns whether single points may be hidden from any light.
     pub(crate) fn falls(&self) -> bool {
         self.lights.iter().any(|shadow| shadow.used > 0 || shadow.by_rays)
     }
 
-    /// Whether anything may hide a light of this number.
+    /// Returns whether anything may hide a light of this number.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn hides(&self, light: usize) -> bool {
         self.lights.get(light).is_some_and(|shadow| shadow.dark || shadow.used > 0 || shadow.by_rays)
     }
 
-    /// Whether nothing of a light reaches them.
+    /// Returns whether nothing of a light reaches them.
     pub(crate) fn is_dark(&self, light: usize) -> bool {
         self.lights[light].dark
     }
 
-    /// What may hide some places from a light.
+    /// Returns what may hide some points from a light.
     pub(crate) fn occluders(&self, light: usize) -> &[Occluders] {
         &self.lights[light].frames[..self.lights[light].used]
     }
 
-    /// How many times farther from the surface than from the light an occluder may lie.
+    /// Returns how many times farther from the surface than from the light an occluder may lie.
     pub(crate) fn farthest(&self, light: usize) -> f32 {
         self.lights[light].farthest
     }
@@ -246,7 +246,7 @@ impl Shadow {
 /// Adds the cones of all triangles in a shaft that may hide some of a patch; says whether one of them hides it all.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn search_leaves(
-    hierarchy: &Hierarchy,
+    bvh: &Bvh,
     shaft: &Shaft,
     packets: &[Packet],
     found: &Found,
@@ -254,7 +254,7 @@ fn search_leaves(
     cones: &mut Gathered,
 ) -> bool {
     let mut dark = false;
-    hierarchy.visit(stack, shaft, |leaf| {
+    bvh.visit(stack, shaft, |leaf| {
         dark = found.add(packets, leaf, cones);
         !dark
     });
@@ -300,9 +300,9 @@ impl Found<'_> {
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Placing {
+impl ToFrame {
     #[inline(always)]
-    pub(crate) fn place(&self, x: f32, y: f32, z: f32) -> [f32; 3] {
+    pub(crate) fn point(&self, x: f32, y: f32, z: f32) -> [f32; 3] {
         let row = |k: usize| {
             let r = &self.rotation[k];
             r[0] * x + (r[1] * y + (r[2] * z + self.position[k]))

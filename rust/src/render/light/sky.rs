@@ -37,14 +37,14 @@ impl Sky {
         )))
     }
 
-    /// Luma along the ray (x, y, 1) in camera axes, and its rate.
+    /// Returns the luma along the ray (x, y, 1) in camera axes, and its rate.
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
     pub(crate) fn luma(&self, pose: &Pose, x: f32, y: f32) -> (f32, f32) {
         let (luma, rate) = self.along(pose, f64::from(x), f64::from(y));
         (luma as f32, rate as f32)
     }
 
-    /// The same in float64.
+    /// Returns the same in float64.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "in range")]
     pub(crate) fn along(&self, pose: &Pose, x: f64, y: f64) -> (f64, f64) {
         let ray: Vector = [x, y, 1.0];
@@ -52,9 +52,9 @@ impl Sky {
         let (mut cell, mut past) = ([0; 2], [0.0; 2]);
         let side = self.side as f64;
         for k in 0..2 {
-            let place = (at[k] * side + 0.5).clamp(0.0, side);
-            cell[k] = (place.floor() as usize).min(self.side);
-            past[k] = place - cell[k] as f64;
+            let along = (at[k] * side + 0.5).clamp(0.0, side);
+            cell[k] = (along.floor() as usize).min(self.side);
+            past[k] = along - cell[k] as f64;
         }
         let first = cell[1] * (self.side + 2) + cell[0];
         let texel = |offset: usize| f64::from(self.texels[first + offset]);
@@ -66,7 +66,7 @@ impl Sky {
     }
 }
 
-/// Where a direction lies in the unit square, and its rate.
+/// Returns where a direction lies in the unit square, and its rate.
 fn octahedral(along: Vector, rate: Vector) -> ([f64; 2], [f64; 2]) {
     let size = along[0].abs() + along[1].abs() + along[2].abs();
     let size_rate = sign(along[0]) * rate[0] + sign(along[1]) * rate[1] + sign(along[2]) * rate[2];

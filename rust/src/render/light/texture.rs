@@ -32,13 +32,13 @@ pub(crate) struct Texture {
 }
 
 impl Texture {
-    /// Whether it is of one texel, and so the same everywhere.
+    /// Returns whether it is of one texel, and so the same everywhere.
     pub(crate) fn is_constant(&self) -> bool {
         self.width == 1 && self.height == 1
     }
 }
 
-/// The textures of a scene, each in a frame of one texel.
+/// Returns the textures of a scene, each in a frame of one texel.
 pub(crate) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<Texture>> {
     let length = texels.first().map_or(0, Vec::len);
     if texels.iter().any(|group| group.len() != length || !group.iter().all(|t| t.is_finite())) {
@@ -67,13 +67,13 @@ pub(crate) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<T
     Ok(textures)
 }
 
-/// Texels, each with the one after it: a row of two is then fetched at once.
+/// Pairs each texel with the one after it: a row of two is then fetched at once.
 pub(crate) fn paired(texels: &[f32]) -> Vec<u64> {
     let after = texels.iter().skip(1).chain([&0.0]);
     texels.iter().zip(after).map(|(one, next)| u64::from(one.to_bits()) | u64::from(next.to_bits()) << 32).collect()
 }
 
-/// A texel and the one after it.
+/// Returns a texel and the one after it.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "a half each")]
@@ -148,13 +148,13 @@ impl<'a> Sampler<'a> {
         Self { texels, count, stride, size: [texture.width as f32, texture.height as f32] }
     }
 
-    /// Reflectance of a texture that is the same everywhere.
+    /// Returns the reflectance of a texture that is the same everywhere.
     #[inline(always)]
     pub(crate) fn only(&self) -> f32 {
         parted(self.texels[0])[0]
     }
 
-    /// The texel at or before each place and the next one, and the two in the row below.
+    /// Returns the texel at or before each point and the next one, and the two in the row below.
     ///
     /// One after the other, so that many of them are on their way from memory at once.
     #[inline(always)]
@@ -168,8 +168,8 @@ impl<'a> Sampler<'a> {
         corners
     }
 
-    /// A texel that is not there cannot be asked for; said so, this becomes a gather. Numbers below 2^31 are those that
-    /// it takes as they are.
+    /// Returns texels by their indices. A texel that is not there cannot be asked for; said so, this becomes a gather.
+    /// Numbers below 2^31 are those that it takes as they are.
     #[inline(always)]
     fn pair(&self, at: u32) -> u64 {
         let at = at & (u32::MAX >> 1);
@@ -177,7 +177,7 @@ impl<'a> Sampler<'a> {
     }
 }
 
-/// Where rays hit a texture: for each the texel at or before the place, and how far it is past it in x and in y.
+/// Where rays hit a texture: for each the texel at or before the point, and how far it is past it in x and in y.
 #[derive(Debug)]
 pub(crate) struct Taps {
     texel: [u32; MOST],
@@ -200,8 +200,8 @@ impl Taps {
     }
 }
 
-/// For a coordinate along one side: the texel at or before it, counted from the frame around the texture, how far the
-/// coordinate is past it, and texels per unit.
+/// Returns, for a coordinate along one side, the texel at or before it, counted from the frame around the texture, how
+/// far the coordinate is past it, and texels per unit.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn before<F: Fold>(coordinate: f32, size: f32) -> (u32, f32, f32) {

@@ -15,7 +15,7 @@ use super::tracks::{Glimpse, INSTANTS, Piece, Pixel, Sight, Span, Tolerated};
 use crate::error::{Error, Result};
 use crate::render::geometry::pixel_rays::PixelRays;
 use crate::render::geometry::view::View;
-use crate::render::renderer::{Renderer, check_room};
+use crate::render::renderer::{Renderer, check_length};
 
 /// What [`Renderer::edge_tracks`] is to do.
 #[derive(Clone, Copy, Debug)]
@@ -68,7 +68,7 @@ impl Renderer {
         settings: TrackSettings,
     ) -> Result<Vec<EdgeTracks>> {
         let views = &self.centred(views)?;
-        check_room(views.len(), t_us.len())?;
+        check_length(views.len(), t_us.len())?;
         let (spans, rest) = t_us.as_chunks::<INSTANTS>();
         if !rest.is_empty() || !spans.iter().all(|span| span.is_sorted_by(|a, b| a < b)) {
             return Err(Error::Argument(format!("spans have {INSTANTS} increasing instants each, got {t_us:?}")));

@@ -1,11 +1,12 @@
-//! Beams: finds the triangle that each of a tile's rays hits first by a walk through the hierarchy from front to back.
+//! Beams: finds the triangle that each of a tile's rays hits first by a walk through the BVH from front to back.
 //!
 //! All rays of a tile walk together. Where triangles are small, that costs less than to sort all of a view's triangles
-//! into its tiles ([`super::bins`]): what lies behind the first surface is never looked at. A triangle is decided at the
-//! corners of blocks, then at those of pixels, and then at the rays of the pixels that are left.
+//! into its tiles ([`super::bins`]): what lies behind the first surface is never looked at. A triangle is decided at
+//! the corners of blocks, then at those of pixels, and then at the rays of the pixels that are left.
 //!
-//! What must not break: a ray sees the same triangle, with the same bits, as by bins. So a triangle is tested by the same
-//! [`Seen`], and of equally near ones the first in the scene wins, which is the first that a visit to the hierarchy finds.
+//! What must not break: a ray sees the same triangle, with the same bits, as by bins. So a triangle is tested by the
+//! same [`Seen`], and of equally near ones the first in the scene wins, which is the first that a visit to the BVH
+//! finds.
 
 use std::ops::Range;
 
@@ -13,7 +14,7 @@ use super::bins::{Cover, Entry, NEARER, Pyramid, Seen};
 use super::nearest::{NOTHING, Nearest, least};
 use super::set_up::set_up;
 use crate::prefetch::prefetch;
-use crate::render::geometry::hierarchy::{Leaves, WIDTH, Waiting, index};
+use crate::render::geometry::bvh::{self, Leaves, WIDTH, Waiting};
 use crate::render::geometry::linear::Linear;
 use crate::render::geometry::pixel_rays::{BLOCKS, LANES, Part};
 use crate::render::geometry::view::{Pose, View};
@@ -33,9 +34,9 @@ pub(crate) struct Beam {
     /// Buffers of the walk.
     set_up: Vec<Seen>,
     waiting: Vec<Waiting>,
-    /// Of each triangle that was tested its place among those that are seen.
-    places: Vec<u32>,
-    /// Those that are seen, by their numbers in the scene, and their places among those that were tested.
+    /// Of each triangle that was tested its index among those that are seen.
+    indices: Vec<u32>,
+    /// Those that are seen, by their numbers in the scene, and their indices among those that were tested.
     order: Vec<(u32, u32)>,
 }
 
@@ -48,8 +49,8 @@ struct Pixels {
     rays: usize,
     x: Vec<f32>,
     y: Vec<f32>,
-    /// The place of what each ray sees among those that were tested, and its inverse depth.
-    place: Vec<u32>,
+    /// The index of what each ray sees among those that were tested, and its inverse depth.
+    index: Vec<u32>,
     inverse_depth: Vec<f32>,
     /// What the rays of each pixel lie in, by block: lowest and highest x, lowest and highest y.
     around: Vec<[[f32; LANES]; 4]>,
@@ -70,8 +71,8 @@ impl Pixels {
             values.resize(count, 0.0);
         }
         self.inverse_depth.fill(0.0);
-        self.place.clear();
-        self.place.resize(count, NOTHING);
+        self.index.clear();
+        self.index.resize(count, NOTHING);
         self.around.clear();
         for block in 0..part.blocks.len() {
             let mut around = [[f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]].repeat(2);
@@ -111,14 +112,15 @@ impl Pixels {
         any
     }
 
-    /// As [`Self::look_at`], for [`TOGETHER`] rays. Of equally near triangles the first in the scene is seen.
+    /// Does what [`Self::look_at`] does for [`TOGETHER`] rays. Of equally near triangles the first in the scene is
+    /// seen.
     #[inline(always)]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
     #[allow(clippy::cast_possible_truncation, reason = "a tile's triangles are fewer than 2^32")]
     fn look_at_rays(&mut self, seen: &Seen, first: usize, tested: &[Seen]) -> bool {
         let (x, y) = (&self.x[first..first + TOGETHER], &self.y[first..first + TOGETHER]);
         let depths = &mut self.inverse_depth[first..first + TOGETHER];
-        let places = &mut self.place[first..first + TOGETHER];
+        let indices = &mut self.index[first..first + TOGETHER];
         let [a, b, c] = seen.edges;
         let (mut inverse, mut reached) = ([0f32; TOGETHER], [0u32; TOGETHER]);
         for i in 0..TOGETHER {
@@ -128,8 +130,8 @@ impl Pixels {
         }
         let mut any = false;
         for i in (0..TOGETHER).filter(|&i| reached[i] != 0) {
-            if inverse[i] > depths[i] || seen.triangle < tested[places[i] as usize].triangle {
-                (places[i], depths[i]) = (tested.len() as u32, inverse[i]);
+            if inverse[i] > depths[i] || seen.triangle < tested[indices[i] as usize].triangle {
+                (indices[i], depths[i]) = (tested.len() as u32, inverse[i]);
                 any = true;
             }
         }
@@ -137,7 +139,7 @@ impl Pixels {
     }
 }
 
-/// Which pixels of a block a triangle may be seen by, as bits.
+/// Returns which pixels of a block a triangle may be seen by, as bits.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
@@ -160,7 +162,7 @@ fn may_meet(seen: &Seen, [left, right, top, bottom]: &[[f32; LANES]; 4]) -> u32 
     meets.iter().fold(0, |all, bit| all | bit)
 }
 
-/// A walk through the hierarchy of one frame.
+/// A walk through the BVH of one frame.
 struct Walk<'a> {
     scene: &'a Scene,
     pose: &'a Pose,
@@ -225,7 +227,7 @@ impl Leaves for Walk<'_> {
     #[inline(always)]
     fn look_at(&mut self, leaf: Range<usize>) {
         for triangle in self.first + leaf.start..self.first + leaf.end {
-            self.next[self.count] = index(triangle);
+            self.next[self.count] = bvh::index(triangle);
             self.count += 1;
             if self.count == WIDTH {
                 self.look();
@@ -250,11 +252,11 @@ impl Beam {
         self.tested.clear();
         let Self { tested, waiting, pixels, set_up, .. } = self;
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
-            let pyramid = Pyramid::new(part.around, pose, frame.hierarchy.reach);
+            let pyramid = Pyramid::new(part.around, pose, frame.bvh.reach);
             let first = frame.triangles.start;
             let (next, count) = ([0; WIDTH], 0);
             let mut walk = Walk { scene, pose, first, part, pixels, set_up, tested, next, count };
-            frame.hierarchy.visit_from_front(waiting, &pyramid, &mut walk);
+            frame.bvh.visit_from_front(waiting, &pyramid, &mut walk);
             walk.look();
         }
         nearest.begin(part);
@@ -263,16 +265,16 @@ impl Beam {
             nearest.end(0);
             return;
         }
-        let Self { pixels, places, .. } = self;
+        let Self { pixels, indices, .. } = self;
         let rays = nearest.length / LANES;
         for (group, (to, depths)) in
-            nearest.place.chunks_exact_mut(LANES).zip(nearest.inverse_depth.chunks_exact_mut(LANES)).enumerate()
+            nearest.index.chunks_exact_mut(LANES).zip(nearest.inverse_depth.chunks_exact_mut(LANES)).enumerate()
         {
             let (block, ray) = (group / rays, group % rays);
             for pixel in 0..LANES {
                 let from = (block * LANES + pixel) * pixels.rays + ray;
-                let place = pixels.place[from];
-                to[pixel] = if place == NOTHING { NOTHING } else { places[place as usize] };
+                let index = pixels.index[from];
+                to[pixel] = if index == NOTHING { NOTHING } else { indices[index as usize] };
                 depths[pixel] = pixels.inverse_depth[from];
             }
         }
@@ -281,23 +283,23 @@ impl Beam {
 
     /// Lists the triangles that are seen by any ray, in the order of the scene.
     fn list_seen(&mut self, list: &mut Vec<Entry>) {
-        self.places.clear();
-        self.places.resize(self.tested.len(), NOTHING);
+        self.indices.clear();
+        self.indices.resize(self.tested.len(), NOTHING);
         self.order.clear();
         // Where nothing was tested, the rays are those of another tile.
-        let rays = if self.tested.is_empty() { &[] } else { self.pixels.place.as_slice() };
-        for &place in rays.iter().filter(|&&place| place != NOTHING) {
-            if self.places[place as usize] == NOTHING {
-                self.places[place as usize] = 0;
-                self.order.push((self.tested[place as usize].triangle, place));
+        let rays = if self.tested.is_empty() { &[] } else { self.pixels.index.as_slice() };
+        for &index in rays.iter().filter(|&&index| index != NOTHING) {
+            if self.indices[index as usize] == NOTHING {
+                self.indices[index as usize] = 0;
+                self.order.push((self.tested[index as usize].triangle, index));
             }
         }
         self.order.sort_unstable();
         self.seen.clear();
         list.clear();
-        for (at, &(_, place)) in (0..).zip(&self.order) {
-            self.places[place as usize] = at;
-            self.seen.push(self.tested[place as usize]);
+        for (at, &(_, index)) in (0..).zip(&self.order) {
+            self.indices[index as usize] = at;
+            self.seen.push(self.tested[index as usize]);
             list.push(Entry { seen: at, covers: false });
         }
     }

@@ -9,7 +9,7 @@
 //! - A triangle is left out of a tile only if none of the tile's rays would see it, to the last bit
 //!   ([`crate::render::geometry::linear`]).
 
-use crate::render::geometry::hierarchy::{Ahead, Boxes, Region, WIDTH};
+use crate::render::geometry::bvh::{Ahead, Boxes, Region, WIDTH};
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::PixelRays;
 use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
@@ -38,7 +38,7 @@ pub(crate) struct Seen {
 /// A triangle in a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Entry {
-    /// Its place among the triangles before the camera.
+    /// Its index among the triangles before the camera.
     pub(crate) seen: u32,
     /// Whether every ray of the tile passes through it.
     pub(crate) covers: bool,
@@ -52,7 +52,7 @@ pub(crate) enum Cover {
 }
 
 impl Seen {
-    /// The triangle, if it has any extent in the image.
+    /// Returns the triangle, if it has any extent in the image.
     ///
     /// A ray (x, y, 1) meets the triangle where its three determinants with two corners each have the sign of all
     /// three corners': corners behind the camera are as good as any, and nothing is clipped.
@@ -86,7 +86,7 @@ impl Seen {
         if all { Cover::Everything } else { Cover::Part }
     }
 
-    /// The largest inverse depth that it may have in a part of the image.
+    /// Returns the largest inverse depth that it may have in a part of the image.
     #[inline]
     pub(crate) fn nearest_in(&self, part: &Rect) -> f32 {
         let nearest = self.inverse_depth.highest(part);
@@ -146,7 +146,7 @@ impl Bins {
         self.sort(1);
     }
 
-    /// A tile's triangles, without those that are hidden behind one that covers it.
+    /// Lists a tile's triangles, without those that are hidden behind one that covers it.
     pub(crate) fn of_tile(&self, tile: usize, part: &Rect, list: &mut Vec<Entry>) {
         list.clear();
         let entries = &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize];
@@ -161,8 +161,8 @@ impl Bins {
         self.hidden.resize(tiles, 0.0);
     }
 
-    /// Calls `work` with each triangle that may have a part before the camera and in a part of the image, its corners in
-    /// camera axes, and the lowest and highest image coordinates.
+    /// Calls `work` with each triangle that may have a part before the camera and in a part of the image, its corners
+    /// in camera axes, and the lowest and highest image coordinates.
     fn each(
         &mut self,
         scene: &Scene,
@@ -172,9 +172,9 @@ impl Bins {
     ) {
         let mut stack = std::mem::take(&mut self.stack);
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
-            let pyramid = Pyramid::new(part, pose, frame.hierarchy.reach);
+            let pyramid = Pyramid::new(part, pose, frame.bvh.reach);
             let first = frame.triangles.start;
-            frame.hierarchy.visit(&mut stack, &pyramid, |leaf| {
+            frame.bvh.visit(&mut stack, &pyramid, |leaf| {
                 for triangle in leaf {
                     let triangle = first + triangle;
                     let corners = scene.corners[triangle].map(|corner| pose.turned(sub(corner, pose.position)));
@@ -221,16 +221,16 @@ impl Bins {
         self.entries.clear();
         self.entries.resize(self.found.len(), Entry { seen: 0, covers: false });
         for &(tile, entry) in &self.found {
-            let place = &mut self.starts[tile as usize + 1];
-            self.entries[*place as usize] = entry;
-            *place += 1;
+            let end = &mut self.starts[tile as usize + 1];
+            self.entries[*end as usize] = entry;
+            *end += 1;
         }
         self.starts.truncate(tiles + 1);
     }
 }
 
-/// The lowest and highest image coordinates of what of a triangle lies before the camera, a little more; None for
-/// nothing. An edge that passes through the camera's plane goes to infinity there, to the side where it passes.
+/// Returns the lowest and highest image coordinates of what of a triangle lies before the camera, a little more; None
+/// for nothing. An edge that passes through the camera's plane goes to infinity there, to the side where it passes.
 pub(super) fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let before = corners.map(|corner| corner[2] > 0.0);
@@ -264,15 +264,15 @@ pub(super) fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
     ])
 }
 
-/// By how much the image coordinates of a triangle are grown.
+/// Returns by how much the image coordinates of a triangle are grown.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(super) fn margin(x: f64) -> f64 {
     1e-6 * (1.0 + x.abs())
 }
 
-/// What all rays of a part of the image lie in: the half-spaces of four sides and the camera's plane, in a frame. It is a little
-/// larger, so that rounding to float32 loses nothing.
+/// What all rays of a part of the image lie in: the half-spaces of four sides and the camera's plane, in a frame. It is
+/// a little larger, so that rounding to float32 loses nothing.
 pub(super) struct Pyramid {
     planes: [([f32; 3], f32); 5],
     /// What the depth of a box may be too large by.
@@ -280,7 +280,7 @@ pub(super) struct Pyramid {
 }
 
 impl Pyramid {
-    /// For boxes none of whose coordinates is larger than `reach`.
+    /// Returns the pyramid for boxes none of whose coordinates is larger than `reach`.
     pub(super) fn new(part: &Rect, pose: &Pose, reach: f64) -> Self {
         let ([left, top], [right, bottom]) = (part.low.map(f64::from), part.high.map(f64::from));
         let normals = [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];
@@ -291,7 +291,8 @@ impl Pyramid {
             margin = 1e-6 * (3.0 * largest(turned) * reach + offset.abs());
             (single(turned), single([offset + margin])[0])
         });
-        // The last plane is the camera's: its offset was increased by the margin, and roundings are less than another one.
+        // The last plane is the camera's: its offset was increased by the margin, and roundings are less than another
+        // one.
         Self { planes, slack: single([2.0 * margin])[0] }
     }
 }

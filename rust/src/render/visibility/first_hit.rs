@@ -6,7 +6,7 @@
 //! What must not break: the candidates for a spot of the image include every triangle that one of its rays may hit
 //! first.
 
-use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
+use crate::render::geometry::bvh::{Boxes, Region, WIDTH};
 use crate::render::geometry::vector::{Vector, cross, dot, scale, sub};
 use crate::render::geometry::view::View;
 use crate::render::scene::Scene;
@@ -34,7 +34,7 @@ struct Seen {
 }
 
 impl Seen {
-    /// None where the camera sees it from its side, or where it is not in the spot.
+    /// Returns the candidate; None where the camera sees it from its side, or where it is not in the spot.
     fn new(scene: &Scene, view: &View, triangle: usize, spot: &Spot) -> Option<Self> {
         let surface = &scene.surfaces[triangle];
         let pose = &view.poses[surface.frame as usize];
@@ -60,7 +60,7 @@ impl Seen {
     }
 }
 
-/// The least and the largest value of a linear function in a spot.
+/// Returns the least and the largest value of a linear function in a spot.
 fn bounds(function: &Vector, spot: &Spot) -> [f64; 2] {
     let mut bounds = [function[2]; 2];
     for axis in 0..2 {
@@ -82,7 +82,7 @@ impl Candidates {
         let mut farthest = 0.0;
         for (number, frame) in scene.frames.iter().enumerate() {
             let pyramid = Pyramid::new(view, number, spot);
-            frame.hierarchy.visit(stack, &pyramid, |range| {
+            frame.bvh.visit(stack, &pyramid, |range| {
                 for triangle in frame.triangles.start + range.start..frame.triangles.start + range.end {
                     let Some(seen) = Seen::new(scene, view, triangle, spot) else { continue };
                     if seen.covers(spot) {
@@ -96,7 +96,7 @@ impl Candidates {
         self.0.retain(|seen| bounds(&seen.inverse_depth, spot)[1] >= farthest);
     }
 
-    /// The nearest triangle that a ray meets, and its depth.
+    /// Returns the nearest triangle that a ray meets, and its depth.
     pub(crate) fn first(&self, [x, y, _]: Vector) -> Option<(u32, f64)> {
         let at = |function: &Vector| function[0] * x + function[1] * y + function[2];
         let (mut nearest, mut most) = (None, 0.0);
@@ -110,7 +110,7 @@ impl Candidates {
     }
 }
 
-/// What a camera sees in a spot of its image, in the hierarchy of a frame.
+/// What a camera sees in a spot of its image, in the BVH of a frame.
 struct Pyramid {
     origin: Vector,
     /// Of its sides, into it.
@@ -146,7 +146,7 @@ impl Region for Pyramid {
     }
 }
 
-/// A ray and how far it goes, in the hierarchy of its frame.
+/// A ray and how far it goes, in the BVH of its frame.
 struct Reaching {
     origin: Vector,
     per_direction: Vector,
@@ -178,7 +178,7 @@ impl Region for Reaching {
     }
 }
 
-/// Where a ray meets a triangle; None where it passes it.
+/// Returns where a ray meets a triangle; None where it passes it.
 fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
     let [a, b, c] = corners.map(|corner| sub(corner, ray.origin));
     let sides = [(a, b), (b, c), (c, a)].map(|(from, to)| dot(cross(from, to), ray.direction));
@@ -190,11 +190,11 @@ fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
     (distance > 0.0).then_some(distance)
 }
 
-/// Whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames.
+/// Returns whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames.
 pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
     for (frame, ray) in scene.frames.iter().zip(rays) {
         let (first, mut blocked) = (frame.triangles.start, false);
-        frame.hierarchy.visit(stack, &Reaching::new(ray, end), |range| {
+        frame.bvh.visit(stack, &Reaching::new(ray, end), |range| {
             blocked = (first + range.start..first + range.end).any(|triangle| {
                 triangle != but as usize
                     && meets(&scene.corners[triangle], &scene.surfaces[triangle].plane, ray)

@@ -22,12 +22,12 @@ const MANY: usize = 24;
 /// A block is checked for being closed after this many triangles.
 const BETWEEN: usize = 4;
 
-/// The nearest triangle of each ray: its place in the tile's list, and its inverse depth there, 0 for nothing.
+/// The nearest triangle of each ray: its index in the tile's list, and its inverse depth there, 0 for nothing.
 #[derive(Debug, Default)]
 pub(crate) struct Nearest {
-    pub(crate) place: Vec<u32>,
+    pub(crate) index: Vec<u32>,
     pub(crate) inverse_depth: Vec<f32>,
-    /// Of blocks whose rays all see the same triangle, as their corners tell, its place; else [`NOTHING`]. Its rays are
+    /// Of blocks whose rays all see the same triangle, as their corners tell, its index; else [`NOTHING`]. Its rays are
     /// left to who wants to know more of them.
     pub(crate) only: [u32; BLOCKS],
     /// How many blocks the rays lie in, and how many there are in each.
@@ -46,7 +46,7 @@ pub(crate) struct Nearest {
 
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
-    place: u32,
+    index: u32,
     covers: bool,
     nearest: f32,
 }
@@ -84,14 +84,14 @@ impl Nearest {
 
     /// Makes ready for so many rays, none of which has seen anything yet.
     fn see_nothing(&mut self, rays: usize) {
-        self.place.clear();
-        self.place.resize(rays, NOTHING);
+        self.index.clear();
+        self.index.resize(rays, NOTHING);
         self.inverse_depth.clear();
         self.inverse_depth.resize(rays, 0.0);
         self.sorted.iter_mut().for_each(Vec::clear);
     }
 
-    /// Makes ready for rays that lie in some blocks, where what they see is found by others.
+    /// Makes ready for rays that lie in some blocks, where others find what they see.
     pub(super) fn begin(&mut self, part: &Part) {
         self.blocks = part.blocks.len();
         self.length = part.x.len() / part.blocks.len();
@@ -99,7 +99,7 @@ impl Nearest {
         self.see_nothing(part.x.len());
     }
 
-    /// Sorts rays whose places in a list of triangles were found by others.
+    /// Sorts rays whose indices in a list of triangles were found by others.
     pub(super) fn end(&mut self, list: usize) {
         self.counts.clear();
         self.counts.resize(list, [0; BLOCKS]);
@@ -116,11 +116,11 @@ impl Nearest {
         if let [one] = self.list.as_slice()
             && one.covers
         {
-            self.only[block] = one.place;
+            self.only[block] = one.index;
             return;
         }
         let rays = block * x.len()..(block + 1) * x.len();
-        let mut out = (&mut self.place[rays.clone()], &mut self.inverse_depth[rays]);
+        let mut out = (&mut self.index[rays.clone()], &mut self.inverse_depth[rays]);
         if self.list.len() > LONG {
             // Stable, so that of equal ones the first found comes first.
             self.list.sort_by(|a, b| b.nearest.total_cmp(&a.nearest));
@@ -130,19 +130,19 @@ impl Nearest {
             if self.list.len() > LONG && at % BETWEEN == 0 && least(out.1) > candidate.nearest {
                 break;
             }
-            nearer(&bins.seen[list[candidate.place as usize].seen as usize], *candidate, x, y, &mut out);
+            nearer(&bins.seen[list[candidate.index as usize].seen as usize], *candidate, x, y, &mut out);
         }
         for candidate in &self.list {
-            self.counts[candidate.place as usize][block] = count(out.0, candidate.place);
+            self.counts[candidate.index as usize][block] = count(out.0, candidate.index);
         }
     }
 
     /// Orders a tile's triangles from front to back.
     fn order(&mut self, bins: &Bins, list: &[Entry], tile: &Rect) {
         self.front.clear();
-        self.front.extend((0..).zip(list).map(|(place, entry)| {
+        self.front.extend((0..).zip(list).map(|(index, entry)| {
             let nearest = bins.seen[entry.seen as usize].nearest_in(tile);
-            Candidate { place, covers: entry.covers, nearest }
+            Candidate { index, covers: entry.covers, nearest }
         }));
         self.front.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest));
         self.ends.clear();
@@ -153,14 +153,14 @@ impl Nearest {
     #[inline(always)]
     fn find_among_many(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), block: usize, part: &Rect) {
         let rays = block * x.len()..(block + 1) * x.len();
-        let mut out = (&mut self.place[rays.clone()], &mut self.inverse_depth[rays]);
+        let mut out = (&mut self.index[rays.clone()], &mut self.inverse_depth[rays]);
         // The inverse depth behind which nothing is seen, as it was known last.
         let (mut closed, mut looked_at) = (0.0, 0);
         for candidate in &self.front {
             if closed > candidate.nearest {
                 break;
             }
-            let seen = &bins.seen[list[candidate.place as usize].seen as usize];
+            let seen = &bins.seen[list[candidate.index as usize].seen as usize];
             if closed > 0.0 && seen.nearest_in(part) < closed {
                 continue;
             }
@@ -183,14 +183,14 @@ impl Nearest {
     #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 rays")]
     fn sort(&mut self, block: usize, length: usize) {
         let first = block * length;
-        let places = &self.place[first..first + length];
-        for &place in places.iter().filter(|&&place| place != NOTHING) {
-            self.counts[place as usize][block] += 1;
+        let indices = &self.index[first..first + length];
+        for &index in indices.iter().filter(|&&index| index != NOTHING) {
+            self.counts[index as usize][block] += 1;
         }
-        if places[0] != NOTHING && self.counts[places[0] as usize][block] as usize == length {
-            self.only[block] = places[0];
-            self.counts[places[0] as usize][block] = 0;
-            self.place[first..first + length].fill(NOTHING);
+        if indices[0] != NOTHING && self.counts[indices[0] as usize][block] as usize == length {
+            self.only[block] = indices[0];
+            self.counts[indices[0] as usize][block] = 0;
+            self.index[first..first + length].fill(NOTHING);
             return;
         }
         let mut end = 0;
@@ -201,30 +201,30 @@ impl Nearest {
         }
         let sorted = &mut self.sorted[block];
         sorted.resize(end as usize, 0);
-        for (ray, &place) in places.iter().enumerate().filter(|(_, place)| **place != NOTHING) {
-            let at = &mut self.ends[place as usize][block];
+        for (ray, &index) in indices.iter().enumerate().filter(|(_, index)| **index != NOTHING) {
+            let at = &mut self.ends[index as usize][block];
             sorted[*at as usize] = (first + ray) as u32;
             *at += 1;
         }
     }
 
-    /// Numbers of the rays of a block that see a triangle, where they are known.
-    pub(crate) fn sorted(&self, block: usize, place: u32) -> Option<&[u32]> {
+    /// Returns the numbers of the rays of a block that see a triangle, where they are known.
+    pub(crate) fn sorted(&self, block: usize, index: u32) -> Option<&[u32]> {
         let sorted = &self.sorted[block];
-        let end = (!sorted.is_empty()).then(|| self.ends[place as usize][block])?;
-        sorted.get((end - self.counts[place as usize][block]) as usize..end as usize)
+        let end = (!sorted.is_empty()).then(|| self.ends[index as usize][block])?;
+        sorted.get((end - self.counts[index as usize][block]) as usize..end as usize)
     }
 
-    /// Whether any ray sees the triangle at a place in the list.
-    pub(crate) fn sees(&self, place: u32) -> bool {
-        self.only.contains(&place) || self.counts[place as usize] != [0; BLOCKS]
+    /// Returns whether any ray sees the triangle at an index in the list.
+    pub(crate) fn sees(&self, index: u32) -> bool {
+        self.only.contains(&index) || self.counts[index as usize] != [0; BLOCKS]
     }
 
-    /// What of a tile's list a block may see.
+    /// Finds what of a tile's list a block may see.
     fn candidates(&mut self, bins: &Bins, list: &[Entry], part: &Rect) {
         self.list.clear();
         let mut hidden = 0f32;
-        for (place, entry) in (0..).zip(list) {
+        for (index, entry) in (0..).zip(list) {
             let seen = &bins.seen[entry.seen as usize];
             let covers = entry.covers
                 || match seen.covers(part) {
@@ -235,20 +235,20 @@ impl Nearest {
             if covers {
                 hidden = hidden.max(seen.inverse_depth.lowest(part));
             }
-            self.list.push(Candidate { place, covers, nearest: seen.nearest_in(part) });
+            self.list.push(Candidate { index, covers, nearest: seen.nearest_in(part) });
         }
         self.list.retain(|candidate| candidate.nearest >= hidden);
     }
 }
 
-/// How many rays see a triangle.
+/// Returns how many rays see a triangle.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn count(places: &[u32], place: u32) -> u32 {
-    places.iter().map(|&one| u32::from(one == place)).sum()
+fn count(indices: &[u32], index: u32) -> u32 {
+    indices.iter().map(|&one| u32::from(one == index)).sum()
 }
 
-/// The least of some inverse depths, whose number is a multiple of [`LANES`].
+/// Returns the least of some inverse depths, whose number is a multiple of [`LANES`].
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(super) fn least(values: &[f32]) -> f32 {
@@ -262,34 +262,34 @@ pub(super) fn least(values: &[f32]) -> f32 {
 }
 
 /// Lets a triangle be seen by the rays that meet it before what they saw so far. Where two lie at the same depth, that
-/// stays which has the lower place in the list.
+/// stays which has the lower index in the list.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 fn nearer(seen: &Seen, candidate: Candidate, x: &[f32], y: &[f32], out: &mut (&mut [u32], &mut [f32])) {
-    let place = candidate.place;
+    let index = candidate.index;
     let rays = x.chunks_exact(LANES).zip(y.chunks_exact(LANES));
     let found = out.0.chunks_exact_mut(LANES).zip(out.1.chunks_exact_mut(LANES));
     let [a, b, c] = seen.edges;
     if candidate.covers {
-        for ((x, y), (places, nearest)) in rays.zip(found) {
+        for ((x, y), (indices, nearest)) in rays.zip(found) {
             for i in 0..LANES {
                 let inverse = seen.inverse_depth.at(x[i], y[i]);
-                let takes = (inverse > nearest[i]) | ((inverse == nearest[i]) & (place < places[i]));
+                let takes = (inverse > nearest[i]) | ((inverse == nearest[i]) & (index < indices[i]));
                 nearest[i] = if takes { inverse } else { nearest[i] };
-                places[i] = if takes { place } else { places[i] };
+                indices[i] = if takes { index } else { indices[i] };
             }
         }
         return;
     }
-    for ((x, y), (places, nearest)) in rays.zip(found) {
+    for ((x, y), (indices, nearest)) in rays.zip(found) {
         for i in 0..LANES {
             let inverse = seen.inverse_depth.at(x[i], y[i]);
             let meets = (a.at(x[i], y[i]) >= 0.0) & (b.at(x[i], y[i]) >= 0.0) & (c.at(x[i], y[i]) >= 0.0);
-            let before = (inverse > nearest[i]) | ((inverse == nearest[i]) & (inverse > 0.0) & (place < places[i]));
+            let before = (inverse > nearest[i]) | ((inverse == nearest[i]) & (inverse > 0.0) & (index < indices[i]));
             let takes = meets & before;
             nearest[i] = if takes { inverse } else { nearest[i] };
-            places[i] = if takes { place } else { places[i] };
+            indices[i] = if takes { index } else { indices[i] };
         }
     }
 }

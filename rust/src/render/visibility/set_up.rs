@@ -3,7 +3,7 @@
 //! What must not break: each triangle has the bits that [`Seen::new`](super::bins) gives it alone.
 
 use super::bins::{EDGE_ON, NEARER, Seen, extent, margin};
-use crate::render::geometry::hierarchy::WIDTH;
+use crate::render::geometry::bvh::WIDTH;
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::vector::Vector;
 use crate::render::geometry::view::Pose;
@@ -65,7 +65,8 @@ pub(super) fn set_up(scene: &Scene, pose: &Pose, triangles: &[u32], part: &Rect,
     }
 }
 
-/// Which triangles may have a part before the camera and in a part of the image, by their corners in camera axes.
+/// Returns which triangles may have a part before the camera and in a part of the image, by their corners in camera
+/// axes.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
@@ -101,7 +102,7 @@ fn meets(corners: &[Vectors; 3], part: &Rect) -> [bool; WIDTH] {
     meets
 }
 
-/// Vectors of a frame in camera axes, as [`Pose::turned`] has them.
+/// Returns vectors of a frame in camera axes, as [`Pose::turned`] has them.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn turned(pose: &Pose, vectors: &Vectors) -> Vectors {
@@ -139,7 +140,7 @@ fn dot(a: &Vectors, b: &Vectors) -> Numbers {
     found
 }
 
-/// The largest of the components' magnitudes.
+/// Returns the largest of the components' magnitudes.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn largest(vectors: &Vectors) -> Numbers {

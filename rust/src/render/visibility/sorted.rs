@@ -27,38 +27,38 @@ pub(crate) struct Sorted {
 }
 
 impl Sorted {
-    /// Finds those of the triangle at a place in the tile's list; without `rows` all of them are scattered.
+    /// Finds those of the triangle at an index in the tile's list; without `rows` all of them are scattered.
     #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 rays")]
-    pub(crate) fn of_triangle(&mut self, nearest: &Nearest, place: u32, rows: bool) {
+    pub(crate) fn of_triangle(&mut self, nearest: &Nearest, index: u32, rows: bool) {
         self.rows.clear();
         self.scattered.clear();
         let length = nearest.length;
         let mut block = 0;
         while block < nearest.blocks {
             let first = block * length;
-            let all = nearest.only[block] == place;
+            let all = nearest.only[block] == index;
             block += 1;
             if all && !rows {
                 self.scattered.extend(first as u32..(block * length) as u32);
                 continue;
             }
             if all {
-                while block < nearest.blocks && nearest.only[block] == place {
+                while block < nearest.blocks && nearest.only[block] == index {
                     block += 1;
                 }
                 self.add_rows(first..block * length, true);
                 continue;
             }
-            let count = nearest.counts[place as usize][block - 1] as usize;
+            let count = nearest.counts[index as usize][block - 1] as usize;
             // To shade a ray for nothing takes less time than to pick one out and put it back.
             if rows && count * 5 >= length * 2 {
                 self.add_rows(first..block * length, false);
             } else if count > 0
-                && let Some(known) = nearest.sorted(block - 1, place)
+                && let Some(known) = nearest.sorted(block - 1, index)
             {
                 self.scattered.extend_from_slice(known);
             } else if count > 0 {
-                self.pick(&nearest.place[first..block * length], first, place);
+                self.pick(&nearest.index[first..block * length], first, index);
             }
         }
     }
@@ -70,12 +70,12 @@ impl Sorted {
 
     /// Adds the numbers of some rays that see the triangle, without a branch for each.
     #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 rays")]
-    fn pick(&mut self, places: &[u32], first: usize, place: u32) {
+    fn pick(&mut self, indices: &[u32], first: usize, index: u32) {
         let mut count = self.scattered.len();
-        self.scattered.resize(count + places.len(), 0);
-        for (ray, &one) in places.iter().enumerate() {
+        self.scattered.resize(count + indices.len(), 0);
+        for (ray, &one) in indices.iter().enumerate() {
             self.scattered[count] = (first + ray) as u32;
-            count += usize::from(one == place);
+            count += usize::from(one == index);
         }
         self.scattered.truncate(count);
     }
@@ -87,7 +87,7 @@ pub(crate) enum Portion<'a> {
     Fewer(Rays<'a, false>),
 }
 
-/// Room for rays that do not lie side by side.
+/// A buffer for rays that do not lie side by side.
 #[derive(Debug)]
 pub(crate) struct Picked {
     numbers: [u32; MOST],
@@ -104,21 +104,21 @@ impl Default for Picked {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Row {
     #[inline(always)]
-    pub(crate) fn rays<'a>(&self, x: &'a [f32], y: &'a [f32], room: &'a mut Picked) -> Portion<'a> {
+    pub(crate) fn rays<'a>(&self, x: &'a [f32], y: &'a [f32], buffer: &'a mut Picked) -> Portion<'a> {
         let count = self.range.len().next_multiple_of(STEP).min(MOST);
         // Of rays that follow those of the row nothing is worked out.
         let (x, y) = (&x[self.range.start..], &y[self.range.start..]);
         if let (Some(x), Some(y)) = (x.first_chunk(), y.first_chunk()) {
             return Portion::new(count, None, x, y);
         }
-        room.x[..x.len()].copy_from_slice(x);
-        room.y[..y.len()].copy_from_slice(y);
-        Portion::new(count, None, &room.x, &room.y)
+        buffer.x[..x.len()].copy_from_slice(x);
+        buffer.y[..y.len()].copy_from_slice(y);
+        Portion::new(count, None, &buffer.x, &buffer.y)
     }
 
     /// Puts values where they belong: those of the rays that see the triangle, by the triangles that all see.
     #[inline(always)]
-    pub(crate) fn put(&self, values: &Lanes, nearest: &Nearest, place: u32, out: &mut [f32]) {
+    pub(crate) fn put(&self, values: &Lanes, nearest: &Nearest, index: u32, out: &mut [f32]) {
         let out = &mut out[self.range.clone()];
         if self.all {
             match out.first_chunk_mut() {
@@ -127,8 +127,8 @@ impl Row {
             }
             return;
         }
-        for ((out, &seen), &value) in out.iter_mut().zip(&nearest.place[self.range.clone()]).zip(values.iter()) {
-            *out = if seen == place { value } else { *out };
+        for ((out, &seen), &value) in out.iter_mut().zip(&nearest.index[self.range.clone()]).zip(values.iter()) {
+            *out = if seen == index { value } else { *out };
         }
     }
 }
@@ -140,10 +140,10 @@ impl<'a> Portion<'a> {
         if count == MOST { Self::Full(Rays { count, picked, x, y }) } else { Self::Fewer(Rays { count, picked, x, y }) }
     }
 
-    /// Up to [`MOST`] rays by their numbers; the last one stands for what is missing.
+    /// Gathers up to [`MOST`] rays by their numbers; the last one stands for what is missing.
     #[inline(always)]
-    pub(crate) fn picked(numbers: &[u32], x: &[f32], y: &[f32], room: &'a mut Picked) -> Self {
-        let Picked { numbers: padded, x: some_x, y: some_y } = room;
+    pub(crate) fn picked(numbers: &[u32], x: &[f32], y: &[f32], buffer: &'a mut Picked) -> Self {
+        let Picked { numbers: padded, x: some_x, y: some_y } = buffer;
         *padded = [numbers.last().copied().unwrap_or_default(); MOST];
         padded[..numbers.len()].copy_from_slice(numbers);
         let count = numbers.len().next_multiple_of(STEP).min(MOST);

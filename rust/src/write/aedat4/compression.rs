@@ -17,7 +17,7 @@ pub enum Compression {
 }
 
 impl Compression {
-    /// Its number in the header.
+    /// Returns its number in the header.
     pub(super) fn code(self) -> i32 {
         match self {
             Self::None => 0,

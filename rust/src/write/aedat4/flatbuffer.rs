@@ -8,20 +8,20 @@ use crate::event::Event;
 /// Bytes of an entry in the table of contents, padding included.
 const ENTRY: usize = 48;
 
-/// Where [`header`] keeps the place of the table of contents.
-pub(super) const TABLE_PLACE: usize = 32;
+/// Where [`header`] keeps the offset of the table of contents.
+pub(super) const TABLE_OFFSET: usize = 32;
 
 /// A packet in the table of contents.
 pub(super) struct Entry {
     /// Where its body begins, and how long it is.
-    pub(super) place: u64,
+    pub(super) offset: u64,
     pub(super) size: i32,
     pub(super) events: usize,
     pub(super) first_us: i64,
     pub(super) last_us: i64,
 }
 
-/// `IOHE`: compression (i32), place of the table of contents (i64, -1 for none), description (string).
+/// Returns `IOHE`: compression (i32), offset of the table of contents (i64, -1 for none), description (string).
 pub(super) fn header(compression: i32, info: &str) -> Vec<u8> {
     let mut b = start(*b"IOHE", 24);
     // The vtable: three fields, of a table of 24 bytes.
@@ -34,7 +34,7 @@ pub(super) fn header(compression: i32, info: &str) -> Vec<u8> {
     finish(b)
 }
 
-/// `EVTS`: a vector of events, which have `start_us` added to their times.
+/// Writes `EVTS`: a vector of events, which have `start_us` added to their times.
 pub(super) fn events(events: &[Event], start_us: i64, b: &mut Vec<u8>) {
     b.extend(start(*b"EVTS", 20));
     words16(b, &[0, 6, 8, 4]);
@@ -51,8 +51,8 @@ pub(super) fn events(events: &[Event], start_us: i64, b: &mut Vec<u8>) {
     b[..4].copy_from_slice(&size.to_le_bytes());
 }
 
-/// `FTAB`: a vector of tables, one a packet: place (i64), stream and size (struct of two i32), number of events, time of
-/// the first and of the last (i64).
+/// Returns `FTAB`: a vector of tables, one a packet: offset (i64), stream and size (struct of two i32), number of
+/// events, time of the first and of the last (i64).
 pub(super) fn table(entries: &[Entry]) -> Vec<u8> {
     let mut b = start(*b"FTAB", 20);
     words16(&mut b, &[6, 8, 4, 0]);
@@ -60,15 +60,15 @@ pub(super) fn table(entries: &[Entry]) -> Vec<u8> {
     // One vtable for all, behind the vector; then the entries, their i64 aligned.
     let vtable = b.len() + 4 * entries.len();
     let first = (vtable + 14).next_multiple_of(8) + 4;
-    for (i, place) in (b.len()..vtable).step_by(4).enumerate() {
-        words32(&mut b, &[length(first + ENTRY * i - place)]);
+    for (i, offset) in (b.len()..vtable).step_by(4).enumerate() {
+        words32(&mut b, &[length(first + ENTRY * i - offset)]);
     }
     words16(&mut b, &[14, 44, 12, 4, 20, 28, 36]);
     b.resize(first, 0);
     for entry in entries {
         let distance = length(b.len() - vtable);
         words32(&mut b, &[distance, 0, entry.size]);
-        for value in [entry.place.cast_signed(), length(entry.events).into(), entry.first_us, entry.last_us] {
+        for value in [entry.offset.cast_signed(), length(entry.events).into(), entry.first_us, entry.last_us] {
             b.extend_from_slice(&value.to_le_bytes());
         }
         words32(&mut b, &[0]);
@@ -76,7 +76,7 @@ pub(super) fn table(entries: &[Entry]) -> Vec<u8> {
     finish(b)
 }
 
-/// Size (not known yet), place of the root table, identifier.
+/// Returns size (not known yet), offset of the root table, identifier.
 fn start(identifier: [u8; 4], root: usize) -> Vec<u8> {
     let mut b = vec![0; 4];
     words32(&mut b, &[length(root - 4)]);

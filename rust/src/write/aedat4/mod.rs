@@ -1,8 +1,8 @@
 //! AEDAT 4.0, the files of iniVation's DV: packets of events as flatbuffers, each compressed by itself.
 //!
 //! The line `#!AER-DAT4.0`, a header (`IOHE`), packets (stream, size, then an `EVTS`), and a table of contents (`FTAB`)
-//! whose place the header tells; -1 there means that there is none. An event has 16 bytes: i64 microseconds (Unix time),
-//! i16 x, i16 y, polarity, padding. (iniVation, AEDAT 4.0 file format; the schemas of dv-processing.)
+//! whose offset the header tells; -1 there means that there is none. An event has 16 bytes: i64 microseconds (Unix
+//! time), i16 x, i16 y, polarity, padding. (iniVation, AEDAT 4.0 file format; the schemas of dv-processing.)
 
 mod compression;
 mod flatbuffer;
@@ -34,13 +34,12 @@ impl Aedat4Encoder {
     /// Coordinates are i16.
     pub const LIMITS: Limits = Limits { latest_us: i64::MAX, width: 1 << 15, height: 1 << 15 };
 
-    /// An encoder for a sensor of at most 32768 x 32768 pixels (a larger one is cut to that). `start_us`, at least 0, is
-    /// the Unix time of the events' 0.
+    /// Returns an encoder for a sensor of at most 32768 x 32768 pixels (a larger one is cut to that). `start_us`, at
+    /// least 0, is the Unix time of the events' 0.
     #[must_use]
     pub fn new(width: u32, height: u32, compression: Compression, start_us: i64) -> Self {
-        let side = Self::LIMITS.width;
         Self {
-            limits: Limits { latest_us: i64::MAX - start_us, width: width.min(side), height: height.min(side) },
+            limits: Limits { latest_us: i64::MAX - start_us, ..Self::LIMITS }.for_sensor(width, height),
             start_us,
             compressor: Compressor::new(compression),
             bytes: 0,
@@ -70,8 +69,8 @@ impl Encode for Aedat4Encoder {
 
     fn contents(&mut self, out: &mut Vec<u8>) -> Option<(u64, Vec<u8>)> {
         self.compressor.compress(&flatbuffer::table(&self.table), out);
-        let place = MAGIC.len() + flatbuffer::TABLE_PLACE;
-        Some((place as u64, self.bytes.to_le_bytes().to_vec()))
+        let offset = MAGIC.len() + flatbuffer::TABLE_OFFSET;
+        Some((offset as u64, self.bytes.to_le_bytes().to_vec()))
     }
 }
 
@@ -85,7 +84,7 @@ impl Aedat4Encoder {
         // The stream is 0, the only one.
         out[start + 4..start + 8].copy_from_slice(&size.to_le_bytes());
         self.table.push(Entry {
-            place: self.bytes + 8,
+            offset: self.bytes + 8,
             size,
             events: events.len(),
             first_us: first_us + self.start_us,
@@ -95,7 +94,7 @@ impl Aedat4Encoder {
     }
 }
 
-/// The description of the streams, in DV's XML.
+/// Returns the description of the streams, in DV's XML.
 fn info(limits: Limits, compression: Compression) -> String {
     let attribute =
         |key: &str, kind: &str, value: &str| format!("<attr key=\"{key}\" type=\"{kind}\">{value}</attr>\n");

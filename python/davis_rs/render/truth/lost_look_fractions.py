@@ -1,4 +1,4 @@
-"""Which share of the image shows shapes whose look is lost (:attr:`davis_rs.Scene.lost_looks`)."""
+"""Measures which fraction of the image shows shapes whose look is lost (:attr:`davis_rs.Scene.lost_looks`)."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from ..native.renderer import NativeRenderer
 from .scene_surfaces import SceneSurfaces
 
 _INSTANTS = 5
-"""Of the camera path, which are looked at; its ends are among them."""
-_LATTICE = 64, 48
-"""Pixels across and down, at most, which stand for the image."""
+"""How many instants of the camera path are examined; its ends are among them."""
+_GRID = 64, 48
+"""The largest number of pixels, across and down, that stand for the image."""
 
-Shares = dict[LostLook, float | None]
+Fractions = dict[LostLook, float | None]
 
 
-def lost_look_shares(scene: Scene, camera: Camera, renderer: Renderer | None = None) -> Shares:
-    """Measure the share of the image that each lost look of a scene concerns, on average over its camera path.
+def lost_look_fractions(scene: Scene, camera: Camera, renderer: Renderer | None = None) -> Fractions:
+    """Measure the fraction of the image that each lost look of a scene concerns, averaged over its camera path.
 
     Args:
-        renderer: of the scene. A native one knows what pixels see; for any other the scene is loaded again.
+        renderer: a renderer of the scene, if there is one. Unless it is a native one, the scene is loaded again.
 
     Returns:
-        For each look a share from 0 to 1, of a lattice of pixels at a few instants of the path, or where a camera
-        starts in a scene without one. None where it is not known: for a look of no shape, without path and start, and
-        in a scene that was given shapes that are not made of triangles. A look of backs concerns only pixels that see
-        one.
+        For each look a fraction from 0 to 1, of a grid of pixels at a few instants of the path, or at the camera's
+        start in a scene without a path. None where it is not known: for a look of no shape, in a scene without path and
+        start, and in a scene with shapes that are not made of triangles. A look of backs counts only pixels that see a
+        back.
     """
     views = _views(scene)
-    shares: Shares = dict.fromkeys(scene.lost_looks)
+    fractions: Fractions = dict.fromkeys(scene.lost_looks)
     if views is None or not any(look.shapes for look in scene.lost_looks):
-        return shares
+        return fractions
     pixels = _pixels(camera)
     view, pixel = np.repeat(np.arange(len(views)), len(pixels)), np.tile(pixels, len(views))
     if isinstance(renderer, NativeRenderer):
@@ -49,35 +49,35 @@ def lost_look_shares(scene: Scene, camera: Camera, renderer: Renderer | None = N
         try:
             surfaces = SceneSurfaces(scene, camera)
         except ValueError:
-            return shares
+            return fractions
         seen = surfaces.of_pixels(views, view, pixel)
         names, shape, back = surfaces.names, seen.shape.astype(np.int64) - 1, seen.back
     numbers = {name: number for number, name in enumerate(names)}
     for look in scene.lost_looks:
         if look.shapes:
             concerned = np.isin(shape, [numbers[name] for name in look.shapes if name in numbers])
-            shares[look] = float((concerned & back if look.what == BACKS else concerned).mean())
-    return shares
+            fractions[look] = float((concerned & back if look.what == BACKS else concerned).mean())
+    return fractions
 
 
-def warn_of_lost_looks(scene: Scene, shares: Shares, stacklevel: int) -> None:
-    """Tell what is lost of the looks of a scene's file, in one line; the largest share first.
+def warn_of_lost_looks(scene: Scene, fractions: Fractions, stacklevel: int) -> None:
+    """Warn in one line which looks of a scene's file are lost, the largest fraction first.
 
     Warns:
         LostLookWarning: with the line, if anything is lost.
     """
-    told = {look: share for look, share in shares.items() if look.what != BACKS or share != 0}
+    told = {look: fraction for look, fraction in fractions.items() if look.what != BACKS or fraction != 0}
     if not told:
         return
     largest = sorted((look for look in told if told[look]), key=lambda look: -(told[look] or 0))
     parts = [f"{look} ({100 * (told[look] or 0):.2g} %)" for look in largest]
-    for share, what in ((0.0, "not in view"), (None, "share not known")):
-        looks = [str(look) for look in told if told[look] == share]
+    for fraction, what in ((0.0, "not in view"), (None, "fraction not known")):
+        looks = [str(look) for look in told if told[look] == fraction]
         parts += [f"{what}: {', '.join(looks)}"] if looks else []
     name = scene.name if scene.file is None else scene.file
     warnings.warn(
-        f"{name}: surfaces are matte and opaque here; these looks are lost, with their share of the image along the "
-        f"camera path: {'; '.join(parts)}",
+        f"{name}: surfaces are diffuse and opaque here; these looks are lost, with their fraction of the image along "
+        f"the camera path: {'; '.join(parts)}",
         LostLookWarning,
         stacklevel=stacklevel + 1,
     )
@@ -90,11 +90,11 @@ def _views(scene: Scene) -> Views | None:
 
 
 def _pixels(camera: Camera) -> npt.NDArray[np.int64]:
-    """The lattice's pixels by their numbers, spread evenly."""
+    """Return the numbers of pixels that are spread evenly over the image."""
     columns, rows = (
         ((np.arange(count) + 0.5) * size / count).astype(np.int64)
         for size, count in zip(
-            (camera.width, camera.height), map(min, _LATTICE, (camera.width, camera.height)), strict=True
+            (camera.width, camera.height), map(min, _GRID, (camera.width, camera.height)), strict=True
         )
     )
     return (rows[:, None] * camera.width + columns).ravel()

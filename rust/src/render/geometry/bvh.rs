@@ -1,4 +1,4 @@
-//! A hierarchy of boxes over triangles: finds the triangles in a region of space without a look at all of them.
+//! A bounding volume hierarchy (BVH): finds the triangles in a region of space without testing all of them.
 //!
 //! A node has [`WIDTH`] boxes, because that many are tested together in vector code.
 //!
@@ -34,24 +34,26 @@ struct Node {
 
 /// A part of space that boxes are tested for.
 pub(crate) trait Region {
-    /// Which boxes it may meet; those that do not touch it may be among them where they lie within float32's rounding.
+    /// Returns which boxes it may meet; those that do not touch it may be among them where they lie within float32's
+    /// rounding.
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
 }
 
 /// A part of space that is looked through from front to back.
 pub(crate) trait Ahead {
-    /// How near boxes may be, infinite for those that do not meet the region.
+    /// Returns how near boxes may be, infinite for those that do not meet the region.
     fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH];
 }
 
 /// What is done with triangles that are found from front to back; a trait, because closures may not be inlined always.
 pub(crate) trait Leaves {
-    /// How far triangles may lie that are still looked for.
+    /// Returns how far triangles may lie that are still looked for.
     fn farthest(&self) -> f32;
 
-    /// Is told of triangles that are waiting to be looked at.
+    /// Prepares for triangles that are waiting to be looked at.
     fn expect(&self, leaf: Range<usize>);
 
+    /// Looks at the triangles of a leaf.
     fn look_at(&mut self, leaf: Range<usize>);
 }
 
@@ -63,31 +65,32 @@ pub(crate) struct Waiting {
     count: u32,
 }
 
-/// Boxes in boxes. Triangles are numbered in the order of a visit: those of a leaf follow each other.
+/// A BVH with wide nodes. Triangles are numbered in the order of a visit: those of a leaf follow each other.
 #[derive(Debug, Default)]
-pub(crate) struct Hierarchy {
+pub(crate) struct Bvh {
     nodes: Vec<Node>,
     /// No coordinate of its triangles is larger.
     pub(crate) reach: f64,
 }
 
-impl Hierarchy {
-    /// The hierarchy of triangles with these bounds, and in its order their old numbers; `parallel` where the threads of
-    /// this pool may build it.
+impl Bvh {
+    /// Builds the BVH of triangles with these bounds, on the threads of this pool where it is `parallel`. Returns it,
+    /// and the triangles' old indices in its order.
     pub(crate) fn new(bounds: impl Iterator<Item = Bounds>, parallel: bool) -> (Self, Vec<u32>) {
         let mut items: Vec<Item> = (0..).zip(bounds).map(|(number, bounds)| Item { bounds, number }).collect();
-        let mut hierarchy = Self::default();
+        let mut bvh = Self::default();
         if items.is_empty() {
-            return (hierarchy, vec![]);
+            return (bvh, vec![]);
         }
         let root = build(&mut items, parallel);
-        hierarchy.reach = largest(root.bounds.low).max(largest(root.bounds.high));
-        hierarchy.gather(vec![&root]);
-        let order = hierarchy.number_by_visits();
-        (hierarchy, order.into_iter().map(|at| items[at].number).collect())
+        bvh.reach = largest(root.bounds.low).max(largest(root.bounds.high));
+        bvh.collapse(vec![&root]);
+        let order = bvh.number_by_visits();
+        (bvh, order.into_iter().map(|at| items[at].number).collect())
     }
 
-    /// Numbers triangles in the order in which a visit finds them; gives their places in the order of the binary tree.
+    /// Numbers triangles in the order in which a visit finds them; returns their indices in the order of the binary
+    /// tree.
     fn number_by_visits(&mut self) -> Vec<usize> {
         let mut order = vec![];
         let mut stack = vec![0];
@@ -108,7 +111,7 @@ impl Hierarchy {
 
     /// Collapses the binary tree into a wide node, largest area first, and does the same below it. Returns the node's
     /// index.
-    fn gather(&mut self, mut members: Vec<&bvh_builder::Node>) -> u32 {
+    fn collapse(&mut self, mut members: Vec<&bvh_builder::Node>) -> u32 {
         while members.len() < WIDTH {
             let open = members.iter().enumerate().filter_map(|(at, member)| Some((at, member.children.as_deref()?)));
             let area = |(at, _): &(usize, _)| members[*at].bounds.half_area();
@@ -121,14 +124,14 @@ impl Hierarchy {
         self.nodes.push(Node { boxes, first: [0; WIDTH], count: [0; WIDTH], used: members.len() });
         for (lane, &member) in members.iter().enumerate() {
             let (first, count) = match member.children.as_deref() {
-                Some([first, second]) => (self.gather(vec![first, second]), 0),
+                Some([first, second]) => (self.collapse(vec![first, second]), 0),
                 None => (index(member.range.start), index(member.range.len())),
             };
-            let node = &mut self.nodes[number];
-            (node.first[lane], node.count[lane]) = (first, count);
+            let wide = &mut self.nodes[number];
+            (wide.first[lane], wide.count[lane]) = (first, count);
             for axis in 0..3 {
-                node.boxes.low[axis][lane] = below(member.bounds.low[axis]);
-                node.boxes.high[axis][lane] = -below(-member.bounds.high[axis]);
+                wide.boxes.low[axis][lane] = below(member.bounds.low[axis]);
+                wide.boxes.high[axis][lane] = -below(-member.bounds.high[axis]);
             }
         }
         index(number)
@@ -196,7 +199,7 @@ impl Hierarchy {
     }
 }
 
-/// A float32 at or below a number, as near as there is.
+/// Returns the largest float32 at or below a number.
 #[allow(clippy::cast_possible_truncation, reason = "what is rounded up is taken down again")]
 pub(crate) fn below(x: f64) -> f32 {
     let single = x as f32;
@@ -224,39 +227,39 @@ mod tests {
     }
 
     proptest! {
-        /// Every triangle is in one leaf, in its box; a visit finds all that meet a place.
+        /// Every triangle is in one leaf, in its box; a visit finds all that contain a point.
         #[test]
         fn a_visit_finds_what_is_there(
-            places in prop::collection::vec((prop::array::uniform3(-3i8..4), prop::array::uniform3(0u8..3)), 0..60),
+            boxes in prop::collection::vec((prop::array::uniform3(-3i8..4), prop::array::uniform3(0u8..3)), 0..60),
             probe in prop::array::uniform3(-4i8..5),
         ) {
-            let bounds: Vec<Bounds> = places
+            let bounds: Vec<Bounds> = boxes
                 .iter()
                 .map(|(low, size)| Bounds {
                     low: low.map(f64::from),
                     high: std::array::from_fn(|i| f64::from(low[i]) + f64::from(size[i])),
                 })
                 .collect();
-            let (hierarchy, order) = Hierarchy::new(bounds.iter().copied(), false);
+            let (bvh, order) = Bvh::new(bounds.iter().copied(), false);
             let mut sorted = order.clone();
             sorted.sort_unstable();
             prop_assert_eq!(sorted, (0..index(bounds.len())).collect::<Vec<_>>());
             let probe = probe.map(f64::from);
             let holds = |b: &Bounds| (0..3).all(|i| b.low[i] <= probe[i] && probe[i] <= b.high[i]);
             let mut found = vec![];
-            hierarchy.visit(&mut vec![], &Probe(probe), |range| {
+            bvh.visit(&mut vec![], &Probe(probe), |range| {
                 found.extend(order[range].iter().copied().filter(|&i| holds(&bounds[i as usize])));
                 true
             });
             // What a visit finds first has the lower number.
-            let places: Vec<usize> = found.iter().map(|one| order.iter().position(|i| i == one).unwrap()).collect();
-            prop_assert!(places.is_sorted());
+            let indices: Vec<usize> = found.iter().map(|one| order.iter().position(|i| i == one).unwrap()).collect();
+            prop_assert!(indices.is_sorted());
             found.sort_unstable();
             let expected: Vec<u32> = (0..index(bounds.len())).filter(|&i| holds(&bounds[i as usize])).collect();
             prop_assert_eq!(found, expected);
             // From front to back, every box is looked into that is not farther than what is looked for.
             let mut ahead = Along { found: vec![], farthest: probe[0] as f32 };
-            hierarchy.visit_from_front(&mut vec![], &ahead.clone(), &mut ahead);
+            bvh.visit_from_front(&mut vec![], &ahead.clone(), &mut ahead);
             let near: Vec<u32> = (0..index(bounds.len())).filter(|&i| bounds[i as usize].low[0] <= probe[0]).collect();
             let mut looked_at: Vec<u32> = ahead.found.iter().map(|&i| order[i]).collect();
             looked_at.sort_unstable();
@@ -290,9 +293,9 @@ mod tests {
         }
     }
 
-    /// Nodes as text, which two hierarchies can be compared by.
-    fn text(hierarchy: &Hierarchy) -> String {
-        format!("{:?}", hierarchy.nodes)
+    /// Nodes as text, which two BVHs can be compared by.
+    fn text(bvh: &Bvh) -> String {
+        format!("{:?}", bvh.nodes)
     }
 
     /// Threads change neither the tree nor the order, also where all triangles lie on each other, in a plane, or ever
@@ -315,8 +318,8 @@ mod tests {
         ];
         for middle in kinds {
             let bounds = || (0..count).map(|i| Bounds { low: middle(i), high: middle(i).map(|x| x + 0.01) });
-            let (alone, order) = Hierarchy::new(bounds(), false);
-            let (together, same) = pool.install(|| Hierarchy::new(bounds(), true));
+            let (alone, order) = Bvh::new(bounds(), false);
+            let (together, same) = pool.install(|| Bvh::new(bounds(), true));
             assert_eq!(order, same);
             assert_eq!(text(&alone), text(&together));
             let mut sorted = order;

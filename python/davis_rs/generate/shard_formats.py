@@ -1,10 +1,15 @@
-"""Sequences in one HDF5 file: a group for each."""
+"""Writes sequences into one file: HDF5, with a group for each, or a tar file for WebDataset.
+
+In a tar file, a sequence's files have the same name up to the first dot.
+"""
 
 from __future__ import annotations
 
+import io
+import tarfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -43,12 +48,12 @@ def write_hdf5_shard(path: Path, folders: Sequence[Path]) -> None:
             group["ms_to_idx"] = np.searchsorted(t, np.arange(last_ms + 1) * 1000).astype(np.uint64)
             for name, columns in sequence.groups.items():
                 for column, values in columns.items():
-                    _add(group, f"{name}/{column}", values)
+                    _add_dataset(group, f"{name}/{column}", values)
             for name, data in sequence.files.items():
                 group[f"files/{name}"] = np.frombuffer(data, np.uint8)
 
 
-def _add(group: h5py.Group, name: str, values: npt.NDArray[Any]) -> None:
+def _add_dataset(group: h5py.Group, name: str, values: npt.NDArray[np.generic]) -> None:
     import h5py
 
     if values.dtype.kind in "US":  # names of shapes
@@ -58,3 +63,31 @@ def _add(group: h5py.Group, name: str, values: npt.NDArray[Any]) -> None:
     else:
         chunk = (1, *values.shape[1:]) if values.ndim > 2 else (min(len(values), _LARGEST_CHUNK), *values.shape[1:])
         group.create_dataset(name, data=values, chunks=chunk, compression="gzip", compression_opts=1, shuffle=True)
+
+
+def write_webdataset_shard(path: Path, folders: Sequence[Path]) -> None:
+    """Write folders of sequences into a new tar file, one after the other, in the order of their names.
+
+    A sequence has ``NAME.meta.json``, ``NAME.GROUP.npz`` for each group of
+    :class:`~davis_rs.generate.sequence_arrays.SequenceArrays`, and all other files as ``NAME.files.FILE`` with
+    ``.`` for ``/``. The same folders give the same bytes.
+
+    Raises:
+        OSError, DecodeError: if a folder cannot be read, or the file cannot be written.
+    """
+    with tarfile.open(path, "x", format=tarfile.USTAR_FORMAT) as archive:
+        for folder in folders:
+            sequence = read_sequence(folder)
+            _add_member(archive, f"{folder.name}.meta.json", sequence.meta)
+            for name, columns in sequence.groups.items():
+                stream = io.BytesIO()
+                np.savez_compressed(stream, **columns)  # type: ignore[arg-type]
+                _add_member(archive, f"{folder.name}.{name}.npz", stream.getvalue())
+            for name, data in sequence.files.items():
+                _add_member(archive, f"{folder.name}.files.{name.replace('/', '.')}", data)
+
+
+def _add_member(archive: tarfile.TarFile, name: str, data: bytes) -> None:
+    member = tarfile.TarInfo(name)  # of no owner and time, so that the bytes are those of the data alone
+    member.size = len(data)
+    archive.addfile(member, io.BytesIO(data))

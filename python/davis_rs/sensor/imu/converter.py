@@ -1,4 +1,4 @@
-"""The IMU's converter."""
+"""Simulates the IMU's converter: its full scale and its codes."""
 
 from __future__ import annotations
 
@@ -7,9 +7,46 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...events.decoded import STANDARD_GRAVITY
 from ...geometry.pose import FloatArray
 from ..effects.effect import Effect, Where, check_range
-from .saturation import full_scales
+
+
+@dataclass(frozen=True)
+class ImuSaturation(Effect):
+    """Each axis is clipped to its full scale.
+
+    Args:
+        acceleration_g: the full scale is +- this many g (of 9.80665 m/s^2), > 0.
+        rate_deg_s: the full scale is +- this many degrees per second, > 0.
+
+    The defaults are those of the paper's MPU-6150. Infinity leaves one of the two as it is.
+
+    Raises:
+        ValueError: for a full scale that is not > 0.
+
+    Source: Mueggler et al., IJRR 2017, the sensor; InvenSense, MPU-6100 and MPU-6150 product specification.
+    """
+
+    acceleration_g: float = 16.0
+    rate_deg_s: float = 2000.0
+
+    name: ClassVar[str] = "imu_saturation_g"
+    acts_on: ClassVar[Where] = "imu"
+
+    def __post_init__(self) -> None:
+        for name, value in self.settings().items():
+            check_range(f"imu_saturation_g {name}", value, 1e-6, np.inf, finite=False)
+
+    @property
+    def neutral(self) -> bool:
+        """Whether both full scales are infinite."""
+        return bool(np.isinf(self.acceleration_g) and np.isinf(self.rate_deg_s))
+
+    def apply(self, values: FloatArray) -> FloatArray:
+        """Return ``values`` (n, 6), m/s^2 and rad/s, clipped to the full scale."""
+        scales = full_scales(self.acceleration_g, self.rate_deg_s)
+        return np.clip(values, -scales, scales)
 
 
 @dataclass(frozen=True)
@@ -53,3 +90,8 @@ class ImuQuantisation(Effect):
         step = full_scales(self.acceleration_g, self.rate_deg_s) / codes
         quantised: FloatArray = np.clip(np.rint(values / step), -codes, codes - 1) * step
         return quantised
+
+
+def full_scales(acceleration_g: float, rate_deg_s: float) -> FloatArray:
+    """Return the full scales of the six axes, (6,), in m/s^2 and rad/s."""
+    return np.repeat([acceleration_g * STANDARD_GRAVITY, np.radians(rate_deg_s)], 3)

@@ -1,6 +1,6 @@
-"""Materials that are diffuse in fact, and those that are taken as diffuse on the user's wish.
+"""Finds materials that are diffuse in fact, and replaces others by their diffuse colour where the user wishes it.
 
-Mitsuba wraps materials (two sides, opacity, bumps). Where the wrapping changes nothing, what is inside is taken, so
+Mitsuba wraps materials (two sides, opacity, bumps). Where a wrapper changes nothing, the material inside is taken, so
 that the renderers of diffuse scenes know it. Materials with a diffuse colour and more (highlights, a coat) may be
 replaced by that colour: ``Scene.matte``. Mitsuba's ``principled`` is never diffuse by itself, whatever its parameters
 are: its diffuse part depends on both directions (Burley, Physically-based shading at Disney, 2012, section 5.3), and so
@@ -10,11 +10,20 @@ does that of ``plastic``, behind its coat.
 from __future__ import annotations
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba.types import (
+    Mitsuba,
+    MitsubaBsdf,
+    MitsubaObject,
+    MitsubaScene,
+    MitsubaShape,
+    MitsubaTexture,
+    MitsubaValue,
+)
 from .obstacles import plugin_name, shape_name
 
 _COLOURS = {
@@ -23,71 +32,69 @@ _COLOURS = {
     "SmoothPlastic": ("plastic", "diffuse_reflectance"),
     "RoughPlastic": ("roughplastic", "diffuse_reflectance"),
 }
-"""Plugin and diffuse colour of materials that have more than that, by their class."""
+"""For the classes of materials that have more than a diffuse colour: their plugin, and the name of that colour."""
 
 _TRANSMITTED = ("spec_trans", "diff_trans")
-"""A material through which light goes has no matte counterpart where these are not 0."""
+"""Parameters of materials that let light through; where one is not 0, no diffuse material can stand for it."""
 
 _BUMPS = {"BumpMap": "bumpmap", "NormalMap": "normalmap"}
 _FLAT_NORMAL = (0.5, 0.5, 1.0)
 
 
 class _Diffuse(NamedTuple):
-    """The diffuse material that another one is or has within.
+    """The diffuse material that another one is or contains.
 
     Attributes:
         colour: its reflectance, Mitsuba's own object.
         two_sided: seen from both sides.
-        lost: the plugins whose effect is not in it; empty where it is the same.
+        lost: the plugins whose effect it leaves out; empty where it looks the same.
     """
 
-    colour: Any
+    colour: MitsubaTexture
     two_sided: bool
     lost: tuple[str, ...]
 
 
-def simplify_materials(scene: Any, mi: Any, *, matte: bool) -> tuple[str, ...]:
-    """Give a loaded scene's shapes diffuse materials where theirs are so in fact, or where that is wished.
+def simplify_materials(scene: MitsubaScene, mi: Mitsuba, *, matte: bool) -> tuple[str, ...]:
+    """Give a loaded scene's shapes diffuse materials where theirs are diffuse in fact, or where ``matte`` asks for it.
 
     Args:
-        scene: Mitsuba's, loaded under the variant in force; it is changed.
+        scene: loaded under the variant in force; it is changed.
         matte: replace materials that have a diffuse colour by that colour alone.
 
     Returns:
-        The names of materials that were replaced so, each with the plugin that it is.
+        The names of the materials that ``matte`` replaced, each with its plugin.
     """
     replaced = dict[str, None]()
-    known: dict[Any, _Diffuse | None] = {}
-    made: dict[Any, Any] = {}
+    known: dict[MitsubaBsdf, _Diffuse | None] = {}
+    made: dict[MitsubaBsdf, MitsubaBsdf] = {}
     for shape in scene.shapes():
         bsdf = shape.bsdf()
         if bsdf is None or is_plain(bsdf):
             continue
         if bsdf not in known:
             known[bsdf] = _diffuse_within(bsdf, mi)
-        found = known[bsdf]
-        if found is None:
+        diffuse = known[bsdf]
+        if diffuse is None or (diffuse.lost and not matte):
             continue
-        if found.lost and not matte:
-            continue
-        if found.lost:
-            replaced[f"{material_id(bsdf) or shape.id() or shape_name(shape)} ({', '.join(found.lost)})"] = None
+        if diffuse.lost:
+            replaced[f"{material_id(bsdf) or shape.id() or shape_name(shape)} ({', '.join(diffuse.lost)})"] = None
         if bsdf not in made:
-            diffuse = {"type": "diffuse", "reflectance": found.colour}
-            made[bsdf] = mi.load_dict({"type": "twosided", "nested": diffuse} if found.two_sided else diffuse)
+            plain = {"type": "diffuse", "reflectance": diffuse.colour}
+            made[bsdf] = mi.load_dict({"type": "twosided", "nested": plain} if diffuse.two_sided else plain)
         shape.set_bsdf(made[bsdf])
     return tuple(replaced)
 
 
-def surface_remedy(bsdf: Any, mi: Any) -> str:
-    """What makes a surface diffuse that is not."""
-    found = _diffuse_within(bsdf, mi)
-    by_wish = "" if found is None or not found.lost else "--matte (matte=True) takes its diffuse colour alone, or "
-    return f"{by_wish}give it a diffuse material"
+def surface_remedy(bsdf: MitsubaBsdf, mi: Mitsuba) -> str:
+    """Return what a user can do to make a surface diffuse, for a message."""
+    diffuse = _diffuse_within(bsdf, mi)
+    option = "" if diffuse is None or not diffuse.lost else "--matte (matte=True) takes its diffuse colour alone, or "
+    return f"{option}give it a diffuse material"
 
 
-def surface_kind(bsdf: Any) -> str:
-    """The plugin that a material is, with those within: ``twosided(conductor)``."""
+def surface_kind(bsdf: MitsubaBsdf) -> str:
+    """Return the plugin name of a material, with those inside it: ``twosided(conductor)``."""
     import mitsuba as mi
 
     nested = (child for child in _children(bsdf).values() if isinstance(child, mi.BSDF))
@@ -95,30 +102,30 @@ def surface_kind(bsdf: Any) -> str:
     return f"{plugin_name(bsdf)}({inside})" if inside else plugin_name(bsdf)
 
 
-def reflectance_kind(bsdf: Any) -> str:
-    """The plugin that gives a diffuse material's colour: ``checkerboard``."""
+def reflectance_kind(bsdf: MitsubaBsdf) -> str:
+    """Return the plugin name of a diffuse material's texture: ``checkerboard``."""
     return plugin_name(_children(_children(bsdf).get("brdf_0", bsdf))["reflectance"])
 
 
-def surface_name(bsdf: Any, shape: Any) -> str:
-    """How a line calls a surface: by its material's id, or by the shape where it has none of its own."""
+def surface_name(bsdf: MitsubaBsdf, shape: MitsubaShape) -> str:
+    """Return how messages name a surface: by its material's id, or by its shape where the material has none."""
     return f"material {material_id(bsdf)!r}" if material_id(bsdf) else shape_name(shape)
 
 
-def is_two_sided(bsdf: Any) -> bool:
-    """Whether a material reflects on both sides."""
+def is_two_sided(bsdf: MitsubaBsdf) -> bool:
+    """Return whether a material reflects on both sides."""
     return bool(bsdf.class_name() == "TwoSidedBRDF")
 
 
-def is_plain(bsdf: Any) -> bool:
-    """Whether it is diffuse, or diffuse and seen from both sides, as the direct renderers know it."""
+def is_plain(bsdf: MitsubaBsdf) -> bool:
+    """Return whether a material is diffuse, on one side or both, as the renderers without noise know it."""
     if is_two_sided(bsdf):
         return all(child.class_name() == "SmoothDiffuse" for child in _children(bsdf).values())
     return bool(bsdf.class_name() == "SmoothDiffuse")
 
 
-def _diffuse_within(bsdf: Any, mi: Any) -> _Diffuse | None:
-    """The diffuse material that this one is or has within; None where there is none."""
+def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba) -> _Diffuse | None:
+    """Return the diffuse material that a material is or contains; None where there is none."""
     kind, inside = bsdf.class_name(), _children(bsdf)
     if kind == "SmoothDiffuse":
         return _Diffuse(inside["reflectance"], False, ())
@@ -148,8 +155,8 @@ def _diffuse_within(bsdf: Any, mi: Any) -> _Diffuse | None:
     return None
 
 
-def _is_flat(kind: str, inside: dict[str, Any], mi: Any) -> bool:
-    """Whether a map of bumps or normals has none."""
+def _is_flat(kind: str, inside: dict[str, MitsubaObject], mi: Mitsuba) -> bool:
+    """Return whether a bump map or normal map changes nothing."""
     texture = inside.get("nested_texture", inside.get("normalmap"))
     values = _values(texture, mi)
     if values is None:
@@ -159,7 +166,7 @@ def _is_flat(kind: str, inside: dict[str, Any], mi: Any) -> bool:
     return values.ndim == 3 and values.shape[2] >= 3 and bool((np.abs(values[..., :3] - _FLAT_NORMAL) < 1e-6).all())
 
 
-def _same_colour(first: Any, second: Any, mi: Any) -> bool:
+def _same_colour(first: MitsubaTexture, second: MitsubaTexture, mi: Mitsuba) -> bool:
     if first is second:
         return True
     ours, theirs = (dict(mi.traverse(texture)) for texture in (first, second))
@@ -169,14 +176,14 @@ def _same_colour(first: Any, second: Any, mi: Any) -> bool:
     )
 
 
-def _constant(texture: Any, mi: Any) -> npt.NDArray[Any] | None:
-    """The value of a texture that is the same everywhere."""
+def _constant(texture: MitsubaTexture, mi: Mitsuba) -> npt.NDArray[np.float64] | None:
+    """Return the value of a texture that is the same everywhere; None of any other texture."""
     values = _values(texture, mi)
     return None if values is None or np.ptp(values) > 0 else values
 
 
-def _values(texture: Any, mi: Any) -> npt.NDArray[Any] | None:
-    """The texels or the value of a texture; None of one that has neither."""
+def _values(texture: MitsubaTexture, mi: Mitsuba) -> npt.NDArray[np.float64] | None:
+    """Return the texels or the value of a texture; None of one that has neither."""
     parameters = mi.traverse(texture)
     for key in ("value", "data"):
         if key in parameters:
@@ -184,32 +191,32 @@ def _values(texture: Any, mi: Any) -> npt.NDArray[Any] | None:
     return None
 
 
-def _children(node: Any) -> dict[str, Any]:
-    """The objects that one of Mitsuba's is made of, by their names."""
-    found = _traversal()()
-    node.traverse(found)
-    children: dict[str, Any] = found.objects
+def _children(node: MitsubaObject) -> dict[str, MitsubaObject]:
+    """Return the objects inside a Mitsuba object, by their names."""
+    traversal = _traversal()()
+    node.traverse(traversal)
+    children: dict[str, MitsubaObject] = traversal.objects
     return children
 
 
 @functools.cache
-def _traversal() -> Any:
-    """The class of a callback that takes the objects within another."""
+def _traversal() -> type[MitsubaObject]:
+    """Return the class of a callback that collects the objects inside another."""
     import mitsuba as mi
 
     class Traversal(mi.TraversalCallback):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__()
-            self.objects: dict[str, Any] = {}
+            self.objects: dict[str, MitsubaObject] = {}
 
-        def put(self, name: str, value: Any, *_: Any) -> None:
+        def put(self, name: str, value: MitsubaValue, *_: object) -> None:
             if isinstance(value, mi.Object):
                 self.objects[name] = value
 
     return Traversal
 
 
-def material_id(bsdf: Any) -> str:
-    """The id that the scene gives a material; "" where it gives none."""
+def material_id(bsdf: MitsubaBsdf) -> str:
+    """Return the id of a material in the scene; "" where it has none."""
     name = str(bsdf.id())
     return "" if name == "bsdf" or name.startswith("_") else name

@@ -1,74 +1,17 @@
-//! `SceneRenderer` and `PixelRays` for Python.
+//! `SceneRenderer` for Python.
 
 use std::borrow::Cow;
 
-use numpy::{Element, IntoPyArray, PyArray1, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
+use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 
-use super::arrays::column;
-use crate::render::{
-    BEFORE_LIGHTS, Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, RaySight, Renderer,
-    Scene, SceneTables, Sky, TrackSettings, View,
+use super::pixel_rays::PyPixelRays;
+use super::scene_tables::{
+    EmissionTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, light_map_tables, numbered, sky_map,
 };
-
-/// The lattice rays of a sensor's pixels, as undistorted image coordinates.
-///
-/// Args:
-///     width, height: of the sensor, in pixels, 1..65535.
-///     rays: rays of each pixel, 1..1024.
-///     table: float32 (rays * height * width * 2), flat: x and y of the direction (x, y, 1) in camera axes, by ray of
-///         the lattice and pixel, row by row.
-///
-/// Raises:
-///     ValueError: for a size or number of rays out of range, or a table of another length or with numbers that are not
-///         finite.
-#[pyclass(name = "PixelRays", module = "davis_rs._core", frozen)]
-pub(super) struct PyPixelRays(PixelRays);
-
-#[pymethods]
-impl PyPixelRays {
-    #[new]
-    fn new(width: usize, height: usize, rays: usize, table: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(Self(PixelRays::new(width, height, rays, column::<f32>(table, "table")?.as_slice()?)?))
-    }
-
-    /// Make the rays of a sensor from tables of a few rows each, so that no table of all of them is needed.
-    ///
-    /// Args:
-    ///     width, height, rays: as for the class.
-    ///     rows: rows of the image in a table, a multiple of 8; the last one may have fewer.
-    ///     next: called with the first row of a part; returns its table, as that of the class.
-    ///
-    /// Raises:
-    ///     ValueError: as the class does.
-    #[staticmethod]
-    fn from_parts(width: usize, height: usize, rays: usize, rows: usize, next: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let part = |first: usize| -> PyResult<Vec<f32>> {
-            Ok(column::<f32>(&next.call1((first,))?, "table")?.as_slice()?.to_vec())
-        };
-        Ok(Self(PixelRays::from_parts(width, height, rays, rows, part)?))
-    }
-
-    /// Make the rays of a sensor without distortion. They take next to no memory, and have the bits of a table.
-    ///
-    /// Args:
-    ///     width, height, rays: as for the class.
-    ///     x: float32 (rays * width), flat: x of (x, y, 1) by ray of the lattice and column.
-    ///     y: float32 (rays * height), flat: y by ray of the lattice and row.
-    ///
-    /// Raises:
-    ///     ValueError: as the class does.
-    #[staticmethod]
-    fn grid(width: usize, height: usize, rays: usize, x: &Bound<'_, PyAny>, y: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let (x, y) = (column::<f32>(x, "x")?, column::<f32>(y, "y")?);
-        Ok(Self(PixelRays::grid(width, height, rays, x.as_slice()?, y.as_slice()?)?))
-    }
-
-    fn __repr__(&self) -> String {
-        format!("PixelRays({} x {}, rays={})", self.0.width(), self.0.height(), self.0.rays())
-    }
-}
+use super::views::{Views, view_pixels, views_of};
+use crate::python::arrays::{column, grouped, groups, lists, matrices, numbers};
+use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RayHit, Renderer, Scene, SceneTables, TrackSettings};
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
 ///
@@ -79,7 +22,7 @@ impl PyPixelRays {
 /// Args:
 ///     corners: float64 (t, 3, 3), metres.
 ///     planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
-///     u_maps, v_maps: float64 (t, 4), affine maps of a place (x, y, z, 1) to texture coordinates.
+///     u_maps, v_maps: float64 (t, 4), affine maps of a point (x, y, z, 1) to texture coordinates.
 ///     normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
 ///     textures: uint32 (t), the number of the triangle's texture.
 ///     two_sided: uint32 (t), 1 where the back of the triangle reflects too.
@@ -88,14 +31,14 @@ impl PyPixelRays {
 ///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
 ///     texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
 ///     lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
-///         ``point``, whose vector is its place, ``directional``, whose vector is the unit vector along which it
+///         ``point``, whose vector is its position, ``directional``, whose vector is the unit vector along which it
 ///         travels, ``constant``, ``baked``, or ``visible``: baked lights take the light maps' texels one after the
 ///         other, and visible ones fall on nothing, but emissions and the sky are theirs. The beam is that of a point:
 ///         None where it shines alike to all sides; (unit vector, None) where it does with the cosine of the angle to
 ///         it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which it shines fully, and at
 ///         all.
 ///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
-///         (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
+///         (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
 ///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
 ///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
 ///         (t); None where none does.
@@ -109,24 +52,13 @@ impl PyPixelRays {
 /// Raises:
 ///     ValueError: for arrays that do not belong together, or no threads.
 #[pyclass(name = "SceneRenderer", module = "davis_rs._core", frozen)]
-pub(super) struct PySceneRenderer(Renderer);
-
-/// Where cameras are, and what surrounds them: positions, rotations, velocities and rates of each view in each frame;
-/// factors and their rates of each view and light.
-type Views<'py> =
-    (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
+pub(crate) struct PySceneRenderer(Renderer);
 
 /// An array without its shape.
 type Flat<'py, T> = Bound<'py, PyArray1<T>>;
 
 /// Pixels, those with something unseen, the samples' pixels, instants and luma, and how much was rendered.
 type TrackTuple<'py> = (Flat<'py, u32>, Flat<'py, u32>, Flat<'py, u32>, Flat<'py, i64>, Flat<'py, f32>, usize);
-
-/// Kind, group, strength, background, vector and beam of a light.
-type LightTuple = (String, u32, f64, f64, [f64; 3], Option<([f64; 3], Option<(f64, f64)>)>);
-
-/// `u_maps`, `v_maps`, layouts and texels of the light maps.
-type LightMapTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<Bound<'py, PyAny>>);
 
 #[pymethods]
 impl PySceneRenderer {
@@ -169,8 +101,8 @@ impl PySceneRenderer {
         texels: Vec<Bound<'_, PyAny>>,
         lights: Vec<LightTuple>,
         light_maps: Option<LightMapTuple<'_>>,
-        emissions: Option<(Bound<'_, PyAny>, Bound<'_, PyAny>)>,
-        sky: Option<(u32, usize, Bound<'_, PyAny>)>,
+        emissions: Option<EmissionTuple<'_>>,
+        sky: Option<SkyTuple<'_>>,
         shadows: bool,
         centre: [f64; 3],
         step: f64,
@@ -189,23 +121,16 @@ impl PySceneRenderer {
                 None => Cow::default(),
                 Some(maps) => matrices(maps, "normal_maps")?.into(),
             },
-            textures: column::<u32>(textures, "textures")?.as_slice()?.to_vec(),
-            two_sided: column::<u32>(two_sided, "two_sided")?.as_slice()?.iter().map(|&flag| flag != 0).collect(),
-            frames: column::<u32>(frames, "frames")?.as_slice()?.to_vec(),
+            textures: numbers::<u32>(textures, "textures")?,
+            two_sided: numbers::<u32>(two_sided, "two_sided")?.into_iter().map(|flag| flag != 0).collect(),
+            frames: numbers::<u32>(frames, "frames")?,
             frame_count,
             layouts: groups(layouts, "layouts")?,
-            texels: texels
-                .iter()
-                .map(|group| PyResult::Ok(column::<f32>(group, "texels")?.as_slice()?.to_vec()))
-                .collect::<PyResult<_>>()?,
+            texels: lists(&texels, "texels")?,
             lights: numbered(lights)?,
             light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
             emissions: emissions.map_or(Ok(vec![]), emission_table)?,
-            sky: sky
-                .map(|(light, side, texels)| {
-                    PyResult::Ok(Sky { light, side, texels: column::<f32>(&texels, "sky")?.as_slice()?.to_vec() })
-                })
-                .transpose()?,
+            sky: sky.map(sky_map).transpose()?,
             shadows,
             centre,
             step,
@@ -218,7 +143,7 @@ impl PySceneRenderer {
     ///
     /// Args:
     ///     rays: of the sensor.
-    ///     views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: places
+    ///     views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: positions
     ///         (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
     ///         in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
     ///         of the lights; the rates of these factors (n, l), 1/s.
@@ -238,9 +163,9 @@ impl PySceneRenderer {
         views: Views<'py>,
         rate: bool,
     ) -> PyResult<(Flat<'py, f32>, Option<Flat<'py, f32>>)> {
-        let views = self.views(&views)?;
-        let room = || vec![0f32; views.len() * rays.0.pixels()];
-        let (mut luma, mut rates) = (room(), rate.then(room));
+        let views = views_of(self.0.scene(), &views)?;
+        let zeros = || vec![0f32; views.len() * rays.0.pixels()];
+        let (mut luma, mut rates) = (zeros(), rate.then(zeros));
         py.detach(|| self.0.luma(&rays.0, &views, &mut luma, rates.as_deref_mut()))?;
         Ok((luma.into_pyarray(py), rates.map(|rates| rates.into_pyarray(py))))
     }
@@ -265,7 +190,7 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<Flat<'py, f32>> {
-        let (pixels, views) = (view_pixels(view, pixel)?, self.views(&views)?);
+        let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
         let mut luma = vec![0f32; pixels.len()];
         py.detach(|| self.0.samples(&rays.0, &views, &pixels, &mut luma))?;
         Ok(luma.into_pyarray(py))
@@ -302,7 +227,7 @@ impl PySceneRenderer {
         tolerated: f32,
         log_eps: f32,
     ) -> PyResult<Vec<TrackTuple<'py>>> {
-        let (views, t_us) = (self.views(&views)?, column::<i64>(t_us, "t_us")?.as_slice()?.to_vec());
+        let (views, t_us) = (views_of(self.0.scene(), &views)?, numbers::<i64>(t_us, "t_us")?);
         let settings = TrackSettings { reach, tolerated, log_eps };
         let tracks = py.detach(|| self.0.edge_tracks(&rays.0, &views, &t_us, settings))?;
         let tuple = |tracks: EdgeTracks| {
@@ -336,7 +261,7 @@ impl PySceneRenderer {
         rays: &PyPixelRays,
         views: Views<'py>,
     ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
-        let views = self.views(&views)?;
+        let views = views_of(self.0.scene(), &views)?;
         let size = views.len() * rays.0.pixels();
         let (mut depth, mut triangles) = (vec![0f32; size], vec![0u32; size]);
         py.detach(|| self.0.depth(&rays.0, &views, &mut depth, &mut triangles))?;
@@ -364,7 +289,7 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
-        let (pixels, views) = (view_pixels(view, pixel)?, self.views(&views)?);
+        let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
         let mut found = vec![(0f32, 0u32); pixels.len()];
         py.detach(|| self.0.hits(&rays.0, &views, &pixels, &mut found))?;
         let (depth, triangles): (Vec<f32>, Vec<u32>) = found.into_iter().unzip();
@@ -399,10 +324,10 @@ impl PySceneRenderer {
         pixel: &Bound<'py, PyAny>,
         weights: &Bound<'py, PyAny>,
     ) -> PyResult<Flat<'py, f64>> {
-        let views = self.views(&views)?;
-        let view = column::<u32>(view, "view")?.as_slice()?.to_vec();
-        let pixel = column::<u32>(pixel, "pixel")?.as_slice()?.to_vec();
-        let weights = column::<f64>(weights, "weights")?.as_slice()?.to_vec();
+        let views = views_of(self.0.scene(), &views)?;
+        let view = numbers::<u32>(view, "view")?;
+        let pixel = numbers::<u32>(pixel, "pixel")?;
+        let weights = numbers::<f64>(weights, "weights")?;
         let mut gradients = vec![0.0; view.len() * (BEFORE_LIGHTS + self.0.scene().lights())];
         py.detach(|| self.0.gradients(&rays.0, &views, &view, &pixel, &weights, &mut gradients))?;
         Ok(gradients.into_pyarray(py))
@@ -435,11 +360,11 @@ impl PySceneRenderer {
         weights: &Bound<'py, PyAny>,
         steps: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, u32>, Flat<'py, u32>, Flat<'py, f64>)> {
-        let views = self.views(&views)?;
-        let view = column::<u32>(view, "view")?.as_slice()?.to_vec();
-        let pixel = column::<u32>(pixel, "pixel")?.as_slice()?.to_vec();
-        let weights = column::<f64>(weights, "weights")?.as_slice()?.to_vec();
-        let steps = column::<f64>(steps, "steps")?.as_slice()?.to_vec();
+        let views = views_of(self.0.scene(), &views)?;
+        let view = numbers::<u32>(view, "view")?;
+        let pixel = numbers::<u32>(pixel, "pixel")?;
+        let weights = numbers::<f64>(weights, "weights")?;
+        let steps = numbers::<f64>(steps, "steps")?;
         let found = py.detach(|| self.0.texel_gradients(&rays.0, &views, &view, &pixel, &weights, &steps))?;
         Ok((found.counts.into_pyarray(py), found.texels.into_pyarray(py), found.values.into_pyarray(py)))
     }
@@ -453,12 +378,12 @@ impl PySceneRenderer {
     ///
     /// Returns:
     ///     The number of the triangle that is hit, uint32, flat (k, r), 2^32 - 1 where none is; which lights are hidden
-    ///     from the place, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
+    ///     from the point, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
     ///     and luma, float64 in the same shape.
     ///
     /// Raises:
     ///     ValueError: for views that do not fit the scene, or a view or pixel that is not there.
-    fn ray_sights<'py>(
+    fn ray_hits<'py>(
         &self,
         py: Python<'py>,
         rays: &PyPixelRays,
@@ -466,13 +391,13 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, u32>, Flat<'py, u64>, Flat<'py, f64>)> {
-        let views = self.views(&views)?;
+        let views = views_of(self.0.scene(), &views)?;
         let (view, pixel): (Vec<u32>, Vec<u32>) = view_pixels(view, pixel)?.into_iter().unzip();
-        let mut sights = vec![RaySight::default(); pixel.len() * rays.0.rays()];
-        py.detach(|| self.0.ray_sights(&rays.0, &views, &view, &pixel, &mut sights))?;
-        let triangles: Vec<u32> = sights.iter().map(|sight| sight.triangle).collect();
-        let hidden: Vec<u64> = sights.iter().map(|sight| sight.hidden).collect();
-        let luma: Vec<f64> = sights.iter().map(|sight| sight.luma).collect();
+        let mut hits = vec![RayHit::default(); pixel.len() * rays.0.rays()];
+        py.detach(|| self.0.ray_hits(&rays.0, &views, &view, &pixel, &mut hits))?;
+        let triangles: Vec<u32> = hits.iter().map(|hit| hit.triangle).collect();
+        let hidden: Vec<u64> = hits.iter().map(|hit| hit.hidden).collect();
+        let luma: Vec<f64> = hits.iter().map(|hit| hit.luma).collect();
         Ok((triangles.into_pyarray(py), hidden.into_pyarray(py), luma.into_pyarray(py)))
     }
 
@@ -487,149 +412,4 @@ impl PySceneRenderer {
             scene.lights()
         )
     }
-}
-
-impl PySceneRenderer {
-    fn views(&self, views: &Views<'_>) -> PyResult<Vec<View>> {
-        let (frames, lights) = (self.0.scene().frames(), self.0.scene().lights());
-        let positions = groups::<f64, 3>(&views.0, "positions")?;
-        let rotations = groups::<f64, 9>(&views.1, "rotations")?;
-        let velocities = groups::<f64, 3>(&views.2, "velocities")?;
-        let rates = groups::<f64, 3>(&views.3, "angular_rates")?;
-        let (factors, factor_rates) = (column::<f64>(&views.4, "factors")?, column::<f64>(&views.5, "factor_rates")?);
-        let count = positions.len() / frames;
-        let lengths = [positions.len(), rotations.len(), velocities.len(), rates.len()];
-        let of_lights = [factors.as_slice()?.len(), factor_rates.as_slice()?.len()];
-        if lengths != [count * frames; 4] || of_lights != [count * lights; 2] {
-            return Err(PyValueError::new_err(format!(
-                "views of {frames} frames and {lights} lights need as many poses and factors, got {lengths:?}, {of_lights:?}"
-            )));
-        }
-        let of_light = |i: usize| PyResult::Ok([factors.as_slice()?[i], factor_rates.as_slice()?[i]]);
-        (0..count)
-            .map(|view| {
-                Ok(View {
-                    poses: (view * frames..(view + 1) * frames)
-                        .map(|i| Pose {
-                            position: positions[i],
-                            rotation: rows(rotations[i]),
-                            velocity: velocities[i],
-                            angular_rate: rates[i],
-                        })
-                        .collect(),
-                    factors: (view * lights..(view + 1) * lights).map(of_light).collect::<PyResult<_>>()?,
-                })
-            })
-            .collect()
-    }
-}
-
-/// Pixels as a view and a pixel in it.
-fn view_pixels(view: &Bound<'_, PyAny>, pixel: &Bound<'_, PyAny>) -> PyResult<Vec<(u32, u32)>> {
-    let (view, pixel) = (column::<u32>(view, "view")?, column::<u32>(pixel, "pixel")?);
-    let (view, pixel) = (view.as_slice()?, pixel.as_slice()?);
-    if view.len() != pixel.len() {
-        return Err(PyValueError::new_err(format!(
-            "view and pixel must be of one length, got {} and {}",
-            view.len(),
-            pixel.len()
-        )));
-    }
-    Ok(view.iter().copied().zip(pixel.iter().copied()).collect())
-}
-
-/// Lights, of which those that are baked are numbered.
-fn numbered(lights: Vec<LightTuple>) -> PyResult<Vec<Light>> {
-    let mut baked = 0..;
-    lights.into_iter().map(|tuple| light(tuple, &mut baked)).collect()
-}
-
-fn light_map_tables((u_maps, v_maps, layouts, texels): LightMapTuple<'_>) -> PyResult<LightMapTables> {
-    let (u_maps, v_maps) = (groups::<f64, 4>(&u_maps, "u_maps")?, groups::<f64, 4>(&v_maps, "v_maps")?);
-    if u_maps.len() != v_maps.len() {
-        return Err(PyValueError::new_err(format!(
-            "{} u_maps need as many v_maps, got {}",
-            u_maps.len(),
-            v_maps.len()
-        )));
-    }
-    Ok(LightMapTables {
-        uv_maps: u_maps.into_iter().zip(v_maps).map(|(u, v)| [u, v]).collect(),
-        layouts: groups(&layouts, "layouts")?,
-        texels: texels
-            .iter()
-            .map(|map| PyResult::Ok(column::<f32>(map, "texels")?.as_slice()?.to_vec()))
-            .collect::<PyResult<_>>()?,
-    })
-}
-
-/// What triangles emit; those of luma 0 nothing.
-fn emission_table((lumas, lights): (Bound<'_, PyAny>, Bound<'_, PyAny>)) -> PyResult<Vec<Option<Emission>>> {
-    let (lumas, lights) = (column::<f64>(&lumas, "emissions")?, column::<u32>(&lights, "emissions")?);
-    let (lumas, lights) = (lumas.as_slice()?, lights.as_slice()?);
-    if lumas.len() != lights.len() {
-        return Err(PyValueError::new_err(format!(
-            "{} emissions need as many lights, got {}",
-            lumas.len(),
-            lights.len()
-        )));
-    }
-    Ok(lumas.iter().zip(lights).map(|(&luma, &light)| (luma != 0.0).then_some(Emission { light, luma })).collect())
-}
-
-fn light(
-    (kind, group, strength, background, vector, beam): LightTuple,
-    baked: &mut impl Iterator<Item = u32>,
-) -> PyResult<Light> {
-    let kind = match kind.as_str() {
-        "point" => LightKind::Point(vector),
-        "directional" => LightKind::Directional(vector),
-        "constant" => LightKind::Constant,
-        "baked" => LightKind::Baked(baked.next().unwrap_or(u32::MAX)),
-        "visible" => LightKind::Visible,
-        _ => {
-            return Err(PyValueError::new_err(format!(
-                "a light is point, directional, constant, baked or visible, got {kind:?}"
-            )));
-        }
-    };
-    let beam = beam.map(|(axis, angles)| match angles {
-        None => Beam::Cosine(axis),
-        Some((full, cutoff)) => Beam::Spot { axis, full, cutoff },
-    });
-    Ok(Light { kind, group, strength, background, beam })
-}
-
-/// A flat array as groups of N numbers.
-fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[T; N]>> {
-    Ok(grouped(&column(array, name)?, name)?.to_vec())
-}
-
-/// As [`groups`], without a copy.
-fn grouped<'a, T: Element, const N: usize>(array: &'a PyReadonlyArray1<'_, T>, name: &str) -> PyResult<&'a [[T; N]]> {
-    match array.as_slice()?.as_chunks::<N>() {
-        (groups, []) => Ok(groups),
-        _ => Err(no_groups(N, array.len()?, name)),
-    }
-}
-
-/// A flat array as matrices of K rows of M numbers, without a copy.
-fn matrices<'a, const M: usize, const K: usize>(
-    array: &'a PyReadonlyArray1<'_, f64>,
-    name: &str,
-) -> PyResult<&'a [[[f64; M]; K]]> {
-    let (rows, rest) = array.as_slice()?.as_chunks::<M>();
-    match (rows.as_chunks::<K>(), rest) {
-        ((matrices, []), []) => Ok(matrices),
-        _ => Err(no_groups(K * M, array.len()?, name)),
-    }
-}
-
-fn no_groups(size: usize, got: usize, name: &str) -> PyErr {
-    PyValueError::new_err(format!("{name} must be groups of {size}, got {got} numbers"))
-}
-
-/// Rows of a matrix.
-fn rows<const N: usize, const M: usize, const K: usize>(flat: [f64; N]) -> [[f64; M]; K] {
-    std::array::from_fn(|i| std::array::from_fn(|j| flat[i * M + j]))
 }

@@ -1,4 +1,4 @@
-"""Textures of rooms and streets: carpet, wood, writing, books, keys, facades, paving, leaves.
+"""Draws textures of rooms and streets: carpet, wood, writing, books, keys, facades, paving, leaves.
 
 They come from frozen random numbers. All repeat.
 """
@@ -12,12 +12,13 @@ from .reflectance import GREY, Tint, between, finished
 
 
 def noise(seed: int, low: float, high: float, *, size: int = 256, tint: Tint = GREY) -> Texture:
-    """Plaster, carpet, asphalt, grass: coarse and fine grain between two reflectances, even in log reflectance."""
+    """Draw plaster, carpet, asphalt, grass: coarse and fine grain between two reflectances, even in log
+    reflectance."""
     return finished(between(low, high, value_noise(size, np.random.RandomState(seed))), tint)
 
 
 def wood(seed: int, low: float = 0.2, high: float = 0.55) -> Texture:
-    """Grain along the rows."""
+    """Draw grain along the rows."""
     grain = value_noise(256, np.random.RandomState(seed))
     return finished(low + (high - low) * grain[:, np.arange(256) // 8], (1.0, 0.8, 0.6))
 
@@ -25,7 +26,7 @@ def wood(seed: int, low: float = 0.2, high: float = 0.55) -> Texture:
 def writing(
     seed: int, *, lines: int, columns: int, paper: float, ink: float, cell: tuple[int, int] = (4, 3)
 ) -> Texture:
-    """Lines of words of one to nine letters, ragged to the right, here and there an empty line.
+    """Draw lines of words of one to nine letters, ragged to the right, here and there an empty line.
 
     Args:
         cell: texels of a line and of a letter.
@@ -33,11 +34,11 @@ def writing(
     random = np.random.RandomState(seed)
     marks = np.zeros((lines, columns))
     for line in marks[1:-1]:
-        place, end = 1 + int(random.randint(3)), int(columns * random.uniform(0.4, 1.0)) - 1
-        while place < end and random.random_sample() < 0.97:
+        position, end = 1 + int(random.randint(3)), int(columns * random.uniform(0.4, 1.0)) - 1
+        while position < end and random.random_sample() < 0.97:
             word = int(random.randint(1, 10))
-            line[place : min(place + word, end)] = 1
-            place += word + 1
+            line[position : min(position + word, end)] = 1
+            position += word + 1
     marks[random.random_sample(lines) < 0.12] = 0
     marks *= random.uniform(0.5, 1.0, marks.shape)
     rows = np.zeros((lines, cell[0], columns, cell[1]))
@@ -46,26 +47,28 @@ def writing(
 
 
 def books(seed: int, *, width: int = 256, height: int = 64) -> Texture:
-    """A shelf full of spines: of their own widths, heights and brightness, with a band or two; dark above them."""
+    """Draw a shelf full of spines: of their own widths, heights and brightness, with a band or two; dark
+    above them."""
     random = np.random.RandomState(seed)
     shelf = np.full((height, width), 0.1)
-    place = 0
-    while place < width:
-        end = place + int(random.randint(5, 14))
+    position = 0
+    while position < width:
+        end = position + int(random.randint(5, 14))
         top = int(random.randint(2, height // 3))
         brightness = 0.14 * 3.5 ** random.random_sample()
-        shelf[top:, place + 1 : end] = brightness
+        shelf[top:, position + 1 : end] = brightness
         for _ in range(int(random.randint(0, 3))):
             band = int(random.randint(top, height - 4))
-            shelf[band : band + int(random.randint(2, 8)), place + 1 : end] = 0.14 * 3.5 ** random.random_sample()
-        place = end
+            shelf[band : band + int(random.randint(2, 8)), position + 1 : end] = 0.14 * 3.5 ** random.random_sample()
+        position = end
     return finished(shelf)
 
 
 def grid(
     seed: int, rows: int, columns: int, cell: tuple[int, int], *, joint: float, low: float, high: float
 ) -> Texture:
-    """Keys, tiles, slabs, bricks: cells (texels high and wide) of their own brightness, a joint of a texel between."""
+    """Draw keys, tiles, slabs, bricks: cells (texels high and wide) of their own brightness, a joint of a texel
+    between."""
     random = np.random.RandomState(seed)
     cells = np.repeat(np.repeat(random.uniform(low, high, (rows, columns)), cell[0], 0), cell[1], 1)
     cells[:: cell[0]] = joint
@@ -74,7 +77,8 @@ def grid(
 
 
 def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
-    """The front of a house: rows of windows with frames, glazing bars and sills on a wall of courses, doors below."""
+    """Draw the front of a house: rows of windows with frames, glazing bars and sills on a wall of courses, doors
+    below."""
     random = np.random.RandomState(seed)
     wall = random.uniform(0.2, 0.55)
     front = wall * (0.75 + 0.5 * value_noise(texels, random))
@@ -100,7 +104,7 @@ def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
 
 
 def leaves(seed: int, *, size: int = 256, count: int = 1500) -> Texture:
-    """A crown or a hedge from outside: lit and unlit leaves, and dark gaps between them."""
+    """Draw a crown or a hedge from outside: lit and unlit leaves, and dark gaps between them."""
     random = np.random.RandomState(seed)
     level = 0.25 * value_noise(size, random)
     y, x = np.mgrid[-9:10, -9:10]

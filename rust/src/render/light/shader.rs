@@ -1,0 +1,221 @@
+//! Shaders: triangles as a camera sees them, set up once per view in float64.
+//!
+//! [`super::shade`] then computes the luma of their rays in float32.
+
+use std::f64::consts::FRAC_1_PI;
+
+use super::affine::{Affine, Changing, Map, coordinate, turned_map};
+use super::beam::SeenBeam;
+use super::light_map::SideMap;
+use super::lights::{SeenKind, SeenLight, Surroundings};
+use super::texture::{Texture, Wrap};
+use crate::render::geometry::linear::Linear;
+use crate::render::geometry::vector::{Vector, dot, single};
+use crate::render::geometry::view::Pose;
+use crate::render::scene::Scene;
+use crate::render::visibility::bins::Seen;
+
+/// How a light falls on a triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Falls {
+    /// The same everywhere on it.
+    Evenly { amount: f32, rate: f32 },
+    /// From a position: by the plane's distance from it.
+    From { position: [f32; 3], position_rate: [f32; 3], amount: f32, rate: f32 },
+    /// From a position, on a surface whose normal changes.
+    FromOnSmooth { position: [f32; 3], position_rate: [f32; 3], strength: f32, rate: f32 },
+    /// Along a direction, on a surface whose normal changes.
+    AlongOnSmooth { towards: [f32; 3], towards_rate: [f32; 3], strength: f32, rate: f32 },
+    /// As these texels of the triangle's light map have it.
+    Baked { texels: usize, strength: f32, rate: f32 },
+}
+
+impl Falls {
+    /// Returns the position that it falls from, and its rate.
+    pub(super) fn position(&self) -> Option<([f32; 3], [f32; 3])> {
+        match *self {
+            Self::From { position, position_rate, .. } | Self::FromOnSmooth { position, position_rate, .. } => {
+                Some((position, position_rate))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// A light on a triangle: its colour, its number among the view's lights.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lit {
+    pub(super) falls: Falls,
+    pub(super) group: usize,
+    pub(super) light: usize,
+    pub(super) beam: Option<SeenBeam>,
+}
+
+/// A triangle as a camera sees it.
+#[derive(Debug)]
+pub(crate) struct Shader<'a> {
+    /// The triangle's number in the scene.
+    pub(crate) triangle: u32,
+    pub(super) scene: &'a Scene,
+    pub(super) texture: &'a Texture,
+    pub(super) inverse_depth: Changing,
+    pub(super) u: Affine,
+    pub(super) v: Affine,
+    pub(super) smooth: Option<[Affine; 3]>,
+    /// Of the side that is seen.
+    pub(super) light_map: Option<LightMap<'a>>,
+    /// Luma that the side emits, and its rate.
+    pub(super) emitted: (f32, f32),
+    pub(super) two_sided: bool,
+    pub(super) lit: Vec<Lit>,
+    /// Whether all of it is black.
+    pub(crate) dark: bool,
+}
+
+impl<'a> Shader<'a> {
+    pub(crate) fn new(of: &Surroundings<'a>, seen: &Seen) -> Self {
+        let Surroundings { scene, view, lights, .. } = *of;
+        let surface = &scene.surfaces[seen.triangle as usize];
+        let pose = &view.poses[surface.frame as usize];
+        let texture = &scene.textures[surface.texture as usize];
+        let normal = pose.turned([surface.plane[0], surface.plane[1], surface.plane[2]]);
+        let normal_rate = pose.turning(normal);
+        let plane = Plane {
+            normal,
+            normal_rate,
+            height: dot([surface.plane[0], surface.plane[1], surface.plane[2]], pose.position) + surface.plane[3],
+            height_rate: -dot(normal, pose.drift()),
+        };
+        let smooth = surface.normal.as_ref().map(|maps| {
+            // The map's components along the frame's axes, turned into camera axes.
+            let rows = maps.map(|map| Map::new(&map, pose));
+            std::array::from_fn(|i| turned_map(&rows, pose, i))
+        });
+        // The normal n points at the camera where n . p + d > 0 at its position p.
+        let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
+        let dark = smooth.is_none() && facing < 0.0 && !surface.two_sided;
+        let mut shader = Self {
+            triangle: seen.triangle,
+            scene,
+            texture,
+            inverse_depth: Changing {
+                now: seen.inverse_depth,
+                rate: Linear(single(std::array::from_fn(|i| {
+                    (plane.normal[i] * plane.height_rate / plane.height - plane.normal_rate[i]) / plane.height
+                }))),
+            },
+            u: coordinate(&surface.u, pose, texture.wrap),
+            v: coordinate(&surface.v, pose, texture.wrap),
+            smooth,
+            light_map: surface.light_maps.as_deref().map(|[front, back]| {
+                LightMap::new(if facing > 0.0 || !surface.two_sided { front } else { back }, pose)
+            }),
+            emitted: (0.0, 0.0),
+            two_sided: surface.two_sided,
+            lit: vec![],
+            dark,
+        };
+        if let (Some(emission), true) = (surface.emission, facing > 0.0) {
+            shader.emitted = emitted(emission.luma, view.factors[emission.light as usize]);
+        }
+        if !dark {
+            let is_smooth = shader.smooth.is_some();
+            shader.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
+                let falls = if is_smooth { on_smooth(light) } else { plane.lit_by(light, facing) };
+                Some(Lit { falls: falls?, group: light.group, light: number, beam: light.beam })
+            }));
+            shader.dark = shader.lit.is_empty() && surface.emission.is_none();
+        }
+        shader
+    }
+
+    /// Returns whether a light of this number falls on it.
+    pub(crate) fn lit_by(&self, light: usize) -> bool {
+        self.lit.iter().any(|lit| lit.light == light)
+    }
+}
+
+struct Plane {
+    normal: Vector,
+    normal_rate: Vector,
+    /// n . p + d at the camera's position p.
+    height: f64,
+    height_rate: f64,
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+impl Plane {
+    /// Returns how a light falls on the side that faces the camera; None where it does not.
+    fn lit_by(&self, light: &SeenLight, facing: f64) -> Option<Falls> {
+        match light.kind {
+            SeenKind::Constant => {
+                Some(Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 })
+            }
+            SeenKind::Baked(texels) => baked(texels, light),
+            SeenKind::Visible => None,
+            SeenKind::Directional(towards, towards_rate) => {
+                let cosine = facing * dot(self.normal, towards);
+                let rate = facing * (dot(self.normal_rate, towards) + dot(self.normal, towards_rate));
+                (cosine > 0.0).then_some(Falls::Evenly {
+                    amount: (cosine * light.strength * FRAC_1_PI) as f32,
+                    rate: ((rate * light.strength + cosine * light.strength_rate) * FRAC_1_PI) as f32,
+                })
+            }
+            SeenKind::Point(position, position_rate) => {
+                let above = facing * (dot(self.normal, position) + self.height);
+                let rate =
+                    facing * (dot(self.normal_rate, position) + dot(self.normal, position_rate) + self.height_rate);
+                (above > 0.0).then(|| Falls::From {
+                    position: single(position),
+                    position_rate: single(position_rate),
+                    amount: (above * light.strength * FRAC_1_PI) as f32,
+                    rate: ((rate * light.strength + above * light.strength_rate) * FRAC_1_PI) as f32,
+                })
+            }
+        }
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn on_smooth(light: &SeenLight) -> Option<Falls> {
+    let (strength, rate) = ((light.strength * FRAC_1_PI) as f32, (light.strength_rate * FRAC_1_PI) as f32);
+    Some(match light.kind {
+        SeenKind::Constant => Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 },
+        SeenKind::Baked(texels) => return baked(texels, light),
+        SeenKind::Visible => return None,
+        SeenKind::Directional(towards, towards_rate) => {
+            Falls::AlongOnSmooth { towards: single(towards), towards_rate: single(towards_rate), strength, rate }
+        }
+        SeenKind::Point(position, position_rate) => {
+            Falls::FromOnSmooth { position: single(position), position_rate: single(position_rate), strength, rate }
+        }
+    })
+}
+
+/// Returns the luma that is emitted under a light's factor, and its rate.
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn emitted(luma: f64, [factor, rate]: [f64; 2]) -> (f32, f32) {
+    ((luma * factor) as f32, (luma * rate) as f32)
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn baked(texels: usize, light: &SeenLight) -> Option<Falls> {
+    // Of the light at all instants of a motion, few count at a time.
+    let counts = light.strength != 0.0 || light.strength_rate != 0.0;
+    counts.then_some(Falls::Baked { texels, strength: light.strength as f32, rate: light.strength_rate as f32 })
+}
+
+/// The map of irradiance on the side of a triangle that is seen.
+#[derive(Debug)]
+pub(super) struct LightMap<'a> {
+    pub(super) texture: &'a Texture,
+    pub(super) u: Affine,
+    pub(super) v: Affine,
+}
+
+impl<'a> LightMap<'a> {
+    fn new(side: &'a SideMap, pose: &Pose) -> Self {
+        let (u, v) = (coordinate(&side.u, pose, Wrap::Clamp), coordinate(&side.v, pose, Wrap::Clamp));
+        Self { texture: &side.texture, u, v }
+    }
+}
