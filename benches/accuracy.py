@@ -64,7 +64,7 @@ def settings_of(scene: str) -> list[Setting]:
     usual = "table" if scene in CLOSED_ROOMS else "integrator"
     name = "table kernel" if scene in CLOSED_ROOMS else "Mitsuba's integrator"
     presets = [
-        Setting(preset, "presets", chosen.sampling, chosen.samples, refine=chosen.refine, preset=preset)
+        Setting(preset, "presets", chosen.sampling, chosen.rays_per_pixel, refine=chosen.refine, preset=preset)
         for preset, chosen in ACCURACY.items()
     ]
     around = [

@@ -145,7 +145,7 @@ def within(jacobian: FloatArray, truth: FloatArray, shares: tuple[float, ...] = 
 def rows(name: str) -> list[str]:
     start_s, duration_s = STRETCHES[name]
     scene = davis_rs.load_scene(name).crop(start_s, duration_s)
-    settings: dict[str, Any] = {"accuracy": "exact", "samples": SAMPLES}
+    settings: dict[str, Any] = {"accuracy": "exact", "rays_per_pixel": SAMPLES}
     packets = davis_rs.simulate(scene, frame_rate_hz=0, depth_rate_hz=0, **settings)
     events = concatenate_events([packet.events for packet in packets])
     model = EventTimeModel(scene, **settings)
@@ -192,7 +192,7 @@ class MeanReference:
         focal_px = np.array([camera.fy, camera.fx])
         draws = np.random.RandomState(1).rand(MEAN_SETS, 2) - 0.5
         self.field, self.pixel = field, pixel
-        self.turns = np.pad(draws / np.sqrt(field.renderer.rays) / focal_px, ((0, 0), (0, 1)))
+        self.turns = np.pad(draws / np.sqrt(field.renderer.rays_per_pixel) / focal_px, ((0, 0), (0, 1)))
 
     def log_luma(self, t_us: FloatArray, pose: FloatArray) -> FloatArray:
         """At instants (n,), with an increment (6,) of the pose."""
@@ -228,7 +228,7 @@ MEAN_MOVED, MEAN_MOVED_US = (5e-4, 5e-4, 5e-4, 1e-4, 1e-4, 1e-4), 50.0
 
 def mean_rows(name: str) -> list[str]:
     scene = davis_rs.load_scene(name).crop(STRETCHES[name][0], MEAN_DURATION_S)
-    settings: dict[str, Any] = {"samples": MEAN_SAMPLES, "refine": True}
+    settings: dict[str, Any] = {"rays_per_pixel": MEAN_SAMPLES, "refine": True}
     packets = davis_rs.simulate(scene, frame_rate_hz=0, depth_rate_hz=0, **settings)
     events = concatenate_events([packet.events for packet in packets])
     width = scene.own_camera.width

@@ -32,7 +32,7 @@ def scene_of(name: str) -> Scene:
     camera = scene.own_camera
     left, top = (camera.width - WIDTH) // 2, (camera.height - HEIGHT) // 2
     middle = replace(camera, width=WIDTH, height=HEIGHT, cx=camera.cx - left, cy=camera.cy - top)
-    start_s = half_way_s(make_renderer(scene, camera, samples=1), scene.path)
+    start_s = half_way_s(make_renderer(scene, camera, rays_per_pixel=1), scene.path)
     return replace(scene, camera=middle).crop(start_s, SECONDS)
 
 

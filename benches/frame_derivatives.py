@@ -27,13 +27,13 @@ def main() -> None:
     import drjit as dr
 
     renderers = {
-        f"{samples} rays, {'with' if edges else 'without'} edges": DifferentiableRenderer(
-            make_scene(), CAMERA, samples=samples, edges=edges
+        f"{rays_per_pixel} rays, {'with' if edges else 'without'} edges": DifferentiableRenderer(
+            make_scene(), CAMERA, rays_per_pixel=rays_per_pixel, edges=edges
         )
-        for samples in (4, 16, 64, 256)
+        for rays_per_pixel in (4, 16, 64, 256)
         for edges in (False, True)
     }
-    reference = DifferentiableRenderer(make_scene(), CAMERA, samples=1024)
+    reference = DifferentiableRenderer(make_scene(), CAMERA, rays_per_pixel=1024)
     import mitsuba as mi
 
     mi.set_variant("llvm_ad_rgb")

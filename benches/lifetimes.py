@@ -12,7 +12,7 @@ from memory import laps, resident_mb
 
 import davis_rs
 
-SMALL = {"size": (24, 18), "samples": 1, "depth_rate_hz": 0.0, "frame_rate_hz": 1.0}
+SMALL = {"size": (24, 18), "rays_per_pixel": 1, "depth_rate_hz": 0.0, "frame_rate_hz": 1.0}
 
 
 def told(what: str) -> None:

@@ -82,7 +82,7 @@ def simulate(scene: Scene, camera: Camera, given: argparse.Namespace) -> None:
     start = time.perf_counter()
     coarse: dict[str, Any] = {
         "sampling": MaxDisplacement(COARSE_PX),
-        "samples": COARSE_SAMPLES,
+        "rays_per_pixel": COARSE_SAMPLES,
         "frame_rate_hz": 0,
         "depth_rate_hz": 0,
     }

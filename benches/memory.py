@@ -38,7 +38,7 @@ def main() -> None:
     duration_s = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     scene = davis_rs.load_scene("three_planes")
     accuracy = sys.argv[2] if len(sys.argv) > 2 else "paper"
-    simulator = davis_rs.Simulator(scene.with_trajectory(laps(scene, duration_s)), samples=4, accuracy=accuracy)
+    simulator = davis_rs.Simulator(scene.with_trajectory(laps(scene, duration_s)), rays_per_pixel=4, accuracy=accuracy)
     events, next_s = 0, 0.3
     with (
         tempfile.TemporaryDirectory() as folder,

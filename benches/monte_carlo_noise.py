@@ -25,19 +25,19 @@ from lamp_box import lamp_box
 SAMPLES, TRUTH, TRUTH_SEED = (8, 16, 64), 1024, 99
 
 
-def run(samples: int, seed: int) -> tuple[EventArray, float]:
+def run(rays_per_pixel: int, seed: int) -> tuple[EventArray, float]:
     """(events, processor seconds) of a whole run."""
     simulator = Simulator(
-        lamp_box(), renderer="integrator", samples=samples, seed=seed, frame_rate_hz=0, depth_rate_hz=0
+        lamp_box(), renderer="integrator", rays_per_pixel=rays_per_pixel, seed=seed, frame_rate_hz=0, depth_rate_hz=0
     )
     began = time.process_time()
     events = np.concatenate([packet.events for packet in simulator.run()])
     return events, time.process_time() - began
 
 
-def estimate(samples: int) -> tuple[NoiseEstimate, float]:
+def estimate(rays_per_pixel: int) -> tuple[NoiseEstimate, float]:
     """(what is estimated, processor seconds)."""
-    simulator = Simulator(lamp_box(), renderer="integrator", samples=samples)
+    simulator = Simulator(lamp_box(), renderer="integrator", rays_per_pixel=rays_per_pixel)
     began = time.process_time()
     found = estimate_noise_of(
         simulator.renderer,
@@ -57,15 +57,16 @@ def main() -> None:
         truth, _ = run(TRUTH, TRUTH_SEED)
         print("| samples | events | missing | spurious | both | estimated | median error | rays of the estimate |")
         print("|---:|---:|---:|---:|---:|---:|---:|---:|")
-        for samples in SAMPLES:
-            say(f"{samples} samples")
-            events, _ = run(samples, 0)
+        for rays_per_pixel in SAMPLES:
+            say(f"{rays_per_pixel} samples")
+            events, _ = run(rays_per_pixel, 0)
             found = compare_events(events, truth, size=(96, 72))
-            told, _ = estimate(samples)
+            told, _ = estimate(rays_per_pixel)
             both = found.missing_percent + found.spurious_percent
             print(
-                f"| {samples} | {len(events):,} | {found.missing_percent:.0f} % | {found.spurious_percent:.0f} % | "
-                f"{both:.0f} % | {100 * told.share_at(samples):.0f} % | {found.median_us / 1e3:.1f} ms | "
+                f"| {rays_per_pixel} | {len(events):,} | {found.missing_percent:.0f} % | "
+                f"{found.spurious_percent:.0f} % | "
+                f"{both:.0f} % | {100 * told.share_at(rays_per_pixel):.0f} % | {found.median_us / 1e3:.1f} ms | "
                 f"{told.rays / 1e6:.2f} M, {told.rays / told.run_rays:.2g} of the run's |"
             )
         print(f"\n{TRUTH} samples: {len(truth):,} events.")

@@ -21,7 +21,7 @@ from davis_rs.render.choice import make_renderer
 POSES, REPETITIONS = 64, 7
 
 
-def mitsuba_render(scene: davis_rs.Scene, samples: int) -> Callable[[Views], None]:
+def mitsuba_render(scene: davis_rs.Scene, rays_per_pixel: int) -> Callable[[Views], None]:
     """``mi.render`` with the scene's integrator and a perspective sensor that is moved for every frame."""
     from davis_rs._mitsuba.variants import load_scene_source
 
@@ -41,7 +41,7 @@ def mitsuba_render(scene: davis_rs.Scene, samples: int) -> Callable[[Views], Non
             dr.make_opaque(to_world)  # a literal would be compiled into the kernel, and compiled anew for every pose
             parameters["to_world"] = mi.Transform4f(to_world)
             parameters.update()
-            mi.render(loaded, sensor=sensor, spp=samples, seed=0).numpy()
+            mi.render(loaded, sensor=sensor, spp=rays_per_pixel, seed=0).numpy()
 
     return render
 
@@ -67,7 +67,7 @@ def main() -> None:
     views = Views.along(scene.trajectory, np.linspace(0.3, 0.5, POSES))
 
     def renderer(rays: int, kind: str, blur: bool) -> Renderer:
-        return make_renderer(scene, scene.own_camera, samples=rays, kind=kind, blur=blur)
+        return make_renderer(scene, scene.own_camera, rays_per_pixel=rays, kind=kind, blur=blur)
 
     cases: dict[str, Callable[[], Callable[[Views], object]]] = {}
     for rays in (1, 16):

@@ -39,7 +39,7 @@ def row(triangles: int) -> None:
         motion = scene_motion(scene, loaded, mi)
         table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=False)
         times.append(time.perf_counter())
-    native = NativeRenderer(table, camera, samples=RAYS, blur=False, motion=motion, threads=1)
+    native = NativeRenderer(table, camera, rays_per_pixel=RAYS, blur=False, motion=motion, threads=1)
     times.append(time.perf_counter())
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     views = Views.along(scene.path, 0.3 + 1e-3 * np.arange(VIEWS))

@@ -69,7 +69,7 @@ def native(scene: Scene, rays: int, threads: int) -> NativeRenderer:
         motion = scene_motion(scene, loaded, mi)
         moving = list(motion.objects)
         table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=False, moving=moving)
-    return NativeRenderer(table, scene.own_camera, samples=rays, blur=False, motion=motion, threads=threads)
+    return NativeRenderer(table, scene.own_camera, rays_per_pixel=rays, blur=False, motion=motion, threads=threads)
 
 
 def measure(jobs: dict[str, Job]) -> dict[str, tuple[float, float]]:
@@ -93,7 +93,7 @@ def compare(name: str, rays: int) -> None:
     scene = scene_of(name)
     views = Views.along(scene.path, 0.3 + 1e-3 * np.arange(VIEWS))
     kernel, ours, two = (
-        make_renderer(scene, scene.own_camera, samples=rays, blur=False, kind="table"),
+        make_renderer(scene, scene.own_camera, rays_per_pixel=rays, blur=False, kind="table"),
         native(scene, rays, 1),
         native(scene, rays, 2),
     )
@@ -125,7 +125,7 @@ def compare(name: str, rays: int) -> None:
 def step_latency(renderer: str, accuracy: str) -> None:
     """A controller's loop: a new pose each millisecond."""
     scene = davis_rs.load_scene("three_planes")
-    simulator = Simulator(scene, samples=8, renderer=renderer, accuracy=accuracy)
+    simulator = Simulator(scene, rays_per_pixel=8, renderer=renderer, accuracy=accuracy)
     poses = [scene.path.pose(0.3 + 1e-3 * i) for i in range(60)]
     walls, processors = [], []
     for i, pose in enumerate(poses):

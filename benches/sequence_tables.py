@@ -46,7 +46,7 @@ _LOOK = 0.7
 def mean_luma(sequence: Sequence) -> float:
     """The mean luma of a view of the sequence, at 70 % of its time: another scene or path has another."""
     scene = sequence.scene()
-    renderer = make_renderer(scene, scene.own_camera, samples=1)
+    renderer = make_renderer(scene, scene.own_camera, rays_per_pixel=1)
     view = Views.along(scene.path, np.array([_LOOK * scene.path.duration_s]))
     return float(renderer.luma(view).mean(dtype=np.float64))
 
@@ -57,7 +57,7 @@ def count_events(
     sensor: str = IDEAL,
     duration_s: float | None = None,
     max_displacement_px: float = COARSE_PX,
-    samples: int = COARSE_SAMPLES,
+    rays_per_pixel: int = COARSE_SAMPLES,
     progress: Callable[[float], object] | None = None,
 ) -> EventCount:
     """Simulate a sequence and count its events.
@@ -65,7 +65,7 @@ def count_events(
     Args:
         sensor: ``ideal`` for ideal pixels with the scene's threshold, ``recorded`` for the sensor of the recording.
         duration_s: from its start; all of it by default.
-        max_displacement_px, samples: a render for so much motion, and rays a pixel; see :data:`COARSE_PX`.
+        max_displacement_px, rays_per_pixel: a render for so much motion, and rays a pixel; see :data:`COARSE_PX`.
         progress: called with the simulated seconds since the call before.
 
     Raises:
@@ -77,7 +77,7 @@ def count_events(
         frame_rate_hz=0,
         depth_rate_hz=0,
         sampling=MaxDisplacement(max_displacement_px),
-        samples=samples,
+        rays_per_pixel=rays_per_pixel,
         sensor=sensor,
     )
     events = on_events = 0
@@ -92,7 +92,7 @@ def count_events(
         events,
         on_events,
         max_displacement_px,
-        samples,
+        rays_per_pixel,
         simulator.contrast_threshold,
         round(mean_luma(sequence), 7),
         sensor,

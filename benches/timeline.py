@@ -62,7 +62,12 @@ def run(scene: str, preset: str, threads: int | None) -> tuple[list[Work], float
     part = whole.crop(0.0, min(1.0, whole.path.duration_s))
     chosen = ACCURACY[preset]
     simulator = Simulator(
-        part, sampling=chosen.sampling, samples=chosen.samples, refine=chosen.refine, threads=threads, frame_rate_hz=24
+        part,
+        sampling=chosen.sampling,
+        rays_per_pixel=chosen.rays_per_pixel,
+        refine=chosen.refine,
+        threads=threads,
+        frame_rate_hz=24,
     )
     done: list[Work] = []
     renderer = simulator.renderer

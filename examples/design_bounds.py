@@ -107,7 +107,7 @@ def main(argv: list[str] | None = None) -> tuple[list[Bound], FloatArray]:
     parser.add_argument("--motions", nargs="+", default=list(MOTIONS), choices=list(MOTIONS))
     parser.add_argument("--draws", type=int, default=20, help="of noise, for the check")
     parser.add_argument("--width", type=int, default=64, help="pixels")
-    parser.add_argument("--samples", type=int, default=8, help="rays a pixel")
+    parser.add_argument("--rays-per-pixel", type=int, default=8, help="rays a pixel")
     parser.add_argument("-o", "--output", help="picture")
     options = parser.parse_args(argv)
     width, height, focal = options.width, options.width * 3 // 4, options.width / 1.2
@@ -116,7 +116,12 @@ def main(argv: list[str] | None = None) -> tuple[list[Bound], FloatArray]:
     for motion in options.motions:
         scene = with_motion(whole, motion)
         for threshold in options.thresholds:
-            run = {"camera": camera, "samples": options.samples, "accuracy": "exact", "contrast_threshold": threshold}
+            run = {
+                "camera": camera,
+                "rays_per_pixel": options.rays_per_pixel,
+                "accuracy": "exact",
+                "contrast_threshold": threshold,
+            }
             bounds.append(bound_of(scene, motion, options.noise_us, run))
             metres, degrees = bounds[-1].rms()
             print(

@@ -94,11 +94,11 @@ def main(argv: list[str] | None = None) -> list[Found]:
     parser.add_argument("--duration", type=float, default=0.1, help="seconds")
     parser.add_argument("--steps", type=int, default=8, help="on log luma")
     parser.add_argument("--time-steps", type=int, default=3, help="on event times")
-    parser.add_argument("--samples", type=int, default=16, help="rays a pixel")
+    parser.add_argument("--rays-per-pixel", type=int, default=16, help="rays a pixel")
     options = parser.parse_args(argv)
     width, height, focal = options.width, options.width * 3 // 4, options.width / 1.2
     camera = Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-    run = {"camera": camera, "samples": options.samples, "accuracy": "exact", "contrast_threshold": 0.1}
+    run = {"camera": camera, "rays_per_pixel": options.rays_per_pixel, "accuracy": "exact", "contrast_threshold": 0.1}
     whole = load_scene("three_walls")
 
     def late(by: FloatArray) -> Scene:

@@ -41,10 +41,12 @@ def main(argv: list[str] | None = None) -> list[tuple[float, float]]:
     """Returns, from iteration to iteration, how far the pose is off: metres and degrees."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--iterations", type=int, default=5)
-    parser.add_argument("--samples", type=int, default=8, help="rays a pixel")
+    parser.add_argument("--rays-per-pixel", type=int, default=8, help="rays a pixel")
     options = parser.parse_args(argv)
     # Made first: it chooses an LLVM that works.
-    renderer = DifferentiableRenderer(make_scene(), Camera(96, 72, 80.0, 80.0, 47.5, 35.5), samples=options.samples)
+    renderer = DifferentiableRenderer(
+        make_scene(), Camera(96, 72, 80.0, 80.0, 47.5, 35.5), rays_per_pixel=options.rays_per_pixel
+    )
     mi.set_variant("llvm_ad_rgb")
 
     true = Pose([0.1, 0.05, 2.0], [1.0, 0.0, 0.0, 0.0])

@@ -35,10 +35,12 @@ def main(argv: list[str] | None = None) -> tuple[float, float]:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--iterations", type=int, default=80)
     parser.add_argument("--frames", type=int, default=6)
-    parser.add_argument("--samples", type=int, default=4, help="rays a pixel")
+    parser.add_argument("--rays-per-pixel", type=int, default=4, help="rays a pixel")
     options = parser.parse_args(argv)
     # Made first: it chooses an LLVM that works.
-    renderer = DifferentiableRenderer(make_scene(), Camera(96, 96, 64.0, 64.0, 47.5, 47.5), samples=options.samples)
+    renderer = DifferentiableRenderer(
+        make_scene(), Camera(96, 96, 64.0, 64.0, 47.5, 47.5), rays_per_pixel=options.rays_per_pixel
+    )
     mi.set_variant("llvm_ad_rgb")
 
     # Four control points of a cubic B-spline about a camera that looks down: the frames see all of the floor.

@@ -69,12 +69,12 @@ def main(argv: list[str] | None = None) -> list[Found]:
     parser.add_argument("--width", type=int, default=64, help="pixels")
     parser.add_argument("--duration", type=float, default=0.2, help="seconds")
     parser.add_argument("--steps", type=int, default=10)
-    parser.add_argument("--samples", type=int, default=4, help="rays a pixel")
+    parser.add_argument("--rays-per-pixel", type=int, default=4, help="rays a pixel")
     parser.add_argument("-o", "--output", help="picture")
     options = parser.parse_args(argv)
     middle, focal = (options.width - 1) / 2, options.width * 0.9
     camera = Camera(options.width, options.width, focal, focal, middle, middle)
-    run = {"camera": camera, "samples": options.samples, "accuracy": "exact", "contrast_threshold": 0.1}
+    run = {"camera": camera, "rays_per_pixel": options.rays_per_pixel, "accuracy": "exact", "contrast_threshold": 0.1}
     noise = gaussian_filter(np.random.default_rng(7).normal(size=(TEXELS, TEXELS)), 1.2)
     true = np.clip(0.3 * np.exp(0.5 * noise / noise.std()), 0.05, 0.8)
     events = events_of(make_scene(true, options.duration), **run)

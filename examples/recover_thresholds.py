@@ -75,7 +75,7 @@ def main(argv: list[str] | None = None) -> list[Found]:
     parser.add_argument("--noise-us", type=float, nargs="+", default=[0.0, 1.0, 10.0, 100.0], help="on the stamps")
     parser.add_argument("--width", type=int, default=80, help="pixels")
     parser.add_argument("--duration", type=float, default=0.3, help="seconds")
-    parser.add_argument("--samples", type=int, default=8, help="rays a pixel")
+    parser.add_argument("--rays-per-pixel", type=int, default=8, help="rays a pixel")
     parser.add_argument("--mismatch", type=float, default=0.14, help="standard deviation, as a share of the threshold")
     parser.add_argument("-o", "--output", help="picture")
     options = parser.parse_args(argv)
@@ -83,7 +83,7 @@ def main(argv: list[str] | None = None) -> list[Found]:
     camera = Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
     scene = load_scene("three_walls").crop(0.1003, options.duration)
     both: dict[str, Any] = {"contrast_threshold": NOMINAL[0], "contrast_threshold_off": NOMINAL[1]}
-    run = {"camera": camera, "samples": options.samples, "accuracy": "exact", **both}
+    run = {"camera": camera, "rays_per_pixel": options.rays_per_pixel, "accuracy": "exact", **both}
     effects = Effects(threshold_mismatch=options.mismatch)
     engine = CrossingEngine(width, height, effects=effects, seed=5, **both)
     true = np.stack([np.asarray(engine.contrast_threshold), np.asarray(engine.contrast_threshold_off)])

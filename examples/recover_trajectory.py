@@ -129,13 +129,13 @@ def main(argv: list[str] | None = None) -> list[Found]:
     parser.add_argument("--points", type=int, default=20, help="control points")
     parser.add_argument("--steps", type=int, default=5, help="on log luma, for each number of control points")
     parser.add_argument("--time-steps", type=int, default=3, help="on event times")
-    parser.add_argument("--samples", type=int, default=16, help="rays a pixel")
+    parser.add_argument("--rays-per-pixel", type=int, default=16, help="rays a pixel")
     parser.add_argument("-o", "--output", help="picture")
     options = parser.parse_args(argv)
     width, height, focal = options.width, options.width * 3 // 4, options.width / 1.2
     camera = Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
     scene = load_scene("three_walls").crop(0.1003, options.duration)
-    run = {"camera": camera, "samples": options.samples, "accuracy": "exact", "contrast_threshold": 0.1}
+    run = {"camera": camera, "rays_per_pixel": options.rays_per_pixel, "accuracy": "exact", "contrast_threshold": 0.1}
     events = events_of(scene, **run)
     print(f"{len(events)} events")
     start, found = off_course(scene), []

@@ -9,12 +9,12 @@ from __future__ import annotations
 TYPE_CHECKING = False  # as typing's, which is not imported here
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from typing import Any
-
-_exports: tuple[Callable[[str], Any], list[str]] | None = None
 
 
-def _listed() -> tuple[Callable[[str], Any], list[str]]:
+_exports: tuple[Callable[[str], object], list[str]] | None = None
+
+
+def _listed() -> tuple[Callable[[str], object], list[str]]:
     """Read the list of exports once: what imports one of them, and their names."""
     global _exports
     if _exports is None:
@@ -25,7 +25,7 @@ def _listed() -> tuple[Callable[[str], Any], list[str]]:
     return _exports
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     from ._util.stop_requests import interrupts_deferred
 
     with interrupts_deferred():

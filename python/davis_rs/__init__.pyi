@@ -96,6 +96,8 @@ from .geometry.trajectory.trajectory import (
 from .geometry.trajectory.trajectory_file import read_trajectory as read_trajectory
 from .geometry.trajectory.waypoints import waypoint_trajectory as waypoint_trajectory
 from .inspection.check import check_dataset as check_dataset
+from .inspection.event_image import EventImage as EventImage
+from .inspection.event_image import show as show
 from .inspection.figure import view as view
 from .inspection.html_page import HtmlPage as HtmlPage
 from .inspection.html_page import view_html as view_html

@@ -7,6 +7,7 @@ from typing import Any, BinaryIO, TypedDict, final
 import numpy as np
 import numpy.typing as npt
 
+from ._util.array_types import FloatingArray, IntegerArray
 from .events.decoded import Decoded, Frame
 from .sensor.effects import EffectsLike
 
@@ -44,7 +45,7 @@ __version__: str
 RUST_SYSROOT: str
 """The Rust toolchain that built this module, as ``rustc --print sysroot`` named it; empty if it could not be asked."""
 
-_SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
+_SparseSamples = tuple[IntegerArray, IntegerArray, FloatingArray]
 
 class _Aedat4(TypedDict):
     events: npt.NDArray[np.void]
@@ -280,8 +281,8 @@ class CrossingEngine:
         width: int,
         height: int,
         *,
-        contrast_threshold: float | npt.NDArray[np.floating[Any]] | None = None,
-        contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
+        contrast_threshold: float | FloatingArray | None = None,
+        contrast_threshold_off: float | FloatingArray | None = None,
         log_eps: float = 0.001,
         interpolation: str = "linear",
         effects: EffectsLike | None = None,
@@ -292,8 +293,8 @@ class CrossingEngine:
     def push(
         self,
         t_us: int,
-        luma: npt.NDArray[np.floating[Any]],
-        dluma_dt: npt.NDArray[np.floating[Any]] | None = None,
+        luma: FloatingArray,
+        dluma_dt: FloatingArray | None = None,
         *,
         sparse: _SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
@@ -326,8 +327,8 @@ class CrossingEngine:
     def push_log(
         self,
         t_us: int,
-        log_intensity: npt.NDArray[np.floating[Any]],
-        slope: npt.NDArray[np.floating[Any]] | None = None,
+        log_intensity: FloatingArray,
+        slope: FloatingArray | None = None,
         *,
         sparse: _SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
@@ -663,7 +664,7 @@ def crc32_combine(first: int, second: int, second_length: int) -> int:
         second_length: bytes of the second string.
     """
 
-def log_intensity(luma: npt.NDArray[np.floating[Any]], log_eps: float) -> npt.NDArray[np.float64]:
+def log_intensity(luma: FloatingArray, log_eps: float) -> npt.NDArray[np.float64]:
     """Compute L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` does.
 
     The same bits on every processor, within 1 ulp of the exact logarithm.
@@ -678,10 +679,10 @@ def log_intensity(luma: npt.NDArray[np.floating[Any]], log_eps: float) -> npt.ND
 
 def reconstruct(
     events: npt.NDArray[np.void],
-    first_log_intensity: npt.NDArray[np.floating[Any]],
+    first_log_intensity: FloatingArray,
     t_us: int,
-    contrast_threshold: float | npt.NDArray[np.floating[Any]],
-    contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
+    contrast_threshold: float | FloatingArray,
+    contrast_threshold_off: float | FloatingArray | None = None,
     *,
     start_phase: str = "zero",
     seed: int | None = None,

@@ -70,15 +70,15 @@ def recipe(scene: Scene) -> Recipe:
 
 @pytest.fixture(scope="module")
 def renderer(scene: Scene) -> Renderer:
-    return make_renderer(scene, CAMERA, samples=4)
+    return make_renderer(scene, CAMERA, rays_per_pixel=4)
 
 
-def simulated(scene: Scene, recipe: Recipe, pixels: float, *, samples: int = 4) -> EventArray:
+def simulated(scene: Scene, recipe: Recipe, pixels: float, *, rays_per_pixel: int = 4) -> EventArray:
     simulator = Simulator(
         scene.with_trajectory(recipe.trajectory),
         camera=CAMERA,
         sampling=MaxDisplacement(pixels),
-        samples=samples,
+        rays_per_pixel=rays_per_pixel,
         frame_rate_hz=0,
         depth_rate_hz=0,
     )
@@ -144,7 +144,7 @@ def test_the_fine_reference_converges_and_is_kept(renderer: Renderer, recipe: Re
                 return rendered, stop.value
             rendered += 1
 
-    fine = make_renderer(load_scene("three_planes"), CAMERA, samples=64)
+    fine = make_renderer(load_scene("three_planes"), CAMERA, rays_per_pixel=64)
     rendered, first = run(fine_reference(fine, recipe, cache))
     assert rendered == len(first.t_us)
     assert first.pixels < 1 / 4
@@ -373,7 +373,7 @@ def test_the_fence_is_thin_and_before_a_wall() -> None:
     """At 16 rays a pixel some bars are a fraction of a pixel wide, all are below two; everywhere there is a wall."""
     fence = load_scene("fence")
     assert fence.trajectory is not None
-    renderer = make_renderer(fence, fence.own_camera, samples=1)
+    renderer = make_renderer(fence, fence.own_camera, rays_per_pixel=1)
     assert renderer.name == "native renderer"
     depth = renderer.depth(Views.along(fence.trajectory, np.linspace(0, 2, 21)))
     assert np.isfinite(depth).all()
@@ -381,7 +381,7 @@ def test_the_fence_is_thin_and_before_a_wall() -> None:
     assert 0.02 < bars.mean() < 0.15
     # Seen at ten times the resolution, a row through the upright bars shows runs of 3 to 15 samples.
     large = Camera(2400, 4, 2000.0, 2000.0, 1199.5, -300.0)
-    row = make_renderer(fence, large, samples=1).depth(Views.along(fence.trajectory, [0.0]))[0, 2] < 1.7
+    row = make_renderer(fence, large, rays_per_pixel=1).depth(Views.along(fence.trajectory, [0.0]))[0, 2] < 1.7
     edges = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(int)))
     widths = (edges[1::2] - edges[::2]) / 10
     assert len(widths) > 15
@@ -398,12 +398,12 @@ def test_no_shadow_can_be_seen_in_the_fence() -> None:
     assert fence.trajectory is not None
     assert not fence.shadows
     views = Views.along(fence.trajectory, np.linspace(0, 2, 21))
-    without = make_renderer(fence, fence.own_camera, samples=1).luma(views)
-    traced = make_renderer(replace(fence, shadows=True), fence.own_camera, samples=1).luma(views)
+    without = make_renderer(fence, fence.own_camera, rays_per_pixel=1).luma(views)
+    traced = make_renderer(replace(fence, shadows=True), fence.own_camera, rays_per_pixel=1).luma(views)
     changed = without != traced
     assert changed.mean() < 2e-5
     assert (traced[changed] == 0).all()
-    hit_at = make_renderer(fence, fence.own_camera, samples=1).depth(views)[changed]
+    hit_at = make_renderer(fence, fence.own_camera, rays_per_pixel=1).depth(views)[changed]
     assert (hit_at < 2.7).all(), "the wall is farther"
     assert 0.005 < without.min() < without.max() < 3
 

@@ -33,7 +33,7 @@ def test_names_are_unique_and_parts_begin_where_they_say() -> None:
 def test_brute_force_knows_when_a_pixel_first_changes() -> None:
     """Until the start from rest nothing does; an event before that is early, one after it is not."""
     scene = room(starting())
-    made = Simulator(scene, samples=1, sampling=FixedRate(100.0))
+    made = Simulator(scene, rays_per_pixel=1, sampling=FixedRate(100.0))
     probe = dense_probe(made.renderer, scene.path, step_us=500, contrast_threshold=0.15)
     assert probe.unchanged_until_us.min() == pytest.approx(START_S * 1e6, abs=501)
     assert len(probe.events) > 500

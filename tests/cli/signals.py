@@ -31,7 +31,7 @@ from davis_rs import Dataset, read_events
 LONGEST_S = 120.0
 """Of what is left of a run after Ctrl-C."""
 
-SMALL = ("--size", "40x30", "--samples", "1", "--quiet")
+SMALL = ("--size", "40x30", "--rays-per-pixel", "1", "--quiet")
 NOISE = re.compile(r"Traceback|Exception ignored|panicked|PanicException|Fatal Python error|Segmentation|core dumped")
 INTERRUPTION = re.compile(r"Ctrl-C|KeyboardInterrupt|interrupted", re.IGNORECASE)
 
@@ -105,7 +105,7 @@ def commands(folder: Path, only: Sequence[str] | None) -> dict[str, Command]:
         "simulate-text": Command([*simulate, "--events-format", "text", "-o", "OUT"], dataset_is_whole),
         "generate": Command(["generate", plan, "-o", "OUT", "--workers", 2, "--quiet"], sequences_are_whole),
         "verify": Command(["verify", made]),
-        "plan": Command(["plan", "three_planes", "--duration", "0.05", "--size", "40x30", "--samples", "1"]),
+        "plan": Command(["plan", "three_planes", "--duration", "0.05", "--size", "40x30", "--rays-per-pixel", "1"]),
         "accuracy": Command(["accuracy", "three_planes", "-o", "OUT", "--duration", "0.03", "--size", "40x30", *quick]),
         "calibrate-sensor": Command(["calibrate", "sensor", events, "--size", "40x30", "-o", "OUT.yaml", "--quiet"]),
         "calibrate-intrinsics": Command(["calibrate", "intrinsics", board]),
@@ -118,8 +118,8 @@ def commands(folder: Path, only: Sequence[str] | None) -> dict[str, Command]:
     }
     found = {name: found[name] for name in only or found}
     np.save(folder / "frames.npy", np.random.default_rng(1).integers(0, 255, (6, 30, 40), np.uint8))
-    plan.write_text("sequences: 3\nseed: 1\nscene: three_planes\nduration: 0.02\nsamples: 1\nsize: 40x30\n")
-    seldom = ["--frame-rate", 4, "--contrast-threshold", 2, "--accuracy", "fast", "--samples", 4, "--quiet"]
+    plan.write_text("sequences: 3\nseed: 1\nscene: three_planes\nduration: 0.02\nrays_per_pixel: 1\nsize: 40x30\n")
+    seldom = ["--frame-rate", 4, "--contrast-threshold", 2, "--accuracy", "fast", "--rays-per-pixel", 4, "--quiet"]
     inputs: dict[Path, list[object]] = {
         data: [*simulate, "--imu", "mpu6150", "-o", data],
         board: ["simulate", "checkerboard", "--duration", 4, "--imu", "ideal", *seldom, "-o", board],

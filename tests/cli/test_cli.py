@@ -28,7 +28,7 @@ def simulate(*arguments: object) -> subprocess.CompletedProcess[str]:
 def test_simulate_check_and_view(tmp_path: Path) -> None:
     """The main job: a dataset that its own check accepts, and that a second run repeats byte for byte."""
     out, again = tmp_path / "out", tmp_path / "again"
-    short = ("three_planes", "--duration", 0.1, "--samples", 1)
+    short = ("three_planes", "--duration", 0.1, "--rays-per-pixel", 1)
     done = run("simulate", *short, "-o", out, "--threads", 1)
     assert done.returncode == 0, done.stderr
     assert " events in 0.1 s (" in done.stdout
@@ -163,7 +163,7 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: list[str], message: 
             "must be one of ideal, davis240c, davis346, recorded, or a file (.yaml, .yml, .json), got 'davis24'; "
             "did you mean davis240c?",
         ),
-        (["--samples", "1.5"], "argument --samples: must be an integer, or auto, got '1.5'"),
+        (["--rays-per-pixel", "1.5"], "argument --rays-per-pixel: must be an integer, or auto, got '1.5'"),
         (["--no-such-option"], "unrecognized arguments: --no-such-option"),
         (
             ["--duratoin=1"],
@@ -221,7 +221,7 @@ def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = davis_rs(
         "simulate", "three_planes", "-o", out, "--trajectory", tmp_path / "path.txt",
-        "--camera", tmp_path / "calib.txt", "--start", 0.05, "--duration", 0.1, "--samples", 1,
+        "--camera", tmp_path / "calib.txt", "--start", 0.05, "--duration", 0.1, "--rays-per-pixel", 1,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "trajectory moved" in done.stderr
@@ -266,7 +266,7 @@ def test_without_llvm_the_native_renderer_does_it(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "rendering with native renderer" in done.stderr
     assert "install" not in done.stderr
-    assert json.loads((out / "meta.json").read_text())["parameters"]["samples"] == 32
+    assert json.loads((out / "meta.json").read_text())["parameters"]["rays_per_pixel"] == 32
     checked = davis_rs("check", out)
     assert checked.returncode == 0, checked.stdout
 
@@ -277,7 +277,7 @@ def test_without_llvm_what_needs_mitsuba_is_slow_and_says_so(tmp_path: Path) -> 
     scene.write_text(BALL)
     still = tmp_path / "still.txt"
     still.write_text("0.0 0 0 -3 0 0 0 1\n0.01 0.01 0 -3 0 0 0 1\n0.02 0.02 0 -3 0 0 0 1\n0.03 0.03 0 -3 0 0 0 1\n")
-    done = run("simulate", scene, "-o", out, "--trajectory", still, "--samples", 1, DRJIT_LIBLLVM_PATH=NOWHERE)
+    done = run("simulate", scene, "-o", out, "--trajectory", still, "--rays-per-pixel", 1, DRJIT_LIBLLVM_PATH=NOWHERE)
     assert done.returncode == 0, done.stderr
     assert "scalar variant" in done.stderr
     assert "apt-get install libllvm19" in done.stderr

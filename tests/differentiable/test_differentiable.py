@@ -92,7 +92,7 @@ def test_frames_are_the_table_renderers(name: str, mi: Any) -> None:
     import drjit as dr
 
     renderer = DifferentiableRenderer(SCENES[name], CAMERA)
-    expected = make_renderer(SCENES[name], CAMERA, samples=4, kind="table").luma(Views.at_rest([POSE, OTHER]))
+    expected = make_renderer(SCENES[name], CAMERA, rays_per_pixel=4, kind="table").luma(Views.at_rest([POSE, OTHER]))
     poses = CameraPoses.at([POSE, OTHER])
     assert np.ptp(expected) > 0.1
     np.testing.assert_allclose(renderer.luma(poses).numpy(), expected, atol=1e-6, rtol=1e-6)
@@ -239,7 +239,7 @@ def test_an_edge_in_closed_form(mi: Any) -> None:
     for blur in (False, True):
         for edges in (True, False):
             renderer = DifferentiableRenderer(
-                scene(HALF_PLANE), Camera(24, 18, 22.0, 22.0, 11.5, 8.5), samples=64, blur=blur, edges=edges
+                scene(HALF_PLANE), Camera(24, 18, 22.0, 22.0, 11.5, 8.5), rays_per_pixel=64, blur=blur, edges=edges
             )
 
             def luma(x: Any, renderer: DifferentiableRenderer = renderer) -> Any:
@@ -267,7 +267,7 @@ def finely(world: Scene, about: CameraPoses, **settings: Any) -> list[FloatArray
     averaged. With 128 samples a pixel of these they err by 2 %."""
     times, step = 6, 2e-3
     fine = Camera(24 * times, 18 * times, 22.0 * times, 24.0 * times, 11.7 * times - 0.5, 9.4 * times - 0.5, k1=-0.1)
-    renderer = DifferentiableRenderer(world, fine, samples=128, blur=False)
+    renderer = DifferentiableRenderer(world, fine, rays_per_pixel=128, blur=False)
     found = []
     for increment in INCREMENTS:
         before, after = (renderer.luma(about.perturbed(k * step * increment), **settings).numpy() for k in (-1, 1))
@@ -294,14 +294,17 @@ def edges_by_differences(llvm: str) -> list[FloatArray]:
         return finely(EDGES, CameraPoses.at([POSE, OTHER]))
 
 
-@pytest.mark.parametrize(("samples", "blur", "bound"), [(16, False, 0.17), (256, False, 0.06), (256, True, 0.04)])
+@pytest.mark.parametrize(
+    ("rays_per_pixel", "blur", "bound"), [(16, False, 0.17), (256, False, 0.06), (256, True, 0.04)]
+)
 def test_derivatives_at_edges_agree_with_differences(
-    samples: int, blur: bool, bound: float, edges_by_differences: list[FloatArray], mi: Any
+    rays_per_pixel: int, blur: bool, bound: float, edges_by_differences: list[FloatArray], mi: Any
 ) -> None:
     """Whole frames, two poses at once; and a sky and a lamp twice as bright make them twice as large."""
     about = CameraPoses.at([POSE, OTHER])
     renderer, plain = (
-        DifferentiableRenderer(EDGES, CAMERA, samples=samples, blur=blur, edges=edges) for edges in (True, False)
+        DifferentiableRenderer(EDGES, CAMERA, rays_per_pixel=rays_per_pixel, blur=blur, edges=edges)
+        for edges in (True, False)
     )
 
     def frames(of: DifferentiableRenderer, **parameters: Any) -> Function:
@@ -330,7 +333,9 @@ def moving_scene() -> Scene:
 
 def test_frames_of_moving_scenes_are_the_table_renderers(moving_scene: Scene, mi: Any) -> None:
     renderer, times = DifferentiableRenderer(moving_scene, CAMERA), np.array([0.1, 0.7])
-    expected = make_renderer(moving_scene, CAMERA, samples=4, kind="table").luma(Views.at_rest([POSE, OTHER], times))
+    expected = make_renderer(moving_scene, CAMERA, rays_per_pixel=4, kind="table").luma(
+        Views.at_rest([POSE, OTHER], times)
+    )
     about = CameraPoses.at([POSE, OTHER])
     np.testing.assert_allclose(renderer.luma(about, t_s=times).numpy(), expected, atol=1e-5, rtol=1e-5)
     one, other = (renderer.luma(about, t_s=t).numpy() for t in times)
@@ -341,7 +346,7 @@ def test_frames_of_moving_scenes_are_the_table_renderers(moving_scene: Scene, mi
 def test_derivatives_of_moving_scenes_agree_with_differences(moving_scene: Scene, mi: Any) -> None:
     """Edges, shadows and texels, at two times at once; and the strength of the lamp that flickers."""
     about, times = CameraPoses.at([POSE, OTHER]), np.array([0.1, 0.7])
-    renderer = DifferentiableRenderer(moving_scene, CAMERA, samples=256)
+    renderer = DifferentiableRenderer(moving_scene, CAMERA, rays_per_pixel=256)
     for increment, exact in zip(INCREMENTS, finely(moving_scene, about, t_s=times), strict=True):
         expected = blurred(exact)
         found = forward(lambda x: renderer.luma(about.perturbed(x), t_s=times), np.zeros((2, 6)), increment, mi)
@@ -366,7 +371,7 @@ def test_edges_that_are_not_found_are_told(mi: Any, monkeypatch: pytest.MonkeyPa
         passes.fraction[::2] = np.nan
         return passes
 
-    renderer = DifferentiableRenderer(scene(HALF_PLANE), Camera(24, 18, 22.0, 22.0, 11.5, 8.5), samples=64)
+    renderer = DifferentiableRenderer(scene(HALF_PLANE), Camera(24, 18, 22.0, 22.0, 11.5, 8.5), rays_per_pixel=64)
     above = CameraPoses.at([Pose([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])])
     monkeypatch.setattr(EdgePasses, "passes", half)
     with pytest.warns(UserWarning, match=r"derivatives leave out \d+\.\d% of the change at edges"):
@@ -466,7 +471,7 @@ def test_what_is_refused(mi: Any) -> None:
     with pytest.raises(ValueError, match=r"t_s of 2 poses must have shape \(2,\), got \(3,\)"):
         flickering.luma(about, t_s=[0.0, 0.1, 0.2])
     with pytest.raises(ValueError, match=r"samples .* 1\.\.1024, got 0"):
-        DifferentiableRenderer(smooth_scene(), CAMERA, samples=0)
+        DifferentiableRenderer(smooth_scene(), CAMERA, rays_per_pixel=0)
     renderer, poses = DifferentiableRenderer(smooth_scene(), CAMERA), CameraPoses.at([POSE, OTHER])
     for name, value, message in (
         ("wall.reflectance", 1.0, r"are floor.reflectance, .*sky.radiance, .*; got 'wall.reflectance'"),
@@ -516,7 +521,7 @@ def example(name: str) -> Any:
 
 def test_a_pose_is_recovered(mi: Any) -> None:
     """From 2 cm and 1 degree off, in a frame with occlusion edges, to less than a tenth of both."""
-    errors = example("recover_pose").main(["--iterations", "3", "--samples", "4"])
+    errors = example("recover_pose").main(["--iterations", "3", "--rays-per-pixel", "4"])
     assert errors[0] == pytest.approx((0.02, 1.0), rel=1e-6)
     assert errors[-1][0] < 0.002
     assert errors[-1][1] < 0.1

@@ -28,7 +28,7 @@ PATH = SegmentTrajectory(Pose([0.5, -0.9, 1.8], TURNED), Pose([0.6, -0.85, 1.78]
 LAMP = {"type": "point", "position": [0.4, -0.5, 2.5], "intensity": {"type": "rgb", "value": [9.0, 20.0, 4.0]}}
 SUN = {"type": "directional", "direction": [0.2, 0.3, -1.0], "irradiance": 3.0}
 SKY = {"type": "constant", "radiance": 0.7}
-EXACT: dict[str, Any] = {"accuracy": "exact", "samples": 2}
+EXACT: dict[str, Any] = {"accuracy": "exact", "rays_per_pixel": 2}
 
 
 def textured(wrap: str) -> dict[str, Any]:
@@ -89,7 +89,7 @@ def moved(views: Views, pose: FloatArray) -> Views:
 def test_luma_and_its_derivatives(name: str) -> None:
     """Luma is the frames'; its derivatives by pose and time are those of float64 differences; lights add up."""
     scene = SCENES[name]
-    renderer = make_renderer(scene, CAMERA, samples=2, blur=False, kind="native")
+    renderer = make_renderer(scene, CAMERA, rays_per_pixel=2, blur=False, kind="native")
     assert isinstance(renderer, NativeRenderer)
     views = Views.along(scene.path, [0.0213])
     found = gradients(renderer, views)
@@ -218,7 +218,7 @@ def test_events_that_were_not_refined() -> None:
     scene = SCENES["spot"]
     events = events_of(scene, contrast_threshold=0.05)[:300]
     exact, ok = event_time_jacobian(scene, events, contrast_threshold=0.05, **EXACT)
-    found, near = event_time_jacobian(scene, events, contrast_threshold=0.05, samples=2, refine=False)
+    found, near = event_time_jacobian(scene, events, contrast_threshold=0.05, rays_per_pixel=2, refine=False)
     assert (near & ok).sum() > 200
     np.testing.assert_allclose(found[near & ok], exact[near & ok], rtol=0.02, atol=0.01 * np.abs(exact[ok]).max())
 

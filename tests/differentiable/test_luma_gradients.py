@@ -87,7 +87,7 @@ def test_smooth_normals(tmp_path: Path) -> None:
     lamp = {"type": "point", "position": [0.4, -0.5, 1.5], "intensity": 5.0}
     sun = {"type": "directional", "direction": [0.4, 0.3, -1.0], "irradiance": 3.0}
     scene = make_scene({"type": "direct"}, hills=hills, lamp=lamp, sun=sun)
-    renderer = make_renderer(replace(scene, shadows=False), CAMERA, samples=4, kind="native")
+    renderer = make_renderer(replace(scene, shadows=False), CAMERA, rays_per_pixel=4, kind="native")
     assert isinstance(renderer, NativeRenderer)
     assert renderer.table.normal_maps is not None
     compare(renderer, kinks=2)

@@ -53,8 +53,8 @@ def half_plane(**fields: Any) -> Scene:
     return Scene(source=lambda: source, camera=CAMERA, name="half-plane", trajectory=path, shadows=False, **fields)
 
 
-def fields_of(scene: Scene, samples: int) -> tuple[MeanLogLumaField, LogLumaField]:
-    renderer = make_renderer(scene, CAMERA, samples=samples, blur=False)
+def fields_of(scene: Scene, rays_per_pixel: int) -> tuple[MeanLogLumaField, LogLumaField]:
+    renderer = make_renderer(scene, CAMERA, rays_per_pixel=rays_per_pixel, blur=False)
     assert isinstance(renderer, NativeRenderer)
     return MeanLogLumaField(renderer, scene.path, LOG_EPS), LogLumaField(renderer, scene.path, LOG_EPS)
 
@@ -127,7 +127,7 @@ def test_a_change_without_an_edge_is_not_known(monkeypatch: pytest.MonkeyPatch) 
 def test_event_times_are_those_of_the_edge() -> None:
     """The camera's shift moves each event of the edge by 1 / speed, and a threshold by how fast the mean changes."""
     scene = half_plane()
-    settings: dict[str, Any] = {"samples": 1024, "blur": False, "contrast_threshold": 0.1, "log_eps": LOG_EPS}
+    settings: dict[str, Any] = {"rays_per_pixel": 1024, "blur": False, "contrast_threshold": 0.1, "log_eps": LOG_EPS}
     run = {"accuracy": "exact", **settings}
     events = concatenate_events([packet.events for packet in simulate(scene, frame_rate_hz=0, depth_rate_hz=0, **run)])
     events = events[(events["x"] == 8) & (events["y"] == 6)]
@@ -164,6 +164,6 @@ def test_what_has_no_mean_is_refused() -> None:
     with pytest.raises(ValueError, match="edges must be 'rays' or 'mean', got 'pixels'"):
         event_time_jacobian(half_plane(), events, edges="pixels")
     flickering = half_plane(lights={"sky": Flicker(100.0, modulation=0.5)})
-    jacobian, ok = event_time_jacobian(flickering, events, edges="mean", samples=16)
+    jacobian, ok = event_time_jacobian(flickering, events, edges="mean", rays_per_pixel=16)
     assert jacobian.shape == (0, 8)
     assert len(ok) == 0

@@ -81,7 +81,12 @@ class Drift:
 
 def stream(custom: object, **settings: Any) -> EventArray:
     """The events of a short run."""
-    given: dict[str, Any] = {"camera": SMALL, "renderer": "native", "render_rate_hz": 200.0, "samples": 4} | settings
+    given: dict[str, Any] = {
+        "camera": SMALL,
+        "renderer": "native",
+        "render_rate_hz": 200.0,
+        "rays_per_pixel": 4,
+    } | settings
     return concatenate_events([packet.events for packet in simulate(PLANES, custom_effects=custom, **given)])
 
 

@@ -178,7 +178,7 @@ SCENES = pytest.mark.parametrize("name", SEQUENCES)
 def rendered(name: str) -> tuple[Renderer, EffectPlan]:
     """The sequence's renderer, and its plan."""
     sequence = SEQUENCES[name]
-    renderer = make_renderer(sequence.scene, sequence.camera, samples=16)
+    renderer = make_renderer(sequence.scene, sequence.camera, rays_per_pixel=16)
     return renderer, planned(renderer, sequence, SENSOR)
 
 
@@ -446,7 +446,7 @@ def test_a_sensor_on_a_built_in_scene() -> None:
     """A DAVIS on three_planes: all candidates in order, in a table that names each with what was seen."""
     scene = load_scene("three_planes")
     effects = SENSORS["davis240c"].effects(scene.lux_per_luma)
-    plan = plan_effects(scene, effects, camera=CAMERA, samples=2)
+    plan = plan_effects(scene, effects, camera=CAMERA, rays_per_pixel=2)
     assert str(plan).splitlines()[1:] == [line for line in str(plan).splitlines()[1:] if not line.startswith(" ")]
     text = plan.explain()
     for item in plan.items:
@@ -482,11 +482,11 @@ def test_nonsense_is_refused() -> None:
 def test_the_command_prints_the_table() -> None:
     """davis-rs plan, of a sensor's effects or of given ones."""
     given = ["--effect", "refractory_period_us=2000", "--effect", "leak_rate_hz=0.001", "--effects-tolerance", 0.1]
-    done = davis_rs("plan", "three_planes", "--duration", 0.05, "--samples", 1, *given)
+    done = davis_rs("plan", "three_planes", "--duration", 0.05, "--rays-per-pixel", 1, *given)
     assert done.returncode == 0, done.stderr
     assert "ns/pixel" not in done.stdout
     assert "at a tolerance of 10 %" in " ".join(done.stdout.split())
-    done = davis_rs("plan", "three_planes", "--duration", 0.05, "--samples", 1, *given, "--explain")
+    done = davis_rs("plan", "three_planes", "--duration", 0.05, "--rays-per-pixel", 1, *given, "--explain")
     rows = [line.split()[:2] for line in done.stdout.splitlines() if line and not line.startswith(" ")]
     assert rows[1:3] == [["refractory_period_us", "yes"], ["leak_rate_hz", "no"]]
     assert "called for above 10 % of count, rate or time" in " ".join(done.stdout.split())

@@ -75,7 +75,7 @@ def test_a_line_that_moves_five_pixels_blurs_over_five_pixels(moving: str) -> No
     else:
         left = Pose([-2.5 * PIXEL_M, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
         scene, path = line(objects={"line": shift([5 * PIXEL_M, 0.0, 0.0], 0.01, left)}), across(0.0)
-    part = stretch(make_renderer(scene, NARROW, samples=64), path)
+    part = stretch(make_renderer(scene, NARROW, rays_per_pixel=64), path)
     sharp, blurred = seen(part, 5_000)[15].astype(np.float64), exposed([part], 10_000, 10_000)[15]
     assert sharp.sum() == pytest.approx(0.8 / np.pi * 3.0, rel=0.02)
     assert np.count_nonzero(sharp > 0.01) <= 2
@@ -108,7 +108,7 @@ def test_a_blurred_frame_is_the_mean_over_its_window() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_sub_frames_are_as_many_as_flow_and_exposure_need() -> None:
     """Middles of equal parts, each no more than half a pixel of the fastest pixel's motion; at rest a single one."""
-    renderer = make_renderer(line(), NARROW, samples=1)
+    renderer = make_renderer(line(), NARROW, rays_per_pixel=1)
     for pixels, exposure_us in ((5.0, 10_000), (12.5, 10_000), (12.5, 4_000), (0.3, 10_000), (0.0, 10_000)):
         instants = subframe_instants(stretch(renderer, across(pixels)), 10_000 - exposure_us, 10_000)
         needed = pixels * exposure_us / 10_000 / SUBFRAME_PX
@@ -126,7 +126,7 @@ def test_sub_frames_are_as_many_as_flow_and_exposure_need() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_at_rest_and_without_exposure_the_frame_is_the_instant() -> None:
     """Bit by bit what was rendered at the frame's own instant, and nothing else is rendered."""
-    renderer = make_renderer(line(), NARROW, samples=8)
+    renderer = make_renderer(line(), NARROW, rays_per_pixel=8)
     rest, moving = stretch(renderer, across(0.0)), stretch(renderer, across(5.0))
     luma = seen(moving, 7_000)
     for parts, exposure_us in (([rest], 5_000), ([moving], 0)):
@@ -140,7 +140,7 @@ def test_at_rest_and_without_exposure_the_frame_is_the_instant() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_the_window_ends_at_the_frame_and_is_cut_at_the_start() -> None:
     """What comes after t does not matter; of an exposure that would begin before the sequence its part from 0 on is."""
-    renderer = make_renderer(line(), NARROW, samples=8)
+    renderer = make_renderer(line(), NARROW, rays_per_pixel=8)
     part = stretch(renderer, across(5.0))
     half = exposed([part], 5_000, 10_000)
     assert np.array_equal(half, exposed([part], 5_000, 5_000))
@@ -152,7 +152,7 @@ def test_the_window_ends_at_the_frame_and_is_cut_at_the_start() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_an_exposure_reaches_back_over_stretches() -> None:
     """Of a path given step by step: each step has its share by its duration; steps that are too old are ignored."""
-    renderer = make_renderer(line(), NARROW, samples=64)
+    renderer = make_renderer(line(), NARROW, rays_per_pixel=64)
     whole = stretch(renderer, across(5.0, 0.01), start_us=100_000)
     steps, before_us = [], 0
     for step_us in (500, 1_000, 3_000, 4_000, 10_000):
@@ -176,7 +176,7 @@ def test_an_exposure_reaches_back_over_stretches() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_launches_do_not_matter() -> None:
     """The same bits, however many sub-frames are rendered in one call."""
-    renderer = make_renderer(line(), NARROW, samples=2)
+    renderer = make_renderer(line(), NARROW, rays_per_pixel=2)
     frames = [exposed([stretch(renderer, across(7.0), batch=batch)], 10_000, 10_000) for batch in (1, 4, 64)]
     assert np.array_equal(frames[0], frames[1])
     assert np.array_equal(frames[0], frames[2])
@@ -199,7 +199,7 @@ def test_flicker_is_averaged(profile: LightProfile, kind: str, exposure_us: int)
     factor = profile.factor(fine * 1e-6).mean()
     for pixels in (0.0, 5.0):
         steady, flickering = (
-            stretch(make_renderer(scene, NARROW, samples=8, kind=kind), across(pixels))
+            stretch(make_renderer(scene, NARROW, rays_per_pixel=8, kind=kind), across(pixels))
             for scene in (line(), line({"sun": profile}))
         )
         assert np.array_equal(subframe_instants(steady, 0, 10_000), subframe_instants(flickering, 0, 10_000))
@@ -380,7 +380,7 @@ def test_fixed_patterns_are_of_seed_and_pixel() -> None:
 def test_a_rolling_shutter_skews_a_moving_line(speed_px_s: float, exposure_us: int) -> None:
     """Row y shows the line where it was at the middle of its own exposure: within a tenth of a pixel, row by row."""
     row_us, t_us, height = 100.0, 20_000, NARROW.height
-    part = stretch(make_renderer(line(), NARROW, samples=64), across(speed_px_s * 0.02, 0.02))
+    part = stretch(make_renderer(line(), NARROW, rays_per_pixel=64), across(speed_px_s * 0.02, 0.02))
     frame = expose(seen(part, t_us), [part], t_us, exposure_us, row_us)
     place = (frame @ np.arange(NARROW.width)) / frame.sum(1)
     middle_us = t_us - row_us * np.arange(height - 1, -1, -1) - exposure_us / 2
@@ -412,8 +412,8 @@ def test_each_row_is_what_a_global_shutter_gathers_at_its_time() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_a_rolling_shutter_shows_flicker_as_bands() -> None:
     """At rest each row has the mean light of its own exposure; at the sequence's start what there is of it."""
-    renderer = make_renderer(line({"sun": Flicker(100.0, modulation=0.8)}), NARROW, samples=4)
-    still = make_renderer(line(), NARROW, samples=4)
+    renderer = make_renderer(line({"sun": Flicker(100.0, modulation=0.8)}), NARROW, rays_per_pixel=4)
+    still = make_renderer(line(), NARROW, rays_per_pixel=4)
     part, steady = stretch(renderer, across(0.0, 0.05)), stretch(still, across(0.0, 0.05))
     profile, row_us, exposure_us = Flicker(100.0, modulation=0.8), 400.0, 3_000
     for t_us in (40_000, 5_000):
@@ -474,7 +474,7 @@ def test_noise_is_of_seed_and_frame_alone() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_a_frame_from_end_to_end() -> None:
     """With the default sensor the blurred line comes out in whole DN, near what was exposed."""
-    part = stretch(make_renderer(line(), CAMERA, samples=8), across(3.0))
+    part = stretch(make_renderer(line(), CAMERA, rays_per_pixel=8), across(3.0))
     aps = Aps()
     mean = exposed([part], 10_000, round(aps.exposure_us))
     frame = aps.read_out(mean, frame=0, seed=1)

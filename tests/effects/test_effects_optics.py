@@ -32,7 +32,7 @@ SIGMAS = [0.1, 0.3, 0.5, 0.7, 1.0, 1.7, 3.0, 10.0]
 
 
 def built_in(name: str = "three_planes", *, camera: Camera = CAMERA, **options: Any) -> Renderer:
-    return make_renderer(load_scene(name), camera, **{"samples": 3, "kind": "table", **options})
+    return make_renderer(load_scene(name), camera, **{"rays_per_pixel": 3, "kind": "table", **options})
 
 
 def along(name: str = "three_planes") -> Views:
@@ -47,7 +47,7 @@ def wall(camera: Camera, light: dict[str, Any], *, blur: bool) -> Renderer:
     plane = {"type": "rectangle", "to_world": np.diag([99.0, 99.0, 1.0, 1.0]), "bsdf": {"type": "diffuse"}}
     direct = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
     scene = Scene("wall", partial(dict, {"type": "scene", "by": direct, "wall": plane, "light": light}))
-    return make_renderer(scene, camera, samples=1, kind="table", blur=blur)
+    return make_renderer(scene, camera, rays_per_pixel=1, kind="table", blur=blur)
 
 
 def kernel(sigma_px: float) -> FloatArray:
@@ -273,7 +273,7 @@ def test_samples_of_frames_smaller_than_the_spot(
 def test_more_rays_are_those_of_a_finer_renderer() -> None:
     """Samples of another number of rays see the lens too."""
     coarse, fine = (
-        with_optics(built_in(samples=n, blur=True), Effects(vignetting=Vignetting(), lens_blur_px=LensBlur()))
+        with_optics(built_in(rays_per_pixel=n, blur=True), Effects(vignetting=Vignetting(), lens_blur_px=LensBlur()))
         for n in (3, 16)
     )
     views = along()

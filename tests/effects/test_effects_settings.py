@@ -370,6 +370,19 @@ def test_effects_are_taken_in_one_grammar_everywhere(form: Any, monkeypatch: pyt
     assert read_effects(form) == (FORMS[0], False)
 
 
+def test_dataclasses_replace_keeps_what_was_switched_off() -> None:
+    effects = Effects(leak_rate_hz=0.1, refractory_period_us=100, hot_pixels=0)
+    changed = dataclasses.replace(effects, leak_rate_hz=None)
+    assert changed == Effects(refractory_period_us=100)
+    assert changed.switched_off == effects.switched_off == {"hot_pixels"}
+    back = dataclasses.replace(effects, hot_pixels=HotPixels(0.01))
+    assert back.hot_pixels == HotPixels(0.01)
+    assert back.switched_off == frozenset()
+    assert pickle.loads(pickle.dumps(changed)).switched_off == {"hot_pixels"}
+    with pytest.raises(ValueError, match="there is no effect 'leek'"):
+        Effects(switched_off={"leek"})
+
+
 def test_one_effect_may_stand_alone_and_auto_among_others() -> None:
     assert read_effects("leak_rate_hz=0.5") == read_effects(LeakRate(0.5)) == (Effects(leak_rate_hz=0.5), False)
     assert read_effects("auto") == (Effects(), True)

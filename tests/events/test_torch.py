@@ -35,7 +35,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("torch") / "run"
     simulate_to_folder(
-        load_scene("three_planes"), path, duration_s=0.06, samples=1, size=(32, 24), frame_rate_hz=50, depth_rate_hz=50,
+        load_scene("three_planes"), path, duration_s=0.06, rays_per_pixel=1, size=(32, 24), frame_rate_hz=50,
+        depth_rate_hz=50,
         flow_rate_hz=50, flow_interval_s=0.01, mask_rate_hz=50,
     )  # fmt: skip
     return path

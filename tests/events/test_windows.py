@@ -32,8 +32,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with frames, depth, flow, masks, poses and inertial samples at rates that do not agree."""
     path = tmp_path_factory.mktemp("windows") / "run"
     simulate_to_folder(
-        load_scene("three_planes"), path, duration_s=0.1, samples=1, size=(32, 24), imu="mpu6150", frame_rate_hz=40,
-        depth_rate_hz=20, flow_rate_hz=40, flow_interval_s=0.01, mask_rate_hz=20,
+        load_scene("three_planes"), path, duration_s=0.1, rays_per_pixel=1, size=(32, 24), imu="mpu6150",
+        frame_rate_hz=40, depth_rate_hz=20, flow_rate_hz=40, flow_interval_s=0.01, mask_rate_hz=20,
     )  # fmt: skip
     return path
 

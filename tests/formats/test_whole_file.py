@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from command_line import davis_rs as command
 from davis_rs import Camera, convert, frames_to_folder, load_scene, open_writer, read_events, simulate_to_folder
@@ -360,3 +361,32 @@ def test_a_figure_that_cannot_be_drawn_is_told_first(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     done = command(*words)
     assert (done.returncode, "matplotlib is not installed: pip install 'davis_rs[view]'" in done.stderr) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("library", "words", "message"),
+    [
+        ("matplotlib", ("view", "nowhere"), r"matplotlib is not installed: pip install 'davis_rs\[view\]'"),
+        ("imageio", ("view", "nowhere", "--video", "v.mp4"), r"imageio\S* is not installed: .*'davis_rs\[view\]'"),
+        ("rerun", ("view", "nowhere", "--rerun", "r.rrd"), r"rerun is not installed: pip install 'davis_rs\[rerun\]'"),
+        ("cv2", ("calibrate", "intrinsics", "nowhere"), r"OpenCV: pip install 'davis_rs\[calibrate\]'"),
+        ("cv2", ("generate", "plan.yaml", "-o", "sequences"), r"cv2 is not installed: pip install 'davis_rs\[video\]'"),
+    ],
+)
+def test_a_missing_extra_is_one_line_before_any_work(
+    tmp_path: Path, library: str, words: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even where what is to be read is not there."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "images").mkdir()
+    Image.new("RGB", (64, 32)).save(tmp_path / "images" / "wide.png")
+    (tmp_path / "plan.yaml").write_text(
+        "sequences: 1\nseed: 1\nduration: 0.01\nscene: {kind: random_planes, textures: images, texture_px: 32}\n"
+    )
+    monkeypatch.setitem(sys.modules, library, None)
+    if library == "imageio":
+        monkeypatch.setitem(sys.modules, "imageio.v2", None)
+    done = command(*words)
+    assert done.returncode == 1
+    assert re.search(message, done.stderr), done.stderr
+    assert "Traceback" not in done.stderr

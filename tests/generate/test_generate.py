@@ -346,8 +346,8 @@ def test_files_of_others_are_kept(root: Path, capsys: pytest.CaptureFixture[str]
 def test_another_plan_is_refused(root: Path) -> None:
     """Two plans' sequences under the same names would be one data set that nobody asked for; a plan may only grow."""
     before = files_of(root)
-    with pytest.raises(ValueError, match=r"another plan than .*plan.yaml \(it differs in samples, seed\)"):
-        go_on(root, [], seed=12, samples=2)
+    with pytest.raises(ValueError, match=r"another plan than .*plan.yaml \(it differs in rays_per_pixel, seed\)"):
+        go_on(root, [], seed=12, rays_per_pixel=2)
     with pytest.raises(ValueError, match="is the folder of 3 sequences: a plan can grow, but not to 2"):
         go_on(root, [], sequences=2)
     record = json.loads((root / "plan.json").read_text())

@@ -131,8 +131,11 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
         ("scene: fence\nlog_eps: true", "log_eps: must be a number or a distribution"),
         ("scene: fence\nlog_eps: .nan", "log_eps: must be a number or a distribution"),
         ("scene: fence\nframe_rate: null", "frame_rate: must be a number or a distribution"),
-        ("scene: fence\nsamples: 1.5", "samples: must be an integer or a distribution"),
-        ("scene: fence\nsamples: {uniform: [1, 4]}", "samples: must be an integer, or a distribution of such"),
+        ("scene: fence\nrays_per_pixel: 1.5", "rays_per_pixel: must be an integer or a distribution"),
+        (
+            "scene: fence\nrays_per_pixel: {uniform: [1, 4]}",
+            "rays_per_pixel: must be an integer, or a distribution of such",
+        ),
         ("scene: fence\nrefine: 1", "refine: must be true or false or a distribution"),
         ("scene: {uniform: [1, 2]}", "scene: must be a text, or a distribution of such"),
         ("scene: {choice: [fence, 4]}", "scene.choice[1]: must be a text or a distribution"),
@@ -166,7 +169,7 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
         ("scene: fence\neffects: {aps: {3: 4}}", "effects.aps: must be a mapping whose keys are texts, got 3"),
         ("scene: fence\nimu_effects: {noise: {x: 1, null: 4}}", "imu_effects.noise: must be a mapping whose keys"),
         ("scene: fence\nlog_eps: 1" + 400 * "0", "log_eps: must be a number or a distribution"),
-        ("scene: fence\nsamples: 1" + 400 * "0", "samples: must be an integer or a distribution"),
+        ("scene: fence\nrays_per_pixel: 1" + 400 * "0", "rays_per_pixel: must be an integer or a distribution"),
         ("scene: fence\nduration: {uniform: [0, 1" + 400 * "0" + "]}", "duration.uniform: must be a list of values"),
         ("scene: fence\nduration: {normal: [0, 1], max: 1" + 400 * "0" + "}", "duration.max: must be a list of values"),
         ("scene: fence\nduration: {integers: [0, 1" + 400 * "0" + "]}", "duration.integers: must be a list of values"),
@@ -199,7 +202,7 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ({"motion": {"kind": "file", "file": "no.txt"}}, "no.txt"),
         ({"frame_rate": -1}, "frame_rate = -1: frame_rate must be 0..1000000 Hz, got -1"),
         ({"depth_rate": {"choice": [0, -2]}}, "depth_rate = -2: depth_rate must be 0..1000000 Hz, got -2"),
-        ({"samples": 0}, "samples = 0: samples must be 1..1024, or auto, got 0"),
+        ({"rays_per_pixel": 0}, "rays_per_pixel = 0: rays_per_pixel must be 1..1024, or auto, got 0"),
         ({"accuracy": "best"}, "accuracy = 'best': accuracy must be one of"),
         ({"sensor": "eye"}, "sensor = 'eye': sensor must be one of"),
         ({"imu": "best"}, "imu = 'best': imu must be one of"),
@@ -300,7 +303,7 @@ junk = st.recursive(
 
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]),
+    key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "rays_per_pixel", "refine"]),
     value=junk | distributions | parameters,
 )
 def test_whatever_stands_in_a_plan_is_drawn_or_refused_by_name(tmp_path: Path, key: str, value: Any) -> None:
@@ -316,7 +319,7 @@ def test_a_dry_run_prints_the_draws(tmp_path: Path, capsys: pytest.CaptureFixtur
     """What all have in common once, and a row for each sequence; nothing is made."""
     assert main(["generate", str(write_plan(tmp_path, sequences=3)), "--dry-run"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert "samples: 1" in lines
+    assert "rays_per_pixel: 1" in lines
     assert [line.split()[0] for line in lines[-3:]] == ["sequence_00000", "sequence_00001", "sequence_00002"]
     assert "motion.speed_m_s" in lines[-4]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.yaml", "scenes"]

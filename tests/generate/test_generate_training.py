@@ -23,6 +23,7 @@ from davis_rs.generate import generate_sequences, load_sequence_plan, verify_seq
 from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.job import make_sequence
 from davis_rs.generate.local import Outcome
+from davis_rs.generate.random_scene import make_random_scene
 from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
 from davis_rs.render import scene_cache
 from davis_rs.scene.builtin.random_planes import random_textured_planes
@@ -115,6 +116,25 @@ def test_random_planes_are_a_function_of_their_seed(tmp_path: Path) -> None:
     assert np.isfinite(packet.flow).all()
 
 
+def test_random_planes_without_a_folder_have_built_in_textures(tmp_path: Path) -> None:
+    """The same for the same seed, each with contrast, and in a plan too."""
+    t = np.linspace(0, 0.1, 5)
+    scene, again = (random_textured_planes(seed=3, planes=3, duration_s=0.1, texture_px=128) for _ in range(2))
+    assert scene.note == again.note
+    assert scene.note.count("built-in texture ") == 4
+    textured = random_textured_planes(write_images(tmp_path / "images"), seed=3, planes=3, duration_s=0.1)
+    assert np.array_equal(scene.objects["plane_2"].positions(t), textured.objects["plane_2"].positions(t))
+    first, second = (next(iter(Simulator(one.crop(0, 0.01), size=(48, 36)).run())) for one in (scene, again))
+    assert first.luma is not None
+    assert second.luma is not None
+    assert np.array_equal(first.luma, second.luma)
+    assert first.luma.std() > 0.05
+    assert len({random_textured_planes(seed=seed, planes=0).note for seed in range(30)}) > 15
+    plan = load_sequence_plan(write_plan(tmp_path, scene={"kind": "random_planes", "planes": 2}))
+    drawn = make_random_scene(plan.parameters(0)["scene"], 0.1, tmp_path)
+    assert "built-in texture" in drawn.note
+
+
 def test_images_stand_upright_and_unmirrored(tmp_path: Path) -> None:
     """The background shows its image as it is in the file: bright at the top left."""
     folder = tmp_path / "images"
@@ -183,7 +203,6 @@ def test_numbers_out_of_range_are_refused(tmp_path: Path, given: dict[str, Any],
     ("changes", "message"),
     [
         ({"scene": {"kind": "planes"}}, "scene.kind: must be one of random_planes, got 'planes'"),
-        ({"scene": {"kind": "random_planes"}}, "scene: a scene of kind random_planes needs textures"),
         ({"scene": {"textures": "images"}}, "scene: must be a name or a file, a mapping with the scene's kind"),
         ({"shards": 3}, "shards: must be a mapping with format and sequences, got 3"),
         ({"shards": {"format": "zip", "sequences": 2}}, "shards.format: must be one of hdf5, webdataset, got 'zip'"),

@@ -13,7 +13,7 @@ from unittest import mock
 
 from davis_rs.cli.main import main
 
-SMALL = ("--samples", 1, "--size", "60x45")
+SMALL = ("--rays-per-pixel", 1, "--size", "60x45")
 """Options of a simulation that is quick, for what the size of the sensor changes nothing of."""
 
 

@@ -189,9 +189,9 @@ class ExactRenderer(Renderer):
 
     name, reason, variant, poses_per_launch = "float64 ray caster", "asked for", SCALAR, 64
 
-    def __init__(self, scene: Scene, camera: Camera, *, samples: int) -> None:
-        super().__init__(camera, samples=samples, blur=False)
-        self._scene, rays = scene, ray_table(camera, samples)
+    def __init__(self, scene: Scene, camera: Camera, *, rays_per_pixel: int) -> None:
+        super().__init__(camera, rays_per_pixel=rays_per_pixel, blur=False)
+        self._scene, rays = scene, ray_table(camera, rays_per_pixel)
         self._rays = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], 2)
 
     def _luma(self, views: Views) -> LumaFrames:

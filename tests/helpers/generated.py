@@ -40,7 +40,7 @@ PLAN: dict[str, Any] = {
     "contrast_threshold": {"log_uniform": [0.3, 0.6]},
     "effects": {"threshold_mismatch": {"uniform": [0, 0.05]}, "shot_noise_rms": {"choice": [0, 0.06]}},
     "imu": {"choice": [None, "mpu6150"]},
-    "samples": 1,
+    "rays_per_pixel": 1,
     "max_displacement": 2,
     "frame_rate": 100,
     "depth_rate": {"choice": [0, 50]},

@@ -55,7 +55,7 @@ def make_scene(integrator: Parts = PATH, /, lights: Parts | None = None, **parts
 
 
 def build(scene: Scene, error: float = 0.05, **settings: Any) -> Renderer:
-    return make_renderer(scene, CAMERA, **{"kind": "baked", "samples": 4, "bake_error": error, **settings})
+    return make_renderer(scene, CAMERA, **{"kind": "baked", "rays_per_pixel": 4, "bake_error": error, **settings})
 
 
 def luma_of(scene: Scene, error: float = 0.05, pose: Pose = DOWN, **settings: Any) -> npt.NDArray[np.float32]:

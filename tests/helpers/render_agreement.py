@@ -70,7 +70,7 @@ def scene_named(name: str) -> Scene:
 def agreement(scene: Scene, views: int = 20) -> Agreement:
     """Compares the renderers along a scene's camera path."""
     native, kernel = (
-        make_renderer(scene, scene.own_camera, samples=1, blur=False, kind=kind) for kind in ("native", "table")
+        make_renderer(scene, scene.own_camera, rays_per_pixel=1, blur=False, kind=kind) for kind in ("native", "table")
     )
     path = Views.along(scene.path, np.linspace(0.0, 0.999 * scene.path.duration_s, views))
     ours, theirs = (renderer.luma(path).reshape(views, -1).astype(np.float64) for renderer in (native, kernel))

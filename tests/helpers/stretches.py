@@ -33,7 +33,7 @@ def built_in(name: str = "three_planes", camera: Camera = CAMERA) -> tuple[Rende
     """A renderer of a built-in scene, and 0.3 s of its trajectory from 0.5 s on."""
     scene = load_scene(name)
     assert scene.trajectory is not None
-    return make_renderer(scene, camera, samples=8), scene.trajectory.crop(0.5, 0.3)
+    return make_renderer(scene, camera, rays_per_pixel=8), scene.trajectory.crop(0.5, 0.3)
 
 
 def wall(left: float = -30.0) -> Scene:

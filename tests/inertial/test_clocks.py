@@ -153,7 +153,7 @@ def shaken() -> tuple[SampledTrajectory, EventArray]:
         camera=Camera(60, 45, fx / 4, fy / 4, 29.5, 22.0),
         frame_rate_hz=0,
         depth_rate_hz=0,
-        samples=4,
+        rays_per_pixel=4,
         accuracy="fast",
     )
     return trajectory, concatenate_events([packet.events for packet in simulator.run()])

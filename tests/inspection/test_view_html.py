@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import inspect
 import io
 import json
 import re
 import shutil
 import subprocess
+import zlib
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -75,10 +77,12 @@ def array(text: str, dtype: str) -> npt.NDArray[Any]:
 
 def events_in(data: dict[str, Any]) -> npt.NDArray[Any]:
     """The page's events as the page's program unpacks them."""
-    packed, xy = array(data["events"]["t"], "<u4"), array(data["events"]["xy"], "<u2").reshape(-1, 2)
-    events = np.zeros(len(packed), EVENT_DTYPE)
-    events["t"] = (packed >> 1).astype(np.int64) * data["events"]["tick_us"] + data["start_us"]
-    events["x"], events["y"], events["p"] = xy[:, 0], xy[:, 1], packed & 1
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(data["events"]["packed"])), np.uint8)
+    planes = planes.reshape(8, data["events"]["kept"]).astype(np.int64)
+    steps = sum(planes[k] << 8 * k for k in range(4))
+    events = np.zeros(data["events"]["kept"], EVENT_DTYPE)
+    events["t"] = np.cumsum(steps >> 1) * data["events"]["tick_us"] + data["start_us"]
+    events["x"], events["y"], events["p"] = planes[4] | planes[5] << 8, planes[6] | planes[7] << 8, steps & 1
     return events
 
 
@@ -191,7 +195,8 @@ def test_a_default_page_stays_below_ten_megabytes(tmp_path: Path) -> None:
     events["x"], events["y"], events["p"] = rng.integers(0, 640, count), rng.integers(0, 480, count), 1
     np.save(tmp_path / "e.npy", events)
     page = view_html(tmp_path / "e.npy", tmp_path / "p.html", size=(640, 480))
-    assert page.kept == {"events": (400_000, count)}
+    assert page.kept == {"events": (count, count)}
+    assert inspect.signature(view_html).parameters["max_events"].default == 5_000_000
     assert 4_000_000 < page.size_bytes < 10_000_000
     data = Page(tmp_path / "p.html").data
     kept = events_in(data)
@@ -320,6 +325,28 @@ def test_options_that_do_not_go_together_are_refused(
     assert ran.returncode == 1
     assert rule in ran.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_the_program_unpacks_the_events(folder: Path, tmp_path: Path) -> None:
+    """Its own data.js, run by Node: the same times, polarities and pixels as in the dataset."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("needs Node, to run the page's program")
+    view_html(folder, tmp_path / "p.html")
+    (tmp_path / "data.json").write_text(Page(tmp_path / "p.html").texts["script"][0])
+    program = (Path(html_page.__file__).parent / "web" / "data.js").read_text()
+    (tmp_path / "run.mjs").write_text(
+        "import { readFileSync } from 'node:fs';\n"
+        "const window = Object.assign(globalThis, { addEventListener: () => {} });\n"
+        "const document = { getElementById: () => ({ textContent: readFileSync('data.json', 'utf8') }) };\n"
+        f"{program}\n"
+        "const { t, xy, on } = events;\n"
+        "console.log(JSON.stringify([...t].map((us, i) => [us, xy[2 * i], xy[2 * i + 1], on[i]])));"
+    )
+    ran = subprocess.run([node, "run.mjs"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert ran.returncode == 0, ran.stderr
+    unpacked = [tuple(event) for event in json.loads(ran.stdout)]
+    assert unpacked == [tuple(event) for event in Dataset(folder).events[["t", "x", "y", "p"]].tolist()]
 
 
 def near(pixels: npt.NDArray[np.uint8], rgb: tuple[int, int, int], within: int = 2) -> int:

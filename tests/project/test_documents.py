@@ -40,11 +40,11 @@ DOCUMENTS.remove(
     ROOT / "docs" / "own_scene.md"
 )  # one story, which tests/project/test_own_scene_page.py runs from top to end
 
-SHORT_RUN = "--duration 0.05 --samples 1"  # long enough for two frames, which davis-rs check needs
+SHORT_RUN = "--duration 0.05 --rays-per-pixel 1"  # long enough for two frames, which davis-rs check needs
 SHORTENED = {
     "sequences": "slider_depth",
     "simulate": SHORT_RUN,
-    "sequence": "--start 1 --duration 0.1 --samples 1",  # at its start the camera rests
+    "sequence": "--start 1 --duration 0.1 --rays-per-pixel 1",  # at its start the camera rests
     "record": "--duration 0.02",
     "plan": "--duration 0.02",
 }
@@ -52,15 +52,15 @@ SHORTENED = {
 
 RUN_INSTEAD = {
     "davis-rs simulate three_walls -o walls": "davis-rs simulate three_walls -o walls "
-    "--start 0.6 --duration 0.02 --samples 1",
+    "--start 0.6 --duration 0.02 --rays-per-pixel 1",
     "davis-rs view walls --time 0.6": "davis-rs view walls --time 0.01",
     "davis-rs view walls --html out.html --time 0.6": "davis-rs view DIR --html out.html --time 0.01",
     "davis-rs simulate checkerboard -o DIR --imu mpu6150 --frame-rate 20 --depth-rate 0": "davis-rs simulate "
-    "checkerboard -o DIR --imu mpu6150 --frame-rate 10 --depth-rate 0 --duration 2 --max-displacement 8 --samples 1 "
-    "--contrast-threshold 1",
+    "checkerboard -o DIR --imu mpu6150 --frame-rate 10 --depth-rate 0 --duration 2 --max-displacement 8 "
+    "--rays-per-pixel 1 --contrast-threshold 1",
     "davis-rs simulate dynamic_6dof -o DIR --start 45 --duration 0.1 --flow-rate 20 --mask-rate 20 --normal-rate 20": (
         "davis-rs simulate dynamic_6dof -o DIR --start 45 --duration 0.01 --size 120x90 --flow-rate 20 --mask-rate 20 "
-        "--normal-rate 20 --samples 1"
+        "--normal-rate 20 --rays-per-pixel 1"
     ),
     "davis-rs generate example.yaml -o data --quiet": "davis-rs generate PLAN.yaml -o data --quiet",
 }

@@ -89,7 +89,7 @@ def test_light_of_a_rectangle_is_that_of_its_form_factor() -> None:
         for sx in (-1, 1)
         for sy in (-1, 1)
     )
-    luma = luma_of(scene, 0.01, samples=1)
+    luma = luma_of(scene, 0.01, rays_per_pixel=1)
     assert luma == pytest.approx(0.6 * 5.0 * factor, rel=0.01)
 
 
@@ -110,7 +110,7 @@ def test_lights_without_a_name_shine(tmp_path: Path) -> None:
     for lights, luma in ((SKY, 0.5), (SKY + SUN, 0.71)):
         path = tmp_path / "scene.xml"
         path.write_text(f'<scene version="3.0.0">{PLATE}{lights}</scene>')
-        renderer = make_renderer(load_scene(path), CAMERA, samples=1, bake_error=0.05)
+        renderer = make_renderer(load_scene(path), CAMERA, rays_per_pixel=1, bake_error=0.05)
         assert renderer.luma(Views.at_rest([DOWN])) == pytest.approx(luma, rel=1e-3), lights
 
 
@@ -133,7 +133,7 @@ def test_lamps_without_a_name_are_told_apart(tmp_path: Path) -> None:
     def luma(*lamps: str) -> npt.NDArray[np.float32]:
         path = tmp_path / "scene.xml"
         path.write_text(f'<scene version="3.0.0"><integrator type="direct"/>{PLATE}{"".join(lamps)}</scene>')
-        return make_renderer(load_scene(path), CAMERA, kind="baked", samples=1).luma(Views.at_rest([DOWN]))
+        return make_renderer(load_scene(path), CAMERA, kind="baked", rays_per_pixel=1).luma(Views.at_rest([DOWN]))
 
     large, small = lamp_at(-0.9, 0.3), lamp_at(0.9, 0.005)
     alone = luma(large), luma(small)
@@ -144,8 +144,8 @@ def test_lamps_without_a_name_are_told_apart(tmp_path: Path) -> None:
 def test_coloured_light_that_bounces_is_the_path_tracers(long: bool) -> None:
     """All kinds of light at once, in colour: the path tracer's luma, but for its noise."""
     scene = make_scene(**colourful())
-    baked = luma_of(scene, 0.02 if long else 0.05, samples=64)
-    traced = luma_of(scene, kind="integrator", samples=1024)
+    baked = luma_of(scene, 0.02 if long else 0.05, rays_per_pixel=64)
+    traced = luma_of(scene, kind="integrator", rays_per_pixel=1024)
     assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
     assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
 
@@ -181,8 +181,8 @@ def test_an_environment_map_and_a_spot_light_are_the_path_tracers() -> None:
     """Their light on surfaces, together with the sky, and the edges of the beam."""
     scene = make_scene(PATH | {"max_depth": 3}, **outdoors())
     pose = Pose([0.3, -1.6, 1.2], [-0.85, 0.0, 0.0, 0.527])
-    baked = luma_of(scene, 0.05, pose, samples=64)
-    traced = luma_of(scene, pose=pose, kind="integrator", samples=1024)
+    baked = luma_of(scene, 0.05, pose, rays_per_pixel=64)
+    traced = luma_of(scene, pose=pose, kind="integrator", rays_per_pixel=1024)
     assert traced.max() > 4 * traced.min()
     assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
     assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
@@ -195,7 +195,7 @@ def test_rates_of_skies_and_beams_are_the_changes_of_luma() -> None:
     path = SegmentTrajectory(
         Pose([0.3, -1.6, 1.2], [-0.85, 0.0, 0.0, 0.527]), Pose([0.2, -1.5, 1.3], turned.as_quat()), 1.0
     )
-    renderer = build(scene, 0.2, samples=1)
+    renderer = build(scene, 0.2, rays_per_pixel=1)
     step = 2e-3
     luma = renderer.luma(Views.along(path, np.array([0.5 - step, 0.5 + step])))
     _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
@@ -212,8 +212,8 @@ def test_a_small_block_on_a_wide_ground_has_light_that_bounces() -> None:
         sun={"type": "directional", "direction": [0.0, -0.5, -1.0], "irradiance": 3.0},
     )
     pose = Pose([0.0, -0.45, 0.2], [-(0.5**0.5), 0.0, 0.0, 0.5**0.5])  # looks at the shaded side
-    baked = luma_of(scene, 0.05, pose, samples=16)
-    traced = luma_of(scene, pose=pose, kind="integrator", samples=512)
+    baked = luma_of(scene, 0.05, pose, rays_per_pixel=16)
+    traced = luma_of(scene, pose=pose, kind="integrator", rays_per_pixel=512)
     rows, true = baked.mean(1), traced.mean(1)
     assert true.max() > 1.5 * true.min() > 0
     assert rows == pytest.approx(true, rel=0.05)
@@ -227,8 +227,8 @@ def test_a_small_lamp_has_sharp_shadows() -> None:
         screen=plate(0.28, 0, 0.7, (0.2, 0.3)),
         panel=lamp(1.2, 900.0, (0.01, 0.01)),
     )
-    baked = luma_of(scene, 0.2, Pose([0.0, 0.0, 0.6], DOWN.quaternion), samples=16)
-    traced = luma_of(scene, pose=Pose([0.0, 0.0, 0.6], DOWN.quaternion), kind="integrator", samples=256)
+    baked = luma_of(scene, 0.2, Pose([0.0, 0.0, 0.6], DOWN.quaternion), rays_per_pixel=16)
+    traced = luma_of(scene, pose=Pose([0.0, 0.0, 0.6], DOWN.quaternion), kind="integrator", rays_per_pixel=256)
     assert traced.min() < 0.01 * traced.max()
     assert np.quantile(np.abs(baked - traced), 0.95) < 0.02 * traced.max()
     assert baked.mean() == pytest.approx(traced.mean(), rel=0.02)
@@ -268,7 +268,7 @@ def test_what_baking_saves_and_errs(folder: Path) -> None:
     assert re.match(
         r"baked light: [\d,]+ points, error \S+ %, baked in \S+ s \(now in the cache\); a frame takes", line
     )
-    assert light_cost(build(scene, kind="integrator", samples=1), scene) is None
+    assert light_cost(build(scene, kind="integrator", rays_per_pixel=1), scene) is None
 
 
 def test_the_command_line_compares_light(
@@ -316,7 +316,7 @@ def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(baked_scene, "bake", kept)
-        make_renderer(scene, scene.own_camera, kind="baked", samples=1, bake_error=0.05)
+        make_renderer(scene, scene.own_camera, kind="baked", rays_per_pixel=1, bake_error=0.05)
     ((surfaces, maps),) = captured
     random = np.random.RandomState(5)
     triangle = random.randint(len(surfaces.corners), size=300)
@@ -395,7 +395,7 @@ def test_rates_are_the_changes_of_luma() -> None:
         DIRECT, lights={"panel.emitter": profile}, floor=plate(0, 0, 0, (2, 2), diffuse(texture)), panel=lamp()
     )
     path = SegmentTrajectory(DOWN, Pose([0.2, 0.1, 1.3], DOWN.quaternion), 1.0)
-    renderer = build(scene, samples=1)
+    renderer = build(scene, rays_per_pixel=1)
     step = 1e-3
     luma = renderer.luma(Views.along(path, np.array([0.5 - step, 0.5 + step])))
     _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
@@ -408,7 +408,7 @@ def test_the_rate_of_a_lamp_that_is_seen_is_that_of_its_flicker() -> None:
     pose = Pose([0.0, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0])
     wall = plate(0, 0, 3, (2, 2), up=False)
     scene = make_scene(DIRECT, lights={"first.emitter": profile}, wall=wall, first=lamp(1.0, 3.0, (0.1, 0.1)))
-    renderer = build(scene, 0.2, samples=1)
+    renderer = build(scene, 0.2, rays_per_pixel=1)
     path = SegmentTrajectory(pose, pose, 1.0)
     luma = renderer.luma(Views.along(path, np.array([0.25, 0.75])))
     _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
@@ -564,7 +564,7 @@ def test_what_looks_before_a_run_bakes_as_the_run_does(folder: Path) -> None:
     )
     assert estimate_noise(scene, bake_error=0.2) is None
     plan_effects(scene, bake_error=0.2)
-    Simulator(scene, bake_error=0.2, samples=1)
+    Simulator(scene, bake_error=0.2, rays_per_pixel=1)
     assert len(list(folder.iterdir())) == 1
 
 
@@ -627,7 +627,7 @@ def test_what_is_not_baked_is_left_to_mitsuba() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             build(scene)
-        assert isinstance(build(scene, kind="auto", samples=1), IntegratorRenderer)
+        assert isinstance(build(scene, kind="auto", rays_per_pixel=1), IntegratorRenderer)
 
 
 def test_auto_bakes_where_the_light_asks_for_it() -> None:

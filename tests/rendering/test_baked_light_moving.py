@@ -76,7 +76,7 @@ def off_path_tracer(scene: Scene, renderer: Renderer, t_s: FloatArray) -> tuple[
     """How far baked luma (n, H, W) is from the mean of path tracers, relative, and the median of that mean's own
     standard error."""
     views = at(scene, t_s)
-    runs = [build(scene, kind="integrator", samples=512, seed=seed).luma(views) for seed in range(4)]
+    runs = [build(scene, kind="integrator", rays_per_pixel=512, seed=seed).luma(views) for seed in range(4)]
     mean = np.mean(runs, axis=0, dtype=np.float64)
     noise = np.std(runs, axis=0, ddof=1) / 2 / mean
     return renderer.luma(views) / mean - 1, float(np.median(noise))
@@ -85,7 +85,7 @@ def off_path_tracer(scene: Scene, renderer: Renderer, t_s: FloatArray) -> tuple[
 def test_a_body_that_moves_is_lit_as_by_the_path_tracer(long: bool) -> None:
     """At the bake's instants only edges and noise differ; between them as much as is told, where light changes."""
     scene = crossing(max_depth=4 if long else 3)
-    renderer = build(scene, 0.05, samples=64)
+    renderer = build(scene, 0.05, rays_per_pixel=64)
     light = light_of(renderer)
     instants = light.maps.instants
     assert 3 <= len(instants) <= 6
@@ -111,7 +111,7 @@ def test_a_body_that_moves_is_lit_as_by_the_path_tracer(long: bool) -> None:
 def test_rates_between_instants_are_the_changes_of_luma() -> None:
     """And light bends at the instants, so that luma is not interpolated across them."""
     scene = crossing()
-    renderer = build(scene, 0.1, samples=1)
+    renderer = build(scene, 0.1, rays_per_pixel=1)
     instants = light_of(renderer).maps.instants
     assert len(instants) > 2
     middle = (instants[0] + instants[1]) / 2
@@ -175,7 +175,7 @@ def test_times_that_are_not_baked_are_refused() -> None:
     later = Views.at_rest([DOWN]).moved(np.array([0.2]))
     with pytest.raises(ValueError, match=r"time of its camera path, 0 to 0\.1 s, .* asked for at 0\.2 s"):
         build(short, 0.2).luma(later)
-    renderer = build(long, 0.2, samples=1)
+    renderer = build(long, 0.2, rays_per_pixel=1)
     assert np.array_equal(renderer.luma(at(long, np.array([0.5]))), renderer.luma(at(long, np.array([0.8]))))
 
 

@@ -106,7 +106,7 @@ def test_a_small_object_appears_where_its_point_projects(kind: str, distorted: b
             "light": {"type": "directional", "direction": towards.tolist(), "irradiance": 1.0},
             "quad": {"type": "rectangle", "to_world": to_world, "bsdf": {"type": "twosided", "inner": DIFFUSE}},
         }
-        renderer = make_renderer(Scene("quad", partial(dict, source)), camera, samples=256, kind=kind)
+        renderer = make_renderer(Scene("quad", partial(dict, source)), camera, rays_per_pixel=256, kind=kind)
         luma = renderer.luma(Views.at_rest([pose]))[0].astype(np.float64)
         rows, columns = np.indices(luma.shape)
         centroid = [(columns * luma).sum() / luma.sum(), (rows * luma).sum() / luma.sum()]

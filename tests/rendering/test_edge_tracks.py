@@ -23,7 +23,7 @@ LENGTH_US = 400
 
 
 def renderer_of(scene: Scene, *, blur: bool = False, kind: str = "native") -> Renderer:
-    return make_renderer(scene, scene.own_camera, samples=16, blur=blur, kind=kind)
+    return make_renderer(scene, scene.own_camera, rays_per_pixel=16, blur=blur, kind=kind)
 
 
 def tracks_of(renderer: Renderer, scene: Scene) -> list[EdgeTracks]:

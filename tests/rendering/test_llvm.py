@@ -192,7 +192,7 @@ floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "by": {"type": "direct"}, "light": light, "floor": floor})
 kind = "integrator" if "integrator" in sys.argv else "table"
-renderer = make_renderer(scene, Camera(5, 4, 9.0, 9.0, 2.0, 1.5), samples=1, kind=kind)
+renderer = make_renderer(scene, Camera(5, 4, 9.0, 9.0, 2.0, 1.5), rays_per_pixel=1, kind=kind)
 assert renderer.luma(Views.at_rest([Pose([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])])).min() > 0
 print(renderer.variant)
 print(renderer.reason)

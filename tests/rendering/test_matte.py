@@ -33,7 +33,7 @@ def scene_of(bsdf: dict[str, Any], **settings: Any) -> Scene:
 
 
 def luma(scene: Scene, kind: str = "auto") -> Any:
-    return make_renderer(scene, CAMERA, samples=2, kind=kind).luma(Views.at_rest([POSE]))
+    return make_renderer(scene, CAMERA, rays_per_pixel=2, kind=kind).luma(Views.at_rest([POSE]))
 
 
 DIFFUSE_IN_FACT = {
@@ -49,7 +49,7 @@ DIFFUSE_IN_FACT = {
 @pytest.mark.parametrize("bsdf", DIFFUSE_IN_FACT.values(), ids=DIFFUSE_IN_FACT)
 def test_what_is_diffuse_in_fact_is_rendered_as_such(bsdf: dict[str, Any]) -> None:
     """The native renderer takes it, with the luma of the plain material; nothing is told as replaced."""
-    renderer = make_renderer(scene_of(bsdf), CAMERA, samples=2)
+    renderer = make_renderer(scene_of(bsdf), CAMERA, rays_per_pixel=2)
     assert "native" in renderer.name
     assert "matte" not in renderer.reason
     np.testing.assert_array_equal(renderer.luma(Views.at_rest([POSE])), luma(scene_of(MATTE)))
@@ -64,7 +64,7 @@ def test_mitsuba_agrees_that_it_is(bsdf: dict[str, Any]) -> None:
         from davis_rs.render.integrator.renderer import IntegratorRenderer
 
         loaded = load_scene_source(scene_of(bsdf).source(), mi)
-    theirs = IntegratorRenderer(loaded, CAMERA, samples=2, blur=False, seed=0, reason="")
+    theirs = IntegratorRenderer(loaded, CAMERA, rays_per_pixel=2, blur=False, seed=0, reason="")
     np.testing.assert_allclose(theirs.luma(Views.at_rest([POSE])), luma(scene_of(bsdf)), rtol=2e-4)
 
 
@@ -85,14 +85,14 @@ WITH_A_COLOUR = {
 def test_what_has_a_diffuse_colour_is_matte_on_wish(bsdf: dict[str, Any], plugins: str) -> None:
     """Without ``matte`` the integrator renders it and the line offers matte; with it the colour alone is rendered."""
     shiny = {"type": "twosided", "id": "varnish", "nested": bsdf}
-    before = make_renderer(scene_of(shiny), CAMERA, samples=2)
+    before = make_renderer(scene_of(shiny), CAMERA, rays_per_pixel=2)
     assert "Mitsuba's" in before.name
     kind = re.escape(plugins.split(", ")[0])
     taken = r"--matte \(matte=True\) takes its diffuse colour alone, or give it a diffuse material$"
     assert re.search(
         rf"material 'varnish' has a twosided\({kind}.*\) surface, not a diffuse one: {taken}", before.reason
     )
-    after = make_renderer(scene_of(shiny, matte=True), CAMERA, samples=2)
+    after = make_renderer(scene_of(shiny, matte=True), CAMERA, rays_per_pixel=2)
     assert "native" in after.name
     assert after.reason.endswith(f"; taken as diffuse: varnish ({plugins})")
     np.testing.assert_array_equal(after.luma(Views.at_rest([POSE])), luma(scene_of(MATTE)))
@@ -118,7 +118,7 @@ NOT_MATTE = {
 @pytest.mark.parametrize("bsdf", NOT_MATTE.values(), ids=NOT_MATTE)
 def test_what_has_no_diffuse_colour_stays(bsdf: dict[str, Any]) -> None:
     """Metal, glass and what light goes through are neither recognised nor replaced, and no line says so."""
-    renderer = make_renderer(scene_of(bsdf, matte=True), CAMERA, samples=1)
+    renderer = make_renderer(scene_of(bsdf, matte=True), CAMERA, rays_per_pixel=1)
     assert "Mitsuba's" in renderer.name
     assert "taken as diffuse: nothing" in renderer.reason
 

@@ -104,8 +104,10 @@ def noisy_room(folder: Path) -> list[str]:
     return [str(scene), "--trajectory", str(path), "--position-sigma", "0", "--rotation-sigma", "0"]
 
 
-def events_of(scene: Scene, samples: int, seed: int) -> EventArray:
-    run = Simulator(scene, renderer="integrator", samples=samples, seed=seed, frame_rate_hz=0, depth_rate_hz=0).run()
+def events_of(scene: Scene, rays_per_pixel: int, seed: int) -> EventArray:
+    run = Simulator(
+        scene, renderer="integrator", rays_per_pixel=rays_per_pixel, seed=seed, frame_rate_hz=0, depth_rate_hz=0
+    ).run()
     return np.concatenate([packet.events for packet in run])
 
 
@@ -114,13 +116,14 @@ def test_the_estimate_is_what_whole_runs_have(of_the_box: NoiseEstimate) -> None
     """Of some pixels it tells the share of all pixels' events that 256 samples do not have, at 8 and at 32."""
     scene, estimate = small_box(), of_the_box
     truth = events_of(scene, 256, 99)
-    for samples in (8, 32):
-        found = compare_events(events_of(scene, samples, 3), truth, size=SIZE)
+    for rays_per_pixel in (8, 32):
+        found = compare_events(events_of(scene, rays_per_pixel, 3), truth, size=SIZE)
         measured = (found.missing + found.spurious) / found.reference
-        assert estimate.share_at(samples) == pytest.approx(measured, rel=0.25)
+        assert estimate.share_at(rays_per_pixel) == pytest.approx(measured, rel=0.25)
     assert estimate.share_at(8) > 2 * estimate.share_at(64) > 0
     assert re.search(
-        r"of these events are Monte Carlo noise \(.*\) at 8 samples; 64 samples: about \d+ %$", str(estimate)
+        r"of these events are Monte Carlo noise \(.*\) at 8 rays per pixel; with 64 about \d+ %$",
+        str(estimate),
     )
     assert estimate_noise(scene, renderer="integrator") == estimate  # nothing but the scene and the seed decides
     assert estimate.rays < 1_300_000
@@ -129,7 +132,7 @@ def test_the_estimate_is_what_whole_runs_have(of_the_box: NoiseEstimate) -> None
 @pytest.mark.usefixtures("llvm")
 def test_more_light_paths_have_less_noise_by_their_root(of_the_box: NoiseEstimate) -> None:
     """Log luma's noise is told in C, and halves with four times the samples."""
-    many = estimate_noise(small_box(), renderer="integrator", samples=32)
+    many = estimate_noise(small_box(), renderer="integrator", rays_per_pixel=32)
     assert many is not None
     assert of_the_box.log_noise / many.log_noise == pytest.approx(2, rel=0.15)
     assert of_the_box.log_noise > 0.3
@@ -139,15 +142,15 @@ def test_samples_for_a_share() -> None:
     """The fewest of the list that keep it, never fewer than there are, and 1024 where none does."""
     estimate = NoiseEstimate(8, measured=((8.0, 0.8), (32.0, 0.4), (128.0, 0.2)))
     assert [estimate.share_at(n) for n in (8, 16, 512, 2)] == pytest.approx([0.8, 0.8 / 2**0.5, 0.1, 1.6])
-    assert estimate.samples_for(0.9) == 8
-    assert estimate.samples_for(0.4) == 34
-    assert estimate.samples_for(0.1) == 610
-    assert estimate.samples_for(0.01) == 1024
+    assert estimate.rays_per_pixel_for(0.9) == 8
+    assert estimate.rays_per_pixel_for(0.4) == 34
+    assert estimate.rays_per_pixel_for(0.1) == 610
+    assert estimate.rays_per_pixel_for(0.01) == 1024
     silent = NoiseEstimate(13, noisy=False)
-    assert (silent.share_at(1), silent.samples_for(1e-9)) == (0.0, 13)
+    assert (silent.share_at(1), silent.rays_per_pixel_for(1e-9)) == (0.0, 13)
     unknown = NoiseEstimate(13)
     assert math.isnan(unknown.share_at(8))
-    assert unknown.samples_for(0.05) == 13
+    assert unknown.rays_per_pixel_for(0.05) == 13
     assert "too few events" in str(unknown)
 
 
@@ -159,15 +162,15 @@ def test_no_noise_is_not_told_as_noise(capsys: pytest.CaptureFixture[str], tmp_p
     direct = estimate_noise(planes, renderer="integrator")
     assert direct is not None
     assert not direct.noisy
-    simulate_to_folder(planes, tmp_path / "planes", samples="auto", depth_rate_hz=0)
+    simulate_to_folder(planes, tmp_path / "planes", rays_per_pixel="auto", depth_rate_hz=0)
     said = capsys.readouterr().err
-    assert "samples auto: 32, the default: the native renderer draws nothing at random" in said
+    assert "rays_per_pixel auto: 32, the default: the native renderer draws nothing at random" in said
     meta = json.loads((tmp_path / "planes" / "meta.json").read_text())
-    assert meta["parameters"]["samples"] == 32
+    assert meta["parameters"]["rays_per_pixel"] == 32
     assert meta["monte_carlo_noise"] is None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        simulate(planes, renderer="integrator", samples=1)
+        simulate(planes, renderer="integrator", rays_per_pixel=1)
 
 
 @pytest.mark.usefixtures("llvm")
@@ -180,7 +183,7 @@ def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], 
     lines = capsys.readouterr().err.splitlines()
     told = [line for line in lines if "of these events are Monte Carlo noise" in line]
     assert len(told) == 1
-    assert told[0].endswith("with samples auto as many are taken as keep it below 1 %")
+    assert told[0].endswith("with rays_per_pixel auto as many are taken as keep it below 1 %")
     share = json.loads((tmp_path / "told" / "meta.json").read_text())["monte_carlo_noise"]["share"]
     assert f"{100 * share:.0f} missing or spurious" in told[0] or f"about {100 * share:.2g} %" in told[0]
     with pytest.warns(NoiseWarning, match=re.escape(told[0])):
@@ -212,9 +215,14 @@ def test_noise_is_measured_before_the_one_simulator_is_made(monkeypatch: pytest.
 
     monkeypatch.setattr(Simulator, "_set_up", set_up)
     monkeypatch.setattr("davis_rs.simulation.simulate.estimate_noise_of", measured)
-    settings = {"renderer": "integrator", "accuracy": "paper", "samples": "auto", "noise_share": estimate.share_at(20)}
+    settings = {
+        "renderer": "integrator",
+        "accuracy": "paper",
+        "rays_per_pixel": "auto",
+        "noise_share": estimate.share_at(20),
+    }
     simulator = make_simulator(scene, complete(SimulationSettings, settings, taker="a test")).simulator
-    assert simulator.renderer.rays == 21
+    assert simulator.renderer.rays_per_pixel == 21
     assert made == ["noise", "simulator"]
 
 
@@ -228,17 +236,17 @@ def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFix
     share = estimate.share_at(20)
     # Auto takes no fewer than the preset does, which are 8 here.
     options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "renderer": "integrator", "accuracy": "paper"}
-    simulate_to_folder(scene, tmp_path / "auto", samples="auto", noise_share=share, **options)  # type: ignore[arg-type]
+    simulate_to_folder(scene, tmp_path / "auto", rays_per_pixel="auto", noise_share=share, **options)  # type: ignore[arg-type]
     said = capsys.readouterr().err
-    assert "samples auto: 21; about" in said
+    assert "rays_per_pixel auto: 21; about" in said
     meta = json.loads((tmp_path / "auto" / "meta.json").read_text())
-    assert meta["parameters"]["samples"] == meta["monte_carlo_noise"]["samples"] == 21
+    assert meta["parameters"]["rays_per_pixel"] == meta["monte_carlo_noise"]["rays_per_pixel"] == 21
     assert meta["monte_carlo_noise"]["share"] < share
-    simulate_to_folder(scene, tmp_path / "given", samples=21, **options)  # type: ignore[arg-type]
+    simulate_to_folder(scene, tmp_path / "given", rays_per_pixel=21, **options)  # type: ignore[arg-type]
     events = [(tmp_path / name / "events.txt").read_bytes() for name in ("auto", "given")]
     assert events[0] == events[1] != b""
-    with pytest.raises(ValueError, match="samples='auto' must be resolved before a simulator is made"):
-        Simulator(scene, samples="auto")
+    with pytest.raises(ValueError, match="rays_per_pixel='auto' must be resolved before a simulator is made"):
+        Simulator(scene, rays_per_pixel="auto")
 
 
 @pytest.mark.usefixtures("llvm")
@@ -247,23 +255,23 @@ def test_plan_says_it_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) ->
     """`davis-rs plan` of a scene that the integrator renders ends with the line; a plan of sequences takes auto."""
     assert main(["plan", *noisy_room(tmp_path), "--effect", "leak_rate_hz=0.1"]) == 0
     out = capsys.readouterr().out
-    assert re.search(r"of these events are Monte Carlo noise \(.*\) at 8 samples; 64 samples: about", out)
+    assert re.search(r"of these events are Monte Carlo noise \(.*\) at 8 rays per pixel; with 64 about", out)
     plan = tmp_path / "plan.yaml"
-    plan.write_text("scene: three_planes\nduration: 0.02\nsamples: auto\nnoise_share: 0.1\nmatte: true\n")
+    plan.write_text("scene: three_planes\nduration: 0.02\nrays_per_pixel: auto\nnoise_share: 0.1\nmatte: true\n")
     drawn = load_sequence_plan(plan).parameters(0)
-    assert (drawn["samples"], drawn["noise_share"], drawn["matte"]) == ("auto", 0.1, True)
-    plan.write_text("scene: three_planes\nduration: 0.02\nsamples: many\n")
-    with pytest.raises(ValueError, match="samples: must be an integer"):
+    assert (drawn["rays_per_pixel"], drawn["noise_share"], drawn["matte"]) == ("auto", 0.1, True)
+    plan.write_text("scene: three_planes\nduration: 0.02\nrays_per_pixel: many\n")
+    with pytest.raises(ValueError, match="rays_per_pixel: must be an integer"):
         load_sequence_plan(plan)
 
 
 def test_samples_are_a_number_or_auto(capsys: pytest.CaptureFixture[str]) -> None:
     """Anything else is refused by its rule, in Python and on the command line."""
     for wrong in ("many", 0, 1025, 2.5):
-        with pytest.raises(ValueError, match=r"samples must be"):
-            Simulator(load_scene("three_planes"), samples=wrong)  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match=r"rays_per_pixel must be"):
+            Simulator(load_scene("three_planes"), rays_per_pixel=wrong)  # type: ignore[arg-type]
     with pytest.raises(SystemExit):
-        main(["simulate", "three_planes", "-o", "x", "--samples", "lots"])
+        main(["simulate", "three_planes", "-o", "x", "--rays-per-pixel", "lots"])
     assert "must be an integer, or auto, got 'lots'" in capsys.readouterr().err
 
 
@@ -281,17 +289,20 @@ the ways on:
 def test_a_run_that_would_be_mostly_noise_is_refused(tmp_path: Path) -> None:
     """Before it renders, with all obstacles and the ways on, one of which is to accept it; then all who look say so."""
     out = tmp_path / "out"
-    run = ["simulate", *noisy_room(tmp_path), "-o", out, "--depth-rate", 0, "--samples", 2, "--duration", 0.05]
+    run = ["simulate", *noisy_room(tmp_path), "-o", out, "--depth-rate", 0, "--rays-per-pixel", 2, "--duration", 0.05]
     refused = davis_rs(*run)
     assert refused.returncode == 2
     assert not out.exists()
     told = refused.stderr.partition("davis-rs: error: ")[2]
-    assert re.match(r"about \d\d % of the events would be Monte Carlo noise \(.*\) at 2 samples; above 20 %", told)
+    assert re.match(
+        r"about \d\d % of the events would be Monte Carlo noise \(.*\) at 2 rays per pixel; above 20 %", told
+    )
     first, _, ways = told.partition(OBSTACLES)
     assert len(first.splitlines()) == 1
     auto, accept = ways.splitlines()
     assert re.fullmatch(
-        r"- --samples auto: with \d+ samples about \S+ % are noise.* and the run takes about \d+ \w+", auto
+        r"- --rays-per-pixel auto: with \d+ rays per pixel about \S+ % are noise.* and the run takes about \d+ \w+",
+        auto,
     )
     assert re.fullmatch(r"- --accept-noise: as it is, the run takes about \d+ \w+", accept)
 
@@ -316,12 +327,12 @@ def test_a_plan_says_whether_noise_is_accepted(tmp_path: Path, monkeypatch: pyte
     noisy_room(tmp_path)
     plan = tmp_path / "plan.yaml"
     path = "motion: {kind: file, file: path.txt, position_sigma_m: 0, rotation_sigma_rad: 0}"
-    text = f"scene: lamp.xml\n{path}\nsamples: 2\nduration: 0.05\ndepth_rate: 0\n"
+    text = f"scene: lamp.xml\n{path}\nrays_per_pixel: 2\nduration: 0.05\ndepth_rate: 0\n"
     plan.write_text(text)
     refused = davis_rs("generate", plan, "-o", tmp_path / "root", "--quiet")
     assert refused.returncode == 2
     assert OBSTACLES in refused.stderr
-    assert "- samples: auto: with" in refused.stderr
+    assert "- rays_per_pixel: auto: with" in refused.stderr
     assert "- accept_noise: true: as it is, the run takes about" in refused.stderr
     assert not (tmp_path / "root" / "plan.json").exists()
     [sequence] = draw_sequences(load_sequence_plan(plan))
@@ -358,20 +369,22 @@ def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
         return str(refused.value)
 
     assert refusal().splitlines() == [
-        "about 46 % of the events would be Monte Carlo noise (missing or spurious) at 8 samples; above 20 % nothing is "
-        "rendered",
+        "about 46 % of the events would be Monte Carlo noise (missing or spurious) at 8 rays per pixel; above 20 % "
+        "nothing is rendered",
         "what keeps the renderers without noise from this scene:",
         "- Mitsuba's integrators were asked for: give --renderer auto",
         "the ways on:",
         "- mend what is listed: then no event is noise",
-        "- --samples auto: with 1024 samples about 8 % are noise and the run takes about 4 hours",
+        "- --rays-per-pixel auto: with 1024 rays per pixel about 8 % are noise and the run takes about 4 hours",
         "- --accept-noise: as it is, the run takes about 2 minutes",
     ]
-    assert "with 377 samples about 13 % are noise and the run takes about 80 minutes" in refusal(noise_share=0.14)
-    assert "--samples" not in refusal(replace(estimate, measured=((8.0, 9.0),)), samples="auto")
+    assert "with 377 rays per pixel about 13 % are noise and the run takes about 80 minutes" in refusal(
+        noise_share=0.14
+    )
+    assert "--rays-per-pixel" not in refusal(replace(estimate, measured=((8.0, 9.0),)), rays_per_pixel="auto")
     worse = refusal(replace(estimate, measured=((8.0, 9.0),)))
     assert worse.startswith("most of the events would be Monte Carlo noise (900 missing or spurious to 100 right ones)")
-    assert "with 1024 samples about 80 % are noise, still above the limit, and the run takes" in worse
+    assert "with 1024 rays per pixel about 80 % are noise, still above the limit, and the run takes" in worse
 
     for noise, settings in (
         (None, {}),
@@ -379,7 +392,7 @@ def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
         (NoiseEstimate(8), {}),  # too few events to tell
         (replace(estimate, measured=((8.0, 0.2),)), {}),
         (estimate, {"noise_share": 0.5}),
-        (estimate, {"samples": "auto"}),
+        (estimate, {"rays_per_pixel": "auto"}),
     ):
         refuse_noise(noise, floor, complete(FolderSettings, settings, taker="the test"))
 
@@ -390,7 +403,7 @@ def test_the_frames_of_the_run_follow_from_its_sampling(monkeypatch: pytest.Monk
     """A fixed rate has as many as it says; the adaptive rule about two for each of its intervals."""
     monkeypatch.setattr(monte_carlo_noise, "FEWEST_RAYS", 10_000)
     scene = plain_box().crop(0.0, 0.1)
-    renderer = make_renderer(scene, scene.own_camera, kind="integrator", samples=2)
+    renderer = make_renderer(scene, scene.own_camera, kind="integrator", rays_per_pixel=2)
 
     def frames(sampling: TimeSampling | None) -> float:
         noise = estimate_noise_of(

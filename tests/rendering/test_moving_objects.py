@@ -67,19 +67,19 @@ def build(
     objects: dict[str, Trajectory] | None = None,
     *,
     shadows: bool = True,
-    samples: int = 2,
+    rays_per_pixel: int = 2,
     camera: Camera = CAMERA,
     blur: bool = False,
 ) -> Renderer:
     source = {"type": "scene", "by": DIRECT, **parts}
     scene = Scene("test", partial(dict, source), objects=objects or {}, shadows=shadows)
     if kind in ("native", "table"):
-        return make_renderer(scene, camera, samples=samples, kind=kind, blur=blur)
+        return make_renderer(scene, camera, rays_per_pixel=rays_per_pixel, kind=kind, blur=blur)
     with variant(kind) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         motion = scene_motion(scene, loaded, mi)
     make = IntegratorRenderer if kind == FAST else ScalarRenderer
-    return make(loaded, camera, samples=samples, blur=blur, seed=3, reason="", motion=motion)
+    return make(loaded, camera, rays_per_pixel=rays_per_pixel, blur=blur, seed=3, reason="", motion=motion)
 
 
 def put(parts: Parts, objects: dict[str, Trajectory], t_s: float) -> Parts:
@@ -128,11 +128,11 @@ def test_integrators_show_the_same(name: str, kind: str, request: pytest.Fixture
     """Mitsuba's integrators, whose scene is changed from view to view, see what they see of a still scene there."""
     request.getfixturevalue("llvm") if kind == FAST else None
     parts, objects, _ = scenes(name, tmp_path)
-    renderer = build(kind, parts, objects, samples=1, camera=SMALL)
+    renderer = build(kind, parts, objects, rays_per_pixel=1, camera=SMALL)
     views = Views.at_rest([POSE] * 3, [0.35, 0.0, 0.8])
     frames, depths = renderer.luma(views), renderer.depth(views)
     for frame, depth, t_s in zip(frames, depths, views.t_s, strict=True):
-        still = build(kind, put(parts, objects, t_s), samples=1, camera=SMALL)
+        still = build(kind, put(parts, objects, t_s), rays_per_pixel=1, camera=SMALL)
         expected = still.luma(views[:1])[0]
         assert (np.abs(frame - expected) < 1e-4 * expected.max()).mean() > 0.97
         expected = still.depth(views[:1])[0]
@@ -146,11 +146,11 @@ def test_a_sphere_moves_with_integrators(kind: str, request: pytest.FixtureReque
     """What is placed by a matrix and not by vertices moves too; the others say that it is no mesh."""
     request.getfixturevalue("llvm")
     ball = {"type": "sphere", "center": [0.1, 0.0, 0.0], "radius": 0.3, "bsdf": diffuse()}
-    renderer = build(kind, {"lamp": LAMP, "ball": ball}, {"ball": PATH}, samples=1, camera=SMALL)
+    renderer = build(kind, {"lamp": LAMP, "ball": ball}, {"ball": PATH}, rays_per_pixel=1, camera=SMALL)
     pose = PATH.pose(0.6)
     centre = (pose.matrix @ [0.1, 0, 0, 1])[:3]
     depth = renderer.depth(Views.at_rest([POSE] * 2, [0.0, 0.6]))[1]
-    still = build(kind, {"lamp": LAMP, "ball": {**ball, "center": centre.tolist()}}, samples=1, camera=SMALL)
+    still = build(kind, {"lamp": LAMP, "ball": {**ball, "center": centre.tolist()}}, rays_per_pixel=1, camera=SMALL)
     expected = still.depth(Views.at_rest([POSE]))[0]
     assert np.isfinite(expected).any()
     np.testing.assert_allclose(depth, expected, rtol=1e-5)
@@ -166,7 +166,7 @@ def test_a_sphere_moves_with_integrators(kind: str, request: pytest.FixtureReque
 def test_rates_are_the_slopes_of_luma(kind: str, name: str, camera_moves: bool, tmp_path: Path) -> None:
     """Inside surfaces the rate is the central difference of luma(), of objects that go and turn, the camera too."""
     parts, objects, shadows = scenes(name, tmp_path)
-    renderer = build(kind, parts, objects, shadows=shadows, samples=1)
+    renderer = build(kind, parts, objects, shadows=shadows, rays_per_pixel=1)
     views = moving([0.3, 0.6], camera_moves)
     frames, rates = renderer.luma_and_rate(views)
     assert np.array_equal(frames, renderer.luma(views))
@@ -189,7 +189,7 @@ def test_integrators_rates_are_differences(kind: str, request: pytest.FixtureReq
     """The very first instant too, before which the object stood still: the rate is that of what follows."""
     request.getfixturevalue("llvm") if kind == FAST else None
     parts = {"lamp": LAMP, "floor": FLOOR, "box": BOX}
-    renderer = build(kind, parts, {"box": PATH}, samples=1, camera=SMALL)
+    renderer = build(kind, parts, {"box": PATH}, rays_per_pixel=1, camera=SMALL)
     views = Views.at_rest([POSE] * 2, [0.0, 0.5])
     frames, rates = renderer.luma_and_rate(views)
     assert np.array_equal(frames, renderer.luma(views))
@@ -264,7 +264,7 @@ def test_an_object_is_held_at_its_ends() -> None:
 def test_without_objects_nothing_changes(tmp_path: Path) -> None:
     """A scene in which nothing moves is rendered by the same code as ever: times do not matter to its bits."""
     parts, _, _ = scenes("shadows", tmp_path)
-    renderer = build("table", parts, samples=3)
+    renderer = build("table", parts, rays_per_pixel=3)
     frames = renderer.luma(Views.at_rest([POSE] * 2, [0.0, 0.7]))
     assert np.array_equal(frames[0], frames[1])
     assert not renderer.motion
@@ -285,7 +285,7 @@ def test_an_unknown_object_is_refused(kind: str, name: str, llvm: str) -> None:
 @pytest.mark.parametrize("pixels", [1 / 3, 1.0])
 def test_no_pixel_of_an_object_moves_farther_than_asked(pixels: float) -> None:
     """Before a camera at rest: between two instants no corner of the box goes farther, and not far less."""
-    renderer = build("table", {"lamp": LAMP, "floor": FLOOR, "box": BOX}, {"box": PATH}, samples=1)
+    renderer = build("table", {"lamp": LAMP, "floor": FLOOR, "box": BOX}, {"box": PATH}, rays_per_pixel=1)
     rest = SegmentTrajectory(POSE, POSE, 0.2)
     instants = [0, *MaxDisplacement(pixels).instants(renderer, rest, 200_000)]
     assert len(instants) > 5
@@ -307,7 +307,7 @@ def test_no_pixel_of_an_object_moves_farther_than_asked(pixels: float) -> None:
 def test_an_object_that_the_camera_follows_stands_still() -> None:
     """A camera that goes along with the object sees it at rest; one that stays sees it move."""
     line = SegmentTrajectory(PATH.start, Pose(PATH.end.position, PATH.start.quaternion), 1.0)
-    renderer = build("table", {"lamp": LAMP, "box": BOX}, {"box": line}, samples=1)
+    renderer = build("table", {"lamp": LAMP, "box": BOX}, {"box": line}, rays_per_pixel=1)
     start, end = (Pose(POSE.position + pose.position, POSE.quaternion) for pose in (line.start, line.end))
     follower = SegmentTrajectory(start, end, 1.0)
     flow = renderer.flow(Views.along(follower, [0.1]))
@@ -324,7 +324,7 @@ def test_events_come_only_where_the_object_passes() -> None:
     source = {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR, "box": BOX}
     scene = Scene("test", partial(dict, source), objects={"box": path})
     rest = SegmentTrajectory(POSE, POSE, 0.2)
-    packets = list(simulate(scene.with_trajectory(rest), camera=CAMERA, samples=2, frame_rate_hz=200.0))
+    packets = list(simulate(scene.with_trajectory(rest), camera=CAMERA, rays_per_pixel=2, frame_rate_hz=200.0))
     events = concatenate_events([packet.events for packet in packets])
     frames = np.array([packet.luma for packet in packets if packet.luma is not None])
     fired = np.zeros((24, 32), np.bool_)
@@ -333,7 +333,7 @@ def test_events_come_only_where_the_object_passes() -> None:
     assert len(events) > 500
     assert fired[changed > 0.2].all()
     assert fired.mean() < 0.8
-    packets = list(simulate(scene.with_trajectory(rest), camera=CAMERA, samples=2, frame_rate_hz=5000.0))
+    packets = list(simulate(scene.with_trajectory(rest), camera=CAMERA, rays_per_pixel=2, frame_rate_hz=5000.0))
     fine = np.array([packet.luma for packet in packets])
     still = (fine == fine[0]).all(0)
     assert still.mean() > 0.2
@@ -349,7 +349,7 @@ def test_no_edge_of_an_object_sweeps_a_pixel_unmarked(camera_moves: bool) -> Non
     with variant(FAST) as (mi, _):
         loaded = load_scene_source(source, mi)
         silhouettes = MovingSilhouettes(loaded, scene_motion(scene, loaded, mi))
-    renderer = make_renderer(scene, CAMERA, samples=1, kind="table")
+    renderer = make_renderer(scene, CAMERA, rays_per_pixel=1, kind="table")
     shift = np.array([0.03, 0.02, -0.01]) if camera_moves else np.zeros(3)
     poses = [Pose(POSE.position + i * shift, POSE.quaternion) for i in range(4)]
     times = np.array([0.1, 0.15, 0.2, 0.5])
@@ -410,7 +410,7 @@ def test_a_part_has_the_objects_of_that_time_whoever_gave_the_path(llvm: str) ->
         objects={"box": object_path},
         lights={"lamp": Flicker(3.0, modulation=0.4)},
     )
-    settings: dict[str, Any] = {"frame_rate_hz": 20, "depth_rate_hz": 20, "duration_s": 0.1, "samples": 2}
+    settings: dict[str, Any] = {"frame_rate_hz": 20, "depth_rate_hz": 20, "duration_s": 0.1, "rays_per_pixel": 2}
     own = list(simulate(scene, start_s=8, **settings))
     handed = list(simulate(scene.with_trajectory(scene.path), start_s=8, **settings))
     late = list(simulate(scene.with_trajectory(camera_path.crop(8)), **settings))

@@ -44,7 +44,13 @@ def make_scene(integrator: dict[str, Any] | None = DIRECT, /, **parts: dict[str,
 
 
 def build(
-    name: str, scene: Scene, request: pytest.FixtureRequest, *, samples: int = 1, seed: int = 0, camera: Camera = CAMERA
+    name: str,
+    scene: Scene,
+    request: pytest.FixtureRequest,
+    *,
+    rays_per_pixel: int = 1,
+    seed: int = 0,
+    camera: Camera = CAMERA,
 ) -> Renderer:
     """The integrator renderer of a variant, whichever variant this machine would choose."""
     if name == FAST:
@@ -52,7 +58,7 @@ def build(
     with variant(name) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
     kind = IntegratorRenderer if name == FAST else ScalarRenderer
-    return kind(loaded, camera, samples=samples, blur=False, seed=seed, reason="")
+    return kind(loaded, camera, rays_per_pixel=rays_per_pixel, blur=False, seed=seed, reason="")
 
 
 @VARIANTS
@@ -86,8 +92,8 @@ def test_all_renderers_agree_without_noise(request: pytest.FixtureRequest) -> No
     parts = {"lamp": LAMP, "floor": {**FLOOR, "bsdf": TEXTURED}}
     scene = make_scene(**parts)
     poses = [POSE, Pose(np.add(POSE.position, (0.2, 0.1, 0.0)), POSE.quaternion)]
-    fast, scalar = (build(name, scene, request, samples=3).luma(Views.at_rest(poses)) for name in (FAST, SCALAR))
-    table = make_renderer(scene, CAMERA, samples=3, kind="table").luma(Views.at_rest(poses))
+    fast, scalar = (build(name, scene, request, rays_per_pixel=3).luma(Views.at_rest(poses)) for name in (FAST, SCALAR))
+    table = make_renderer(scene, CAMERA, rays_per_pixel=3, kind="table").luma(Views.at_rest(poses))
     assert fast.shape == (2, 15, 21)
     assert fast.std() > 0.1 * fast.max()
     np.testing.assert_allclose(scalar, fast, rtol=0, atol=1e-5 * fast.max())
@@ -113,14 +119,14 @@ def test_depth_of_a_sphere_is_z(name: str, request: pytest.FixtureRequest) -> No
 def test_a_still_camera_sees_the_same_bits(name: str, request: pytest.FixtureRequest) -> None:
     """Under noisy light a pose has the same bits in every frame, batch and renderer of one seed; others differ."""
     scene = make_scene({"type": "path", "max_depth": 3}, sky=SKY, floor=FLOOR, ball=BALL)
-    renderer = build(name, scene, request, samples=2)
+    renderer = build(name, scene, request, rays_per_pixel=2)
     other_pose = Pose(np.add(POSE.position, (0.1, 0.0, 0.0)), POSE.quaternion)
     frames = renderer.luma(Views.at_rest([POSE, other_pose, POSE]))
     assert np.array_equal(frames[0], frames[2])
     assert not np.array_equal(frames[0], frames[1])
     assert np.array_equal(renderer.luma(Views.at_rest([POSE]))[0], frames[0])
-    assert np.array_equal(build(name, scene, request, samples=2).luma(Views.at_rest([POSE]))[0], frames[0])
-    reseeded = build(name, scene, request, samples=2, seed=1000).luma(Views.at_rest([POSE]))[0]
+    assert np.array_equal(build(name, scene, request, rays_per_pixel=2).luma(Views.at_rest([POSE]))[0], frames[0])
+    reseeded = build(name, scene, request, rays_per_pixel=2, seed=1000).luma(Views.at_rest([POSE]))[0]
     assert not np.array_equal(reseeded, frames[0])
     assert reseeded.mean() == pytest.approx(frames[0].mean(), rel=0.1)
 
@@ -159,7 +165,7 @@ def test_the_callers_variant_stays_in_force() -> None:
     for own in ("scalar_spectral", "llvm_ad_rgb"):
         mi.set_variant(own)
         for kind in ("table", "integrator"):
-            renderer = make_renderer(scene, CAMERA, samples=1, kind=kind)
+            renderer = make_renderer(scene, CAMERA, rays_per_pixel=1, kind=kind)
             assert mi.variant() == own
             renderer.luma(Views.at_rest([POSE]))
             assert mi.variant() == own
@@ -222,7 +228,7 @@ try:
     make_renderer(scene, Camera(9, 7, 9.0, 9.0, 4.0, 3.0), kind="table")
 except ValueError as error:
     print(error)
-print(renderer.name, renderer.variant, renderer.rays, versions(renderer.variant)["variant"], sep="|")
+print(renderer.name, renderer.variant, renderer.rays_per_pixel, versions(renderer.variant)["variant"], sep="|")
 print(renderer.reason)
 """
 

@@ -268,8 +268,8 @@ def test_a_scene_in_other_units_looks_the_same(scale: float) -> None:
     assert any(light.kind == "point" for light in table.lights)
     views = Views.along(scene.path, [1.0, 8.0])
     there = Views(views.t_s, views.positions * scale, views.rotations, views.velocities * scale, views.angular_rates)
-    ours = NativeRenderer(table, scene.own_camera, samples=4, blur=False).luma(views)
-    other = NativeRenderer(in_other_units(table, scale), scene.own_camera, samples=4, blur=False).luma(there)
+    ours = NativeRenderer(table, scene.own_camera, rays_per_pixel=4, blur=False).luma(views)
+    other = NativeRenderer(in_other_units(table, scale), scene.own_camera, rays_per_pixel=4, blur=False).luma(there)
     assert (np.abs(other - ours) > 1e-4 * ours.max()).mean() < 1e-5
 
 
@@ -297,7 +297,7 @@ def test_the_same_view_has_the_same_bits(name: str) -> None:
     scene = SEQUENCES[name].scene() if name in SEQUENCES else load_scene(name)
     camera = Camera(61, 43, 60.0, 55.0, 30.0, 20.0, k1=-0.1)
     table, motion = tables(scene), make_renderer(scene, camera, kind="native").motion
-    make = partial(NativeRenderer, table, camera, samples=5, blur=False, motion=motion)
+    make = partial(NativeRenderer, table, camera, rays_per_pixel=5, blur=False, motion=motion)
     views = Views.along(scene.path, np.linspace(0.1, 0.9 * scene.path.duration_s, 5))
     first = make(threads=1)
     luma, rate = first.luma_and_rate(views)
@@ -340,16 +340,16 @@ from davis_rs import Simulator, load_scene
 from davis_rs.render.choice import make_renderer
 from davis_rs.geometry.trajectory.views import Views
 scene = load_scene("three_planes")
-renderer = make_renderer(scene, scene.own_camera, samples=2)
+renderer = make_renderer(scene, scene.own_camera, rays_per_pixel=2)
 assert renderer.name == "native renderer", renderer.name
-assert renderer.rays == 2
-assert make_renderer(scene, scene.own_camera).rays == 8
-assert Simulator(scene).renderer.rays == 32
-assert Simulator(scene, accuracy="fast").renderer.rays == 8
-assert Simulator(scene, renderer="integrator").renderer.rays == 2
+assert renderer.rays_per_pixel == 2
+assert make_renderer(scene, scene.own_camera).rays_per_pixel == 8
+assert Simulator(scene).renderer.rays_per_pixel == 32
+assert Simulator(scene, accuracy="fast").renderer.rays_per_pixel == 8
+assert Simulator(scene, renderer="integrator").renderer.rays_per_pixel == 2
 print(hashlib.sha256(renderer.luma(Views.along(scene.path, [0.1])).tobytes()).hexdigest())
 """
     scene = load_scene("three_planes")
-    luma = make_renderer(scene, scene.own_camera, samples=2, kind="native").luma(Views.along(scene.path, [0.1]))
+    luma = make_renderer(scene, scene.own_camera, rays_per_pixel=2, kind="native").luma(Views.along(scene.path, [0.1]))
     found = run_python(program, DRJIT_LIBLLVM_PATH="/no/such/library", PATH="/usr/bin:/bin")
     assert found.strip() == hashlib.sha256(luma.tobytes()).hexdigest()

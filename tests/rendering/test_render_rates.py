@@ -97,7 +97,7 @@ def build(name: str, tmp_path: Path, *, camera: Camera = PLAIN, **settings: Any)
         write_ball(tmp_path / "ball.obj")
         parts["ball"]["filename"] = str(tmp_path / "ball.obj")
     scene = Scene("test", partial(dict, {"type": "scene", "by": DIRECT, **parts}))
-    return make_renderer(scene, camera, **{"samples": 1, "kind": "table", **settings})
+    return make_renderer(scene, camera, **{"rays_per_pixel": 1, "kind": "table", **settings})
 
 
 def differences(renderer: Renderer, views: Views, step_s: float) -> tuple[FloatArray, FloatArray]:
@@ -151,11 +151,13 @@ def test_rate_of_a_textured_floor_by_hand(kind: str, motion: str, camera: Camera
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize(("samples", "blur"), [(1, False), (4, True)])
+@pytest.mark.parametrize(("rays_per_pixel", "blur"), [(1, False), (4, True)])
 @TABLES
-def test_rate_is_the_slope_of_luma(kind: str, name: str, motion: str, samples: int, blur: bool, tmp_path: Path) -> None:
+def test_rate_is_the_slope_of_luma(
+    kind: str, name: str, motion: str, rays_per_pixel: int, blur: bool, tmp_path: Path
+) -> None:
     """Inside surfaces the rate is the central difference of what luma() renders, for every light, texture and blur."""
-    renderer = build(name, tmp_path, camera=LENS, samples=samples, blur=blur, kind=kind)
+    renderer = build(name, tmp_path, camera=LENS, rays_per_pixel=rays_per_pixel, blur=blur, kind=kind)
     views = moving(*MOTIONS[motion])
     frames, rates = renderer.luma_and_rate(views)
     assert np.array_equal(frames, renderer.luma(views))
@@ -176,7 +178,8 @@ def test_rate_is_the_slope_of_luma(kind: str, name: str, motion: str, samples: i
 def test_rates_have_the_same_bits_in_any_batch(kind: str, tmp_path: Path) -> None:
     """A view's luma and rate do not depend on the other views; blur acts on rates as on frames."""
     sharp, soft = (
-        build("textures of three wrap modes", tmp_path, samples=3, blur=blur, kind=kind) for blur in (False, True)
+        build("textures of three wrap modes", tmp_path, rays_per_pixel=3, blur=blur, kind=kind)
+        for blur in (False, True)
     )
     twists = [moving(v, w) for v, w in MOTIONS.values()]
     views = Views(*(np.concatenate([getattr(v, name) for v in twists]) for name in vars(twists[0])))
@@ -200,7 +203,7 @@ def integrator(name: str, request: pytest.FixtureRequest, *, camera: Camera, **p
     with variant(name) as (mi, _):
         loaded = load_scene_source(source, mi)
     kind = IntegratorRenderer if name == FAST else ScalarRenderer
-    return kind(loaded, camera, samples=2, blur=False, seed=3, reason="")
+    return kind(loaded, camera, rays_per_pixel=2, blur=False, seed=3, reason="")
 
 
 SMALL = Camera(12, 9, 10.0, 11.0, 5.3, 4.2, k1=-0.1)
@@ -228,7 +231,7 @@ def test_rate_at_rest_is_exactly_zero(name: str, request: pytest.FixtureRequest,
     """A camera at rest has rate 0 in every pixel, and no flow; so has one that moves in the dark or past nothing."""
     if name in ("native", "table"):
         request.getfixturevalue("llvm")
-        renderer = build("textures of three wrap modes", tmp_path, samples=3, kind=name)
+        renderer = build("textures of three wrap modes", tmp_path, rays_per_pixel=3, kind=name)
     else:
         renderer = integrator(name, request, camera=SMALL, lamp=LAMP, floor=floor(), ball=BALL)
     rest = Views.at_rest([POSE, POSE])

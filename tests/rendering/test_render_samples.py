@@ -36,10 +36,12 @@ VIEWS = Views.at_rest(POSES)
 KINDS = pytest.mark.parametrize("kind", ["native", "table"])
 
 
-def build(kind: str, *, samples: int = 3, blur: bool = False, camera: Camera = CAMERA) -> Renderer:
+def build(kind: str, *, rays_per_pixel: int = 3, blur: bool = False, camera: Camera = CAMERA) -> Renderer:
     direct = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
     parts = {"type": "scene", "by": direct, "lamp": LAMP, "floor": FLOOR, "cube": CUBE}
-    return make_renderer(Scene("test", partial(dict, parts)), camera, samples=samples, kind=kind, blur=blur)
+    return make_renderer(
+        Scene("test", partial(dict, parts)), camera, rays_per_pixel=rays_per_pixel, kind=kind, blur=blur
+    )
 
 
 def picked(frames: LumaFrames, view: npt.ArrayLike, pixel: npt.ArrayLike) -> LumaFrames:
@@ -109,7 +111,7 @@ def test_neighbourhoods_of_the_smallest_frames(kind: str, size: tuple[int, int])
 @KINDS
 def test_more_rays_are_those_of_a_finer_renderer(kind: str, blur: bool) -> None:
     """Asked for 16 rays a pixel, a renderer of 3 gives the bits of one of 16; and its own again afterwards."""
-    coarse, fine = build(kind, samples=3, blur=blur), build(kind, samples=16, blur=blur)
+    coarse, fine = build(kind, rays_per_pixel=3, blur=blur), build(kind, rays_per_pixel=16, blur=blur)
     view, pixel = np.divmod(np.arange(0, 20 * 33 * 17, 7), 33 * 17)
     expected = picked(fine.luma(VIEWS), view, pixel)
     assert np.array_equal(coarse.samples(VIEWS, view, pixel, rays=16), expected)
@@ -117,7 +119,8 @@ def test_more_rays_are_those_of_a_finer_renderer(kind: str, blur: bool) -> None:
     assert not np.array_equal(own, expected)
     assert np.array_equal(coarse.samples(VIEWS, view, pixel), own)
     assert np.array_equal(
-        fine.samples(VIEWS, view, pixel, rays=1), picked(build(kind, samples=1, blur=blur).luma(VIEWS), view, pixel)
+        fine.samples(VIEWS, view, pixel, rays=1),
+        picked(build(kind, rays_per_pixel=1, blur=blur).luma(VIEWS), view, pixel),
     )
 
 
@@ -135,7 +138,7 @@ def test_noisy_samples_have_the_frames_random_numbers(name: str, blur: bool, req
             {"type": "scene", "by": {"type": "path"}, "sky": sky, "floor": FLOOR, "ball": ball}, mi
         )
     kind = IntegratorRenderer if name == FAST else ScalarRenderer
-    renderer, other = (kind(scene, camera, samples=n, blur=blur, seed=7, reason="") for n in (2, 3))
+    renderer, other = (kind(scene, camera, rays_per_pixel=n, blur=blur, seed=7, reason="") for n in (2, 3))
     views = VIEWS[:3]
     frames = renderer.luma(views)
     assert frames.std() > 0.01

@@ -31,14 +31,14 @@ def events_of(renderer: Renderer, scene: Scene) -> EventArray:
 def truth() -> EventArray:
     """The events of the scene in metres, by a float64 ray caster with the written rule for shadows."""
     scene = scaled(1.0)
-    return events_of(ExactRenderer(scene, scene.own_camera, samples=4), scene)
+    return events_of(ExactRenderer(scene, scene.own_camera, rays_per_pixel=4), scene)
 
 
 @pytest.mark.parametrize("scale", SCALES)
 def test_events_are_those_of_float64_at_any_scale(kind: str, scale: float, truth: EventArray) -> None:
     """From a ten-thousandth of the size to a hundred thousand times it: as many events to 1e-3, and the same ones."""
     scene = scaled(scale)
-    found = events_of(make_renderer(scene, scene.own_camera, samples=4, kind=kind), scene)
+    found = events_of(make_renderer(scene, scene.own_camera, rays_per_pixel=4, kind=kind), scene)
     assert len(truth) > 1000
     assert abs(len(found) - len(truth)) <= 1e-3 * len(truth)
     compared = compare_events(found, truth, size=(32, 24), window_us=100)

@@ -99,8 +99,8 @@ def make_scene(parts: Parts, *, integrator: dict[str, Any] | None = DIRECT, shad
     return Scene("test", partial(dict, {"type": "scene", **asked, **parts}), shadows=shadows)
 
 
-def build(kind: str, scene: Scene, *, samples: int = 1, camera: Camera = CAMERA) -> Renderer:
-    renderer = make_renderer(scene, camera, samples=samples, kind=kind)
+def build(kind: str, scene: Scene, *, rays_per_pixel: int = 1, camera: Camera = CAMERA) -> Renderer:
+    renderer = make_renderer(scene, camera, rays_per_pixel=rays_per_pixel, kind=kind)
     assert isinstance(renderer, NativeRenderer if kind == "native" else TableRenderer)
     return renderer
 
@@ -234,7 +234,9 @@ def test_hidden_lights_leave_the_background_black(kind: str) -> None:
     np.testing.assert_allclose(ours[inside], luma_of(kind, parts)[inside], rtol=1e-6)
     with variant(FAST) as (mi, _):
         loaded = load_scene_source(make_scene(parts, integrator=hiding).source(), mi)
-    theirs = IntegratorRenderer(loaded, CAMERA, samples=1, blur=False, seed=0, reason="").luma(Views.at_rest([POSE]))[0]
+    theirs = IntegratorRenderer(loaded, CAMERA, rays_per_pixel=1, blur=False, seed=0, reason="").luma(
+        Views.at_rest([POSE])
+    )[0]
     assert np.array_equal(theirs == 0, ours == 0)
 
 
@@ -397,7 +399,7 @@ def test_many_rays_a_pixel_against_mi_render(kind: str) -> None:
         scene = load_scene_source(make_scene(parts).source(), mi)
         image = mi.render(scene, sensor=perspective(CAMERA, POSE, mi), spp=4096, seed=1)
         theirs = np.array(image, np.float64) @ BT601
-    ours = build(kind, make_scene(parts), samples=64).luma(Views.at_rest([POSE]))[0]
+    ours = build(kind, make_scene(parts), rays_per_pixel=64).luma(Views.at_rest([POSE]))[0]
     # At the box's edges 64 rays are good to a few 1/64 of the contrast, 4,096 random ones to 0.02.
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=0.06 * theirs.max())
     assert np.sqrt(((ours - theirs) ** 2).mean()) < 0.004 * theirs.max()
@@ -460,7 +462,7 @@ POSES = [look_at([1.0 + 0.05 * i, -1.7, 1.6 - 0.03 * i], roll=0.1 * i) for i in 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_bits_do_not_depend_on_the_batch_or_the_threads(kind: str, camera: Camera, threads: int) -> None:
     """A pose has the same luma and depth bits alone, among 3 or 16, in any order, after others, on 1 and 2 threads."""
-    renderer = build(kind, make_scene(SCENES["several triangles and textures"]), samples=5, camera=camera)
+    renderer = build(kind, make_scene(SCENES["several triangles and textures"]), rays_per_pixel=5, camera=camera)
     expected, depth = renderer.luma(Views.at_rest(POSES)), renderer.depth(Views.at_rest(POSES))
     assert len({frame.tobytes() for frame in expected}) == len(POSES)
     with variant(FAST) as (_, dr):
@@ -473,7 +475,7 @@ def test_bits_do_not_depend_on_the_batch_or_the_threads(kind: str, camera: Camer
         assert np.array_equal(renderer.luma(Views.at_rest(POSES[5:8])), expected[5:8])
         assert np.array_equal(renderer.luma(Views.at_rest(POSES[::-1])), expected[::-1])
         assert np.array_equal(renderer.depth(Views.at_rest(POSES[::-1])), depth[::-1])
-        again = build(kind, make_scene(SCENES["several triangles and textures"]), samples=5, camera=camera)
+        again = build(kind, make_scene(SCENES["several triangles and textures"]), rays_per_pixel=5, camera=camera)
         assert np.array_equal(again.luma(Views.at_rest(POSES[:3])), expected[:3])
     finally:
         with variant(FAST) as (_, dr):
@@ -519,7 +521,7 @@ floor = {
 }
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "light": light, "floor": floor})
-renderer = make_renderer(scene, Camera(33, 17, 28.0, 28.0, 14.2, 8.9), samples=3, kind=sys.argv[1])
+renderer = make_renderer(scene, Camera(33, 17, 28.0, 28.0, 14.2, 8.9), rays_per_pixel=3, kind=sys.argv[1])
 down, up = Pose([0.9, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]), Pose([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0])
 luma, depth = renderer.luma(Views.at_rest([down, up])), renderer.depth(Views.at_rest([down, up]))
 assert 0 < (luma[0] > 0).mean() < 1 and (luma[1] == 0).all(), luma
@@ -594,13 +596,13 @@ def test_what_has_no_tables_falls_back(kind: str, name: str) -> None:
     """Such a scene goes to Mitsuba's integrator, with the reason named; the others, asked for by name, refuse it."""
     parts, integrator, reason = UNSUITABLE[name]
     scene = make_scene({"light": point(), **parts}, integrator=integrator)
-    renderer = make_renderer(scene, CAMERA, samples=1)
+    renderer = make_renderer(scene, CAMERA, rays_per_pixel=1)
     assert isinstance(renderer, IntegratorRenderer)
     what = {"native": "native renderer", "table": "table kernel"}[kind]
     with pytest.raises(ValueError, match=f"the {what} cannot render this scene: .*(?:{reason})"):
-        make_renderer(scene, CAMERA, samples=1, kind=kind)
+        make_renderer(scene, CAMERA, rays_per_pixel=1, kind=kind)
     with pytest.raises(ValueError, match=f"{re.escape(renderer.reason)}$"):
-        make_renderer(scene, CAMERA, samples=1, kind="baked")
+        make_renderer(scene, CAMERA, rays_per_pixel=1, kind="baked")
     assert np.isfinite(renderer.luma(Views.at_rest([POSE]))).all()
 
 
@@ -632,7 +634,7 @@ def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
         "environment maps are: give it as one of these",
     }
     assert set(map(str, why_not_noise_free(scene))) == told
-    renderer = make_renderer(scene, CAMERA, samples=1)
+    renderer = make_renderer(scene, CAMERA, rays_per_pixel=1)
     assert renderer.reason.endswith("; and 3 more")
     with pytest.raises(ValueError, match="the renderer of baked light cannot render this scene: ") as refused:
         make_renderer(scene, CAMERA, kind="baked")
@@ -645,10 +647,10 @@ def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
 def test_light_that_bounces_is_baked_unless_direct_light_is_asked_for(llvm: str, kind: str) -> None:
     """A scene that names the path integrator gets baked light; asked for by name the others give direct light only."""
     scene = make_scene(SCENES["point light"], integrator={"type": "path"})
-    chosen = make_renderer(scene, CAMERA, samples=1, bake_error=0.2)
+    chosen = make_renderer(scene, CAMERA, rays_per_pixel=1, bake_error=0.2)
     assert isinstance(chosen, NativeRenderer)
     assert "baked light" in chosen.reason
-    asked = make_renderer(scene, CAMERA, samples=1, kind=kind)
+    asked = make_renderer(scene, CAMERA, rays_per_pixel=1, kind=kind)
     assert np.array_equal(asked.luma(Views.at_rest([POSE]))[0], luma_of(kind, SCENES["point light"]))
 
 
@@ -668,8 +670,8 @@ def test_suitable_scenes_take_the_native_renderer_and_say_why() -> None:
     dark = make_scene({"floor": FLOOR})
     assert make_renderer(dark, CAMERA).reason == "diffuse triangles under no light, with shadows"
     assert make_renderer(scene, CAMERA, kind="integrator").reason == "asked for"
-    assert make_renderer(scene, CAMERA).rays == 8
+    assert make_renderer(scene, CAMERA).rays_per_pixel == 8
     with pytest.raises(ValueError, match="auto, native, table, baked, integrator, got 'fast'"):
         make_renderer(scene, CAMERA, kind="fast")
     with pytest.raises(ValueError, match=r"1\.\.1024, got 0"):
-        make_renderer(scene, CAMERA, samples=0)
+        make_renderer(scene, CAMERA, rays_per_pixel=0)

@@ -112,11 +112,11 @@ def _scene(path: Path, like: Scene) -> Scene:
 
 def _luma(scene: Scene) -> LumaFrames:
     views = Views.along(scene.path, np.linspace(0, 0.1, 4))
-    return make_renderer(scene, scene.own_camera, samples=2).luma(views)
+    return make_renderer(scene, scene.own_camera, rays_per_pixel=2).luma(views)
 
 
 def _events(scene: Scene) -> EventArray:
-    packets = simulate(scene, accuracy="paper", samples=2, frame_rate_hz=0, depth_rate_hz=0)
+    packets = simulate(scene, accuracy="paper", rays_per_pixel=2, frame_rate_hz=0, depth_rate_hz=0)
     return np.concatenate([packet.events for packet in packets])
 
 

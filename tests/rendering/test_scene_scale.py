@@ -45,13 +45,13 @@ def floor(scale: float) -> dict[str, Any]:
 
 
 def built(
-    source: dict[str, Any], *, name: str = FAST, motion: SceneMotion | None = None, samples: int = 2
+    source: dict[str, Any], *, name: str = FAST, motion: SceneMotion | None = None, rays_per_pixel: int = 2
 ) -> SceneRenderer:
     with variant(name) as (mi, _):
         loaded = load_scene_source({"type": "scene", "integrator": DIRECT, **source}, mi)
     kind = IntegratorRenderer if name == FAST else ScalarRenderer
     more = {} if motion is None else {"motion": motion}
-    return kind(loaded, CAMERA, samples=samples, blur=False, seed=0, reason="", **more)
+    return kind(loaded, CAMERA, rays_per_pixel=rays_per_pixel, blur=False, seed=0, reason="", **more)
 
 
 def views(scale: float, t_s: float = 0.0) -> Views:
@@ -90,7 +90,7 @@ def events_at_its_own_size() -> int:
 
 def count(scale: float) -> int:
     scene = room(sideways(0.024, 1.0, scale=scale), scale=scale)
-    made = Simulator(scene, accuracy="paper", renderer="integrator", samples=2, frame_rate_hz=0, depth_rate_hz=0)
+    made = Simulator(scene, accuracy="paper", renderer="integrator", rays_per_pixel=2, frame_rate_hz=0, depth_rate_hz=0)
     return len(concatenate_events([packet.events for packet in made.run()]))
 
 

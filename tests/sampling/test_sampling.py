@@ -91,7 +91,7 @@ def tilted_floor(camera: Camera) -> Renderer:
         "floor": {"type": "rectangle", "to_world": tilt, "bsdf": {"type": "twosided", "inner": diffuse}},
         "box": {"type": "cube", "to_world": box, "bsdf": diffuse},
     }
-    return make_renderer(Scene("floor", partial(dict, source)), camera, samples=1)
+    return make_renderer(Scene("floor", partial(dict, source)), camera, rays_per_pixel=1)
 
 
 # Looks down, turned about its axis and tilted: its rotation is not its own transpose.

@@ -38,7 +38,7 @@ def events(sampling: TimeSampling) -> EventArray:
     So short a span is not probed: see :mod:`davis_rs.sampling.plausibility`.
     """
     scene = bar().with_trajectory(shift([0.6, 0.0, 0.0], 0.004, DOWN))
-    simulator = Simulator(scene, camera=CAMERA, samples=8, sampling=sampling, frame_rate_hz=0, depth_rate_hz=0)
+    simulator = Simulator(scene, camera=CAMERA, rays_per_pixel=8, sampling=sampling, frame_rate_hz=0, depth_rate_hz=0)
     return np.concatenate([packet.events for packet in simulator.run()])
 
 

@@ -181,7 +181,7 @@ def test_the_simulator_feeds_the_engine_all_of_it() -> None:
     simulator = Simulator(
         load_scene("three_planes").with_trajectory(part),
         camera=CAMERA,
-        samples=8,
+        rays_per_pixel=8,
         sampling=Tolerance(0.05, edges=False),
         contrast_threshold_off=0.09,
         frame_rate_hz=0,
@@ -210,7 +210,7 @@ def test_a_camera_at_rest_is_rendered_when_something_is_due() -> None:
 
 def test_a_wall_without_texture_needs_no_more_than_the_clock() -> None:
     """Nothing to see: no sparse samples; keyframes start at ``pixels`` and grow apart up to ``longest``."""
-    renderer = make_renderer(wall(), CAMERA, samples=4)
+    renderer = make_renderer(wall(), CAMERA, rays_per_pixel=4)
     part = stretch(renderer, shift([2.0, 0.4, 0.0], 0.5))
     settings = Tolerance(0.05, pixels=0.25, longest=0.8)
     keyframes = list(settings.keyframes(part))
@@ -235,7 +235,7 @@ def test_texture_brings_keyframes_closer() -> None:
 @pytest.mark.parametrize("slow", [0.0, 0.4, 2.0])
 def test_a_camera_that_takes_off_is_seen_from_its_first_pixel_on(slow: float) -> None:
     """However slow it was before: no two keyframes farther apart than the longest displacement."""
-    renderer = make_renderer(wall(), CAMERA, samples=1)
+    renderer = make_renderer(wall(), CAMERA, rays_per_pixel=1)
 
     def x(t: FloatArray) -> FloatArray:
         return np.where(t < 0.5, slow * t, 0.5 * slow + 2.8 * (t - 0.5))
@@ -308,7 +308,7 @@ def test_a_leap_within_microseconds(end_us: int) -> None:
 
 def test_rays_that_miss() -> None:
     """Where nothing is seen a translation asks for nothing and a rotation for its flow; luma is black, rates zero."""
-    renderer = make_renderer(wall(), CAMERA, samples=2)
+    renderer = make_renderer(wall(), CAMERA, rays_per_pixel=2)
     up = Pose([0.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0])
     due = [0, 25_000, 50_000]
     translated = list(Tolerance(0.1).keyframes(stretch(renderer, shift([2.0, 0.0, 0.0], 0.05, up), due)))
@@ -325,7 +325,7 @@ def test_rays_that_miss() -> None:
 
 def test_an_edge_to_nothing_is_sampled() -> None:
     """A bright floor that ends in black: its silhouette gets samples, the rest of the image none."""
-    renderer = make_renderer(wall(left=0.3), CAMERA, samples=16)
+    renderer = make_renderer(wall(left=0.3), CAMERA, rays_per_pixel=16)
     part = stretch(renderer, shift([0.3, 0.0, 0.0], 0.1))
     keyframes = list(Tolerance(0.05).keyframes(part))
     pixels = np.concatenate([k.sparse.pixel for k in keyframes if k.sparse is not None]) % CAMERA.width
@@ -337,7 +337,7 @@ def test_an_edge_to_nothing_is_sampled() -> None:
 
 def test_any_renderer_will_do() -> None:
     """A mirror, for Mitsuba's own integrator: the tolerance holds there too."""
-    renderer = make_renderer(mirror(), TINY, samples=4)
+    renderer = make_renderer(mirror(), TINY, rays_per_pixel=4)
     assert "PathIntegrator" in renderer.name
     part = stretch(renderer, shift([0.15, 0.0, 0.0], 0.05))
     keyframes = list(Tolerance(0.1).keyframes(part))
@@ -347,7 +347,7 @@ def test_any_renderer_will_do() -> None:
 
 def test_memory_does_not_grow() -> None:
     """Keyframe after keyframe passes through a window of a few."""
-    renderer = make_renderer(wall(), CAMERA, samples=1)
+    renderer = make_renderer(wall(), CAMERA, rays_per_pixel=1)
     part = stretch(renderer, shift([1.0, 0.0, 0.0], 0.2), range(0, 200_001, 4_000))
     used = []
     tracemalloc.start()

@@ -74,7 +74,7 @@ def test_a_square_in_front_of_a_camera_by_hand(tmp_path: Path) -> None:
     assert scene.start is not None
     np.testing.assert_allclose(scene.start.position, [0, -3, 0], atol=1e-12)
     np.testing.assert_allclose(scene.start.rotation, [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
-    luma = make_renderer(scene, camera, samples=1).luma(Views.at_rest([scene.start]))[0]
+    luma = make_renderer(scene, camera, rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0]
     rows, columns = np.indices(luma.shape)
     x, y = (columns - camera.cx) / 90 * 3, (rows - camera.cy) / 90 * 3
     inside = (np.abs(x) < 0.99) & (np.abs(y) < 0.99)
@@ -193,7 +193,7 @@ def test_colours_of_vertices(tmp_path: Path) -> None:
     scene = saved(gltf, tmp_path)
     assert scene.start is not None
     camera = scene.own_camera
-    luma = make_renderer(scene, camera, samples=1).luma(Views.at_rest([scene.start]))[0]
+    luma = make_renderer(scene, camera, rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0]
     first = BT601 @ np.array([0.5, 0.5, 0.5]) * (0.5)  # the middle lies half way between the first and the third corner
     middle = (BT601 @ (colours[0] + colours[2]) / 2) * 0.5
     assert luma[89:91, 119:121].mean() == pytest.approx(middle, rel=0.02)
@@ -327,7 +327,8 @@ def test_animated_nodes_are_moving_objects(tmp_path: Path) -> None:
     assert scene.path.duration_s == 1.0
     assert (scene.path.velocities([0.5]) == 0).all()
     events = sum(
-        len(packet.events) for packet in simulate(scene, duration_s=0.2, samples=1, frame_rate_hz=0, depth_rate_hz=0)
+        len(packet.events)
+        for packet in simulate(scene, duration_s=0.2, rays_per_pixel=1, frame_rate_hz=0, depth_rate_hz=0)
     )
     assert events > 100
 
@@ -413,7 +414,7 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
     gltf.light({"type": "point", "intensity": 1.0, "range": 3.0}, name="bulb", translation=[0, 0, 5])
     scene = saved(gltf, tmp_path)
     with pytest.warns(LostLookWarning) as caught:
-        simulator = Simulator(scene, samples=1)
+        simulator = Simulator(scene, rays_per_pixel=1)
     (warning,) = caught
     assert str(warning.message) == (
         f"{tmp_path / 'scene.glb'}: surfaces are diffuse and opaque here; these looks are lost, with their fraction of "
@@ -442,7 +443,7 @@ def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> Non
     changed = replace(scene, source=with_ball)
     assert lost_look_fractions(changed, scene.own_camera) == {look: None}
     with pytest.warns(LostLookWarning, match=r"fraction not known: metal of right$"):
-        Simulator(changed, samples=1)
+        Simulator(changed, rays_per_pixel=1)
 
 
 @pytest.mark.parametrize("kind", ["native", "integrator"])
@@ -453,13 +454,13 @@ def test_backs_are_lost_only_where_they_are_seen(tmp_path: Path, mirrored: bool,
     gltf.document["nodes"][1]["scale"] = [-1, 1, 1] if mirrored else [1, 1, 1]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        Simulator(saved(gltf, tmp_path), samples=1, renderer=kind)
+        Simulator(saved(gltf, tmp_path), rays_per_pixel=1, renderer=kind)
     gltf.document["nodes"][1]["rotation"] = [0, 1, 0, 0]
     gltf.animate(
         1, "translation", [0.0, 1.0], np.array([[10, 0, 0], [10, 0.1, 0]])
     )  # a body that moves has its own axes
     with pytest.warns(LostLookWarning, match=r"backs that cannot be seen .* of right \(50 %\)"):
-        Simulator(saved(gltf, tmp_path), samples=1, renderer=kind)
+        Simulator(saved(gltf, tmp_path), rays_per_pixel=1, renderer=kind)
 
 
 def test_copies_of_a_mesh_are_where_they_belong(tmp_path: Path) -> None:

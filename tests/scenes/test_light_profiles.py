@@ -56,16 +56,16 @@ def make_scene(lights: dict[str, LightProfile], **parts: dict[str, Any]) -> Scen
     return Scene("test", partial(dict, {"type": "scene", "by": DIRECT, **parts}), lights=lights)
 
 
-def build(kind: str, scene: Scene, request: pytest.FixtureRequest, *, samples: int = 2) -> Renderer:
+def build(kind: str, scene: Scene, request: pytest.FixtureRequest, *, rays_per_pixel: int = 2) -> Renderer:
     if kind in ("table", FAST):
         request.getfixturevalue("llvm")
     if kind in ("native", "table"):
-        return make_renderer(scene, CAMERA, samples=samples, kind=kind)
+        return make_renderer(scene, CAMERA, rays_per_pixel=rays_per_pixel, kind=kind)
     with variant(kind) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         motion = scene_motion(scene, loaded, mi)
     make = IntegratorRenderer if kind == FAST else ScalarRenderer
-    return make(loaded, CAMERA, samples=samples, blur=False, seed=3, reason="", motion=motion)
+    return make(loaded, CAMERA, rays_per_pixel=rays_per_pixel, blur=False, seed=3, reason="", motion=motion)
 
 
 TABLES = ("native", "table")
@@ -158,7 +158,7 @@ class Broken(LightProfile):
 def test_a_course_that_breaks_its_contract_is_named(llvm: str) -> None:
     """A negative factor or a rate of another shape, with the light and the time, before it is rendered."""
     del llvm
-    renderer = make_renderer(make_scene({"lamp": Broken()}, lamp=LAMP, floor=FLOOR), CAMERA, samples=1)
+    renderer = make_renderer(make_scene({"lamp": Broken()}, lamp=LAMP, floor=FLOOR), CAMERA, rays_per_pixel=1)
     with pytest.raises(ValueError, match=r"factor of light 'lamp' must be finite and >= 0, got -2\.0 at 0\.01 s"):
         renderer.motion.factors(np.array([0.0, 0.01]))
     with pytest.raises(ValueError, match=r"rate of light 'lamp' must have shape \(2,\), got \(1,\)"):
@@ -247,7 +247,7 @@ def test_an_unknown_light_is_refused(kind: str, name: str, llvm: str) -> None:
 def test_the_clock_counts_light(waveform: str) -> None:
     """Before a camera at rest the path is the length that log strength goes, also of a light that goes dark."""
     profile = Flicker(100.0, modulation=1.0, phase_rad=0.3, waveform=waveform)
-    renderer = make_renderer(make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), CAMERA, samples=1)
+    renderer = make_renderer(make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), CAMERA, rays_per_pixel=1)
     rest = SegmentTrajectory(POSE, POSE, 0.05)
     swing = np.log((2 + DARKEST) / DARKEST) / LIGHT_PER_PIXEL
     assert DisplacementClock(renderer, rest, 50_000).path_at(20_000) == pytest.approx(4 * swing, rel=0.02)
@@ -266,7 +266,7 @@ def test_the_clock_counts_light(waveform: str) -> None:
 def test_the_clock_of_a_later_stretch() -> None:
     """A stretch that starts later sees the light as it is then."""
     profile = SampledProfile([0.0, 0.02, 0.03], [1.0, 1.0, 2.0])
-    renderer = make_renderer(make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), CAMERA, samples=1)
+    renderer = make_renderer(make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), CAMERA, rays_per_pixel=1)
     rest = SegmentTrajectory(POSE, POSE, 0.01)
     assert DisplacementClock(renderer, rest, 10_000).path_at(10_000) == 0
     later = DisplacementClock(renderer, rest, 10_000, start_us=20_000).path_at(10_000)
@@ -280,7 +280,7 @@ def test_a_flicker_makes_events_in_all_pixels_alike(hermite: bool) -> None:
     profile = Flicker(25.0, modulation=0.8)
     scene = make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR)
     rest = SegmentTrajectory(POSE, POSE, 0.05)
-    settings: dict[str, Any] = {"camera": CAMERA, "samples": 1, "log_eps": 1e-9, "contrast_threshold": 0.15}
+    settings: dict[str, Any] = {"camera": CAMERA, "rays_per_pixel": 1, "log_eps": 1e-9, "contrast_threshold": 0.15}
     for sampling in (MaxDisplacement(1 / 3, hermite), FixedRate(2000.0, hermite)):
         packets = list(simulate(scene.with_trajectory(rest), sampling=sampling, **settings))
         events = concatenate_events([packet.events for packet in packets])
@@ -304,6 +304,8 @@ def test_without_courses_nothing_changes() -> None:
     """Empty mappings give the bits of a scene that has never heard of them."""
     views = Views.at_rest([POSE] * 2, [0.0, 0.3])
     plain = Scene("test", partial(dict, {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR}))
-    frames = make_renderer(plain, CAMERA, samples=3).luma(views)
-    assert np.array_equal(frames, make_renderer(make_scene({}, lamp=LAMP, floor=FLOOR), CAMERA, samples=3).luma(views))
+    frames = make_renderer(plain, CAMERA, rays_per_pixel=3).luma(views)
+    assert np.array_equal(
+        frames, make_renderer(make_scene({}, lamp=LAMP, floor=FLOOR), CAMERA, rays_per_pixel=3).luma(views)
+    )
     assert np.array_equal(frames[0], frames[1])

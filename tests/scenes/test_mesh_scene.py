@@ -52,7 +52,7 @@ def painted(
 
 
 def first_frame(scene: Scene) -> npt.NDArray[np.float32]:
-    renderer = make_renderer(scene, scene.own_camera, samples=1)
+    renderer = make_renderer(scene, scene.own_camera, rays_per_pixel=1)
     assert renderer.name == "native renderer"
     return renderer.luma(Views.at_rest([scene.path.pose(0.0)]))[0].astype(np.float32)
 
@@ -411,7 +411,7 @@ def test_simulate_a_mesh_from_the_command_line(tmp_path: Path) -> None:
     image = np.zeros((32, 32, 3), np.uint8)
     image[::2] = 255
     path = painted(tmp_path, image)
-    command = ("simulate", path, "-o", tmp_path / "out", "--duration", 0.05, "--samples", 1)
+    command = ("simulate", path, "-o", tmp_path / "out", "--duration", 0.05, "--rays-per-pixel", 1)
     done = davis_rs(*command, "--scale", 0.1, "--up", "z")
     assert done.returncode == 0, done.stderr
     assert "cube.obj is 0.2 m x 0.2 m wide and 0.2 m high" in done.stderr

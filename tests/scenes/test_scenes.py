@@ -75,7 +75,7 @@ def test_three_walls_is_as_fast_as_the_datasets() -> None:
 def test_every_pixel_sees_a_surface_all_along(name: str) -> None:
     """Every 50 ms of the path every pixel hits something in front of it, and none is dark or saturated altogether."""
     scene = load_scene(name)
-    renderer = make_renderer(scene, scene.own_camera, samples=1)
+    renderer = make_renderer(scene, scene.own_camera, rays_per_pixel=1)
     assert renderer.name == "native renderer"
     poses = [path_of(scene).pose(0.05 * k) for k in range(41)]
     depth = renderer.depth(Views.at_rest(poses))
@@ -93,9 +93,9 @@ def test_no_shadow_can_be_seen_where_none_is_traced(name: str) -> None:
     scene = load_scene(name)
     assert not scene.shadows
     poses = [path_of(scene).pose(0.1 * k) for k in range(21)]
-    without = make_renderer(scene, scene.own_camera, samples=1).luma(Views.at_rest(poses))
+    without = make_renderer(scene, scene.own_camera, rays_per_pixel=1).luma(Views.at_rest(poses))
     traced = make_renderer(
-        Scene("traced", scene.source, camera=scene.camera, blur=scene.blur), scene.own_camera, samples=1
+        Scene("traced", scene.source, camera=scene.camera, blur=scene.blur), scene.own_camera, rays_per_pixel=1
     ).luma(Views.at_rest(poses))
     assert np.array_equal(without, traced)
 
@@ -178,7 +178,7 @@ def test_a_scene_file_and_its_own_sensor(tmp_path: Path, monkeypatch: pytest.Mon
     np.testing.assert_allclose(pose.position, [0, -3, 0], atol=1e-6)
     # x right is the world's x, y down the world's -z, z forward the world's y.
     np.testing.assert_allclose(pose.rotation, [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-6)
-    renderer = make_renderer(scene, CAMERA, samples=4)
+    renderer = make_renderer(scene, CAMERA, rays_per_pixel=4)
     rows, columns = np.nonzero(renderer.luma(Views.at_rest([pose]))[0])
     # The square spans x 0.4..1.0 and z 0.3..0.9, three metres ahead.
     assert (columns.min(), columns.max()) == (round(15.5 + 28 * 0.4 / 3), round(15.5 + 28 * 1.0 / 3))

@@ -39,7 +39,7 @@ def turned(pose: Pose, turn: tuple[int, int, int], shift: npt.ArrayLike = (0.0, 
 
 
 def rendered(scene: Scene) -> Renderer:
-    return make_renderer(scene, WIDE, samples=4, kind="native")
+    return make_renderer(scene, WIDE, rays_per_pixel=4, kind="native")
 
 
 @functools.cache
@@ -78,7 +78,7 @@ def test_the_same_scene_is_made_each_time(make: Callable[[], Scene]) -> None:
 def test_a_hand_has_room_to_move(make: Callable[[], Scene], air_m: float) -> None:
     """Nothing is closer to the start than the hand reaches, in any direction and, with a person about, at any time."""
     scene = make()
-    renderer = make_renderer(scene, Camera(24, 24, 12.0, 12.0, 11.5, 11.5), samples=1, kind="native")
+    renderer = make_renderer(scene, Camera(24, 24, 12.0, 12.0, 11.5, 11.5), rays_per_pixel=1, kind="native")
     around = [(0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0)]
     for instant in np.arange(0.0, DURATION_S, 1.0) if scene.objects else [0.0]:
         depth = renderer.depth(Views.at_rest([turned(start(scene), turn) for turn in around], instant))
@@ -127,7 +127,9 @@ def test_the_light_is_that_of_the_place() -> None:
 
         marked = replace(scene, source=with_white)
         above = Pose([x, y, z + 0.1], [1.0, 0.0, 0.0, 0.0])
-        luma = make_renderer(marked, Camera(4, 4, 200.0, 200.0, 1.5, 1.5), samples=1).luma(Views.at_rest([above]))
+        luma = make_renderer(marked, Camera(4, 4, 200.0, 200.0, 1.5, 1.5), rays_per_pixel=1).luma(
+            Views.at_rest([above])
+        )
         assert least < luma.mean() * scene.lux_per_luma < most
     scene, renderer = made(outdoors)
     views = Views.at_rest([start(scene)])
@@ -184,10 +186,10 @@ def test_an_integrator_warns_of_black_shadows(make: Callable[[], Scene]) -> None
         UserWarning,
         match=rf"scene '{scene.name}' is made for the table kernel or the native renderer.*shadows are black",
     ):
-        renderer = make_renderer(scene, WIDE, samples=1, kind="integrator")
+        renderer = make_renderer(scene, WIDE, rays_per_pixel=1, kind="integrator")
     views = Views.at_rest([start(scene)], 12.0)
     assert renderer.luma(views).min() == 0
-    make_renderer(outdoors(), WIDE, samples=1, kind="integrator")  # a warning would be an error
+    make_renderer(outdoors(), WIDE, rays_per_pixel=1, kind="integrator")  # a warning would be an error
 
 
 @pytest.mark.usefixtures("llvm")

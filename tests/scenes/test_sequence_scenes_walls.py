@@ -50,7 +50,7 @@ def mapping(source: Any) -> Mapping[str, Any]:
 
 
 def renderer_of(scene: Scene) -> Renderer:
-    renderer = make_renderer(scene, scene.own_camera, samples=1)
+    renderer = make_renderer(scene, scene.own_camera, rays_per_pixel=1)
     assert renderer.name == "native renderer"
     return renderer
 
@@ -234,7 +234,7 @@ def test_rooms_are_lit_from_all_sides(name: str) -> None:
     scene = SCENES[name]()
     assert scene.ambient
     with pytest.warns(UserWarning, match=f"scene '{scene.name}' is made for the table kernel or the native renderer"):
-        make_renderer(scene, scene.own_camera, samples=1, kind="integrator")
+        make_renderer(scene, scene.own_camera, rays_per_pixel=1, kind="integrator")
 
 
 def painted_white(node: Mapping[str, Any]) -> dict[str, Any]:

@@ -151,7 +151,7 @@ def test_counts_are_read_back_and_what_is_no_count_is_named(tmp_path: Path) -> N
 def test_a_sequence_is_a_whole_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Events, frames, depth, ground truth and lens as the dataset's, and a check that holds; the slider had no IMU."""
     out = tmp_path / "out"
-    options = ["--duration", "0.1", "--start", "1", "--samples", "2", "--quiet"]
+    options = ["--duration", "0.1", "--start", "1", "--rays-per-pixel", "2", "--quiet"]
     assert main(["sequence", "slider_depth", "-o", str(out), *options]) == 0
     dataset = davis_rs.Dataset(out)
     assert [frame.t_us for frame in dataset.frames] == [0, 41_667, 83_333]
@@ -171,7 +171,7 @@ def test_a_sequence_is_a_whole_dataset(tmp_path: Path, capsys: pytest.CaptureFix
 @pytest.mark.usefixtures("llvm")
 def test_simulate_and_sequence_make_the_same_of_a_sequence(tmp_path: Path) -> None:
     """Its 24 frames a second come with its name, and so does that it has no IMU; options still go before them."""
-    options = ["--start", "1", "--duration", "0.05", "--samples", "1", "--quiet"]
+    options = ["--start", "1", "--duration", "0.05", "--rays-per-pixel", "1", "--quiet"]
     written = ["events.txt", "images.txt", "depthmaps.txt", "groundtruth.txt", "calib.txt"]
     for command in ("sequence", "simulate"):
         assert main([command, "slider_depth", "-o", str(tmp_path / command), *options]) == 0
@@ -200,7 +200,7 @@ def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its thresholds follow from the biases of the recording, and meta.json has them; other scenes refuse the name."""
-    options = ["--duration", "0.02", "--samples", "1", "--quiet", "--size", "240x180", "--sensor", "recorded"]
+    options = ["--duration", "0.02", "--rays-per-pixel", "1", "--quiet", "--size", "240x180", "--sensor", "recorded"]
     assert main(["sequence", "slider_depth", "-o", str(tmp_path / "slider"), *options]) == 0
     sensor = json.loads((tmp_path / "slider" / "meta.json").read_text())["parameters"]["sensor"]
     assert sensor["contrast_threshold"] == pytest.approx(0.4139, abs=1e-4)

@@ -265,7 +265,7 @@ def test_a_run_has_the_files_sensor_and_is_repeated_from_its_record(tmp_path: Pa
 def test_commands_take_a_file(words: list[str], tmp_path: Path) -> None:
     """davis-rs simulate and sequence, and the record has its parameters."""
     path = written(tmp_path, SMALL_SENSOR + "width: 12\nheight: 9\n")
-    short = ["--duration", "0.02", "--samples", "1", "--renderer", "native", "--quiet"]
+    short = ["--duration", "0.02", "--rays-per-pixel", "1", "--renderer", "native", "--quiet"]
     done = command(*words, "-o", tmp_path / "out", "--sensor", path, *short)
     assert (done.returncode, done.stderr) == (0, "")
     meta = json.loads((tmp_path / "out" / "meta.json").read_text())

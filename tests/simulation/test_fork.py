@@ -12,7 +12,7 @@ import davis_rs
 
 warnings.simplefilter("ignore", DeprecationWarning)  # from Python 3.12: a fork of a process that has threads
 SCENE = davis_rs.load_scene("three_planes").crop(1.0, 0.01)
-OPTIONS = dict(size=(64, 48), samples=4, renderer="native")
+OPTIONS = dict(size=(64, 48), rays_per_pixel=4, renderer="native")
 
 def simulated():
     return sum(len(packet.events) for packet in davis_rs.simulate(SCENE, **OPTIONS))
@@ -47,7 +47,7 @@ class Sequences(Dataset):
 
     def __getitem__(self, index):
         scene = davis_rs.load_scene("three_planes").crop(1.0 + 0.02 * index, 0.005)
-        return sum(len(packet.events) for packet in davis_rs.simulate(scene, size=(64, 48), samples=4))
+        return sum(len(packet.events) for packet in davis_rs.simulate(scene, size=(64, 48), rays_per_pixel=4))
 
 here = [Sequences()[index] for index in range(8)]
 made = [int(one) for batch in DataLoader(Sequences(), batch_size=2, num_workers=4, timeout=120) for one in batch]

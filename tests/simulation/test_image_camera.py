@@ -78,7 +78,7 @@ def test_what_is_no_scene_is_refused_with_the_call_that_makes_one(given: Any, tm
 def test_a_sensor_brings_its_size_and_the_lens_keeps_its_view(tmp_path: Path) -> None:
     """346 x 260 for a DAVIS346, into the folder; the scene's principal point stays at its share of the image."""
     out = tmp_path / "out"
-    options = ["--duration", "0.01", "--samples", "1", "--depth-rate", "0", "--quiet"]
+    options = ["--duration", "0.01", "--rays-per-pixel", "1", "--depth-rate", "0", "--quiet"]
     assert main(["simulate", "three_planes", "-o", str(out), "--sensor", "davis346", *options]) == 0
     dataset = Dataset(out)
     with Image.open(dataset.frames[0].path) as frame:

@@ -108,9 +108,9 @@ def test_each_way_forecasts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     frames = tmp_path / "frames.npy"
     np.save(frames, np.zeros((3, 60, 80), np.uint8))
     plan = tmp_path / "plan.yaml"
-    plan.write_text("sequences: 4\nseed: 1\nscene: three_planes\nduration: 0.01\nsize: 80x60\nsamples: 1\n")
+    plan.write_text("sequences: 4\nseed: 1\nscene: three_planes\nduration: 0.01\nsize: 80x60\nrays_per_pixel: 1\n")
     ways: dict[str, list[object]] = {
-        "simulate": ["simulate", "three_planes", "--duration", "0.01", "--size", "80x60", "--samples", 1],
+        "simulate": ["simulate", "three_planes", "--duration", "0.01", "--size", "80x60", "--rays-per-pixel", 1],
         "frames": ["frames", frames, "--fps", 100, "--interpolation", "linear"],
         "generate": ["generate", plan, "--workers", 4],
     }
@@ -136,7 +136,7 @@ from pathlib import Path
 import davis_rs
 side = int(sys.argv[1])
 scene = davis_rs.load_scene("three_planes").crop(0, 0.0005)
-made = davis_rs.Simulator(scene, size=(side, side), samples=1)
+made = davis_rs.Simulator(scene, size=(side, side), rays_per_pixel=1)
 for packet in made.run():
     del packet
 peak = re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())  # ru_maxrss is the parent's, too

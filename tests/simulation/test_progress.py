@@ -13,8 +13,10 @@ from pathlib import Path
 
 import pytest
 
+from davis_rs import load_scene, simulate_to_folder
 from davis_rs._util import progress as module
-from davis_rs._util.progress import each, progress, say, speed_of
+from davis_rs._util.progress import Forecast, Progress, each, progress, say, speed_of
+from davis_rs._util.quantities import events_a_second
 
 PACKAGE = Path(module.__file__).parent
 
@@ -96,3 +98,100 @@ def test_all_bars_are_these() -> None:
     """No other module draws one of its own."""
     others = [path for path in PACKAGE.rglob("*.py") if path.name != "progress.py" and "tqdm" in path.read_text()]
     assert others == []
+
+
+def foretold(forecast: Forecast, arrivals: list[tuple[float, float]]) -> list[float]:
+    """All forecasts, of steps that arrive as (done, seconds)."""
+    return [in_all for step in arrivals if (in_all := forecast.seconds(*step)) is not None]
+
+
+def test_a_forecast_is_made_between_the_ends_of_batches() -> None:
+    """Eight steps at once every two seconds, the first batch after five: 400 steps take 103 s, told as soon as the
+    third batch is over."""
+    batches = [5.0 + 2.0 * batch for batch in range(10)]
+    arrivals = [(8.0 * k + j + 1, at_s + 0.001 * j) for k, at_s in enumerate(batches) for j in range(8)]
+    assert foretold(Forecast(400.0), arrivals[:24]) == []
+    assert foretold(Forecast(400.0), arrivals[:25]) == pytest.approx([103.0], abs=0.2)
+
+
+def test_a_forecast_of_steps_that_come_evenly() -> None:
+    told = foretold(Forecast(1000.0), [(step, 0.05 * step) for step in range(1, 400)])
+    assert told == pytest.approx([50.0] * len(told))
+    assert told
+    assert foretold(Forecast(390.0), [(step, 0.05 * step) for step in range(1, 390)]) == [], "19.5 s need no line"
+
+
+def test_a_long_run_is_foretold_once_above_the_bar() -> None:
+    told = in_a_terminal(
+        "from davis_rs._util import progress as module\n"
+        "import time\n"
+        "now = [0.0]\n"
+        "time.monotonic = lambda: now[0]\n"
+        "with module.progress('simulating', 120.0, unit='s', forecast='--accuracy fast takes less') as bar:\n"
+        "    bar.begin()\n"
+        "    for step in range(1, 30):\n"
+        "        now[0] += 3.0; bar.to(0.2 * step)\n"
+    )
+    assert told.count("simulating will take about 30 minutes; --accuracy fast takes less\r\n") == 1
+
+
+def test_what_is_being_done_shows_on_the_innermost_bar() -> None:
+    """A bar inside of another one goes when it is over; a stage says how long it takes, and goes."""
+    told = in_a_terminal(
+        "from davis_rs._util.progress import doing, progress, stage\n"
+        "doing('what nobody sees')\n"
+        "with stage('planning effects'):\n"
+        "    doing('effect 1 of 2, readout')\n"
+        "with progress('simulating', 2.0, unit='s') as bar:\n"
+        "    doing('loading the scene')\n"
+        "    with progress('baking light', 9, unit='points') as baking:\n"
+        "        doing('sun')\n"
+        "        baking.to(9)\n"
+        "    bar.to(2.0)\n"
+    )
+    assert "nobody" not in told
+    assert "planning effects [00:00, effect 1 of 2, readout]" in told
+    assert "0/2 s [00:00<?, ? s/s, loading the scene]" in told
+    assert "0/9 points [00:00<?, ? points/s, sun]" in told
+    shown = [line.split("\n")[-1] for line in told.split("\r") if line.strip()]
+    assert shown[-1].startswith("simulating: 100%")
+    assert told.count("\n") == told.count("\x1b[A") + 1, "every bar but the last one is taken away"
+
+
+def test_a_notebook_has_bars() -> None:
+    """There standard error is no terminal, but what is written appears below the cell."""
+    program = (
+        "import sys, types\n"
+        "shell = types.SimpleNamespace(config={'IPKernelApp': {}})\n"
+        "sys.modules['IPython'] = types.SimpleNamespace(get_ipython=lambda: shell)\n"
+        "from davis_rs._util import progress as module\n"
+        "print(module._in_notebook())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
+    assert not module._in_notebook()
+
+
+def test_a_run_tells_what_it_does_and_counts_keyframes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """From before the simulator is made to the end: keyframes, not packets, move the bar."""
+    told: list[str] = []
+    monkeypatch.setattr("davis_rs.simulation.simulate.doing", told.append)
+    monkeypatch.setattr("davis_rs.simulation.folder.doing", told.append)
+    moved: list[tuple[float, str]] = []
+    monkeypatch.setattr(Progress, "to", lambda _, done, note="": moved.append((done, note)))
+    scene = load_scene("three_planes")
+    report = simulate_to_folder(scene, tmp_path, duration_s=0.06, frame_rate_hz=10, size=(60, 45), quiet=True)
+    assert told == [
+        "loading the scene",
+        "making the renderer",
+        "measuring noise",
+        "making the simulator",
+        "rendering the first keyframes",
+    ]
+    times = [done for done, _ in moved]
+    assert times == sorted(set(times))
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(0.06)
+    assert len(times) > 5, "packets end at 0 and at 0.06 s alone"
+    assert moved[-1][1].startswith(f"{report.events:,} events, ")
+    assert [events_a_second(rate) for rate in (12.3, 45_600, 4_230_000, 87.4e6)] == ["12/s", "46k/s", "4.2M/s", "87M/s"]

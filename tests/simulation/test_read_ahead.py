@@ -100,7 +100,13 @@ def test_rendering_ahead_changes_no_bit(rule: TimeSampling) -> None:
     for threads in (1, None):
         recorded = Recorded(rule)
         simulator = Simulator(
-            scene, camera=SMALL, samples=2, sampling=recorded, threads=threads, frame_rate_hz=100, depth_rate_hz=50
+            scene,
+            camera=SMALL,
+            rays_per_pixel=2,
+            sampling=recorded,
+            threads=threads,
+            frame_rate_hz=100,
+            depth_rate_hz=50,
         )
         runs.append(list(simulator.run()))
         assert recorded.threads == {"MainThread" if threads == 1 else "davis_rs ahead"}
@@ -115,7 +121,7 @@ def test_rendering_ahead_changes_no_bit(rule: TimeSampling) -> None:
 
 def test_a_rule_that_fails_ahead_ends_the_run_with_its_error() -> None:
     scene = davis_rs.load_scene("three_planes").crop(0.0, 0.06)
-    simulator = Simulator(scene, camera=SMALL, samples=2, sampling=Recorded(MaxDisplacement(1 / 2), fails_at=3))
+    simulator = Simulator(scene, camera=SMALL, rays_per_pixel=2, sampling=Recorded(MaxDisplacement(1 / 2), fails_at=3))
     with pytest.raises(FloatingPointError, match="keyframe 3"):
         list(simulator.run())
     assert not workers()
@@ -123,7 +129,7 @@ def test_a_rule_that_fails_ahead_ends_the_run_with_its_error() -> None:
 
 def test_a_run_that_is_dropped_leaves_no_thread() -> None:
     scene = davis_rs.load_scene("three_planes")
-    packets = Simulator(scene, camera=SMALL, samples=2, sampling=FixedRate(20_000)).run()
+    packets = Simulator(scene, camera=SMALL, rays_per_pixel=2, sampling=FixedRate(20_000)).run()
     next(packets)
     next(packets)
     assert workers()
@@ -134,7 +140,7 @@ def test_a_run_that_is_dropped_leaves_no_thread() -> None:
 def test_steps_of_a_controller_start_no_threads() -> None:
     scene = davis_rs.load_scene("three_planes")
     recorded = Recorded(MaxDisplacement(1 / 2))
-    simulator = Simulator(scene, camera=SMALL, samples=2, sampling=recorded)
+    simulator = Simulator(scene, camera=SMALL, rays_per_pixel=2, sampling=recorded)
     for t_us in (0, 1000, 2000):
         simulator.step(t_us, scene.path.pose(t_us * 1e-6))
     assert recorded.threads == {"MainThread"}

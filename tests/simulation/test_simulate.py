@@ -18,7 +18,7 @@ from davis_rs.sampling.rules import TimeSampling
 pytestmark = pytest.mark.without_llvm
 
 SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
-PARAMETERS: dict[str, Any] = {"camera": SMALL, "samples": 2}
+PARAMETERS: dict[str, Any] = {"camera": SMALL, "rays_per_pixel": 2}
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_steps_agree_with_a_run_where_slopes_and_samples_look_around(
     start = davis_rs.start_pose(scene)
     target = Pose(start.position + np.array([0.03, -0.01, 0.02]), start.quaternion)
     path = davis_rs.SegmentTrajectory(start, target, 0.05)
-    settings = {**PARAMETERS, "sampling": sampling, "samples": 8}
+    settings = {**PARAMETERS, "sampling": sampling, "rays_per_pixel": 8}
     run = events_of(list(Simulator(scene.with_trajectory(path), **settings).run()))
     stepper = Simulator(scene, **settings)
     packets = stepper.step(0, path.pose(0.0))
@@ -163,7 +163,7 @@ def test_steps_are_refined_to_where_the_renderer_has_their_levels(scene: Scene) 
     start = davis_rs.start_pose(scene)
     target = Pose(start.position + np.array([0.02, -0.01, 0.02]), start.quaternion)
     path = davis_rs.SegmentTrajectory(start, target, 0.03)
-    settings = {**PARAMETERS, "samples": 8, "sampling": Tolerance(0.05), "refine": True}
+    settings = {**PARAMETERS, "rays_per_pixel": 8, "sampling": Tolerance(0.05), "refine": True}
     run = events_of(list(Simulator(scene.with_trajectory(path), **settings).run()))
     stepper = Simulator(scene, **settings)
     packets = stepper.step(0, path.pose(0.0))
@@ -220,7 +220,7 @@ def test_looking_away_is_an_error_that_says_where(scene: Scene) -> None:
         ({"log_eps": 0.0}, "log_eps"),
         ({"frame_rate_hz": -1.0}, "rate"),
         ({"depth_rate_hz": 2e6}, "rate"),
-        ({"samples": 0}, "samples"),
+        ({"rays_per_pixel": 0}, "rays_per_pixel"),
         ({"threads": 0}, "threads"),
         ({"poses_per_launch": 0}, "poses_per_launch"),
         ({"renderer": "magic"}, "renderer"),

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from functools import wraps
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from .names_elsewhere import NAMES_ELSEWHERE
 
@@ -50,14 +50,14 @@ def without_unit(name: str) -> str:
     return next((name.removesuffix(unit) for unit in _UNITS if name.endswith(unit)), name)
 
 
-def names_of(taker: Callable[..., Any]) -> list[str]:
+def names_of(taker: Callable[..., object]) -> list[str]:
     """List the arguments that a function or a class takes by name."""
     parameters = inspect.signature(taker).parameters.values()
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     return [one.name for one in parameters if one.kind in by_name and one.name != "self"]
 
 
-Taker = TypeVar("Taker", bound=Callable[..., Any])
+Taker = TypeVar("Taker", bound=Callable[..., object])
 
 
 def names_checked(taker: Taker) -> Taker:
@@ -81,7 +81,7 @@ def names_checked(taker: Taker) -> Taker:
 
 
 def no_argument(
-    taker: Callable[..., Any] | str, given: str, names: Iterable[str], effects: Mapping[str, str] | None = None
+    taker: Callable[..., object] | str, given: str, names: Iterable[str], effects: Mapping[str, str] | None = None
 ) -> str:
     """Say of an argument that a function does not have it, and name the one that is close.
 

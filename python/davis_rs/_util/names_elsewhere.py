@@ -88,7 +88,7 @@ NAMES_ELSEWHERE: dict[str, Elsewhere] = {
     "ros_publisher_optic_flow_rate": Elsewhere("ESIM", "flow_rate_hz"),
     "trajectory_csv_file": Elsewhere("ESIM", "trajectory"),
     "trajectory_length_s": Elsewhere("ESIM", "duration_s"),
-    "spp": Elsewhere("Mitsuba", "samples"),
-    "sample_count": Elsewhere("Mitsuba", "samples"),
+    "spp": Elsewhere("Mitsuba", "rays_per_pixel"),
+    "sample_count": Elsewhere("Mitsuba", "rays_per_pixel"),
 }
 """By the name in small letters, with underscores."""

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import sys
 import time
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from .quantities import about
 from .terminal_text import printable, tell
 
 LINE_EVERY_S = 60.0
 """How often a line is written where there is no terminal."""
 
 _LAYOUT = "{desc}: {percentage:3.0f}%|{bar}| {n:.4g}/{total:.4g}{unit} [{elapsed}<{remaining}, {speed}{postfix}]"
+_LAYOUT_WITHOUT_TOTAL = "{desc} [{elapsed}{postfix}]"
 
 _Item = TypeVar("_Item")
 
@@ -37,31 +40,69 @@ class Progress:
         """Adds to what is done."""
         self.to(self.done + step)
 
+    def begin(self) -> None:
+        """Say that the work itself begins now; what came before prepared it."""
+
     def _show(self, note: str) -> None:
         """Show nothing."""
 
 
 @contextmanager
-def progress(what: str, total: float, *, unit: str = "", start: float = 0.0, show: bool = True) -> Iterator[Progress]:
+def progress(
+    what: str, total: float, *, unit: str = "", start: float = 0.0, show: bool = True, forecast: str | None = None
+) -> Iterator[Progress]:
     """Show a bar on standard error: ``with progress("reading", total) as bar: ... bar.to(done)``.
+
+    A bar is shown in a terminal and in a notebook. It stays when the work is over, unless it is inside of another bar,
+    or nothing was done before an error.
 
     Args:
         what: is done.
-        total, unit: how much of it, and in what.
+        total, unit: how much of it, and in what; a total of 0 shows no fraction until there is one.
         start: how much of it is done already.
         show: False for silence.
+        forecast: what to add to the line that says how long the work will take, if that is long, such as how to make it
+            shorter; None for no such line. Only for work that goes on evenly.
     """
     what = printable(what)
     if not show:
         yield Progress(total)
-    elif sys.stderr.isatty():
-        bar = _Bar(what, total, unit, start)
+    elif sys.stderr.isatty() or _in_notebook():
+        bar = _Bar(what, total, unit, start, forecast)
         try:
             yield bar
-        finally:
-            bar.close()
+        except BaseException:
+            bar.close(keep=bar.done > start)
+            raise
+        bar.close()
     else:
         yield _Lines(what, total, unit, start)
+
+
+@contextmanager
+def stage(what: str, *, show: bool = True) -> Iterator[None]:
+    """Show on a bar without a total that something is being done, and for how long; it vanishes when that is over.
+
+    Nothing is shown where there is neither a terminal nor a notebook.
+    """
+    if not show or not (sys.stderr.isatty() or _in_notebook()):
+        yield
+        return
+    bar = _Bar(printable(what), 0, "", 0.0, None)
+    try:
+        yield
+    finally:
+        bar.close(keep=False)
+
+
+def doing(what: str) -> None:
+    """Say on the innermost bar, if one is shown, what is being done now.
+
+    So a function deep in the library can tell of its steps, without a bar of its own and without being handed one. It
+    stands there until the bar moves on, or something else is done.
+    """
+    if _shown:
+        _shown[-1].note(what)
 
 
 def each(items: Iterable[_Item], what: str, total: int, *, unit: str = "", show: bool = True) -> Iterator[_Item]:
@@ -88,11 +129,67 @@ def speed_of(done: float, seconds: float, unit: str) -> str:
     return f"{rate:.2g}{unit}/s" if rate < 100 else f"{rate:,.0f}{unit}/s"
 
 
-class _Bar(Progress):
-    """Shows a bar of tqdm's."""
+class Forecast:
+    """Foretells how long work will take in all, from how it goes at first.
 
-    def __init__(self, what: str, total: float, unit: str, start: float) -> None:
-        from tqdm import tqdm
+    Work may come in batches: nothing for some seconds, then many steps at once. In the middle of a batch the speed is
+    not known, so it is taken from the end of one batch to the end of another, which show by a step that comes late.
+    The first batch does not count, because it takes longer than others.
+
+    Args:
+        total: work in all.
+        after_s: how long the work is watched at least.
+        above_s: a shorter time in all is worth no line.
+    """
+
+    _LATE_S, _SMOOTH_S, _LONGEST_S = 0.2, 1.0, 10.0
+
+    def __init__(self, total: float, *, after_s: float = 3.0, above_s: float = 20.0) -> None:
+        self._total, self._after_s, self._above_s = total, after_s, above_s
+        self._first: tuple[float, float] | None = None
+        self._last, self._began_s = (0.0, 0.0), 0.0
+
+    def seconds(self, done: float, seconds: float) -> float | None:
+        """Return how long the work will take in all; None if that is not known yet, or short.
+
+        Args:
+            done: how much is done by now.
+            seconds: since the work began; never less than at the call before.
+        """
+        last, self._last = self._last, (done, seconds)
+        late = seconds - last[1] >= self._LATE_S
+        if self._first is None:
+            if late and last[0] > 0:
+                self._first = last
+            elif last[0] == 0:
+                self._began_s = seconds
+            elif seconds - self._began_s >= self._SMOOTH_S:
+                self._first = done, seconds
+            return None
+        first_done, first_s = self._first
+        judged_done, judged_s = last if late else (done, seconds)
+        if not late and seconds - first_s < self._LONGEST_S:
+            return None
+        if judged_s - first_s < self._after_s or judged_done <= first_done:
+            return None
+        in_all_s = first_s + (self._total - first_done) * (judged_s - first_s) / (judged_done - first_done)
+        return in_all_s if in_all_s > self._above_s else None
+
+
+def _in_notebook() -> bool:
+    """Tell whether cells of a notebook are being run, without importing IPython."""
+    ipython = sys.modules.get("IPython")
+    shell = None if ipython is None else ipython.get_ipython()
+    return shell is not None and "IPKernelApp" in shell.config
+
+
+class _Bar(Progress):
+    """Shows a bar of tqdm's, in a notebook one of its widgets if ipywidgets is there."""
+
+    def __init__(self, what: str, total: float, unit: str, start: float, forecast: str | None) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that ipywidgets is not there
+            from tqdm.auto import tqdm
 
         class Bar(tqdm):  # type: ignore[misc]
             @property
@@ -102,25 +199,59 @@ class _Bar(Progress):
                 return known
 
         super().__init__(total)
-        self.done = start
+        self.done = self._start = start
+        self._what, self._advice = what, forecast
+        self._forecast = None if forecast is None else Forecast(total - start)
         unit = f" {unit}" if unit else ""
-        self._bar = Bar(total=total, desc=what, unit=unit, initial=start, bar_format=_LAYOUT, file=sys.stderr)
+        self._bar = Bar(
+            total=total or None,
+            desc=what,
+            unit=unit,
+            initial=start,
+            bar_format=_LAYOUT if total else _LAYOUT_WITHOUT_TOTAL,
+            file=sys.stderr,
+            leave=None,
+            dynamic_ncols=True,
+        )
+        self._began = time.monotonic()
         _shown.append(self)
 
     def _show(self, note: str) -> None:
+        if self.total and not self._bar.total:
+            self._bar.bar_format = _LAYOUT
         self._bar.total = self.total
         if note:
             self._bar.set_postfix_str(printable(note), refresh=False)
-        self._bar.update(self.done - self._bar.n)
+        if self._bar.n == self._start < self.done:
+            self._bar.update(self.done - self._bar.n)
+            self._bar.refresh()  # the first step shows at once
+        else:
+            self._bar.update(self.done - self._bar.n)
+        if self._forecast is None:
+            return
+        in_all_s = self._forecast.seconds(self.done - self._start, time.monotonic() - self._began)
+        if in_all_s is not None:
+            self._forecast = None
+            say(f"{self._what} will take {about(in_all_s)}{f'; {self._advice}' if self._advice else ''}")
+
+    def begin(self) -> None:
+        """Take the time from now on; what came before prepared the work."""
+        self._began = time.monotonic()
+
+    def note(self, what: str) -> None:
+        """Say on it what is being done, at once."""
+        self._bar.set_postfix_str(printable(what))
 
     def say(self, text: str) -> None:
         """Write a line above it."""
         self._bar.write(text, file=sys.stderr)
 
-    def close(self) -> None:
-        """Leave the bar as it is, and go on below it."""
+    def close(self, *, keep: bool = True) -> None:
+        """Leave the bar as it is, and go on below it; or take it away."""
         _shown.remove(self)
-        self._bar.total = self.total
+        if not keep:
+            self._bar.leave = False
+        self._bar.total = self.total or None
         self._bar.refresh()
         self._bar.close()
 

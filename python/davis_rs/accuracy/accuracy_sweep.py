@@ -120,11 +120,11 @@ class Sweep:
         self.scene = scene
         self.camera, self.folder, self.fine_rays = camera or scene.own_camera, Path(folder), fine_rays
         whole = self.scene.path
-        renderer = make_renderer(self.scene, self.camera, samples=1)
+        renderer = make_renderer(self.scene, self.camera, rays_per_pixel=1)
         if start_s is None:
             start_s = min(half_way_s(renderer, whole), max(whole.duration_s - (duration_s or 0.0), 0.0))
         rest = self.scene.crop(start_s)
-        renderer = make_renderer(rest, self.camera, samples=1)
+        renderer = make_renderer(rest, self.camera, rays_per_pixel=1)
         rest_s = rest.path.duration_s
         clock = DisplacementClock(renderer, rest.path, round(rest_s * 1e6))
         if duration_s is None:
@@ -168,10 +168,10 @@ class Sweep:
         log = np.stack(recorder.log)
         in_time, kept_percent = None, None
         if same_rays and not setting.random:
-            crossings = self._same_crossings(setting.samples)
-            in_time = self._errors(events, log, crossings, self._same_log(setting.samples))
+            crossings = self._same_crossings(setting.rays_per_pixel)
+            in_time = self._errors(events, log, crossings, self._same_log(setting.rays_per_pixel))
         if setting.promised is not None and not setting.random:
-            errors = np.abs(log - self._same_log(setting.samples))
+            errors = np.abs(log - self._same_log(setting.rays_per_pixel))
             kept = errors <= setting.promised * self.recipe.contrast_threshold
             kept_percent = 100 * float(kept.mean())
         in_all = self._errors(events, log, self.fine.events, self._fine_log)
@@ -202,18 +202,18 @@ class Sweep:
         self._recorded_us = self.fine.t_us[chosen]
         self._fine_log = self.recipe.log_luma(self.fine.luma[chosen])
 
-    def _same_crossings(self, samples: int) -> EventArray:
+    def _same_crossings(self, rays_per_pixel: int) -> EventArray:
         """Return the exact crossings of the same rays."""
-        if samples not in self._crossings:
-            self._crossings[samples] = exact_crossings(self._renderer(samples), self.recipe).events
-        return self._crossings[samples]
+        if rays_per_pixel not in self._crossings:
+            self._crossings[rays_per_pixel] = exact_crossings(self._renderer(rays_per_pixel), self.recipe).events
+        return self._crossings[rays_per_pixel]
 
-    def _same_log(self, samples: int) -> FloatArray:
+    def _same_log(self, rays_per_pixel: int) -> FloatArray:
         """Log luma of the same rays, rendered at the recorded instants."""
-        if samples not in self._logs:
-            luma = self._renderer(samples).luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
-            self._logs[samples] = self.recipe.log_luma(luma)
-        return self._logs[samples]
+        if rays_per_pixel not in self._logs:
+            luma = self._renderer(rays_per_pixel).luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
+            self._logs[rays_per_pixel] = self.recipe.log_luma(luma)
+        return self._logs[rays_per_pixel]
 
     def _errors(self, events: EventArray, log: FloatArray, reference: EventArray, reference_log: FloatArray) -> Errors:
         size, window = (self.camera.width, self.camera.height), self.recipe.window_us * TICKS_PER_US
@@ -222,8 +222,8 @@ class Sweep:
         median_us, p99_us = comparison.median_us / TICKS_PER_US, comparison.p99_us / TICKS_PER_US
         return Errors(median_us, p99_us, comparison.missing_percent, comparison.spurious_percent, log_rms)
 
-    def _renderer(self, samples: int) -> Renderer:
-        return make_renderer(self._judged, self.camera, samples=samples)
+    def _renderer(self, rays_per_pixel: int) -> Renderer:
+        return make_renderer(self._judged, self.camera, rays_per_pixel=rays_per_pixel)
 
     def _ready(self, setting: Setting, sampling: TimeSampling, scene: Scene) -> Simulator:
         """Make a simulator that has all of what a renderer makes when it is first asked for luma."""
@@ -238,7 +238,7 @@ class Sweep:
             frame_rate_hz=0,
             depth_rate_hz=0,
             sampling=sampling,
-            samples=setting.samples,
+            rays_per_pixel=setting.rays_per_pixel,
             renderer=setting.renderer,
             refine=setting.refine,
         )

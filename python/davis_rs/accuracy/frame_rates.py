@@ -98,12 +98,12 @@ class FrameRateSweep:
         self.scene, self.camera = scene, camera or scene.own_camera
         if start_s is None:
             whole = scene.path
-            middle_s = half_way_s(make_renderer(scene, self.camera, samples=1), whole)
+            middle_s = half_way_s(make_renderer(scene, self.camera, rays_per_pixel=1), whole)
             start_s = min(middle_s, max(whole.duration_s - duration_s, 0.0))
         self._judged = scene.crop(start_s, duration_s)
         self.start_s, self.duration_s = start_s, self._judged.path.duration_s
         self._end_us = round(self.duration_s * 1e6)
-        self._renderer = make_renderer(self._judged, self.camera, samples=_SAMPLES)
+        self._renderer = make_renderer(self._judged, self.camera, rays_per_pixel=_SAMPLES)
         clock = DisplacementClock(self._renderer, self._judged.path, self._end_us)
         self.path_px = clock.path_at(self._end_us)
         if self.path_px <= 0:

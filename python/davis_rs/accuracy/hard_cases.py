@@ -63,16 +63,16 @@ def _measure(case: HardCase, preset: str, references: dict[int, DenseProbe]) -> 
     events = concatenate_events([packet.events for packet in simulator.run()])
     wall_s = time.perf_counter() - began
     renderer = simulator.renderer
-    if renderer.rays not in references:
+    if renderer.rays_per_pixel not in references:
         true = renderer if case.true_scene is None else _simulator(case, case.true_part, preset).renderer
-        references[renderer.rays] = dense_probe(
+        references[renderer.rays_per_pixel] = dense_probe(
             true,
             case.true_part.path,
             step_us=STEP_US,
             contrast_threshold=case.contrast_threshold,
             log_eps=simulator.log_eps,
         )
-    probe = references[renderer.rays]
+    probe = references[renderer.rays_per_pixel]
     size = (renderer.camera.width, renderer.camera.height)
     compared = compare_events(events, probe.events, size=size, window_us=_window_us(renderer, case))
     early = int((events["t"] < int(probe.unchanged_until_us.min()) - EARLY_US).sum())

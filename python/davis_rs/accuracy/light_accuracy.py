@@ -105,7 +105,7 @@ class LightComparison:
         self._runs, self._samples, self._error = runs, reference_samples, bake_error
         self.duration_s = duration_s
         self._views = Views.along(scene.path, np.linspace(0.0, duration_s, instants))
-        renderer = make_renderer(scene, camera, kind="baked", samples=rays, bake_error=bake_error)
+        renderer = make_renderer(scene, camera, kind="baked", rays_per_pixel=rays, bake_error=bake_error)
         assert isinstance(renderer, NativeRenderer)
         assert renderer.baked is not None
         self._renderer, self._light, self._rays = renderer, renderer.baked, rays
@@ -122,7 +122,7 @@ class LightComparison:
         what = f"reference: {self._runs} runs of {self._samples:,} samples; its halves compared"
         yield self._errors(what, even, odd, None, None)
         for count in samples:
-            tracer = make_renderer(self.scene, self.camera, kind="integrator", samples=count, seed=0)
+            tracer = make_renderer(self.scene, self.camera, kind="integrator", rays_per_pixel=count, seed=0)
             luma, ms = self._timed(tracer)
             yield self._errors(f"path tracer, {count:,} samples", luma, self.reference, None, ms)
         self.baked, ms = self._timed(self._renderer)
@@ -133,7 +133,7 @@ class LightComparison:
         file = None if self._folder is None else self._folder / f"light_{self._name}_{seed}.npy"
         if file is not None and file.exists():
             return np.asarray(np.load(file, allow_pickle=False), np.float32)
-        tracer = make_renderer(self.scene, self.camera, kind="integrator", samples=self._samples, seed=seed)
+        tracer = make_renderer(self.scene, self.camera, kind="integrator", rays_per_pixel=self._samples, seed=seed)
         luma = tracer.luma(self._views)
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -181,7 +181,7 @@ def light_cost(renderer: Renderer, scene: Scene) -> str | None:
     if not isinstance(renderer, NativeRenderer) or renderer.baked is None:
         return None
     views = Views.along(scene.path, np.zeros(1))
-    tracer = make_renderer(scene, renderer.camera, kind="integrator", samples=_TRIED_SAMPLES)
+    tracer = make_renderer(scene, renderer.camera, kind="integrator", rays_per_pixel=_TRIED_SAMPLES)
     ms = []
     for timed in (renderer, tracer):
         timed.luma(views)

@@ -189,7 +189,7 @@ def fine_reference(
             "trajectory": recipe.trajectory.describe(),
             "threshold": [recipe.contrast_threshold, recipe.log_eps],
             "camera": asdict(renderer.camera),
-            "renderer": [renderer.name, renderer.rays, renderer.blur],
+            "renderer": [renderer.name, renderer.rays_per_pixel, renderer.blur],
         }
     )
     size, window_us = (renderer.camera.width, renderer.camera.height), recipe.window_us * TICKS_PER_US

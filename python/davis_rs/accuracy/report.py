@@ -46,7 +46,7 @@ def _row(measurement: Measurement) -> dict[str, object]:
         "family": setting.family,
         "preset": setting.preset,
         "sampling": repr(setting.sampling),
-        "rays_a_pixel": setting.samples,
+        "rays_per_pixel": setting.rays_per_pixel,
         "renderer": setting.renderer,
         "refined": setting.refine,
         "wall_s_per_s": f"{measurement.median_wall_s:.6g}",

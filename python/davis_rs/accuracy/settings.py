@@ -16,7 +16,7 @@ class Setting:
     Attributes:
         name: unique, for people.
         family: settings of one family differ in one thing.
-        samples: rays a pixel.
+        rays_per_pixel: rays a pixel.
         renderer: as of :class:`~davis_rs.Simulator`; so ``refine``.
         preset: what users know it by, if they do.
     """
@@ -24,7 +24,7 @@ class Setting:
     name: str
     family: str
     sampling: TimeSampling
-    samples: int = 8
+    rays_per_pixel: int = 8
     renderer: str = "auto"
     refine: bool = False
     preset: str = ""
@@ -85,7 +85,9 @@ def default_settings() -> list[Setting]:
         Setting("lines, 1 px, 8 rays, refined", "refined", MaxDisplacement(1.0), refine=True),
     ]
     presets = [
-        Setting(f"preset {name}", PRESETS, accuracy.sampling, accuracy.samples, refine=accuracy.refine, preset=name)
+        Setting(
+            f"preset {name}", PRESETS, accuracy.sampling, accuracy.rays_per_pixel, refine=accuracy.refine, preset=name
+        )
         for name, accuracy in ACCURACY.items()
         if name != "paper"  # it is among the lines
     ]

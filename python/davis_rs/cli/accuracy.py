@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .._util.argument_error import ArgumentError
 from .._util.extras import require
-from .._util.progress import each, progress, say
+from .._util.progress import each, progress, say, stage
 from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
@@ -96,13 +96,14 @@ def _accuracy(options: argparse.Namespace) -> int:
         if not settings:
             raise ValueError(f"no setting has {options.only!r} in its name or family")
     scene, camera = _judged_scene(options)
-    prepared = Sweep(
-        scene,
-        start_s=options.start_s,
-        duration_s=options.duration_s,
-        camera=camera,
-        folder=options.output,
-    )
+    with stage("making the renderers", show=not options.quiet):
+        prepared = Sweep(
+            scene,
+            start_s=options.start_s,
+            duration_s=options.duration_s,
+            camera=camera,
+            folder=options.output,
+        )
     command = f"davis-rs {shlex.join(sys.argv[1:])}"
     return run_sweep(prepared, settings, rounds=rounds, command=command, quiet=options.quiet)
 
@@ -120,14 +121,15 @@ def _light(options: argparse.Namespace) -> int:
     scene, camera = _judged_scene(options)
     given = given_settings(options, ViewSettings)
     folder: Path = options.output
-    comparison = LightComparison(
-        scene,
-        camera,
-        runs=options.light,
-        folder=folder,
-        **({} if options.duration_s is None else {"duration_s": options.duration_s}),
-        **({"bake_error": given["bake_error"]} if "bake_error" in given else {}),
-    )
+    with stage("making the renderers", show=not options.quiet):
+        comparison = LightComparison(
+            scene,
+            camera,
+            runs=options.light,
+            folder=folder,
+            **({} if options.duration_s is None else {"duration_s": options.duration_s}),
+            **({"bake_error": given["bake_error"]} if "bake_error" in given else {}),
+        )
     table = [f"| {' | '.join(HEADS)} |", "|---|" + "---:|" * (len(HEADS) - 1)]
     for errors in each(comparison.measure(), "light", 2 + len(LIGHT_SAMPLES), show=not options.quiet):
         table.append(str(errors))
@@ -149,7 +151,8 @@ def _frame_rates(options: argparse.Namespace) -> int:
         raise ValueError("--rounds are timed runs, and --frames times nothing")
     scene, camera = _judged_scene(options)
     duration_s = DURATION_S if options.duration_s is None else options.duration_s
-    prepared = FrameRateSweep(scene, start_s=options.start_s, duration_s=duration_s, camera=camera)
+    with stage("making the renderers", show=not options.quiet):
+        prepared = FrameRateSweep(scene, start_s=options.start_s, duration_s=duration_s, camera=camera)
     folder: Path = options.output
     folder.mkdir(parents=True, exist_ok=True)
     settings = video_settings()

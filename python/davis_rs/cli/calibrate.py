@@ -7,6 +7,7 @@ import json
 import sys
 from pathlib import Path
 
+from .._util.progress import stage
 from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..calibrate import (
@@ -26,6 +27,7 @@ from ..calibrate import (
 )
 from ..calibrate.camera.board_pose import BoardPose
 from ..calibrate.camera.corners import BoardView
+from ..calibrate.camera.opencv import load_opencv
 from ..geometry.camera import Camera, load_camera
 from ..io.dataset.reader import Dataset
 from ..scene.builtin.checkerboard import DATASET_BOARD, Checkerboard
@@ -114,7 +116,8 @@ def _add_common(parser: argparse.ArgumentParser, *, camera: bool = False) -> Non
 def _intrinsics(options: argparse.Namespace) -> int:
     dataset, board, views = _views(options)
     height, width = dataset.read_image(views[0].frame).shape
-    result = calibrate_intrinsics(views, board, width=width, height=height)
+    with stage("fitting the lens"):
+        result = calibrate_intrinsics(views, board, width=width, height=height)
     if options.calib is not None:
         write_whole(options.calib, result.camera.to_calib())
     if options.figure is not None:
@@ -128,19 +131,19 @@ def _hand_eye(options: argparse.Namespace) -> int:
     poses = board_poses(views, board, camera)
     hand, covered = tracked_poses(dataset.groundtruth, [pose.view.t_us * 1e-6 for pose in poses])
     seen: list[BoardPose] = [pose for pose, known in zip(poses, covered, strict=True) if known]
-    return _done(calibrate_hand_eye(hand[covered], seen, board, camera), options.output)
+    with stage("fitting the hand-eye transform"):
+        result = calibrate_hand_eye(hand[covered], seen, board, camera)
+    return _done(result, options.output)
 
 
 def _camera_imu(options: argparse.Namespace) -> int:
     dataset, board, views = _views(options)
-    result = calibrate_camera_imu(
-        board_poses(views, board, _camera(options, dataset)),
-        dataset.imu,
-        noise=ImuNoise(
-            accelerometer_noise_density=options.accelerometer_noise, gyroscope_noise_density=options.gyroscope_noise
-        ),
-        knot_rate_hz=options.knot_rate_hz,
+    noise = ImuNoise(
+        accelerometer_noise_density=options.accelerometer_noise, gyroscope_noise_density=options.gyroscope_noise
     )
+    with stage("fitting camera and IMU"):
+        poses = board_poses(views, board, _camera(options, dataset))
+        result = calibrate_camera_imu(poses, dataset.imu, noise=noise, knot_rate_hz=options.knot_rate_hz)
     return _done(result, options.output)
 
 
@@ -150,8 +153,10 @@ def _views(options: argparse.Namespace) -> tuple[Dataset, Checkerboard, list[Boa
     except ValueError:
         raise ValueError(f"--tiles must be ROWSxCOLUMNS, such as 6x7, got {options.tiles!r}") from None
     board = Checkerboard(rows, columns, options.tile_m)
+    load_opencv()  # before any frame is read
     dataset = Dataset(options.dataset)
-    views = find_board(dataset, board, start_s=options.start_s, stop_s=options.stop_s)
+    with stage("finding the checkerboard"):
+        views = find_board(dataset, board, start_s=options.start_s, stop_s=options.stop_s)
     tell(f"all {len(board.corners)} corners found in {len(views)} of {len(dataset.frames)} frames", file=sys.stderr)
     return dataset, board, views
 

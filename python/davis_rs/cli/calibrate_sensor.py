@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from .._util.progress import stage
 from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..sensor.presets import SENSORS
@@ -60,7 +61,8 @@ def _sensor(options: argparse.Namespace) -> int:
     recordings = [
         measured_with_frames(path, options, light) for path, light in zip(options.recordings, lux, strict=True)
     ]
-    fit = fit_sensor(recordings, base)
+    with stage("fitting the sensor", show=not options.quiet):
+        fit = fit_sensor(recordings, base)
     fitted = fit.file(base)
     text = sensor_yaml(fitted)
     tell(fit)
@@ -69,9 +71,10 @@ def _sensor(options: argparse.Namespace) -> int:
         tell(f"{options.output}: --sensor {options.output} simulates it")
     if options.figure is not None:
         real = recordings[0].statistics
-        events = static_events(fitted.parameters, real.size, min(real.duration_s, _LONGEST_S))
-        simulated = measure_stream(
-            EventStream("static scene, fitted sensor", "simulated", real.size, lambda told: cut(events, told))
-        )
+        with stage("simulating a static scene", show=not options.quiet):
+            events = static_events(fitted.parameters, real.size, min(real.duration_s, _LONGEST_S))
+            simulated = measure_stream(
+                EventStream("static scene, fitted sensor", "simulated", real.size, lambda told: cut(events, told))
+            )
         tell(draw_comparison(StreamComparison(real, simulated), options.figure))
     return 0

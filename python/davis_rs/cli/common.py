@@ -9,7 +9,7 @@ from pathlib import Path
 from .._util.argument_checks import as_size
 from .._util.argument_error import ArgumentError
 from .._util.extras import require
-from .._util.progress import say
+from .._util.progress import say, stage
 from .._util.terminal_text import tell
 from ..geometry.trajectory.trajectory import Trajectory, align
 from ..geometry.trajectory.trajectory_file import read_trajectory
@@ -41,7 +41,8 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 
 def scene_of(options: argparse.Namespace, quiet: bool = False) -> Scene:
     """Load the scene that the options name; says what is to be known of its file."""
-    scene = load_scene(options.scene, up=options.up, scale=options.scale)
+    with stage(f"loading {options.scene}", show=not quiet):
+        scene = load_scene(options.scene, up=options.up, scale=options.scale)
     if scene.note and not quiet:
         say(f"{scene.note} (--scale, --up)")
     return scene

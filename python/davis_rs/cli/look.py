@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .._util.argument_error import ArgumentError
+from .._util.progress import stage
 from .._util.terminal_text import tell
 from .._util.whole_file import whole_file
 from .common import EVENTS_HELP, sensor_size
@@ -70,7 +71,8 @@ def add_view(parser: argparse.ArgumentParser) -> None:
         "--max-events",
         type=int,
         metavar="N",
-        help="page, Rerun: events kept, drawn evenly from all (default: 400,000 in a page, 2,000,000 in Rerun's cloud)",
+        help="page, Rerun: events kept, drawn evenly from all (default: 5,000,000 in a page, 2,000,000 in Rerun's "
+        "cloud)",
     )
     parser.add_argument(
         "--max-frames",
@@ -94,7 +96,8 @@ _OPTION_NAMES = {"output": "-o"}
 def _check(options: argparse.Namespace) -> int:
     from ..inspection.check import check_dataset
 
-    report = check_dataset(options.dataset)
+    with stage(f"checking {options.dataset}"):
+        report = check_dataset(options.dataset)
     tell(report)
     return 0 if report.ok else 1
 
@@ -119,8 +122,8 @@ def _view_picture(options: argparse.Namespace, settings: dict[str, Any]) -> Path
 
     in_or_next_to = options.source / "view.png" if options.source.is_dir() else options.source.with_suffix(".png")
     output = check_figure_path(options.output or in_or_next_to)
-    figure = view(options.source, **settings)
-    with whole_file(output) as working:
+    with stage(f"drawing {options.source}"), whole_file(output) as working:
+        figure = view(options.source, **settings)
         figure.savefig(working)
     return output
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from .._util.progress import stage
 from .._util.terminal_text import tell
 from ..simulation.settings import PlanSettings, ViewSettings, complete, renderer_of, view_scene
 from .common import add_path, add_scene, on_path, scene_of
@@ -40,18 +41,17 @@ def _plan(options: argparse.Namespace) -> int:
     from ..simulation.planning import plan_effects
 
     scene = on_path(options, scene_of(options))
-    plan = plan_effects(
-        scene,
-        options.effects,
-        **given_settings(options, PlanSettings),
-    )
+    with stage("planning effects"):
+        plan = plan_effects(scene, options.effects, **given_settings(options, PlanSettings))
     tell(plan.explain() if options.explain else plan)
-    noise = estimate_noise(scene, **given_settings(options, ViewSettings))
+    with stage("measuring noise"):
+        noise = estimate_noise(scene, **given_settings(options, ViewSettings))
     if noise is not None:
         tell(noise)
     settings = complete(ViewSettings, given_settings(options, ViewSettings), taker="davis-rs plan")
     viewed = view_scene(scene, settings)
-    light = light_cost(renderer_of(viewed, settings), viewed.scene)
+    with stage("measuring what light costs"):
+        light = light_cost(renderer_of(viewed, settings), viewed.scene)
     if light is not None:
         tell(light)
     return 0

@@ -8,6 +8,8 @@ from typing import Any
 
 from .._util.argument_checks import parse_size
 from .._util.argument_error import ArgumentError
+from .._util.former_names import is_now
+from .._util.progress import say
 from ..simulation.settings import Setting, Settings, settings_of
 from .common import unnamed
 
@@ -49,6 +51,16 @@ def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
         names = (setting.option, f"{setting.option}s")
         group.add_argument(*names, action="append", metavar=declared.metavar, help=form.replace("%", "%%"), **common)
     else:
+        if declared.former_name:
+            former = "--" + declared.former_name.replace("_", "-")  # before the present one, which messages name
+            group.add_argument(
+                former,
+                action=_FormerOption,
+                type=_reader(setting),
+                const=setting.option,
+                help=argparse.SUPPRESS,
+                **common,
+            )
         option = group.add_argument(
             setting.option, type=_reader(setting), metavar=_metavar(setting), help=text, **common
         )
@@ -56,6 +68,16 @@ def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
             # What the shell's completion offers, by argcomplete's convention. argparse's own choices would refuse a
             # value in other words than Python and plans do.
             option.completer = lambda **_: declared.choices  # type: ignore[attr-defined]
+
+
+class _FormerOption(argparse.Action):
+    """Takes a setting by its former option, and says the present one, its ``const``."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, value: object, option: str | None = None
+    ) -> None:
+        say(f"davis-rs: warning: {is_now(str(option), self.const)}")
+        setattr(namespace, self.dest, value)
 
 
 def _metavar(setting: Setting) -> str | None:

@@ -149,7 +149,7 @@ class EdgePasses:
 
     def __init__(self, renderer: NativeRenderer) -> None:
         self._renderer, self._table, self._pixels = renderer, renderer.table, BlurredPixels(renderer)
-        rays = ray_table(self._renderer.camera, self._renderer.rays).astype(np.float32)
+        rays = ray_table(self._renderer.camera, self._renderer.rays_per_pixel).astype(np.float32)
         self._ray_table = np.concatenate([rays, np.ones_like(rays[..., :1])], -1).astype(np.float64)
         corners, self._frames = self._table.corners, self._table.frames.astype(np.int64)
         self._edges = np.stack([corners, np.roll(corners, -1, axis=1)], 2)  # (t, 3, 2, 3)
@@ -171,7 +171,7 @@ class EdgePasses:
         (before, dark, luma), (after, dark_after, luma_after) = (
             self._renderer.ray_hits(views, view, flat) for views in ends
         )
-        weights = np.tile(self._pixels.weights, count)[:, None] / self._renderer.rays
+        weights = np.tile(self._pixels.weights, count)[:, None] / self._renderer.rays_per_pixel
         changed, ray = np.nonzero((before != after) | (dark != dark_after))
         rays = ChangedRays(
             view[changed].astype(np.int64),

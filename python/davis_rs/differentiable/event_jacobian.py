@@ -238,7 +238,7 @@ def event_time_jacobian(
         edges: which derivatives are computed where an edge passes a pixel. ``rays``: those of the run as simulated,
             with its rays, each of which jumps. ``mean``: those of the mean over the whole pixel, which the rays sample:
             the derivative has the integral along the edge, at the event and at the start of the run. That needs many
-            rays (``samples`` from 256 on) and a scene at rest, and takes some milliseconds an event.
+            rays (``rays_per_pixel`` from 256 on) and a scene at rest, and takes some milliseconds an event.
         settings: of the run, by the names that :class:`~davis_rs.Simulator` takes.
 
     Returns:

@@ -34,9 +34,9 @@ class FrameEdges:
     that its parameters have now.
     """
 
-    def __init__(self, table: SceneTable, camera: Camera, samples: int, motion: SceneMotion) -> None:
+    def __init__(self, table: SceneTable, camera: Camera, rays_per_pixel: int, motion: SceneMotion) -> None:
         self._table, self._motion = table, motion
-        self._renderer = NativeRenderer(table, camera, samples=samples, blur=False, motion=motion)
+        self._renderer = NativeRenderer(table, camera, rays_per_pixel=rays_per_pixel, blur=False, motion=motion)
         self._edges, self._pixels = TurnedEdges(self._renderer), camera.width * camera.height
 
     def attached_zero(self, poses: CameraPoses, t_s: FloatArray, kernel: TableKernel) -> JitFloat:
@@ -59,7 +59,7 @@ class FrameEdges:
     def _slopes(self, views: Views, kernel: TableKernel) -> FloatArray:
         """Return the derivatives (n H W, 6) of luma by an increment of the pose."""
         slopes = np.zeros((len(views) * self._pixels, 6))
-        together = max(_RAYS_TOGETHER // self._renderer.rays, 1)
+        together = max(_RAYS_TOGETHER // self._renderer.rays_per_pixel, 1)
         known = unknown = 0.0
 
         def luma(own: Views, rays: FloatArray) -> FloatArray:
@@ -73,7 +73,9 @@ class FrameEdges:
                 known += float(size[explained].sum())
                 unknown += float(size[~explained].sum())
                 into = ((view[turn.event] - view[0]) * self._pixels)[:, None] + turn.pixel
-                rows = (turn.change / self._renderer.rays)[:, None] * np.where(explained[:, None], turn.slope, 0.0)
+                rows = (turn.change / self._renderer.rays_per_pixel)[:, None] * np.where(
+                    explained[:, None], turn.slope, 0.0
+                )
                 for column in range(6):
                     parts = turn.part * rows[:, column, None]
                     of_views[:, column] += np.bincount(into.ravel(), parts.ravel(), len(of_views))

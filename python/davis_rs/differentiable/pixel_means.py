@@ -44,7 +44,7 @@ class MeanLogLumaField(LogLumaField):
 
     def _of_view(self, views: Views, view: npt.NDArray[np.uint32], pixel: IntArray) -> LogLuma:
         surfaces = super()._of_view(views, view, pixel)
-        count = max(_RAYS_TOGETHER // (len(self._rows) * self.renderer.rays), 1)
+        count = max(_RAYS_TOGETHER // (len(self._rows) * self.renderer.rays_per_pixel), 1)
         parts = [
             self._of_edges(views[view[first : first + count]], pixel[first : first + count])
             for first in range(0, len(pixel), count)
@@ -62,7 +62,7 @@ class MeanLogLumaField(LogLumaField):
         for turn in self._edges.turns(views[event], around, self.renderer.ray_luma):
             own = event[turn.event]
             weights = (turn.pixel[:, :, None] == taken[own][:, None]) @ self.pixels.weights
-            change = turn.change / self.renderer.rays
+            change = turn.change / self.renderer.rays_per_pixel
             explained, size = np.isfinite(turn.slope[:, 0]), np.abs(change)
             known += np.bincount(own[explained], size[explained], len(pixel))
             unknown += np.bincount(own[~explained], size[~explained], len(pixel))

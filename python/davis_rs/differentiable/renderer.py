@@ -10,6 +10,7 @@ import numpy.typing as npt
 from .._mitsuba.types import JitFloat, JitTensor, TensorLike
 from .._mitsuba.variants import FAST, default_variant, load_scene_source, variant
 from .._util.argument_error import ArgumentError
+from .._util.former_names import FormerAttribute, takes_former_names
 from ..geometry.camera import Camera
 from ..render.diffuse_materials import simplify_materials
 from ..render.motion.scene_updates import scene_motion
@@ -38,35 +39,38 @@ class DifferentiableRenderer:
     that moves with its light adds nothing at its edge.
 
     Args:
-        samples: rays a pixel.
+        rays_per_pixel: rays a pixel.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         edges: False leaves out the part of edges: poses then have derivatives of the surfaces alone. It costs nothing
             where poses need no derivatives.
 
     Raises:
         ValueError: if the table kernel cannot render the scene (the message says what in it is not a diffuse mesh
-            under point, directional and constant light), for ``samples`` outside of 1..1024, or without
+            under point, directional and constant light), for ``rays_per_pixel`` outside of 1..1024, or without
             ``llvm_ad_rgb``.
         OSError: if a scene file cannot be read.
     """
 
+    samples = FormerAttribute("rays_per_pixel")
+
+    @takes_former_names(samples="rays_per_pixel")
     def __init__(
         self,
         scene: Scene,
         camera: Camera | None = None,
         *,
-        samples: int = 4,
+        rays_per_pixel: int = 4,
         blur: bool | None = None,
         edges: bool = True,
     ) -> None:
         check_scene(scene)
         self.camera = scene.own_camera if camera is None else camera
-        self.samples, self.blur = samples, scene.blur if blur is None else blur
+        self.rays_per_pixel, self.blur = rays_per_pixel, scene.blur if blur is None else blur
         variant_name, why = default_variant()
         if variant_name != FAST:
             raise ValueError(f"derivatives need Mitsuba's {FAST} variant: {why}")
         self._rays = CameraRays(self.camera)
-        self._rays.prepare(samples)
+        self._rays.prepare(rays_per_pixel)
         with variant(FAST) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
             simplify_materials(loaded, mi, matte=scene.matte)
@@ -79,7 +83,7 @@ class DifferentiableRenderer:
                 raise ValueError(f"derivatives need the table kernel, which cannot render this: {unsuitable}") from None
             self._kernel = DifferentiableKernel(table, mi)
         self._table = table
-        self._edges = FrameEdges(table, self.camera, samples, self._motion) if edges else None
+        self._edges = FrameEdges(table, self.camera, rays_per_pixel, self._motion) if edges else None
 
     @property
     def parameters(self) -> dict[str, JitTensor]:
@@ -125,20 +129,20 @@ class DifferentiableRenderer:
             # Whole ray packets of one sample and view, as in the table renderer, so that the bits are the same.
             padded = -(-pixels // _PACKET) * _PACKET
             lanes = count * padded
-            if lanes * self.samples >= 1 << 32:
-                raise ValueError(f"poses x pixels x samples must stay below 2^32, got {lanes * self.samples}")
-            lane = dr.arange(mi.UInt32, lanes * self.samples)
+            if lanes * self.rays_per_pixel >= 1 << 32:
+                raise ValueError(f"poses x pixels x samples must stay below 2^32, got {lanes * self.rays_per_pixel}")
+            lane = dr.arange(mi.UInt32, lanes * self.rays_per_pixel)
             sample, lane = lane // lanes, lane % lanes
             view, pixel = lane // padded, dr.minimum(lane % padded, pixels - 1)
             cameras = poses.gather(view)
-            ray = self._rays.ray(Lanes(pixel, cameras.positions, cameras.rotations, None), sample, self.samples)
+            ray = self._rays.ray(Lanes(pixel, cameras.positions, cameras.rotations, None), sample, self.rays_per_pixel)
             luma = kernel.luma(ray, scene_at.around(ray, view))
             pixel = dr.arange(mi.UInt32, count * pixels)
             first = pixel // pixels * padded + pixel % pixels
             frames = dr.zeros(mi.Float, count * pixels)
-            for number in range(self.samples):
+            for number in range(self.rays_per_pixel):
                 frames += dr.gather(mi.Float, luma, first + number * lanes)
-            frames /= self.samples
+            frames /= self.rays_per_pixel
             if self._edges is not None and dr.grad_enabled(poses.positions, poses.rotations):
                 moved = self._kernel.moved_lights(parameters or {}) if self._table.shadows else []
                 if moved:

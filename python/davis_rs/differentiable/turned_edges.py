@@ -65,7 +65,7 @@ class TurnedEdges:
 
     def __init__(self, renderer: NativeRenderer) -> None:
         self._edges, self._camera = EdgePasses(renderer), renderer.camera
-        self._to_either_side_px = 1 / math.sqrt(renderer.rays)
+        self._to_either_side_px = 1 / math.sqrt(renderer.rays_per_pixel)
 
     def turns(self, views: Views, pixel: IntArray, luma: RayLuma) -> Iterator[Turn]:
         """Yield the two turns of pixels (n,), y W + x, each seen in its own one of n views."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .._util.argument_error import ArgumentError
+from .._util.array_types import NumberArray
 
 EVENT_DTYPE: np.dtype[np.void] = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")], align=True)
 """One event in 16 bytes: ``t`` in microseconds from the start of the sequence, ``x`` to the right, ``y`` down,
@@ -55,7 +55,7 @@ _RULES = {
 }
 
 
-def _column(name: str, values: npt.ArrayLike) -> npt.NDArray[np.number[Any]]:
+def _column(name: str, values: npt.ArrayLike) -> NumberArray:
     column = np.asarray(values)
     if column.ndim != 1 or column.dtype.kind not in "biuf":
         raise ArgumentError(

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from .._util.argument_checks import as_size, check_number
 from .._util.close_names import names_checked
+from .._util.html_table import html_table
 from .arrays import EventArray, as_events
 
 DEFAULT_WINDOW_US = 10_000
@@ -43,6 +44,18 @@ class EventComparison:
     missing: int
     spurious: int
     time_error_us: npt.NDArray[np.float64]
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("reference", f"{self.reference:,} events"),
+            ("compared", f"{self.compared:,} events"),
+            ("matched", f"{self.matched:,}"),
+            ("missing", f"{self.missing:,}, {self.missing_percent:.3g} % of the reference"),
+            ("spurious", f"{self.spurious:,}, {self.spurious_percent:.3g} % of the reference"),
+            ("time error, median", f"{self.median_us:.3g} us"),
+            ("time error, 99th percentile", f"{self.p99_us:.3g} us"),
+        ]
+        return html_table("EventComparison", rows)
 
     @property
     def median_us(self) -> float:

@@ -221,7 +221,7 @@ def _window(events: EventArray, start_us: int | None, stop_us: int | None) -> tu
     return (start, max(start, last), True) if stop_us is None else (start, stop_us, False)
 
 
-def _floating(dtype: npt.DTypeLike) -> np.dtype[Any]:
+def _floating(dtype: npt.DTypeLike) -> np.dtype[np.generic]:
     """Return a floating type, and refuse others: integers would cut what is shared between planes or decays."""
     if not np.issubdtype(np.dtype(dtype), np.floating):
         raise ArgumentError("{dtype} must be a floating type, got {!r}", dtype)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from statistics import NormalDist
-from typing import Any
 
+from .._util.array_types import JsonValue
 from .._util.random_words import Words
 
 
@@ -132,7 +132,7 @@ class Choice(Distribution):
         return self.options[next((index for index, reached in enumerate(sums) if aim < reached), last)]
 
 
-def draw(node: object, seed: int, index: int, path: str = "", words: Words | None = None) -> Any:
+def draw(node: object, seed: int, index: int, path: str = "", words: Words | None = None) -> JsonValue:
     """Draw the value of a node of the plan in sequence ``index``; what is no distribution stays as it is.
 
     A distribution at ``path`` (``motion.speed_m_s``; an index into a list counts as a key) draws words of this path

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from .._mitsuba.variants import default_variant, variant
+from .._util.array_types import JsonObject
 from ..render.scene_cache import enable_scene_cache
 from ..render.truth import lost_look_fractions
 from ..render.truth.lost_look_fractions import warn_of_lost_looks
@@ -96,7 +96,7 @@ def _in_words_of_a_plan() -> Iterator[None]:
         raise NoiseError(refused.in_plan) from None
 
 
-def _settings(sequence: DrawnSequence) -> dict[str, Any]:
+def _settings(sequence: DrawnSequence) -> JsonObject:
     return {**sequence.settings, "seed": sequence.parameters["seed"], "accept_noise": sequence.accept_noise}
 
 

@@ -6,7 +6,8 @@ import inspect
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
+
+from .._util.array_types import JsonObject, JsonValue
 
 _DEGREES = {"_deg": "_rad", "_deg_s": "_rad_s"}
 
@@ -29,7 +30,7 @@ class Key:
 
 
 def keys_of(
-    function: Callable[..., Any],
+    function: Callable[..., object],
     *,
     left_out: Collection[str] = (),
     renamed: Mapping[str, str] | None = None,
@@ -58,7 +59,7 @@ def keys_of(
     return keys
 
 
-def called_with(keys: Mapping[str, Key], given: Mapping[str, Any]) -> dict[str, Any]:
+def called_with(keys: Mapping[str, Key], given: Mapping[str, JsonValue]) -> JsonObject:
     """Return the arguments that keys and their values stand for."""
     return {
         keys[key].argument: math.radians(value) if keys[key].degrees and value is not None else value

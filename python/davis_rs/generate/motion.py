@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from inspect import signature
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from .._util.argument_error import ArgumentError
+from .._util.array_types import JsonValue
 from ..geometry.pose import Pose, hamilton
 from ..geometry.trajectory import motions
 from ..geometry.trajectory.trajectory import Trajectory, align
@@ -49,7 +49,7 @@ def motion_keys(kind: str) -> Mapping[str, Key]:
 
 
 def make_motion(
-    motion: Mapping[str, Any], scene: Scene, end_s: float | None, base: Path, start: Pose | None = None
+    motion: Mapping[str, JsonValue], scene: Scene, end_s: float | None, base: Path, start: Pose | None = None
 ) -> Trajectory:
     """Make the path that a drawn motion stands for.
 
@@ -83,7 +83,7 @@ def make_motion(
     return MOTIONS[kind](start or start_pose(scene), **called)
 
 
-def moved(pose: Pose, offset: Mapping[str, Any]) -> Pose:
+def moved(pose: Pose, offset: Mapping[str, JsonValue]) -> Pose:
     """Move a pose in its own axes: by ``position_m`` (3,), and by the rotation vector ``rotation_deg`` (3,)."""
     turn = np.radians(offset.get("rotation_deg", (0.0, 0.0, 0.0)))
     angle = float(np.linalg.norm(turn))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
 
+from .._util.array_types import JsonValue
 from ..scene.builtin.random_planes import random_textured_planes
 from ..scene.files.texture_folder import image_files, mesh_files
 from ..scene.scene import Scene
@@ -28,7 +28,7 @@ def scene_keys(kind: str) -> Mapping[str, Key]:
     return keys_of(RANDOM_SCENES[kind])
 
 
-def make_random_scene(drawn: Mapping[str, Any], end_s: float | None, base: Path) -> Scene:
+def make_random_scene(drawn: Mapping[str, JsonValue], end_s: float | None, base: Path) -> Scene:
     """Make the scene that a drawn mapping stands for.
 
     Args:

@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from .._core import CrossingEngine
 from .._util.argument_error import Argument, told
+from .._util.array_types import JsonObject, JsonValue
 from .._util.close_names import without_unit
 from .._util.memory_forecast import MemoryForecast
 from ..geometry.pose import Pose
@@ -31,7 +32,7 @@ from ..simulation.settings import (
 )
 from .motion import make_motion, moved
 from .random_scene import make_random_scene
-from .sequence_plan import KEYS, SETTINGS, resolve
+from .sequence_plan import FORMER_KEYS, KEYS, SETTINGS, resolve
 
 Made = TypeVar("Made")
 
@@ -51,7 +52,7 @@ class DrawnSequence:
 
     name: str
     index: int
-    parameters: Mapping[str, Any]
+    parameters: Mapping[str, JsonValue]
     base: Path
     plan_sha256: str
     accept_noise: bool = False
@@ -60,9 +61,10 @@ class DrawnSequence:
         return self.name
 
     @cached_property
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> JsonObject:
         """Return the settings of :func:`~davis_rs.simulate_to_folder`: neither the scene's keys nor the path's."""
-        given = {SETTINGS[key].name: value for key, value in self.parameters.items() if key in SETTINGS}
+        present = {FORMER_KEYS.get(key, key): value for key, value in self.parameters.items()}
+        given = {SETTINGS[key].name: value for key, value in present.items() if key in SETTINGS}
         for name in ("camera", "sensor"):
             if given.get(name) is not None:
                 given[name] = resolve(name, given[name], self.base)
@@ -176,7 +178,7 @@ def _check_engine(settings: FolderSettings, effects: Effects) -> None:
         "contrast_threshold_off": settings.contrast_threshold_off,
         "log_eps": settings.log_eps,
     }
-    thresholds: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    thresholds: JsonObject = {name: value for name, value in given.items() if value is not None}
     CrossingEngine(1, 1, **thresholds, effects=effects.engine_settings())
 
 

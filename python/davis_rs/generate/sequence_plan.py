@@ -10,8 +10,10 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from .._util.array_types import JsonObject, JsonValue
+from .._util.close_names import without_unit
+from .._util.former_names import is_now
 from .._util.random_words import Words
 from .._util.yaml_file import read_yaml
 from ..geometry.camera import PRESETS
@@ -20,7 +22,7 @@ from ..scene.load import BUILTIN_SCENES, GLTF, load_scene
 from ..scene.sequences import SEQUENCES
 from ..sensor.effects import EFFECTS
 from ..sensor.presets import SENSOR_SUFFIXES, SENSORS
-from ..simulation.settings import FolderSettings, Setting, settings_of
+from ..simulation.settings import FolderSettings, Setting, former_names_of, settings_of
 from .distributions import Choice, Distribution, draw
 from .parse import Parser, Where, effects, imu_effects, motion, scene, start_pose, value_of
 from .random_scene import FOLDERS
@@ -38,6 +40,9 @@ SETTINGS: dict[str, Setting] = {
     if setting.kind is not None and setting.name not in _NOT_KEYS
 }
 """The settings of a simulation that a plan may give or draw, by key."""
+
+FORMER_KEYS = {without_unit(former): without_unit(name) for former, name in former_names_of(FolderSettings).items()}
+"""Present keys by former ones. A former key stays in what is drawn, because draws depend on it."""
 
 _OF_PLAN = ("seed", "sequences", "shards", "accept_noise")
 """Keys of the plan, not of a sequence: they take no distributions."""
@@ -87,8 +92,8 @@ class SequencePlan:
     file: Path
     seed: int
     sequences: int
-    tree: Mapping[str, object]
-    identity: Mapping[str, object]
+    tree: Mapping[str, JsonValue]
+    identity: Mapping[str, JsonValue]
     digests: Mapping[str, str]
     shards: Shards | None = None
     accept_noise: bool = False
@@ -99,21 +104,21 @@ class SequencePlan:
         text = json.dumps([self.identity, self.digests], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def parameters(self, index: int) -> dict[str, Any]:
+    def parameters(self, index: int) -> JsonObject:
         """Draw the parameters of a sequence, in JSON's types, in the order of the keys' names.
 
         A value is a function of (the plan's seed, ``index``, its key path), so that another key, another order of keys
         or more sequences change none. The seeds that are not given are drawn as well: ``seed`` of the simulation, a
         motion's own, and that of a scene that is drawn.
         """
-        drawn: dict[str, Any] = draw(self.tree, self.seed, index)
+        drawn: JsonObject = draw(self.tree, self.seed, index)
         drawn["seed"] = self._drawn_seed(index, "seed")
         path = drawn.get("motion")
         if path is not None and path["kind"] in _SEEDED_MOTIONS and "seed" not in path:
             path["seed"] = self._drawn_seed(index, "motion.seed")
         if isinstance(drawn["scene"], dict) and "seed" not in drawn["scene"]:
             drawn["scene"]["seed"] = self._drawn_seed(index, "scene.seed")
-        in_order: dict[str, Any] = json.loads(json.dumps(drawn, sort_keys=True))
+        in_order: JsonObject = json.loads(json.dumps(drawn, sort_keys=True))
         return in_order
 
     def _drawn_seed(self, index: int, path: str) -> int:
@@ -134,6 +139,9 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     Raises:
         OSError: if it, or a file that it names, cannot be read.
         ValueError: where it breaks a rule, naming file, key path, rule and value.
+
+    Warns:
+        FutureWarning: for a key by its former name.
     """
     file = Path(path)
     where = Where(file)
@@ -142,9 +150,14 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     for key, value in given.items():
         if key in _OF_PLAN:
             continue
-        if key not in KEYS:
+        present = FORMER_KEYS.get(key, key)
+        if key != present:
+            if present in given:
+                where.at(key).refuse(f"the only one, but {present} is given as well", value)
+            warnings.warn(f"{file}: {is_now(key, present)}", FutureWarning, stacklevel=2)
+        if present not in KEYS:
             where.unknown(key, (*_OF_PLAN, *KEYS), {name: f"effects: {{{name}: ...}}" for name in EFFECTS})
-        tree[key] = KEYS[key](value, where.at(key))
+        tree[key] = KEYS[present](value, where.at(key))
     if "scene" not in tree:
         raise ValueError(f"{file}: a plan needs a scene")
     seed = _integer(given.get("seed", 0), 0, where.at("seed"))
@@ -190,7 +203,7 @@ def resolve(key: str, text: str, base: Path) -> str:
     return text if no_file or text in _NAMES[key] else str(base / text)
 
 
-def _digests(tree: Mapping[str, object], base: Path) -> dict[str, str]:
+def _digests(tree: Mapping[str, JsonValue], base: Path) -> dict[str, str]:
     named = {text for key, names in _NAMES.items() for text in _texts(tree.get(key)) if text not in names}
     named |= {text for path in _mappings(tree.get("motion")) for text in _texts(path.get("file"))}
     files = {text: base / text for text in sorted(named) if (base / text).is_file()}

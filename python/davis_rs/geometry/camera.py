@@ -13,6 +13,7 @@ from .._core import DecodeError
 from .._util.argument_checks import check_number
 from .._util.argument_error import ArgumentError
 from .._util.close_names import names_checked
+from .._util.html_table import html_table
 from .._util.untrusted import read_text
 
 FloatArray = npt.NDArray[np.float64]
@@ -72,6 +73,15 @@ class Camera:
             check_number(name, getattr(self, name), 0, above_low=True)
         for name in ("cx", "cy", "k1", "k2", "p1", "p2", "k3"):
             check_number(name, getattr(self, name))
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("sensor", f"{self.width} x {self.height} px"),
+            ("focal length fx, fy", f"{self.fx:g}, {self.fy:g} px"),
+            ("principal point cx, cy", f"{self.cx:g}, {self.cy:g} px"),
+            ("distortion k1, k2, p1, p2, k3", ", ".join(f"{value:g}" for value in self.distortion)),
+        ]
+        return html_table("Camera", rows)
 
     @property
     def distortion(self) -> tuple[float, float, float, float, float]:

@@ -28,7 +28,7 @@ def rank1_lattice(n: int) -> npt.NDArray[np.float64]:
     Source: Dammertz, Keller, Image synthesis by rank-1 lattices, MCQMC 2006.
     """
     if not 1 <= n <= 1024:
-        raise ArgumentError("{samples} (rays a pixel) must lie in 1..1024, got {}", n)
+        raise ArgumentError("{rays_per_pixel} must lie in 1..1024, got {}", n)
     i = np.arange(n)
 
     def least_distance(g: int) -> int:

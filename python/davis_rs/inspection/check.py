@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError, log_intensity, reconstruct
+from .._util.array_types import AnyArray, JsonObject
 from .._util.terminal_text import printable
 from ..events.arrays import EventArray
 from ..geometry.pose import GroundTruth
@@ -182,14 +183,14 @@ def check_dataset(path: str | Path) -> CheckReport:
     return report
 
 
-def _voiding_custom_effects(meta: dict[str, Any]) -> list[str]:
+def _voiding_custom_effects(meta: JsonObject) -> list[str]:
     """Return the user's own effects that act behind luma."""
     listed = meta.get("custom_effects")
     effects = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     return [str(one.get("class")) for one in effects if one.get("acts_on") != ["luma"]]
 
 
-def _sensor_size(dataset: Dataset, meta: dict[str, Any]) -> tuple[int, int] | None:
+def _sensor_size(dataset: Dataset, meta: JsonObject) -> tuple[int, int] | None:
     """Return (width, height); read the calibration, unless ``meta.json`` says that there is none."""
     if meta.get("calibrated") is False:
         return dataset.size
@@ -201,12 +202,12 @@ def _and(names: list[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def _duration(meta: dict[str, Any]) -> int | None:
+def _duration(meta: JsonObject) -> int | None:
     """Return the duration in microseconds, None where the writer did not come to write the final one."""
     return meta.get("duration_us") if meta.get("complete") or meta.get("interrupted") else None
 
 
-def _meta_problems(meta: dict[str, Any], found: dict[str, int]) -> Iterator[str]:
+def _meta_problems(meta: JsonObject, found: dict[str, int]) -> Iterator[str]:
     if _duration(meta) is None:
         yield f"The dataset was never finished ({META} says so): its writer was killed or failed."
         return
@@ -248,7 +249,7 @@ def _event_problems(events: EventArray, size: tuple[int, int], duration_us: int 
 def _image_problems(
     what: str,
     series: list[StampedImage],
-    read: Callable[[int], npt.NDArray[Any]],
+    read: Callable[[int], AnyArray],
     size: tuple[int, int],
     rate_hz: float | None,
 ) -> Iterator[str]:
@@ -286,7 +287,7 @@ def _pose_problems(ground_truth: GroundTruth) -> Iterator[str]:
         yield f"The ground truth's quaternions must have norm 1: it is {norm[at]:.9g} at {_seconds(t_us[at])}."
 
 
-def _compare(dataset: Dataset, events: EventArray, parameters: dict[str, Any]) -> tuple[list[InstantError], list[str]]:
+def _compare(dataset: Dataset, events: EventArray, parameters: JsonObject) -> tuple[list[InstantError], list[str]]:
     """Return the paper's check: the error at each instant, and the problems."""
     try:
         c_on, log_eps = float(parameters["contrast_threshold"]), float(parameters["log_eps"])

@@ -87,10 +87,10 @@ def view(
         t_us = sequence.frame_times[frame]
     width, height = sequence.size
     pixels = width * height
-    shown, shown_ms = _around(sequence.events, t_us, _EVENTS_A_PIXEL * pixels, window_s)
+    shown, shown_ms = events_around(sequence.events, t_us, _EVENTS_A_PIXEL * pixels, window_s)
     rows = max(0, height // 2 - _BAND_ROWS // 2), min(height, height // 2 + (_BAND_ROWS + 1) // 2)
     in_band = (sequence.events["y"] >= rows[0]) & (sequence.events["y"] < rows[1])
-    band, band_ms = _around(
+    band, band_ms = events_around(
         sequence.events[in_band],
         t_us,
         _BAND_EVENTS_A_COLUMN * width,
@@ -171,7 +171,7 @@ def event_picture(grey: npt.NDArray[np.float64], events: EventArray) -> npt.NDAr
     return picture
 
 
-def _around(events: EventArray, t_us: int, count: float, window_s: float | None) -> tuple[EventArray, float]:
+def events_around(events: EventArray, t_us: int, count: float, window_s: float | None) -> tuple[EventArray, float]:
     """Return the events of a window centred on ``t_us``, and its length in ms: as given, or what holds ``count``
     events."""
     t = events["t"]

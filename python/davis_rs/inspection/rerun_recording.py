@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.argument_checks import check_number
+from .._util.array_types import AnyArray
 from .._util.close_names import names_checked
 from .._util.extras import from_extra
 from .._util.progress import each
@@ -268,7 +269,7 @@ class _Writer:
     def _at(self, t_us: int) -> None:
         self._stream.set_time(_TIMELINE, duration=np.timedelta64(int(t_us), "us"))
 
-    def _send(self, entity: str, t_us: npt.NDArray[Any], columns: Any) -> None:
+    def _send(self, entity: str, t_us: AnyArray, columns: Any) -> None:
         times = np.rint(1000 * np.asarray(t_us)).astype("timedelta64[ns]")
         self._stream.send_columns(entity, [self._rr.TimeColumn(_TIMELINE, duration=times)], columns)
 

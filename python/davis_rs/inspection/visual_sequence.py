@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from .._util.array_types import FloatingArray
 from .._util.terminal_text import printable
 from ..events.arrays import EventArray
 from ..events.decoded import IMU_DTYPE, Frame
@@ -106,7 +106,7 @@ def nearest(times_us: Sequence[int], t_us: int) -> int | None:
     return min(range(len(times_us)), key=lambda i: abs(times_us[i] - t_us), default=None)
 
 
-def display_grey(linear: npt.NDArray[np.floating[Any]]) -> GreyImage:
+def display_grey(linear: FloatingArray) -> GreyImage:
     """Return linear values in 0..1 as a display wants them, in 0..1 (IEC 61966-2-1, the sRGB transfer curve)."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 

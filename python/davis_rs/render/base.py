@@ -54,8 +54,8 @@ class Renderer(ABC):
     motion: SceneMotion
     """What moves and flickers in the scene, as a function of the views' times."""
 
-    def __init__(self, camera: Camera, *, samples: int, blur: bool, motion: SceneMotion = STILL) -> None:
-        self.camera, self.rays, self.blur, self.motion = camera, samples, blur, motion
+    def __init__(self, camera: Camera, *, rays_per_pixel: int, blur: bool, motion: SceneMotion = STILL) -> None:
+        self.camera, self.rays_per_pixel, self.blur, self.motion = camera, rays_per_pixel, blur, motion
 
     silhouettes: MovingSilhouettes | None = None
     """The edges of the geometry; None unless they were asked for."""
@@ -66,7 +66,7 @@ class Renderer(ABC):
     @property
     def ray_bytes(self) -> float:
         """Bytes of memory per pixel that its rays take, in kept tables or while all pixels are rendered at once."""
-        return 16.0 * self.rays
+        return 16.0 * self.rays_per_pixel
 
     @property
     def reach_px(self) -> int:
@@ -116,7 +116,7 @@ class Renderer(ABC):
         view, pixel = _indices("view", view, len(views)), _indices("pixel", pixel, size)
         if view.shape != pixel.shape:
             raise ValueError(f"view and pixel must be of one length, got {len(view)} and {len(pixel)}")
-        rays = self.rays if rays is None else rays
+        rays = self.rays_per_pixel if rays is None else rays
         rank1_lattice(rays)  # refuses bad numbers
         if len(view) == 0:
             return np.empty(0, np.float32)

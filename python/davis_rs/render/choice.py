@@ -12,6 +12,7 @@ from typing import ClassVar, NamedTuple
 from .._mitsuba.types import Mitsuba, MitsubaScene
 from .._mitsuba.variants import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from .._util.argument_error import ArgumentError
+from .._util.former_names import takes_former_names
 from ..geometry.camera import Camera
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
@@ -42,8 +43,8 @@ class _Request:
     scene: Scene
     camera: Camera
     by_name: bool
-    samples: int | None
-    lattice_samples: int
+    rays_per_pixel: int | None
+    lattice_rays_per_pixel: int
     seed: int
     blur: bool
     threads: int | None
@@ -153,7 +154,9 @@ class TableKind(NoiseFreeKind):
             loaded, replaced, motion, table = self._tables(request.scene, mi, by_name=request.by_name)
             if any(light.kind == "spot" for light in table.lights):
                 raise Unsuitable("a light is a spot light, which only the native renderer has")
-            renderer = TableRenderer(table, request.camera, samples=_rays(request), blur=request.blur, motion=motion)
+            renderer = TableRenderer(
+                table, request.camera, rays_per_pixel=_rays(request), blur=request.blur, motion=motion
+            )
             renderer.silhouettes = MovingSilhouettes(loaded, motion) if request.edges else None
         renderer.reason += _taken_as_diffuse(request.scene, replaced)
         return renderer
@@ -189,14 +192,26 @@ class IntegratorKind(RendererKind):
             blur, seed = request.blur, request.seed
             renderer: Renderer
             if variant_name == SCALAR:
-                samples = 2 if request.samples is None else request.samples
+                rays_per_pixel = 2 if request.rays_per_pixel is None else request.rays_per_pixel
                 renderer = ScalarRenderer(
-                    loaded, request.camera, samples=samples, blur=blur, seed=seed, reason=why_variant, motion=motion
+                    loaded,
+                    request.camera,
+                    rays_per_pixel=rays_per_pixel,
+                    blur=blur,
+                    seed=seed,
+                    reason=why_variant,
+                    motion=motion,
                 )
             else:
-                samples = 8 if request.samples is None else request.samples
+                rays_per_pixel = 8 if request.rays_per_pixel is None else request.rays_per_pixel
                 renderer = IntegratorRenderer(
-                    loaded, request.camera, samples=samples, blur=blur, seed=seed, reason=request.reason, motion=motion
+                    loaded,
+                    request.camera,
+                    rays_per_pixel=rays_per_pixel,
+                    blur=blur,
+                    seed=seed,
+                    reason=request.reason,
+                    motion=motion,
                 )
             renderer.silhouettes = MovingSilhouettes(loaded, motion) if request.edges else None
         renderer.reason += _taken_as_diffuse(scene, replaced)
@@ -215,12 +230,13 @@ RENDERERS = ("auto", *KINDS)
 """The values of the setting ``renderer``."""
 
 
+@takes_former_names(samples="rays_per_pixel", lattice_samples="lattice_rays_per_pixel")
 def make_renderer(
     scene: Scene,
     camera: Camera,
     *,
-    samples: int | None = None,
-    lattice_samples: int = 8,
+    rays_per_pixel: int | None = None,
+    lattice_rays_per_pixel: int = 8,
     seed: int = 0,
     kind: str = "auto",
     blur: bool | None = None,
@@ -231,8 +247,8 @@ def make_renderer(
     """Choose and build the renderer for a scene.
 
     Args:
-        samples: rays a pixel; None means ``lattice_samples``, and for Mitsuba's integrators, whose rays are random, 8,
-            or 2 in the scalar variant.
+        rays_per_pixel: rays a pixel; None means ``lattice_rays_per_pixel``, and for Mitsuba's integrators, whose
+            rays are random, 8, or 2 in the scalar variant.
         seed: of Mitsuba's integrators; the others draw nothing at random.
         kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
             ``native`` (the same scenes in the Rust core, without LLVM and faster), ``baked`` (the native renderer under
@@ -260,8 +276,8 @@ def make_renderer(
         scene=scene,
         camera=camera,
         by_name=kind != "auto",
-        samples=samples,
-        lattice_samples=lattice_samples,
+        rays_per_pixel=rays_per_pixel,
+        lattice_rays_per_pixel=lattice_rays_per_pixel,
         seed=seed,
         blur=scene.blur if blur is None else blur,
         threads=threads,
@@ -328,7 +344,7 @@ def _native(request: _Request, made: _Tables) -> Renderer:
     renderer = NativeRenderer(
         made.table,
         request.camera,
-        samples=_rays(request),
+        rays_per_pixel=_rays(request),
         blur=request.blur,
         motion=made.motion,
         threads=request.threads,
@@ -339,7 +355,7 @@ def _native(request: _Request, made: _Tables) -> Renderer:
 
 def _rays(request: _Request) -> int:
     """Return the rays per pixel of a renderer whose rays are a lattice."""
-    return request.lattice_samples if request.samples is None else request.samples
+    return request.lattice_rays_per_pixel if request.rays_per_pixel is None else request.rays_per_pixel
 
 
 def _taken_as_diffuse(scene: Scene, replaced: tuple[str, ...]) -> str:

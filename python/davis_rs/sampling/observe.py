@@ -55,7 +55,9 @@ class CountedRenderer(Renderer):
     """
 
     def __init__(self, renderer: Renderer) -> None:
-        super().__init__(renderer.camera, samples=renderer.rays, blur=renderer.blur, motion=renderer.motion)
+        super().__init__(
+            renderer.camera, rays_per_pixel=renderer.rays_per_pixel, blur=renderer.blur, motion=renderer.motion
+        )
         self.silhouettes, self.optics = renderer.silhouettes, renderer.optics
         self.name, self.reason, self.variant = renderer.name, renderer.reason, renderer.variant
         self.poses_per_launch = renderer.poses_per_launch
@@ -70,11 +72,11 @@ class CountedRenderer(Renderer):
         return self._renderer._depth(views)
 
     def _luma(self, views: Views) -> npt.NDArray[np.float32]:
-        self.count += len(views) * self._pixels * self.rays
+        self.count += len(views) * self._pixels * self.rays_per_pixel
         return self._renderer._luma(views)
 
     def _luma_and_rate(self, views: Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        self.count += len(views) * self._pixels * self.rays
+        self.count += len(views) * self._pixels * self.rays_per_pixel
         return self._renderer._luma_and_rate(views)
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> npt.NDArray[np.float32]:
@@ -83,5 +85,5 @@ class CountedRenderer(Renderer):
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
         spans = self._renderer._edge_tracks(views, t_us, tolerated, log_eps)
-        self.count += sum(tracks.rendered for tracks in spans or []) * self.rays
+        self.count += sum(tracks.rendered for tracks in spans or []) * self.rays_per_pixel
         return spans

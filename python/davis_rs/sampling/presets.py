@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .._util.former_names import FormerAttribute, takes_former_names
 from .rules import MaxDisplacement, TimeSampling
 from .tolerance import Tolerance
 
 
+@takes_former_names(samples="rays_per_pixel")
 @dataclass(frozen=True)
 class Accuracy:
     """The settings of sampling in time and space.
 
     Attributes:
         sampling: the rule of sampling in time.
-        samples: rays per pixel of renderers whose rays are a lattice. Mitsuba's integrators draw theirs at random:
-            their error is noise, for which ``samples="auto"`` chooses a number.
+        rays_per_pixel: of renderers whose rays are a lattice. Mitsuba's integrators draw theirs at random: their
+            error is noise, for which ``rays_per_pixel="auto"`` chooses a number.
         refine: refine each event's time by rendering near it.
     """
 
     sampling: TimeSampling
-    samples: int
+    rays_per_pixel: int
     refine: bool = False
+
+    samples = FormerAttribute("rays_per_pixel")
 
 
 DEFAULT_ACCURACY = "balanced"

@@ -9,6 +9,7 @@ from pathlib import Path
 from .._util.argument_checks import check_type
 from .._util.argument_error import ArgumentError
 from .._util.close_names import names_checked
+from .._util.html_table import html_table
 from ..geometry.camera import PRESETS, Camera
 from ..geometry.pose import Pose, as_pose
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
@@ -82,6 +83,21 @@ class Scene:
         moves = "no trajectory" if self.trajectory is None else f"{self.trajectory.duration_s:.6g} s"
         size = "no camera" if self.camera is None else f"{self.camera.width} x {self.camera.height} px"
         return f"<Scene {self.name!r}, {size}, {moves}, C = {self.contrast_threshold:g}>"
+
+    def _repr_html_(self) -> str:
+        path, camera = self.trajectory, self.camera
+        rows = [
+            ("file", str(self.file) if self.file is not None else "made in code"),
+            ("camera", "none" if camera is None else f"{camera.width} x {camera.height} px"),
+            ("path", "none" if path is None else f"{path.duration_s:.6g} s"),
+            ("objects that move", ", ".join(self.objects) or "none"),
+            ("lights that change", ", ".join(self.lights) or "none"),
+            ("contrast threshold", f"{self.contrast_threshold:g}"),
+            ("lux per luma", f"{self.lux_per_luma:g}"),
+        ]
+        if self.note:
+            rows.append(("note", self.note))
+        return html_table(f"Scene {self.name}", rows, below="" if path is None else path.html_plot())
 
     @property
     def path(self) -> Trajectory:

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 from .._util.argument_error import ArgumentError
 from .._util.close_names import names_checked
+from .._util.html_table import html_table
+from .._util.quantities import with_unit
 from .biases import BiasValues, CoarseFineBias, as_biases
 from .effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise, ThresholdMismatch
 from .effects.effect import check_range
@@ -196,6 +198,11 @@ class SensorParameters:
             name: formula(name, values) for name, formula in _FORMULAS.items() if name not in known
         }
         return replace(sensor, **derived)
+
+    def _repr_html_(self) -> str:
+        known = [(field.name, getattr(self, field.name)) for field in fields(self)]
+        rows = [(name, with_unit(name, value)) for name, value in known if value is not None]
+        return html_table("SensorParameters", rows or [("none", "ideal pixels")])
 
     @property
     def noise_half_lux(self) -> float | None:

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from .._mitsuba.variants import FAST, default_variant
 from .._util.folder_report import FolderReport, start_line
-from .._util.progress import Progress, progress, say
+from .._util.progress import Progress, doing, progress, say
+from .._util.quantities import events_a_second
 from .._util.stop_requests import stop_requests
 from ..events.arrays import EventArray
 from ..events.packet import Packet
@@ -102,60 +103,66 @@ def simulate_to_folder(
     require_event_truth(given.event_truth)
     imu, motion_capture = make_imu(given), make_motion_capture(given)
     scene = scene.crop(start_s, duration_s)
-    made = make_simulator(scene, given)
-    simulator, plan = made.simulator, made.plan
-    if given.accept_noise is False:
-        refuse_noise(made.noise, scene, given)
-    if quiet:
-        made.warn_of_noise(stacklevel=3)
-    else:
-        say(_rendering_with(simulator.renderer))
-        if made.noise_line:
-            say(made.noise_line)
-        if line := simulator.memory.line():
-            say(line)
-        if scene.path.start_time_ns:
-            say(start_line(scene.path.start_time_ns, "the camera path"))
-    truth = motion_capture.poses(scene.path, seed=given.seed)
-    inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given.seed)
-    end_us = round(1e6 * scene.path.duration_s)
-    moving_us = np.fromiter(periodic_instants(given.velocity_rate_hz, 0, end_us), np.int64)
-    moving = camera_velocities(scene.path, moving_us)
-    event_truth = None
-    if given.event_truth is not None:
-        event_truth = EventTruth(simulator.scene, simulator.camera, surfaces=simulator.surfaces, threads=given.threads)
-    packets = made.packets()
-    # Whatever is wrong with the scene shows before the folder is touched.
-    first = next(packets)
-    described = {
-        **simulator.describe(),
-        "effect_plan": None if plan is None else plan.describe(),
-        "monte_carlo_noise": None if made.noise is None else made.noise.describe(simulator.renderer.rays),
-        "trajectory": scene.path.describe(),
-        "start_time_ns": scene.path.start_time_ns,
-        "pose_rate_hz": motion_capture.rate_hz,
-        "motion_capture": motion_capture.describe(),
-        "imu": None if imu is None else imu.describe(),
-        **(meta or {}),
-    }
-    with (
-        stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
-        DatasetWriter(
-            path,
-            simulator.camera,
-            image_gain=given.image_gain,
-            events_format=given.events_format,
-            overwrite=overwrite,
-            shape_names=simulator.shape_names,
-            flow_png=given.flow_png,
-            imu=imu,
-            meta=described,
-        ) as writer,
-        _truth_file(writer.path, given.event_truth, event_truth) as add_truth,
-        progress("simulating", scene.path.duration_s, unit="s", show=not quiet) as bar,
-    ):
-        sequence = _Sequence(chain([first], packets), truth, inertial, moving)
-        written = _write_all(writer, sequence, simulator, add_truth, bar, stop_requested)
+    advice = "" if given.accuracy == "fast" else "--accuracy fast takes less"
+    with progress("simulating", scene.path.duration_s, unit="s", show=not quiet, forecast=advice) as bar:
+        made = make_simulator(scene, given)
+        simulator, plan = made.simulator, made.plan
+        if given.accept_noise is False:
+            refuse_noise(made.noise, scene, given)
+        if quiet:
+            made.warn_of_noise(stacklevel=3)
+        else:
+            say(_rendering_with(simulator.renderer))
+            if made.noise_line:
+                say(made.noise_line)
+            if line := simulator.memory.line():
+                say(line)
+            if scene.path.start_time_ns:
+                say(start_line(scene.path.start_time_ns, "the camera path"))
+        truth = motion_capture.poses(scene.path, seed=given.seed)
+        inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given.seed)
+        end_us = round(1e6 * scene.path.duration_s)
+        moving_us = np.fromiter(periodic_instants(given.velocity_rate_hz, 0, end_us), np.int64)
+        moving = camera_velocities(scene.path, moving_us)
+        event_truth = None
+        if given.event_truth is not None:
+            event_truth = EventTruth(
+                simulator.scene, simulator.camera, surfaces=simulator.surfaces, threads=given.threads
+            )
+        count = _EventCount(bar)
+        bar.begin()
+        doing("rendering the first keyframes")
+        packets = made.packets(count.add)
+        # Whatever is wrong with the scene shows before the folder is touched.
+        first = next(packets)
+        described = {
+            **simulator.describe(),
+            "effect_plan": None if plan is None else plan.describe(),
+            "monte_carlo_noise": None if made.noise is None else made.noise.describe(simulator.renderer.rays_per_pixel),
+            "trajectory": scene.path.describe(),
+            "start_time_ns": scene.path.start_time_ns,
+            "pose_rate_hz": motion_capture.rate_hz,
+            "motion_capture": motion_capture.describe(),
+            "imu": None if imu is None else imu.describe(),
+            **(meta or {}),
+        }
+        with (
+            stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
+            DatasetWriter(
+                path,
+                simulator.camera,
+                image_gain=given.image_gain,
+                events_format=given.events_format,
+                overwrite=overwrite,
+                shape_names=simulator.shape_names,
+                flow_png=given.flow_png,
+                imu=imu,
+                meta=described,
+            ) as writer,
+            _truth_file(writer.path, given.event_truth, event_truth) as add_truth,
+        ):
+            sequence = _Sequence(chain([first], packets), truth, inertial, moving)
+            written = _write_all(writer, sequence, simulator, add_truth, stop_requested)
     wall_s = time.perf_counter() - started
     return SimulationReport(
         path=Path(path),
@@ -167,6 +174,19 @@ def simulate_to_folder(
         missed_events=simulator.missed_events,
         plan=plan,
     )
+
+
+class _EventCount:
+    """Shows on a bar, after each keyframe, up to where the run is, and how many events it made."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar, self._events = bar, 0
+
+    def add(self, t_us: int, events: int) -> None:
+        """Count the events of a keyframe at ``t_us``."""
+        self._events += events
+        rate = f", {events_a_second(1e6 * self._events / t_us)}" if t_us else ""
+        self._bar.to(t_us * 1e-6, f"{self._events:,} events{rate}")
 
 
 class _Written(NamedTuple):
@@ -206,7 +226,6 @@ def _write_all(
     sequence: _Sequence,
     simulator: Simulator,
     add_truth: Callable[[EventArray], None],
-    bar: Progress,
     stop_requested: Callable[[], bool],
 ) -> _Written:
     """Write packets, with the poses and samples that fall due until their ends, until they or the user end it."""
@@ -224,7 +243,6 @@ def _write_all(
         add_truth(packet.events)
         posed, sampled, moved = pose_end, sample_end, moved_end
         events, end_us = events + len(packet.events), packet.end_us
-        bar.to(last_us * 1e-6, f"{events:,} events")
         if stop_requested() and end_us > 0:  # with the first frame alone the dataset could not be checked
             for late in simulator.flush():
                 writer.write(late)

@@ -22,6 +22,8 @@ import numpy.typing as npt
 
 from .._core import CrossingEngine
 from .._mitsuba.variants import SCALAR, variant
+from .._util.progress import doing
+from .._util.quantities import about
 from ..events.arrays import EventArray
 from ..events.matching import compare_events
 from ..geometry.pose import FloatArray
@@ -74,9 +76,6 @@ FEWEST_SEEDS, FEWEST_PIXELS = 12, 64
 FEWEST_EVENTS = 30
 """Of the reference: from fewer no share can be told."""
 
-SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
-"""What ``samples="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
-
 IntArray = npt.NDArray[np.int64]
 
 
@@ -88,8 +87,8 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewKeywords]) -> NoiseEstim
 
     >>> estimate = estimate_noise(load_scene("room.xml"))
     >>> print(estimate)
-    about 84 % of these events are Monte Carlo noise (missing or spurious) at 8 samples; 64 samples: about 34 %
-    >>> simulate(scene, samples=estimate.samples_for(0.05))
+    about 84 % of these events are Monte Carlo noise (missing or spurious) at 8 rays per pixel; with 64 about 34 %
+    >>> simulate(scene, rays_per_pixel=estimate.rays_per_pixel_for(0.05))
 
     Args:
         scene: with the camera path.
@@ -157,10 +156,12 @@ def _frames(sampling: TimeSampling | None, look: _Look) -> float:
 def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_rays: int) -> NoiseEstimate:
     renderer = look.renderer
     if look.is_the_same():
-        return NoiseEstimate(renderer.rays, rays=look.rays, run_rays=run_rays, noisy=False)
+        return NoiseEstimate(renderer.rays_per_pixel, rays=look.rays, run_rays=run_rays, noisy=False)
     frames = look.luma()
     logs = np.log(np.concatenate([part.reshape(len(part), -1) for part in frames], 1, dtype=np.float64) + log_eps)
-    noise = float(np.sqrt(logs.var(0, ddof=1).mean())) * math.sqrt(look.base / renderer.rays) / min(thresholds)
+    noise = (
+        float(np.sqrt(logs.var(0, ddof=1).mean())) * math.sqrt(look.base / renderer.rays_per_pixel) / min(thresholds)
+    )
     measured, events = [], 0
     blocks = 1
     while blocks <= max(1, look.seeds // 4):
@@ -172,7 +173,7 @@ def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_
     if events < FEWEST_EVENTS:
         measured = []
     return NoiseEstimate(
-        renderer.rays, tuple(measured), noise, events, rays=look.rays, run_rays=run_rays, ray_s=look.ray_s
+        renderer.rays_per_pixel, tuple(measured), noise, events, rays=look.rays, run_rays=run_rays, ray_s=look.ray_s
     )
 
 
@@ -196,44 +197,35 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
     if noise is None:
         return
     limit = max(NOISE_LIMIT, settings.noise_share)
-    by_auto = noise.samples_for(settings.noise_share)
-    samples = by_auto if settings.samples == AUTO else noise.samples
-    fraction = noise.share_at(samples)
+    by_auto = noise.rays_per_pixel_for(settings.noise_share)
+    rays_per_pixel = by_auto if settings.rays_per_pixel == AUTO else noise.rays_per_pixel
+    fraction = noise.share_at(rays_per_pixel)
     if not fraction > limit:
         return
     obstacles = why_not_noise_free(view_scene(scene, settings).scene)
 
     def said(given: Callable[[str, str], str]) -> str:
         lines = [
-            f"{share_text(fraction, 'the events would be')} at {samples} samples; above {percent(limit)} nothing is "
-            "rendered",
+            f"{share_text(fraction, 'the events would be')} at {rays_per_pixel} rays per pixel; above {percent(limit)} "
+            "nothing is rendered",
             "what keeps the renderers without noise from this scene:",
         ]
         if settings.renderer != AUTO:
             lines.append(f"- Mitsuba's integrators were asked for: give {given('renderer', AUTO)}")
         lines += [f"- {obstacle}" for obstacle in obstacles]
         lines += ["the ways on:", "- mend what is listed: then no event is noise"]
-        if settings.samples != AUTO:
+        if settings.rays_per_pixel != AUTO:
             left = noise.share_at(by_auto)
             above = ", still above the limit," if left > limit else ""
-            auto = f"with {by_auto} samples about {percent(left)} are noise{above} and the run takes"
-            lines.append(f"- {given('samples', AUTO)}: {auto} {_about(noise.run_s(by_auto))}")
-        lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {_about(noise.run_s(samples))}")
+            auto = f"with {by_auto} rays per pixel about {percent(left)} are noise{above} and the run takes"
+            lines.append(f"- {given('rays_per_pixel', AUTO)}: {auto} {about(noise.run_s(by_auto))}")
+        lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {about(noise.run_s(rays_per_pixel))}")
         return "\n".join(lines)
 
     raise NoiseError(
         said(lambda name, value: f"--{name.replace('_', '-')} {value}".rstrip()),
         in_plan=said(lambda name, value: f"{name}: {value or 'true'}"),
     )
-
-
-def _about(seconds: float) -> str:
-    """Write a time as people say it: ``about 5 minutes``."""
-    units = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}
-    unit = [unit for unit, length in units.items() if seconds >= 1.5 * length or unit == "second"][-1]
-    count = seconds / units[unit]
-    count = max(1, round(count, -1 if count > 20 else 0))
-    return f"about {count:.0f} {unit}{'s' * (count > 1)}"
 
 
 class _Look:
@@ -244,7 +236,9 @@ class _Look:
     ) -> None:
         self.renderer, self.trajectory, self.spacing_px = renderer, trajectory, rule.pixels
         self.rays, self.ray_s = 0, math.nan
-        self.base = math.ceil(renderer.rays / 2 ** max(0, math.ceil(math.log2(renderer.rays / MOST_BASE_SAMPLES))))
+        self.base = math.ceil(
+            renderer.rays_per_pixel / 2 ** max(0, math.ceil(math.log2(renderer.rays_per_pixel / MOST_BASE_SAMPLES)))
+        )
         scalar = renderer.variant == SCALAR
         self.times = _stretches(renderer, trajectory, rule, 1 if scalar else STRETCHES)
         size = renderer.camera.width * renderer.camera.height
@@ -252,7 +246,7 @@ class _Look:
         keyframes = sum(len(t_us) for t_us in self.times)
         per_us = (keyframes - len(self.times)) / span_us if span_us else 0.0
         self.keyframes = per_us * trajectory.duration_s * 1e6 + 1
-        self.run_rays = round(self.keyframes * size * renderer.rays)
+        self.run_rays = round(self.keyframes * size * renderer.rays_per_pixel)
         # With a blur or a lens each pixel brings its neighbours.
         a_seed = keyframes * self.base * (2 * renderer.reach_px + 1) ** 2
         allowed = max(cost_share * self.run_rays, FEWEST_RAYS_SCALAR if scalar else FEWEST_RAYS) / a_seed
@@ -269,16 +263,19 @@ class _Look:
         before, started = self.rays, time.perf_counter()
         # A scene that changes is put into the state of an instant once, for all seeds.
         step = 1 if self.renderer.motion else max(map(len, self.times))
-        luma = [
-            np.concatenate(
-                [
-                    np.stack([self._samples(t_us[i : i + step], seed) for seed in range(self.seeds)])
-                    for i in range(0, len(t_us), step)
-                ],
-                1,
-            )
-            for t_us in self.times
-        ]
+        pieces = [[t_us[i : i + step] for i in range(0, len(t_us), step)] for t_us in self.times]
+        done, count = 0, self.seeds * sum(map(len, pieces))
+
+        def rendered(t_us: IntArray) -> npt.NDArray[np.float32]:
+            nonlocal done
+            seeds = []
+            for seed in range(self.seeds):
+                doing(f"measuring noise, {done} of {count} renderings")
+                seeds.append(self._samples(t_us, seed))
+                done += 1
+            return np.stack(seeds)
+
+        luma = [np.concatenate([rendered(piece) for piece in stretch], 1) for stretch in pieces]
         self.ray_s = (time.perf_counter() - started) / (self.rays - before)
         return luma
 

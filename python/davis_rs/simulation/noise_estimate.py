@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._util.former_names import FormerAttribute
+
 NOISE_LIMIT = 0.2
 """From a larger share of noise on, a run is refused that was not told to accept it; or from the ``noise_share`` that it
 was given on, if that is more."""
 
 SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
-"""What ``samples="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
+"""What ``rays_per_pixel="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
 
 
 class NoiseWarning(UserWarning):
@@ -40,10 +42,10 @@ class NoiseEstimate:
     events without noise; it may exceed 1.
 
     Attributes:
-        samples: rays a pixel of the run.
+        rays_per_pixel: rays a pixel of the run.
         measured: (samples, share), measured, by increasing samples; empty where there is no noise, or too few events
             to tell.
-        log_noise: root mean square of the noise of log luma at ``samples``, in units of C.
+        log_noise: root mean square of the noise of log luma at ``rays_per_pixel``, in units of C.
         events: how many the estimate saw without noise.
         rays: how many it cast.
         run_rays: how many the run will cast, roughly.
@@ -51,7 +53,7 @@ class NoiseEstimate:
         ray_s: how long a ray took, in seconds; NaN where none was timed.
     """
 
-    samples: int
+    rays_per_pixel: int
     measured: tuple[tuple[float, float], ...] = ()
     log_noise: float = 0.0
     events: int = 0
@@ -60,64 +62,71 @@ class NoiseEstimate:
     noisy: bool = True
     ray_s: float = field(default=math.nan, compare=False)
 
+    samples = FormerAttribute("rays_per_pixel")
+    samples_for = FormerAttribute("rays_per_pixel_for")
+
     @property
     def known(self) -> bool:
         """Tell whether :meth:`share_at` has a result."""
         return bool(self.measured) or not self.noisy
 
-    def share_at(self, samples: float) -> float:
-        """Return share of events that noise makes missing or spurious, with ``samples`` rays a pixel.
+    def share_at(self, rays_per_pixel: float) -> float:
+        """Return share of events that noise makes missing or spurious, with ``rays_per_pixel`` rays a pixel.
 
         Between two measured numbers it is a straight line in logarithms. Outside it falls as the inverse square root of
-        ``samples``, as the noise of luma itself does. NaN where it is not known.
+        ``rays_per_pixel``, as the noise of luma itself does. NaN where it is not known.
         """
         if not self.noisy:
             return 0.0
         if not self.measured:
             return math.nan
         counts, fractions = (np.array(column) for column in zip(*self.measured, strict=True))
-        inside = float(np.clip(samples, counts[0], counts[-1]))
+        inside = float(np.clip(rays_per_pixel, counts[0], counts[-1]))
         logs = np.log(np.maximum(fractions, 1e-6))
-        return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / samples))
+        return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / rays_per_pixel))
 
-    def samples_for(self, share: float) -> int:
-        """Return the fewest of ``SAMPLE_NUMBERS``, from :attr:`samples` on, that keep the share; else 1024."""
-        enough = (n for n in SAMPLE_NUMBERS if n > self.samples and self.share_at(n) <= share)
-        return self.samples if not self.known or self.share_at(self.samples) <= share else next(enough, 1024)
+    def rays_per_pixel_for(self, share: float) -> int:
+        """Return the fewest of ``SAMPLE_NUMBERS``, from :attr:`rays_per_pixel` on, that keep the share; else 1024."""
+        enough = (n for n in SAMPLE_NUMBERS if n > self.rays_per_pixel and self.share_at(n) <= share)
+        return (
+            self.rays_per_pixel if not self.known or self.share_at(self.rays_per_pixel) <= share else next(enough, 1024)
+        )
 
-    def describe(self, samples: int | None = None) -> dict[str, object]:
+    def describe(self, rays_per_pixel: int | None = None) -> dict[str, object]:
         """Return the estimate in JSON's types, for meta.json.
 
         Args:
-            samples: rays a pixel of the run, where others were chosen by the estimate.
+            rays_per_pixel: rays a pixel of the run, where others were chosen by the estimate.
         """
         fractions = {f"{count:.4g}": float(f"{fraction:.4g}") for count, fraction in self.measured}
-        samples = self.samples if samples is None else samples
-        fraction = self.share_at(samples)
+        rays_per_pixel = self.rays_per_pixel if rays_per_pixel is None else rays_per_pixel
+        fraction = self.share_at(rays_per_pixel)
         return {
             "share": None if math.isnan(fraction) else float(f"{fraction:.4g}"),
-            "samples": samples,
-            "log_noise_over_c": float(f"{self.log_noise * math.sqrt(self.samples / samples):.4g}"),
+            "rays_per_pixel": rays_per_pixel,
+            "log_noise_over_c": float(f"{self.log_noise * math.sqrt(self.rays_per_pixel / rays_per_pixel):.4g}"),
             "measured": fractions,
             "rays": self.rays,
         }
 
-    def run_s(self, samples: int) -> float:
-        """Return how long the run would take to render with ``samples`` rays a pixel, in seconds, roughly; NaN where it
-        is not known."""
-        return self.run_rays * samples / self.samples * self.ray_s
+    def run_s(self, rays_per_pixel: int) -> float:
+        """Return how long the run would take to render with ``rays_per_pixel`` rays a pixel, in seconds, roughly; NaN
+        where it is not known."""
+        return self.run_rays * rays_per_pixel / self.rays_per_pixel * self.ray_s
 
     def __str__(self) -> str:
         if not self.noisy:
             return "no Monte Carlo noise: two seeds give the same light"
         if not self.measured:
             return (
-                f"too few events to tell how many are Monte Carlo noise at {self.samples} samples; log luma is wrong "
-                f"by {self.log_noise:.2g} C (rms)"
+                "too few events to tell how many are Monte Carlo noise at "
+                f"{self.rays_per_pixel} rays per pixel; log luma "
+                f"is wrong by {self.log_noise:.2g} C (rms)"
             )
-        told = f"{share_text(self.share_at(self.samples), 'these events are')} at {self.samples} samples"
-        more = 64 if self.samples < 64 else 4 * self.samples
-        return told if more > 1024 else f"{told}; {more} samples: about {percent(self.share_at(more))}"
+        share = share_text(self.share_at(self.rays_per_pixel), "these events are")
+        told = f"{share} at {self.rays_per_pixel} rays per pixel"
+        more = 64 if self.rays_per_pixel < 64 else 4 * self.rays_per_pixel
+        return told if more > 1024 else f"{told}; with {more} about {percent(self.share_at(more))}"
 
 
 def share_text(fraction: float, these_are: str) -> str:

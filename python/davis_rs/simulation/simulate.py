@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from .._util.argument_error import ArgumentError
+from .._util.progress import doing
 from ..events.packet import Packet
 from ..scene.scene import Scene, check_scene
 from ..sensor.effects import with_optics
@@ -76,42 +77,47 @@ class MadeSimulator:
         plan: of its effects, where they were to be planned.
         noise: how many of its events will be Monte Carlo noise, where Mitsuba's integrators render.
         noise_share: how many may be.
-        chose_samples: the number of samples was to be chosen.
+        chose_rays_per_pixel: the number of samples was to be chosen.
     """
 
     simulator: Simulator
     plan: EffectPlan | None
     noise: NoiseEstimate | None
     noise_share: float
-    chose_samples: bool
+    chose_rays_per_pixel: bool
 
-    def packets(self) -> Iterator[Packet]:
-        """Yield the packets of :meth:`Simulator.run`.
+    def packets(self, after_keyframe: Callable[[int, int], object] | None = None) -> Iterator[Packet]:
+        """Yield the packets of :meth:`Simulator.run`, which is given ``after_keyframe``.
 
         Warns:
             NoEventsWarning: of a run without events.
         """
         simulator = self.simulator
         thresholds = (simulator.contrast_threshold, simulator.contrast_threshold_off)
-        return warned_without_events(simulator.run(), thresholds, simulator.log_eps)
+        return warned_without_events(simulator.run(after_keyframe=after_keyframe), thresholds, simulator.log_eps)
 
     @property
     def noise_line(self) -> str:
         """Return what is to be said of noise and samples; "" where there is nothing to say."""
-        samples = self.simulator.renderer.rays
+        rays_per_pixel = self.simulator.renderer.rays_per_pixel
         if self.noise is None or not self.noise.noisy:
             why = "draws nothing at random" if self.noise is None else "has no noise in this scene"
             name = self.simulator.renderer.name
-            return f"samples auto: {samples}, the default: the {name} {why}" if self.chose_samples else ""
-        if not self.chose_samples:
-            hint = f"; with samples auto as many are taken as keep it below {100 * self.noise_share:g} %"
+            return (
+                f"rays_per_pixel auto: {rays_per_pixel}, the default: the {name} {why}"
+                if self.chose_rays_per_pixel
+                else ""
+            )
+        if not self.chose_rays_per_pixel:
+            hint = f"; with rays_per_pixel auto as many are taken as keep it below {100 * self.noise_share:g} %"
             return f"{self.noise}{hint if self._above else ''}"
         if not self.noise.known:
-            return f"samples auto: {samples}, the default: {self.noise}"
+            return f"rays_per_pixel auto: {rays_per_pixel}, the default: {self.noise}"
         most = ", the most there are; still" if self._above else ";"
         return (
-            f"samples auto: {samples}{most} about {percent(self.noise.share_at(samples))} of the events are Monte "
-            f"Carlo noise, at most {100 * self.noise_share:g} % were asked for"
+            f"rays_per_pixel auto: {rays_per_pixel}{most} about "
+            f"{percent(self.noise.share_at(rays_per_pixel))} of the events are Monte Carlo noise, "
+            f"at most {100 * self.noise_share:g} % were asked for"
         )
 
     def warn_of_noise(self, stacklevel: int) -> None:
@@ -125,7 +131,7 @@ class MadeSimulator:
 
     @property
     def _above(self) -> bool:
-        return self.noise is not None and self.noise.share_at(self.simulator.renderer.rays) > self.noise_share
+        return self.noise is not None and self.noise.share_at(self.simulator.renderer.rays_per_pixel) > self.noise_share
 
 
 def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
@@ -143,6 +149,7 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
         if settings.sensor is None:
             # Its thresholds and effects are the default; the size stays the camera's.
             settings = replace(settings, sensor=replace(SENSORS["davis240c"], width=None, height=None))
+        doing("planning effects")
         plan = planned_effects(scene, only(PlanSettings, settings), keep=effects)
         effects = plan.effects
     elif settings.effects_tolerance is not None:
@@ -150,10 +157,15 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
             "{effects_tolerance} is {:g}, but no effects are planned: it is for {effects:auto}",
             settings.effects_tolerance,
         )
-    chose_samples = settings.samples == AUTO
-    samples = None if chose_samples else settings.samples
-    resolved = resolve(scene, replace(only(SimulatorSettings, settings), effects=effects, samples=samples))
+    chose_rays_per_pixel = settings.rays_per_pixel == AUTO
+    rays_per_pixel = None if chose_rays_per_pixel else settings.rays_per_pixel
+    doing("loading the scene")
+    resolved = resolve(
+        scene, replace(only(SimulatorSettings, settings), effects=effects, rays_per_pixel=rays_per_pixel)
+    )
+    doing("making the renderer")
     renderer = resolved.renderer()
+    doing("measuring noise")
     noise = estimate_noise_of(
         with_optics(renderer, resolved.effects),
         resolved.view.scene.path,
@@ -162,10 +174,11 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
         log_eps=resolved.view.log_eps,
         sampling=resolved.sampling,
     )
-    if chose_samples and noise is not None:
-        samples = noise.samples_for(settings.noise_share)
-        if samples != renderer.rays:
-            resolved = replace(resolved, settings=replace(resolved.settings, samples=samples))
+    if chose_rays_per_pixel and noise is not None:
+        rays_per_pixel = noise.rays_per_pixel_for(settings.noise_share)
+        if rays_per_pixel != renderer.rays_per_pixel:
+            resolved = replace(resolved, settings=replace(resolved.settings, rays_per_pixel=rays_per_pixel))
             renderer = resolved.renderer()
+    doing("making the simulator")
     simulator = Simulator.of_resolved(resolved, renderer)
-    return MadeSimulator(simulator, plan, noise, settings.noise_share, chose_samples)
+    return MadeSimulator(simulator, plan, noise, settings.noise_share, chose_rays_per_pixel)

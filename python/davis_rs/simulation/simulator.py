@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, TypedDict
 
@@ -158,8 +158,12 @@ class Simulator:
         requested."""
         return () if self.surfaces is None else self.surfaces.names
 
-    def run(self) -> Iterator[Packet]:
+    def run(self, *, after_keyframe: Callable[[int, int], object] | None = None) -> Iterator[Packet]:
         """Simulate the scene's camera path from its start to its end; memory stays bounded, however long it is.
+
+        Args:
+            after_keyframe: is called after each keyframe with its time in microseconds and with the number of events
+                since the keyframe before, long before the packet is complete: for showing progress.
 
         Yields:
             Packets that tile the time; the first ends at 0 and has no events. One ends at every instant where a frame
@@ -175,7 +179,8 @@ class Simulator:
         self._refuse_empty_view(trajectory)
         # Two threads pay only where the caller has not asked for one.
         ahead = self.renderer.concurrent and self.settings.threads != 1
-        yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6), ahead=ahead)
+        end_us = round(trajectory.duration_s * 1e6)
+        yield from self._packets(trajectory, 0, end_us, ahead=ahead, after_keyframe=after_keyframe)
         yield from self.flush()
 
     def step(self, t_us: int, pose: PoseLike) -> list[Packet]:
@@ -244,7 +249,7 @@ class Simulator:
             "contrast_threshold_off": self.contrast_threshold_off,
             "start_phase": self.start_phase,
             "log_eps": self.log_eps,
-            "samples": self.renderer.rays,
+            "rays_per_pixel": self.renderer.rays_per_pixel,
             "blur": self.renderer.blur,
             "sampling": repr(self.sampling),
             "refine": self.refine,
@@ -259,11 +264,20 @@ class Simulator:
             lost_looks=self.lost_looks,
         )
 
-    def _packets(self, trajectory: Trajectory, start_us: int, end_us: int, *, ahead: bool = False) -> Iterator[Packet]:
+    def _packets(
+        self,
+        trajectory: Trajectory,
+        start_us: int,
+        end_us: int,
+        *,
+        ahead: bool = False,
+        after_keyframe: Callable[[int, int], object] | None = None,
+    ) -> Iterator[Packet]:
         """Yield packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
 
         Args:
             ahead: render in a thread of its own, while the crossing engine works on the keyframes before.
+            after_keyframe: as of :meth:`run`.
         """
         settings = self.settings
         rates_hz = {"frame": settings.frame_rate_hz, "depth": settings.depth_rate_hz, **truth_rates_hz(settings)}
@@ -291,6 +305,8 @@ class Simulator:
         for rendered in read_ahead(keyframes, most=stretch.batch) if ahead else keyframes:
             keyframe = self._lit(rendered)
             pending.append(self._take(keyframe, refinement, due=keyframe.t_us >= due.t_us))
+            if after_keyframe is not None:
+                after_keyframe(keyframe.t_us, len(pending[-1]))
             if keyframe.t_us < due.t_us:
                 continue
             depth = self.renderer.depth(stretch.views([due.t_us]))[0] if "depth" in due.due else None

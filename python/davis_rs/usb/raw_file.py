@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from .._core import DecodeError, Decoder
+from .._util.array_types import JsonObject
 from .._util.untrusted import regular_file
 from .description import DavisDescription
 
@@ -41,7 +41,7 @@ class RawWriter:
 
     def __init__(self, path: str | Path, camera: DavisDescription, *, started: datetime | None = None) -> None:
         self.path = Path(path)
-        self._meta: dict[str, Any] = {
+        self._meta: JsonObject = {
             "complete": False,
             "bytes": 0,
             "lost_bytes": 0,
@@ -130,7 +130,7 @@ class RawRecording:
                 yield chunk
 
 
-def _header(meta: dict[str, Any]) -> bytes:
+def _header(meta: JsonObject) -> bytes:
     content = MAGIC + json.dumps(meta).encode()
     if len(content) >= HEADER_BYTES:
         raise ValueError(f"the header must fit into {HEADER_BYTES} bytes, got {len(content)}")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.progress import doing
 from ...io.dataset.reader import Dataset
 from ...scene.builtin.checkerboard import Checkerboard
 from .opencv import load_opencv
@@ -97,7 +98,8 @@ def find_board(
         if not chosen:
             raise ValueError(f"{dataset.path} has no frame from {start_s:g} s to {last_s:g} s after the first one")
     views = []
-    for number in chosen:
+    for done, number in enumerate(chosen):
+        doing(f"frame {done + 1} of {len(chosen)}")
         frame = dataset.frames[number]
         corners = find_corners(dataset.read_image(number), board)
         if corners is not None:

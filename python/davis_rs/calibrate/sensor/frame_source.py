@@ -6,11 +6,11 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.array_types import AnyArray
 from ...events.decoded import Frame
 from ...inspection.statistics.stream_statistics import Measured
 from ...io.dataset.folder_format import FolderReader
@@ -106,7 +106,7 @@ def _of_file(file: Path, size: tuple[int, int]) -> Iterator[StampedFrame]:
             yield StampedFrame(float(t_us), 0.0, _whole(pixels, 0, 0, size))
 
 
-def _whole(pixels: npt.NDArray[Any], x: int, y: int, size: tuple[int, int]) -> npt.NDArray[np.float32]:
+def _whole(pixels: AnyArray, x: int, y: int, size: tuple[int, int]) -> npt.NDArray[np.float32]:
     """Return values where they lie on the sensor, NaN around them."""
     width, height = size
     values = np.full((height, width), np.nan, np.float32)

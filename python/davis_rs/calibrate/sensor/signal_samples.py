@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.array_types import FloatingArray
 from ...events.arrays import EventArray, concatenate_events
 from .frame_noise import NoiseSampler, NoiseValues
 
@@ -52,7 +53,7 @@ class StampedFrame(NamedTuple):
 
     t_us: float
     exposure_us: float
-    values: npt.NDArray[np.floating[Any]]
+    values: FloatingArray
 
 
 class SignalSamples(NamedTuple):

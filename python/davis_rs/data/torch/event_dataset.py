@@ -59,7 +59,7 @@ class EventDataset(Dataset):  # type: ignore[misc]
         sources: Source | Sequence[Source],
         *,
         representation: str | Callable[[EventWindow], Any] = "voxel_grid",
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, object] | None = None,
         images: Sequence[str] = (),
         transform: Callable[[Sample], Any] | None = None,
         **options: Any,

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
+from ..._util.array_types import FloatingArray
 from ...events.arrays import EventArray
 from ...events.represent import count_image, event_spike_tensor, last_event_times, time_surface, voxel_grid
 from ..windows.window import EventWindow
 
-Image = npt.NDArray[np.floating[Any]]
+Image = FloatingArray
 Representation = Callable[..., Image]
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ..._util.argument_checks import check_number, check_type
 from ..._util.argument_error import ArgumentError
+from ..._util.html_table import html_lines, html_table
 from ..pose import (
     FloatArray,
     Pose,
@@ -27,6 +28,8 @@ TIME_TOLERANCE_S = 1e-6
 
 SPEED_WINDOW_S = 0.1
 """Length of the window of a top speed, which is a mean: see :meth:`Trajectory.top_speeds`."""
+
+_PLOT_SAYS = "<div>position over time, from the start: x red, y green, z blue</div>"
 
 _DIFFERENCE_STEP_S = 1e-4
 
@@ -92,6 +95,23 @@ class Trajectory(ABC):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__.lstrip('_')} of {self.duration_s:.6g} s>"
+
+    def _repr_html_(self) -> str:
+        first, last = self.positions([0.0, self.duration_s])
+        top = self.top_speeds()
+        rows = [
+            ("duration", f"{self.duration_s:.6g} s"),
+            ("from", "({:.3f}, {:.3f}, {:.3f}) m".format(*first)),
+            ("to", "({:.3f}, {:.3f}, {:.3f}) m".format(*last)),
+            ("top speed", f"{top.speed_m_s:.3g} m/s"),
+            ("top rate", f"{top.rate_rad_s:.3g} rad/s"),
+        ]
+        return html_table(type(self).__name__.lstrip("_"), rows, below=self.html_plot())
+
+    def html_plot(self) -> str:
+        """Return a small plot of the position over time as HTML: x red, y green, z blue, each from where it starts."""
+        positions = self.positions(np.linspace(0.0, self.duration_s, 121))
+        return html_lines((positions - positions[0]).T.tolist()) + _PLOT_SAYS
 
     def rotations(self, t_s: npt.ArrayLike) -> FloatArray:
         """Return R_world_camera, shape (n, 3, 3)."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.array_types import JsonObject, JsonValue
 from .bursts import Bursts
 from .counts import Histogram
 from .hot_pixels import HotPixels, find_hot_pixels
@@ -105,7 +106,7 @@ class StreamStatistics:
         """OFF and ON events per second of each pixel, float64 (2, H, W)."""
         return self.counts / max(self.duration_s, 1e-6)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> JsonObject:
         """Return all numbers in JSON's types; None where the stream does not tell."""
         hot, bursts = self.hot_pixels, self.bursts
         several = bursts.ascending + bursts.descending + bursts.unordered
@@ -141,7 +142,7 @@ class StreamStatistics:
             "quiet": {"pixels": int(self.quiet.sum()), "rate_hz": self.quiet_rate_hz, "on_share": self.quiet_on_share},
             "even_over_odd": {name: {"off": pair[0], "on": pair[1]} for name, pair in parity.items()},
         }
-        plain: dict[str, Any] = _plain(described)
+        plain: JsonObject = _plain(described)
         return plain
 
 
@@ -269,7 +270,7 @@ def _range(values: npt.NDArray[np.float64]) -> dict[str, float] | None:
     return {"least": float(values.min()), "median": float(np.median(values)), "most": float(values.max())}
 
 
-def _plain(measured: object) -> Any:
+def _plain(measured: object) -> JsonValue:
     """Return the statistics in JSON's types; NaN and infinity become None."""
     if isinstance(measured, Measured):
         return {"value": _plain(measured.value), "sigma": _plain(measured.sigma)}

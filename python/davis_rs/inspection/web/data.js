@@ -7,20 +7,37 @@ const problem = (text) => {
   element("problem").hidden = false;
 };
 window.addEventListener("error", (event) => problem(`This page met an error: ${event.message}`));
+window.addEventListener("unhandledrejection", (event) => problem(`This page met an error: ${event.reason}`));
 
-const bytesOf = (text) => Uint8Array.from(atob(text), (character) => character.charCodeAt(0)).buffer;
+const bytesOf = (text) => {
+  const characters = atob(text), bytes = new Uint8Array(characters.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = characters.charCodeAt(i);
+  return bytes.buffer;
+};
+
+/** The bytes that zlib compressed. */
+const inflated = async (text) => {
+  if (!window.DecompressionStream) throw new Error("it needs a browser of 2023 or later");
+  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+};
 
 const data = JSON.parse(element("data").textContent);
 
-const events = (() => {
-  const packed = new Uint32Array(bytesOf(data.events.t));
-  const t = new Float64Array(packed.length), on = new Uint8Array(packed.length);
-  for (let i = 0; i < packed.length; i++) {
-    t[i] = (packed[i] >>> 1) * data.events.tick_us;
-    on[i] = packed[i] & 1;
+/** Times, polarities and pixels of the events, from planes of bytes: html_page.py says how they lie. */
+const events = await (async () => {
+  const bytes = await inflated(data.events.packed), count = data.events.kept;
+  const t = new Float64Array(count), on = new Uint8Array(count), xy = new Uint16Array(2 * count);
+  let ticks = 0;
+  for (let i = 0; i < count; i++) {
+    const step = (bytes[i] | bytes[i + count] << 8 | bytes[i + 2 * count] << 16 | bytes[i + 3 * count] << 24) >>> 0;
+    ticks += step >>> 1;
+    t[i] = ticks * data.events.tick_us;
+    on[i] = step & 1;
+    xy[2 * i] = bytes[i + 4 * count] | bytes[i + 5 * count] << 8;
+    xy[2 * i + 1] = bytes[i + 6 * count] | bytes[i + 7 * count] << 8;
   }
-  const word = packed.length < data.events.total ? "sampled events" : "events";
-  return { count: packed.length, word, t, on, xy: new Uint16Array(bytesOf(data.events.xy)) };
+  return { count, word: count < data.events.total ? "sampled events" : "events", t, on, xy };
 })();
 
 const stamped = (part) => part && { t: new Float64Array(bytesOf(part.t)), values: new Float32Array(bytesOf(part.values)) };

@@ -11,13 +11,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.argument_error import ArgumentError, OverwriteError
+from ..._util.array_types import JsonObject
 from ..._util.holding import Hold
 from ...events.arrays import EventArray
 from ...geometry.pose import Pose
@@ -223,9 +223,9 @@ def append_lines(path: Path, lines: str) -> None:
         raise
 
 
-def as_json(meta: Mapping[str, object]) -> dict[str, Any]:
+def as_json(meta: Mapping[str, object]) -> JsonObject:
     """Return ``meta`` as it will read back from JSON."""
-    loaded: dict[str, Any] = json.loads(json.dumps(meta, default=_plain, allow_nan=False))
+    loaded: JsonObject = json.loads(json.dumps(meta, default=_plain, allow_nan=False))
     return loaded
 
 

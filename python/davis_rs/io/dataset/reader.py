@@ -10,13 +10,15 @@ import warnings
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.array_types import JsonObject, UncheckedArray
 from ..._util.budget import Budget
+from ..._util.html_table import html_picture, html_table
 from ..._util.untrusted import decoding, read_charged, read_text
 from ...events.arrays import EventArray
 from ...events.packet import Displacement
@@ -48,6 +50,10 @@ from .files import (
 
 _PIXEL_BYTES = 8
 """Of a value of an image: as it is decoded, and in an array."""
+
+
+_THUMBNAIL_PX = 360
+"""The longest side of the frame that a notebook shows."""
 
 
 class StampedImage(NamedTuple):
@@ -97,8 +103,36 @@ class Dataset:
             parts.append(f"{duration_us / 1e6:.6g} s")
         return f"<Dataset {', '.join(parts)}>"
 
+    def _repr_html_(self) -> str:
+        duration_us, counts = self.meta.get("duration_us"), self.meta.get("counts")
+        rows = [("sensor", "unknown" if self.size is None else "{} x {} px".format(*self.size))]
+        if isinstance(duration_us, int):
+            rows.append(("duration", f"{duration_us / 1e6:.6g} s"))
+        if isinstance(counts, dict) and isinstance(counts.get("events"), int):
+            rows.append(("events", f"{counts['events']:,}"))
+        series = {
+            "frames": self.frames,
+            "depth maps": self.depth_maps,
+            "flow maps": self.flow_maps,
+            "masks": self.masks,
+            "normal maps": self.normal_maps,
+        }
+        rows += [(name, f"{len(images):,}") for name, images in series.items() if images]
+        return html_table(f"Dataset {self.path}", rows, below=self._html_frame())
+
+    def _html_frame(self) -> str:
+        """Return the middle frame as HTML; "" without frames."""
+        if not self.frames:
+            return ""
+        from PIL import Image
+
+        image, stream = Image.fromarray(self.read_image(len(self.frames) // 2)), io.BytesIO()
+        image.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
+        image.save(stream, "PNG")
+        return html_picture(stream.getvalue(), image.width)
+
     @cached_property
-    def meta(self) -> dict[str, Any]:
+    def meta(self) -> JsonObject:
         """The contents of ``meta.json``."""
         path = self.path / META
         if not path.exists():
@@ -234,7 +268,7 @@ class Dataset:
         """Return intensity frame ``index``: uint8 (H, W)."""
         return self._read_png(self.frames[index].path, "L", "an 8-bit")
 
-    def _read_png(self, path: Path, mode: str, what: str) -> npt.NDArray[Any]:
+    def _read_png(self, path: Path, mode: str, what: str) -> UncheckedArray:
         """Return a grey image of a mode of Pillow."""
         from PIL import Image
 
@@ -343,7 +377,7 @@ _RATES = ("frame_rate_hz", "depth_rate_hz")
 """0 stands for none."""
 
 
-def _check_meta(path: Path, meta: dict[str, Any]) -> None:
+def _check_meta(path: Path, meta: JsonObject) -> None:
     """Refuse values of types that nobody expects."""
     for key, types in _META_TYPES.items():
         value = meta.get(key)

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
+from ..._util.array_types import JsonObject
 from ..._util.close_names import names_checked
 from ...events.arrays import EventArray, as_events
 from ...events.packet import Packet
@@ -240,7 +240,7 @@ class DatasetWriter:
             self._abandon(interrupted=False)
             raise
 
-    def finish(self, meta: Mapping[str, object] | None = None, *, interrupted: bool = False) -> dict[str, Any]:
+    def finish(self, meta: Mapping[str, object] | None = None, *, interrupted: bool = False) -> JsonObject:
         """Close every file, write ``meta.json`` and return what it holds.
 
         ``meta.json`` holds ``meta`` (added to what the constructor was given) and, under keys that are the writer's
@@ -400,7 +400,7 @@ class DatasetWriter:
             "velocities": self._velocity_count,
         }
 
-    def _write_meta(self, *, complete: bool, interrupted: bool = False) -> dict[str, Any]:
+    def _write_meta(self, *, complete: bool, interrupted: bool = False) -> JsonObject:
         meta = self._meta | {
             "sensor": {"width": self.size[0], "height": self.size[1]},
             "calibrated": self.camera is not None,

@@ -64,7 +64,7 @@ def open_writer(
 
 
 def _whole_writer(
-    format: Format, path: Path, size: tuple[int, int], overwrite: bool, options: Mapping[str, Any]
+    format: Format, path: Path, size: tuple[int, int], overwrite: bool, options: Mapping[str, object]
 ) -> EventWriter:
     """Return a writer into a hidden place next to the path."""
     workplace = Workplace(
@@ -82,7 +82,7 @@ def _whole_writer(
     return writer
 
 
-def _format_for(path: Target, format: str | None, options: Mapping[str, Any]) -> Format:
+def _format_for(path: Target, format: str | None, options: Mapping[str, object]) -> Format:
     """Return the format that is asked for, if it has these options and its libraries are there.
 
     Raises:

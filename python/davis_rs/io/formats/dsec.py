@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError, check_events
+from ..._util.array_types import UncheckedArray
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
 from .destination import Limits
@@ -109,7 +109,7 @@ class DsecReader(Hdf5PartsReader):
         with self._rows_of(dataset, 1) as rows:
             return int(rows.read(0, 1)[0])
 
-    def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    def _times(self, values: UncheckedArray) -> npt.NDArray[np.int64]:
         if values.dtype.kind not in "iu":
             raise DecodeError(f"{self.path}: t must hold integers, found {values.dtype}")
         if len(values) and (int(values.max()) >= _LATEST_US or int(values.min()) <= -_LATEST_US):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.array_types import UncheckedArray
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
 from .destination import Limits
@@ -114,7 +114,7 @@ class E2vidReader(Hdf5Reader):
                     image = rows.read(0, height)
             yield t_us, image
 
-    def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    def _times(self, values: UncheckedArray) -> npt.NDArray[np.int64]:
         with np.errstate(over="ignore"):  # what is infinite is refused
             microseconds = np.rint(np.asarray(values, np.float64) * 1e6)
         if not (np.abs(microseconds) < 2.0**63).all():  # NaN is not, either

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError, fill_events
+from ..._util.array_types import UncheckedArray
 from ..._util.budget import Budget
 from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
@@ -188,7 +189,7 @@ class Hdf5Reader(EventReader):
         return Rows(self.path, dataset, rows, self.rules.max_packet_bytes, self._budget, row)
 
     @abstractmethod
-    def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    def _times(self, values: UncheckedArray) -> npt.NDArray[np.int64]:
         """Return microseconds from what the dataset of times holds."""
 
     def _size(self) -> tuple[int, int] | None:
@@ -249,11 +250,11 @@ class Hdf5Reader(EventReader):
             raise DecodeError(f"{self.path}: p of event {start + at} is {p[at]}, not 0 or 1")
         fill_events(events, self._times(t), x, y, (p > 0).view(np.uint8))
 
-    def _columns(self, start: int, end: int) -> tuple[npt.NDArray[Any], ...]:
+    def _columns(self, start: int, end: int) -> tuple[UncheckedArray, ...]:
         """Return t, x, y and p of some events, as the file has them."""
         return tuple(rows.read(start, end) for rows in self._datasets)
 
-    def _coordinate(self, name: str, column: npt.NDArray[Any], start: int) -> npt.NDArray[np.uint16]:
+    def _coordinate(self, name: str, column: UncheckedArray, start: int) -> npt.NDArray[np.uint16]:
         if column.dtype == np.uint16:
             return column
         if column.dtype.kind not in "iu":

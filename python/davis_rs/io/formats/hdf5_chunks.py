@@ -11,12 +11,12 @@ import math
 import os
 import zlib
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.array_types import UncheckedArray
 from ..._util.budget import Budget
 from ..._util.untrusted import above_limit, decoding
 
@@ -60,10 +60,10 @@ class Rows:
     ) -> None:
         check_dataset(path, dataset, rows, limit, row)
         self._path, self._dataset, self._limit, self._budget = path, dataset, limit, budget
-        self.dtype: np.dtype[Any] = dataset.dtype
+        self.dtype: np.dtype[np.generic] = dataset.dtype
         self._filters = _filters(path, dataset)
         self._first = -1
-        self._kept: npt.NDArray[Any] = np.zeros(0, self.dtype)
+        self._kept: UncheckedArray = np.zeros(0, self.dtype)
         self._charged = 0
         if any(number not in (_SHUFFLE, _FLETCHER) for number in self._filters):
             self._places = list(
@@ -81,7 +81,7 @@ class Rows:
         chunks = self._dataset.chunks
         return None if chunks is None else int(chunks[0])
 
-    def read(self, start: int, end: int) -> npt.NDArray[Any]:
+    def read(self, start: int, end: int) -> UncheckedArray:
         """Return rows ``start`` to ``end``, an array of its own.
 
         Raises:
@@ -89,7 +89,7 @@ class Rows:
         """
         if not self._charged:
             with decoding(self._path, f"{self._dataset.name}, {start}..{end}"):
-                whole: npt.NDArray[Any] = self._dataset[start:end]
+                whole: UncheckedArray = self._dataset[start:end]
             return whole
         step = self._dataset.chunks[0]
         rows = np.empty((max(0, end - start), *self._dataset.shape[1:]), self.dtype)
@@ -110,7 +110,7 @@ class Rows:
     def __exit__(self, _: type[BaseException] | None, __: BaseException | None, ___: TracebackType | None) -> None:
         self.close()
 
-    def _chunk_at(self, first: int) -> npt.NDArray[Any]:
+    def _chunk_at(self, first: int) -> UncheckedArray:
         """Return the rows of the chunk, or of all chunks side by side, that begins at a row."""
         if first != self._first:
             self._first, self._kept = -1, self._kept[:0]
@@ -127,7 +127,7 @@ class Rows:
             self._first = first
         return self._kept
 
-    def _unpack(self, place: tuple[int, ...]) -> npt.NDArray[Any]:
+    def _unpack(self, place: tuple[int, ...]) -> UncheckedArray:
         """Return what a chunk holds, as far as it lies within the dataset."""
         dataset = self._dataset
         inside = tuple(
@@ -146,7 +146,7 @@ class Rows:
         for number in filters:
             if number not in (_SHUFFLE, _FLETCHER) and _unpacked(number, data, self._limit) > self._limit:
                 raise above_limit(self._path, f"the chunk of {dataset.name} at {place[0]}", self._limit)
-        unfiltered: npt.NDArray[Any] = dataset[inside]
+        unfiltered: UncheckedArray = dataset[inside]
         return unfiltered
 
     def _is_plain(self) -> bool:
@@ -155,7 +155,7 @@ class Rows:
 
         return self.dtype.kind in "iuf" and self._dataset.id.get_type() == h5py.h5t.py_create(self.dtype)
 
-    def _inflated(self, data: bytes, *, shuffled: bool) -> npt.NDArray[Any]:
+    def _inflated(self, data: bytes, *, shuffled: bool) -> UncheckedArray:
         """Return the values of a chunk of gzip's: here, because HDF5 unpacks it without a limit, so that it would have
         to be unpacked before."""
         stream = zlib.decompressobj()

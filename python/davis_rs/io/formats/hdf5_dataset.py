@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.array_types import AnyArray
 from ..._util.extras import from_extra
 from .hdf5_disk import Hdf5File
 
@@ -59,7 +60,7 @@ class GrowingDataset:
     ) -> None:
         self._hdf5 = hdf5
         self._codec: Any = None
-        filters: Mapping[str, Any] = {}
+        filters: Mapping[str, object] = {}
         if compression != "none":
             with from_extra("hdf5"):
                 import hdf5plugin
@@ -71,13 +72,13 @@ class GrowingDataset:
             name, (0, *row), dtype, maxshape=(None, *row), chunks=(chunk, *row), **filters
         )
         hdf5.watch(self.dataset)
-        self._rows: npt.NDArray[Any] = np.zeros((chunk, *row), dtype)
+        self._rows: AnyArray = np.zeros((chunk, *row), dtype)
         self._start = self._filled = 0
 
     def __len__(self) -> int:
         return self._start + self._filled
 
-    def append(self, values: npt.NDArray[Any]) -> None:
+    def append(self, values: AnyArray) -> None:
         """Append rows; their values fit the dataset's type."""
         done = 0
         while done < len(values):

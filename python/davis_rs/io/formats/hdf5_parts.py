@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.array_types import UncheckedArray
 from ..._util.untrusted import decoding
 from .hdf5 import Hdf5Reader, Hdf5Writer
 from .hdf5_dataset import GrowingDataset
@@ -132,7 +133,7 @@ class Hdf5PartsWriter(Hdf5Writer):
                     group[name] = value
                 self._hdf5.check()
 
-    def _add(self, part: Part, t_us: int, values: npt.NDArray[Any]) -> None:
+    def _add(self, part: Part, t_us: int, values: UncheckedArray) -> None:
         """Append a row to the series of a part."""
         if not 0 <= t_us <= LATEST_US:
             raise ValueError(f"times must lie in 0..{LATEST_US} us: got {t_us}")
@@ -142,7 +143,7 @@ class Hdf5PartsWriter(Hdf5Writer):
                 self._append_row(self.series[part.name], t_us, values)
                 self._hdf5.check()
 
-    def _append_row(self, series: Series, t_us: int, values: npt.NDArray[Any]) -> None:
+    def _append_row(self, series: Series, t_us: int, values: UncheckedArray) -> None:
         if series not in self._written:
             self._written[series] = SeriesWriter(
                 self._hdf5,
@@ -209,7 +210,7 @@ class Hdf5PartsReader(Hdf5Reader):
             calibration = Calibration(int(values[0]), int(values[1]), *values[2:])
         yield 0, calibration
 
-    def _rows(self, part: Part, row: tuple[int | None, ...]) -> Iterator[tuple[int, npt.NDArray[Any]]]:
+    def _rows(self, part: Part, row: tuple[int | None, ...]) -> Iterator[tuple[int, UncheckedArray]]:
         """Yield (t_us, array) of a part, nothing where the file has none; times that are floats are seconds.
 
         Raises:
@@ -235,7 +236,7 @@ class Hdf5PartsReader(Hdf5Reader):
                     end = min(len(stamps), start + step)
                     yield from zip(stamps[start:end], value_rows.read(first + start, first + end), strict=True)
 
-    def _microseconds(self, series: Series, times: npt.NDArray[Any]) -> list[int]:
+    def _microseconds(self, series: Series, times: UncheckedArray) -> list[int]:
         if times.dtype.kind == "f":
             times = np.rint(np.asarray(times, np.float64) * 1e6)
             if not (np.abs(times) < 2.0**62).all():  # NaN is not, either

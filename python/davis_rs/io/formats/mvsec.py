@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.array_types import UncheckedArray
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
 from .destination import Limits
@@ -52,7 +53,7 @@ class MvsecWriter(Hdf5PartsWriter):
         self._images: GrowingDataset | None = None
         self._intervals: GrowingDataset | None = None
         self._last_times = np.zeros(0, np.int64)
-        self._flow: tuple[int, npt.NDArray[Any]] | None = None
+        self._flow: tuple[int, UncheckedArray] | None = None
         self._interval_us = _ONE_MAP_US
 
     def _dataset(self, name: str, dtype: str, **more: Any) -> GrowingDataset:
@@ -64,7 +65,7 @@ class MvsecWriter(Hdf5PartsWriter):
         self._table.append(np.stack([packet["x"], packet["y"], packet["t"] / 1e6, polarity], axis=1))
         self._last_times = packet["t"].copy()
 
-    def _append_row(self, series: Series, t_us: int, values: npt.NDArray[Any]) -> None:
+    def _append_row(self, series: Series, t_us: int, values: UncheckedArray) -> None:
         if series is SERIES[FRAMES.name]:
             if self._images is None:
                 self._images = self._dataset(f"{_LEFT}image_raw_event_inds", "<i8", chunk=1 << 12)
@@ -154,14 +155,14 @@ class MvsecReader(Hdf5PartsReader):
             size = (images.shape[2], images.shape[1])
         return size
 
-    def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    def _times(self, values: UncheckedArray) -> npt.NDArray[np.int64]:
         seconds = values[:, 2] if values.ndim == 2 else values
         microseconds = np.rint(np.asarray(seconds, np.float64) * 1e6)
         if not (np.abs(microseconds) < 2.0**62).all():  # NaN is not, either
             raise DecodeError(f"{self.path}: times must be finite, and below 2^62 us")
         return microseconds.astype(np.int64)
 
-    def _columns(self, start: int, end: int) -> tuple[npt.NDArray[Any], ...]:
+    def _columns(self, start: int, end: int) -> tuple[UncheckedArray, ...]:
         rows = self._datasets[0].read(start, end)
         x, y = rows[:, 0], rows[:, 1]
         wrong = ~((np.floor(x) == x) & (np.floor(y) == y) & (np.abs(x) < 2**31) & (np.abs(y) < 2**31))

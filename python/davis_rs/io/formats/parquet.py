@@ -6,13 +6,13 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from ..._core import DecodeError, fill_events
 from ..._util.argument_error import ArgumentError
+from ..._util.array_types import UncheckedArray
 from ..._util.budget import Budget
 from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
@@ -63,9 +63,7 @@ class ParquetWriter(EventWriter):
         )
         self._row_group = row_group
         dtypes = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.bool_}
-        self._columns: dict[str, npt.NDArray[Any]] = {
-            name: np.empty(row_group, dtype) for name, dtype in dtypes.items()
-        }
+        self._columns: dict[str, UncheckedArray] = {name: np.empty(row_group, dtype) for name, dtype in dtypes.items()}
         self._count = 0
         self._file = None if destination.is_stream else destination.claim_part()
         self._sink = (
@@ -212,7 +210,7 @@ class ParquetReader(EventReader):
         t, x, y, p = (self._column(batch, name) for name in self._COLUMNS)
         fill_events(events, t, x, y, p)
 
-    def _column(self, batch: pa.RecordBatch, name: str) -> npt.NDArray[Any]:
+    def _column(self, batch: pa.RecordBatch, name: str) -> UncheckedArray:
         """Return a column of the type that events have."""
         column = batch.column(batch.schema.get_field_index(name))
         if column.null_count:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.array_types import AnyArray
 from ..._util.extras import from_extra
 from .parts import CameraLike
 
@@ -73,7 +74,7 @@ def header(store: Typestore, seq: int, t_us: int, frame_id: str) -> Any:
     return kind(stamp=time, frame_id=frame_id, **number)
 
 
-def image_fields(image: npt.NDArray[Any], encoding: str) -> dict[str, Any]:
+def image_fields(image: AnyArray, encoding: str) -> dict[str, Any]:
     """Return fields of a sensor_msgs/Image with the bytes of an image (height, width) or (height, width, channels)."""
     height, width = image.shape[:2]
     data = np.frombuffer(np.ascontiguousarray(image).tobytes(), np.uint8)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.array_types import UncheckedArray
 from ..._util.untrusted import decoding, guarded
 from ...events.arrays import EventArray
 from . import ros_messages as topics
@@ -149,8 +150,8 @@ class RosReader(EventReader):
         return None
 
     def _pixels(
-        self, message: Any, dtype: np.dtype[Any], encodings: tuple[str, ...], channels: int = 1
-    ) -> npt.NDArray[Any]:
+        self, message: Any, dtype: np.dtype[np.generic], encodings: tuple[str, ...], channels: int = 1
+    ) -> UncheckedArray:
         if message.encoding not in encodings:
             raise DecodeError(f"{self.path}: image encoding {message.encoding!r}, expected {' or '.join(encodings)}")
         row = message.width * dtype.itemsize * channels

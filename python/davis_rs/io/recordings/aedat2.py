@@ -13,12 +13,13 @@ import re
 from collections.abc import Collection, Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.array_types import IntegerArray
 from ...events.arrays import EventArray
 from ...events.decoded import TriggerKind
 from .aedat2_frames import Samples, assemble
@@ -173,7 +174,7 @@ class _Clock:
         """Return a file's clock by its first stamp: one below 0 is from a camera that had been on for 36 minutes."""
         return cls(1 << 32 if first < 0 else 0, first)
 
-    def unwrapped(self, stamps: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.int64]:
+    def unwrapped(self, stamps: IntegerArray) -> npt.NDArray[np.int64]:
         """Return the times of the records that come next."""
         t = np.concatenate([np.array([self.last]), stamps.astype(np.int64)])
         anew = (t[1:] < t[:-1] - (1 << 31)).cumsum() << 32

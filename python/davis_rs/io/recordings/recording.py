@@ -7,12 +7,12 @@ import re
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import Device
+from ..._util.array_types import IntegerArray, NumberArray
 from ...events.arrays import EVENT_DTYPE, EventArray
 from ...events.decoded import IMU_DTYPE, STANDARD_GRAVITY, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
 from ...events.luma import LUMA_WEIGHTS
@@ -144,9 +144,9 @@ def event_array(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.Arr
 
 def imu_array(
     t: npt.NDArray[np.int64],
-    accel: npt.NDArray[np.number[Any]],
-    gyro: npt.NDArray[np.number[Any]],
-    temperature: npt.NDArray[np.number[Any]],
+    accel: NumberArray,
+    gyro: NumberArray,
+    temperature: NumberArray,
     *,
     g: float = 1.0,
     deg_s: float = 1.0,
@@ -161,7 +161,7 @@ def imu_array(
     return imu
 
 
-def trigger_array(t: npt.NDArray[np.int64], kind: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.void]:
+def trigger_array(t: npt.NDArray[np.int64], kind: IntegerArray) -> npt.NDArray[np.void]:
     """Return triggers from columns of one length."""
     triggers = np.zeros(len(t), TRIGGER_DTYPE)
     triggers["t"], triggers["kind"] = t, kind
@@ -173,7 +173,7 @@ def _dated(triggers: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     return triggers[triggers["kind"] != TriggerKind.TIMESTAMP_RESET]
 
 
-def grey(pixels: npt.NDArray[np.integer[Any]], order: str) -> npt.NDArray[np.uint16]:
+def grey(pixels: IntegerArray, order: str) -> npt.NDArray[np.uint16]:
     """Return intensities of 16 bits from pixels (height, width, channels) of 16 bits: one, or ``RGB`` or ``BGR`` and
     alpha."""
     if pixels.shape[2] == 1:

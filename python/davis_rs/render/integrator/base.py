@@ -61,13 +61,13 @@ class SceneRenderer(Renderer):
         scene: MitsubaScene,
         camera: Camera,
         *,
-        samples: int,
+        rays_per_pixel: int,
         blur: bool,
         seed: int,
         reason: str,
         motion: SceneMotion = STILL,
     ) -> None:
-        super().__init__(camera, samples=samples, blur=blur, motion=motion)
+        super().__init__(camera, rays_per_pixel=rays_per_pixel, blur=blur, motion=motion)
         self._scene, self._seed, self.reason = scene, seed, reason
         with variant(self.variant) as (mi, _):
             self._integrator = _integrator(scene, mi)

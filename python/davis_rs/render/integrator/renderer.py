@@ -34,15 +34,17 @@ class IntegratorRenderer(SceneRenderer):
         scene: MitsubaScene,
         camera: Camera,
         *,
-        samples: int,
+        rays_per_pixel: int,
         blur: bool,
         seed: int,
         reason: str,
         motion: SceneMotion = STILL,
     ) -> None:
-        super().__init__(scene, camera, samples=samples, blur=blur, seed=seed, reason=reason, motion=motion)
+        super().__init__(
+            scene, camera, rays_per_pixel=rays_per_pixel, blur=blur, seed=seed, reason=reason, motion=motion
+        )
         self._camera_rays = CameraRays(camera)
-        self._camera_rays.prepare(samples)
+        self._camera_rays.prepare(rays_per_pixel)
 
     def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]:
         depths = self._blank(views)
@@ -80,7 +82,7 @@ class IntegratorRenderer(SceneRenderer):
     def _render(self, views: Views, state: SceneState) -> LumaFrames:
         frames = self._blank(views)
         for i, frame in enumerate(frames):
-            frame[:] = self._samples_at(state, views, *self._frame(i), self.rays).reshape(frame.shape)
+            frame[:] = self._samples_at(state, views, *self._frame(i), self.rays_per_pixel).reshape(frame.shape)
         return frames
 
     def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:

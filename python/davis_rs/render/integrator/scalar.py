@@ -32,17 +32,19 @@ class ScalarRenderer(SceneRenderer):
         scene: MitsubaScene,
         camera: Camera,
         *,
-        samples: int,
+        rays_per_pixel: int,
         blur: bool,
         seed: int,
         reason: str,
         motion: SceneMotion = STILL,
     ) -> None:
-        super().__init__(scene, camera, samples=samples, blur=blur, seed=seed, reason=reason, motion=motion)
+        super().__init__(
+            scene, camera, rays_per_pixel=rays_per_pixel, blur=blur, seed=seed, reason=reason, motion=motion
+        )
         with variant(SCALAR) as (mi, _):
             self._sampler = mi.load_dict({"type": "independent"})
         self._unit_rays = functools.lru_cache(maxsize=4)(self._make_unit_rays)
-        self._unit_rays(samples)
+        self._unit_rays(rays_per_pixel)
         self.name += ", scalar"
 
     def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]:
@@ -74,7 +76,7 @@ class ScalarRenderer(SceneRenderer):
     def _render(self, views: Views, state: SceneState) -> LumaFrames:
         shape = (len(views), self.camera.height, self.camera.width)
         view, pixel = np.divmod(np.arange(np.prod(shape, dtype=np.int64)), shape[1] * shape[2])
-        return self._samples_at(state, views, view, pixel, self.rays).reshape(shape)
+        return self._samples_at(state, views, view, pixel, self.rays_per_pixel).reshape(shape)
 
     def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
         order = np.argsort(view, kind="stable")  # so that the scene changes once a view

@@ -54,15 +54,15 @@ class NativeRenderer(Renderer):
         table: SceneTable,
         camera: Camera,
         *,
-        samples: int,
+        rays_per_pixel: int,
         blur: bool,
         motion: SceneMotion = STILL,
         threads: int | None = None,
     ) -> None:
         if table.baked is not None:
             motion = motion.with_bends(table.baked.maps.instants)
-        super().__init__(camera, samples=samples, blur=blur, motion=motion)
-        rank1_lattice(samples)  # refuses bad numbers
+        super().__init__(camera, rays_per_pixel=rays_per_pixel, blur=blur, motion=motion)
+        rank1_lattice(rays_per_pixel)  # refuses bad numbers
         self.reason, self.baked, self.table = table.description, table.baked, table
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._profiles = [columns.get(light.name) for light in table.lights]
@@ -74,19 +74,21 @@ class NativeRenderer(Renderer):
 
     @property
     def ray_bytes(self) -> float:
-        tables = table_bytes(self.camera, self.rays) + table_bytes(self.camera, 1)
+        tables = table_bytes(self.camera, self.rays_per_pixel) + table_bytes(self.camera, 1)
         return tables / (self.camera.width * self.camera.height)
 
     def without_blur(self) -> NativeRenderer:
         """Return a renderer with the same rays of the same scene, but without blur and lens."""
-        return NativeRenderer(self.table, self.camera, samples=self.rays, blur=False, motion=self.motion)
+        return NativeRenderer(
+            self.table, self.camera, rays_per_pixel=self.rays_per_pixel, blur=False, motion=self.motion
+        )
 
     def _luma(self, views: Views) -> LumaFrames:
-        luma, _ = self._core.luma(pixel_rays(self.camera, self.rays), self._arrays(views))
+        luma, _ = self._core.luma(pixel_rays(self.camera, self.rays_per_pixel), self._arrays(views))
         return luma.reshape(self._shape(views))
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
-        luma, rate = self._core.luma(pixel_rays(self.camera, self.rays), self._arrays(views), rate=True)
+        luma, rate = self._core.luma(pixel_rays(self.camera, self.rays_per_pixel), self._arrays(views), rate=True)
         assert rate is not None
         return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
 
@@ -109,7 +111,11 @@ class NativeRenderer(Renderer):
             order of :attr:`table`.
         """
         gradients = self._core.gradients(
-            pixel_rays(self.camera, self.rays), self._arrays(views), view, np.ascontiguousarray(pixel).ravel(), weights
+            pixel_rays(self.camera, self.rays_per_pixel),
+            self._arrays(views),
+            view,
+            np.ascontiguousarray(pixel).ravel(),
+            weights,
         )
         return gradients.reshape(len(view), 8 + len(self.table.lights))
 
@@ -129,7 +135,7 @@ class NativeRenderer(Renderer):
         textures = self.table.textures
         steps = np.array([weights.sum() for weights in textures.group_weights], np.float64)
         counts, texels, values = self._core.texel_gradients(
-            pixel_rays(self.camera, self.rays),
+            pixel_rays(self.camera, self.rays_per_pixel),
             self._arrays(views),
             view,
             np.ascontiguousarray(pixel).ravel(),
@@ -147,9 +153,9 @@ class NativeRenderer(Renderer):
             (k, r) each: the number of the triangle in :attr:`table`, 2^32 - 1 for none; a mask of hidden lights (bit
             n mod 64 is flipped for each light n that something hides); and luma.
         """
-        shape = len(pixel), self.rays
+        shape = len(pixel), self.rays_per_pixel
         triangle, hidden, luma = self._core.ray_hits(
-            pixel_rays(self.camera, self.rays), self._arrays(views), view, pixel
+            pixel_rays(self.camera, self.rays_per_pixel), self._arrays(views), view, pixel
         )
         return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
 
@@ -170,7 +176,7 @@ class NativeRenderer(Renderer):
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks]:
         spans = self._core.edge_tracks(
-            pixel_rays(self.camera, self.rays),
+            pixel_rays(self.camera, self.rays_per_pixel),
             self._arrays(views),
             t_us.ravel(),
             reach=self.reach_px,

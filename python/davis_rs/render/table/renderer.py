@@ -41,9 +41,9 @@ class TableRenderer(Renderer):
     variant = FAST
 
     def __init__(
-        self, table: SceneTable, camera: Camera, *, samples: int, blur: bool, motion: SceneMotion = STILL
+        self, table: SceneTable, camera: Camera, *, rays_per_pixel: int, blur: bool, motion: SceneMotion = STILL
     ) -> None:
-        super().__init__(camera, samples=samples, blur=blur, motion=motion)
+        super().__init__(camera, rays_per_pixel=rays_per_pixel, blur=blur, motion=motion)
         self.reason = table.description
         self._camera_rays = CameraRays(camera)
         columns = {name: column for column, name in enumerate(motion.lights)}
@@ -52,7 +52,7 @@ class TableRenderer(Renderer):
         self.poses_per_launch = int(np.clip(_RAYS_PER_LAUNCH // self._padded, 1, 64))
         with variant(FAST) as (mi, _):
             self._kernel = TableKernel(table, mi)
-        self._camera_rays.prepare(samples)
+        self._camera_rays.prepare(rays_per_pixel)
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
         with variant(FAST) as (mi, dr):
@@ -74,20 +74,20 @@ class TableRenderer(Renderer):
 
     @property
     def ray_bytes(self) -> float:
-        return 28.0 * self.rays
+        return 28.0 * self.rays_per_pixel
 
     def _luma(self, views: Views) -> LumaFrames:
         return self._begin_luma(views)()
 
     def _begin_luma(self, views: Views) -> Callable[[], LumaFrames]:
         with variant(FAST) as (mi, dr):
-            luma, _ = self._mean(*self._frame_lanes(views, mi, dr), self.rays, mi, dr)
+            luma, _ = self._mean(*self._frame_lanes(views, mi, dr), self.rays_per_pixel, mi, dr)
             dr.eval(luma)  # returns while Dr.Jit's threads compute
             return partial(self._frames, luma, len(views), np.float32)
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
         with variant(FAST) as (mi, dr):
-            both = self._mean(*self._frame_lanes(views, mi, dr, motion=True), self.rays, mi, dr)
+            both = self._mean(*self._frame_lanes(views, mi, dr, motion=True), self.rays_per_pixel, mi, dr)
             dr.eval(both)
             luma, rate = (self._frames(values, len(views), np.float32) for values in both)
             return luma, rate

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,16 +29,27 @@ from ..files.texture_folder import check_image, image_files, mesh_files, read_im
 from ..meshes import Mesh, shape
 from ..parts import DIRECT, look_at, rectangle
 from ..scene import Scene
-from ..textures import Texture, bitmap
+from ..textures import Texture, bitmap, patchwork
 
 Files = str | Path | Sequence[Path]
 
-_Reader = Callable[[Path], Texture]
+_Image = Path | int
+"""A file, or the number of a built-in texture."""
+
+_Reader = Callable[[_Image], Texture]
+
+_Item = TypeVar("_Item")
 
 CAMERA = PRESETS["ideal"]
 
 _TILES = 9
 """How often the image of the background is repeated each way, every other time mirrored: the view never leaves it."""
+
+_BUILT_IN = range(48)
+"""The numbers of the built-in textures."""
+
+_BUILT_IN_SIDES = 32, 512
+"""The fewest and the most texels on a side of a built-in texture, powers of two."""
 
 _INNER = 0.8
 """Fraction of the image, from its middle to its edges, in which the middles of objects lie."""
@@ -55,7 +67,7 @@ class _Ranges:
 
 
 def random_textured_planes(
-    textures: Files,
+    textures: Files | None = None,
     *,
     seed: int = 0,
     planes: int = 4,
@@ -82,7 +94,8 @@ def random_textured_planes(
     shading. Objects may pass through each other. Shapes are called ``background``, ``plane_1``, ..., ``mesh_1``, ...
 
     Args:
-        textures: a folder with images (PNG, JPEG, TIFF, BMP, TGA, of 8 bits a channel, subfolders too), or its files.
+        textures: a folder with images (PNG, JPEG, TIFF, BMP, TGA, of 8 bits a channel, subfolders too), or its files;
+            built-in textures (noise under rectangles, discs and stripes) if not given.
         seed: of all random draws; those of one object depend only on the seed and its number.
         planes: how many, >= 0.
         meshes: a folder with OBJ and PLY meshes, or its files: they move as planes do, each with a random image on it
@@ -96,10 +109,12 @@ def random_textured_planes(
         top_speed_m_s, top_rate_rad_s: of objects, >= 0.
         tilt_rad: by how much planes are turned away from the camera at most, 0 to pi / 2.
         camera_speed_m_s, camera_rate_rad_s: the top speeds of the camera's own path, >= 0.
-        texture_px: the most texels on a side, >= 16; larger images are scaled down.
+        texture_px: the most texels on a side, >= 16; larger images are scaled down. Built-in textures have a power of
+            two, 32 to 512.
 
     Raises:
         OSError: if a folder or a file cannot be read.
+        ImportError: without OpenCV, if an image has to be scaled down.
         ValueError: for a number out of range, a folder without images, or an image that cannot be read or is smaller
             than 16 pixels, naming it.
     """
@@ -118,19 +133,20 @@ def random_textured_planes(
     speeds = (top_speed_m_s, top_rate_rad_s, camera_speed_m_s, camera_rate_rad_s)
     if not all(0 <= speed < math.inf for speed in speeds):
         raise ValueError(f"top speeds and rates must be finite and >= 0, got {speeds}")
-    images = _listed(textures, image_files, "textures")
+    images: Sequence[_Image] = _BUILT_IN if textures is None else _listed(textures, image_files, "textures")
     ranges = _Ranges((nearest_m, farthest_m), (smallest, largest), top_speed_m_s, top_rate_rad_s, tilt_rad)
     centre = np.eye(3), np.zeros(3)
     camera = _Motion(seed, "camera", duration_s, camera_speed_m_s, camera_rate_rad_s, *centre)
-    background = _drawn_file(images, seed, "background")
+    background = _drawn(images, seed, "background")
     drawn = [_Object(seed, f"plane_{k + 1}", images, None, duration_s, ranges) for k in range(planes)]
     if meshes is not None:
         files = _listed(meshes, mesh_files, "meshes")
         count = 1 if mesh_objects is None else mesh_objects
         drawn += [_Object(seed, f"mesh_{k + 1}", images, files, duration_s, ranges) for k in range(count)]
     for image in {background, *(item.image for item in drawn)}:
-        check_image(image)
-    read = functools.cache(lambda image: read_image_texture(image, texture_px))  # sources are asked for more than once
+        if isinstance(image, Path):
+            check_image(image, texture_px)
+    read = functools.cache(lambda image: _read(image, texture_px))  # sources are asked for more than once
     return Scene(
         name="random_planes",
         source=lambda: _source(background, background_m, drawn, read),
@@ -139,7 +155,7 @@ def random_textured_planes(
         shadows=False,
         objects={item.name: item.trajectory for item in drawn},
         ambient=True,
-        note="; ".join(f"{item}" for item in (f"background: {background.name}", *drawn)),
+        note="; ".join(f"{item}" for item in (f"background: {_name(background)}", *drawn)),
     )
 
 
@@ -197,14 +213,14 @@ class _Object:
     """A plane or mesh of a scene: its files, size and path."""
 
     def __init__(
-        self, seed: int, name: str, images: Sequence[Path], meshes: Sequence[Path] | None, duration_s: float,
+        self, seed: int, name: str, images: Sequence[_Image], meshes: Sequence[Path] | None, duration_s: float,
         ranges: _Ranges,
     ) -> None:  # fmt: skip
         def words(what: str) -> Words:
             return Words(seed, 0, f"{name}.{what}")
 
-        self.name, self.image = name, _drawn_file(images, seed, f"{name}.image")
-        self.mesh = None if meshes is None else _drawn_file(meshes, seed, f"{name}.mesh")
+        self.name, self.image = name, _drawn(images, seed, f"{name}.image")
+        self.mesh = None if meshes is None else _drawn(meshes, seed, f"{name}.mesh")
         depth = words("depth").uniform(*ranges.depth_m)
         half = np.array([CAMERA.width / CAMERA.fx, CAMERA.height / CAMERA.fy]) / 2 * depth
         at = words("place")
@@ -225,7 +241,7 @@ class _Object:
 
     def __str__(self) -> str:
         mesh = "" if self.mesh is None else f"{self.mesh.name} with "
-        return f"{self.name}: {mesh}{self.image.name}"
+        return f"{self.name}: {mesh}{_name(self.image)}"
 
     def shape(self, read: _Reader) -> SceneDictionary | MitsubaShape:
         """Make its Mitsuba shape, in its own frame."""
@@ -237,7 +253,7 @@ class _Object:
         return rectangle([0.0, 0.0, 0.0], np.eye(3), half, bitmap(texture, wrap="clamp"))
 
 
-def _source(background: Path, background_m: float, objects: Sequence[_Object], read: _Reader) -> SceneDictionary:
+def _source(background: _Image, background_m: float, objects: Sequence[_Object], read: _Reader) -> SceneDictionary:
     texture = read(background)
     aspect = texture.shape[1] / texture.shape[0]
     width = max(CAMERA.width / CAMERA.fx, CAMERA.height / CAMERA.fy * aspect) * background_m
@@ -283,8 +299,26 @@ def _listed(files: Files, of_folder: Callable[[str | Path], tuple[Path, ...]], w
     return tuple(map(Path, files))
 
 
-def _drawn_file(files: Sequence[Path], seed: int, path: str) -> Path:
-    return files[Words(seed, 0, path).below(len(files))]
+def _drawn(items: Sequence[_Item], seed: int, path: str) -> _Item:
+    return items[Words(seed, 0, path).below(len(items))]
+
+
+def _name(image: _Image) -> str:
+    return image.name if isinstance(image, Path) else f"built-in texture {image}"
+
+
+def _read(image: _Image, texture_px: int) -> Texture:
+    """Read an image of a file, or make a built-in texture: its range of reflectance and tint follow from its number."""
+    if isinstance(image, Path):
+        return read_image_texture(image, texture_px)
+    least, most = _BUILT_IN_SIDES
+    side = max(least, min(most, 1 << (texture_px.bit_length() - 1)))
+    low, high, grain, *tint = np.random.RandomState(image).uniform(
+        [0.03, 0.6, 0.2, 0.7, 0.7, 0.7], [0.15, 0.95, 0.7, 1.0, 1.0, 1.0]
+    )
+    red, green, blue = tint
+    shapes = 20 + 10 * (image % 8)
+    return patchwork(side, image, low=low, high=high, grain=grain, shapes=shapes, tint=(red, green, blue))
 
 
 def _in_ball(words: Words) -> FloatArray:

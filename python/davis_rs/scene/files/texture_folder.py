@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..._util.budget import Budget
+from ..._util.extras import require
 from ..._util.untrusted import regular_file
 from ..repairs import SceneFileWarning
 from ..texture_file import FORMATS, TextureFiles, check_size
@@ -37,11 +38,12 @@ def mesh_files(folder: str | Path) -> tuple[Path, ...]:
     return _files(Path(folder), tuple(MESH_READERS), "meshes")
 
 
-def check_image(path: Path) -> None:
-    """Refuse a file that, by its header, is not an image that can be a texture.
+def check_image(path: Path, longest_side: int) -> None:
+    """Refuse a file that, by its header, is not an image that can be a texture of at most ``longest_side`` texels.
 
     Raises:
         OSError: if it cannot be read.
+        ImportError: if it has to be scaled down, which OpenCV does, and that is not there.
         ValueError: naming the file.
     """
     from PIL import Image, UnidentifiedImageError
@@ -59,6 +61,8 @@ def check_image(path: Path) -> None:
             f"{path}: an image must have at least {SMALLEST_SIDE} pixels each way, this has {width} x {height}"
         )
     check_size(width, height, str(path))
+    if max(width, height) > longest_side:
+        require("video", "cv2")
 
 
 def read_image_texture(path: Path, longest_side: int) -> Texture:
@@ -72,7 +76,7 @@ def read_image_texture(path: Path, longest_side: int) -> Texture:
     Warns:
         SceneFileWarning: if it is partly transparent: all of it is opaque here.
     """
-    check_image(path)
+    check_image(path, longest_side)
     budget = Budget(path)
     encoded = TextureFiles(budget).read(path, str(path.parent))
     if not encoded.opaque:

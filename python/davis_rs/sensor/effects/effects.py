@@ -9,6 +9,8 @@ from typing import Any, TypeAlias
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean, names_checked
+from ..._util.html_table import html_table
+from ..._util.quantities import with_unit
 from .aps import Aps
 from .effect import Effect, EngineEffect
 from .hot_pixels import HotPixels
@@ -84,8 +86,10 @@ class Effects:
         hot_pixels: HotPixels | float | None = None,
         readout: Readout | float | None = None,
         aps: Aps | float | None = None,
+        switched_off: Iterable[str] = (),
     ) -> None:
-        given, neutral = locals(), set()
+        given = locals()
+        neutral = {name for name in switched_off if _class_of(name, EFFECTS)}
         for name, effect_class in EFFECTS.items():
             value = given[name]
             if value is not None:
@@ -93,6 +97,8 @@ class Effects:
             if value is not None and value.neutral:
                 neutral.add(name)
                 value = None
+            elif value is not None:
+                neutral.discard(name)
             object.__setattr__(self, name, value)
         object.__setattr__(self, "switched_off", frozenset(neutral))
 
@@ -111,13 +117,20 @@ class Effects:
     def without(self, names: Iterable[str]) -> Effects:
         """Return these effects with the named ones switched off: no defaults bring them back."""
         off = frozenset(names)
-        kept = Effects.of(effect for effect in self if effect.name not in off)
-        object.__setattr__(kept, "switched_off", self.switched_off | off)
-        return kept
+        kept: dict[str, Any] = {effect.name: effect for effect in self if effect.name not in off}
+        return Effects(**kept, switched_off=self.switched_off | off)
 
     def __iter__(self) -> Iterator[Effect]:
         """Iterate over the effects that are on, in the order in which light and events meet them."""
         return (effect for name in EFFECTS if (effect := getattr(self, name)) is not None)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (effect.name, ", ".join(f"{name} = {with_unit(name, value)}" for name, value in effect.settings().items()))
+            for effect in self
+        ]
+        off = [(name, "switched off") for name in EFFECTS if name in self.switched_off]
+        return html_table("Effects", [*rows, *off] or [("none", "ideal pixels")])
 
     @property
     def optical(self) -> Effects:

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field, fields
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 from ..._core import DecodeError
+from ..._util.array_types import JsonObject
 from ..._util.close_names import did_you_mean
 from ..._util.whole_file import write_whole
 from ..._util.yaml_file import MOST_BYTES, read_yaml
@@ -129,7 +130,7 @@ def read_sensor_file(path: str | os.PathLike[str]) -> SensorFile:
     description = entries.pop(_DESCRIPTION, "")
     if not isinstance(description, str):
         raise DecodeError(f"{file}: {_DESCRIPTION} must be a text, got {_shown(description)}")
-    values: dict[str, Any] = {}
+    values: JsonObject = {}
     sources: dict[str, str] = {}
     uncertainties: dict[str, float] = {}
     for name, entry in entries.items():
@@ -212,7 +213,7 @@ def sensor_yaml(sensor: SensorFile) -> str:
     return "".join(parts)
 
 
-def _mapping(file: Path, what: str, content: object, known: Iterable[str]) -> dict[str, Any]:
+def _mapping(file: Path, what: str, content: object, known: Iterable[str]) -> JsonObject:
     """Check that ``content`` is a mapping with known keys only, and return it."""
     known = tuple(known)
     if not isinstance(content, dict):

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -357,7 +356,7 @@ def _rounded(value_ns: int, unit_ns: float) -> int:
     return round(value_ns / unit_ns)
 
 
-def _both_floating(first: np.dtype[Any], second: np.dtype[Any]) -> bool:
+def _both_floating(first: np.dtype[np.generic], second: np.dtype[np.generic]) -> bool:
     return np.issubdtype(first, np.floating) and np.issubdtype(second, np.floating)
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from ..._util.array_types import UncheckedArray
 from ..._util.budget import Budget
 
 PIXEL_BYTES = 32
@@ -25,7 +25,7 @@ def charge_frame(budget: Budget, width: int, height: int) -> None:
     budget.take(PIXEL_BYTES * width * height, f"a frame of {width} x {height} pixels")
 
 
-FrameArray = npt.NDArray[Any]
+FrameArray = UncheckedArray
 """A frame (H, W) or (H, W, 3): uint8, uint16 or floating point, which is known only when it is read."""
 
 Stamps = Iterator[int] | Sequence[int]

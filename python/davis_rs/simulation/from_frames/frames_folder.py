@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ..._util.argument_checks import check_type
 from ..._util.folder_report import FolderReport
-from ..._util.progress import Progress, progress, say
+from ..._util.progress import Progress, doing, progress, say
 from ..._util.stop_requests import stop_requests
 from ...events.packet import Packet
 from ...io.dataset.writer import DatasetWriter
@@ -81,34 +81,36 @@ def frames_to_folder(
     check_type("frames", frames, (FrameSource, str, os.PathLike), made_by)
     FORMATS[given.events_format].require_libraries()  # before frames are read
     source = frames if isinstance(frames, FrameSource) else open_frames(frames)
-    run = FrameRun(source, only(FrameSettings, given), from_zero=True)
-    packets = run.packets()
-    # Whatever is wrong with the first two frames shows before the folder is touched.
-    first = [next(packets), next(packets)]
-    if not quiet:
-        for line in run.notes():
-            say(line)
-    counted = _Counted()
-    with (
-        stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
-        DatasetWriter(
-            path,
-            run.camera or run.size,
-            image_gain=given.image_gain,
-            events_format=given.events_format,
-            overwrite=overwrite,
-            meta={**run.describe(), "images_every": given.images_every, **(meta or {})},
-        ) as writer,
-        progress("frames", source.count or 0, unit="frames", show=not quiet) as bar,
-    ):
-        try:
-            _write_all(writer, chain(first, packets), run, given.images_every, bar, stop_requested, counted)
-        except Exception as error:
-            # What came before is a dataset of its own: it is closed as one that was cut short.
-            with suppress(OSError, ValueError):  # a writer that failed is closed already
-                writer.finish(_found(run) | {"ended_by": str(error)}, interrupted=True)
-            raise
-        writer.finish(_found(run), interrupted=counted.interrupted)
+    with progress("frames", source.count or 0, unit="frames", show=not quiet, forecast="") as bar:
+        run = FrameRun(source, only(FrameSettings, given), from_zero=True)
+        packets = run.packets()
+        bar.begin()
+        doing("reading the first frames")
+        # Whatever is wrong with the first two frames shows before the folder is touched.
+        first = [next(packets), next(packets)]
+        if not quiet:
+            for line in run.notes():
+                say(line)
+        counted = _Counted()
+        with (
+            stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
+            DatasetWriter(
+                path,
+                run.camera or run.size,
+                image_gain=given.image_gain,
+                events_format=given.events_format,
+                overwrite=overwrite,
+                meta={**run.describe(), "images_every": given.images_every, **(meta or {})},
+            ) as writer,
+        ):
+            try:
+                _write_all(writer, chain(first, packets), run, given.images_every, bar, stop_requested, counted)
+            except Exception as error:
+                # What came before is a dataset of its own: it is closed as one that was cut short.
+                with suppress(OSError, ValueError):  # a writer that failed is closed already
+                    writer.finish(_found(run) | {"ended_by": str(error)}, interrupted=True)
+                raise
+            writer.finish(_found(run), interrupted=counted.interrupted)
     if not quiet:
         for line in run.findings():
             say(line)

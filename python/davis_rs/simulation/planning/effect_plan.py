@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from textwrap import wrap
 
+from ..._util.html_table import html_table
+from ..._util.quantities import three_digits, time_text
 from ...sensor.effects import Effect, Effects
 from .effects_together import SetForecast
 from .omission_error import OmissionError, TimeScale
@@ -88,6 +91,11 @@ class EffectPlan:
         """Return the table with all that was found and seen, and what its columns mean."""
         return "\n".join([*_table(self, long=True), "", *_wrapped(_summary(self)), "", *_wrapped(_notes(self))])
 
+    def _repr_html_(self) -> str:
+        rows = [_cells(item, long=False) for item in self.items]
+        below = "".join(f"<div>{html.escape(line)}</div>" for line in _summary(self))
+        return html_table("EffectPlan", rows, heads=_HEADS, below=below)
+
     def __str__(self) -> str:
         return "\n".join([*_table(self, long=False), "", *_wrapped(_summary(self))])
 
@@ -162,11 +170,12 @@ def _notes(plan: EffectPlan) -> list[str]:
         "one of both streams.",
         "Count: events without the effect minus those with it. Rate: the same of each pixel and polarity, added up "
         "without signs. Time: the mean shift of an event, as a share of the median interval between events of a pixel, "
-        f"{_time(scale.interval_us)}; shifts below {_time(scale.sampling_error_us)} count as none, because the "
+        f"{time_text(scale.interval_us)}; shifts below {time_text(scale.sampling_error_us)} count as none, because the "
         "sampling in time errs as much.",
-        f"Missing, spurious: events without a partner within {_time(scale.window_us)}. Cost: of a pixel of a keyframe, "
-        f"of an event, or of a pixel of an intensity frame. Frames: pixels off by more than one grey value of 8 bits; "
-        f"called for above {tolerance}, or where that share of the pixels moves by half a pixel in the exposure.",
+        f"Missing, spurious: events without a partner within {time_text(scale.window_us)}. Cost: of a pixel of a "
+        "keyframe, of an event, or of a pixel of an intensity frame. Frames: pixels off by more than one grey value of "
+        f"8 bits; called for above {tolerance}, or where that share of the pixels moves by half a pixel in the "
+        "exposure.",
         "Difference: Victor and Purpura's distance between the events with all candidates and those with none, or with "
         "the set. Neither it nor its cost has frames in it.",
     ]
@@ -192,7 +201,7 @@ def _cells(item: PlannedEffect, *, long: bool) -> tuple[str, ...]:
     errors = (*start, *map(_percent, (omission.count_percent, omission.rate_percent, omission.time_percent)))
     if not long:
         return errors
-    shift = "-" if math.isnan(omission.median_us) else f"{_time(omission.median_us)} / {_time(omission.p99_us)}"
+    shift = "-" if math.isnan(omission.median_us) else f"{time_text(omission.median_us)} / {time_text(omission.p99_us)}"
     sign = ("-" if omission.count_percent < 0 else "+") if abs(omission.count_percent) >= 0.01 else ""
     signed = (*start, sign + errors[2], *errors[3:])
     return (*signed, _percent(omission.missing_percent), _percent(omission.spurious_percent), shift, cost)
@@ -212,21 +221,10 @@ def _percent(value: float) -> str:
     return f"{size:.0f} %" if size >= 9.95 or size == 0 else f"{size:.2g} %"
 
 
-def _time(us: float) -> str:
-    for factor, unit in ((1e6, "s"), (1e3, "ms")):
-        if us >= factor:
-            return f"{_three_digits(us / factor)} {unit}"
-    return f"{_three_digits(us)} us"
-
-
-def _three_digits(value: float) -> str:
-    return f"{value:.0f}" if value >= 99.5 else f"{value:.3g}"
-
-
 def _cost(item: PlannedEffect) -> str:
     ns, unit = item.cost_ns_per_event, "event"
     if math.isnan(ns):
         ns, unit = item.cost_ns_per_pixel, "pixel"
     if math.isnan(ns):
         return "-"
-    return f"{_time(ns * 1e-3)}/{unit}" if ns >= 1000 else f"{_three_digits(ns)} ns/{unit}"
+    return f"{time_text(ns * 1e-3)}/{unit}" if ns >= 1000 else f"{three_digits(ns)} ns/{unit}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..._util.progress import doing
 from ...geometry.trajectory.trajectory import Trajectory
 from ...render.base import Renderer
 from ...sampling.keyframes import Stretch
@@ -144,6 +145,7 @@ def plan_effects_of(
         log_eps=log_eps,
         batch=renderer.poses_per_launch,
     )
+    doing("rendering a sample of the sequence")
     sequence = SequenceSample(
         stretch,
         contrast_threshold=contrast_threshold,
@@ -156,11 +158,16 @@ def plan_effects_of(
     interval_us = max(float(np.median(intervals_us)), 1.0) if len(intervals_us) else float(sequence.duration_us)
     scale = TimeScale(window_us, interval_us, sequence.sampling_error_us(window_us))
     estimator, costs = OmissionEstimator(sequence, scale), Costs(sequence)
-    items = tuple(_planned(effect, estimator, costs, 100 * tolerance) for effect in effects)
+    candidates, planned = tuple(effects), []
+    for number, effect in enumerate(candidates, 1):
+        doing(f"effect {number} of {len(candidates)}, {effect.name}")
+        planned.append(_planned(effect, estimator, costs, 100 * tolerance))
+    items = tuple(planned)
     chosen = Effects.of(item.effect for item in items if item.called_for)
     runs = EffectsTogether(estimator, kept=kept, candidates=effects)
     together = None
     if runs.worth_running:
+        doing("the effects together")
         joined = runs.called_for(chosen, 100 * tolerance)
         items = tuple(
             replace(item, called_for=True, with_others=True) if item.effect.name in joined else item for item in items

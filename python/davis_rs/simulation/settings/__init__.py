@@ -23,7 +23,7 @@ from .resolve import (
     truth_rates_hz,
     view_scene,
 )
-from .setting import Declared, Setting, Settings, complete, only, settings_of, takes_settings
+from .setting import Declared, Setting, Settings, complete, former_names_of, only, settings_of, takes_settings
 from .simulation_settings import (
     EFFECTS_TOLERANCE,
     FolderSettings,
@@ -57,6 +57,7 @@ __all__ = [
     "complete",
     "first_given",
     "fixed_sensor",
+    "former_names_of",
     "make_imu",
     "make_motion_capture",
     "memory_of",

@@ -36,7 +36,7 @@ class ViewKeywords(PixelKeywords, total=False):
     camera: Camera | str | os.PathLike[str] | None
     size: tuple[int, int] | str | None
     log_eps: float | None
-    samples: int | str | None
+    rays_per_pixel: int | str | None
     noise_share: float
     matte: bool
     renderer: str

@@ -110,10 +110,11 @@ def resolve(scene: Scene, settings: SimulatorSettings) -> Resolved:
             sensor for which there is not enough memory; else as :func:`view_scene`.
         OSError: as :func:`view_scene`.
     """
-    if settings.samples == AUTO:
+    if settings.rays_per_pixel == AUTO:
         raise ArgumentError(
-            "{samples:auto} must be resolved before a simulator is made: simulate(scene, samples='auto'), or the "
-            "number that estimate_noise(scene).samples_for(0.05) gives"
+            "{rays_per_pixel:auto} must be resolved before a simulator is made: "
+            "simulate(scene, rays_per_pixel='auto'), or the number that "
+            "estimate_noise(scene).rays_per_pixel_for(0.05) gives"
         )
     settings = replace(settings, sensor=fixed_sensor(scene, settings.sensor))
     view, chosen = view_scene(scene, settings), chosen_sampling(settings)
@@ -202,8 +203,8 @@ def renderer_of(
     return make_renderer(
         view.scene,
         view.camera,
-        samples=None if isinstance(settings.samples, str) else settings.samples,
-        lattice_samples=ACCURACY[accuracy].samples,
+        rays_per_pixel=None if isinstance(settings.rays_per_pixel, str) else settings.rays_per_pixel,
+        lattice_rays_per_pixel=ACCURACY[accuracy].rays_per_pixel,
         seed=settings.seed,
         kind=settings.renderer,
         blur=settings.blur,

@@ -19,6 +19,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 from ..._util.argument_checks import is_number
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean, names_of, no_argument, without_unit
+from ..._util.former_names import with_present_names
 from ...sensor.effects import EFFECTS
 
 Value = TypeVar("Value")
@@ -40,6 +41,7 @@ class Declared:
         words: texts that may stand in the place of a number.
         metavar: how ``--help`` names the value.
         group: under which heading it stands.
+        former_name: under which it was known; it is still taken, with a line that says the present one.
         text: what a command line or a plan gives, where the Python type allows more: str or list (of texts); None:
             only Python has this setting.
     """
@@ -56,6 +58,7 @@ class Declared:
     words: tuple[str, ...] = ()
     metavar: str | None = None
     group: str = "camera and pixel"
+    former_name: str = ""
     text: type | None = object
 
 
@@ -186,6 +189,12 @@ def settings_of(declaration: type[Settings]) -> Mapping[str, Setting]:
     return _READ[declaration]
 
 
+def former_names_of(declaration: type[Settings]) -> dict[str, str]:
+    """Return the present names of settings by former ones."""
+    settings = settings_of(declaration).values()
+    return {each.declared.former_name: each.name for each in settings if each.declared.former_name}
+
+
 def _setting(name: str, annotation: object, declared: Declared) -> Setting:
     kind = _kind(annotation) if declared.text is object else declared.text
     types = tuple(get_origin(member) or member for member in _members(annotation) if member is not type(None))
@@ -195,7 +204,7 @@ def _setting(name: str, annotation: object, declared: Declared) -> Setting:
 
 
 def complete(
-    declaration: type[SettingsType], given: Mapping[str, object], *, taker: Callable[..., Any] | str
+    declaration: type[SettingsType], given: Mapping[str, object], *, taker: Callable[..., object] | str
 ) -> SettingsType:
     """Check the given settings and add the defaults of all others.
 
@@ -205,10 +214,12 @@ def complete(
         taker: the function or class that takes them, or who else does, for messages.
 
     Raises:
-        TypeError: for a name that is not declared, with the one that is close.
+        TypeError: for a name that is not declared, with the one that is close; for a setting that is given by its
+            former name too.
         ArgumentError: for a value that is not allowed.
     """
     declared = settings_of(declaration)
+    given = with_present_names(given, former_names_of(declaration))
     for name, value in given.items():
         if name not in declared:
             known = declared if isinstance(taker, str) else names_of(taker)
@@ -223,7 +234,7 @@ def only(declaration: type[SettingsType], settings: Settings) -> SettingsType:
     return declaration(**{name: getattr(settings, name) for name in settings_of(declaration)})
 
 
-Taker = TypeVar("Taker", bound=Callable[..., Any])
+Taker = TypeVar("Taker", bound=Callable[..., object])
 
 
 def takes_settings(declaration: type[Settings]) -> Callable[[Taker], Taker]:

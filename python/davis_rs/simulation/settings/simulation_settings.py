@@ -143,7 +143,7 @@ class ViewSettings(PixelSettings):
             metavar="Y",
         ),
     )
-    samples: int | str | None = declare(
+    rays_per_pixel: int | str | None = declare(
         None,
         Declared(
             "rays per pixel; auto: as many as keep the noise of Mitsuba's integrators below the noise share, or the "
@@ -153,6 +153,7 @@ class ViewSettings(PixelSettings):
             high=1024,
             words=("auto",),
             metavar="N",
+            former_name="samples",
             group=_ACCURACY,
             text=int,
         ),
@@ -161,7 +162,7 @@ class ViewSettings(PixelSettings):
         0.05,
         Declared(
             "share of events that the noise of Mitsuba's integrators may make missing or spurious: the run warns "
-            "if there are more, and samples=auto stays below it",
+            "if there are more, and rays_per_pixel=auto stays below it",
             low=0,
             high=1,
             above_low=True,
@@ -342,7 +343,8 @@ class SamplingSettings(EngineSettings, ViewSettings):
     accuracy: str = declare(
         DEFAULT_ACCURACY,
         Declared(
-            "a preset of docs/accuracy.md; settings of sampling in time, samples and refine override their part of it",
+            "a preset of docs/accuracy.md; settings of sampling in time, rays per pixel and refine override their part "
+            "of it",
             choices=tuple(ACCURACY),
             group=_ACCURACY,
         ),
