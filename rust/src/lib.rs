@@ -18,6 +18,7 @@ mod event;
 mod exact;
 mod log_intensity;
 mod order;
+mod prefetch;
 mod random;
 mod read;
 mod readout;

@@ -22,12 +22,12 @@ use super::made::{Grid, Made};
 use super::marks::{MarkingPart, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
-use super::prefetch::prefetch;
 use super::record::Record;
 use super::room::{Allowance, Stop, most_events};
 use super::sample::Sample;
 use super::scan::{Found, TILE, Tile};
 use crate::event::SensorSize;
+use crate::prefetch::prefetch;
 
 /// Bytes by which the frame is fetched ahead of the scan.
 const AHEAD: usize = 8192;

@@ -8,13 +8,15 @@
 //! ```
 //!
 //! [`pixel`] is the whole rule: it says which events one new sample makes. [`level`] says where the levels lie.
-//! [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one. [`start_phase`] says where references begin.
+//! [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one. [`start_phase`] says where references
+//! begin.
 //!
 //! Running that rule on every pixel would be slow. So [`sample`], [`marks`], [`steps`], [`scan`], [`decision`],
-//! [`candidates`] and [`cubic_candidates`] decide nearly all pixels in vector code, and leave to [`pixel`] what they cannot
-//! decide beyond doubt. [`band`] does all of it for a band of rows: [`prefetch`] brings its frame near, [`record`] is what
-//! only events touch, [`made`] and [`room`] keep the events. [`core`] runs the bands on threads. [`engine`] is what the
-//! user sees, and [`restore`] stores and restores it. Pixels under [`effects`] take a different way from frame to events.
+//! [`candidates`] and [`cubic_candidates`] decide nearly all pixels in vector code, and leave to [`pixel`] what they
+//! cannot decide beyond doubt. [`band`] does all of it for a band of rows: [`prefetch`](crate::prefetch) brings its
+//! frame near, [`record`] is what only events touch, [`made`] and [`room`] keep the events. [`core`] runs the bands on
+//! threads. [`engine`] is what the user sees, and [`restore`] stores and restores it. Pixels under [`effects`] take a
+//! different way from frame to events.
 //!
 //! What must not break: the events are those of [`pixel`] alone, the same on any number of threads and for any split of
 //! the pixels into bands. An error changes no state.
@@ -38,7 +40,6 @@ mod made;
 mod marks;
 mod parameters;
 mod pixel;
-mod prefetch;
 mod reconstruct;
 mod record;
 mod restore;

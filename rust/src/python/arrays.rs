@@ -105,15 +105,35 @@ pub(super) fn lists<T: Element + Copy>(arrays: &[Bound<'_, PyAny>], name: &str) 
 
 /// Splits a flat array into groups of N numbers.
 pub(super) fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[T; N]>> {
-    let array: PyReadonlyArray1<T> = column(array, name)?;
-    let (groups, rest) = array.as_slice()?.as_chunks::<N>();
-    if !rest.is_empty() {
-        return Err(PyValueError::new_err(format!(
-            "{name} must be groups of {N}, got {} numbers",
-            array.as_slice()?.len()
-        )));
+    Ok(grouped(&column(array, name)?, name)?.to_vec())
+}
+
+/// Splits a [`column`] into groups of N numbers, without a copy.
+pub(super) fn grouped<'a, T: Element, const N: usize>(
+    array: &'a PyReadonlyArray1<'_, T>,
+    name: &str,
+) -> PyResult<&'a [[T; N]]> {
+    match array.as_slice()?.as_chunks::<N>() {
+        (groups, []) => Ok(groups),
+        _ => Err(no_groups(N, array.len(), name)),
     }
-    Ok(groups.to_vec())
+}
+
+/// Splits a [`column`] into matrices of K rows of M numbers, without a copy.
+pub(super) fn matrices<'a, const M: usize, const K: usize>(
+    array: &'a PyReadonlyArray1<'_, f64>,
+    name: &str,
+) -> PyResult<&'a [[[f64; M]; K]]> {
+    let (rows, rest) = array.as_slice()?.as_chunks::<M>();
+    match (rows.as_chunks::<K>(), rest) {
+        ((matrices, []), []) => Ok(matrices),
+        _ => Err(no_groups(K * M, array.len(), name)),
+    }
+}
+
+/// Returns the error for numbers that are no whole groups.
+fn no_groups(size: usize, got: usize, name: &str) -> PyErr {
+    PyValueError::new_err(format!("{name} must be groups of {size}, got {got} numbers"))
 }
 
 /// Splits a flat matrix into its rows.

@@ -3,6 +3,7 @@
 //! ```text
 //! view -> bins: which triangles each tile of the image may see
 //!      -> nearest: which of them each of its rays hits first
+//!      or, in large scenes, beam: what the rays of a tile hit first, by a walk through the BVH from front to back
 //!      -> shade: depth, texture, light and shadow of the rays of one triangle
 //!      -> tile: the mean of each pixel's rays
 //! ```
@@ -13,11 +14,13 @@
 //!
 //! - [`geometry`]: vectors, the BVH ([`bvh`](geometry::bvh)) that finds triangles, the camera's
 //!   [`view`](geometry::view) and its [`pixel_rays`](geometry::pixel_rays).
-//! - [`visibility`]: [`bins`](visibility::bins) and the [`nearest`](visibility::nearest) triangle of each ray.
+//! - [`visibility`]: [`bins`](visibility::bins) and the [`nearest`](visibility::nearest) triangle of each ray, or a
+//!   [`beam`](visibility::beam) for a tile.
 //! - [`light`]: a [`shader`](light::shader) is a triangle as a camera sees it, and [`shade`](light::shade) computes the
 //!   luma of its rays from [`lights`](light::lights), [`light_map`](light::light_map), [`texture`](light::texture) and
 //!   [`sky`](light::sky). [`shadows`](light::shadows) finds what lies between a [`patch`](light::patch) and a light, as
-//!   [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden points.
+//!   [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden points; [`any_hit`](light::any_hit)
+//!   asks the BVH for a few points at a time.
 //! - [`time`]: [`edges`](time::edges) finds when edges pass rays, [`tracks`](time::tracks) the luma meanwhile.
 //! - [`gradients`]: derivatives of single pixels in float64.
 //!

@@ -16,7 +16,7 @@ use super::light::lights::{SeenLight, Surroundings, background, seen_lights};
 use super::light::shadows::{moving_cones, still_cones};
 use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
-use super::tile::{self, Shaders, TileImage, TileScratch, TileView};
+use super::tile::{self, Shaders, TileImage, TileScratch, TileView, Ways};
 use super::time::edges::Edges;
 use super::time::tracks::Sight;
 use super::visibility::bins::Bins;
@@ -38,6 +38,7 @@ pub struct Renderer {
     view_buffers: Spares<ViewBuffers>,
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
+    ways: Ways,
     /// Of the scene, once somebody wants to know them.
     pub(crate) edges: OnceLock<Edges>,
 }
@@ -45,6 +46,15 @@ pub struct Renderer {
 /// How many views are done band by band together, at most, and how many triangles they may have in all.
 const MOST_TOGETHER: usize = 8;
 const MOST_TRIANGLES_TOGETHER: usize = 1 << 15;
+
+/// Scenes of so many triangles are looked through by each tile from front to back. Smaller ones have triangles that
+/// cover many rays: to set up each once for all tiles of a view takes less time.
+const SMALL: usize = 1 << 16;
+
+/// In scenes of so many triangles, tiles that see more than [`MANY_RECEIVERS`] of them find shadows by rays: what may
+/// hide all of these would be a long list.
+const MANY: usize = 1 << 13;
+const MANY_RECEIVERS: usize = 8;
 
 /// How many views a thread takes at a time where single pixels are wanted.
 const VIEWS_OF_SAMPLES: usize = 16;
@@ -82,7 +92,9 @@ impl Renderer {
         let threads = threads.map(Threads::start).transpose()?;
         let still = still_cones(&scene);
         let (view_buffers, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
-        Ok(Self { scene, still, threads, view_buffers, scratch, pixels, edges: OnceLock::new() })
+        let receivers = if scene.triangles() >= MANY { MANY_RECEIVERS } else { usize::MAX };
+        let ways = Ways { beams: scene.triangles() >= SMALL, receivers };
+        Ok(Self { scene, still, threads, view_buffers, scratch, pixels, ways, edges: OnceLock::new() })
     }
 
     /// Returns the scene.
@@ -206,7 +218,7 @@ impl Renderer {
         let both = bands(rays, depth).into_iter().zip(bands(rays, triangles)).collect();
         self.each_tile(rays, views, both, |of, tile, (scratch, _), _, (depth, triangles)| {
             let (mut depths, mut hit) = ([f32::INFINITY; PIXELS], [NO_TRIANGLE; PIXELS]);
-            tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, triangle| {
+            tile::nearest(of, tile, scratch, |ray, inverse, triangle| {
                 depths[ray] = 1.0 / inverse;
                 hit[ray] = self.scene.surfaces[triangle as usize].number;
             });
@@ -295,8 +307,10 @@ impl Renderer {
             .zip(&lights)
             .zip(&mut view_buffers)
             .map(|((view, lights), ViewBuffers { bins, cones })| {
-                bins.fill(&self.scene, view, rays, None);
-                self.tile_view(rays, view, lights, bins, cones)
+                if !self.ways.beams {
+                    bins.fill(&self.scene, view, rays, None);
+                }
+                TileView { ways: self.ways, ..self.tile_view(rays, view, lights, bins, cones) }
             })
             .collect();
         work(&ready);
@@ -317,7 +331,13 @@ impl Renderer {
     ) -> TileView<'a> {
         moving_cones(&self.scene, view, lights, cones);
         let lit = Surroundings { scene: &self.scene, view, lights, still: &self.still, moving: cones };
-        TileView { rays, lit, background: background(&self.scene, view), bins }
+        TileView {
+            rays,
+            lit,
+            background: background(&self.scene, view),
+            bins,
+            ways: Ways { beams: false, ..self.ways },
+        }
     }
 
     /// Returns what each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were
@@ -426,7 +446,7 @@ mod tests {
     }
 
     /// Returns a wall, and before it many triangles: every second one moves, every third one is smooth.
-    fn tables(numbers: &mut Numbers, count: usize) -> SceneTables {
+    fn tables(numbers: &mut Numbers, count: usize) -> SceneTables<'static> {
         let mut tables = SceneTables {
             frame_count: 2,
             layouts: vec![[0, 3, 2, 0], [20, 1, 1, 1], [29, 2, 2, 2]],
@@ -467,12 +487,13 @@ mod tests {
             let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
             let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
             let n = n.map(|x| x / length);
-            tables.planes.push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
-            tables.corners.push(corners);
+            tables.planes.to_mut().push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
+            tables.corners.to_mut().push(corners);
             let mut map = || -> [f64; 4] { std::array::from_fn(|_| numbers.next()) };
-            tables.uv_maps.push([map(), map()]);
+            tables.u_maps.to_mut().push(map());
+            tables.v_maps.to_mut().push(map());
             let bent = if i % 3 == 2 { 0.3 } else { 0.0 };
-            tables.normal_maps.push([0, 1, 2].map(|k| [bent * map()[0], 0.0, bent * map()[1], n[k]]));
+            tables.normal_maps.to_mut().push([0, 1, 2].map(|k| [bent * map()[0], 0.0, bent * map()[1], n[k]]));
             tables.textures.push((i % 3) as u32);
             tables.two_sided.push(i % 5 != 0);
             tables.frames.push((i % 2) as u32);
@@ -557,5 +578,178 @@ mod tests {
             [17_854_218_977_312_245_001, 17_650_990_199_588_181_821],
         ];
         assert_eq!(found, seen);
+    }
+
+    /// Adds what is hard to a scene: the same triangle twice, in both orders; triangles that share edges and corners
+    /// which rays pass through exactly; needles; what is seen from its side; what is huge, and what has no size or is
+    /// not finite.
+    fn add_hard_triangles(tables: &mut SceneTables, numbers: &mut Numbers) {
+        let mut hard: Vec<[[f64; 3]; 3]> = vec![];
+        for i in 0..8 {
+            let corner = |k: usize| {
+                let angle = std::f64::consts::FRAC_PI_4 * ((i + k) % 8) as f64;
+                [0.5 * angle.cos().round(), 0.5 * angle.sin().round(), 1.5]
+            };
+            hard.push([[0.0, 0.0, 1.5], corner(0), corner(1)]);
+        }
+        for _ in 0..20 {
+            let [a, b, c] = [numbers.vector(1.0), numbers.vector(1.0), numbers.vector(1.0)];
+            let between = |t: f64| [0, 1, 2].map(|k| a[k] + t * (b[k] - a[k]) + 1e-6 * c[k]);
+            hard.extend([[a, b, c], [c, b, a], [b, c, a], [a, b, between(0.4)], [a, a, b], [a, a, a]]);
+            hard.push([a, b, [c[0], f64::NAN, c[2]]]);
+            hard.push([a.map(|x| 1e6 * x), b.map(|x| 1e6 * x), c]);
+            // In the plane of the camera's place, and far behind it.
+            hard.push([[0.0, 0.0, -2.0], [1.0, 1.0, a[0]], [2.0, 2.0, a[1]]]);
+            hard.push([[a[0], a[1], -9.0], b, c]);
+        }
+        for (i, corners) in hard.into_iter().enumerate() {
+            add(tables, corners, (i / 3 % 2) as u32);
+        }
+    }
+
+    /// Adds a slanted wall, whose box is nearer than what lies just before it.
+    fn add_slanted_wall(tables: &mut SceneTables, numbers: &mut Numbers) {
+        add(tables, [[-30.0, -30.0, -6.0], [30.0, -30.0, 12.0], [0.0, 60.0, 3.0]], 0);
+        for _ in 0..300 {
+            let [x, y, _] = numbers.vector(1.0);
+            let before = |x: f64, y: f64| [x, y, 2.95 + 0.3 * x];
+            add(tables, [before(x, y), before(x + 0.1, y), before(x, y + 0.1)], 0);
+        }
+    }
+
+    fn add(tables: &mut SceneTables, corners: [[f64; 3]; 3], frame: u32) {
+        let [a, b, c] = corners;
+        let [u, v]: [[f64; 3]; 2] = [std::array::from_fn(|j| b[j] - a[j]), std::array::from_fn(|j| c[j] - a[j])];
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        let n = if length > 0.0 { n.map(|x| x / length) } else { [0.0; 3] };
+        tables.planes.to_mut().push([n[0], n[1], n[2], -(n[0] * a[0] + n[1] * a[1] + n[2] * a[2])]);
+        tables.corners.to_mut().push(corners);
+        tables.u_maps.to_mut().push([0.1, 0.2, 0.3, 0.4]);
+        tables.v_maps.to_mut().push([0.4, 0.3, 0.2, 0.1]);
+        tables.normal_maps.to_mut().push([0, 1, 2].map(|k| [0.0, 0.0, 0.0, n[k]]));
+        tables.textures.push(0);
+        tables.two_sided.push(true);
+        tables.frames.push(frame);
+    }
+
+    /// No way to do a tile changes a bit of luma, rates, depths or triangles.
+    #[test]
+    fn every_way_sees_the_same() {
+        let (width, height) = (45, 27);
+        let mut numbers = Numbers(3);
+        for (count, rays) in [(0, 5), (1, 1), (7, 8), (60, 9), (1500, 5), (20_000, 5)] {
+            let rays: [PixelRays; 2] = [rays, 1].map(|rays| {
+                let table: Vec<f32> = (0..rays)
+                    .flat_map(|ray| (0..width * height).map(move |pixel| (ray, pixel % width, pixel / width)))
+                    .flat_map(|(ray, x, y)| {
+                        let at =
+                            |place: usize, shift: usize| (place as f32 + (ray * shift % 5) as f32 * 0.2) / 20.0 - 1.0;
+                        [at(x, 1), at(y, 2)]
+                    })
+                    .collect();
+                PixelRays::new(width, height, rays, &table).unwrap()
+            });
+            let mut tables = tables(&mut numbers, count);
+            match count {
+                1 => add_slanted_wall(&mut tables, &mut numbers),
+                20_000 => {}
+                _ => add_hard_triangles(&mut tables, &mut numbers),
+            }
+            let mut renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+            let level = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            let turned = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]];
+            let views: Vec<View> = [(level, [0.0, 0.0, -2.0]), (turned, [-1.5, 0.1, -1.5]), (level, [0.1, 0.2, 0.3])]
+                .into_iter()
+                .map(|(rotation, position)| {
+                    let pose = Pose { position, rotation, velocity: [0.3; 3], angular_rate: [0.2; 3] };
+                    let other = Pose { position: numbers.vector(1.0), ..pose };
+                    View { poses: vec![pose, other], factors: vec![[1.0, 0.3], [0.7, 0.0], [1.0, -0.2]] }
+                })
+                .collect();
+            let size = width * height * views.len();
+            let mut see = |beams: bool, receivers: usize| {
+                renderer.ways = Ways { beams, receivers };
+                let (mut luma, mut rate, mut depth) = (vec![0f32; size], vec![0f32; size], vec![0f32; size]);
+                let mut triangles = vec![0; size];
+                renderer.luma(&rays[0], &views, &mut luma, Some(&mut rate)).unwrap();
+                renderer.depth(&rays[1], &views, &mut depth, &mut triangles).unwrap();
+                let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect::<Vec<_>>();
+                (triangles, bits(depth), bits(luma), bits(rate))
+            };
+            let seen = see(false, usize::MAX);
+            for (beams, receivers) in [(false, 0), (true, usize::MAX), (true, 0), (true, 48)] {
+                let other = see(beams, receivers);
+                assert!(seen.0 == other.0, "triangles of {count} by {beams} and {receivers}");
+                assert!(seen == other, "luma of {count} by {beams} and {receivers}");
+            }
+        }
+    }
+
+    /// What rays see is what they meet first in float64, whichever way: no ray passes a triangle that it meets well
+    /// inside, and none sees what it does not meet. Corners and edges of a fan lie on rays exactly.
+    #[test]
+    fn rays_see_what_they_meet_first() {
+        let (width, height) = (33, 33);
+        let table: Vec<f32> = (0..width * height)
+            .flat_map(|pixel| [pixel % width, pixel / width].map(|at| at as f32 / 16.0 - 1.0))
+            .collect();
+        let rays = PixelRays::new(width, height, 1, &table).unwrap();
+        let mut numbers = Numbers(5);
+        for count in [0, 1, 40, 700] {
+            let mut tables = tables(&mut numbers, count);
+            add_hard_triangles(&mut tables, &mut numbers);
+            let mut renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+            let rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            // The same in both frames, so that nothing has to be turned.
+            let pose = Pose { position: [0.0; 3], rotation, velocity: [0.0; 3], angular_rate: [0.0; 3] };
+            let view = View { poses: vec![pose; 2], factors: vec![[1.0, 0.0]; 3] };
+            for beams in [false, true] {
+                renderer.ways.beams = beams;
+                let (mut depth, mut triangle) = (vec![0f32; rays.pixels()], vec![0; rays.pixels()]);
+                renderer.depth(&rays, std::slice::from_ref(&view), &mut depth, &mut triangle).unwrap();
+                for (pixel, ray) in table.chunks_exact(2).enumerate() {
+                    let ray = [f64::from(ray[0]), f64::from(ray[1]), 1.0];
+                    let met = |i: usize| met(&tables.corners[i], ray);
+                    let first = (0..tables.corners.len())
+                        .filter_map(|i| met(i).filter(|met| met.inside > 1e-5 && met.slant > 1e-3))
+                        .fold(f64::INFINITY, |least, met| least.min(met.depth));
+                    let seen = f64::from(depth[pixel]);
+                    assert!(seen <= first * (1.0 + 1e-4), "{beams} {count}: {ray:?} sees {seen}, not {first}");
+                    if triangle[pixel] != NO_TRIANGLE {
+                        let met = met(triangle[pixel] as usize).unwrap();
+                        assert!(met.inside > -1e-5, "{beams} {count}: {ray:?} passes {}", triangle[pixel]);
+                        assert!(met.slant < 1e-3 || (met.depth / seen - 1.0).abs() < 1e-4, "{seen} is {}", met.depth);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Where a ray from the origin meets a triangle's plane: its depth, the sine of the angle to the plane, and how far
+    /// inside of the triangle that is, in units of its image, negative outside.
+    struct Met {
+        depth: f64,
+        slant: f64,
+        inside: f64,
+    }
+
+    /// None behind the origin, or for a triangle that is not one.
+    fn met(corners: &[[f64; 3]; 3], ray: [f64; 3]) -> Option<Met> {
+        use super::super::geometry::vector::{cross, dot, scale, sub};
+        let [a, b, c] = *corners;
+        let normal = cross(sub(b, a), sub(c, a));
+        let along = dot(normal, ray);
+        let depth = dot(normal, a) / along;
+        if !(depth > 0.0 && depth.is_finite()) {
+            return None;
+        }
+        let side = dot(a, cross(b, c)).signum();
+        let inside = [cross(b, c), cross(c, a), cross(a, b)].map(|edge| {
+            let edge = scale(edge, side);
+            dot(edge, ray) / (edge[0] * edge[0] + edge[1] * edge[1]).sqrt().max(1e-300)
+        });
+        let slant = along.abs() / (dot(normal, normal) * dot(ray, ray)).sqrt();
+        Some(Met { depth, slant, inside: inside.into_iter().fold(f64::INFINITY, f64::min) })
     }
 }

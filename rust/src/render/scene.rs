@@ -5,7 +5,10 @@
 //!
 //! What must not break: everything that later code takes for granted about the tables is checked in [`Scene::new`].
 
+use std::borrow::Cow;
 use std::ops::Range;
+
+use rayon::prelude::*;
 
 use super::geometry::bvh::Bvh;
 use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
@@ -15,6 +18,10 @@ use super::light::light_map::{Emission, LightMapTables, SideMap};
 use super::light::sky::Sky;
 use super::light::texture::{self, Texture};
 use crate::error::{Error, Result};
+use crate::threads::SHARED;
+
+/// Scenes of so many triangles are made ready on all threads.
+const MANY: usize = 1 << 13;
 
 /// What shines: where, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,17 +54,19 @@ pub struct Light {
 }
 
 /// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the
-/// world, or that of the body that it belongs to.
+/// world, or that of the body that it belongs to. What takes most memory may be borrowed.
 #[derive(Clone, Debug, Default)]
-pub struct SceneTables {
+pub struct SceneTables<'a> {
     /// Corners, metres.
-    pub corners: Vec<[[f64; 3]; 3]>,
+    pub corners: Cow<'a, [[[f64; 3]; 3]]>,
     /// Unit normal n on the front and offset d of the plane n . p + d = 0.
-    pub planes: Vec<[f64; 4]>,
-    /// Texture coordinates u and v of a point p: `map[..3] . p + map[3]`.
-    pub uv_maps: Vec<[[f64; 4]; 2]>,
+    pub planes: Cow<'a, [[f64; 4]]>,
+    /// The texture coordinate u of a point p: `map[..3] . p + map[3]`.
+    pub u_maps: Cow<'a, [[f64; 4]]>,
+    /// The texture coordinate v.
+    pub v_maps: Cow<'a, [[f64; 4]]>,
     /// The shading normal before it is normalised, a map for each component; empty where every triangle is flat.
-    pub normal_maps: Vec<[[f64; 4]; 3]>,
+    pub normal_maps: Cow<'a, [[[f64; 4]; 3]]>,
     /// The number of its texture.
     pub textures: Vec<u32>,
     /// Whether the back reflects too.
@@ -167,41 +176,54 @@ impl Scene {
                 *position = sub(*position, tables.centre);
             }
         }
-        for frame in 0..tables.frame_count {
-            let members: Vec<usize> = (0..tables.corners.len())
-                .filter(|&i| tables.frames[i] as usize == frame && has_area(&tables.corners[i]))
-                .collect();
-            scene.push_frame(tables, &light_maps, frame, &members);
+        let mut push_frames = |parallel: bool| {
+            for frame in 0..tables.frame_count {
+                let members: Vec<usize> = (0..tables.corners.len())
+                    .filter(|&i| tables.frames[i] as usize == frame && has_area(&tables.corners[i]))
+                    .collect();
+                scene.push_frame(tables, &light_maps, frame, &members, parallel);
+            }
+        };
+        // Threads are started for no scene that is ready before they are.
+        if tables.corners.len() < MANY {
+            push_frames(false);
+        } else {
+            SHARED.pool()?.install(|| push_frames(true));
         }
         Ok(scene)
     }
 
-    fn push_frame(&mut self, tables: &SceneTables, light_maps: &[[SideMap; 2]], frame: usize, members: &[usize]) {
-        let bounds: Vec<Bounds> = members.iter().map(|&i| Bounds::of(&tables.corners[i])).collect();
-        let around = bounds.iter().fold(Bounds::NONE, |all, b| all.with(b));
+    fn push_frame(
+        &mut self,
+        tables: &SceneTables,
+        light_maps: &[[SideMap; 2]],
+        frame: usize,
+        members: &[usize],
+        parallel: bool,
+    ) {
+        let bounds = members.iter().map(|&i| Bounds::of(&tables.corners[i]));
         let centre = if frame == 0 {
             tables.centre
         } else if members.is_empty() {
             [0.0; 3]
         } else {
-            around.centre()
+            bounds.clone().fold(Bounds::NONE, |all, b| all.with(&b)).centre()
         };
-        let own: Vec<Bounds> =
-            bounds.iter().map(|b| Bounds { low: sub(b.low, centre), high: sub(b.high, centre) }).collect();
-        let (bvh, order) = Bvh::new(&own);
+        let own = bounds.map(|b| Bounds { low: sub(b.low, centre), high: sub(b.high, centre) });
+        let (bvh, order) = Bvh::new(own, parallel);
         let first = self.corners.len();
-        for &at in &order {
-            let i = members[at as usize];
+        let corners = |at: &u32| tables.corners[members[*at as usize]].map(|corner| sub(corner, centre));
+        let surface = |at: &u32| {
+            let i = members[*at as usize];
             let moved = |map: [f64; 4]| [map[0], map[1], map[2], map[3] + dot([map[0], map[1], map[2]], centre)];
             let plane = moved(tables.planes[i]);
             let normal = tables.normal_maps.get(i).map(|maps| maps.map(moved)).filter(|maps| is_smooth(maps, &plane));
-            self.corners.push(tables.corners[i].map(|corner| sub(corner, centre)));
-            self.surfaces.push(Surface {
+            Surface {
                 #[allow(clippy::cast_possible_truncation, reason = "there are fewer triangles than 2^32")]
                 number: i as u32,
                 plane,
-                u: moved(tables.uv_maps[i][0]),
-                v: moved(tables.uv_maps[i][1]),
+                u: moved(tables.u_maps[i]),
+                v: moved(tables.v_maps[i]),
                 normal: normal.map(Box::new),
                 texture: tables.textures[i],
                 two_sided: tables.two_sided[i],
@@ -211,7 +233,14 @@ impl Scene {
                     Box::new(sides.clone().map(|side| SideMap { u: moved(side.u), v: moved(side.v), ..side }))
                 }),
                 emission: tables.emissions.get(i).copied().flatten(),
-            });
+            }
+        };
+        if parallel {
+            self.corners.par_extend(order.par_iter().map(corners));
+            self.surfaces.par_extend(order.par_iter().map(surface));
+        } else {
+            self.corners.extend(order.iter().map(corners));
+            self.surfaces.extend(order.iter().map(surface));
         }
         self.frames.push(Frame { centre, triangles: first..self.corners.len(), bvh });
     }
@@ -266,7 +295,8 @@ fn check(tables: &SceneTables) -> Result<()> {
     let refuse = |message: String| Err(Error::Argument(message));
     for (name, length) in [
         ("planes", tables.planes.len()),
-        ("uv_maps", tables.uv_maps.len()),
+        ("u_maps", tables.u_maps.len()),
+        ("v_maps", tables.v_maps.len()),
         ("textures", tables.textures.len()),
         ("two_sided", tables.two_sided.len()),
         ("frames", tables.frames.len()),

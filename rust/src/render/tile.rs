@@ -17,6 +17,7 @@ use super::light::patch::Patch;
 use super::light::shader::Shader;
 use super::samples::Pixels;
 use super::time::tracks::Sight;
+use super::visibility::beam::Beam;
 use super::visibility::bins::{Bins, Entry, Seen};
 use super::visibility::nearest::{NOTHING, Nearest};
 use super::visibility::sorted::{Picked, Portion, Sorted};
@@ -28,6 +29,16 @@ pub(crate) struct TileView<'a> {
     /// Luma of what is not hit, and its rate.
     pub(crate) background: (f32, f32),
     pub(crate) bins: &'a Bins,
+    pub(crate) ways: Ways,
+}
+
+/// In which way tiles are done. It changes the time, and no bit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ways {
+    /// Whether each tile finds its triangles by a [`Beam`]; the bins are not filled then.
+    pub(crate) beams: bool,
+    /// Shadows on more triangles of a tile than this are found by rays.
+    pub(crate) receivers: usize,
 }
 
 /// Room for a tile's work.
@@ -35,6 +46,7 @@ pub(crate) struct TileView<'a> {
 pub(crate) struct TileScratch {
     list: Vec<Entry>,
     rays: TileRays,
+    beam: Beam,
     pub(crate) nearest: Nearest,
     caster: Caster,
     sorted: Vec<Sorted>,
@@ -73,8 +85,15 @@ pub(crate) fn luma<'a, const RATE: bool>(
 ) {
     let mut buffer = std::mem::take(&mut scratch.rays);
     let part = of.rays.of_tile(tile, &mut buffer);
-    of.bins.of_tile(tile, part.around, &mut scratch.list);
-    shade::<RATE>(of, &part, scratch, before);
+    if of.ways.beams {
+        let mut beam = std::mem::take(&mut scratch.beam);
+        beam.find(of.lit.scene, of.lit.view, &part, &mut scratch.nearest, &mut scratch.list);
+        shade::<RATE>(of, &beam.seen, &part, scratch, before);
+        scratch.beam = beam;
+    } else {
+        find(of.bins, tile, &part, scratch);
+        shade::<RATE>(of, &of.bins.seen, &part, scratch, before);
+    }
     scratch.rays = buffer;
     image.luma = mean(&scratch.luma);
     if RATE {
@@ -87,8 +106,8 @@ pub(crate) fn luma<'a, const RATE: bool>(
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
-    of.bins.of_tile(number, part.around, &mut scratch.list);
-    shade::<false>(of, &part, scratch, &mut vec![]);
+    find(of.bins, number, &part, scratch);
+    shade::<false>(of, &of.bins.seen, &part, scratch, &mut vec![]);
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
@@ -97,8 +116,8 @@ pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
     let part = pixels.part();
-    of.bins.of_tile(number, part.around, &mut scratch.list);
-    shade::<true>(of, &part, scratch, &mut vec![]);
+    find(of.bins, number, &part, scratch);
+    shade::<true>(of, &of.bins.seen, &part, scratch, &mut vec![]);
     let nearest = &scratch.nearest;
     let seen = |index: u32| &of.bins.seen[scratch.list[index as usize].seen as usize];
     for ray in 0..pixels.count() * of.rays.rays() {
@@ -117,10 +136,27 @@ pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mu
     }
 }
 
-/// Computes luma of rays, and its rate. `before` are the shaders of the tile before, and then those of this one.
+/// Finds what the rays of a tile see by bins; `number` is the tile's in them.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut TileScratch, before: &mut Shaders<'a>) {
+fn find(bins: &Bins, number: usize, part: &Part, scratch: &mut TileScratch) {
+    bins.of_tile(number, part.around, &mut scratch.list);
+    if !scratch.list.is_empty() {
+        scratch.nearest.find(bins, &scratch.list, part);
+    }
+}
+
+/// Computes luma of rays, and its rate. `all` are the triangles of the tile's list; `before` are the shaders of the
+/// tile before, and then those of this one.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn shade<'a, const RATE: bool>(
+    of: &TileView<'a>,
+    all: &[Seen],
+    part: &Part,
+    scratch: &mut TileScratch,
+    before: &mut Shaders<'a>,
+) {
     let Part { x, y, around, .. } = *part;
     let TileScratch { list, nearest, caster, sorted, visible, picked, luma, rate, .. } = scratch;
     luma.clear();
@@ -129,7 +165,6 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
     rate.resize(if RATE { x.len() } else { 0 }, of.background.1);
     visible.clear();
     if !list.is_empty() {
-        nearest.find(of.bins, list, part);
         visible.extend((0..).take(list.len()).filter(|&index| nearest.sees(index)));
     }
     if let Some(sky) = &of.lit.scene.sky {
@@ -146,15 +181,19 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
             }
         }
     }
-    let seen = |index: u32| &of.bins.seen[list[index as usize].seen as usize];
+    let seen = |index: u32| &all[list[index as usize].seen as usize];
     let shaders = shaders(of, visible.iter().map(|&index| seen(index)), before);
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
+    let by_rays = of.lit.scene.shadows && visible.len() > of.ways.receivers;
     while at < visible.len() {
-        // Neighbours in space follow each other in the list: what shadows them is searched for together.
         let first = at;
         at += 1;
-        if of.lit.scene.shadows {
+        if by_rays {
+            at = visible.len();
+            caster.shadow.by_rays(&of.lit, |light| shaders.iter().any(|one| one.lit_by(light)));
+        } else if of.lit.scene.shadows {
+            // Neighbours in space follow each other in the list: what shadows them is searched for together.
             let mut patch = Patch::new(&of.lit, seen(visible[first]), around);
             while at < visible.len() {
                 let other = Patch::new(&of.lit, seen(visible[at]), around);
@@ -162,22 +201,21 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
                 patch = both;
                 at += 1;
             }
+            let falls = |light: usize| shaders[first..at].iter().any(|one| one.lit_by(light));
             let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
-            caster
-                .shadow
-                .search(&of.lit, &patch, alone, |light| shaders[first..at].iter().any(|one| one.lit_by(light)));
+            caster.shadow.search(&of.lit, &patch, alone, falls);
         }
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
         for (sorted, &index) in sorted.iter_mut().zip(run) {
-            sorted.of_triangle(nearest, index);
+            sorted.of_triangle(nearest, index, !by_rays);
         }
         if of.lit.scene.shadows && caster.shadow.falls() {
             caster.clear();
             for (sorted, &index) in sorted.iter().zip(run) {
                 caster.fall_on(&of.lit, seen(index), &sorted.scattered);
             }
-            caster.cast(x, y);
+            caster.cast(&of.lit, x, y);
         }
         for (number, ((shader, &index), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
@@ -266,19 +304,24 @@ fn pixel_mean(rays: &[f32]) -> f32 {
 
 /// Hands on for each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(crate) fn nearest<Each: FnMut(usize, f32, u32)>(
-    bins: &Bins,
-    rays: &PixelRays,
+pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
+    of: &TileView,
     tile: usize,
     scratch: &mut TileScratch,
     mut each: Each,
 ) {
-    let part = rays.of_tile(tile, &mut scratch.rays);
-    bins.of_tile(tile, part.around, &mut scratch.list);
+    let part = of.rays.of_tile(tile, &mut scratch.rays);
+    let TileScratch { list, nearest, beam, .. } = scratch;
+    let all = if of.ways.beams {
+        beam.find(of.lit.scene, of.lit.view, &part, nearest, list);
+        &beam.seen
+    } else {
+        of.bins.of_tile(tile, part.around, list);
+        nearest.find(of.bins, list, &part);
+        &of.bins.seen
+    };
     let (x, y) = (part.x, part.y);
-    let nearest = &mut scratch.nearest;
-    nearest.find(bins, &scratch.list, &part);
-    let seen = |index: u32| &bins.seen[scratch.list[index as usize].seen as usize];
+    let seen = |index: u32| &all[list[index as usize].seen as usize];
     let per_block = x.len() / BLOCKS;
     for ray in 0..x.len() {
         let only = nearest.only[ray / per_block];

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,22 +12,49 @@ from ..._mitsuba.types import JitFloat, Mitsuba, MitsubaShape
 
 FloatArray = npt.NDArray[np.float64]
 
+_PART = 1 << 14
+"""Triangles of a part of a mesh: what is computed of so many stays in the processor's caches."""
+
+
+class _Buffers(NamedTuple):
+    """The vertices of a mesh, their texture coordinates, and their normals where it is smooth."""
+
+    faces: npt.NDArray[np.uint32]
+    positions: FloatArray
+    texcoords: FloatArray | None
+    normals: FloatArray | None
+
+    @classmethod
+    def of(cls, shape: MitsubaShape) -> _Buffers:
+        """Copy the buffers of a Mitsuba mesh."""
+
+        def values(buffer: JitFloat, width: int) -> FloatArray:
+            return np.array(buffer, np.float64).reshape(-1, width)
+
+        smooth = shape.has_vertex_normals() and "face_normals = 0" in str(shape)
+        return cls(
+            np.array(shape.faces_buffer()).reshape(-1, 3),
+            values(shape.vertex_positions_buffer(), 3),
+            values(shape.vertex_texcoords_buffer(), 2) if shape.has_vertex_texcoords() else None,
+            values(shape.vertex_normals_buffer(), 3) if smooth else None,
+        )
+
 
 class MeshTriangles:
-    """The triangles of a mesh, in float64.
+    """The triangles of a mesh, or some of them, in float64.
 
     Attributes:
         corners: (n, 3, 3), metres.
         count: n.
     """
 
-    def __init__(self, shape: MitsubaShape) -> None:
+    def __init__(self, shape: MitsubaShape, buffers: _Buffers | None = None, part: slice = slice(None)) -> None:
         self.shape = shape
-        faces = np.array(shape.faces_buffer()).reshape(-1, 3)
-        self.corners = self._per_corner(shape.vertex_positions_buffer(), faces, 3)
-        self.uv = self._per_corner(shape.vertex_texcoords_buffer(), faces, 2) if shape.has_vertex_texcoords() else None
-        smooth = shape.has_vertex_normals() and "face_normals = 0" in str(shape)
-        self.vertex_normals = self._per_corner(shape.vertex_normals_buffer(), faces, 3) if smooth else None
+        buffers = _Buffers.of(shape) if buffers is None else buffers
+        self.first, faces = part.start or 0, buffers.faces[part]
+        self.corners = buffers.positions[faces]
+        self.uv = None if buffers.texcoords is None else buffers.texcoords[faces]
+        self.vertex_normals = None if buffers.normals is None else buffers.normals[faces]
         self.count = len(faces)
         edges = self.corners[:, 1:] - self.corners[:, :1]
         cross = np.cross(edges[:, 0], edges[:, 1])
@@ -38,9 +68,12 @@ class MeshTriangles:
             / double_area[:, None]
         )
 
-    @staticmethod
-    def _per_corner(buffer: JitFloat, faces: npt.NDArray[np.uint32], width: int) -> FloatArray:
-        return np.array(buffer, np.float64).reshape(-1, width)[faces]
+    @classmethod
+    def parts(cls, shape: MitsubaShape) -> Iterator[MeshTriangles]:
+        """Yield the triangles of the mesh a part at a time, in their order, because millions at once take gigabytes."""
+        buffers = _Buffers.of(shape)
+        for first in range(0, len(buffers.faces), _PART):
+            yield cls(shape, buffers, slice(first, first + _PART))
 
     def planes(self) -> FloatArray:
         """Return the planes (n, 4): unit normal and offset, normal . p + offset = 0."""
@@ -63,26 +96,32 @@ class MeshTriangles:
 
     def normal_maps(self) -> tuple[FloatArray, bool]:
         """Return affine maps (n, 3, 4) of a point to the shading normal, and whether any triangle's normals vary."""
-        flat = np.zeros((self.count, 3, 4))
-        flat[..., 3] = self.normals
         if self.vertex_normals is None:
-            return flat, False
+            return flat_normal_maps(self.normals), False
         maps = np.stack([self.affine(self.vertex_normals[..., axis]) for axis in range(3)], 1)
-        differs = np.abs(self.vertex_normals - self.normals[:, None]).max() > 1e-5
+        differs = np.abs(self.vertex_normals - self.normals[:, None]).max(initial=0.0) > 1e-5
         return maps, bool(differs)
 
-    def turned(self, normal_maps: FloatArray, mi: Mitsuba) -> float:
-        """Return -1 where Mitsuba's normals are the opposite (flipped, or a mirrored rectangle), else 1.
+    def is_turned(self, mi: Mitsuba) -> bool | None:
+        """Return whether Mitsuba's normals are the opposite (flipped, or a mirrored rectangle); None without an area.
 
         All triangles of a mesh are turned alike, so the first one that has an area decides.
         """
         facing = np.flatnonzero(self.normals.any(1))
         if not len(facing):
-            return 1.0
+            return None
         number = int(facing[0])
         centre = mi.PreliminaryIntersection3f()
-        centre.t, centre.prim_index, centre.prim_uv = 1.0, number, mi.Point2f(1 / 3)
+        centre.t, centre.prim_index, centre.prim_uv = 1.0, self.first + number, mi.Point2f(1 / 3)
         ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1))
         theirs = np.array(self.shape.compute_surface_interaction(ray, centre).sh_frame.n, np.float64).reshape(3)
-        ours = normal_maps[number, :, :3] @ self.corners[number].mean(0) + normal_maps[number, :, 3]
-        return -1.0 if ours @ theirs < 0 else 1.0
+        map_of = self.normal_maps()[0][number]
+        ours = map_of[:, :3] @ self.corners[number].mean(0) + map_of[:, 3]
+        return bool(ours @ theirs < 0)
+
+
+def flat_normal_maps(normals: FloatArray) -> FloatArray:
+    """Return maps (n, 3, 4) of normals (n, 3) that are the same all over a triangle."""
+    maps = np.zeros((len(normals), 3, 4))
+    maps[..., 3] = normals
+    return maps

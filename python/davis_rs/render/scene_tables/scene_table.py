@@ -31,7 +31,7 @@ from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, small_lamps, textured_lamp
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
-from .mesh_triangles import MeshTriangles
+from .mesh_triangles import MeshTriangles, flat_normal_maps
 from .scene_texture import TextureTable
 
 FloatArray = npt.NDArray[np.float64]
@@ -126,42 +126,55 @@ class SceneTable:
             with obstacles.collect():
                 self.lights += _area_light_points(shape, mi, colours)
         self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
-        corners, planes, normals, two_sided, frames = [], [], [], [], []
-        maps_u, maps_v = list[FloatArray](), list[FloatArray]()
-        smooth = False
+        self.names = [str(shape.id()) for shape in scene.shapes()]
+        self.counts: list[int] = []
+        has_back: list[bool] = []
         for shape in scene.shapes():
-            faces, has_back = 0, False
+            faces, back = 0, False
             with obstacles.collect():
                 faces = _triangles(shape)
             with obstacles.collect():
-                has_back = self.textures.add(shape, faces)
-            if obstacles.met:
-                continue
-            mesh = MeshTriangles(shape)
-            two_sided.append(np.full(mesh.count, has_back, np.uint32))
-            frame = self.moving.index(shape.id()) + 1 if shape.id() in self.moving else 0
-            frames.append(np.full(mesh.count, frame, np.uint32))
-            corners.append(mesh.corners)
-            u, v = mesh.texture_maps()
-            maps_u.append(u)
-            maps_v.append(v)
-            normal, is_smooth = mesh.normal_maps()
-            # Which side is the front matters only where the back is another, or the front alone emits.
-            one_front = not two_sided[-1].any() or (baked and shape.is_emitter())
-            turned = mesh.turned(normal, mi) if one_front else 1.0
-            planes.append(mesh.planes() * turned)
-            normals.append(normal * turned)
-            smooth |= is_smooth
+                back = self.textures.add(shape, faces)
+            self.counts.append(faces)
+            has_back.append(back)
         obstacles.refuse()
-        self.names = [str(shape.id()) for shape in scene.shapes()]
-        self.counts = [len(part) for part in corners]
-        self.corners, self.planes = np.concatenate(corners), np.concatenate(planes)
-        self._mesh_uv = np.concatenate(maps_u), np.concatenate(maps_v)
-        self.u_maps, self.v_maps = self.uv_maps(np.float64)
-        self.normal_maps = np.concatenate(normals) if smooth else None
-        self.two_sided, self.frames = np.concatenate(two_sided), np.concatenate(frames)
+        self.two_sided = np.repeat(np.array(has_back, np.uint32), self.counts)
+        frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
+        self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
+        # Which side is the front matters only where the back is another, or the front alone emits.
+        shapes = zip(scene.shapes(), has_back, strict=True)
+        self._add_triangles([(shape, not back or (baked and shape.is_emitter())) for shape, back in shapes], mi)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
         self.baked: BakedLight | None = None
+
+    def _add_triangles(self, shapes: Sequence[tuple[MitsubaShape, bool]], mi: Mitsuba) -> None:
+        """Compute what each triangle has, a part of a mesh at a time.
+
+        Args:
+            shapes: each with whether it must be known which side of it is the front.
+        """
+        count, first = sum(self.counts), 0
+        self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
+        self._mesh_uv = np.empty((count, 4)), np.empty((count, 4))
+        smooth, smooth_parts = False, list[tuple[slice, FloatArray]]()
+        for shape, one_front in shapes:
+            turned = None if one_front else False
+            for part in MeshTriangles.parts(shape):
+                turned = part.is_turned(mi) if turned is None else turned
+                side, rows = -1.0 if turned else 1.0, slice(first, first + part.count)
+                first = rows.stop
+                self.corners[rows], self.planes[rows] = part.corners, part.planes() * side
+                for table, maps in zip(self._mesh_uv, part.texture_maps(), strict=True):
+                    table[rows] = maps
+                if part.vertex_normals is not None:
+                    maps, is_smooth = part.normal_maps()
+                    smooth |= is_smooth
+                    smooth_parts.append((rows, maps * side))
+        self.u_maps, self.v_maps = self.uv_maps(np.float64)
+        self.normal_maps = flat_normal_maps(self.planes[:, :3]) if smooth else None
+        if self.normal_maps is not None:
+            for rows, maps in smooth_parts:
+                self.normal_maps[rows] = maps
 
     def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
         """Compute the light on the surfaces with ``light``, and add it to the lights."""
@@ -213,8 +226,10 @@ class SceneTable:
 
     def uv_maps(self, precision: type[_Float]) -> tuple[npt.NDArray[_Float], npt.NDArray[_Float]]:
         """Return :attr:`u_maps` and :attr:`v_maps`, computed in this precision from maps that were rounded to it."""
-        u, v = (maps.astype(precision) for maps in self._mesh_uv)
+        u, v = (maps.astype(precision, copy=False) for maps in self._mesh_uv)
         # The texture's own uv transform is affine too: fold it into the mesh's maps.
+        if (self.textures.uv_maps == np.eye(3)[:2]).all():
+            return u, v
         own = self.textures.uv_maps.astype(precision)[self.textures.texture_of]
         offset = np.array([0, 0, 0, 1], precision)
         folded = [own[:, i, :1] * u + own[:, i, 1:2] * v + own[:, i, 2:] * offset for i in (0, 1)]

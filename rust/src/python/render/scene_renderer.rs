@@ -1,14 +1,16 @@
 //! `SceneRenderer` for Python.
 
+use std::borrow::Cow;
+
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 
 use super::pixel_rays::PyPixelRays;
 use super::scene_tables::{
-    EmissionTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, light_map_tables, numbered, sky_map, uv_maps,
+    EmissionTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, light_map_tables, numbered, sky_map,
 };
 use super::views::{Views, view_pixels, views_of};
-use crate::python::arrays::{groups, lists, numbers, rows};
+use crate::python::arrays::{column, grouped, groups, lists, matrices, numbers};
 use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RayHit, Renderer, Scene, SceneTables, TrackSettings};
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
@@ -107,14 +109,18 @@ impl PySceneRenderer {
         end: f64,
         threads: Option<usize>,
     ) -> PyResult<Self> {
-        let texture_maps = uv_maps(u_maps, v_maps)?;
+        let (corners, planes) = (column::<f64>(corners, "corners")?, column::<f64>(planes, "planes")?);
+        let (u_maps, v_maps) = (column::<f64>(u_maps, "u_maps")?, column::<f64>(v_maps, "v_maps")?);
+        let normal_maps = normal_maps.map(|maps| column::<f64>(maps, "normal_maps")).transpose()?;
         let tables = SceneTables {
-            corners: groups::<f64, 9>(corners, "corners")?.into_iter().map(rows).collect(),
-            planes: groups(planes, "planes")?,
-            uv_maps: texture_maps,
-            normal_maps: normal_maps.map_or(Ok(vec![]), |maps| {
-                PyResult::Ok(groups::<f64, 12>(maps, "normal_maps")?.into_iter().map(rows).collect())
-            })?,
+            corners: matrices(&corners, "corners")?.into(),
+            planes: grouped(&planes, "planes")?.into(),
+            u_maps: grouped(&u_maps, "u_maps")?.into(),
+            v_maps: grouped(&v_maps, "v_maps")?.into(),
+            normal_maps: match &normal_maps {
+                None => Cow::default(),
+                Some(maps) => matrices(maps, "normal_maps")?.into(),
+            },
             textures: numbers::<u32>(textures, "textures")?,
             two_sided: numbers::<u32>(two_sided, "two_sided")?.into_iter().map(|flag| flag != 0).collect(),
             frames: numbers::<u32>(frames, "frames")?,

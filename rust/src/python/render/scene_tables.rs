@@ -24,7 +24,7 @@ pub(super) fn sky_map((light, side, texels): SkyTuple<'_>) -> PyResult<Sky> {
 }
 
 /// Pairs the maps to both texture coordinates.
-pub(super) fn uv_maps(u_maps: &Bound<'_, PyAny>, v_maps: &Bound<'_, PyAny>) -> PyResult<Vec<[[f64; 4]; 2]>> {
+fn uv_maps(u_maps: &Bound<'_, PyAny>, v_maps: &Bound<'_, PyAny>) -> PyResult<Vec<[[f64; 4]; 2]>> {
     let (u_maps, v_maps) = (groups::<f64, 4>(u_maps, "u_maps")?, groups::<f64, 4>(v_maps, "v_maps")?);
     if u_maps.len() != v_maps.len() {
         return Err(PyValueError::new_err(format!(

@@ -5,20 +5,11 @@
 //! What must not break: a triangle that touches the region is always found. One too many costs only time, so boxes are
 //! rounded outward.
 
-#![allow(clippy::cast_precision_loss, reason = "scenes have fewer than 2^31 triangles")]
-
 use std::ops::Range;
 
+use super::bvh_builder::{self, Item, build};
 use super::vector::{Bounds, largest};
-
-/// Triangles in a leaf, at most; unless they all lie at one point.
-const LEAF: usize = WIDTH;
-
-/// Candidates for a split along an axis.
-const CUTS: usize = 12;
-
-/// Cost of visiting a node, in triangle tests.
-const VISIT: f64 = 0.5;
+use crate::prefetch::prefetch;
 
 /// Boxes side by side in a node, which are tested together.
 pub(crate) const WIDTH: usize = 8;
@@ -48,7 +39,33 @@ pub(crate) trait Region {
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
 }
 
-/// A BVH with wide nodes. Triangles are numbered in its order: those of a leaf, and of any node, follow each other.
+/// A part of space that is looked through from front to back.
+pub(crate) trait Ahead {
+    /// Returns how near boxes may be, infinite for those that do not meet the region.
+    fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH];
+}
+
+/// What is done with triangles that are found from front to back; a trait, because closures may not be inlined always.
+pub(crate) trait Leaves {
+    /// Returns how far triangles may lie that are still looked for.
+    fn farthest(&self) -> f32;
+
+    /// Prepares for triangles that are waiting to be looked at.
+    fn expect(&self, leaf: Range<usize>);
+
+    /// Looks at the triangles of a leaf.
+    fn look_at(&mut self, leaf: Range<usize>);
+}
+
+/// A box that is still to be looked into: how near it may be, and its node or triangles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Waiting {
+    distance: f32,
+    first: u32,
+    count: u32,
+}
+
+/// A BVH with wide nodes. Triangles are numbered in the order of a visit: those of a leaf follow each other.
 #[derive(Debug, Default)]
 pub(crate) struct Bvh {
     nodes: Vec<Node>,
@@ -56,67 +73,65 @@ pub(crate) struct Bvh {
     pub(crate) reach: f64,
 }
 
-/// A node of the binary BVH, before it is collapsed into nodes of [`WIDTH`].
-struct BinaryNode {
-    bounds: Bounds,
-    range: Range<usize>,
-    /// The first of two that lie side by side; None for a leaf.
-    first: Option<usize>,
-}
-
 impl Bvh {
-    /// Builds the BVH of triangles with these bounds. Returns it, and the triangles' old indices in its order.
-    pub(crate) fn new(bounds: &[Bounds]) -> (Self, Vec<u32>) {
-        let mut order: Vec<u32> = (0..index(bounds.len())).collect();
+    /// Builds the BVH of triangles with these bounds, on the threads of this pool where it is `parallel`. Returns it,
+    /// and the triangles' old indices in its order.
+    pub(crate) fn new(bounds: impl Iterator<Item = Bounds>, parallel: bool) -> (Self, Vec<u32>) {
+        let mut items: Vec<Item> = (0..).zip(bounds).map(|(number, bounds)| Item { bounds, number }).collect();
         let mut bvh = Self::default();
-        if bounds.is_empty() {
-            return (bvh, order);
+        if items.is_empty() {
+            return (bvh, vec![]);
         }
-        let node = |range: Range<usize>, order: &[u32]| {
-            let bounds = order[range.clone()].iter().fold(Bounds::NONE, |all, &i| all.with(&bounds[i as usize]));
-            BinaryNode { bounds, range, first: None }
-        };
-        let mut nodes = vec![node(0..order.len(), &order)];
-        bvh.reach = largest(nodes[0].bounds.low).max(largest(nodes[0].bounds.high));
-        let mut at = 0;
-        while at < nodes.len() {
-            let range = nodes[at].range.clone();
-            if let Some(middle) = split(&nodes[at].bounds, bounds, &mut order[range.clone()]) {
-                nodes[at].first = Some(nodes.len());
-                nodes.push(node(range.start..range.start + middle, &order));
-                nodes.push(node(range.start + middle..range.end, &order));
+        let root = build(&mut items, parallel);
+        bvh.reach = largest(root.bounds.low).max(largest(root.bounds.high));
+        bvh.collapse(vec![&root]);
+        let order = bvh.number_by_visits();
+        (bvh, order.into_iter().map(|at| items[at].number).collect())
+    }
+
+    /// Numbers triangles in the order in which a visit finds them; returns their indices in the order of the binary
+    /// tree.
+    fn number_by_visits(&mut self) -> Vec<usize> {
+        let mut order = vec![];
+        let mut stack = vec![0];
+        while let Some(at) = stack.pop() {
+            let node = &mut self.nodes[at];
+            for lane in (0..node.used).rev() {
+                let first = node.first[lane] as usize;
+                if node.count[lane] == 0 {
+                    stack.push(first);
+                } else {
+                    node.first[lane] = index(order.len());
+                    order.extend(first..first + node.count[lane] as usize);
+                }
             }
-            at += 1;
         }
-        bvh.collapse(&nodes, vec![0]);
-        (bvh, order)
+        order
     }
 
     /// Collapses the binary tree into a wide node, largest area first, and does the same below it. Returns the node's
     /// index.
-    fn collapse(&mut self, nodes: &[BinaryNode], mut members: Vec<usize>) -> u32 {
+    fn collapse(&mut self, mut members: Vec<&bvh_builder::Node>) -> u32 {
         while members.len() < WIDTH {
-            let open = (0..members.len()).filter(|&i| nodes[members[i]].first.is_some());
-            let area = |i: usize| nodes[members[i]].bounds.half_area();
-            let Some(largest) = open.max_by(|&i, &j| area(i).total_cmp(&area(j))) else { break };
-            let first = nodes[members[largest]].first.unwrap_or_default();
+            let open = members.iter().enumerate().filter_map(|(at, member)| Some((at, member.children.as_deref()?)));
+            let area = |(at, _): &(usize, _)| members[*at].bounds.half_area();
+            let Some((largest, [first, second])) = open.max_by(|a, b| area(a).total_cmp(&area(b))) else { break };
             members[largest] = first;
-            members.insert(largest + 1, first + 1);
+            members.insert(largest + 1, second);
         }
         let number = self.nodes.len();
         let boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
         self.nodes.push(Node { boxes, first: [0; WIDTH], count: [0; WIDTH], used: members.len() });
         for (lane, &member) in members.iter().enumerate() {
-            let child = &nodes[member];
-            let (first, count) = match child.first {
-                Some(first) => (self.collapse(nodes, vec![first, first + 1]), 0),
-                None => (index(child.range.start), index(child.range.len())),
+            let (first, count) = match member.children.as_deref() {
+                Some([first, second]) => (self.collapse(vec![first, second]), 0),
+                None => (index(member.range.start), index(member.range.len())),
             };
             let wide = &mut self.nodes[number];
             (wide.first[lane], wide.count[lane]) = (first, count);
             for axis in 0..3 {
-                wide.boxes.low[axis][lane] = below(child.bounds.low[axis]);
-                wide.boxes.high[axis][lane] = -below(-child.bounds.high[axis]);
+                wide.boxes.low[axis][lane] = below(member.bounds.low[axis]);
+                wide.boxes.high[axis][lane] = -below(-member.bounds.high[axis]);
             }
         }
         index(number)
@@ -147,6 +162,41 @@ impl Bvh {
             }
         }
     }
+
+    /// Looks at the triangles of leaves whose boxes may meet the region, nearer boxes first.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    pub(crate) fn visit_from_front(&self, waiting: &mut Vec<Waiting>, region: &impl Ahead, leaves: &mut impl Leaves) {
+        waiting.clear();
+        if !self.nodes.is_empty() {
+            waiting.push(Waiting { distance: f32::NEG_INFINITY, first: 0, count: 0 });
+        }
+        while let Some(next) = waiting.pop() {
+            if next.distance > leaves.farthest() {
+                continue;
+            }
+            if next.count > 0 {
+                leaves.look_at(next.first as usize..(next.first + next.count) as usize);
+                continue;
+            }
+            let node = &self.nodes[next.first as usize];
+            let distances = region.nearness(&node.boxes);
+            let begin = waiting.len();
+            for lane in (0..node.used).filter(|&lane| distances[lane] < f32::INFINITY) {
+                let new = Waiting { distance: distances[lane], first: node.first[lane], count: node.count[lane] };
+                if new.count > 0 {
+                    leaves.expect(new.first as usize..(new.first + new.count) as usize);
+                } else {
+                    let Boxes { low, high } = &self.nodes[new.first as usize].boxes;
+                    prefetch(low);
+                    prefetch(high);
+                }
+                // The nearest comes last, to be taken first.
+                let at = begin + waiting[begin..].iter().filter(|other| other.distance > new.distance).count();
+                waiting.insert(at, new);
+            }
+        }
+    }
 }
 
 /// Returns the largest float32 at or below a number.
@@ -157,73 +207,12 @@ pub(crate) fn below(x: f64) -> f32 {
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "scenes have fewer than 2^31 triangles")]
-fn index(n: usize) -> u32 {
+pub(crate) fn index(n: usize) -> u32 {
     n as u32
 }
 
-/// Orders triangles so that those before the returned position are one child, the rest the other; None for a leaf.
-///
-/// The cut is the one with the least expected cost by the surface area heuristic.
-///
-/// Source: Wald, On fast construction of SAH-based bounding volume hierarchies, 2007.
-fn split(around: &Bounds, bounds: &[Bounds], order: &mut [u32]) -> Option<usize> {
-    if order.len() <= 1 {
-        return None;
-    }
-    let centres = Bounds::of(&order.iter().map(|&i| bounds[i as usize].centre()).collect::<Vec<_>>());
-    let whole = order.len() as f64;
-    let mut best: Option<(f64, usize, usize)> = None;
-    for axis in 0..3 {
-        let extent = centres.high[axis] - centres.low[axis];
-        if extent <= 0.0 {
-            continue;
-        }
-        let mut bins = [(0usize, Bounds::NONE); CUTS];
-        for &i in order.iter() {
-            let (count, all) = &mut bins[bin(&bounds[i as usize], &centres, axis)];
-            *count += 1;
-            *all = all.with(&bounds[i as usize]);
-        }
-        let mut right = [(0usize, Bounds::NONE); CUTS];
-        let mut sum = (0, Bounds::NONE);
-        for (at, bin) in bins.iter().enumerate().rev() {
-            sum = (sum.0 + bin.0, sum.1.with(&bin.1));
-            right[at] = sum;
-        }
-        let mut left = (0, Bounds::NONE);
-        for cut in 1..CUTS {
-            left = (left.0 + bins[cut - 1].0, left.1.with(&bins[cut - 1].1));
-            if left.0 == 0 || right[cut].0 == 0 {
-                continue;
-            }
-            let cost = left.1.half_area() * left.0 as f64 + right[cut].1.half_area() * right[cut].0 as f64;
-            if best.is_none_or(|(least, ..)| cost < least) {
-                best = Some((cost, axis, cut));
-            }
-        }
-    }
-    let (cost, axis, cut) = best?;
-    if order.len() <= LEAF && cost + 2.0 * VISIT * around.half_area() >= whole * around.half_area() {
-        return None;
-    }
-    let mut left = Vec::with_capacity(order.len());
-    let mut right = Vec::new();
-    for &i in order.iter() {
-        if bin(&bounds[i as usize], &centres, axis) < cut { left.push(i) } else { right.push(i) }
-    }
-    let middle = left.len();
-    left.extend(right);
-    order.copy_from_slice(&left);
-    Some(middle)
-}
-
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a fraction of CUTS")]
-fn bin(bounds: &Bounds, centres: &Bounds, axis: usize) -> usize {
-    let fraction = (bounds.centre()[axis] - centres.low[axis]) / (centres.high[axis] - centres.low[axis]);
-    ((fraction * CUTS as f64) as usize).min(CUTS - 1)
-}
-
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation, reason = "small numbers")]
 mod tests {
     use super::*;
     use proptest::prelude::*;
@@ -251,7 +240,7 @@ mod tests {
                     high: std::array::from_fn(|i| f64::from(low[i]) + f64::from(size[i])),
                 })
                 .collect();
-            let (bvh, order) = Bvh::new(&bounds);
+            let (bvh, order) = Bvh::new(bounds.iter().copied(), false);
             let mut sorted = order.clone();
             sorted.sort_unstable();
             prop_assert_eq!(sorted, (0..index(bounds.len())).collect::<Vec<_>>());
@@ -262,9 +251,80 @@ mod tests {
                 found.extend(order[range].iter().copied().filter(|&i| holds(&bounds[i as usize])));
                 true
             });
+            // What a visit finds first has the lower number.
+            let indices: Vec<usize> = found.iter().map(|one| order.iter().position(|i| i == one).unwrap()).collect();
+            prop_assert!(indices.is_sorted());
             found.sort_unstable();
             let expected: Vec<u32> = (0..index(bounds.len())).filter(|&i| holds(&bounds[i as usize])).collect();
             prop_assert_eq!(found, expected);
+            // From front to back, every box is looked into that is not farther than what is looked for.
+            let mut ahead = Along { found: vec![], farthest: probe[0] as f32 };
+            bvh.visit_from_front(&mut vec![], &ahead.clone(), &mut ahead);
+            let near: Vec<u32> = (0..index(bounds.len())).filter(|&i| bounds[i as usize].low[0] <= probe[0]).collect();
+            let mut looked_at: Vec<u32> = ahead.found.iter().map(|&i| order[i]).collect();
+            looked_at.sort_unstable();
+            looked_at.retain(|i| near.contains(i));
+            prop_assert_eq!(looked_at, near);
+        }
+    }
+
+    /// Boxes along x, the lowest first.
+    #[derive(Clone)]
+    struct Along {
+        found: Vec<usize>,
+        farthest: f32,
+    }
+
+    impl Ahead for Along {
+        fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH] {
+            boxes.low[0]
+        }
+    }
+
+    impl Leaves for Along {
+        fn farthest(&self) -> f32 {
+            self.farthest
+        }
+
+        fn expect(&self, _: Range<usize>) {}
+
+        fn look_at(&mut self, leaf: Range<usize>) {
+            self.found.extend(leaf);
+        }
+    }
+
+    /// Nodes as text, which two BVHs can be compared by.
+    fn text(bvh: &Bvh) -> String {
+        format!("{:?}", bvh.nodes)
+    }
+
+    /// Threads change neither the tree nor the order, also where all triangles lie on each other, in a plane, or ever
+    /// closer to a point, so that cuts take off few of them.
+    #[test]
+    fn threads_build_the_same_tree() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        let count = 20_000;
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            f64::from((state >> 40) as u32) / f64::from(1 << 24)
+        };
+        let soup: Vec<[f64; 3]> = (0..count).map(|_| [random(), random(), random()]).collect();
+        let kinds: [Box<dyn Fn(usize) -> [f64; 3] + Sync>; 4] = [
+            Box::new(|i| soup[i]),
+            Box::new(|_| [1.0; 3]),
+            Box::new(|i| [soup[i][0], 2.0, soup[i][1]]),
+            Box::new(|i| [0.9f64.powi(i32::try_from(i).unwrap()), 0.0, 0.0]),
+        ];
+        for middle in kinds {
+            let bounds = || (0..count).map(|i| Bounds { low: middle(i), high: middle(i).map(|x| x + 0.01) });
+            let (alone, order) = Bvh::new(bounds(), false);
+            let (together, same) = pool.install(|| Bvh::new(bounds(), true));
+            assert_eq!(order, same);
+            assert_eq!(text(&alone), text(&together));
+            let mut sorted = order;
+            sorted.sort_unstable();
+            assert_eq!(sorted, (0..index(count)).collect::<Vec<_>>());
         }
     }
 }

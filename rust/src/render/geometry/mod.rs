@@ -1,6 +1,7 @@
 //! Vectors, linear functions over the image, boxes around triangles, and a camera's views and rays.
 
 pub(super) mod bvh;
+mod bvh_builder;
 pub(super) mod linear;
 pub(super) mod pixel_rays;
 pub(super) mod vector;

@@ -9,8 +9,9 @@
 
 use multiversion::multiversion;
 
+use super::any_hit::{Points, hide as hide_few};
 use super::lights::{SeenKind, Surroundings};
-use super::shadows::{Occluders, Shadow};
+use super::shadows::{Occluders, Shadow, ToFrame};
 use crate::render::geometry::bvh::WIDTH;
 use crate::render::geometry::vector::{dot, single};
 use crate::render::lanes::{Lanes, MOST, Rays, STEP};
@@ -39,6 +40,7 @@ pub(crate) struct Caster {
     numbers: Vec<u32>,
     /// Of each light, and each of the tile's rays that were looked at, 1 where it sees a point that is hidden.
     hidden: Vec<Vec<u32>>,
+    stack: Vec<u32>,
 }
 
 /// A triangle that shadows fall on.
@@ -83,8 +85,8 @@ impl Caster {
     }
 
     /// Finds which of the rays that were added see points that are hidden from each light.
-    pub(crate) fn cast(&mut self, x: &[f32], y: &[f32]) {
-        let mut hidden = std::mem::take(&mut self.hidden);
+    pub(crate) fn cast(&mut self, of: &Surroundings, x: &[f32], y: &[f32]) {
+        let (mut hidden, mut stack) = (std::mem::take(&mut self.hidden), std::mem::take(&mut self.stack));
         hidden.resize_with(self.lights, Vec::new);
         for of_light in &mut hidden {
             of_light.resize(x.len(), 0);
@@ -95,9 +97,9 @@ impl Caster {
             while self.receivers[receiver].end < at * MOST + numbers.len() {
                 receiver += 1;
             }
-            look(self, at * MOST, numbers, first..receiver + 1, (x, y), &mut hidden);
+            look(self, of, at * MOST, numbers, first..receiver + 1, (x, y), (&mut hidden, &mut stack));
         }
-        self.hidden = hidden;
+        (self.hidden, self.stack) = (hidden, stack);
     }
 
     /// Returns whether anything may hide a light of this number.
@@ -158,7 +160,7 @@ fn hide<const FULL: bool>(
     let side = caster.sides[receiver * caster.lights + light];
     for occluders in caster.shadow.occluders(light) {
         let off = caster.normals[receiver * caster.frames + occluders.frame].map(|component| side * component);
-        let points = at.off_the_surface(occluders, n, |_| off);
+        let points = at.off_the_surface(&occluders.to_frame, n, |_| off);
         test(occluders, caster.shadow.farthest(light), (&points, n), |_| own, hidden);
     }
 }
@@ -167,11 +169,12 @@ fn hide<const FULL: bool>(
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn look(
     caster: &Caster,
+    of: &Surroundings,
     first: usize,
     numbers: &[u32],
     receivers: std::ops::Range<usize>,
     (x, y): (&[f32], &[f32]),
-    found: &mut [Vec<u32>],
+    (found, stack): (&mut [Vec<u32>], &mut Vec<u32>),
 ) {
     let n = numbers.len().next_multiple_of(STEP).min(MOST);
     let mut padded = [numbers.last().copied().unwrap_or_default(); MOST];
@@ -201,16 +204,29 @@ fn look(
     }
     for (light, found) in found.iter_mut().enumerate() {
         let mut hidden = [0u32; MOST];
-        for occluders in caster.shadow.occluders(light) {
+        let off = |frame: usize| {
             let mut off = [Lanes::ZERO; 3];
             for (receiver, span) in spans() {
                 let side = caster.sides[receiver * caster.lights + light];
-                let normal = &caster.normals[receiver * caster.frames + occluders.frame];
+                let normal = &caster.normals[receiver * caster.frames + frame];
                 for k in 0..3 {
                     off[k][span.clone()].fill(side * normal[k]);
                 }
             }
-            let points = at.off_the_surface(occluders, n, |i| [off[0][i], off[1][i], off[2][i]]);
+            off
+        };
+        for (frame, before) in caster.shadow.before(of, light) {
+            let (to_frame, off) = (ToFrame::new(&of.view.poses[frame]), off(frame));
+            let points = at.off_the_surface(&to_frame, n, |i| [off[0][i], off[1][i], off[2][i]]);
+            for first in (0..n).step_by(STEP) {
+                let mut some = Points::new(first, &points, &own, &at.points[2], &at.step, &hidden);
+                hide_few(&before, &mut some, stack);
+                hidden[first..first + STEP].copy_from_slice(some.hidden());
+            }
+        }
+        for occluders in caster.shadow.occluders(light) {
+            let off = off(occluders.frame);
+            let points = at.off_the_surface(&occluders.to_frame, n, |i| [off[0][i], off[1][i], off[2][i]]);
             test(occluders, caster.shadow.farthest(light), (&points, n), |i| own[i], &mut hidden);
         }
         for (&ray, hidden) in numbers.iter().zip(hidden) {
@@ -236,12 +252,12 @@ impl At {
         self.step[i] = shadow.step * (most + point[2]);
     }
 
-    /// Returns where shadow rays begin, in the occluders' frame.
+    /// Returns where shadow rays begin, in a frame of the scene.
     #[inline(always)]
-    fn off_the_surface(&self, occluders: &Occluders, n: usize, off: impl Fn(usize) -> [f32; 3]) -> [Lanes; 3] {
+    fn off_the_surface(&self, to_frame: &ToFrame, n: usize, off: impl Fn(usize) -> [f32; 3]) -> [Lanes; 3] {
         let mut points = [Lanes::ZERO; 3];
         for i in 0..n {
-            let q = occluders.to_frame.point(self.points[0][i], self.points[1][i], self.points[2][i]);
+            let q = to_frame.point(self.points[0][i], self.points[1][i], self.points[2][i]);
             for k in 0..3 {
                 points[k][i] = q[k] + off(i)[k] * self.step[i];
             }

@@ -1,6 +1,7 @@
 //! Light that reaches the camera: lights and their shadows, baked light, textures, and the sky.
 
 mod affine;
+pub(super) mod any_hit;
 pub(super) mod beam;
 pub(super) mod cast;
 pub(super) mod cone;

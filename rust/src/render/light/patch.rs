@@ -110,9 +110,10 @@ mod tests {
     fn level(corners: [[f64; 2]; 3], height: f64) -> Scene {
         let corners = corners.map(|[x, y]| [x, y, height]);
         let tables = SceneTables {
-            corners: vec![corners],
-            planes: vec![[0.0, 0.0, 1.0, -height]],
-            uv_maps: vec![[[0.0; 4]; 2]],
+            corners: vec![corners].into(),
+            planes: vec![[0.0, 0.0, 1.0, -height]].into(),
+            u_maps: vec![[0.0; 4]].into(),
+            v_maps: vec![[0.0; 4]].into(),
             textures: vec![0],
             two_sided: vec![true],
             frames: vec![0],

@@ -8,6 +8,7 @@
 
 use multiversion::multiversion;
 
+use super::any_hit::Before;
 use super::cone::{FrameCones, Gathered, Packet, Shaft, Source};
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::patch::Patch;
@@ -91,6 +92,8 @@ struct LightShadow {
     /// Those that are in use come first.
     frames: Vec<Occluders>,
     used: usize,
+    /// Whether the BVH is asked for single points.
+    by_rays: bool,
     farthest: f32,
 }
 
@@ -114,14 +117,7 @@ impl Shadow {
         falls: impl Fn(usize) -> bool,
     ) {
         let (scene, view) = (of.scene, of.view);
-        self.lights.resize_with(of.lights.len(), LightShadow::default);
-        for shadow in &mut self.lights {
-            (shadow.dark, shadow.used) = (false, 0);
-        }
-        self.world = ToFrame::new(&view.poses[0]);
-        #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-        let step = scene.step as f32;
-        self.step = step;
+        self.begin(of);
         let corners = patch.corners(view);
         let depth = corners.iter().fold(0.0f64, |most, corner| most.max(corner[2]));
         let part = |frame: usize| {
@@ -138,7 +134,8 @@ impl Shadow {
                 continue;
             }
             let part = part(frame);
-            let grown = part.grown(step + 1e-6 * (reach(&part) + depth));
+            let around = scene.frames[frame].bvh.reach;
+            let grown = part.grown(step + 1e-6 * (reach(&part) + depth + around));
             let part = [grown.low.map(below), grown.high.map(|x| -below(-x))];
             for number in (0..of.lights.len()).filter(|&number| falls(number)) {
                 if !self.lights[number].dark {
@@ -146,6 +143,46 @@ impl Shadow {
                 }
             }
         }
+    }
+
+    /// Leaves the search for what hides points to [`Self::before`], once single points are known.
+    pub(crate) fn by_rays(&mut self, of: &Surroundings, falls: impl Fn(usize) -> bool) {
+        self.begin(of);
+        for (number, shadow) in self.lights.iter_mut().enumerate().filter(|(number, _)| falls(*number)) {
+            let source = source(&of.lights[number], &of.view.poses[0]);
+            shadow.by_rays = source.is_some();
+            shadow.farthest = if matches!(source, Some(Source::Point(_))) { of.scene.farthest } else { f32::INFINITY };
+        }
+    }
+
+    /// Forgets what was found for another patch.
+    fn begin(&mut self, of: &Surroundings) {
+        self.lights.resize_with(of.lights.len(), LightShadow::default);
+        for shadow in &mut self.lights {
+            (shadow.dark, shadow.used, shadow.by_rays) = (false, 0, false);
+        }
+        self.world = ToFrame::new(&of.view.poses[0]);
+        #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+        let step = of.scene.step as f32;
+        self.step = step;
+    }
+
+    /// Returns what the BVH of each frame has between points and a light, where it is to be asked for them.
+    pub(crate) fn before<'a>(
+        &self,
+        of: &'a Surroundings,
+        number: usize,
+    ) -> impl Iterator<Item = (usize, Before<'a>)> + use<'a> {
+        let LightShadow { by_rays, farthest, .. } = self.lights[number];
+        let frames = of.scene.frames.iter().zip(&of.view.poses).enumerate();
+        frames.filter(move |(_, (frame, _))| by_rays && !frame.triangles.is_empty()).filter_map(
+            move |(at, (frame, pose))| {
+                let source = source(&of.lights[number], pose)?;
+                let packets = if at == 0 { &of.still[number] } else { &of.moving[at - 1][number] };
+                let (bvh, first) = (&frame.bvh, frame.triangles.start);
+                Some((at, Before { bvh, first, packets, source, farthest }))
+            },
+        )
     }
 
     fn search_frame(
@@ -180,14 +217,14 @@ impl Shadow {
 
     /// Returns whether single points may be hidden from any light.
     pub(crate) fn falls(&self) -> bool {
-        self.lights.iter().any(|shadow| shadow.used > 0)
+        self.lights.iter().any(|shadow| shadow.used > 0 || shadow.by_rays)
     }
 
     /// Returns whether anything may hide a light of this number.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn hides(&self, light: usize) -> bool {
-        self.lights.get(light).is_some_and(|shadow| shadow.dark || shadow.used > 0)
+        self.lights.get(light).is_some_and(|shadow| shadow.dark || shadow.used > 0 || shadow.by_rays)
     }
 
     /// Returns whether nothing of a light reaches them.

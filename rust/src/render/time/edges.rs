@@ -311,7 +311,7 @@ mod tests {
     const STEPS: usize = 50;
 
     /// Quadrangles one behind the other, each of two triangles in a plane of its own, before a wall.
-    fn scene(places: &[[f64; 5]]) -> SceneTables {
+    fn scene(places: &[[f64; 5]]) -> SceneTables<'static> {
         let mut tables = SceneTables {
             frame_count: 1,
             layouts: vec![[0, 1, 1, 0]],
@@ -328,9 +328,10 @@ mod tests {
             };
             let [a, b, c, d] = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
             for corners in [[a, b, c], [a, c, d]] {
-                tables.corners.push(corners);
-                tables.planes.push([0.0, 0.0, -1.0, 2.0 + k as f64]);
-                tables.uv_maps.push([[0.0; 4]; 2]);
+                tables.corners.to_mut().push(corners);
+                tables.planes.to_mut().push([0.0, 0.0, -1.0, 2.0 + k as f64]);
+                tables.u_maps.to_mut().push([0.0; 4]);
+                tables.v_maps.to_mut().push([0.0; 4]);
                 tables.textures.push(0);
                 tables.two_sided.push(true);
                 tables.frames.push(0);

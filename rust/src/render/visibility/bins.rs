@@ -9,12 +9,18 @@
 //! - A triangle is left out of a tile only if none of the tile's rays would see it, to the last bit
 //!   ([`crate::render::geometry::linear`]).
 
-use crate::render::geometry::bvh::{Boxes, Region, WIDTH};
+use crate::render::geometry::bvh::{Ahead, Boxes, Region, WIDTH};
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::PixelRays;
 use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
 use crate::render::geometry::view::{Pose, View};
 use crate::render::scene::Scene;
+
+/// What of the product of two lengths is rounding.
+pub(super) const EDGE_ON: f64 = 1e-15;
+
+/// By how much the inverse depth of the nearest corner is increased, so that roundings are less.
+pub(super) const NEARER: f32 = 1.0 + 1e-5;
 
 /// A triangle before the camera.
 #[derive(Clone, Copy, Debug)]
@@ -61,13 +67,13 @@ impl Seen {
         let edges = [cross(corners[1], corners[2]), cross(corners[2], corners[0]), cross(corners[0], corners[1])];
         let determinant = dot(corners[0], edges[0]);
         // Seen from its side a triangle is no wider than float64's rounding of its corners.
-        if determinant.abs() <= 1e-15 * largest(corners[0]) * largest(edges[0]) || height == 0.0 {
+        if determinant.abs() <= EDGE_ON * largest(corners[0]) * largest(edges[0]) || height == 0.0 {
             return None;
         }
         let edges = edges.map(|edge| Linear(single(if determinant < 0.0 { scale(edge, -1.0) } else { edge })));
         let inverse_depth = Linear(single(scale(pose.turned(normal), -1.0 / height)));
         let front = corners.iter().fold(f64::INFINITY, |least, corner| least.min(corner[2]));
-        let nearest = if front > 0.0 { (1.0 / front) as f32 * (1.0 + 1e-5) } else { f32::INFINITY };
+        let nearest = if front > 0.0 { (1.0 / front) as f32 * NEARER } else { f32::INFINITY };
         Some(Self { edges, inverse_depth, nearest, triangle: triangle as u32 })
     }
 
@@ -225,7 +231,7 @@ impl Bins {
 
 /// Returns the lowest and highest image coordinates of what of a triangle lies before the camera, a little more; None
 /// for nothing. An edge that passes through the camera's plane goes to infinity there, to the side where it passes.
-fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
+pub(super) fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let before = corners.map(|corner| corner[2] > 0.0);
     if before == [false; 3] {
@@ -252,31 +258,42 @@ fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
             }
         }
     }
-    let margin = |x: f64| 1e-6 * (1.0 + x.abs());
     Some([
         single(low.map(|x| if x.is_finite() { x - margin(x) } else { x })),
         single(high.map(|x| if x.is_finite() { x + margin(x) } else { x })),
     ])
 }
 
+/// Returns by how much the image coordinates of a triangle are grown.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+pub(super) fn margin(x: f64) -> f64 {
+    1e-6 * (1.0 + x.abs())
+}
+
 /// What all rays of a part of the image lie in: the half-spaces of four sides and the camera's plane, in a frame. It is
 /// a little larger, so that rounding to float32 loses nothing.
-struct Pyramid {
+pub(super) struct Pyramid {
     planes: [([f32; 3], f32); 5],
+    /// What the depth of a box may be too large by.
+    slack: f32,
 }
 
 impl Pyramid {
     /// Returns the pyramid for boxes none of whose coordinates is larger than `reach`.
-    fn new(part: &Rect, pose: &Pose, reach: f64) -> Self {
+    pub(super) fn new(part: &Rect, pose: &Pose, reach: f64) -> Self {
         let ([left, top], [right, bottom]) = (part.low.map(f64::from), part.high.map(f64::from));
         let normals = [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];
+        let mut margin = 0.0;
         let planes = normals.map(|normal| {
             let turned = pose.vector(normal);
             let offset = -dot(turned, pose.position);
-            let [offset] = single([offset + 1e-6 * (3.0 * largest(turned) * reach + offset.abs())]);
-            (single(turned), offset)
+            margin = 1e-6 * (3.0 * largest(turned) * reach + offset.abs());
+            (single(turned), single([offset + margin])[0])
         });
-        Self { planes }
+        // The last plane is the camera's: its offset was increased by the margin, and roundings are less than another
+        // one.
+        Self { planes, slack: single([2.0 * margin])[0] }
     }
 }
 
@@ -298,5 +315,22 @@ impl Region for Pyramid {
             }
         }
         least.map(|least| least >= 0.0)
+    }
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Ahead for Pyramid {
+    #[inline(always)]
+    fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH] {
+        let meets = self.meets(boxes);
+        let (normal, offset) = self.planes[4];
+        let mut depth = [offset - self.slack; WIDTH];
+        for axis in 0..3 {
+            let side = if normal[axis] > 0.0 { &boxes.low[axis] } else { &boxes.high[axis] };
+            for i in 0..WIDTH {
+                depth[i] += normal[axis] * side[i];
+            }
+        }
+        std::array::from_fn(|i| if meets[i] { depth[i] } else { f32::INFINITY })
     }
 }

@@ -66,11 +66,7 @@ impl Nearest {
             self.only[..blocks.len()].fill(0);
             return;
         }
-        self.index.clear();
-        self.index.resize(x.len(), NOTHING);
-        self.inverse_depth.clear();
-        self.inverse_depth.resize(x.len(), 0.0);
-        self.sorted.iter_mut().for_each(Vec::clear);
+        self.see_nothing(x.len());
         let length = self.length;
         if list.len() > MANY {
             self.order(bins, list, around);
@@ -83,6 +79,34 @@ impl Nearest {
             } else {
                 self.find_among_few(bins, list, (x, y), block, part);
             }
+        }
+    }
+
+    /// Makes ready for so many rays, none of which has seen anything yet.
+    fn see_nothing(&mut self, rays: usize) {
+        self.index.clear();
+        self.index.resize(rays, NOTHING);
+        self.inverse_depth.clear();
+        self.inverse_depth.resize(rays, 0.0);
+        self.sorted.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Makes ready for rays that lie in some blocks, where others find what they see.
+    pub(super) fn begin(&mut self, part: &Part) {
+        self.blocks = part.blocks.len();
+        self.length = part.x.len() / part.blocks.len();
+        self.only = [NOTHING; BLOCKS];
+        self.see_nothing(part.x.len());
+    }
+
+    /// Sorts rays whose indices in a list of triangles were found by others.
+    pub(super) fn end(&mut self, list: usize) {
+        self.counts.clear();
+        self.counts.resize(list, [0; BLOCKS]);
+        self.ends.clear();
+        self.ends.resize(list, [0; BLOCKS]);
+        for block in 0..self.blocks {
+            self.sort(block, self.length);
         }
     }
 
@@ -224,10 +248,10 @@ fn count(indices: &[u32], index: u32) -> u32 {
     indices.iter().map(|&one| u32::from(one == index)).sum()
 }
 
-/// Returns the least of some inverse depths.
+/// Returns the least of some inverse depths, whose number is a multiple of [`LANES`].
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn least(values: &[f32]) -> f32 {
+pub(super) fn least(values: &[f32]) -> f32 {
     let mut lanes = [f32::INFINITY; LANES];
     for chunk in values.chunks_exact(LANES) {
         for i in 0..LANES {

@@ -27,8 +27,9 @@ pub(crate) struct Sorted {
 }
 
 impl Sorted {
-    /// Finds those of the triangle at an index in the tile's list.
-    pub(crate) fn of_triangle(&mut self, nearest: &Nearest, index: u32) {
+    /// Finds those of the triangle at an index in the tile's list; without `rows` all of them are scattered.
+    #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 rays")]
+    pub(crate) fn of_triangle(&mut self, nearest: &Nearest, index: u32, rows: bool) {
         self.rows.clear();
         self.scattered.clear();
         let length = nearest.length;
@@ -37,6 +38,10 @@ impl Sorted {
             let first = block * length;
             let all = nearest.only[block] == index;
             block += 1;
+            if all && !rows {
+                self.scattered.extend(first as u32..(block * length) as u32);
+                continue;
+            }
             if all {
                 while block < nearest.blocks && nearest.only[block] == index {
                     block += 1;
@@ -46,7 +51,7 @@ impl Sorted {
             }
             let count = nearest.counts[index as usize][block - 1] as usize;
             // To shade a ray for nothing takes less time than to pick one out and put it back.
-            if count * 5 >= length * 2 {
+            if rows && count * 5 >= length * 2 {
                 self.add_rows(first..block * length, false);
             } else if count > 0
                 && let Some(known) = nearest.sorted(block - 1, index)

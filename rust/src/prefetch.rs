@@ -1,6 +1,7 @@
 //! Asks the processor to bring memory into its caches before it is read.
 //!
-//! A frame comes fresh from memory or from a far cache. The scan is so quick that it would wait for each line of it.
+//! A frame comes fresh from memory or from a far cache, and so do the triangles of a large mesh. What reads them is so
+//! quick that it would wait for each line.
 //!
 //! What must not break: this is only a hint. It reads nothing and changes nothing, and where there is no such
 //! instruction, it does nothing.
