@@ -436,10 +436,11 @@ def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> Non
     nowhere = replace(scene, trajectory=None, start=None)
     assert lost_look_fractions(nowhere, scene.own_camera) == {look: None}
 
-    def with_ball() -> Any:
-        return {**scene.source(), "ball": {"type": "sphere"}}  # type: ignore[dict-item]
+    def with_field() -> Any:
+        grid = np.mgrid[:2, :2, :2][0, ..., None] - 0.5
+        return {**scene.source(), "field": {"type": "sdfgrid", "grid": grid}}  # type: ignore[dict-item]
 
-    changed = replace(scene, source=with_ball)
+    changed = replace(scene, source=with_field)
     assert lost_look_fractions(changed, scene.own_camera) == {look: None}
     with pytest.warns(LostLookWarning, match=r"fraction not known: metal of right$"):
         Simulator(changed, samples=1)

@@ -15,12 +15,15 @@ class MeshTriangles:
 
     Attributes:
         corners: (n, 3, 3), metres.
+        faces: (n, 3), the vertices of each.
+        uv: (n, 3, 2), texture coordinates of the corners; None where the mesh has none.
         count: n.
     """
 
     def __init__(self, shape: MitsubaShape) -> None:
         self.shape = shape
         faces = np.array(shape.faces_buffer()).reshape(-1, 3)
+        self.faces = faces.astype(np.int64)
         self.corners = self._per_corner(shape.vertex_positions_buffer(), faces, 3)
         self.uv = self._per_corner(shape.vertex_texcoords_buffer(), faces, 2) if shape.has_vertex_texcoords() else None
         smooth = shape.has_vertex_normals() and "face_normals = 0" in str(shape)

@@ -7,6 +7,7 @@ one buffer for each light colour, so that a red light sees the red of a texture.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -29,10 +30,11 @@ from ..baked.bake import Surfaces
 from ..baked.baked_scene import BakedLight
 from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, small_lamps, textured_lamp
+from ..closest_view import ClosestView
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
 from .mesh_triangles import MeshTriangles
-from .scene_texture import TextureTable
+from .scene_texture import Added, TextureTable
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -74,6 +76,7 @@ class SceneTable:
         moving: ids of the shapes that move; each has its records in its own frame.
         baked: light of area lights and of other surfaces will be baked, see :meth:`bake`; otherwise there is only
             direct light.
+        view: how close the camera comes, for textures with hard edges; without it they have a fixed number of texels.
         obstacles: those found before. Where there are any, the scene is only searched for more, because tables of
             millions of triangles take gigabytes.
 
@@ -108,6 +111,7 @@ class SceneTable:
         any_integrator: bool,
         moving: Sequence[str] = (),
         baked: bool = False,
+        view: ClosestView | None = None,
         obstacles: Obstacles | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
@@ -130,15 +134,21 @@ class SceneTable:
         maps_u, maps_v = list[FloatArray](), list[FloatArray]()
         smooth = False
         for shape in scene.shapes():
-            faces, has_back = 0, False
+            faces, added = 0, Added(False)
             with obstacles.collect():
                 faces = _triangles(shape)
+            read = _once(shape)
             with obstacles.collect():
-                has_back = self.textures.add(shape, faces)
+                per_unit = None
+                if view is not None and view.known and faces:
+                    per_unit = functools.partial(_pixels_per_unit, view, shape, read)
+                added = self.textures.add(shape, faces, read, per_unit)
             if obstacles.met:
                 continue
-            mesh = MeshTriangles(shape)
-            two_sided.append(np.full(mesh.count, has_back, np.uint32))
+            mesh = read()
+            if added.uv is not None:
+                mesh.uv = added.uv
+            two_sided.append(np.full(mesh.count, added.two_sided, np.uint32))
             frame = self.moving.index(shape.id()) + 1 if shape.id() in self.moving else 0
             frames.append(np.full(mesh.count, frame, np.uint32))
             corners.append(mesh.corners)
@@ -265,6 +275,31 @@ def _triangles(shape: MitsubaShape) -> int:
     if not shape.is_mesh():
         raise Unsuitable(f"is a {plugin_name(shape)}, not made of triangles", "give it as a mesh", shape_name(shape))
     return int(shape.face_count())
+
+
+def _once(shape: MitsubaShape) -> Callable[[], MeshTriangles]:
+    """Return what gives a shape's triangles, read when they are first asked for."""
+    return functools.cache(lambda: MeshTriangles(shape))
+
+
+def _pixels_per_unit(
+    view: ClosestView, shape: MitsubaShape, read: Callable[[], MeshTriangles], uv_map: FloatArray
+) -> tuple[float, float]:
+    """Return how many pixels a unit of a shape's texture coordinates covers at most along each axis.
+
+    Args:
+        read: gives the shape's triangles.
+        uv_map: the transform (3, 3) of the texture coordinates.
+    """
+    mesh = read()
+    u, v = mesh.texture_maps()
+    pixels = view.pixels_per_metre(mesh.corners, str(shape.id()))
+    along = []
+    for row in uv_map[:2]:
+        per_metre = np.linalg.norm(row[0] * u[:, :3] + row[1] * v[:, :3], axis=1)
+        varies = per_metre > 0
+        along.append(float((pixels[varies] / per_metre[varies]).max(initial=0.0)))
+    return along[0], along[1]
 
 
 def _light(emitter: MitsubaEmitter, mi: Mitsuba, colours: list[FloatArray]) -> Light:
