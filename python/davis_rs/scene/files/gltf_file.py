@@ -24,6 +24,7 @@ from ..._core import DecodeError
 from ..._util.budget import Budget
 from ..._util.untrusted import decoding, read_charged
 from ..named_file import named_file
+from .meshopt import decode_meshopt
 from .rounding import within
 
 _VALUE_BYTES = 100
@@ -34,7 +35,10 @@ _HEADER_BYTES = 20
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
+_MESHOPT = "EXT_meshopt_compression"
+
 _READ = {
+    _MESHOPT,
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_animation_pointer",
@@ -58,7 +62,6 @@ _UNSEEN = {
 }
 """Extensions that do not change what a camera sees; of levels of detail the finest is the node itself."""
 _COMPRESSED = {
-    "EXT_meshopt_compression",
     "EXT_texture_avif",
     "KHR_draco_mesh_compression",
     "KHR_meshopt_compression",
@@ -103,6 +106,8 @@ class GltfFile:
         self._finite: set[int] = set()
         """The accessors that were checked, so that each is checked once, however many users it has."""
         self._buffers: dict[int, memoryview] = {}
+        self._decoded: dict[int, memoryview] = {}
+        """The buffer views that were compressed, so that each is decoded once, however many users it has."""
         with decoding(path):
             text, self._chunk = _parts(read_charged(path, self.budget))
             self.document = self._parsed(text)
@@ -242,10 +247,40 @@ class GltfFile:
         """Return the bytes of a buffer view, and its stride."""
         view = self.item("bufferViews", index, f"{where}.bufferView")
         where = f"bufferViews[{index}]"
+        packed = (view.extensions or {}).get(_MESHOPT) if isinstance(view.extensions or {}, dict) else None
+        if packed is not None and self._lacks_data(view.buffer, where):
+            assert isinstance(index, int)
+            if index not in self._decoded:
+                self._decoded[index] = memoryview(self._unpacked(view, packed, f"{where}: {_MESHOPT}"))
+            return self._decoded[index], view.byteStride
         buffer = self._buffer(view.buffer, where)
         offset = self.whole(0 if view.byteOffset is None else view.byteOffset, where, "of bytes", len(buffer))
         length = self.whole(view.byteLength, f"{where}.byteLength", "of bytes of its buffer", len(buffer) - offset)
         return buffer[offset : offset + length], view.byteStride
+
+    def _lacks_data(self, index: object, where: str) -> bool:
+        """Return whether a buffer only says how long its data would be without compression."""
+        buffer = self.item("buffers", index, f"{where}.buffer")
+        return buffer.uri is None and not (index == 0 and len(self._chunk))
+
+    def _unpacked(self, view: Item, packed: object, where: str) -> bytes:
+        """Return the bytes of a buffer view that is compressed."""
+        if not isinstance(packed, Item):
+            raise self.error(where, f"must be an object, got {plain(packed)}")
+        buffer = self._buffer(packed.buffer, where)
+        offset = self.whole(0 if packed.byteOffset is None else packed.byteOffset, where, "of bytes", len(buffer))
+        length = self.whole(packed.byteLength, f"{where}.byteLength", "of bytes of its buffer", len(buffer) - offset)
+        count = self.whole(packed.get("count"), f"{where}.count", "of elements", 2**31 - 1)
+        stride = self.whole(packed.byteStride, f"{where}.byteStride", "of bytes", 256)
+        if view.byteLength != count * stride:
+            raise self.error(where, f"has {count} elements of {stride} bytes for a view of {plain(view.byteLength)}")
+        kind, filter_name = str(packed.mode), str(packed.get("filter") or "NONE")
+        try:
+            return decode_meshopt(buffer[offset : offset + length], kind, filter_name, count, stride, self.budget)
+        except DecodeError:
+            raise
+        except ValueError as error:
+            raise self.error(where, str(error)) from None
 
     def _buffer(self, index: object, where: str) -> memoryview:
         buffer = self.item("buffers", index, f"{where}.buffer")
@@ -262,7 +297,7 @@ class GltfFile:
             else:
                 data = self._chunk if index == 0 else b""
                 if not len(data):
-                    compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED]
+                    compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED | {_MESHOPT}]
                     if compressed:
                         raise self.error(where, f"has data by {compressed[0]} alone, which is not read")
                     raise self.error(where, "has neither a uri nor a binary chunk")
