@@ -63,6 +63,7 @@ def examine(path: Path) -> Row:
         outcome, reason = "refused", [str(error)]
         if re.search(r"does not exist|not found|is not there|No such file", reason[0]):
             outcome = "missing files"
+    reason = [text.replace(str(path), path.name) for text in reason]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return Row(outcome, reason, lost, time.perf_counter() - start, memory)
 
@@ -120,7 +121,7 @@ def main() -> None:
             name = str(path.relative_to(given.folder))
             print(
                 f"{name[-60:]:60s} {row.outcome:13s} {row.seconds:6.1f} s {row.megabytes:6.0f} MB  "
-                f"{'; '.join(row.reason)[:160]}",
+                f"{'; '.join(row.reason)[:300]}",
                 flush=True,
             )
     for title, counts in (("outcome", outcomes), ("obstacle or error, files", obstacles), ("lost look, files", looks)):
