@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from davis_rs import Camera, Pose, Scene, load_scene
 from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
 from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render import scene_cache
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.closest_view import ClosestView
 from davis_rs.render.integrator.renderer import IntegratorRenderer
@@ -239,6 +241,22 @@ def test_shapes_without_names_stay_so(tmp_path: Path) -> None:
     file = tmp_path / "scene.xml"
     file.write_text(WITHOUT_NAMES)
     assert SceneSurfaces(load_scene(file), CAMERA).names == ("floor", "", "", "")
+
+
+def test_a_nearer_path_gets_more_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the tables of the scene are kept; for the same path they are the same."""
+    monkeypatch.setattr(scene_cache, "_cache", OrderedDict())
+    far = scene_of(ball={"type": "sphere", "radius": 0.5, "bsdf": board(to_uv=np.diag([9, 9, 1.0]))})
+    near = replace(far, trajectory=SegmentTrajectory(DOWN, Pose([0.0, 0.0, 0.8], DOWN.quaternion), 1.0))
+    counts = [sum(native(scene).table.counts) for scene in (far, near, far)]
+    assert counts[0] == counts[2] < counts[1]
+    assert native(far).table is native(far).table
+
+
+def native(scene: Scene) -> NativeRenderer:
+    renderer = make_renderer(scene, CAMERA)
+    assert isinstance(renderer, NativeRenderer)
+    return renderer
 
 
 @pytest.mark.usefixtures("llvm")
