@@ -165,11 +165,12 @@ ROUND: dict[str, Parts] = {
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("kind", ["native", "table"])
 @pytest.mark.parametrize("name", ROUND)
-def test_round_shapes_look_as_mitsubas(name: str) -> None:
+def test_round_shapes_look_as_mitsubas(name: str, kind: str) -> None:
     """Outline, shading and texture; front and back; how many triangles there are is told."""
     scene = scene_of(floor={"type": "rectangle", "to_world": matrix(at=(0, 0, -1))}, shape=ROUND[name])
-    off = differences(scene)
+    off = differences(scene, kind)
     assert np.sqrt((off**2).mean()) < 0.03
     assert abs(off.mean()) < 2e-3
     chosen = make_renderer(scene, CAMERA)

@@ -233,7 +233,8 @@ def _faces_inwards(shape: MitsubaShape, mi: Mitsuba) -> bool:
     point, outwards = own[:3, :3] @ at + own[:3, 3], np.linalg.inv(own[:3, :3]).T @ outwards
     outwards /= np.linalg.norm(outwards)
     hit = mi.PreliminaryIntersection3f()
-    hit.t = 1.0
+    # All numbers are given: of one that is left out Dr.Jit ends the process.
+    hit.t, hit.prim_index, hit.prim_uv = 1.0, 0, mi.Point2f(at[:2].tolist())
     ray = mi.Ray3f(mi.Point3f(*(point + outwards).tolist()), mi.Vector3f(*(-outwards).tolist()))
     normal = np.array(shape.compute_surface_interaction(ray, hit).n, np.float64).reshape(3)
     return bool(normal @ outwards < 0)
