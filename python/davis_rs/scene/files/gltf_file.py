@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.budget import Budget
+from ..._util.extras import from_extra
 from ..._util.untrusted import decoding, read_charged
 from ..named_file import named_file
 from .meshopt import decode_meshopt
@@ -37,7 +38,9 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 _MESHOPT = "EXT_meshopt_compression"
 
+DRACO = "KHR_draco_mesh_compression"
 _READ = {
+    DRACO,
     _MESHOPT,
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
@@ -63,7 +66,6 @@ _UNSEEN = {
 """Extensions that do not change what a camera sees; of levels of detail the finest is the node itself."""
 _COMPRESSED = {
     "EXT_texture_avif",
-    "KHR_draco_mesh_compression",
     "KHR_meshopt_compression",
     "KHR_texture_basisu",
     "MSFT_texture_dds",
@@ -169,6 +171,50 @@ class GltfFile:
         """Return whether an accessor has no data of its own: all of it is 0."""
         accessor = self.item("accessors", index, where)
         return accessor.bufferView is None and accessor.sparse is None
+
+    def unpack_draco(self, packed: object, accessors: dict[str, object], where: str) -> None:
+        """Decode a primitive that is compressed by Draco, and keep its values for the accessors that have no data.
+
+        Args:
+            packed: the extension's object.
+            accessors: the number of the accessor of each attribute, and of the ``indices``.
+
+        Raises:
+            ImportError: if the library is missing, with the extra that brings it.
+        """
+        with from_extra("gltf"):
+            import DracoPy
+        where = f"{where}: {DRACO}"
+        if not isinstance(packed, Item) or not isinstance(packed.attributes, dict):
+            raise self.error(where, "must have a bufferView and attributes")
+        data, _ = self._view(packed.bufferView, where)
+        for name, index in accessors.items():
+            accessor = self.item("accessors", index, f"{where}: {name}")
+            count = self.whole(accessor.count, f"accessors[{index}].count", "of elements", 2**31 - 1)
+            most = _WIDTHS.get(accessor.type, 16)
+            self.budget.take(2 * 8 * count * most, f"{where}: {count} elements of {name}")
+        with decoding(self.path, where):
+            mesh = DracoPy.decode(bytes(data))
+            found = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
+            faces = np.asarray(getattr(mesh, "faces", np.empty((0, 3))))
+        for name, index in accessors.items():
+            accessor, values = self.item("accessors", index, where), faces.reshape(-1, 1)
+            if name != "indices":
+                if name not in packed.attributes:
+                    continue
+                values = found.get(packed.attributes[name], np.empty((0, 1)))
+            width = _WIDTHS.get(accessor.type)
+            if values.shape != (accessor.count, width):
+                got = f"{len(values)} of {values.shape[-1]} numbers"
+                raise self.error(
+                    where, f"{name} must have {plain(accessor.count)} elements of {width} numbers, got {got}"
+                )
+            if values.dtype.kind == "f":
+                self._arrays[int(str(index))] = values.astype(np.float64)
+            elif accessor.normalized:
+                self._arrays[int(str(index))] = np.maximum(values / np.iinfo(values.dtype).max, -1.0)
+            else:
+                self._arrays[int(str(index))] = values.astype(np.int64)
 
     def image(self, item: Item, where: str) -> tuple[bytes | memoryview, Path | None]:
         """Return the bytes of an image, to which ``where`` refers, and its file if it has one of its own."""
