@@ -13,6 +13,7 @@ PACKAGE = ROOT / "python" / "davis_rs"
 
 LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}
 LATE |= {
+    "DracoPy",
     "h5py",
     "hdf5plugin",
     "pyarrow",

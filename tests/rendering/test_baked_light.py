@@ -607,7 +607,10 @@ def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypa
             },
             "radiance that differs from place to place",
         ),
-        ({"ball": {"type": "sphere", "bsdf": diffuse()}}, "'ball' is a sphere"),
+        (
+            {"field": {"type": "sdfgrid", "grid": np.mgrid[:2, :2, :2][0, ..., None] - 0.5, "bsdf": diffuse()}},
+            "'field' is a sdfgrid",
+        ),
         ({"mirror": plate(0, 0, 2, (1, 1), {"type": "conductor"})}, "not a diffuse one"),
     ],
 )

@@ -323,11 +323,11 @@ def test_a_folder_that_is_overwritten_keeps_nothing_of_the_truth(folder: Path, t
 
 
 def test_what_cannot_be_told_is_refused(tmp_path: Path) -> None:
-    """A sphere has no triangles, an interval needs flow, and steps do not know where the camera will be."""
-    ball = {"type": "sphere", "radius": 0.3}
-    source = {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR, "ball": ball}
-    scene = Scene("sphere", partial(dict, source), camera=CAMERA, trajectory=FLIGHT)
-    with pytest.raises(ValueError, match="shape 'ball' of scene 'sphere' is a Sphere"):
+    """A field of distances has no triangles, an interval needs flow, and steps do not know where the camera will be."""
+    field = {"type": "sdfgrid", "grid": np.mgrid[:2, :2, :2][0, ..., None] - 0.5}
+    source = {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR, "field": field}
+    scene = Scene("field", partial(dict, source), camera=CAMERA, trajectory=FLIGHT)
+    with pytest.raises(ValueError, match="shape 'field' of scene 'field' is a SDFGrid"):
         SceneSurfaces(scene, CAMERA)
     with pytest.raises(ValueError, match="give flow_rate_hz"):
         Simulator(moving_scene(), flow_interval_s=0.1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import pytest
 from PIL import Image
 
 from clips import write_exr
-from davis_rs import DecodeError
+from davis_rs import DecodeError, load_scene
 from davis_rs._mitsuba.files import check_ply, check_scene_dictionary, check_scene_file
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs._util.budget import VARIABLE, Budget
+from davis_rs.cli.main import main
 
 VERTICES = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)]
 
@@ -102,3 +105,39 @@ def test_what_is_no_image_is_left_to_mitsuba(tmp_path: Path) -> None:
     path = tmp_path / "scene.xml"
     path.write_text('<scene version="3.0.0"><string name="filename" value="spot.ies"/></scene>')
     check_scene_file(path)
+
+
+WITH_VARIABLES = """<scene version="3.0.0"><default name="height" value="2"/><integrator type="direct"/>
+<emitter type="point"><point name="position" x="0" y="0" z="$height"/></emitter>
+<include filename="$shapes.xml"/></scene>"""
+INCLUDED = (
+    """<scene version="3.0.0"><shape type="sphere" id="ball"><float name="radius" value="$radius"/></shape></scene>"""
+)
+
+
+def test_variables_of_a_file_get_values(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Before the file's defaults, in files that it includes and in names of files; what lacks one is told."""
+    file = tmp_path / "scene.xml"
+    file.write_text(WITH_VARIABLES)
+    (tmp_path / "balls.xml").write_text(INCLUDED)
+    given = {"radius": "0.25", "shapes": "balls", "height": "-5"}
+    scene = load_scene(file, variables=given)
+    assert scene.variables == given
+    with variant(SCALAR) as (mi, _):
+        loaded = load_scene_source(scene.source(), mi)
+        assert np.array(loaded.shapes()[0].bbox().max).tolist() == [0.25] * 3
+        assert np.array(mi.traverse(loaded.emitters()[0])["position"]).ravel().tolist() == [0, 0, -5]
+    with pytest.raises(ValueError, match=r"undefined parameter: \$radius.*-D radius=VALUE \(load_scene"):
+        load_scene(file, variables={"shapes": "balls"})
+    with pytest.raises(ValueError, match="unused parameters"):
+        load_scene(file, variables={**given, "colour": "red"})
+    with pytest.raises(ValueError, match="variables are for a Mitsuba XML file"):
+        load_scene("three_planes", variables=given)
+    path = tmp_path / "path.txt"
+    path.write_text("0.0 0 0 -3 0 0 0 1\n0.01 0.01 0 -3 0 0 0 1\n0.02 0.02 0 -3 0 0 0 1\n0.03 0.03 0 -3 0 0 0 1\n")
+    run = ["simulate", str(file), "--trajectory", str(path), "--camera", "ideal", "-o", str(tmp_path / "out")]
+    with pytest.raises(SystemExit):
+        main([*run, "-D", "radius"])
+    assert "must be NAME=VALUE, got 'radius'" in capsys.readouterr().err
+    assert main([*run, *(word for name, value in given.items() for word in ("-D", f"{name}={value}"))]) == 0
+    assert json.loads((tmp_path / "out" / "meta.json").read_text())["scene"]["variables"] == given

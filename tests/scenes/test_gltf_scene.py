@@ -437,10 +437,11 @@ def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> Non
     nowhere = replace(scene, trajectory=None, start=None)
     assert lost_look_fractions(nowhere, scene.own_camera) == {look: None}
 
-    def with_ball() -> Any:
-        return {**scene.source(), "ball": {"type": "sphere"}}  # type: ignore[dict-item]
+    def with_field() -> Any:
+        grid = np.mgrid[:2, :2, :2][0, ..., None] - 0.5
+        return {**scene.source(), "field": {"type": "sdfgrid", "grid": grid}}  # type: ignore[dict-item]
 
-    changed = replace(scene, source=with_ball)
+    changed = replace(scene, source=with_field)
     assert lost_look_fractions(changed, scene.own_camera) == {look: None}
     with pytest.warns(LostLookWarning, match=r"fraction not known: metal of right$"):
         Simulator(changed, rays_per_pixel=1)
@@ -642,13 +643,6 @@ def copies(gltf: Gltf, **attributes: int) -> None:
     gltf.document["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": attributes}}
 
 
-def draco_alone(gltf: Gltf) -> None:
-    """As files have it that say that they use it, and not that they need it."""
-    gltf.document["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0}}
-    for accessor in gltf.document["accessors"][:3]:
-        del accessor["bufferView"]
-
-
 def meshopt_alone(gltf: Gltf) -> None:
     gltf.document["extensionsUsed"] = ["EXT_meshopt_compression"]
     lacking = {"byteLength": 1000, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}
@@ -658,9 +652,9 @@ def meshopt_alone(gltf: Gltf) -> None:
 
 BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     "version": (lambda gltf: gltf.document.update(asset={"version": "1.0"}), r"must be glTF 2\.0, got version '1\.0'"),
-    "draco": (
-        lambda gltf: gltf.document.update(extensionsRequired=["KHR_draco_mesh_compression"]),
-        "extensionsRequired: 'KHR_draco_mesh_compression' is not read; export without compression",
+    "basis required": (
+        lambda gltf: gltf.document.update(extensionsRequired=["KHR_texture_basisu"]),
+        "extensionsRequired: 'KHR_texture_basisu' is not read; export without compression",
     ),
     "no mesh": (put("nodes", 0, mesh=7), r"nodes\[0\]\.mesh: must be a number of the 1 meshes, counted from 0, got 7"),
     "negative": (put("nodes", 0, mesh=-1), "got -1"),
@@ -683,7 +677,6 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     "morph of a node": (put("nodes", 0, weights=[0.5]), "is deformed by morph targets"),
     "points of a mesh": (in_primitive(mode=0), r"primitives\[0\]: is made of points, which have no surface"),
     "lines": (in_primitive(mode=3), r"primitives\[0\]: is made of lines, which have no surface"),
-    "draco data alone": (draco_alone, r"primitives\[0\]: has data by KHR_draco_mesh_compression alone"),
     "meshopt data alone": (meshopt_alone, r"buffers\[1\]: has data by EXT_meshopt_compression alone"),
     "too bright": (paint(baseColorFactor=[1.01, 0, 0, 1]), r"baseColorFactor: must be 4 numbers from 0 to 1"),
     "too bright gloss": (

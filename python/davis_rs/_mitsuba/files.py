@@ -10,6 +10,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
@@ -34,10 +35,26 @@ _DTYPES = {
 _FACES = ("vertex_index", "vertex_indices")
 
 
-def check_scene_file(path: Path, included: int = 0, budget: Budget | None = None) -> None:
+@dataclass(frozen=True)
+class XmlFile:
+    """A Mitsuba XML file with values for its variables.
+
+    Attributes:
+        path: of the file.
+        variables: a value for each ``$name``, as text. They come before the file's own defaults.
+    """
+
+    path: Path
+    variables: Mapping[str, str]
+
+
+def check_scene_file(
+    path: Path, included: int = 0, budget: Budget | None = None, variables: Mapping[str, str] | None = None
+) -> None:
     """Check an XML file, those that it includes, and the PLY meshes and images that they name.
 
     Args:
+        variables: of an :class:`XmlFile`; their values may be parts of names.
         included: how many files include it, one in the other.
         budget: what all files together may take; a new one if not given.
 
@@ -49,12 +66,12 @@ def check_scene_file(path: Path, included: int = 0, budget: Budget | None = None
     budget = budget or Budget(path)
     if included > _MOST_INCLUDED:
         raise DecodeError(f"{path}: scene files may include each other {_MOST_INCLUDED} deep")
-    for name in _file_names(path, budget):
+    for name in _file_names(path, budget, variables or {}):
         named = path.parent / name
         if not named.is_file():  # Mitsuba will say so, or has it elsewhere
             continue
         if named.suffix.lower() == ".xml":
-            check_scene_file(named, included + 1, budget)
+            check_scene_file(named, included + 1, budget, variables)
         elif named.suffix.lower() == ".ply":
             check_ply(named, budget)
         else:
@@ -97,8 +114,8 @@ def check_scene_dictionary(node: Mapping[str, object]) -> None:
             check_scene_dictionary(value)
 
 
-def _file_names(path: Path, budget: Budget) -> list[str]:
-    """Return the files that a scene file names, with its defaults put in for its variables."""
+def _file_names(path: Path, budget: Budget, variables: Mapping[str, str]) -> list[str]:
+    """Return the files that a scene file names, with values or its defaults put in for its variables."""
     depth, names, defaults = 0, list[str](), dict[str, str]()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -123,7 +140,8 @@ def _file_names(path: Path, budget: Budget) -> list[str]:
         parser.Parse(read_charged(path, budget), True)
     except expat.ExpatError as error:
         raise DecodeError(f"Mitsuba cannot load {path}: no XML: {error}") from None
-    return [re.sub(r"\$(\w+)", lambda match: defaults.get(match[1], match[0]), name) for name in names if name]
+    values = {**defaults, **variables}
+    return [re.sub(r"\$(\w+)", lambda match: values.get(match[1], match[0]), name) for name in names if name]
 
 
 def check_ply(path: Path, budget: Budget) -> None:

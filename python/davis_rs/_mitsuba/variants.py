@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 import sys
 import threading
 import warnings
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .._util.stop_requests import interrupts_deferred
-from .files import check_scene_dictionary, check_scene_file
+from .files import XmlFile, check_scene_dictionary, check_scene_file
 from .llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
 from .types import DrJit, Mitsuba, MitsubaScene, SceneDictionary
 
@@ -116,7 +117,7 @@ def _set_variant(mi: Mitsuba, name: str) -> None:
             vars(integrators).setdefault("common", common)
 
 
-def load_scene_source(source: Path | Mapping[str, object], mi: Mitsuba) -> MitsubaScene:
+def load_scene_source(source: Path | XmlFile | Mapping[str, object], mi: Mitsuba) -> MitsubaScene:
     """Load a Mitsuba XML file or scene dictionary.
 
     In a dictionary, NumPy arrays stand for what Mitsuba wants there: ``to_world`` and ``to_uv`` for transforms, any
@@ -127,18 +128,21 @@ def load_scene_source(source: Path | Mapping[str, object], mi: Mitsuba) -> Mitsu
         DecodeError: if it, or a PLY mesh of the scene, is malformed in a way that would end the process.
         ValueError: if Mitsuba refuses the scene, or it has no shapes.
     """
-    name = str(source) if isinstance(source, Path) else "the scene dictionary"
-    if isinstance(source, Path):
-        check_scene_file(source)
+    file = XmlFile(source, {}) if isinstance(source, Path) else source
+    name = str(file.path) if isinstance(file, XmlFile) else "the scene dictionary"
+    if isinstance(file, XmlFile):
+        check_scene_file(file.path, variables=file.variables)
     else:
-        check_scene_dictionary(source)
+        check_scene_dictionary(file)
     try:
-        if isinstance(source, Path):
-            scene = mi.load_file(str(source), optimize=False)
+        if isinstance(file, XmlFile):
+            scene = mi.load_file(str(file.path), optimize=False, **file.variables)
         else:
-            scene = mi.load_dict(_with_mitsuba_types(source, mi), optimize=False)
+            scene = mi.load_dict(_with_mitsuba_types(file, mi), optimize=False)
     except RuntimeError as error:
         hint = "; an area light needs a shape with an area" if "no probability mass" in str(error) else ""
+        if variable := re.search(r"undefined parameter: \$(\w+)", str(error)):
+            hint = f"; -D {variable[1]}=VALUE (load_scene(..., variables={{{variable[1]!r}: ...}})) gives it a value"
         raise ValueError(f"Mitsuba cannot load {name}: {error}{hint}") from None
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"{name} must describe a scene, got a {type(scene).__name__}")

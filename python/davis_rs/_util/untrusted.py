@@ -133,7 +133,19 @@ _ABOUT_BYTES = (
 """What Python and its libraries raise about bytes that they did not expect; RecursionError and NotImplementedError are
 RuntimeErrors, UnicodeDecodeError is a ValueError."""
 
-_LIBRARIES = {"PIL", "backports", "compression", "cv2", "h5py", "pyarrow", "rosbags", "sqlite3", "yaml", "zipfile"}
+_LIBRARIES = {
+    "DracoPy",
+    "PIL",
+    "backports",
+    "compression",
+    "cv2",
+    "h5py",
+    "pyarrow",
+    "rosbags",
+    "sqlite3",
+    "yaml",
+    "zipfile",
+}
 """Libraries that have error classes of their own."""
 
 

@@ -37,12 +37,30 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         help="the axis of the file that points up (if not given: y for OBJ and glTF, z for PLY)",
     )
     group.add_argument("--scale", type=float, metavar="M", help="metres in the file's unit: 0.001 for millimetres")
+    xml = parser.add_argument_group("Mitsuba file")
+    xml.add_argument(
+        "-D",
+        dest="variables",
+        action="append",
+        type=_variable,
+        default=[],
+        metavar="NAME=VALUE",
+        help="a value for a variable of the file, $NAME; may be given several times",
+    )
+
+
+def _variable(text: str) -> tuple[str, str]:
+    """Return a variable's name and value."""
+    name, sign, value = text.partition("=")
+    if not name or not sign:
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, got {text!r}")
+    return name, value
 
 
 def scene_of(options: argparse.Namespace, quiet: bool = False) -> Scene:
     """Load the scene that the options name; says what is to be known of its file."""
     with stage(f"loading {options.scene}", show=not quiet):
-        scene = load_scene(options.scene, up=options.up, scale=options.scale)
+        scene = load_scene(options.scene, up=options.up, scale=options.scale, variables=dict(options.variables))
     if scene.note and not quiet:
         say(f"{scene.note} (--scale, --up)")
     return scene

@@ -13,11 +13,12 @@ from .._mitsuba.types import Mitsuba, MitsubaScene
 from .._mitsuba.variants import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from .._util.argument_error import ArgumentError
 from .._util.former_names import takes_former_names
-from ..geometry.camera import Camera
+from ..geometry.camera import PRESETS, Camera
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
 from .baked.baked_scene import baked_light, check_baking
 from .base import Renderer
+from .closest_view import ClosestView
 from .diffuse_materials import simplify_materials
 from .edges.swept_objects import MovingSilhouettes
 from .integrator.renderer import IntegratorRenderer
@@ -26,8 +27,10 @@ from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .native.renderer import NativeRenderer
 from .obstacles import Obstacle, Obstacles, Unsuitable, listed
+from .primitives import triangulated
 from .scene_cache import cached
 from .scene_tables.scene_table import SceneTable
+from .scene_tables.scene_texture import TextureTable
 from .table.renderer import TableRenderer
 
 
@@ -77,12 +80,21 @@ class RendererKind(ABC):
 
 
 class _Tables(NamedTuple):
-    """Holds a scene's tables, and what they were made from."""
+    """Holds a scene's tables, and what they were made from.
+
+    Attributes:
+        view: the camera's path that they were made for.
+        for_view: whether they would differ for another path.
+        made: what was replaced by triangles or by texels, for a message.
+    """
 
     loaded: MitsubaScene
     replaced: tuple[str, ...]
     motion: SceneMotion
     table: SceneTable
+    view: ClosestView
+    for_view: bool
+    made: str
 
 
 class NoiseFreeKind(RendererKind):
@@ -94,12 +106,12 @@ class NoiseFreeKind(RendererKind):
         """Return the obstacles for ``auto`` to take this renderer; renders and bakes nothing."""
         try:
             with variant(SCALAR) as (mi, _):
-                self._tables(scene, mi, by_name=False)
+                self._tables(scene, PRESETS["ideal"] if scene.camera is None else scene.camera, mi, by_name=False)
         except Unsuitable as unsuitable:
             return unsuitable.obstacles
         return ()
 
-    def _tables(self, scene: Scene, mi: Mitsuba, *, by_name: bool) -> _Tables:
+    def _tables(self, scene: Scene, camera: Camera, mi: Mitsuba, *, by_name: bool) -> _Tables:
         try:
             loaded = load_scene_source(scene.source(), mi)
         except ValueError as error:
@@ -108,7 +120,7 @@ class NoiseFreeKind(RendererKind):
             # Its other variants may have the plugin.
             raise Unsuitable(f"{mi.variant()} cannot load it") from error
         replaced = simplify_materials(loaded, mi, matte=scene.matte)
-        motion = scene_motion(scene, loaded, mi)
+        loaded, motion, view, made = triangulated(scene, camera, loaded, mi)
         obstacles = Obstacles()
         if self.baked:
             with obstacles.collect():
@@ -120,9 +132,11 @@ class NoiseFreeKind(RendererKind):
             any_integrator=by_name,
             moving=list(motion.objects),
             baked=self.baked,
+            view=view,
             obstacles=obstacles,
         )
-        return _Tables(loaded, replaced, motion, table)
+        for_view = made.shapes > 0 or table.textures.has_ramps
+        return _Tables(loaded, replaced, motion, table, view, for_view, made.description + _ramps_told(table.textures))
 
 
 class NativeKind(NoiseFreeKind):
@@ -135,8 +149,14 @@ class NativeKind(NoiseFreeKind):
         scene = request.scene
         with variant(SCALAR) as (mi, _):
             known = scene.source, scene.matte, scene.shadows, request.by_name, tuple(scene.objects)
-            made = cached(known, lambda: self._tables(scene, mi, by_name=request.by_name))
+
+            def make() -> _Tables:
+                return self._tables(scene, request.camera, mi, by_name=request.by_name)
+
+            made = cached(known, make)
             motion = scene_motion(scene, made.loaded, mi)
+            if made.for_view and made.view != ClosestView(scene, request.camera, motion):
+                made = make()
             return _native(request, made._replace(motion=motion))
 
 
@@ -151,14 +171,15 @@ class TableKind(NoiseFreeKind):
         if name != FAST:
             raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why}")
         with variant(FAST) as (mi, _):
-            loaded, replaced, motion, table = self._tables(request.scene, mi, by_name=request.by_name)
+            made = self._tables(request.scene, request.camera, mi, by_name=request.by_name)
+            table, motion = made.table, made.motion
             if any(light.kind == "spot" for light in table.lights):
                 raise Unsuitable("a light is a spot light, which only the native renderer has")
             renderer = TableRenderer(
                 table, request.camera, rays_per_pixel=_rays(request), blur=request.blur, motion=motion
             )
-            renderer.silhouettes = MovingSilhouettes(loaded, motion) if request.edges else None
-        renderer.reason += _taken_as_diffuse(request.scene, replaced)
+            renderer.silhouettes = MovingSilhouettes(made.loaded, motion) if request.edges else None
+        renderer.reason += made.made + _taken_as_diffuse(request.scene, made.replaced)
         return renderer
 
 
@@ -171,8 +192,8 @@ class BakedKind(NoiseFreeKind):
 
     def make(self, request: _Request) -> Renderer:
         with variant(SCALAR) as (mi, _):
-            made = self._tables(request.scene, mi, by_name=request.by_name)
-            made.table.bake(functools.partial(baked_light, request.scene, motion=made.motion, error=request.bake_error))
+            made = self._tables(request.scene, request.camera, mi, by_name=request.by_name)
+            made.table.bake(functools.partial(baked_light, request.scene, request.camera, error=request.bake_error))
             return _native(request, made)
 
 
@@ -349,13 +370,18 @@ def _native(request: _Request, made: _Tables) -> Renderer:
         motion=made.motion,
         threads=request.threads,
     )
-    renderer.reason += _taken_as_diffuse(request.scene, made.replaced)
+    renderer.reason += made.made + _taken_as_diffuse(request.scene, made.replaced)
     return renderer
 
 
 def _rays(request: _Request) -> int:
     """Return the rays per pixel of a renderer whose rays are a lattice."""
     return request.lattice_rays_per_pixel if request.rays_per_pixel is None else request.rays_per_pixel
+
+
+def _ramps_told(textures: TextureTable) -> str:
+    """Return how wide the ramps in place of hard edges of textures are, where they are wider than they should be."""
+    return f"; hard edges of textures are up to {textures.ramp_px:.2g} px wide" if textures.ramp_px > 0 else ""
 
 
 def _taken_as_diffuse(scene: Scene, replaced: tuple[str, ...]) -> str:

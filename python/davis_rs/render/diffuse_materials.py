@@ -97,14 +97,14 @@ def surface_kind(bsdf: MitsubaBsdf) -> str:
     """Return the plugin name of a material, with those inside it: ``twosided(conductor)``."""
     import mitsuba as mi
 
-    nested = (child for child in _children(bsdf).values() if isinstance(child, mi.BSDF))
+    nested = (child for child in children(bsdf).values() if isinstance(child, mi.BSDF))
     inside = ", ".join(dict.fromkeys(map(surface_kind, nested)))
     return f"{plugin_name(bsdf)}({inside})" if inside else plugin_name(bsdf)
 
 
-def reflectance_kind(bsdf: MitsubaBsdf) -> str:
-    """Return the plugin name of a diffuse material's texture: ``checkerboard``."""
-    return plugin_name(_children(_children(bsdf).get("brdf_0", bsdf))["reflectance"])
+def reflectance_of(bsdf: MitsubaBsdf) -> MitsubaTexture:
+    """Return the texture or colour of a diffuse material, that of its front."""
+    return children(children(bsdf).get("brdf_0", bsdf))["reflectance"]
 
 
 def surface_name(bsdf: MitsubaBsdf, shape: MitsubaShape) -> str:
@@ -120,13 +120,13 @@ def is_two_sided(bsdf: MitsubaBsdf) -> bool:
 def is_plain(bsdf: MitsubaBsdf) -> bool:
     """Return whether a material is diffuse, on one side or both, as the renderers without noise know it."""
     if is_two_sided(bsdf):
-        return all(child.class_name() == "SmoothDiffuse" for child in _children(bsdf).values())
+        return all(child.class_name() == "SmoothDiffuse" for child in children(bsdf).values())
     return bool(bsdf.class_name() == "SmoothDiffuse")
 
 
 def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba) -> _Diffuse | None:
     """Return the diffuse material that a material is or contains; None where there is none."""
-    kind, inside = bsdf.class_name(), _children(bsdf)
+    kind, inside = bsdf.class_name(), children(bsdf)
     if kind == "SmoothDiffuse":
         return _Diffuse(inside["reflectance"], False, ())
     if kind in _COLOURS:
@@ -191,12 +191,21 @@ def _values(texture: MitsubaTexture, mi: Mitsuba) -> npt.NDArray[np.float64] | N
     return None
 
 
-def _children(node: MitsubaObject) -> dict[str, MitsubaObject]:
-    """Return the objects inside a Mitsuba object, by their names."""
+def children(node: MitsubaObject) -> dict[str, MitsubaObject]:
+    """Return the objects inside a Mitsuba object, by their names; of several with one name, the last."""
+    return dict(_traversed(node))
+
+
+def nested_objects(node: MitsubaObject) -> list[MitsubaObject]:
+    """Return all objects inside a Mitsuba object, in its order."""
+    return [nested for _, nested in _traversed(node)]
+
+
+def _traversed(node: MitsubaObject) -> list[tuple[str, MitsubaObject]]:
     traversal = _traversal()()
     node.traverse(traversal)
-    children: dict[str, MitsubaObject] = traversal.objects
-    return children
+    objects: list[tuple[str, MitsubaObject]] = traversal.objects
+    return objects
 
 
 @functools.cache
@@ -207,11 +216,11 @@ def _traversal() -> type[MitsubaObject]:
     class Traversal(mi.TraversalCallback):  # type: ignore[misc]
         def __init__(self) -> None:
             super().__init__()
-            self.objects: dict[str, MitsubaObject] = {}
+            self.objects: list[tuple[str, MitsubaObject]] = []
 
         def put(self, name: str, value: MitsubaValue, *_: object) -> None:
             if isinstance(value, mi.Object):
-                self.objects[name] = value
+                self.objects.append((name, value))
 
     return Traversal
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from .._mitsuba.files import XmlFile
 from .._mitsuba.types import Mitsuba, MitsubaObject
 from .._mitsuba.variants import default_variant, load_scene_source, variant
 from .._util.argument_error import ArgumentError
@@ -37,7 +39,13 @@ _CONVERTIBLE = (".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds
 
 
 @names_checked
-def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float | None = None) -> Scene:
+def load_scene(
+    name_or_path: str | Path,
+    *,
+    up: Axis | None = None,
+    scale: float | None = None,
+    variables: Mapping[str, str] | None = None,
+) -> Scene:
     """Load a built-in scene or a public sequence by name, a Mitsuba XML or glTF file, or an OBJ or PLY mesh.
 
     Names are keys of :data:`BUILTIN_SCENES` and of :data:`~davis_rs.scene.sequences.SEQUENCES`.
@@ -50,14 +58,17 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
     Args:
         up: of a mesh or a glTF file, the axis that points up, ``"y"`` or ``"z"``; None: y for OBJ and glTF, z for PLY.
         scale: of these, metres in the file's unit; None: 1.
+        variables: of a Mitsuba XML file, a value as text for each ``$name`` in it, before the file's own defaults.
 
     Raises:
         ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
-            ``scale`` of what is no mesh.
+            ``scale`` of what is no mesh, and ``variables`` of what is no XML file or does not have them.
         OSError: if the file cannot be read.
     """
     path = Path(name_or_path)
     suffix = path.suffix.lower()
+    if variables and (suffix != ".xml" or not path.is_file()):
+        raise ArgumentError("{variables} are for a Mitsuba XML file that is there, got {!r}", str(name_or_path))
     if suffix in MESH_READERS and path.is_file():
         return mesh_scene(path, up=up, scale=1.0 if scale is None else scale)
     if suffix in GLTF and path.is_file():
@@ -89,7 +100,7 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
             f"{path}: a scene file must be a Mitsuba scene (.xml), glTF ({', '.join(GLTF)}) or a mesh "
             f"({', '.join(MESH_READERS)}), got {suffix!r}"
         )
-    return _scene_of_file(path)
+    return _scene_of_file(path, dict(variables or {}))
 
 
 def start_pose(scene: Scene) -> Pose:
@@ -107,15 +118,16 @@ def start_pose(scene: Scene) -> Pose:
     return scene.start
 
 
-def _scene_of_file(path: Path) -> Scene:
+def _scene_of_file(path: Path, variables: dict[str, str]) -> Scene:
     """Load a Mitsuba XML file, with the camera and the start that its first sensor gives."""
+    source = XmlFile(path, variables) if variables else path
     camera: Camera | None = None
     start: Pose | None = None
     with variant(default_variant()[0]) as (mi, _):
-        sensors = load_scene_source(path, mi).sensors()
+        sensors = load_scene_source(source, mi).sensors()
         if sensors:
             camera, start = _camera_and_pose(sensors[0], mi)
-    return Scene(name=path.stem, source=lambda: path, file=path, camera=camera, start=start)
+    return Scene(name=path.stem, source=lambda: source, file=path, camera=camera, start=start, variables=variables)
 
 
 def _camera_and_pose(sensor: MitsubaObject, mi: Mitsuba) -> tuple[Camera | None, Pose]:

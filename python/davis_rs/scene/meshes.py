@@ -133,6 +133,18 @@ def shape(
         colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": colour}})
+    return mitsuba_mesh(mesh, properties, normals)
+
+
+def mitsuba_mesh(mesh: Mesh, properties: MitsubaValue, normals: FloatArray | None) -> MitsubaShape:
+    """Make a Mitsuba shape of a mesh; call it under the variant that loads the scene.
+
+    Args:
+        properties: Mitsuba's own, with the material (``bsdf``) and whatever else belongs to the shape.
+        normals: (n, 3) at the vertices of a smooth surface; None where every triangle is flat.
+    """
+    import mitsuba as mi
+
     made = mi.Mesh(
         "mesh",
         len(mesh.vertices),

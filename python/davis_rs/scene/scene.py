@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from .._mitsuba.files import XmlFile
 from .._util.argument_checks import check_type
 from .._util.argument_error import ArgumentError
 from .._util.close_names import names_checked
@@ -16,7 +17,7 @@ from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from .light_profile import LightProfile, ShiftedProfile
 from .lost_looks import LostLook
 
-SceneSource = Path | Mapping[str, object]
+SceneSource = Path | XmlFile | Mapping[str, object]
 
 
 @names_checked
@@ -28,8 +29,9 @@ class Scene:
 
     Attributes:
         name: for messages and records.
-        source: called whenever the scene is loaded, and must give the same each time; a path of a Mitsuba XML file, or
-            a Mitsuba scene dictionary in which NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
+        source: called whenever the scene is loaded, and must give the same each time. It gives the path of a Mitsuba
+            XML file, such a file with values for its variables, or a Mitsuba scene dictionary in which NumPy arrays
+            stand for bitmap data (float32, linear RGB) and transforms.
         file: the file that it comes from, for records; None for a scene made in code.
         files: what is read in addition to ``file``: a mesh's materials and textures.
         file_name: the name of that file in records; None for its path.
@@ -50,6 +52,7 @@ class Scene:
             rendered by that colour alone. Those without one (metal, glass) stay what they are.
         biases: of a sequence of the public dataset: the set of biases, a key of :data:`~davis_rs.BIAS_SETS`, that its
             recording was made with. ``sensor="recorded"`` takes the sensor that follows from it.
+        variables: of the file, the values that were given for its variables; for records.
         note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
         lost_looks: looks of shapes in the file that no renderer shows. A simulator warns of them, with the fraction
             of the image that each concerns.
@@ -72,6 +75,7 @@ class Scene:
     ambient: bool = False
     matte: bool = False
     biases: str | None = None
+    variables: Mapping[str, str] = field(default_factory=dict)
     note: str = ""
     lost_looks: tuple[LostLook, ...] = ()
 

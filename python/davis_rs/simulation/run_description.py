@@ -102,6 +102,8 @@ def _describe_scene(scene: Scene) -> dict[str, object]:
         described |= {"file": scene.file_name or str(scene.file), "sha256": _sha256(scene.file)}
     if scene.file is not None and scene.files:
         described["files"] = {os.path.relpath(file, scene.file.parent): _sha256(file) for file in scene.files}
+    if scene.variables:
+        described["variables"] = dict(scene.variables)
     if scene.note:
         described["note"] = scene.note
     described["objects"] = {name: trajectory.describe() for name, trajectory in scene.objects.items()}

@@ -13,10 +13,12 @@ import numpy.typing as npt
 from ..._mitsuba.types import Mitsuba, MitsubaObject, MitsubaScene, MitsubaShape
 from ..._mitsuba.variants import FAST, default_variant, load_scene_source, variant, versions
 from ..._util.progress import progress, say
+from ...geometry.camera import Camera
 from ...scene.scene import Scene
 from ..diffuse_materials import is_two_sided, simplify_materials
 from ..motion.scene_motion import SceneMotion
 from ..obstacles import Obstacles, Unsuitable
+from ..primitives import triangulated
 from . import cache
 from .bake import MOST_POINTS, Surfaces, bake
 from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
@@ -150,13 +152,13 @@ def _corners(shape: MitsubaShape) -> int:
     return int(3 * shape.face_count() if flat else shape.vertex_count()) * (2 if is_two_sided(shape.bsdf()) else 1)
 
 
-def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: float) -> BakedLight:
+def baked_light(scene: Scene, camera: Camera, surfaces: Surfaces, error: float) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
     Args:
-        scene: that :func:`check_baking` takes.
+        scene: that :func:`check_baking` takes. Where its objects move, light is baked at several instants.
+        camera: for whose path round shapes were replaced by triangles.
         surfaces: of the scene, in the order of its shapes.
-        motion: of the scene's objects, whose light is baked at several instants of it, and of its lights.
         error: that is allowed, relative.
 
     Raises:
@@ -165,6 +167,7 @@ def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: fl
     with variant(FAST) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         simplify_materials(loaded, mi, matte=scene.matte)
+        loaded, motion, _, _ = triangulated(scene, camera, loaded, mi)
         check_strengths(loaded, mi)
         paths = paths_of(loaded.integrator())
         names = light_groups(loaded, list(motion.lights))

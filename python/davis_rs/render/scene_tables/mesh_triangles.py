@@ -45,6 +45,8 @@ class MeshTriangles:
 
     Attributes:
         corners: (n, 3, 3), metres.
+        faces: (n, 3), the vertices of each.
+        uv: (n, 3, 2), texture coordinates of the corners; None where the mesh has none.
         count: n.
     """
 
@@ -52,6 +54,7 @@ class MeshTriangles:
         self.shape = shape
         buffers = _Buffers.of(shape) if buffers is None else buffers
         self.first, faces = part.start or 0, buffers.faces[part]
+        self.faces = faces.astype(np.int64)
         self.corners = buffers.positions[faces]
         self.uv = None if buffers.texcoords is None else buffers.texcoords[faces]
         self.vertex_normals = None if buffers.normals is None else buffers.normals[faces]
@@ -69,11 +72,19 @@ class MeshTriangles:
         )
 
     @classmethod
-    def parts(cls, shape: MitsubaShape) -> Iterator[MeshTriangles]:
-        """Yield the triangles of the mesh a part at a time, in their order, because millions at once take gigabytes."""
+    def parts(cls, shape: MitsubaShape, uv: FloatArray | None = None) -> Iterator[MeshTriangles]:
+        """Yield the triangles of the mesh a part at a time, in their order, because millions at once take gigabytes.
+
+        Args:
+            uv: (n, 3, 2), texture coordinates of the corners in place of the mesh's own.
+        """
         buffers = _Buffers.of(shape)
         for first in range(0, len(buffers.faces), _PART):
-            yield cls(shape, buffers, slice(first, first + _PART))
+            rows = slice(first, first + _PART)
+            part = cls(shape, buffers, rows)
+            if uv is not None:
+                part.uv = uv[rows]
+            yield part
 
     def planes(self) -> FloatArray:
         """Return the planes (n, 4): unit normal and offset, normal . p + offset = 0."""

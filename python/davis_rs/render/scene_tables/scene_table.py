@@ -7,6 +7,7 @@ one buffer for each light colour, so that a red light sees the red of a texture.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -29,10 +30,11 @@ from ..baked.bake import Surfaces
 from ..baked.baked_scene import BakedLight
 from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, small_lamps, textured_lamp
+from ..closest_view import ClosestView
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
 from .mesh_triangles import MeshTriangles, flat_normal_maps
-from .scene_texture import TextureTable
+from .scene_texture import Added, TextureTable
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -74,6 +76,7 @@ class SceneTable:
         moving: ids of the shapes that move; each has its records in its own frame.
         baked: light of area lights and of other surfaces will be baked, see :meth:`bake`; otherwise there is only
             direct light.
+        view: how close the camera comes, for textures with hard edges; without it they have a fixed number of texels.
         obstacles: those found before. Where there are any, the scene is only searched for more, because tables of
             millions of triangles take gigabytes.
 
@@ -108,6 +111,7 @@ class SceneTable:
         any_integrator: bool,
         moving: Sequence[str] = (),
         baked: bool = False,
+        view: ClosestView | None = None,
         obstacles: Obstacles | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
@@ -128,38 +132,41 @@ class SceneTable:
         self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
         self.names = [str(shape.id()) for shape in scene.shapes()]
         self.counts: list[int] = []
-        has_back: list[bool] = []
+        surfaces: list[Added] = []
         for shape in scene.shapes():
-            faces, back = 0, False
+            faces, added = 0, Added(False)
             with obstacles.collect():
                 faces = _triangles(shape)
+            read = _once(shape)
             with obstacles.collect():
-                back = self.textures.add(shape, faces)
+                per_unit = None
+                if view is not None and view.known and faces:
+                    per_unit = functools.partial(_pixels_per_unit, view, shape, read)
+                added = self.textures.add(shape, faces, read, per_unit)
             self.counts.append(faces)
-            has_back.append(back)
+            surfaces.append(added)
         obstacles.refuse()
-        self.two_sided = np.repeat(np.array(has_back, np.uint32), self.counts)
+        self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
-        # Which side is the front matters only where the back is another, or the front alone emits.
-        shapes = zip(scene.shapes(), has_back, strict=True)
-        self._add_triangles([(shape, not back or (baked and shape.is_emitter())) for shape, back in shapes], mi)
+        self._add_triangles(list(zip(scene.shapes(), surfaces, strict=True)), mi, baked=baked)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
         self.baked: BakedLight | None = None
 
-    def _add_triangles(self, shapes: Sequence[tuple[MitsubaShape, bool]], mi: Mitsuba) -> None:
+    def _add_triangles(self, shapes: Sequence[tuple[MitsubaShape, Added]], mi: Mitsuba, *, baked: bool) -> None:
         """Compute what each triangle has, a part of a mesh at a time.
 
         Args:
-            shapes: each with whether it must be known which side of it is the front.
+            shapes: each with what its reflectance says.
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
         self._mesh_uv = np.empty((count, 4)), np.empty((count, 4))
         smooth, smooth_parts = False, list[tuple[slice, FloatArray]]()
-        for shape, one_front in shapes:
-            turned = None if one_front else False
-            for part in MeshTriangles.parts(shape):
+        for shape, added in shapes:
+            # Which side is the front matters only where the back is another, or the front alone emits.
+            turned = None if not added.two_sided or (baked and shape.is_emitter()) else False
+            for part in MeshTriangles.parts(shape, added.uv):
                 turned = part.is_turned(mi) if turned is None else turned
                 side, rows = -1.0 if turned else 1.0, slice(first, first + part.count)
                 first = rows.stop
@@ -280,6 +287,31 @@ def _triangles(shape: MitsubaShape) -> int:
     if not shape.is_mesh():
         raise Unsuitable(f"is a {plugin_name(shape)}, not made of triangles", "give it as a mesh", shape_name(shape))
     return int(shape.face_count())
+
+
+def _once(shape: MitsubaShape) -> Callable[[], MeshTriangles]:
+    """Return what gives a shape's triangles, read when they are first asked for."""
+    return functools.cache(lambda: MeshTriangles(shape))
+
+
+def _pixels_per_unit(
+    view: ClosestView, shape: MitsubaShape, read: Callable[[], MeshTriangles], uv_map: FloatArray
+) -> tuple[float, float]:
+    """Return how many pixels a unit of a shape's texture coordinates covers at most along each axis.
+
+    Args:
+        read: gives the shape's triangles.
+        uv_map: the transform (3, 3) of the texture coordinates.
+    """
+    mesh = read()
+    u, v = mesh.texture_maps()
+    pixels = view.pixels_per_metre(mesh.corners, str(shape.id()))
+    along = []
+    for row in uv_map[:2]:
+        per_metre = np.linalg.norm(row[0] * u[:, :3] + row[1] * v[:, :3], axis=1)
+        varies = per_metre > 0
+        along.append(float((pixels[varies] / per_metre[varies]).max(initial=0.0)))
+    return along[0], along[1]
 
 
 def _light(emitter: MitsubaEmitter, mi: Mitsuba, colours: list[FloatArray]) -> Light:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TypeVar
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaParameters, MitsubaShape, MitsubaValue
 from ..._mitsuba.variants import FAST
+from ...scene.files.mesh_scene import colours_as_texture
 from ...scene.textures import from_srgb
-from ..diffuse_materials import is_plain, is_two_sided, reflectance_kind, surface_kind, surface_name, surface_remedy
-from ..obstacles import Unsuitable
+from ..diffuse_materials import is_plain, is_two_sided, reflectance_of, surface_kind, surface_name, surface_remedy
+from ..obstacles import Unsuitable, plugin_name
+from .mesh_triangles import MeshTriangles
+from .sharp_textures import RAMP_PX, Ramp, checkerboard, divide, vertex_colours
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -25,8 +28,26 @@ _TEXELS_AT_ONCE = 1 << 18
 WRAP_MODES = ("repeat", "clamp", "mirror")
 
 
+class Added(NamedTuple):
+    """What a shape's reflectance says about its records.
+
+    Attributes:
+        two_sided: both sides reflect.
+        uv: (m, 3, 2), texture coordinates at the triangles' corners that replace the mesh's own; None to keep those.
+    """
+
+    two_sided: bool
+    uv: FloatArray | None = None
+
+
+PixelsPerUnit = Callable[[FloatArray], tuple[float, float]]
+"""Gives how many pixels a unit of texture coordinates covers at most along each axis, after their transform (3, 3)."""
+
+
 class TextureTable:
     """The diffuse reflectances of a scene's shapes: bitmaps with bilinear lookup, or constants (bitmaps of one texel).
+
+    Other textures become bitmaps, see :mod:`sharp_textures`.
 
     Args:
         mi: Mitsuba, under the variant that loaded the scene.
@@ -35,6 +56,9 @@ class TextureTable:
     Attributes:
         sizes: int32 (textures, 4): first texel, width, height, index into :data:`WRAP_MODES`.
         texture_of: uint32 (records): each record's texture.
+        ramp_px: how wide the widest ramp in place of a hard edge is, pixels; 0 where all are narrow enough, NaN where
+            no path is known.
+        has_ramps: whether any texture has ramps in place of hard edges.
     """
 
     def __init__(self, mi: Mitsuba, group_weights: list[FloatArray]) -> None:
@@ -44,6 +68,7 @@ class TextureTable:
         self._sizes: list[tuple[int, int, int, int]] = []
         self._uv_maps: list[FloatArray] = []
         self._texture_of: list[npt.NDArray[np.uint32]] = []
+        self.ramp_px, self.has_ramps = 0.0, False
 
     @property
     def sizes(self) -> npt.NDArray[np.int32]:
@@ -94,11 +119,21 @@ class TextureTable:
         layout[:, 0] = np.cumsum([0, *((layout[:, 1] + 2) * (layout[:, 2] + 2))])[:-1]
         return layout
 
-    def add(self, shape: MitsubaShape, records: int) -> bool:
-        """Add the reflectance of a shape that has ``records`` records, and return whether it is two-sided.
+    def add(
+        self,
+        shape: MitsubaShape,
+        records: int,
+        mesh: Callable[[], MeshTriangles],
+        pixels_per_unit: PixelsPerUnit | None = None,
+    ) -> Added:
+        """Add the reflectance of a shape that has ``records`` records.
+
+        Args:
+            mesh: gives its triangles.
+            pixels_per_unit: of the shape, along the camera's path; None if that is not known.
 
         Raises:
-            Unsuitable: if its BSDF is not diffuse, or its texture neither a constant nor a bilinear bitmap.
+            Unsuitable: if its BSDF is not diffuse, or its texture none that can be made of texels.
         """
         bsdf = shape.bsdf()
         parameters, named = self._mi.traverse(bsdf), surface_name(bsdf, shape)
@@ -109,26 +144,55 @@ class TextureTable:
         prefix = "brdf_0.reflectance" if two_sided else "reflectance"
         if two_sided and not _same_on_both_sides(parameters):
             raise Unsuitable("has two different sides", "give both the same diffuse material", named)
+        uv: FloatArray | None = None
+        uv_map, wrap = np.eye(3), 0
         if f"{prefix}.value" in parameters:
             value = np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1)
             texels = Texels(np.broadcast_to(value, (1, 1, 3)))
-            uv_map, wrap = np.eye(3), 0
         elif f"{prefix}.data" in parameters:
             uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
-            texels, wrap = self._lookup(shape, np.asarray(parameters[f"{prefix}.data"]), uv_map)
+            texels, wrap = self._lookup(shape, np.asarray(parameters[f"{prefix}.data"]), uv_map, pixels_per_unit)
         else:
-            rule = f"has a {reflectance_kind(bsdf)} as its reflectance, neither a constant nor a bitmap"
-            raise Unsuitable(rule, "give it as a bitmap", named)
+            texture = reflectance_of(bsdf)
+            kind = plugin_name(texture)
+            if kind == "checkerboard":
+                uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
+                pixels = None if pixels_per_unit is None else pixels_per_unit(uv_map)
+                if (made := checkerboard(parameters, prefix, pixels)) is None:
+                    rule = "has a checkerboard of textures as its reflectance"
+                    raise Unsuitable(rule, "give it two colours, or as a bitmap", named)
+                texels = Texels(made[0])
+                self._ramped(made[1])
+            elif kind == "mesh_attribute":
+                colours = vertex_colours(texture, shape, mesh().faces, self._mi) if shape.is_mesh() else None
+                if colours is None:
+                    raise Unsuitable("has a mesh_attribute that its mesh does not have", "give the mesh colours", named)
+                data, upwards = colours_as_texture(colours)
+                texels, uv, wrap = Texels(data), upwards * [1, -1] + [0, 1], 1
+            else:
+                rule = f"has a {kind} as its reflectance, neither a constant nor a bitmap"
+                raise Unsuitable(rule, "give it as a bitmap", named)
         height, width = texels.shape[:2]
         first, self._count = self._count, self._count + height * width
         self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
         self._sizes.append((first, width, height, wrap))
         self._uv_maps.append(uv_map[:2])
         self._texels.append(texels)
-        return two_sided
+        return Added(two_sided, uv)
 
-    def _lookup(self, shape: MitsubaShape, data: npt.NDArray[np.generic], uv_map: FloatArray) -> tuple[Texels, int]:
-        """Find the reflectances (H, W, 3) and the wrap mode of a bitmap.
+    def _ramped(self, ramp: Ramp) -> None:
+        self.has_ramps = True
+        if not ramp.width_px <= RAMP_PX:
+            self.ramp_px = max(ramp.width_px, self.ramp_px)
+
+    def _lookup(
+        self,
+        shape: MitsubaShape,
+        data: npt.NDArray[np.generic],
+        uv_map: FloatArray,
+        pixels_per_unit: PixelsPerUnit | None,
+    ) -> tuple[Texels, int]:
+        """Find the reflectances (H, W, 3) and the wrap mode of a bitmap; of one that is not filtered, made finer.
 
         Mitsuba does not tell a bitmap's encoding, wrap mode or filter. So each is tried, until a lookup agrees with
         Mitsuba's own.
@@ -144,8 +208,26 @@ class TextureTable:
             for wrap in range(len(WRAP_MODES)):
                 if (np.abs(bilinear(texels, mapped, wrap) - own) < tolerance).all():
                     return texels, wrap
+        height, width = data.shape[:2]
+        position = mapped * [[width], [height]]
+        # Next to an edge between texels the rounding of float32 decides.
+        away = (np.abs(position - np.round(position)) > 1e-3 + texels_off).all(0)
+        column, row = np.floor(position[:, away]).astype(np.int64)
+        for texels in _decoded(data) if away.any() else ():
+            for wrap in range(len(WRAP_MODES)):
+                found = texels[wrap_index(row, height, wrap), wrap_index(column, width, wrap)]
+                if (np.abs(found - own[away]) < 1e-3 + 1e-3 * texels.range).all():
+                    per_unit = None if pixels_per_unit is None else pixels_per_unit(uv_map)
+                    pixels = None if per_unit is None else (per_unit[0] / width, per_unit[1] / height)
+                    ramp = divide(pixels, 1, width * height)
+                    self._ramped(ramp)
+                    return texels.repeated(ramp.rows, ramp.columns), wrap
         name = surface_name(shape.bsdf(), shape)
-        raise Unsuitable("has a texture whose lookup is not bilinear", "give its bitmap the filter_type bilinear", name)
+        raise Unsuitable(
+            "has a texture whose lookup is neither bilinear nor nearest",
+            "give its bitmap the filter_type bilinear",
+            name,
+        )
 
 
 def _looked_up(mi: Mitsuba, bsdf: MitsubaBsdf, uv: npt.NDArray[np.float32]) -> FloatArray:
@@ -199,6 +281,10 @@ class Texels:
     def __getitem__(self, where: tuple[IntArray, IntArray]) -> FloatArray:
         """Return the texels (..., 3) at rows and columns."""
         return self._rgb(self._data[where])
+
+    def repeated(self, rows: int, columns: int) -> Texels:
+        """Return the same picture with each texel given ``rows`` times down and ``columns`` times across."""
+        return Texels(self._data.repeat(rows, axis=0).repeat(columns, axis=1), self._light)
 
     def pieces(self) -> Iterator[tuple[int, FloatArray]]:
         """Return all texels row by row, in pieces (n, 3), each with the number of its first texel."""

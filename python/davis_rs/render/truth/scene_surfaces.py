@@ -17,7 +17,7 @@ from ...geometry.trajectory.views import Views
 from ...scene.scene import Scene
 from ..flow import OpticalFlow
 from ..motion.scene_motion import pose_arrays, seen_from
-from ..motion.scene_updates import scene_motion
+from ..primitives import triangulated
 from ..rays.camera_rays import pixel_centres, pixel_rays, ray_table
 from ..rays.shadow_rays import END, STEP, scene_centre
 from ..scene_tables.mesh_triangles import MeshTriangles
@@ -71,7 +71,7 @@ class SceneSurfaces:
         self.camera = camera
         with variant(SCALAR) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
-            self._motion = scene_motion(scene, loaded, mi)
+            loaded, self._motion, _, _ = triangulated(scene, camera, loaded, mi)
             shapes = list(loaded.shapes())
             if len(shapes) > _MOST_SHAPES:
                 raise ValueError(f"a map of shapes has {_MOST_SHAPES} at most, scene {scene.name!r} has {len(shapes)}")

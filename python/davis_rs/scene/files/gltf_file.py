@@ -22,8 +22,10 @@ import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.budget import Budget
+from ..._util.extras import from_extra
 from ..._util.untrusted import decoding, read_charged
 from ..named_file import named_file
+from .meshopt import decode_meshopt
 from .rounding import within
 
 _VALUE_BYTES = 100
@@ -34,7 +36,12 @@ _HEADER_BYTES = 20
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
+_MESHOPT = "EXT_meshopt_compression"
+
+DRACO = "KHR_draco_mesh_compression"
 _READ = {
+    DRACO,
+    _MESHOPT,
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_animation_pointer",
@@ -58,9 +65,7 @@ _UNSEEN = {
 }
 """Extensions that do not change what a camera sees; of levels of detail the finest is the node itself."""
 _COMPRESSED = {
-    "EXT_meshopt_compression",
     "EXT_texture_avif",
-    "KHR_draco_mesh_compression",
     "KHR_meshopt_compression",
     "KHR_texture_basisu",
     "MSFT_texture_dds",
@@ -103,6 +108,8 @@ class GltfFile:
         self._finite: set[int] = set()
         """The accessors that were checked, so that each is checked once, however many users it has."""
         self._buffers: dict[int, memoryview] = {}
+        self._decoded: dict[int, memoryview] = {}
+        """The buffer views that were compressed, so that each is decoded once, however many users it has."""
         with decoding(path):
             text, self._chunk = _parts(read_charged(path, self.budget))
             self.document = self._parsed(text)
@@ -164,6 +171,50 @@ class GltfFile:
         """Return whether an accessor has no data of its own: all of it is 0."""
         accessor = self.item("accessors", index, where)
         return accessor.bufferView is None and accessor.sparse is None
+
+    def unpack_draco(self, packed: object, accessors: dict[str, object], where: str) -> None:
+        """Decode a primitive that is compressed by Draco, and keep its values for the accessors that have no data.
+
+        Args:
+            packed: the extension's object.
+            accessors: the number of the accessor of each attribute, and of the ``indices``.
+
+        Raises:
+            ImportError: if the library is missing, with the extra that brings it.
+        """
+        with from_extra("gltf"):
+            import DracoPy
+        where = f"{where}: {DRACO}"
+        if not isinstance(packed, Item) or not isinstance(packed.attributes, dict):
+            raise self.error(where, "must have a bufferView and attributes")
+        data, _ = self._view(packed.bufferView, where)
+        for name, index in accessors.items():
+            accessor = self.item("accessors", index, f"{where}: {name}")
+            count = self.whole(accessor.count, f"accessors[{index}].count", "of elements", 2**31 - 1)
+            most = _WIDTHS.get(accessor.type, 16)
+            self.budget.take(2 * 8 * count * most, f"{where}: {count} elements of {name}")
+        with decoding(self.path, where):
+            mesh = DracoPy.decode(bytes(data))
+            found = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
+            faces = np.asarray(getattr(mesh, "faces", np.empty((0, 3))))
+        for name, index in accessors.items():
+            accessor, values = self.item("accessors", index, where), faces.reshape(-1, 1)
+            if name != "indices":
+                if name not in packed.attributes:
+                    continue
+                values = found.get(packed.attributes[name], np.empty((0, 1)))
+            width = _WIDTHS.get(accessor.type)
+            if values.shape != (accessor.count, width):
+                got = f"{len(values)} of {values.shape[-1]} numbers"
+                raise self.error(
+                    where, f"{name} must have {plain(accessor.count)} elements of {width} numbers, got {got}"
+                )
+            if values.dtype.kind == "f":
+                self._arrays[int(str(index))] = values.astype(np.float64)
+            elif accessor.normalized:
+                self._arrays[int(str(index))] = np.maximum(values / np.iinfo(values.dtype).max, -1.0)
+            else:
+                self._arrays[int(str(index))] = values.astype(np.int64)
 
     def image(self, item: Item, where: str) -> tuple[bytes | memoryview, Path | None]:
         """Return the bytes of an image, to which ``where`` refers, and its file if it has one of its own."""
@@ -242,10 +293,40 @@ class GltfFile:
         """Return the bytes of a buffer view, and its stride."""
         view = self.item("bufferViews", index, f"{where}.bufferView")
         where = f"bufferViews[{index}]"
+        packed = (view.extensions or {}).get(_MESHOPT) if isinstance(view.extensions or {}, dict) else None
+        if packed is not None and self._lacks_data(view.buffer, where):
+            assert isinstance(index, int)
+            if index not in self._decoded:
+                self._decoded[index] = memoryview(self._unpacked(view, packed, f"{where}: {_MESHOPT}"))
+            return self._decoded[index], view.byteStride
         buffer = self._buffer(view.buffer, where)
         offset = self.whole(0 if view.byteOffset is None else view.byteOffset, where, "of bytes", len(buffer))
         length = self.whole(view.byteLength, f"{where}.byteLength", "of bytes of its buffer", len(buffer) - offset)
         return buffer[offset : offset + length], view.byteStride
+
+    def _lacks_data(self, index: object, where: str) -> bool:
+        """Return whether a buffer only says how long its data would be without compression."""
+        buffer = self.item("buffers", index, f"{where}.buffer")
+        return buffer.uri is None and not (index == 0 and len(self._chunk))
+
+    def _unpacked(self, view: Item, packed: object, where: str) -> bytes:
+        """Return the bytes of a buffer view that is compressed."""
+        if not isinstance(packed, Item):
+            raise self.error(where, f"must be an object, got {plain(packed)}")
+        buffer = self._buffer(packed.buffer, where)
+        offset = self.whole(0 if packed.byteOffset is None else packed.byteOffset, where, "of bytes", len(buffer))
+        length = self.whole(packed.byteLength, f"{where}.byteLength", "of bytes of its buffer", len(buffer) - offset)
+        count = self.whole(packed.get("count"), f"{where}.count", "of elements", 2**31 - 1)
+        stride = self.whole(packed.byteStride, f"{where}.byteStride", "of bytes", 256)
+        if view.byteLength != count * stride:
+            raise self.error(where, f"has {count} elements of {stride} bytes for a view of {plain(view.byteLength)}")
+        kind, filter_name = str(packed.mode), str(packed.get("filter") or "NONE")
+        try:
+            return decode_meshopt(buffer[offset : offset + length], kind, filter_name, count, stride, self.budget)
+        except DecodeError:
+            raise
+        except ValueError as error:
+            raise self.error(where, str(error)) from None
 
     def _buffer(self, index: object, where: str) -> memoryview:
         buffer = self.item("buffers", index, f"{where}.buffer")
@@ -262,7 +343,7 @@ class GltfFile:
             else:
                 data = self._chunk if index == 0 else b""
                 if not len(data):
-                    compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED]
+                    compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED | {_MESHOPT}]
                     if compressed:
                         raise self.error(where, f"has data by {compressed[0]} alone, which is not read")
                     raise self.error(where, "has neither a uri nor a binary chunk")

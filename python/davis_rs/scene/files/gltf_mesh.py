@@ -14,7 +14,7 @@ from ...geometry.pose import FloatArray
 from ..lost_looks import TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles, unit_normals
 from ..repairs import Repairs
-from .gltf_file import GltfFile, Item
+from .gltf_file import DRACO, GltfFile, Item
 from .gltf_materials import DiffuseMaterial, GltfMaterials
 from .rounding import ROUNDING, within
 from .triangulation import cut_strip, distinct, has_area
@@ -23,7 +23,6 @@ MOST_TRIANGLES = 4_000_000
 """The most triangles of a scene. Nodes may show one mesh many times, so a small file could ask for any number."""
 
 _WITHOUT_SURFACE = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
-_DRACO = "KHR_draco_mesh_compression"
 _COLOURS_LOST = "colours of vertices on the texture"
 _COLOURS_CUT = "colours of vertices beyond 0 to 1 (they are cut there)"
 
@@ -122,8 +121,10 @@ class GltfMeshes:
         attributes = {name: value for name, value in given.items() if value is not None}
         if "POSITION" not in attributes:
             raise file.error(where, "has no POSITION")
-        if _DRACO in (item.extensions or {}) and file.unbacked(attributes["POSITION"], where):
-            raise file.error(where, f"has data by {_DRACO} alone, which is not read: export without compression")
+        packed = (item.extensions or {}).get(DRACO)
+        if packed is not None and file.unbacked(attributes["POSITION"], where):
+            accessors = attributes if item.indices is None else {**attributes, "indices": item.indices}
+            file.unpack_draco(packed, accessors, where)
         positions = self._attribute(attributes, "POSITION", where, (3,))
         assert positions is not None
         faces = self._faces(item, mode, len(positions), where)

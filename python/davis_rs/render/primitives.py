@@ -1,0 +1,337 @@
+"""Replaces Mitsuba's spheres, disks, cylinders and instances by triangles, the surfaces of the renderers without noise.
+
+The outline of a round shape becomes a polygon. Its corners lie as far outside of the true outline as the middles of its
+sides lie inside, and it has so many sides that both stay within :data:`OUTLINE_PX` wherever the camera's path is
+closest. Normals and texture coordinates are those of the true shape at the corners, and linear in between.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .._mitsuba.types import Mitsuba, MitsubaScene, MitsubaShape
+from ..geometry.camera import Camera
+from ..scene.meshes import Mesh, mitsuba_mesh
+from ..scene.scene import Scene
+from .closest_view import ClosestView
+from .diffuse_materials import children, nested_objects
+from .motion.scene_motion import SceneMotion
+from .motion.scene_updates import scene_motion
+from .obstacles import plugin_name
+
+FloatArray = npt.NDArray[np.float64]
+
+OUTLINE_PX = 0.02
+"""How far a polygon may lie from the outline that it stands for, pixels."""
+
+MOST_TRIANGLES = 50_000
+"""The most triangles of one round shape."""
+
+_MOST_OF_INSTANCES = 4_000_000
+"""The most triangles of all instances; they are kept as they are where they would have more."""
+
+_LEAST_SIDES, _UNKNOWN_SIDES = 24, 128
+"""The fewest sides around a shape, which keep its normals right; and the number where no path is known."""
+
+_RINGS = 16
+"""Rings of a disk whose colour differs from place to place: its texture coordinates are polar."""
+
+_ROUND = ("sphere", "disk", "cylinder")
+
+
+class RoundMesh(NamedTuple):
+    """Triangles in place of a round shape.
+
+    Attributes:
+        mesh: in the axes of the shape's transform.
+        normals: (n, 3), outwards.
+        off_px: how far its outline lies from the true one at most; NaN where no path is known.
+    """
+
+    mesh: Mesh
+    normals: FloatArray
+    off_px: float
+
+
+@dataclass
+class Triangulated:
+    """What was replaced in a scene.
+
+    Attributes:
+        scene: the scene to render: a new one where anything was replaced.
+        shapes: how many shapes were.
+        triangles: how many triangles they have.
+        off_px: how far an outline lies from the true one at most; NaN where no path is known.
+    """
+
+    scene: MitsubaScene
+    shapes: int = 0
+    triangles: int = 0
+    off_px: float = 0.0
+
+    @property
+    def description(self) -> str:
+        """What was replaced, for the message that names the renderer; empty if nothing was."""
+        if not self.shapes:
+            return ""
+        off = f", up to {self.off_px:.2g} px from their outlines" if self.off_px > OUTLINE_PX else ""
+        shapes = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
+        return f"; {shapes} made of {self.triangles:,} triangles{off}"
+
+
+def as_triangles(scene: MitsubaScene, view: ClosestView, mi: Mitsuba) -> Triangulated:
+    """Replace round shapes and instances of a loaded scene by meshes.
+
+    Shapes keep their order and ids. An instance of several shapes becomes as many, ``<id>_<number>``. A scene without
+    such shapes is returned as it is.
+
+    Args:
+        scene: loaded under the variant in force. Its parts belong to the new scene afterwards.
+        view: the path that the shapes are made for.
+    """
+    result = Triangulated(scene)
+    shapes = list(scene.shapes())
+    if not any(plugin_name(shape) in (*_ROUND, "instance") for shape in shapes):
+        return result
+    groups = {str(child.id()): child for child in nested_objects(scene) if _is_group(child)}
+    parts: list[tuple[str, MitsubaShape]] = []
+    kept_group = False
+    of_instances = 0
+    for shape in shapes:
+        made: list[MitsubaShape] = []
+        if plugin_name(shape) in _ROUND:
+            made = [_round(shape, np.eye(4), view, mi, result)]
+        elif plugin_name(shape) == "instance":
+            made = _copies(shape, groups, view, mi, result)
+            of_instances += sum(int(mesh.face_count()) for mesh in made)
+            if of_instances > _MOST_OF_INSTANCES:
+                made = []
+            kept_group |= not made
+        if not made:
+            parts.append((str(shape.id()), shape))
+            continue
+        result.shapes += 1
+        result.triangles += sum(int(mesh.face_count()) for mesh in made)
+        for number, mesh in enumerate(made):
+            named = shape.id() and len(made) > 1
+            parts.append((f"{shape.id()}_{number}" if named else str(shape.id()), mesh))
+    result.scene = _scene_of(scene, parts, list(groups.values()) if kept_group else [], mi)
+    return result
+
+
+def triangulated(
+    scene: Scene, camera: Camera, loaded: MitsubaScene, mi: Mitsuba
+) -> tuple[MitsubaScene, SceneMotion, ClosestView, Triangulated]:
+    """Make a loaded scene one of triangles for a camera, and return it with its motion and the path's bound.
+
+    Every user that takes a scene for the same camera gets the same triangles.
+
+    Raises:
+        ValueError: as :func:`scene_motion`.
+    """
+    motion = scene_motion(scene, loaded, mi)
+    view = ClosestView(scene, camera, motion)
+    made = as_triangles(loaded, view, mi)
+    if made.shapes:
+        # Light profiles and paths name parts of the scene that is rendered.
+        motion = scene_motion(scene, made.scene, mi)
+    return made.scene, motion, view, made
+
+
+def _is_group(node: MitsubaShape) -> bool:
+    return str(node.class_name()).startswith("ShapeGroup")
+
+
+def _scene_of(
+    scene: MitsubaScene, parts: list[tuple[str, MitsubaShape]], groups: list[MitsubaShape], mi: Mitsuba
+) -> MitsubaScene:
+    """Return a scene of these shapes, each with its id, under the integrator and the lights of another."""
+    lights = [(str(light.id()), light) for light in scene.emitters() if light.class_name() != "AreaLight"]
+    named = [*parts, *((str(group.id()), group) for group in groups), *lights]
+    content: dict[str, object] = {"type": "scene"}
+    if scene.integrator() is not None:
+        content["integrator"] = scene.integrator()
+    for number, (name, node) in enumerate(named):
+        # Shapes without an id need a key of their own here.
+        content[name if name and name not in content else f"object_{number}"] = node
+    made = mi.load_dict(content, optimize=False)
+    for name, node in named:
+        node.set_id(name)
+    return made
+
+
+def _copies(
+    instance: MitsubaShape, groups: dict[str, MitsubaShape], view: ClosestView, mi: Mitsuba, result: Triangulated
+) -> list[MitsubaShape]:
+    """Return meshes in place of an instance; none if its group holds shapes that cannot become meshes."""
+    named = re.search(r'name = "([^"\n]*)"', str(instance))
+    group = groups.get(named[1]) if named else None
+    if group is None:
+        return []
+    matrix = _matrix(instance, mi)
+    made = []
+    for shape in nested_objects(group):
+        if shape.is_mesh():
+            made.append(_moved(shape, matrix, mi))
+        elif plugin_name(shape) in _ROUND:
+            made.append(_round(shape, matrix, view, mi, result))
+        else:
+            return []
+    return made
+
+
+def _matrix(shape: MitsubaShape, mi: Mitsuba) -> FloatArray:
+    return np.array(mi.traverse(shape)["to_world"].matrix, np.float64).reshape(4, 4)
+
+
+def _moved(shape: MitsubaShape, matrix: FloatArray, mi: Mitsuba) -> MitsubaShape:
+    """Return a copy of a mesh, moved by a transform (4, 4)."""
+    vertices = np.array(shape.vertex_positions_buffer(), np.float64).reshape(-1, 3)
+    faces = np.array(shape.faces_buffer()).reshape(-1, 3).astype(np.int64)
+    has_uv, smooth = shape.has_vertex_texcoords(), shape.has_vertex_normals() and "face_normals = 0" in str(shape)
+    uv = np.array(shape.vertex_texcoords_buffer(), np.float64).reshape(-1, 2) if has_uv else None
+    normals = np.array(shape.vertex_normals_buffer(), np.float64).reshape(-1, 3) if smooth else None
+    return _placed(shape, vertices, faces, uv, normals, matrix, mi)
+
+
+def _round(
+    shape: MitsubaShape, matrix: FloatArray, view: ClosestView, mi: Mitsuba, result: Triangulated
+) -> MitsubaShape:
+    """Return a mesh in place of a sphere, disk or cylinder that is moved by a transform (4, 4) after its own."""
+    matrix = matrix @ _matrix(shape, mi)
+    radius = float(np.linalg.norm(matrix[:3, :3], axis=0).max())
+    box = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    if plugin_name(shape) == "cylinder":
+        radius, box[:, 2] = float(np.linalg.norm(matrix[:3, :2], axis=0).max()), (box[:, 2] + 1) / 2
+    elif plugin_name(shape) == "disk":
+        box[:, 2] = 0.0
+    radius_px = None
+    if view.known:
+        corners = box @ matrix[:3, :3].T + matrix[:3, 3]
+        radius_px = radius * float(view.pixels_per_metre(corners[None], str(shape.id()))[0])
+    textured = any(key.endswith(".to_uv") for key in mi.traverse(shape).keys())  # noqa: SIM118
+    made = round_mesh(plugin_name(shape), radius_px, rings=_RINGS if textured else 1)
+    result.off_px = float(np.fmax(result.off_px, made.off_px))
+    mesh, normals = made.mesh, made.normals
+    faces = mesh.faces
+    if _faces_inwards(shape, mi):
+        faces, normals = faces[:, ::-1], -normals
+    return _placed(shape, mesh.vertices, faces, mesh.uv, normals, matrix, mi)
+
+
+def _faces_inwards(shape: MitsubaShape, mi: Mitsuba) -> bool:
+    """Return whether the front of a round shape is the side towards its axis or centre; of a disk, towards -z."""
+    own = _matrix(shape, mi)
+    at, outwards = np.array([1.0, 0, 0]), np.array([1.0, 0, 0])
+    if plugin_name(shape) == "disk":
+        at, outwards = np.array([0.5, 0, 0]), np.array([0.0, 0, 1])
+    point, outwards = own[:3, :3] @ at + own[:3, 3], np.linalg.inv(own[:3, :3]).T @ outwards
+    outwards /= np.linalg.norm(outwards)
+    hit = mi.PreliminaryIntersection3f()
+    # All numbers are given: of one that is left out Dr.Jit ends the process.
+    hit.t, hit.prim_index, hit.prim_uv = 1.0, 0, mi.Point2f(at[:2].tolist())
+    ray = mi.Ray3f(mi.Point3f(*(point + outwards).tolist()), mi.Vector3f(*(-outwards).tolist()))
+    normal = np.array(shape.compute_surface_interaction(ray, hit).n, np.float64).reshape(3)
+    return bool(normal @ outwards < 0)
+
+
+def _placed(
+    shape: MitsubaShape,
+    vertices: FloatArray,
+    faces: npt.NDArray[np.int64],
+    uv: FloatArray | None,
+    normals: FloatArray | None,
+    matrix: FloatArray,
+    mi: Mitsuba,
+) -> MitsubaShape:
+    """Return a mesh with a shape's material and light, whose vertices are moved by a transform (4, 4)."""
+    linear = matrix[:3, :3]
+    if np.linalg.det(linear) < 0:
+        faces = faces[:, ::-1]
+    if normals is not None:
+        normals = normals @ np.linalg.inv(linear)
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    properties = mi.Properties()
+    properties["bsdf"] = shape.bsdf()
+    if shape.is_emitter():
+        light = shape.emitter()
+        properties[str(light.id()) or "emitter"] = mi.load_dict(
+            {"type": "area", "radiance": children(light)["radiance"], **({"id": light.id()} if light.id() else {})}
+        )
+    mesh = Mesh(vertices @ linear.T + matrix[:3, 3], faces, np.zeros((len(vertices), 2)) if uv is None else uv)
+    made = mitsuba_mesh(mesh, properties, normals)
+    for name, value in mi.traverse(shape):
+        if name.startswith(("vertex_", "face_")) and name not in _OWN_BUFFERS:
+            values = np.array(value, np.float32)
+            made.add_attribute(name, values.size // (len(faces) if name.startswith("face_") else len(vertices)), values)
+    return made
+
+
+_OWN_BUFFERS = ("vertex_positions", "vertex_normals", "vertex_texcoords")
+
+
+def round_mesh(kind: str, radius_px: float | None, *, rings: int = 1) -> RoundMesh:
+    """Make the triangles of a sphere, disk or cylinder of radius 1.
+
+    Args:
+        kind: ``sphere``, around the origin; ``disk``, in the plane z = 0, facing +z; or ``cylinder``, open, around the
+            z axis from 0 to 1. Texture coordinates are Mitsuba's.
+        radius_px: how many pixels the radius covers at most; None if that is not known.
+        rings: of a disk.
+    """
+    most = {
+        "sphere": int(np.sqrt(MOST_TRIANGLES)),
+        "disk": MOST_TRIANGLES // (2 * rings),
+        "cylinder": MOST_TRIANGLES // 2,
+    }
+    sides = _UNKNOWN_SIDES
+    # The middle of a side lies by 1 - cos(pi / sides), about pi^2 / (2 sides^2), below the circle through its ends.
+    # Half of that lies on each side of the true circle. On a sphere, what both directions lose adds up.
+    both = 2 if kind == "sphere" else 1
+    if radius_px is not None:
+        wanted = np.pi * np.sqrt(both * min(radius_px, 1e9) / (4 * OUTLINE_PX))
+        sides = int(np.clip(2 * np.ceil(wanted / 2), _LEAST_SIDES, most[kind] // 2 * 2))
+    off = 1 - np.cos(np.pi / sides) ** both
+    off_px = np.nan if radius_px is None else radius_px * off / (2 - off)
+    wider = 2 / (2 - off)
+    around = np.linspace(0.0, 2 * np.pi, sides + 1)
+    cos, sin = np.cos(around), np.sin(around)
+    cos[-1], sin[-1] = 1.0, 0.0
+    if kind == "sphere":
+        down = np.linspace(0.0, np.pi, sides // 2 + 1)[:, None]
+        normals = np.stack([np.sin(down) * cos, np.sin(down) * sin, np.cos(down) + 0 * cos], -1)
+        points = normals * wider
+        u, v = np.broadcast_arrays(around / (2 * np.pi), down / np.pi)
+    elif kind == "disk":
+        out = np.linspace(0.0, 1.0, rings + 1)[:, None]
+        points = np.stack([out * cos * wider, out * sin * wider, 0 * out * cos], -1)
+        normals = np.broadcast_to(np.array([0.0, 0, 1]), points.shape)
+        u, v = np.broadcast_arrays(out, around / (2 * np.pi))
+    else:
+        up = np.array([[0.0], [1.0]])
+        normals = np.stack([cos + 0 * up, sin + 0 * up, 0 * up * cos], -1)
+        points = np.stack([cos * wider + 0 * up, sin * wider + 0 * up, up + 0 * cos], -1)
+        u, v = np.broadcast_arrays(around / (2 * np.pi), up)
+    uv = np.stack([u, v], -1).astype(np.float64)
+    # Where all directions meet, each triangle takes the one in its middle.
+    if kind == "sphere":
+        uv[0, :-1, 0] += 0.5 / sides
+        uv[-1, 1:, 0] -= 0.5 / sides
+    elif kind == "disk":
+        uv[0, :-1, 1] += 0.5 / sides
+    rows, columns = points.shape[:2]
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (corner.ravel() for corner in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    first, second = np.stack([a, d, c], 1), np.stack([a, c, b], 1)
+    if kind == "cylinder":
+        first, second = first[:, ::-1], second[:, ::-1]
+    faces = np.concatenate([first, second])
+    vertices = points.reshape(-1, 3)
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return RoundMesh(Mesh(vertices, faces[area > 1e-12], uv.reshape(-1, 2)), normals.reshape(-1, 3), off_px)

@@ -1,0 +1,234 @@
+"""Compressed buffer views of glTF files, against streams of the reference encoder (meshoptimizer, codec 0)."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from davis_rs import Camera, DecodeError, load_scene
+from davis_rs._util.budget import Budget, Limits
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.truth.scene_surfaces import SceneSurfaces
+from davis_rs.scene.files.meshopt import decode_meshopt
+from davis_rs.scene.load import start_pose
+from gltf_files import Gltf, quad
+
+SMALL = Camera(24, 18, 20.0, 20.0, 11.5, 8.5)
+
+STREAMS: dict[str, tuple[str, str, str, int, int, str]] = {
+    "attributes": (
+        "oOUAJJWGGYEp4PMQDQ0JCOYAQRgDeQCG3sEFfdLteTwlk6ZsAAAA6QApYISIESAAACBtgO0g7RAcAKA4AEDzofSrgYkskWckUmYAAADlACiGlQQWQI8ACg1wqiANkAAYAJJJP6wVShGyd3iidoUAAADpABUUJUoQEAIC9QozUBoBgAswDgBVDt08YtsAzeiif38VK1UAAADlACZQqCZiEPAMBQQNAKsAARoE0gtqluGZ5D74velWHB0dAAAA6QARVFmYIRICAOoOCAwA0KAAAxcAcE7X0FA9YSycYFtU1g4AAADlABQgWhgFWszAEAkIC7VQNQIFsAIlm12szxTPFIUuSD+EAAAA5QAWQAJoAWXwwwYHBgS8AKAOjAAAEFZHDTyJQnrlw+WFNFoAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAD/AAH/AAH/AA==",
+        "ATTRIBUTES",
+        "NONE",
+        77,
+        8,
+        "be061461ba796ae9",
+    ),
+    "two blocks": (
+        "oFUVVVEAAggIAAIgCIIACACAAAAAgIoIAAAAAAIAAgAAAIgAAAAgAAAgCAAAAAgKAKAAAAAAAgAAAIAAChVUVVEIAAoAAAAACCACCAAAggAAKAggAIAAAIAgAAgIACKAAAAACgKAKAAAIAAgACggAAAAAAgAVVUBVSAgAAAAACAggCAAgAoIAgAAACAAIAAAgIAgAAACAAAAICAACIAAAAIAAAACAAAAgAgCqABBRRVVAAAACAAAAggAAAAqCAAAAAAAAgACAgAIAAAgACAACAAAgAAIAAAgAAIAAgCIAAgAFQIAAKACIAAAAAAiABUACAAAAAAAggAAggAVAAAAgIgCggCAAAAAFKAAAAIAggAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=",
+        "ATTRIBUTES",
+        "NONE",
+        300,
+        4,
+        "494c397cec17bbec",
+    ),
+    "triangles": (
+        "4f4eEA4QDhAOzh4WDhUOFA7OHhQOFA4UDs4eFA4UDhQO///////+///////////+////////Hh8PHw8fD84eFg4VDhQOzh4UDhQOFA7OHhQOFA4UDg8K/1wSSfIfHo8PIv9EPx7/W0ZZ/36TAfE6bE9XJv9JSCD/DQYp/zZ1A/+CAQkl8xcb/xEGOv8dGNI2/0lLpgH/CTkz/y8mC/8TDmD/QQIIBwoHCgcKAHaHVmd4qYZliWiYAWkAAA==",
+        "TRIANGLES",
+        "NONE",
+        252,
+        4,
+        "707526ced37411bd",
+    ),
+    "short triangles": (
+        "4f4eEA4QDhAOzh4WDhUOFA7OHhQOFA4UDs4eFA4UDhQO///////+///////////+////////Hh8PHw8fD84eFg4VDhQOzh4UDhQOFA7OHhQOFA4UDg8K/1wSSfIfHo8PIv9EPx7/W0ZZ/36TAfE6bE9XJv9JSCD/DQYp/zZ1A/+CAQkl8xcb/xEGOv8dGNI2/0lLpgH/CTkz/y8mC/8TDmD/QQIIBwoHCgcKAHaHVmd4qYZliWiYAWkAAA==",
+        "TRIANGLES",
+        "NONE",
+        252,
+        2,
+        "d5b712c6e277ea28",
+    ),
+    "indices": (
+        "0QAMDAwMDAwMDAwMDAwMDAwMDAwM1Q8VCRsdCwcRDwfCAQICAgICAgICAAAAAA==",
+        "INDICES",
+        "NONE",
+        39,
+        4,
+        "913f73eb1487ba4c",
+    ),
+}
+FILTERED: dict[str, tuple[str, str, str, int, int, list[list[float]]]] = {
+    "octahedral 4": (
+        "oAE/8AAAl1kQcqYBP/AAAGSOGYnlAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA5Ex/Bw==",
+        "ATTRIBUTES",
+        "OCTAHEDRAL",
+        6,
+        4,
+        [
+            [-42, 115, 35, 7],
+            [-1, 28, -124, 7],
+            [107, -31, -61, 7],
+            [85, -19, -93, 7],
+            [-18, 64, -108, 7],
+            [-1, 0, 127, 7],
+        ],
+    ),
+    "octahedral 8": (
+        "oAE/8AAAYa9LBjEBP/AAAB0ECgwTAT/wAADvlrMH2AE98AAAEQwPEgAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAADEB/EG/wcHAA==",
+        "ATTRIBUTES",
+        "OCTAHEDRAL",
+        6,
+        8,
+        [
+            [5084, 1111, -32351, 7],
+            [-30703, -3202, -10987, 7],
+            [-27601, 14527, -10041, 7],
+            [-5642, 14837, 28666, 7],
+            [16944, -20537, -19100, 7],
+            [-23695, 22609, 1017, 7],
+        ],
+    ),
+    "quaternion 8": (
+        "oAE/8AAA7bRL+ioBJ9AAAAMGAT/wAADn2oYDsQEvwAAAAwYJAT/wAAAUb9NDtQE9MAAABwMEAQ+QAAAEAwAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAADXAz4BTQT8Bw==",
+        "ATTRIBUTES",
+        "QUATERNION",
+        6,
+        8,
+        [
+            [27957, 11126, 3599, 12462],
+            [29098, 12677, 8082, 985],
+            [623, -5444, 30447, 10798],
+            [30119, 4573, 10074, -6644],
+            [-7029, 29424, 11783, -4437],
+            [30914, 9123, -5444, -2264],
+        ],
+    ),
+    "exponential 8": (
+        "oAE/8AAAwjoWkwsBP/AAABd6nugmAT/wAAAk27UtvwE+8AAAJQ0QIAE/8AAA20M6CSEBP/AAAKRhbI2vAT/wAADd2dD9ZgE/8AAAKC0aIB0AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAABFIPsQqyvW8g==",
+        "ATTRIBUTES",
+        "EXPONENTIAL",
+        6,
+        8,
+        [
+            [-20933443584.0, -167.31768798828125],
+            [107156.75, 434065216.0],
+            [-6187.5595703125, -2.8513565063476562],
+            [8784.40234375, 403491.5],
+            [1477186.0, -7722553344.0],
+            [-109190381568.0, 187492.25],
+        ],
+    ),
+}
+CORNERS_PACKED = "oAAAAAEzAAAA//8AAAABDAAAAP8AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAIC/AACAvwAAAAA="
+FACES_PACKED = "4fAAAHaHVmd4qYZliWiYAWkAAA=="
+"""For each stream: its bytes, mode, filter, count and stride, and what the reference decoder makes of it."""
+
+
+def budget(**limits: int) -> Budget:
+    return Budget("packed.glb", Limits(**limits))
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_streams_decode_to_the_bytes_that_were_encoded(name: str) -> None:
+    packed, mode, kind, count, stride, digest = STREAMS[name]
+    decoded = decode_meshopt(base64.b64decode(packed), mode, kind, count, stride, budget())
+    assert len(decoded) == count * stride
+    assert hashlib.sha256(decoded).hexdigest().startswith(digest)
+
+
+@pytest.mark.parametrize("name", FILTERED)
+def test_filters_give_the_numbers_of_the_reference(name: str) -> None:
+    """Integers within one, as the specification allows."""
+    packed, mode, kind, count, stride, expected = FILTERED[name]
+    decoded = decode_meshopt(base64.b64decode(packed), mode, kind, count, stride, budget())
+    number = "<f4" if kind == "EXPONENTIAL" else f"<i{stride // 4}"
+    found = np.frombuffer(decoded, number).reshape(count, -1).astype(float)
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=0 if number == "<f4" else 1)
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_damaged_streams_are_refused_or_give_as_many_bytes(name: str) -> None:
+    """No other error, and no read beyond the data; streams that are cut short are always refused."""
+    packed, mode, kind, count, stride, _ = STREAMS[name]
+    data = base64.b64decode(packed)
+    for length in range(len(data)):
+        with pytest.raises(ValueError, match=r".+"):
+            decode_meshopt(data[:length], mode, kind, count, stride, budget())
+    random = np.random.RandomState(11)
+    for _ in range(300):
+        damaged = bytearray(data)
+        for at in random.randint(0, len(data), 3):
+            damaged[at] = random.randint(0, 256)
+        with suppress(ValueError):
+            assert len(decode_meshopt(bytes(damaged), mode, kind, count, stride, budget())) == count * stride
+    with pytest.raises(ValueError, match=r".+"):
+        decode_meshopt(data, mode, kind, count + 300, stride, budget())
+
+
+def test_memory_is_charged_before_it_is_taken() -> None:
+    data = base64.b64decode(STREAMS["attributes"][0])
+    with pytest.raises(DecodeError, match=r"1000000000 elements of 8 bytes needs 7\.45 GiB"):
+        decode_meshopt(data, "ATTRIBUTES", "NONE", 10**9, 8, budget())
+    with pytest.raises(DecodeError, match="indices, while they are decoded"):
+        decode_meshopt(data, "TRIANGLES", "NONE", 3 * 10**6, 4, budget(bytes=20_000_000))
+
+
+def packed_square(**changes: object) -> Gltf:
+    """A square whose vertices and faces are compressed, and nothing of it is there in plain."""
+    gltf = Gltf(extensionsRequired=["EXT_meshopt_compression"])
+    views = []
+    for text, mode, count, stride in ((CORNERS_PACKED, "ATTRIBUTES", 4, 12), (FACES_PACKED, "TRIANGLES", 6, 2)):
+        number = gltf.view(base64.b64decode(text))
+        stored = gltf.document["bufferViews"][number]
+        packed = {**stored, "byteStride": stride, "count": count, "mode": mode, **changes}
+        plain = {"buffer": 1, "byteLength": count * stride, "extensions": {"EXT_meshopt_compression": packed}}
+        views.append(plain)
+    gltf.document["bufferViews"] = views
+    gltf.document["buffers"] = [{"byteLength": 60, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}]
+    corners = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
+    faces = {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}
+    gltf.document["accessors"] = [corners, faces]
+    gltf.document["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]
+    gltf.node(mesh=0)
+    return gltf
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+def test_a_compressed_file_is_the_scene_that_it_was(tmp_path: Path, suffix: str) -> None:
+    compressed = load_scene(packed_square().save(tmp_path / f"packed{suffix}"))
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    plain = load_scene(gltf.save(tmp_path / f"plain{suffix}"))
+    assert compressed.note.partition(" ")[2] == plain.note.partition(" ")[2]
+    found, expected = (
+        SceneSurfaces(scene, SMALL).frame(Views.at_rest([start_pose(scene)])) for scene in (compressed, plain)
+    )
+    assert np.isfinite(found.depth).any()
+    assert np.array_equal(found.depth, expected.depth, equal_nan=True)
+    assert np.array_equal(found.back, expected.back)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"mode": "CUBES"}, "there is no mode 'CUBES'"),
+        ({"filter": "SEPIA"}, "there is no filter 'SEPIA'"),
+        (
+            {"count": 2**31 - 1},
+            r"bufferViews\[0\]: EXT_meshopt_compression: has 2147483647 elements of 12 bytes for a view of",
+        ),
+        ({"byteLength": 10**6}, r"byteLength: must be a number of bytes of its buffer"),
+        ({"buffer": 1}, r"buffers\[1\]: has data by EXT_meshopt_compression alone"),
+        ({"byteOffset": 4}, "must begin with the byte 0xa0"),
+    ],
+)
+def test_a_file_that_breaks_a_rule_is_refused_by_its_place(
+    tmp_path: Path, changes: dict[str, object], message: str
+) -> None:
+    with pytest.raises(DecodeError, match=message):
+        load_scene(packed_square(**changes).save(tmp_path / "broken.glb"))
