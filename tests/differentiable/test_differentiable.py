@@ -470,7 +470,7 @@ def test_what_is_refused(mi: Any) -> None:
         flickering.luma(about)
     with pytest.raises(ValueError, match=r"t_s of 2 poses must have shape \(2,\), got \(3,\)"):
         flickering.luma(about, t_s=[0.0, 0.1, 0.2])
-    with pytest.raises(ValueError, match=r"samples .* 1\.\.1024, got 0"):
+    with pytest.raises(ValueError, match=r"rays_per_pixel .* 1\.\.1024, got 0"):
         DifferentiableRenderer(smooth_scene(), CAMERA, rays_per_pixel=0)
     renderer, poses = DifferentiableRenderer(smooth_scene(), CAMERA), CameraPoses.at([POSE, OTHER])
     for name, value, message in (

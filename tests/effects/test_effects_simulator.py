@@ -6,7 +6,7 @@ import json
 import os
 import pickle
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -135,9 +135,9 @@ def test_a_folder_holds_what_the_bus_still_held(
     effects = Effects(readout=Readout(1e5, drop_after_us=30_000))
     run, simulators = Simulator.run, []
 
-    def watched(simulator: Simulator) -> Iterator[Packet]:
+    def watched(simulator: Simulator, after_keyframe: Callable[[int, int], object] | None = None) -> Iterator[Packet]:
         simulators.append(simulator)
-        for packet in run(simulator):
+        for packet in run(simulator, after_keyframe):
             yield packet
             if interrupted and packet.end_us:
                 os.kill(os.getpid(), signal.SIGINT)
