@@ -37,7 +37,7 @@ nitpick_ignore_regex = [
     # Parts of the package that signatures name and users are not handed.
     (
         r"py:.*",
-        r"davis_rs\.(_util\.(argument_error\.(Argument|NamesArguments)|whole_file\.Workplace)"
+        r"davis_rs\.(_mitsuba\.files\.XmlFile|_util\.(argument_error\.(Argument|NamesArguments)|whole_file\.Workplace)"
         r"|differentiable\.(event_levels\.EventLevels|log_luma\.LogLuma(Field)?)"
         r"|simulation\.(planning\.luma_sample\.LumaSample|settings\.resolve\.Resolved)"
         r"|io\.formats\.(blocks\.Blocks|interface\.Releasable)"

@@ -137,7 +137,7 @@ def test_a_folder_holds_what_the_bus_still_held(
 
     def watched(simulator: Simulator, after_keyframe: Callable[[int, int], object] | None = None) -> Iterator[Packet]:
         simulators.append(simulator)
-        for packet in run(simulator, after_keyframe):
+        for packet in run(simulator, after_keyframe=after_keyframe):
             yield packet
             if interrupted and packet.end_us:
                 os.kill(os.getpid(), signal.SIGINT)

@@ -25,7 +25,7 @@ of pyarrow, h5py or rosbags; two shared cores) and which hands every event over 
 
 from .aedat4 import Aedat4Format
 from .bag import BagFormat
-from .destination import Limits
+from .destination import Destination, Limits
 from .dsec import DsecFormat
 from .e2vid import E2vidFormat
 from .evt import EVT2, EVT3
