@@ -41,6 +41,7 @@ from .text import TextFormat
 
 __all__ = [
     "FORMATS",
+    "Destination",
     "EventReader",
     "EventWriter",
     "Format",

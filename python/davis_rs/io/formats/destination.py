@@ -97,7 +97,12 @@ class Destination:
         raise ValueError(f"{needs} cannot be written into a stream")
 
     def claim(self) -> Path:
-        """Make an empty file at the path, see :func:`claim`."""
+        """Make an empty file at the path.
+
+        Raises:
+            FileExistsError: if a file is there and ``overwrite`` is not set.
+            OSError: if it cannot be made.
+        """
         return claim(self.path(), overwrite=self.overwrite)
 
     def claim_part(self) -> PartFile:
