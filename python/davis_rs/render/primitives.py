@@ -20,6 +20,7 @@ from ..scene.meshes import Mesh, mitsuba_mesh
 from ..scene.scene import Scene
 from .closest_view import ClosestView
 from .diffuse_materials import children, nested_objects
+from .mesh_buffers import MeshBuffers
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .obstacles import plugin_name
@@ -191,12 +192,8 @@ def _matrix(shape: MitsubaShape, mi: Mitsuba) -> FloatArray:
 
 def _moved(shape: MitsubaShape, matrix: FloatArray, mi: Mitsuba) -> MitsubaShape:
     """Return a copy of a mesh, moved by a transform (4, 4)."""
-    vertices = np.array(shape.vertex_positions_buffer(), np.float64).reshape(-1, 3)
-    faces = np.array(shape.faces_buffer()).reshape(-1, 3).astype(np.int64)
-    has_uv, smooth = shape.has_vertex_texcoords(), shape.has_vertex_normals() and "face_normals = 0" in str(shape)
-    uv = np.array(shape.vertex_texcoords_buffer(), np.float64).reshape(-1, 2) if has_uv else None
-    normals = np.array(shape.vertex_normals_buffer(), np.float64).reshape(-1, 3) if smooth else None
-    return _placed(shape, vertices, faces, uv, normals, matrix, mi)
+    mesh = MeshBuffers.of(shape)
+    return _placed(shape, mesh.positions, mesh.faces.astype(np.int64), mesh.texcoords, mesh.normals, matrix, mi)
 
 
 def _round(

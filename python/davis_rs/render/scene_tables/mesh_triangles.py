@@ -3,41 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..._mitsuba.types import JitFloat, Mitsuba, MitsubaShape
+from ..._mitsuba.types import Mitsuba, MitsubaShape
+from ..mesh_buffers import MeshBuffers
 
 FloatArray = npt.NDArray[np.float64]
 
 _PART = 1 << 14
 """Triangles of a part of a mesh: what is computed of so many stays in the processor's caches."""
-
-
-class _Buffers(NamedTuple):
-    """The vertices of a mesh, their texture coordinates, and their normals where it is smooth."""
-
-    faces: npt.NDArray[np.uint32]
-    positions: FloatArray
-    texcoords: FloatArray | None
-    normals: FloatArray | None
-
-    @classmethod
-    def of(cls, shape: MitsubaShape) -> _Buffers:
-        """Copy the buffers of a Mitsuba mesh."""
-
-        def values(buffer: JitFloat, width: int) -> FloatArray:
-            return np.array(buffer, np.float64).reshape(-1, width)
-
-        smooth = shape.has_vertex_normals() and "face_normals = 0" in str(shape)
-        return cls(
-            np.array(shape.faces_buffer()).reshape(-1, 3),
-            values(shape.vertex_positions_buffer(), 3),
-            values(shape.vertex_texcoords_buffer(), 2) if shape.has_vertex_texcoords() else None,
-            values(shape.vertex_normals_buffer(), 3) if smooth else None,
-        )
 
 
 class MeshTriangles:
@@ -50,15 +26,14 @@ class MeshTriangles:
         count: n.
     """
 
-    def __init__(self, shape: MitsubaShape, buffers: _Buffers | None = None, part: slice = slice(None)) -> None:
+    def __init__(self, shape: MitsubaShape, buffers: MeshBuffers | None = None, part: slice = slice(None)) -> None:
         self.shape = shape
-        buffers = _Buffers.of(shape) if buffers is None else buffers
-        self.first, faces = part.start or 0, buffers.faces[part]
-        self.faces = faces.astype(np.int64)
-        self.corners = buffers.positions[faces]
-        self.uv = None if buffers.texcoords is None else buffers.texcoords[faces]
-        self.vertex_normals = None if buffers.normals is None else buffers.normals[faces]
-        self.count = len(faces)
+        buffers = MeshBuffers.of(shape) if buffers is None else buffers
+        self.first, self.faces = part.start or 0, buffers.faces[part]
+        self.corners = buffers.positions[self.faces]
+        self.uv = None if buffers.texcoords is None else buffers.texcoords[self.faces]
+        self.vertex_normals = None if buffers.normals is None else buffers.normals[self.faces]
+        self.count = len(self.faces)
         edges = self.corners[:, 1:] - self.corners[:, :1]
         cross = np.cross(edges[:, 0], edges[:, 1])
         area = np.linalg.norm(cross, axis=1, keepdims=True)
@@ -78,7 +53,7 @@ class MeshTriangles:
         Args:
             uv: (n, 3, 2), texture coordinates of the corners in place of the mesh's own.
         """
-        buffers = _Buffers.of(shape)
+        buffers = MeshBuffers.of(shape)
         for first in range(0, len(buffers.faces), _PART):
             rows = slice(first, first + _PART)
             part = cls(shape, buffers, rows)

@@ -85,7 +85,7 @@ def checkerboard(
 
 
 def vertex_colours(
-    texture: MitsubaTexture, shape: MitsubaShape, faces: npt.NDArray[np.int64], mi: Mitsuba
+    texture: MitsubaTexture, shape: MitsubaShape, faces: npt.NDArray[np.uint32], mi: Mitsuba
 ) -> FloatArray | None:
     """Return the colours (m, 3, 3) that a ``mesh_attribute`` has at the corners of a mesh's triangles.
 
