@@ -155,7 +155,7 @@ class Velocities(NamedTuple):
     linear_acceleration: FloatArray
     angular_acceleration: FloatArray
 
-    def part(self, which: slice) -> Velocities:
+    def select(self, which: slice) -> Velocities:
         """Return the values of a slice of instants."""
         return Velocities(self.t_us[which], *(values[which] for values in self[1:]))
 

@@ -245,7 +245,7 @@ def _write_all(
         sample_end = _up_to(inertial["t"], last_us, total_us)
         poses = [(int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in range(posed, pose_end)]
         moved_end = _up_to(velocities.t_us, last_us, total_us)
-        writer.write(packet, poses, inertial[sampled:sample_end], velocities.part(slice(moved, moved_end)))
+        writer.write(packet, poses, inertial[sampled:sample_end], velocities.select(slice(moved, moved_end)))
         add_truth(packet.events)
         posed, sampled, moved = pose_end, sample_end, moved_end
         events, end_us = events + len(packet.events), packet.end_us

@@ -277,9 +277,9 @@ class Dataset:
         data = read_charged(path, budget)
         with decoding(path), Image.open(io.BytesIO(data)) as image:
             budget.take(_PIXEL_BYTES * image.width * image.height, f"an image of {image.width} x {image.height} pixels")
-            found, pixels = image.mode, np.array(image)
-        if found != mode:
-            raise DecodeError(f"{path}: expected {what} grey image, found mode {found}")
+            actual, pixels = image.mode, np.array(image)
+        if actual != mode:
+            raise DecodeError(f"{path}: expected {what} grey image, found mode {actual}")
         return pixels
 
     def read_depth(self, index: int) -> npt.NDArray[np.float32]:
