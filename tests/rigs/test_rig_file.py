@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from davis_rs import RIGS, DecodeError, ImuNoise, Rig, SensorParameters, load_rig
+from davis_rs import RIGS, DecodeError, Rig, SensorParameters, load_rig
 from davis_rs.geometry.pose import Pose
+from davis_rs.sensor.imu import ImuNoise
 from davis_rs.sensor.rig import kalibr_rig_chain, rig_yaml
 
 IDENTITY = np.eye(4).tolist()

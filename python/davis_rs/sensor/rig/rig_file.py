@@ -203,7 +203,7 @@ def _imu(key: str, told: JsonObject, mount: FloatArray) -> RigImu:
         given |= named_effects({name: {} if value is None else value for name, value in effects.items()}, IMU_EFFECTS)
         imu: Imu = replace(IMU_MODELS[model](), **given)
         if densities:
-            noise = ImuNoise(**{**(imu.noise or ImuNoise(0.0, 0.0, 0.0, 0.0)).settings(), **densities})
+            noise = replace(imu.noise or ImuNoise(0.0, 0.0, 0.0, 0.0), **densities)
             imu = replace(imu, noise=None if noise.neutral else noise)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{key}: {error}") from None
