@@ -222,3 +222,7 @@ from .usb.raw_file import RawWriter as RawWriter
 from .usb.settings import DavisSettings as DavisSettings
 
 __all__: list[str]
+from .sensor.rig import Rectification as Rectification
+from .sensor.rig import StereoTruth as StereoTruth
+from .sensor.rig import rectify as rectify
+from .sensor.rig import stereo_truth as stereo_truth

@@ -15,7 +15,7 @@ from ..._util.array_types import JsonObject
 from ..._util.close_names import names_checked
 from ...geometry.pose import GroundTruth, Pose
 from ...sensor.imu import ImuArray, kalibr_imu
-from ...sensor.rig import Rig, kalibr_rig_chain, read_rig_file, rig_yaml
+from ...sensor.rig import Rig, StereoTruth, kalibr_rig_chain, read_rig_file, rig_yaml, stereo_truth
 from .files import (
     GROUND_TRUTH,
     KALIBR_CAMERA_CHAIN,
@@ -174,3 +174,27 @@ class RigDataset(TextFolder):
     def imus(self) -> list[ImuArray]:
         """Return the samples of each IMU by the rig's clock, ``IMU_DTYPE``."""
         return [self._imu_samples(f"imu{number}.txt") for number in range(len(self.rig.imus))]
+
+    def stereo_truth(self, index: int, left: int = 0, right: int = 1) -> StereoTruth:
+        """Return disparity, occlusion and consistency of a pair at depth map ``index`` of the left camera.
+
+        Args:
+            index: of the left camera's depth maps.
+            left, right: numbers of the cameras.
+
+        Raises:
+            ValueError: if a camera was not simulated, or the right one has no depth map of that instant.
+        """
+        for number in (left, right):
+            if number not in self.cameras:
+                raise ValueError(f"{self.path} has no cam{number}")
+        t_us = self.cameras[left].depth_maps[index].t_us
+        clocks = [self.rig.cameras[number].clock for number in (left, right)]
+        at_us = round((t_us - clocks[0].offset_s * 1e6) / clocks[0].pace)
+        stamp_us = int(clocks[1].stamps_us([at_us])[0])
+        stamps = [each.t_us for each in self.cameras[right].depth_maps]
+        if stamp_us not in stamps:
+            raise ValueError(f"cam{right} has no depth map of the instant at which cam{left} has one, {stamp_us} us by "
+                             "its clock: a disparity needs both")  # fmt: skip
+        depths = (self.cameras[left].read_depth(index), self.cameras[right].read_depth(stamps.index(stamp_us)))
+        return stereo_truth(self.rig, *depths, left, right)
