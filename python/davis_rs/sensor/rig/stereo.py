@@ -93,7 +93,7 @@ def rectify(rig: Rig, left: int = 0, right: int = 1) -> Rectification:
         each.camera.project(rays @ rotation).astype(np.float32)
         for each, rotation in zip((first, second), rotations, strict=True)
     ]
-    return Rectification(camera, baseline_m, *rotations, *maps)
+    return Rectification(camera, baseline_m, rotations[0], rotations[1], maps[0], maps[1])
 
 
 def stereo_truth(
