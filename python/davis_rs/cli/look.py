@@ -127,9 +127,9 @@ def _view(options: argparse.Namespace) -> int:
     if kind == "output" and target is None:
         target = options.source / "view.png"
     for camera, dataset in RigDataset(options.source).cameras.items():
-        of_one = of_camera(Path(target), camera) if target else target
-        one = argparse.Namespace(**{**vars(options), "source": dataset.path, kind: of_one})
-        tell(_MAKERS[kind](one, given | {"size": options.size}))
+        made_file = of_camera(Path(target), camera) if target else target
+        of_one_camera = argparse.Namespace(**{**vars(options), "source": dataset.path, kind: made_file})
+        tell(_MAKERS[kind](of_one_camera, given | {"size": options.size}))
     return 0
 
 

@@ -25,7 +25,7 @@ class Rectification(NamedTuple):
     Attributes:
         camera: lens and size of both: the left camera's size, no distortion.
         baseline_m: the distance of the right camera from the left one, along x.
-        left_rotation, right_rotation: (3, 3), from the axes of a camera to those of its virtual one.
+        left_rotation, right_rotation: (3, 3), from the axes of a camera to those of its virtual lens.
         left_map, right_map: (H, W, 2), float32: where each pixel of a virtual camera lies in the camera's image, x and
             y, as ``cv2.remap`` takes it.
     """
@@ -84,10 +84,10 @@ def rectify(rig: Rig, left: int = 0, right: int = 1) -> Rectification:
                             left, right)  # fmt: skip
     y /= np.linalg.norm(y)
     virtual = np.stack([x, y, np.cross(x, y)])  # rows: its axes in the body's
-    one = first.camera
-    camera = Camera(one.width, one.height, one.fx, one.fx, one.cx, one.cy)
+    lens = first.camera
+    camera = Camera(lens.width, lens.height, lens.fx, lens.fx, lens.cx, lens.cy)
     rotations = [virtual @ each.mount.rotation for each in (first, second)]
-    grid = np.stack(np.meshgrid(np.arange(one.width), np.arange(one.height)), -1)
+    grid = np.stack(np.meshgrid(np.arange(lens.width), np.arange(lens.height)), -1)
     rays = np.concatenate([camera.rays(grid), np.ones((*grid.shape[:2], 1))], -1)
     maps = [
         each.camera.project(rays @ rotation).astype(np.float32)
@@ -136,13 +136,13 @@ class _Seen(NamedTuple):
 def _seen_by(
     rig: Rig, camera: int, other: int, depth: npt.NDArray[np.float32], rotation: FloatArray, rectified: Rectification
 ) -> _Seen:
-    one = rig.cameras[camera].camera
-    if depth.shape != (one.height, one.width):
-        raise ValueError(f"the depth map of cam{camera} must have shape {(one.height, one.width)}, got {depth.shape}")
-    grid = np.stack(np.meshgrid(np.arange(one.width), np.arange(one.height)), -1)
+    lens = rig.cameras[camera].camera
+    if depth.shape != (lens.height, lens.width):
+        raise ValueError(f"the depth map of cam{camera} must have shape {(lens.height, lens.width)}, got {depth.shape}")
+    grid = np.stack(np.meshgrid(np.arange(lens.width), np.arange(lens.height)), -1)
     hit = np.isfinite(depth)
     z = np.where(hit, depth, np.nan).astype(np.float64)[..., None]
-    points = np.concatenate([one.rays(grid), np.ones((*depth.shape, 1))], -1) * z
+    points = np.concatenate([lens.rays(grid), np.ones((*depth.shape, 1))], -1) * z
     with np.errstate(invalid="ignore", divide="ignore"):
         disparity = rectified.camera.fx * rectified.baseline_m / (points @ rotation[2])
         pose = rig.relative_pose(other, camera)
