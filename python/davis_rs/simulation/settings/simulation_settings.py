@@ -19,7 +19,7 @@ from ...render.choice import AUTOMATIC, KINDS, RENDERERS
 from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ...sampling.rules import TimeSampling
 from ...sensor.effects import Effect, EffectsLike
-from ...sensor.imu import IMU_EFFECTS, Imu
+from ...sensor.imu import IMU_EFFECTS, IMU_MODELS, Imu
 from ...sensor.motion_capture import MotionCapture
 from ...sensor.parameters import START_PHASES, SensorParameters
 from ...sensor.presets import RECORDED, SENSOR_SUFFIXES, SENSORS
@@ -480,7 +480,7 @@ class FolderSettings(FolderFileSettings, SimulationSettings):
             "write imu.txt: ideal (at the camera's centre), davis (ideal, where the DAVIS240C has it), mpu6150 (there, "
             "with all of its effects), none",
             default_help="none",
-            choices=("none", "ideal", "davis", "mpu6150"),
+            choices=("none", *IMU_MODELS),
             group=_INERTIAL,
             text=str,
         ),
