@@ -6,11 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_render_native import Soup, random_corners
 
 import davis_rs
+from davis_rs._core import PixelRays
+from davis_rs.geometry.camera import Camera
+from davis_rs.geometry.lattice import rank1_lattice
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
+from davis_rs.render.rays.camera_rays import pixel_centres, pixel_corners
 from davis_rs.scene.scene import Scene
 
 C = 0.15
@@ -25,8 +30,8 @@ def scene_of(name: str) -> Scene:
     )
 
 
-def renderer_of(scene: Scene, rays: int, pixel: str = "lines", **options: int) -> Renderer:
-    return make_renderer(scene, scene.own_camera, rays_per_pixel=rays, pixel=pixel, blur=False, **options)
+def renderer_of(scene: Scene, rays: int, pixel: str = "lines", threads: int | None = None) -> Renderer:
+    return make_renderer(scene, scene.own_camera, rays_per_pixel=rays, pixel=pixel, blur=False, threads=threads)
 
 
 def views_of(scene: Scene, *fractions: float) -> Views:
@@ -116,3 +121,24 @@ def test_what_lines_cannot_do_is_an_error() -> None:
         renderer.ray_hits(views, number, number)  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match="lines take the place of 32 rays"):
         renderer.samples(views, number, number, rays=8)
+
+
+@pytest.mark.parametrize("kind", ["large", "small", "slivers", "mesh"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_area_of_any_triangles_is_that_of_many_rays(kind: str, seed: int) -> None:
+    """Triangles that pass through each other, the camera's plane or the camera itself: luma by 16 lines is that of
+    10,240 rays a pixel, but for the ends of edges between lines; of 99 % of the pixels within 0.01."""
+    camera = Camera(33, 19, 25.0, 31.0, 15.2, 9.9)
+    soup = Soup(random_corners(seed, 60, kind))
+    core, view = soup.core(), soup.view()
+    lines = core.line_luma(pixel_corners(camera), 16, view)
+    lattice = rank1_lattice(1024) + 0.5
+    truth = np.zeros(len(lines))
+    for shift in range(10):
+        points = (lattice + np.array([shift * 0.7548776662, shift * 0.5698402910])) % 1 - 0.5
+        table = camera.rays(pixel_centres(camera)[None] + points[:, None]).astype(np.float32)
+        truth += core.luma(PixelRays(camera.width, camera.height, 1024, table.ravel()), view)[0] / 10
+    assert truth.max() > 1e-4
+    wrong = np.abs(lines - truth)
+    assert np.quantile(wrong, 0.99) < 0.01
+    assert wrong.max() < 0.04
