@@ -1017,6 +1017,44 @@ class SceneRenderer:
             ValueError: for views that do not fit the scene, or a view or pixel that is not there.
         """
 
+    def line_luma(self, corners: PixelRays, lines: int, views: _Views) -> npt.NDArray[np.float32]:
+        """Render luma of frames by lines through the pixels: of each pixel's area, not of single rays.
+
+        Args:
+            corners: of the sensor, without distortion, as by :meth:`PixelRays.grid`: two rays a pixel, through its
+                upper left and its lower right corner.
+            lines: lines a pixel: 4, 8 or 16.
+            views: as in :meth:`luma`.
+
+        Returns:
+            Luma, float32, flat (n, height, width).
+
+        Raises:
+            ValueError: for other rays or lines, or views that do not fit the scene.
+        """
+
+    def line_samples(
+        self,
+        corners: PixelRays,
+        lines: int,
+        views: _Views,
+        view: npt.NDArray[np.integer],
+        pixel: npt.NDArray[np.integer],
+    ) -> npt.NDArray[np.float32]:
+        """Render luma of single pixels by lines, the bits of :meth:`line_luma`.
+
+        Args:
+            corners, lines: as in :meth:`line_luma`.
+            views: as in :meth:`luma`.
+            view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+
+        Returns:
+            Luma, float32 (k).
+
+        Raises:
+            ValueError: as in :meth:`line_luma`, or for a view or pixel that is not there.
+        """
+
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
     """Count events by polarity and pixel.
 
