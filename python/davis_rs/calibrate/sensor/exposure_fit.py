@@ -14,7 +14,7 @@ from .exposure_pairs import ExposurePairs, FloatArray
 GROUPS = 24
 """Errors come from leaving out one group of tiles at a time."""
 
-LEAST_PAIRS, LEAST_EVENTS = 200, 300
+LEAST_PAIRS, LEAST_EVENTS = 200, 100
 
 _ROUNDS = 25
 _OUTLIER = 4.0
@@ -25,6 +25,9 @@ _DARKEST = 0.02
 _MODEL = 0.04
 """What thresholds of simulated streams err by, as a fraction, however many pairs there are: pixels with low thresholds
 have more events, and light does not run straight between two of them."""
+
+_LEAST_CLOSED = 0.1
+"""Fraction of the pairs that lie between events on either side, below which nothing is fitted."""
 
 _RANGE = (0.03, 2.0)
 _LEAST_SIGNIFICANCE = 5.0
@@ -86,6 +89,9 @@ def fit_exposures(pairs: ExposurePairs, *, leak_hz: float = 0.0, black: Measured
     if len(pairs.pixel) < LEAST_PAIRS or fewest < LEAST_EVENTS:
         need = f"{LEAST_PAIRS} with {LEAST_EVENTS} events of each polarity are needed"
         return f"{len(pairs.pixel):,} pairs of frames have {events:,.0f} events in between, {need}"
+    closed = float((pairs.open_ends == 0).all(axis=0).mean())
+    if closed < _LEAST_CLOSED:
+        return f"only {100 * closed:.2g} % of the pairs of frames lie between events on either side"
     fit = _Fit(pairs, leak_hz, black)
     whole = fit.solve(np.ones(len(pairs.pixel), np.bool_), None)
     if whole is None:

@@ -111,7 +111,7 @@ def luma_noise(
         at.append(float(tiles[:, 0].mean()))
         variance.append(float(np.quantile(tiles[:, 1], _QUANTILE)) / usual)
         number.append(len(tiles) * _FREEDOM * _QUANTILE)
-    if not variance:
+    if not variance or min(variance) <= 0:
         return None
     return _fitted(np.array(at), np.array(variance), np.array(number), highest - lowest, step)
 
