@@ -155,6 +155,12 @@ from .render.truth import (
 from .render.truth import (
     event_truth as event_truth,
 )
+from .reproduction import (
+    Reproduction as Reproduction,
+)
+from .reproduction import (
+    reproduce as reproduce,
+)
 from .sampling.presets import ACCURACY as ACCURACY
 from .sampling.presets import Accuracy as Accuracy
 from .sampling.rules import FixedRate as FixedRate
