@@ -150,7 +150,7 @@ def test_the_same_bits_with_and_without_cache(
     assert "baked before" in capsys.readouterr().err
     (file,) = folder.iterdir()
     file.unlink()
-    made, count = Irradiance._mean_of_part, [0]
+    made, count = Irradiance._computed, [0]
 
     def stopped(self: Irradiance, *arguments: Any) -> FloatArray:
         count[0] += 1
@@ -160,7 +160,7 @@ def test_the_same_bits_with_and_without_cache(
 
     monkeypatch.setattr(baked_scene, "_known", {})
     with monkeypatch.context() as patch:
-        patch.setattr(Irradiance, "_mean_of_part", stopped)
+        patch.setattr(Irradiance, "_computed", stopped)
         with pytest.raises(KeyboardInterrupt):
             build(scene, 0.2)
     assert [file.suffix for file in folder.iterdir()] == [".partial"]

@@ -23,6 +23,8 @@
 //!   asks the BVH for a few points at a time.
 //! - [`time`]: [`edges`](time::edges) finds when edges pass rays, [`tracks`](time::tracks) the luma meanwhile.
 //! - [`gradients`]: derivatives of single pixels in float64.
+//! - [`irradiance`]: light at places on surfaces, which is baked into light maps, by rays of any direction
+//!   ([`ray_tracer`](visibility::ray_tracer)).
 //!
 //! What is rendered is a [`scene`]; the [`renderer`] is what the user sees; [`tile`] and [`samples`] join the steps for
 //! whole images and for single pixels.
@@ -36,6 +38,7 @@
 
 mod geometry;
 mod gradients;
+mod irradiance;
 mod lanes;
 mod light;
 mod renderer;
@@ -49,6 +52,10 @@ pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
 pub use gradients::pixel_gradients::{BEFORE_LIGHTS, RayHit};
+pub use irradiance::{
+    AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, Place, ReflectedLight, SharpLight, SkyLight,
+    SurfaceTables,
+};
 pub use light::beam::Beam;
 pub use light::light_map::{Emission, LightMapTables};
 pub use light::sky::Sky;
