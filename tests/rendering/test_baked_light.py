@@ -57,7 +57,7 @@ from lit_scenes import (
 )
 from places import HELPERS
 
-pytestmark = pytest.mark.usefixtures("llvm")
+pytestmark = pytest.mark.without_llvm
 
 
 @pytest.fixture
@@ -141,6 +141,7 @@ def test_lamps_without_a_name_are_told_apart(tmp_path: Path) -> None:
     np.testing.assert_allclose(luma(large, small), alone[0] + alone[1], rtol=0.02)
 
 
+@pytest.mark.usefixtures("llvm")
 def test_coloured_light_that_bounces_is_the_path_tracers(long: bool) -> None:
     """All kinds of light at once, in colour: the path tracer's luma, but for its noise."""
     scene = make_scene(**colourful())
@@ -172,6 +173,7 @@ def outdoors() -> dict[str, Parts]:
     }
 
 
+@pytest.mark.usefixtures("llvm")
 def test_an_environment_map_and_a_spot_light_are_the_path_tracers() -> None:
     """Their light on surfaces, together with the sky, and the edges of the beam."""
     scene = make_scene(PATH | {"max_depth": 3}, **outdoors())
@@ -198,6 +200,7 @@ def test_rates_of_skies_and_beams_are_the_changes_of_luma() -> None:
     assert np.quantile(off, 0.8) < 0.02 * np.abs(rate).max()
 
 
+@pytest.mark.usefixtures("llvm")
 def test_a_small_block_on_a_wide_ground_has_light_that_bounces() -> None:
     """Its shaded side is lit by the sunny ground alone, and by less of it at its foot."""
     scene = make_scene(
@@ -214,6 +217,7 @@ def test_a_small_block_on_a_wide_ground_has_light_that_bounces() -> None:
     assert rows == pytest.approx(true, rel=0.05)
 
 
+@pytest.mark.usefixtures("llvm")
 def test_a_small_lamp_has_sharp_shadows() -> None:
     """A lamp of 2 cm over a screen: the path tracer's luma, but for the lattice's steps in the shadow's edge."""
     scene = make_scene(
@@ -239,6 +243,7 @@ def moving_camera() -> Scene:
     )
 
 
+@pytest.mark.usefixtures("llvm")
 def test_what_baking_saves_and_errs(folder: Path) -> None:
     """Baked light is nearer to the reference than few samples of the path tracer; runs of the reference are kept."""
     scene = moving_camera()
@@ -266,6 +271,7 @@ def test_what_baking_saves_and_errs(folder: Path) -> None:
     assert light_cost(build(scene, kind="integrator", rays_per_pixel=1), scene) is None
 
 
+@pytest.mark.usefixtures("llvm")
 def test_the_command_line_compares_light(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -300,6 +306,7 @@ def test_places_apart_err_independently() -> None:
     assert np.sqrt((np.diff(off, axis=2) ** 2).mean()) < 0.6 * rms
 
 
+@pytest.mark.usefixtures("llvm")
 def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
     """In the box with a lamp: the run's own estimate against direct light and paths of Mitsuba's own, elsewhere."""
     scene = lamp_box(16)
@@ -612,6 +619,7 @@ def test_what_cannot_be_baked_is_refused(parts: Parts, message: str) -> None:
         build(make_scene(floor=plate(0, 0, 0, (1, 1)), **parts))
 
 
+@pytest.mark.usefixtures("llvm")
 def test_what_is_not_baked_is_left_to_mitsuba() -> None:
     """Integrators that do other things, and small lamps that move: refused, and under auto rendered as ever."""
     far = SegmentTrajectory(DOWN, Pose([0.5, 0.0, 1.4], DOWN.quaternion), 1.0)

@@ -556,3 +556,215 @@ fn trace(
         local = cosine_direction(draws.point());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::Beam;
+    use crate::render::irradiance::emitters::{AreaLamp, EnvironmentMap, SharpLight, SkyLight};
+
+    const ONE: [f64; 3] = [1.0, 0.5, 0.25];
+
+    /// Squares, two triangles each, by a corner and two edges; the front is where the edges turn left.
+    fn scene(squares: &[[Vector; 3]], reflectance: f32, groups: &[GroupLight]) -> IrradianceSampler {
+        let mut corners = vec![];
+        for &[at, first, second] in squares {
+            let point = |x: f64, y: f64| [0, 1, 2].map(|i| at[i] + x * first[i] + y * second[i]);
+            corners.push([point(0.0, 0.0), point(1.0, 0.0), point(0.0, 1.0)]);
+            corners.push([point(1.0, 0.0), point(1.0, 1.0), point(0.0, 1.0)]);
+        }
+        let normals: Vec<Vector> = corners
+            .iter()
+            .map(|&[a, b, c]| {
+                let normal = cross(sub(b, a), sub(c, a));
+                normal.map(|x| x / dot(normal, normal).sqrt())
+            })
+            .collect();
+        let n = corners.len();
+        let tables = SurfaceTables {
+            shading_normals: normals.iter().map(|&normal| [normal; 3]).collect::<Vec<_>>().into(),
+            normals: normals.into(),
+            corners: corners.into(),
+            uv: vec![[[0.0; 2]; 3]; n].into(),
+            textures: vec![0; n],
+            two_sided: vec![false; n],
+            layouts: vec![[0, 1, 1, 0]],
+            texels: vec![[reflectance; 3]].into(),
+        };
+        IrradianceSampler::new(&tables, groups).unwrap()
+    }
+
+    use crate::render::geometry::vector::{cross, dot, sub};
+
+    fn place(position: Vector, normal: Vector) -> Place {
+        Place { position, normal, shift: [0.3, 0.7] }
+    }
+
+    fn close(found: Vector, expected: Vector, tolerance: f64) {
+        for i in 0..3 {
+            assert!((found[i] - expected[i]).abs() <= tolerance * expected[i].abs(), "{found:?} {expected:?}");
+        }
+    }
+
+    const UP: Vector = [0.0, 0.0, 1.0];
+
+    /// A lamp of 2 x 2 that faces down, 1 above the origin, by its form factor (Howell, B-4): 4 x 0.13853.
+    fn ceiling(first: usize) -> (Vec<[Vector; 3]>, AreaLamp) {
+        let squares = vec![[[-1.0, -1.0, 1.0], [0.0, 2.0, 0.0], [2.0, 0.0, 0.0]]];
+        (squares, AreaLamp { first, count: 2, radiance: ONE })
+    }
+
+    #[test]
+    fn a_lamp_has_its_form_factor() {
+        let p = 2f64.sqrt();
+        let corner = (1.0 / p * (1.0 / p).atan() * 2.0) / std::f64::consts::TAU;
+        let (mut squares, lamp) = ceiling(0);
+        let light = GroupLight { lamps: vec![lamp], ..GroupLight::default() };
+        let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
+        let there = [place([0.0; 3], UP), place([0.0; 3], [0.0, 0.0, -1.0]), place([0.0, 0.0, 1.5], UP)];
+        let found = sampler.of_lamps(0, &there, 4096).unwrap();
+        close(found[0], ONE.map(|x| 4.0 * corner * x), 1e-3);
+        assert_eq!(found[1..], [[0.0; 3]; 2]); // it faces away, or lies behind the lamp
+        // Half of it is hidden.
+        squares.push([[0.0, -9.0, 0.5], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0]]);
+        let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
+        close(sampler.of_lamps(0, &there[..1], 4096).unwrap()[0], ONE.map(|x| 2.0 * corner * x), 5e-3);
+        // The same lamp by triangles that are no parallelogram: one of them comes from elsewhere, without area there.
+        let lamps = vec![AreaLamp { first: 0, count: 1, ..lamp }, AreaLamp { first: 1, count: 1, ..lamp }];
+        let sampler = scene(&squares[..1], 0.0, &[GroupLight { lamps, ..GroupLight::default() }]);
+        close(sampler.of_lamps(0, &there[..1], 4096).unwrap()[0], ONE.map(|x| 4.0 * corner * x), 5e-3);
+    }
+
+    /// A sky of one radiance, as such and as a map: all of it without a wall, half of it beside one. A map that is
+    /// bright at one end of an axis only has its closed form, and both its ways of sampling count once.
+    #[test]
+    fn skies_have_their_closed_forms() {
+        let wall = [[[0.0, -1e3, -1e3], [0.0, 2e3, 0.0], [0.0, 0.0, 2e3]]];
+        let map =
+            |texels: Vec<[f32; 3]>, to_map| SkyLight::Map(EnvironmentMap { width: 8, height: 65, texels, to_map });
+        let same = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let turned = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]; // its pole is the world's z
+        let row = |y: usize| [0.5 * (1.0 + libm::cosf(std::f32::consts::PI * y as f32 / 64.0)); 3];
+        let graded: Vec<[f32; 3]> = (0..65 * 8).map(|i| row(i / 8)).collect();
+        let sky = |sky| GroupLight { sky: Some(sky), ..GroupLight::default() };
+        let groups = [
+            sky(SkyLight::Constant(ONE)),
+            sky(map(vec![[1.0, 0.5, 0.25]; 65 * 8], same)),
+            sky(map(graded, turned)),
+            GroupLight::default(),
+        ];
+        let sampler = scene(&wall, 0.0, &groups);
+        let there = [place([5.0, 0.0, 0.0], [1.0, 0.0, 0.0]), place([1.0, 0.0, 0.0], UP)];
+        for (group, samples) in [(0, 4096), (1, 4096)] {
+            let found = sampler.of_sky(group, &there, samples).unwrap();
+            close(found[0], ONE, 2e-3);
+            close(found[1], ONE.map(|x| 0.5 * x), 5e-3);
+        }
+        // Radiance (1 + cos) / 2 around z: (1 + 2/3) / 2 for a place that looks up, and 1/2 for one on the wall.
+        let found = sampler.of_sky(2, &[place([5.0, 0.0, 0.0], UP), there[0]], 4096).unwrap();
+        close(found[1], [0.5; 3], 5e-3);
+        let blocked = (0.5 * (1.0 + 2.0 / 3.0)) / 2.0;
+        close(found[0], [blocked; 3], 1e-2);
+        assert_eq!(sampler.of_sky(3, &there, 16).unwrap(), [[0.0; 3]; 2]);
+    }
+
+    #[test]
+    fn sharp_lights_have_their_closed_forms() {
+        let (squares, _) = ceiling(0);
+        let at = [0.0, 0.0, -2.0];
+        let spot = |full, cutoff| Some(Beam::Spot { axis: UP.map(|x| -x), full, cutoff });
+        let point = |beam| SharpLight::Point { position: [0.0, 0.0, 0.5], intensity: ONE, beam };
+        let group = |light| GroupLight { sharp: vec![light], ..GroupLight::default() };
+        let slanted = [0.0, -0.6, -0.8];
+        let groups = [
+            group(point(None)),
+            group(point(Some(Beam::Cosine([0.0, 0.6, -0.8])))),
+            group(point(spot(0.5, 1.0))),
+            group(SharpLight::Directional { along: slanted, irradiance: ONE }),
+            group(SharpLight::Directional { along: UP, irradiance: ONE }),
+        ];
+        let sampler = scene(&squares, 0.0, &groups);
+        let of = |group| sampler.of_sharp(group, &[place(at, UP)], 16).unwrap()[0];
+        let full = ONE.map(|x| x / 6.25 / std::f64::consts::PI);
+        close(of(0), full, 1e-5);
+        close(of(1), full.map(|x| 0.8 * x), 1e-5);
+        close(of(2), full, 1e-5);
+        // The sun passes by the ceiling; from below it lights no front.
+        close(of(3), ONE.map(|x| 0.8 * x / std::f64::consts::PI), 1e-5);
+        assert_eq!(of(4), [0.0; 3]);
+        let aside = [place([0.0, 1.875, -2.0], UP), place([0.0, 9.0, -2.0], UP), place([0.0, 0.0, 2.0], UP)];
+        let beams = sampler.of_sharp(2, &aside, 16).unwrap();
+        let (angle, squared) = ((0.75f64).atan(), 6.25 + 1.875f64.powi(2));
+        let share = (1.0 - angle) / 0.5 * 0.8 / squared / std::f64::consts::PI;
+        close(beams[0], ONE.map(|x| x * share), 1e-4);
+        assert_eq!(beams[1..], [[0.0; 3]; 2]); // out of the beam, and behind
+    }
+
+    /// A closed box whose walls reflect a half: light that falls on them evenly is gathered, and paths find the sum of
+    /// all bounces of a lamp that is all of the ceiling.
+    #[test]
+    fn light_that_bounces_adds_up() {
+        let [x, y, z] = [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]];
+        let low = [-1.0; 3];
+        let high = [1.0; 3];
+        let back = |edge: Vector| edge.map(|x| -x);
+        let squares = [
+            [low, x, y],
+            [low, y, z],
+            [low, z, x],
+            [high, back(y), back(x)],
+            [high, back(z), back(y)],
+            [high, back(x), back(z)],
+        ];
+        let lamps = (0..6).map(|i| AreaLamp { first: 2 * i, count: 2, radiance: ONE }).collect();
+        let groups = [GroupLight { lamps, ..GroupLight::default() }];
+        let sampler = scene(&squares, 0.5, &groups);
+        let there: Vec<Place> = (0..5).map(|i| place([0.3, f64::from(i) * 0.1, -1.0], UP)).collect();
+        let layouts: Vec<[[i64; 2]; 2]> = (0..12).map(|i| [[16 * i, 2]; 2]).collect();
+        let light = ReflectedLight::new(&layouts, &vec![[1.0, 0.5, 0.25]; 16 * 12]).unwrap();
+        for found in sampler.gathered(0, &there, 64, Some(&light)).unwrap() {
+            close(found, ONE.map(|x| 0.5 * x), 1e-5);
+        }
+        assert_eq!(sampler.gathered(0, &there, 64, None).unwrap(), [[0.0; 3]; 5]);
+        // What falls on each wall directly is ONE; of it, 1/2 + 1/4 + ... bounces.
+        for (bounces, share) in [(1, 0.5), (3, 0.875), (1000, 1.0)] {
+            let rule = PathRule { bounces, roulette: 2 };
+            let all = sampler.traced(0, &there, 1024, 7, rule).unwrap();
+            let mean = [0, 1, 2].map(|i| all.iter().map(|one| one[i]).sum::<f64>() / 5.0);
+            close(mean, ONE.map(|x| share * x), 0.04);
+        }
+        // The same place has the same bits alone; another seed has other paths.
+        let rule = PathRule { bounces: 5, roulette: 2 };
+        let all = sampler.traced(0, &there, 64, 7, rule).unwrap();
+        assert_eq!(sampler.traced(0, &there[3..4], 64, 7, rule).unwrap()[0], all[3]);
+        assert_ne!(sampler.traced(0, &there, 64, 8, rule).unwrap(), all);
+        assert_eq!(sampler.is_lit(0, &there, 4, 0, rule).unwrap(), [true; 5]);
+        let dark = scene(&squares, 0.5, &[GroupLight::default()]);
+        assert_eq!(dark.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
+        let black = scene(&squares, 0.0, &groups);
+        assert_eq!(black.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_refused() {
+        let (squares, lamp) = ceiling(0);
+        let sampler = scene(&squares, 0.5, &[GroupLight { lamps: vec![lamp], ..GroupLight::default() }]);
+        let there = [place([0.0; 3], UP)];
+        for (group, samples, shift, message) in [
+            (1, 16, 0.5, "there are 1 groups of lights, got number 1"),
+            (0, 0, 0.5, "samples lie in 1..=2^20, got 0"),
+            (0, (1 << 20) + 1, 0.5, "samples lie in"),
+            (0, 16, 1.0, "shifts lie in 0..1"),
+            (0, 16, f64::NAN, "places are finite"),
+        ] {
+            let wrong = [Place { shift: [shift, 0.0], ..there[0] }];
+            let error = sampler.of_lamps(group, &wrong, samples).unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+        }
+        let few = ReflectedLight::new(&[[[0, 2]; 2]], &[[1.0; 3]; 16]).unwrap();
+        assert!(sampler.gathered(0, &there, 16, Some(&few)).is_err());
+        for layout in [[0, 1], [1, 2], [-1, 2], [0, 1 << 40], [i64::MAX, 2]] {
+            assert!(ReflectedLight::new(&[[layout; 2]], &[[1.0; 3]; 16]).is_err(), "{layout:?}");
+        }
+    }
+}
