@@ -1,8 +1,8 @@
 """Processor time of baking light: python benches/bake.py [box office room yard] [--error 0.01] [--repeat 3]
 
-For each scene of benches/light_scenes.py: processor seconds and wall time of the bake (the least of several runs, without the cache),
-at how many points light was computed, from how many samples of lamps and of bounces, the error that is told, and the
-most memory. Needs no LLVM. The table of docs/light.md.
+For each scene of benches/light_scenes.py: processor seconds and wall time of the bake (the least of several runs,
+without the cache), at how many points light was computed, from how many samples of lamps and of bounces, the error that
+is told, and the most memory. Needs no LLVM. The table of docs/light.md.
 """
 
 from __future__ import annotations
