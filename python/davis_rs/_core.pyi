@@ -1253,7 +1253,7 @@ class IrradianceSampler:
         places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of the sky of a group, as :meth:`of_lamps`; samples are directions."""
+        """Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`; ``samples`` are directions."""
 
     def of_sharp(
         self,
@@ -1261,7 +1261,9 @@ class IrradianceSampler:
         places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of the points, directions and small lamps of a group, as :meth:`of_lamps`."""
+        """Compute direct light of the points, directions and small lamps of a ``group`` at ``places``, from ``samples`` of
+        each, as :meth:`of_lamps`.
+        """
 
     def gathered(
         self,
@@ -1319,7 +1321,10 @@ class IrradianceSampler:
         bounces: int,
         roulette: int,
     ) -> npt.NDArray[np.bool_]:
-        """Find whether any of some paths meets light, however little. The arguments are those of :meth:`traced`.
+        """Find whether any of some paths meets light, however little.
+
+        Args:
+            group, places, samples, seed, bounces, roulette: as in :meth:`traced`.
 
         Returns:
             bool (n).

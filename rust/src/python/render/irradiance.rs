@@ -179,13 +179,14 @@ impl PyIrradianceSampler {
         Ok(flat(py, py.detach(|| self.0.of_lamps(group, &places, samples))?))
     }
 
-    /// Compute direct light of the sky of a group, as :meth:`of_lamps`; samples are directions.
+    /// Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`; ``samples`` are directions.
     fn of_sky<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
         let places = places_of(places)?;
         Ok(flat(py, py.detach(|| self.0.of_sky(group, &places, samples))?))
     }
 
-    /// Compute direct light of the points, directions and small lamps of a group, as :meth:`of_lamps`.
+    /// Compute direct light of the points, directions and small lamps of a ``group`` at ``places``, from ``samples`` of
+    /// each, as :meth:`of_lamps`.
     fn of_sharp<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
         let places = places_of(places)?;
         Ok(flat(py, py.detach(|| self.0.of_sharp(group, &places, samples))?))
@@ -246,7 +247,10 @@ impl PyIrradianceSampler {
         Ok(flat(py, py.detach(|| self.0.traced(group, &places, samples, seed, rule))?))
     }
 
-    /// Find whether any of some paths meets light, however little. The arguments are those of :meth:`traced`.
+    /// Find whether any of some paths meets light, however little.
+    ///
+    /// Args:
+    ///     group, places, samples, seed, bounces, roulette: as in :meth:`traced`.
     ///
     /// Returns:
     ///     bool (n).
