@@ -194,7 +194,10 @@ class BakedKind(NoiseFreeKind):
     def make(self, request: _Request) -> Renderer:
         with variant(SCALAR) as (mi, _):
             made = self._tables(request.scene, request.camera, mi, by_name=request.by_name)
-            made.table.bake(functools.partial(baked_light, request.scene, request.camera, error=request.bake_error))
+            light = functools.partial(
+                baked_light, request.scene, made.loaded, mi, made.motion, error=request.bake_error
+            )
+            made.table.bake(light)
             return _native(request, made)
 
 
