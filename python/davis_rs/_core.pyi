@@ -1253,7 +1253,7 @@ class IrradianceSampler:
         places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`; ``samples`` are directions."""
+        """Compute direct light of the sky of a ``group`` at ``places`` from ``samples`` directions, as :meth:`of_lamps`."""
 
     def of_sharp(
         self,
@@ -1261,8 +1261,10 @@ class IrradianceSampler:
         places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of the points, directions and small lamps of a ``group`` at ``places``, from ``samples`` of
-        each, as :meth:`of_lamps`.
+        """Compute direct light of the points, directions and small lamps of a ``group``.
+
+        Args:
+            group, places, samples: as in :meth:`of_lamps`.
         """
 
     def gathered(

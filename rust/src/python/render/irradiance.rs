@@ -179,14 +179,16 @@ impl PyIrradianceSampler {
         Ok(flat(py, py.detach(|| self.0.of_lamps(group, &places, samples))?))
     }
 
-    /// Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`; ``samples`` are directions.
+    /// Compute direct light of the sky of a ``group`` at ``places`` from ``samples`` directions, as :meth:`of_lamps`.
     fn of_sky<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
         let places = places_of(places)?;
         Ok(flat(py, py.detach(|| self.0.of_sky(group, &places, samples))?))
     }
 
-    /// Compute direct light of the points, directions and small lamps of a ``group`` at ``places``, from ``samples`` of
-    /// each, as :meth:`of_lamps`.
+    /// Compute direct light of the points, directions and small lamps of a ``group``.
+    ///
+    /// Args:
+    ///     group, places, samples: as in :meth:`of_lamps`.
     fn of_sharp<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
         let places = places_of(places)?;
         Ok(flat(py, py.detach(|| self.0.of_sharp(group, &places, samples))?))

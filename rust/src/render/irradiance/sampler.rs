@@ -621,10 +621,12 @@ mod tests {
         let (mut squares, lamp) = ceiling(0);
         let light = GroupLight { lamps: vec![lamp], ..GroupLight::default() };
         let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
-        let there = [place([0.0; 3], UP), place([0.0; 3], [0.0, 0.0, -1.0]), place([0.0, 0.0, 1.5], UP)];
+        let down = [0.0, 0.0, -1.0];
+        let there =
+            [place([0.0; 3], UP), place([0.0; 3], down), place([0.0, 0.0, 1.5], UP), place([0.0, 0.0, 1.5], down)];
         let found = sampler.of_lamps(0, &there, 4096).unwrap();
         close(found[0], ONE.map(|x| 4.0 * corner * x), 1e-3);
-        assert_eq!(found[1..], [[0.0; 3]; 2]); // it faces away, or lies behind the lamp
+        assert_eq!(found[1..], [[0.0; 3]; 3]); // it faces away, or lies behind the lamp
         // Half of it is hidden.
         squares.push([[0.0, -9.0, 0.5], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0]]);
         let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
