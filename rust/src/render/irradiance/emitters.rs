@@ -462,3 +462,35 @@ fn check_colour(what: &str, rgb: [f64; 3]) -> Result<()> {
     }
     Err(Error::Argument(format!("the {what} of a light is finite and not negative, got {rgb:?}")))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Between the middles of the last and the first column light goes from one to the other, and samples that follow
+    /// the light have the density that is told of them.
+    #[test]
+    fn a_map_goes_around() {
+        let to_map = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let texels = (0u8..12).map(|i| [f32::from([1u8, 0, 0, 3][usize::from(i % 4)]); 3]).collect();
+        let map = SkyMap::new(&EnvironmentMap { width: 4, height: 3, texels, to_map }).unwrap();
+        for (turn, expected) in [(0.0, 2.0), (0.0625, 1.5), (0.9375, 2.5), (0.125, 1.0), (0.25, 0.5), (0.5, 0.0)] {
+            let angle = TAU * turn;
+            let (radiance, density) = map.seen([libm::sinf(angle), 0.0, -libm::cosf(angle)]);
+            assert!((radiance[0] - expected).abs() < 1e-5, "{turn}: {radiance:?}");
+            assert_eq!(density > 0.0, turn != 0.5);
+        }
+        for at in [[0.01, 0.2], [0.3, 0.8], [0.6, 0.5], [0.99, 0.4]] {
+            let (radiance, density) = map.seen(map.towards(at));
+            assert!(radiance[0] > 0.0 && density > 0.0, "{at:?}");
+        }
+        // The whole sphere: the mean of 1 / density over samples is its solid angle, but for the dark cell.
+        let mean = (0u16..10_000)
+            .map(|i| [(f32::from(i) + 0.5) / 10_000.0, (f32::from(i) * 0.618_034).fract()])
+            .map(|at| f64::from(map.seen(map.towards(at)).1))
+            .map(|density| if density > 0.0 { 1.0 / density } else { 0.0 }) // rounded into the dark cell
+            .sum::<f64>()
+            / 10_000.0;
+        assert!((mean / (3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01, "{mean}");
+    }
+}
