@@ -127,6 +127,8 @@ mod tests {
     fn a_level_that_was_passed_before_is_left() {
         assert_eq!(decide_one(ZERO, C, 0.4007, 0.3013, 1000).0, Verdict::Unclear);
         assert_eq!(decide_one(ZERO, C, 0.3013, 0.4007, 1000).0, Verdict::Unclear);
+        // By less than a tick.
+        assert_eq!(decide_one(ZERO, C, 0.2501, 0.4503, 1000).0, Verdict::Unclear);
     }
 
     #[test]
