@@ -123,14 +123,8 @@ impl IrradianceSampler {
     /// [`Error::Argument`] for a group that is not there, or no samples.
     pub fn of_lamps(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        each(places, |place, scratch| {
-            let start = self.start(place);
-            let mut sum = [0.0; 3];
-            for lamp in &lights.lamps {
-                let arriving = |at| lamp.arriving(&start.place, &start.normal, &start.origin, at);
-                add_up(&mut sum, direct(&self.tracer, &start, &lattice, shift_of(place), scratch, arriving));
-            }
-            sum.map(|x| x / float(samples))
+        self.summed(&lattice, places, &lights.lamps, |lamp, start, at| {
+            lamp.arriving(&start.place, &start.normal, &start.origin, at)
         })
     }
 
@@ -162,14 +156,8 @@ impl IrradianceSampler {
     /// As [`IrradianceSampler::of_lamps`].
     pub fn of_sharp(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        each(places, |place, scratch| {
-            let start = self.start(place);
-            let mut sum = [0.0; 3];
-            for light in &lights.sharp {
-                let arriving = |at| light.arriving(&start.place, &start.normal, &start.origin, at);
-                add_up(&mut sum, direct(&self.tracer, &start, &lattice, shift_of(place), scratch, arriving));
-            }
-            sum.map(|x| x / float(samples))
+        self.summed(&lattice, places, &lights.sharp, |light, start, at| {
+            light.arriving(&start.place, &start.normal, &start.origin, at)
         })
     }
 
@@ -264,6 +252,25 @@ impl IrradianceSampler {
     fn group(&self, group: usize) -> Result<&Lights> {
         self.groups.get(group).ok_or_else(|| {
             Error::Argument(format!("there are {} groups of lights, got number {group}", self.groups.len()))
+        })
+    }
+
+    /// Adds up at each place the light of several lights, each by all points of a lattice.
+    fn summed<L: Sync>(
+        &self,
+        lattice: &Lattice,
+        places: &[Place],
+        lights: &[L],
+        arriving: impl Fn(&L, &Start, [f32; 2]) -> Arriving + Sync,
+    ) -> Result<Vec<[f64; 3]>> {
+        each(places, |place, scratch| {
+            let start = self.start(place);
+            let mut sum = [0.0; 3];
+            for light in lights {
+                let arriving = |at| arriving(light, &start, at);
+                add_up(&mut sum, direct(&self.tracer, &start, lattice, shift_of(place), scratch, arriving));
+            }
+            sum.map(|x| x / float(lattice.len()))
         })
     }
 
@@ -366,12 +373,12 @@ fn direct(
     fan.origin = start.origin;
     fan.resize(lattice.len());
     for at in 0..lattice.len() {
-        let one = arriving(lattice.shifted(at, shift));
+        let sample = arriving(lattice.shifted(at, shift));
         for axis in 0..3 {
-            fan.directions[axis][at] = one.towards[axis];
+            fan.directions[axis][at] = sample.towards[axis];
         }
-        fan.ends[at] = one.end;
-        light.push(one.light);
+        fan.ends[at] = sample.end;
+        light.push(sample.light);
     }
     any(tracer, fan);
     let mut sum = [0.0; 3];
@@ -452,8 +459,8 @@ fn sharp_light(
     light: &mut Vec<Colour>,
 ) -> Colour {
     begin(shadow, light, there);
-    for one in &lights.sharp {
-        push(shadow, light, &one.arriving(&there.place, &there.normal, &there.origin, at));
+    for sharp in &lights.sharp {
+        push(shadow, light, &sharp.arriving(&there.place, &there.normal, &there.origin, at));
     }
     tracer.any(shadow);
     end(shadow, light)
@@ -538,8 +545,8 @@ fn trace(
             push(shadow, light, &along_cosine(sky, &from, draws.point()));
             push(shadow, light, &along_radiance(sky, &from, draws.point()));
         }
-        for one in &lights.sharp {
-            push(shadow, light, &one.arriving(&from.place, &from.normal, &from.origin, draws.point()));
+        for sharp in &lights.sharp {
+            push(shadow, light, &sharp.arriving(&from.place, &from.normal, &from.origin, draws.point()));
         }
         any(&scene.tracer, shadow);
         let arrived = end(shadow, light);
