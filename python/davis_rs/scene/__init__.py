@@ -1,7 +1,7 @@
 """Describes what to render: scenes, what they are made of, and those that are built in.
 
-``load`` finds a scene by its name or file. ``scene`` is the class, ``light_profile`` and ``textures`` are parts of
-it, ``meshes`` makes shapes under the variant that loads the scene, ``texture_file`` reads images of textures.
+``load`` finds a scene by its name or file. ``scene`` is the class, ``light_profile``, ``steered_profile`` and
+``textures`` are parts of it, ``meshes`` makes shapes under the variant that loads the scene, ``texture_file`` reads images of textures.
 ``files`` reads scenes, ``builtin`` and ``sequences`` make them. ``lost_looks`` notes which looks of a file are not
 shown, ``repairs`` what was repaired or left out.
 
