@@ -154,6 +154,10 @@ def pose_arrays(cameras: Sequence[Views]) -> tuple[FloatArray, FloatArray, Float
 
     These are positions (n, f, 3), rotations (n, f, 3, 3), velocities (n, f, 3) and angular rates (n, f, 3).
     """
+    if len(cameras) == 1:
+        camera = cameras[0]
+        arrays = camera.positions, camera.rotations, camera.velocities, camera.angular_rates
+        return arrays[0].ravel(), arrays[1].ravel(), arrays[2].ravel(), arrays[3].ravel()
     positions, rotations, velocities, angular_rates = (
         np.stack([getattr(camera, name) for camera in cameras], 1).ravel()
         for name in ("positions", "rotations", "velocities", "angular_rates")
