@@ -190,3 +190,29 @@ def test_a_profile_keeps_what_a_shutter_sees() -> None:
     assert np.allclose(profile.breaks_s(0.0, 1.0), [0.0, 1e-3, 2e-3])
     profile.change(3000, 4000, 1.0, seen_from_us=2500.0)
     assert np.allclose(profile.factor([0.0, 2.5e-3]), [1.5, 1.25])
+
+
+def test_a_simulator_that_restarts_is_as_new() -> None:
+    """Pixels, objects, lights and time; noise by its own seed."""
+    effects = Effects(shot_noise_rms=0.02, threshold_mismatch=0.03)
+    simulator = Simulator(
+        STILL.with_movable("box", lights=["lamp"]), camera=CAMERA, rays_per_pixel=2, effects=effects, mask_rate_hz=100
+    )
+
+    def events() -> bytes:
+        packets = simulator.step(0, LOOK)
+        packets += simulator.step(10_000, LOOK, objects={"box": PATH.pose(0.1)}, lights={"lamp": 0.8})
+        return events_of(packets).tobytes()
+
+    first = events()
+    simulator.restart()
+    assert events() == first
+    simulator.restart(seed=5)
+    other = events()
+    assert other != first
+    assert simulator.settings.seed == 5
+    simulator.restart(seed=0)
+    assert events() == first
+    with pytest.raises(ValueError, match="seed"):
+        simulator.restart(seed=-1)
+    assert simulator.step(20_000, LOOK)

@@ -17,6 +17,10 @@ class SteeredProfile(LightProfile):
     """
 
     def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all changes."""
         self._t_s, self._factors = [0.0], [1.0]
 
     def put(self, factor: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, TypedDict
 
@@ -19,7 +20,7 @@ from ..geometry.pose import Pose, PoseLike, as_pose
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
-from ..render.motion.scene_motion import Steering
+from ..render.motion.scene_motion import SceneMotion, Steering
 from ..render.truth import SceneSurfaces, lost_look_fractions
 from ..render.truth.lost_look_fractions import warn_of_lost_looks
 from ..sampling.event_refinement import EventRefinement
@@ -121,6 +122,15 @@ class Simulator:
         self.memory = resolved.memory(plain.ray_bytes)
         self.lost_looks = lost_look_fractions(self.scene, self.camera, plain)
         self.renderer = with_optics(plain, self.effects)
+        maps_asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values())
+        self.surfaces = SceneSurfaces(self.scene, self.camera, threads=settings.threads) if maps_asked else None
+        aps = self.effects.aps
+        self._shutter_us = 0.0 if aps is None else round(aps.exposure_us) + aps.readout_us(self.camera.height)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Make what a sequence changes, as it is before the first instant."""
+        settings = self.settings
         self._engine = CrossingEngine(
             self.camera.width,
             self.camera.height,
@@ -133,15 +143,12 @@ class Simulator:
             seed=settings.seed,
             threads=settings.threads,
         )
-        maps_asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values())
-        self.surfaces = SceneSurfaces(self.scene, self.camera, threads=settings.threads) if maps_asked else None
         self._pose: Pose | None = None
         self._last: Keyframe | None = None
         self._t_us = 0
         self._exposed: list[Stretch] = []
         aps = self.effects.aps
         exposure_us, row_readout_us = (0, 0.0) if aps is None else (round(aps.exposure_us), aps.row_readout_us)
-        self._shutter_us = 0.0 if aps is None else exposure_us + aps.readout_us(self.camera.height)
         # The renderer's sub-frames would lack what an effect of the user's own does to luma.
         on_luma = self.custom_effects.on_luma
         self._exposure = KeyframeExposure(exposure_us, row_readout_us, self.camera.height) if on_luma else None
@@ -238,12 +245,35 @@ class Simulator:
         segment = SegmentTrajectory(self._pose, pose, (t_us - self._t_us) * 1e-6)
         return list(self._packets(segment, self._t_us, t_us))
 
+    def restart(self, *, seed: int | None = None) -> None:
+        """Begin a new sequence in the same scene; what was rendered and baked for it stays, so this takes little time.
+
+        All pixels are as new, movable objects are where the scene has them, and the next step is at 0.
+
+        Args:
+            seed: of the noise, 0..2^64 - 1; None for the one before, which gives the same noise again.
+
+        Raises:
+            ValueError: for a seed out of range, or with custom effects, which may remember what they have seen.
+        """
+        if self.custom_effects:
+            raise ArgumentError("{custom_effects} may remember what they have seen: make a new simulator")
+        if seed is not None:
+            self.settings = replace(self.settings, seed=seed)
+        for motion in self._motions:
+            motion.restart()
+        self._begin()
+
+    @property
+    def _motions(self) -> tuple[SceneMotion, ...]:
+        """Return what moves in the scene, for all that render it."""
+        return (self.renderer.motion, *(() if self.surfaces is None else (self.surfaces.motion,)))
+
     def _steer(self, steering: Steering | None, t_us: int) -> None:
         """Move what the caller moves until ``t_us``, for all that render it."""
         if steering is None:
             return
-        surfaces = self.surfaces
-        for motion in (self.renderer.motion, *(() if surfaces is None else (surfaces.motion,))):
+        for motion in self._motions:
             motion.steer(steering, self._t_us, t_us, seen_from_us=self._t_us - self._shutter_us)
 
     def flush(self) -> list[Packet]:

@@ -33,6 +33,10 @@ class SteeredPath(Trajectory):
     duration_s = FOREVER_S
 
     def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all moves."""
         self._first = self._last = IDENTITY
         self._moves: list[_Move] = []
 

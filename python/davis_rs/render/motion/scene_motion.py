@@ -85,6 +85,13 @@ class SceneMotion:
             return self
         return SceneMotion(self.objects, self.lights, dict(zip(self.objects, self.boxes, strict=True)), instants)
 
+    def restart(self) -> None:
+        """Put all that a caller moves where the scene has it."""
+        for path in self._paths.values():
+            path.restart()
+        for light in self._strengths.values():
+            light.restart()
+
     def steered(self, objects: Mapping[str, PoseLike], lights: Mapping[str, float]) -> Steering:
         """Check what a caller wants to move and dim.
 
