@@ -24,6 +24,7 @@ from ..._mitsuba.types import (
     MitsubaShape,
     MitsubaValue,
 )
+from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.lattice import rank1_lattice
 from ..baked.baked_scene import BakedLight
@@ -113,6 +114,7 @@ class SceneTable:
         baked: bool = False,
         view: ClosestView | None = None,
         obstacles: Obstacles | None = None,
+        weights: Weights = LUMA_WEIGHTS,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
@@ -129,7 +131,7 @@ class SceneTable:
         for shape in small_lamps(scene) if baked else ():
             with obstacles.collect():
                 self.lights += _area_light_points(shape, mi, colours)
-        self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
+        self.textures = TextureTable(mi, [np.asarray(weights) * colour for colour in colours])
         self.names = [str(shape.id()) for shape in scene.shapes()]
         self.counts: list[int] = []
         surfaces: list[Added] = []
