@@ -284,10 +284,10 @@ def test_nonsense_is_refused_by_name(name: str) -> None:
         with pytest.raises(ValueError, match=rf"^{name} must .*, got {re.escape(repr(value))}$"):
             SensorParameters(**{name: value})  # type: ignore[arg-type]
     if name in ZERO_IS_OFF:
-        assert getattr(SensorParameters(**{name: 0}), name) == 0
+        assert getattr(SensorParameters(**{name: 0}), name) == 0  # type: ignore[arg-type]
     else:
         with pytest.raises(ValueError, match=rf"^{name} must be finite and > 0, got 0$"):
-            SensorParameters(**{name: 0})
+            SensorParameters(**{name: 0})  # type: ignore[arg-type]
 
 
 def test_a_share_is_at_most_all() -> None:
