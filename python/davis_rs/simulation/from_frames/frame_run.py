@@ -102,7 +102,7 @@ class FrameRun:
         self.contrast_threshold_off = resolved.contrast_threshold_off
         self._optics = Optics(self.camera, self.effects) if self.effects.optical else None
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
-        plain = self._optics is None and self.size == (resolved.area.width, resolved.area.height)
+        plain = self._optics is None and not resolved.area.resized
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
         refractory = self.effects.refractory_period_us
         self._forecast = EventForecast(
@@ -210,7 +210,7 @@ class FrameRun:
             "white_level": self.light.white,
             "value_step": self._values.encoding.step,
             "value_step_of_all_frames": self._values.shown().step,
-            "part": {**self.resolved.area._asdict(), "size": list(self.size)},
+            "part": self.resolved.area.describe(),
         }
 
     @property
@@ -247,6 +247,12 @@ class FrameRun:
             )
         if line := self.memory.line():
             yield line
+        area = self.resolved.area
+        if area.image[0] > area.width or area.image[1] > area.height:
+            yield (
+                f"{area.width} x {area.height} pixels of each frame are enlarged to {area.image[0]} x {area.image[1]}: "
+                "that adds no detail"
+            )
         if self.left_out:
             names = ", ".join(self.left_out)
             yield f"of the sensor's effects {names} is left out: the intensity frames are what came in"
@@ -326,7 +332,7 @@ class FrameRun:
             if t_us == last_us:
                 raise ValueError(f"{frame.where}: it falls on the same microsecond as the frame before it ({t_us} us)")
             last_us = t_us
-            luma = self.resolved.area.reduce(self.light.luma(self.resolved.area.cut(frame.image), frame.where))
+            luma = self.resolved.area.fit(self.light.luma(self.resolved.area.cut(frame.image), frame.where))
             if self._optics is not None:
                 luma = self._optics.frames(luma[None])[0]
             seen = SensorFrame(t_us, luma, frame.where)

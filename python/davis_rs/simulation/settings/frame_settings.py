@@ -15,6 +15,9 @@ from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, F
 
 _LIGHT, _PART, _BETWEEN = "light", "which part", "between frames"
 
+FITS = ("crop", "pad", "scale")
+"""How frames may be brought to a sensor of another size or shape."""
+
 INTERPOLATIONS = ("auto", "linear", "cubic", "flow")
 """How light may run between two frames."""
 
@@ -120,6 +123,16 @@ class _PartSettings(Settings):
             group=_PART,
         ),
     )
+    fit: str | None = declare(
+        None,
+        Declared(
+            "bring that part to the sensor's size, or to size, also where that is larger or has another shape: crop "
+            "cuts off what goes beyond it, pad puts black around, scale stretches",
+            default_help="a size that does not fit is an error",
+            choices=FITS,
+            group=_PART,
+        ),
+    )
     camera: Camera | str | os.PathLike[str] | None = declare(
         None,
         Declared(
@@ -143,6 +156,16 @@ class _BetweenSettings(Settings):
             "flow where it does. From Python also interpolator(before, after, shares) -> frames",
             choices=INTERPOLATIONS,
             text=str,
+            group=_BETWEEN,
+        ),
+    )
+    interpolator: str | None = declare(
+        None,
+        Declared(
+            "an interpolator of your own, in Python, in the place of flow (docs/events_from_video.md): "
+            "MODULE:FUNCTION or FILE.py:FUNCTION; a class is called without arguments, and gives it",
+            default_help="none",
+            metavar="MODULE:FUNCTION",
             group=_BETWEEN,
         ),
     )
