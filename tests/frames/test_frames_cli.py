@@ -119,6 +119,19 @@ def test_a_fitted_size_is_told_and_recorded(clip: Path, tmp_path: Path, capsys: 
     assert check_dataset(out).ok
 
 
+def test_slow_motion_lies_next_to_the_events(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert run(clip, "-o", out, "--image-rate", 200, "--stop", 0.1) == 0
+    assert "events of 5 frames in " in capsys.readouterr().out
+    assert [frame.t_us for frame in Dataset(out).frames] == list(range(0, Dataset(out).frames[-1].t_us + 1, 5000))
+    report = check_dataset(out)
+    assert report.ok, report
+    video = ["view", out, "--video", tmp_path / "slow.gif", "--panels", "frame,accumulated", "--window", 0.01]
+    assert main([*map(str, video), "--fps", "20"]) == 0
+    assert run(clip, "-o", tmp_path / "no", "--image-rate", 200, "--images-every", 2) == 1
+    assert "only one of --image-rate and --images-every may be given" in capsys.readouterr().err
+
+
 def test_an_interpolator_is_named(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The worked example: a network that blends its images is the same as blending them in sRGB by hand."""
     pytest.importorskip("onnxruntime")

@@ -173,6 +173,37 @@ def test_a_lens_shades_and_blurs_what_the_pixels_see() -> None:
     assert blurred.sum() == pytest.approx(1, rel=1e-4)
 
 
+@pytest.mark.parametrize("interpolation", ["linear", "cubic", "flow"])
+def test_images_at_a_rate_of_their_own_change_no_event(interpolation: str) -> None:
+    """Packets end at even instants, and their images follow the light between the frames; events stay."""
+    settings: dict[str, Any] = {"interpolation": interpolation, "log_eps": 0.01}
+    plain = list(events_from_frames(BARS, STAMPS, **settings))
+    slow = list(events_from_frames(BARS, STAMPS, image_rate_hz=400, **settings))
+    instants = [2500 * k for k in range(49)]
+    assert [packet.end_us for packet in slow] == instants
+    assert [packet.start_us for packet in slow] == [0, *instants[:-1]]
+    assert np.array_equal(all_events(iter(slow)), all_events(iter(plain)))
+    for packet in slow:
+        assert packet.luma is not None
+        assert ((packet.start_us < packet.events["t"]) & (packet.events["t"] <= packet.end_us)).all()
+    for t_us, frame in zip(STAMPS, plain, strict=True):
+        if t_us in instants:
+            assert np.array_equal(slow[instants.index(t_us)].luma, frame.luma)  # type: ignore[arg-type]
+    # The engine sees the same light: events until an instant rebuild the image there, to within a threshold.
+    first = slow[0].luma
+    assert first is not None
+    counted = np.zeros(first.shape)
+    for packet in slow:
+        np.add.at(counted, (packet.events["y"], packet.events["x"]), np.where(packet.events["p"] == 1, 0.15, -0.15))
+        assert packet.luma is not None
+        rebuilt = np.log(first + 0.01) + counted
+        assert np.abs(np.log(packet.luma + 0.01) - rebuilt).max() < 0.15 + 1e-5
+    odd = list(events_from_frames(BARS, STAMPS, image_rate_hz=70, **settings))
+    assert [packet.end_us for packet in odd] == [round(k / 70 * 1e6) for k in range(9)] + [120_000]
+    assert odd[-1].luma is None
+    assert len(all_events(iter(odd))) == len(all_events(iter(plain)))
+
+
 def test_frames_are_read_as_they_are_needed() -> None:
     """Of an endless generator only a few frames are read ahead, however slowly events are taken."""
     read = 0

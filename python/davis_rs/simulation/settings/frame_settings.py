@@ -183,7 +183,25 @@ class _BetweenSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameSettings(EngineSettings, PixelSettings, _BetweenSettings, _PartSettings, _LightSettings):
+class _ImageSettings(Settings):
+    """Declares which intensity frames come with the events."""
+
+    image_rate_hz: float | None = declare(
+        None,
+        Declared(
+            "intensity frames at this rate, made from the light between frames: slow motion next to the events",
+            default_help="the frames themselves",
+            unit="Hz",
+            low=0,
+            high=1e6,
+            above_low=True,
+            metavar="HZ",
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameSettings(_ImageSettings, EngineSettings, PixelSettings, _BetweenSettings, _PartSettings, _LightSettings):
     """Declares the settings of :func:`~davis_rs.events_from_frames`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None = declare(None, SENSOR)

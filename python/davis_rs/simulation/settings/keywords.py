@@ -151,7 +151,15 @@ class _BetweenKeywords(TypedDict, total=False):
     max_displacement_px: float
 
 
-class FrameKeywords(EngineKeywords, PixelKeywords, _BetweenKeywords, _PartKeywords, _LightKeywords, total=False):
+class _ImageKeywords(TypedDict, total=False):
+    """Names the keyword arguments of :class:`_ImageSettings`."""
+
+    image_rate_hz: float | None
+
+
+class FrameKeywords(
+    _ImageKeywords, EngineKeywords, PixelKeywords, _BetweenKeywords, _PartKeywords, _LightKeywords, total=False
+):
     """Names the keyword arguments of :class:`FrameSettings`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None
