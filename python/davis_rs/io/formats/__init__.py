@@ -23,6 +23,7 @@ of pyarrow, h5py or rosbags; two shared cores) and which hands every event over 
 - ROS 1, 232 lines: rosbags reads an index, within bounds of ours; a bag without an index is ours alone.
 """
 
+from .aedat2 import AEDAT2
 from .aedat4 import Aedat4Format
 from .bag import BagFormat
 from .destination import Destination, Limits
@@ -34,7 +35,7 @@ from .mvsec import MvsecFormat
 from .npy import NpyFormat
 from .npz import NpzFormat
 from .parquet import ParquetFormat
-from .recorded import AEDAT2, AEDAT3, CAMERA_BYTES
+from .recorded import AEDAT3, CAMERA_BYTES
 from .registry import FORMATS, register
 from .ros2 import Ros2Format
 from .text import TextFormat

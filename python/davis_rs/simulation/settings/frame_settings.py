@@ -180,12 +180,6 @@ class _BetweenSettings(Settings):
             group=_BETWEEN,
         ),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _ImageSettings(Settings):
-    """Declares which intensity frames come with the events."""
-
     image_rate_hz: float | None = declare(
         None,
         Declared(
@@ -196,12 +190,13 @@ class _ImageSettings(Settings):
             high=1e6,
             above_low=True,
             metavar="HZ",
+            group=_BETWEEN,
         ),
     )
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameSettings(_ImageSettings, EngineSettings, PixelSettings, _BetweenSettings, _PartSettings, _LightSettings):
+class FrameSettings(EngineSettings, PixelSettings, _BetweenSettings, _PartSettings, _LightSettings):
     """Declares the settings of :func:`~davis_rs.events_from_frames`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None = declare(None, SENSOR)

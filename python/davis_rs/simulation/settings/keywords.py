@@ -149,17 +149,10 @@ class _BetweenKeywords(TypedDict, total=False):
     interpolation: str | Callable[..., Any]
     interpolator: str | None
     max_displacement_px: float
-
-
-class _ImageKeywords(TypedDict, total=False):
-    """Names the keyword arguments of :class:`_ImageSettings`."""
-
     image_rate_hz: float | None
 
 
-class FrameKeywords(
-    _ImageKeywords, EngineKeywords, PixelKeywords, _BetweenKeywords, _PartKeywords, _LightKeywords, total=False
-):
+class FrameKeywords(EngineKeywords, PixelKeywords, _BetweenKeywords, _PartKeywords, _LightKeywords, total=False):
     """Names the keyword arguments of :class:`FrameSettings`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None
