@@ -34,6 +34,7 @@ from recording_files import (
     aedat4,
     aedat4_events,
     aedat4_xml,
+    evt21,
 )
 
 for module in ("h5py", "hdf5plugin", "numcodecs", "pyarrow", "rosbags"):
@@ -100,6 +101,7 @@ KINDS: dict[str, Make] = {
     "npz": written("e.npz"),
     "npz compressed": compressed_npz,
     "evt2": written("e.raw", "evt2"),
+    "evt21": bytes_of("e.raw", evt21(EVENTS)),
     "evt3": written("e.raw"),
     "aedat4": written("e.aedat4"),
     "aedat4 of DV": bytes_of("e.aedat4", aedat4((0, aedat4_events(EVENTS)), xml=aedat4_xml(size=SIZE))),

@@ -171,7 +171,7 @@ def test_accumulated_events_are_grey(tmp_path: Path) -> None:
         tmp_path / "e.npy", tmp_path / "v.gif", size=(4, 1), panels="accumulated", events_per_picture=300
     )
     with Image.open(video) as picture:
-        assert picture.n_frames == 4  # type: ignore[attr-defined]
+        assert picture.n_frames == 4
 
 
 def test_a_video_of_noise_stays_below_five_megabytes(tmp_path: Path) -> None:

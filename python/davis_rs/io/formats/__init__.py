@@ -29,7 +29,7 @@ from .bag import BagFormat
 from .destination import Destination, Limits
 from .dsec import DsecFormat
 from .e2vid import E2vidFormat
-from .evt import EVT2, EVT3
+from .evt import EVT2, EVT3, EVT21
 from .interface import EventReader, EventWriter, Format, TruncatedFileWarning, WriteReport
 from .mvsec import MvsecFormat
 from .npy import NpyFormat
@@ -55,6 +55,7 @@ __all__ = [
 register(
     EVT3,
     EVT2,
+    EVT21,
     Aedat4Format(),
     NpyFormat(),
     NpzFormat(),

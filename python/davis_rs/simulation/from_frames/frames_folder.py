@@ -52,6 +52,7 @@ def frames_to_folder(
     overwrite: bool = False,
     meta: Mapping[str, object] | None = None,
     quiet: bool = False,
+    on_packet: Callable[[Packet, tuple[int, int]], object] | None = None,
     **settings: Unpack[FrameFolderKeywords],
 ) -> FramesReport:
     """Turn a video, a folder of images or an array of frames into a dataset folder of events.
@@ -69,6 +70,7 @@ def frames_to_folder(
         path, overwrite: see :class:`~davis_rs.DatasetWriter`.
         meta: more for meta.json.
         quiet: no progress bar, and nothing said of how the frames are taken.
+        on_packet: is called with each packet that was written and the (width, height) of the sensor: for showing it.
         {settings}
 
     Raises:
@@ -107,7 +109,10 @@ def frames_to_folder(
             ) as writer,
         ):
             try:
-                _write_all(writer, chain(first, packets), run, given.images_every, bar, stop_requested, counted)
+                _write_all(
+                    writer, _told(chain(first, packets), on_packet, run.size), run, given.images_every, bar,
+                    stop_requested, counted,
+                )  # fmt: skip
             except Exception as error:
                 # What came before is a dataset of its own: it is closed as one that was cut short.
                 with suppress(OSError, ValueError):  # a writer that failed is closed already
@@ -128,6 +133,16 @@ def frames_to_folder(
         dropped_events=run.dropped_events,
         missed_events=run.missed_events,
     )
+
+
+def _told(
+    packets: Iterator[Packet], on_packet: Callable[[Packet, tuple[int, int]], object] | None, size: tuple[int, int]
+) -> Iterator[Packet]:
+    """Yield packets, and tell of each once it has been written."""
+    for packet in packets:
+        yield packet
+        if on_packet is not None:
+            on_packet(packet, size)
 
 
 @dataclass

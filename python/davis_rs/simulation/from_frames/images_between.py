@@ -52,7 +52,7 @@ class ImagesBetween:
         if a.rate is not None and b.rate is not None:
             # Hermite's cubic, as what its slopes add to the line; NaN asks for the line.
             chord = logs[1] - logs[0]
-            first, second = (seconds * sample.rate / light - chord for sample, light in zip((a, b), lit, strict=True))
+            first, second = (seconds * rate / light - chord for rate, light in zip((a.rate, b.rate), lit, strict=True))
             bend = s * (1 - s) * ((1 - s) * first - s * second)
             line += np.where(np.isnan(bend), 0.0, bend)
         luma: LumaFrame = np.maximum(np.exp(line) - self._log_eps, 0).astype(np.float32)
