@@ -162,7 +162,7 @@ class SceneTable:
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
-        # Where a texture is the same everywhere nothing is written, and pages of zeros that nobody writes take no memory.
+        # Where a texture is the same everywhere nothing is written, and zeros that nobody writes take no memory.
         self._mesh_uv = np.zeros((count, 4)), np.zeros((count, 4))
         smooth, smooth_parts = False, list[tuple[slice, FloatArray]]()
         for (shape, added), (_, width, height, _) in zip(shapes, self.textures.sizes.tolist(), strict=True):
