@@ -37,6 +37,13 @@ pub(crate) trait Region {
     /// Returns which boxes it may meet; those that do not touch it may be among them where they lie within float32's
     /// rounding.
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
+
+    /// Looks closer at a box of triangles, by its lane, that it may meet.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    fn meets_leaf(&self, _boxes: &Boxes, _lane: usize) -> bool {
+        true
+    }
 }
 
 /// A part of space that is looked through from front to back.
@@ -128,7 +135,9 @@ impl Bvh {
                 let first = node.first[lane];
                 if node.count[lane] == 0 {
                     stack.push(first);
-                } else if !leaf(first as usize..(first + node.count[lane]) as usize) {
+                } else if region.meets_leaf(&node.boxes, lane)
+                    && !leaf(first as usize..(first + node.count[lane]) as usize)
+                {
                     return;
                 }
             }

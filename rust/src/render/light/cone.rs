@@ -68,26 +68,12 @@ impl Cone {
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
     pub(crate) fn hides_place(&self, x: f32, y: f32, z: f32, farthest: f32) -> bool {
-        let height = height_above(&self.height, x, y, z);
-        self.holds(x, y, z) & (height < 0.0) & (height >= -farthest)
-    }
-
-    /// Returns whether a point lies in the cone, before or behind its triangle.
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-    pub(crate) fn holds(&self, x: f32, y: f32, z: f32) -> bool {
-        (at(&self.edges[0], x, y, z) >= 0.0)
+        let height = at(&self.height, x, y, z);
+        let inside = (at(&self.edges[0], x, y, z) >= 0.0)
             & (at(&self.edges[1], x, y, z) >= 0.0)
-            & (at(&self.edges[2], x, y, z) >= 0.0)
+            & (at(&self.edges[2], x, y, z) >= 0.0);
+        inside & (height < 0.0) & (height >= -farthest)
     }
-}
-
-/// Returns the height of a point above the plane of a cone's triangle, see [`Cone`].
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-pub(crate) fn height_above(plane: &[f32; 4], x: f32, y: f32, z: f32) -> f32 {
-    at(plane, x, y, z)
 }
 
 fn with(vector: Vector, offset: f64) -> [f64; 4] {
@@ -185,13 +171,6 @@ impl Packet {
     pub(crate) fn cone(&self, lane: usize) -> Cone {
         let [a, b, c, height] = self.functions.map(|function| function.map(|lanes| lanes[lane]));
         Cone { edges: [a, b, c], height }
-    }
-
-    /// Returns the height above the plane of the triangle in a lane, see [`height_above`].
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(crate) fn plane(&self, lane: usize) -> [f32; 4] {
-        self.functions[3].map(|lanes| lanes[lane])
     }
 
     /// Returns what they hide of a box, as it is computed for each point in it.
