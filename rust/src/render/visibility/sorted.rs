@@ -6,7 +6,8 @@
 
 use std::ops::Range;
 
-use super::nearest::Nearest;
+use super::nearest::{NOTHING, Nearest};
+use crate::render::geometry::pixel_rays::BLOCKS;
 use crate::render::lanes::{Lanes, MOST, Rays, STEP};
 
 /// Rays that lie side by side.
@@ -15,6 +16,21 @@ pub(crate) struct Row {
     pub(crate) range: Range<usize>,
     /// Whether all of them see the triangle; else some of them do.
     pub(crate) all: bool,
+}
+
+/// What the rays of a tile hit, as indices in the tile's list of triangles.
+pub(crate) trait TileHits {
+    /// Returns whether any ray sees the triangle at an index.
+    fn sees(&self, index: u32) -> bool;
+
+    /// Returns whether a ray sees nothing.
+    fn misses(&self, ray: usize) -> bool;
+
+    /// Finds the rays that see the triangle at an index; without `rows` all of them are scattered.
+    fn sort(&self, index: u32, rows: bool, sorted: &mut Sorted);
+
+    /// Returns what each ray sees, where some rays of a [`Row`] see another triangle.
+    fn indices(&self) -> &[u32];
 }
 
 /// The rays that see a triangle.
@@ -63,6 +79,18 @@ impl Sorted {
         }
     }
 
+    /// Takes rays that lie side by side; without `rows` all of them are scattered.
+    #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 rays")]
+    pub(crate) fn of_range(&mut self, range: Range<usize>, rows: bool) {
+        self.rows.clear();
+        self.scattered.clear();
+        if rows {
+            self.add_rows(range, true);
+        } else {
+            self.scattered.extend(range.start as u32..range.end as u32);
+        }
+    }
+
     fn add_rows(&mut self, range: Range<usize>, all: bool) {
         let firsts = range.clone().step_by(MOST);
         self.rows.extend(firsts.map(|first| Row { range: first..range.end.min(first + MOST), all }));
@@ -78,6 +106,24 @@ impl Sorted {
             count += usize::from(one == index);
         }
         self.scattered.truncate(count);
+    }
+}
+
+impl TileHits for Nearest {
+    fn sees(&self, index: u32) -> bool {
+        self.only.contains(&index) || self.counts[index as usize] != [0; BLOCKS]
+    }
+
+    fn misses(&self, ray: usize) -> bool {
+        self.only[ray / self.length] == NOTHING && self.index[ray] == NOTHING
+    }
+
+    fn sort(&self, index: u32, rows: bool, sorted: &mut Sorted) {
+        sorted.of_triangle(self, index, rows);
+    }
+
+    fn indices(&self) -> &[u32] {
+        &self.index
     }
 }
 
@@ -118,7 +164,7 @@ impl Row {
 
     /// Puts values where they belong: those of the rays that see the triangle, by the triangles that all see.
     #[inline(always)]
-    pub(crate) fn put(&self, values: &Lanes, nearest: &Nearest, index: u32, out: &mut [f32]) {
+    pub(crate) fn put(&self, values: &Lanes, indices: &[u32], index: u32, out: &mut [f32]) {
         let out = &mut out[self.range.clone()];
         if self.all {
             match out.first_chunk_mut() {
@@ -127,7 +173,7 @@ impl Row {
             }
             return;
         }
-        for ((out, &seen), &value) in out.iter_mut().zip(&nearest.index[self.range.clone()]).zip(values.iter()) {
+        for ((out, &seen), &value) in out.iter_mut().zip(&indices[self.range.clone()]).zip(values.iter()) {
             *out = if seen == index { value } else { *out };
         }
     }

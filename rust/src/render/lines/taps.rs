@@ -1,0 +1,212 @@
+//! Taps: where what lines see is shaded, with the pixel and the area that each counts for.
+//!
+//! The taps of a triangle follow each other, so that they are shaded in place. Of pieces that are seen from end to end
+//! they are copied from the pattern; only those at the ends of what is seen are worked out. A tile that sees one
+//! triangle alone has its taps by blocks, as rays are.
+//!
+//! What must not break: the taps of a pixel have its area as their weight.
+
+use super::envelope::{Envelopes, LEAST};
+use super::pattern::{LinePattern, Run};
+use crate::render::geometry::linear::Rect;
+use crate::render::geometry::pixel_rays::{BLOCKS, LANES, PIXELS};
+use crate::render::visibility::bins::{Entry, Seen};
+use crate::render::visibility::sorted::{Sorted, TileHits};
+
+/// How many sums a pixel's taps are added up in: neighbours on a line need not wait for each other.
+const SUMS: usize = 4;
+
+/// A part of a line that sees one triangle, or nothing.
+#[derive(Clone, Copy, Debug)]
+struct SeenRun {
+    run: Run,
+    /// In the tile's list, or its length for nothing.
+    index: u32,
+    /// Its pieces, of the pattern's.
+    pieces: (u32, u32),
+}
+
+/// The taps of a tile.
+#[derive(Debug, Default)]
+pub(crate) struct Taps {
+    pub(crate) x: Vec<f32>,
+    pub(crate) y: Vec<f32>,
+    weight: Vec<f32>,
+    pixel: Vec<u32>,
+    /// Where those of each triangle of the list begin, and then those that see nothing; their end.
+    starts: Vec<u32>,
+    next: Vec<u32>,
+    /// Whether they are those of [`LinePattern::blocks`].
+    by_blocks: bool,
+    runs: Vec<SeenRun>,
+    envelopes: Envelopes,
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 taps")]
+impl Taps {
+    /// Finds the taps of a tile whose pixels have a pitch, in undistorted coordinates; `part` begins at its corner.
+    #[inline(always)]
+    pub(crate) fn find(
+        &mut self,
+        pattern: &LinePattern,
+        (seen, list): (&[Seen], &[Entry]),
+        part: &Rect,
+        pitch: [f64; 2],
+    ) {
+        self.by_blocks = matches!(list, [] | [Entry { covers: true, .. }]);
+        let count = if self.by_blocks {
+            let count = pattern.blocks.column.len();
+            self.starts.clear();
+            self.starts.push(0);
+            self.starts.extend((0..list.len()).map(|_| count as u32));
+            self.starts.push(count as u32);
+            count
+        } else {
+            self.envelopes.find(pattern, (seen, list), part, pitch);
+            self.split(pattern, list.len())
+        };
+        for values in [&mut self.x, &mut self.y, &mut self.weight] {
+            values.resize(count, 0.0);
+        }
+        self.pixel.resize(count, 0);
+        if self.by_blocks {
+            place(&pattern.blocks.column, &mut self.x, pitch[0], (part.low[0], part.high[0]));
+            place(&pattern.blocks.row, &mut self.y, pitch[1], (part.low[1], part.high[1]));
+        } else {
+            self.fill(pattern);
+            place_all(&mut self.x, pitch[0], (part.low[0], part.high[0]));
+            place_all(&mut self.y, pitch[1], (part.low[1], part.high[1]));
+        }
+    }
+
+    /// Splits lines into what sees one triangle of the list each, and counts the taps; returns their number.
+    fn split(&mut self, pattern: &LinePattern, list: usize) -> usize {
+        let Self { runs, starts, next, envelopes, .. } = self;
+        runs.clear();
+        starts.clear();
+        starts.resize(list + 2, 0);
+        let mut add = |line: usize, left: f32, right: f32, index: u32| {
+            if right - left <= LEAST {
+                return;
+            }
+            let run = Run { line, left, right };
+            let (first, end) = pattern.pieces_in(&run);
+            starts[index as usize + 1] += (end - first) as u32;
+            runs.push(SeenRun { run, index, pieces: (first as u32, end as u32) });
+        };
+        for (line, (&start, &end)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
+            if end < start {
+                continue;
+            }
+            let mut at = start;
+            for segment in &envelopes.segments[line] {
+                add(line, at, segment.left, list as u32);
+                add(line, segment.left, segment.right, envelopes.candidates[segment.candidate as usize].index);
+                at = segment.right;
+            }
+            add(line, at, end, list as u32);
+        }
+        for index in 0..=list {
+            starts[index + 1] += starts[index];
+        }
+        next.clear();
+        next.extend_from_slice(starts);
+        starts[list + 1] as usize
+    }
+
+    /// Fills in the taps of all runs: columns and rows in the tile.
+    #[inline(always)]
+    fn fill(&mut self, pattern: &LinePattern) {
+        let whole = &pattern.taps;
+        for SeenRun { run, index, pieces: (first, end) } in &self.runs {
+            let (first, end) = (*first as usize, *end as usize);
+            let to = self.next[*index as usize] as usize;
+            let count = end - first;
+            self.next[*index as usize] += count as u32;
+            let taps = to..to + count;
+            self.x[taps.clone()].copy_from_slice(&whole.column[first..end]);
+            self.y[taps.clone()].copy_from_slice(&whole.row[first..end]);
+            self.weight[taps.clone()].copy_from_slice(&whole.weight[first..end]);
+            self.pixel[taps].copy_from_slice(&whole.pixel[first..end]);
+            for piece in [first, end - 1] {
+                let tap = to + piece - first;
+                (self.x[tap], self.y[tap], self.weight[tap]) = pattern.tap(piece, run);
+            }
+        }
+    }
+
+    /// Returns each pixel's luma, by that of the taps.
+    #[inline(always)]
+    pub(crate) fn add_up(&self, pattern: &LinePattern, luma: &[f32]) -> [f32; PIXELS] {
+        let mut pixels = [0.0; PIXELS];
+        if self.by_blocks {
+            let length = luma.len() / BLOCKS;
+            let weights = pattern.blocks.weight.chunks_exact(length);
+            let of_blocks = luma.chunks_exact(length).zip(weights);
+            for ((luma, weights), pixels) in of_blocks.zip(pixels.chunks_exact_mut(LANES)) {
+                for (luma, weights) in luma.chunks_exact(LANES).zip(weights.chunks_exact(LANES)) {
+                    for i in 0..LANES {
+                        pixels[i] += weights[i] * luma[i];
+                    }
+                }
+            }
+            return pixels;
+        }
+        let mut sums = [[0.0; PIXELS]; SUMS];
+        for (tap, ((&luma, &weight), &pixel)) in luma.iter().zip(&self.weight).zip(&self.pixel).enumerate() {
+            sums[tap % SUMS][pixel as usize % PIXELS] += weight * luma;
+        }
+        for i in 0..PIXELS {
+            pixels[i] = (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]);
+        }
+        pixels
+    }
+
+    fn range(&self, index: u32) -> std::ops::Range<usize> {
+        self.starts[index as usize] as usize..self.starts[index as usize + 1] as usize
+    }
+}
+
+/// Returns undistorted coordinates of columns or rows of a tile.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn place(from: &[f32], to: &mut [f32], pitch: f64, (low, high): (f32, f32)) {
+    let pitch = pitch as f32;
+    for (to, from) in to.iter_mut().zip(from) {
+        let coordinate = low + from * pitch;
+        *to = if coordinate < high { coordinate } else { high };
+    }
+}
+
+/// As [`place`], in place.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn place_all(values: &mut [f32], pitch: f64, (low, high): (f32, f32)) {
+    let pitch = pitch as f32;
+    for value in values {
+        let coordinate = low + *value * pitch;
+        let coordinate = if coordinate > low { coordinate } else { low };
+        *value = if coordinate < high { coordinate } else { high };
+    }
+}
+
+impl TileHits for Taps {
+    fn sees(&self, index: u32) -> bool {
+        !self.range(index).is_empty()
+    }
+
+    fn misses(&self, ray: usize) -> bool {
+        ray >= self.starts[self.starts.len() - 2] as usize
+    }
+
+    fn sort(&self, index: u32, rows: bool, sorted: &mut Sorted) {
+        sorted.of_range(self.range(index), rows);
+    }
+
+    fn indices(&self) -> &[u32] {
+        &[]
+    }
+}
