@@ -68,6 +68,8 @@ pub(super) struct Envelopes {
     /// Of each line the inverse depth behind which nothing is seen.
     hidden: Vec<f32>,
     intervals: Intervals,
+    /// The index of a triangle that covers the tile behind all that was let in; None for nothing.
+    pub(super) behind: Option<u32>,
 }
 
 impl InTile {
@@ -166,6 +168,9 @@ impl Envelopes {
         self.hidden.clear();
         self.hidden.resize(pattern.heights.len(), 0.0);
         self.depths.clear();
+        self.behind = None;
+        // What was let in is nowhere farther than this.
+        let mut farthest = f32::INFINITY;
         let many = self.candidates.len() > BETWEEN;
         for number in 0..self.candidates.len() {
             let Candidate { index, nearest, covers, .. } = self.candidates[number];
@@ -173,6 +178,15 @@ impl Envelopes {
                 break;
             }
             let triangle = &seen[list[index as usize].seen as usize];
+            let is_behind = triangle.inverse_depth.highest(part) <= farthest;
+            let lowest = triangle.inverse_depth.lowest(part);
+            let is_last = self.candidates.get(number + 1).is_none_or(|next| next.nearest <= lowest);
+            if covers && is_behind && is_last {
+                self.behind = Some(index);
+                break;
+            }
+            farthest = farthest.min(lowest);
+            farthest = farthest.min(triangle.inverse_depth.lowest(part));
             let inverse_depth = InTile::of_linear(triangle.inverse_depth, part, pitch);
             self.depths.push(Depth::new(inverse_depth, pattern.slope));
             self.intervals.begin(pattern);
@@ -180,13 +194,13 @@ impl Envelopes {
                 for edge in triangle.edges {
                     self.intervals.clip(InTile::of_linear(edge, part, pitch), pattern);
                 }
-                if triangle.inverse_depth.lowest(part) <= 0.0 {
+                if lowest <= 0.0 {
                     let [a, b, c] = inverse_depth.0;
                     let horizon = InTile([a, b, c - HORIZON * (a.abs() + b.abs() + c.abs())]);
                     self.intervals.clip(horizon, pattern);
                 }
             }
-            self.let_in(number, nearest, pattern);
+            self.let_in(number, nearest, is_behind, pattern);
         }
     }
 
@@ -203,7 +217,7 @@ impl Envelopes {
     /// Lets a candidate be seen in its intervals.
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 triangles")]
-    fn let_in(&mut self, number: usize, nearest: f32, pattern: &LinePattern) {
+    fn let_in(&mut self, number: usize, nearest: f32, is_behind: bool, pattern: &LinePattern) {
         let Self { segments, spare, depths, hidden, intervals, .. } = self;
         for list in 0..pattern.lists() {
             if !intervals.any(list) {
@@ -216,7 +230,7 @@ impl Envelopes {
                     let of_line = &mut segments[line];
                     if of_line.is_empty() {
                         of_line.push(new);
-                    } else if insert(of_line, spare, depths, pattern.heights[line], new) {
+                    } else if insert(of_line, spare, (depths, pattern.heights[line]), new, is_behind) {
                         std::mem::swap(of_line, spare);
                     }
                 }
@@ -252,8 +266,15 @@ fn put(segments: &mut Vec<Segment>, left: f32, right: f32, candidate: u32) {
     }
 }
 
-/// Lets a triangle be seen where it is nearer than what was seen so far; says whether that changes anything.
-fn insert(old: &[Segment], out: &mut Vec<Segment>, depths: &[Depth], height: f32, new: Segment) -> bool {
+/// Lets a triangle be seen where it is nearer than what was seen so far; says whether that changes anything. One that is
+/// known to be behind all of that is seen in gaps alone.
+fn insert(
+    old: &[Segment],
+    out: &mut Vec<Segment>,
+    (depths, height): (&[Depth], f32),
+    new: Segment,
+    is_behind: bool,
+) -> bool {
     out.clear();
     let depth = depths[new.candidate as usize];
     let (mut at, mut changed) = (new.left, false);
@@ -265,7 +286,7 @@ fn insert(old: &[Segment], out: &mut Vec<Segment>, depths: &[Depth], height: f32
         }
         at = at.max(segment.right);
         let (left, right) = (segment.left.max(new.left), segment.right.min(new.right));
-        if right - left <= LEAST {
+        if is_behind || right - left <= LEAST {
             put(out, segment.left, segment.right, segment.candidate);
             continue;
         }

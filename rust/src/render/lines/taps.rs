@@ -32,10 +32,9 @@ pub(crate) struct Taps {
     pub(crate) x: Vec<f32>,
     pub(crate) y: Vec<f32>,
     weight: Vec<f32>,
-    pixel: Vec<u32>,
-    /// Where those of each triangle of the list begin, and then those that see nothing; their end.
-    starts: Vec<u32>,
-    next: Vec<u32>,
+    pixel: Vec<u8>,
+    /// Where those of each triangle of the list begin and end, and then those that see nothing.
+    ranges: Vec<[u32; 2]>,
     /// Whether they are those of [`LinePattern::blocks`].
     by_blocks: bool,
     runs: Vec<SeenRun>,
@@ -57,10 +56,9 @@ impl Taps {
         self.by_blocks = matches!(list, [] | [Entry { covers: true, .. }]);
         let count = if self.by_blocks {
             let count = pattern.blocks.column.len();
-            self.starts.clear();
-            self.starts.push(0);
-            self.starts.extend((0..list.len()).map(|_| count as u32));
-            self.starts.push(count as u32);
+            self.ranges.clear();
+            self.ranges.resize(list.len() + 1, [count as u32; 2]);
+            self.ranges[0][0] = 0;
             count
         } else {
             self.envelopes.find(pattern, (seen, list), part, pitch);
@@ -82,56 +80,66 @@ impl Taps {
 
     /// Splits lines into what sees one triangle of the list each, and counts the taps; returns their number.
     fn split(&mut self, pattern: &LinePattern, list: usize) -> usize {
-        let Self { runs, starts, next, envelopes, .. } = self;
+        let Self { runs, ranges, envelopes, .. } = self;
         runs.clear();
-        starts.clear();
-        starts.resize(list + 2, 0);
+        ranges.clear();
+        ranges.resize(list + 1, [0; 2]);
         let mut add = |line: usize, left: f32, right: f32, index: u32| {
             if right - left <= LEAST {
                 return;
             }
             let run = Run { line, left, right };
             let (first, end) = pattern.pieces_in(&run);
-            starts[index as usize + 1] += (end - first) as u32;
+            ranges[index as usize][1] += (end - first) as u32;
             runs.push(SeenRun { run, index, pieces: (first as u32, end as u32) });
         };
+        let behind = envelopes.behind.unwrap_or(list as u32);
         for (line, (&start, &end)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
             if end < start {
                 continue;
             }
             let mut at = start;
             for segment in &envelopes.segments[line] {
-                add(line, at, segment.left, list as u32);
+                add(line, at, segment.left, behind);
                 add(line, segment.left, segment.right, envelopes.candidates[segment.candidate as usize].index);
                 at = segment.right;
             }
-            add(line, at, end, list as u32);
+            add(line, at, end, behind);
         }
-        for index in 0..=list {
-            starts[index + 1] += starts[index];
+        // Each triangle's are followed by room for one vector, because they are copied as vectors.
+        let mut start = 0;
+        for range in ranges {
+            let count = range[1];
+            *range = [start; 2];
+            start += count + if count > 0 { LANES as u32 } else { 0 };
         }
-        next.clear();
-        next.extend_from_slice(starts);
-        starts[list + 1] as usize
+        start as usize
     }
 
     /// Fills in the taps of all runs: columns and rows in the tile.
     #[inline(always)]
     fn fill(&mut self, pattern: &LinePattern) {
-        let whole = &pattern.taps;
         for SeenRun { run, index, pieces: (first, end) } in &self.runs {
             let (first, end) = (*first as usize, *end as usize);
-            let to = self.next[*index as usize] as usize;
-            let count = end - first;
-            self.next[*index as usize] += count as u32;
-            let taps = to..to + count;
-            self.x[taps.clone()].copy_from_slice(&whole.column[first..end]);
-            self.y[taps.clone()].copy_from_slice(&whole.row[first..end]);
-            self.weight[taps.clone()].copy_from_slice(&whole.weight[first..end]);
-            self.pixel[taps].copy_from_slice(&whole.pixel[first..end]);
-            for piece in [first, end - 1] {
-                let tap = to + piece - first;
-                (self.x[tap], self.y[tap], self.weight[tap]) = pattern.tap(piece, run);
+            let range = &mut self.ranges[*index as usize];
+            let to = range[1] as usize;
+            range[1] += (end - first) as u32;
+            let whole = &pattern.taps;
+            copy(&whole.column[first..], &mut self.x[to..], end - first);
+            copy(&whole.row[first..], &mut self.y[to..], end - first);
+            copy(&whole.weight[first..], &mut self.weight[to..], end - first);
+            copy(&whole.pixel[first..], &mut self.pixel[to..], end - first);
+            if run.left > pattern.lefts[run.line] {
+                (self.x[to], self.y[to], self.weight[to]) = pattern.tap(first, run);
+            }
+            if run.right < pattern.rights[run.line] {
+                let tap = to + end - 1 - first;
+                (self.x[tap], self.y[tap], self.weight[tap]) = pattern.tap(end - 1, run);
+            }
+        }
+        for &[start, end] in &self.ranges {
+            if end > start {
+                self.weight[end as usize..][..LANES].fill(0.0);
             }
         }
     }
@@ -164,7 +172,19 @@ impl Taps {
     }
 
     fn range(&self, index: u32) -> std::ops::Range<usize> {
-        self.starts[index as usize] as usize..self.starts[index as usize + 1] as usize
+        let [start, end] = self.ranges[index as usize];
+        start as usize..end as usize
+    }
+}
+
+/// Copies so many values, and some more, as whole vectors.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn copy<T: Copy>(from: &[T], to: &mut [T], count: usize) {
+    let mut done = 0;
+    while done < count {
+        to[done..done + LANES].copy_from_slice(&from[done..done + LANES]);
+        done += LANES;
     }
 }
 
@@ -199,7 +219,7 @@ impl TileHits for Taps {
     }
 
     fn misses(&self, ray: usize) -> bool {
-        ray >= self.starts[self.starts.len() - 2] as usize
+        self.ranges.last().is_some_and(|range| (range[0] as usize..range[1] as usize).contains(&ray))
     }
 
     fn sort(&self, index: u32, rows: bool, sorted: &mut Sorted) {
