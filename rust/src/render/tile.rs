@@ -16,13 +16,15 @@ use super::light::lights::Surroundings;
 use super::light::patch::Patch;
 use super::light::shader::Shader;
 use super::lines::pattern::LinePattern;
+use super::lines::shadows::{HiddenLengths, TileTaps};
 use super::lines::taps::Taps;
 use super::samples::Pixels;
+use super::tile_hits::TileHits;
 use super::time::tracks::Sight;
 use super::visibility::beam::Beam;
 use super::visibility::bins::{Bins, Entry, Seen};
 use super::visibility::nearest::{NOTHING, Nearest};
-use super::visibility::sorted::{Picked, Portion, Sorted, TileHits};
+use super::visibility::sorted::{Picked, Portion, Sorted};
 
 /// What all tiles of a view share.
 pub(crate) struct TileView<'a> {
@@ -51,6 +53,7 @@ pub(crate) struct TileScratch {
     beam: Beam,
     pub(crate) nearest: Nearest,
     taps: Taps,
+    hidden_lengths: HiddenLengths,
     shading: Shading,
 }
 
@@ -134,12 +137,13 @@ pub(crate) fn lines<'a>(
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
-    let TileScratch { list, taps, shading, .. } = scratch;
+    let TileScratch { list, taps, hidden_lengths, shading, .. } = scratch;
     let around = of.rays.tile(tile);
     of.bins.of_tile(tile, around, list);
     taps.find(pattern, (&of.bins.seen, list), around, of.rays.pitch());
     let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
-    shade::<false, _>(of, (&of.bins.seen, list), &part, taps, shading, before);
+    let mut hits = TileTaps { taps, pattern, part: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
+    shade::<false, _>(of, (&of.bins.seen, list), &part, &mut hits, shading, before);
     image.luma = taps.add_up(pattern, &shading.luma);
 }
 
@@ -186,7 +190,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     of: &TileView<'a>,
     (all, list): (&[Seen], &[Entry]),
     part: &Part,
-    hits: &Hits,
+    hits: &mut Hits,
     shading: &mut Shading,
     before: &mut Shaders<'a>,
 ) {
@@ -203,7 +207,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     if let Some(sky) = &of.lit.scene.sky {
         let (pose, [factor, factor_rate]) = (&of.lit.view.poses[0], of.lit.view.factors[sky.light as usize]);
         for ray in 0..x.len() {
-            if list.is_empty() || hits.misses(ray) {
+            if list.is_empty() || hits.hit(ray).is_none() {
                 let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
                 luma[ray] += single([factor])[0] * one;
                 if RATE {
@@ -243,10 +247,13 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
         }
         if of.lit.scene.shadows && caster.shadow.falls() {
             caster.clear();
-            for (sorted, &index) in sorted.iter().zip(run) {
-                caster.fall_on(&of.lit, seen(index), &sorted.scattered);
+            let by_lines = !by_rays && run.iter().all(|&index| hits.cast(&of.lit, caster, seen(index), index));
+            if !by_lines {
+                for (sorted, &index) in sorted.iter().zip(run) {
+                    caster.fall_on(&of.lit, seen(index), &sorted.scattered);
+                }
+                caster.cast(&of.lit, x, y);
             }
-            caster.cast(&of.lit, x, y);
         }
         for (number, ((shader, &index), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {

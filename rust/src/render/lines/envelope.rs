@@ -186,7 +186,6 @@ impl Envelopes {
                 break;
             }
             farthest = farthest.min(lowest);
-            farthest = farthest.min(triangle.inverse_depth.lowest(part));
             let inverse_depth = InTile::of_linear(triangle.inverse_depth, part, pitch);
             self.depths.push(Depth::new(inverse_depth, pattern.slope));
             self.intervals.begin(pattern);

@@ -4,11 +4,13 @@
 //! from edge to edge ([`envelope`]); what a pixel's cell ([`pattern`]) sees of a triangle is shaded at one tap, whose
 //! weight is the length that is seen ([`taps`]). So luma moves evenly while an edge passes, where a mean over rays jumps.
 //!
-//! Taps take the place of rays in [`tile`](super::tile): lights, shadows, textures and sky are the same code.
+//! Taps take the place of rays in [`tile`](super::tile): lights, textures and sky are the same code. Edges of shadows are
+//! found on lines too ([`shadows`]): a tap has the fraction of a light that reaches its length, which moves evenly.
 //!
 //! What must not break: a pixel's taps depend on its view alone. A tile is always done as a whole, and its triangles are
 //! looked at in one order.
 
 mod envelope;
 pub(super) mod pattern;
+pub(super) mod shadows;
 pub(super) mod taps;

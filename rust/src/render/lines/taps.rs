@@ -11,19 +11,20 @@ use super::pattern::{LinePattern, Run};
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{BLOCKS, LANES, PIXELS};
 use crate::render::visibility::bins::{Entry, Seen};
-use crate::render::visibility::sorted::{Sorted, TileHits};
 
 /// How many sums a pixel's taps are added up in: neighbours on a line need not wait for each other.
 const SUMS: usize = 4;
 
 /// A part of a line that sees one triangle, or nothing.
 #[derive(Clone, Copy, Debug)]
-struct SeenRun {
-    run: Run,
+pub(super) struct SeenRun {
+    pub(super) run: Run,
     /// In the tile's list, or its length for nothing.
-    index: u32,
+    pub(super) index: u32,
     /// Its pieces, of the pattern's.
     pieces: (u32, u32),
+    /// Its first tap.
+    tap: u32,
 }
 
 /// The taps of a tile.
@@ -91,7 +92,7 @@ impl Taps {
             let run = Run { line, left, right };
             let (first, end) = pattern.pieces_in(&run);
             ranges[index as usize][1] += (end - first) as u32;
-            runs.push(SeenRun { run, index, pieces: (first as u32, end as u32) });
+            runs.push(SeenRun { run, index, pieces: (first as u32, end as u32), tap: 0 });
         };
         let behind = envelopes.behind.unwrap_or(list as u32);
         for (line, (&start, &end)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
@@ -119,9 +120,10 @@ impl Taps {
     /// Fills in the taps of all runs: columns and rows in the tile.
     #[inline(always)]
     fn fill(&mut self, pattern: &LinePattern) {
-        for SeenRun { run, index, pieces: (first, end) } in &self.runs {
+        for SeenRun { run, index, pieces: (first, end), tap } in &mut self.runs {
             let (first, end) = (*first as usize, *end as usize);
             let range = &mut self.ranges[*index as usize];
+            *tap = range[1];
             let to = range[1] as usize;
             range[1] += (end - first) as u32;
             let whole = &pattern.taps;
@@ -171,7 +173,39 @@ impl Taps {
         pixels
     }
 
-    fn range(&self, index: u32) -> std::ops::Range<usize> {
+    /// Calls `work` with each line where it sees the triangle at an index, and with what gives the tap of a piece there.
+    pub(super) fn each_run(
+        &self,
+        pattern: &LinePattern,
+        index: u32,
+        mut work: impl FnMut(&Run, &dyn Fn(usize) -> usize),
+    ) {
+        if self.by_blocks {
+            for (line, (&left, &right)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
+                if right > left {
+                    work(&Run { line, left, right }, &|piece| pattern.in_blocks[piece] as usize);
+                }
+            }
+            return;
+        }
+        for SeenRun { run, pieces: (first, _), tap, .. } in self.runs.iter().filter(|seen| seen.index == index) {
+            work(run, &|piece| *tap as usize + piece - *first as usize);
+        }
+    }
+
+    /// Returns the weight of a tap.
+    pub(super) fn weight(&self, pattern: &LinePattern, tap: usize) -> f32 {
+        if self.by_blocks { pattern.blocks.weight[tap] } else { self.weight[tap] }
+    }
+
+    /// Returns what a tap sees; None for nothing.
+    pub(super) fn hit(&self, tap: usize) -> Option<u32> {
+        let tap = tap as u32;
+        let index = self.ranges.iter().position(|&[start, end]| (start..end).contains(&tap))?;
+        (index + 1 < self.ranges.len()).then_some(index as u32)
+    }
+
+    pub(super) fn range(&self, index: u32) -> std::ops::Range<usize> {
         let [start, end] = self.ranges[index as usize];
         start as usize..end as usize
     }
@@ -210,23 +244,5 @@ fn place_all(values: &mut [f32], pitch: f64, (low, high): (f32, f32)) {
         let coordinate = low + *value * pitch;
         let coordinate = if coordinate > low { coordinate } else { low };
         *value = if coordinate < high { coordinate } else { high };
-    }
-}
-
-impl TileHits for Taps {
-    fn sees(&self, index: u32) -> bool {
-        !self.range(index).is_empty()
-    }
-
-    fn misses(&self, ray: usize) -> bool {
-        self.ranges.last().is_some_and(|range| (range[0] as usize..range[1] as usize).contains(&ray))
-    }
-
-    fn sort(&self, index: u32, rows: bool, sorted: &mut Sorted) {
-        sorted.of_range(self.range(index), rows);
-    }
-
-    fn indices(&self) -> &[u32] {
-        &[]
     }
 }

@@ -6,8 +6,7 @@
 
 use std::ops::Range;
 
-use super::nearest::{NOTHING, Nearest};
-use crate::render::geometry::pixel_rays::BLOCKS;
+use super::nearest::Nearest;
 use crate::render::lanes::{Lanes, MOST, Rays, STEP};
 
 /// Rays that lie side by side.
@@ -16,21 +15,6 @@ pub(crate) struct Row {
     pub(crate) range: Range<usize>,
     /// Whether all of them see the triangle; else some of them do.
     pub(crate) all: bool,
-}
-
-/// What the rays of a tile hit, as indices in the tile's list of triangles.
-pub(crate) trait TileHits {
-    /// Returns whether any ray sees the triangle at an index.
-    fn sees(&self, index: u32) -> bool;
-
-    /// Returns whether a ray sees nothing.
-    fn misses(&self, ray: usize) -> bool;
-
-    /// Finds the rays that see the triangle at an index; without `rows` all of them are scattered.
-    fn sort(&self, index: u32, rows: bool, sorted: &mut Sorted);
-
-    /// Returns what each ray sees, where some rays of a [`Row`] see another triangle.
-    fn indices(&self) -> &[u32];
 }
 
 /// The rays that see a triangle.
@@ -109,24 +93,6 @@ impl Sorted {
     }
 }
 
-impl TileHits for Nearest {
-    fn sees(&self, index: u32) -> bool {
-        self.only.contains(&index) || self.counts[index as usize] != [0; BLOCKS]
-    }
-
-    fn misses(&self, ray: usize) -> bool {
-        self.only[ray / self.length] == NOTHING && self.index[ray] == NOTHING
-    }
-
-    fn sort(&self, index: u32, rows: bool, sorted: &mut Sorted) {
-        sorted.of_triangle(self, index, rows);
-    }
-
-    fn indices(&self) -> &[u32] {
-        &self.index
-    }
-}
-
 /// Rays to be shaded: all at once, or fewer.
 pub(crate) enum Portion<'a> {
     Full(Rays<'a, true>),
@@ -155,11 +121,11 @@ impl Row {
         // Of rays that follow those of the row nothing is worked out.
         let (x, y) = (&x[self.range.start..], &y[self.range.start..]);
         if let (Some(x), Some(y)) = (x.first_chunk(), y.first_chunk()) {
-            return Portion::new(count, None, x, y);
+            return Portion::new(count, None, self.range.start, x, y);
         }
         buffer.x[..x.len()].copy_from_slice(x);
         buffer.y[..y.len()].copy_from_slice(y);
-        Portion::new(count, None, &buffer.x, &buffer.y)
+        Portion::new(count, None, self.range.start, &buffer.x, &buffer.y)
     }
 
     /// Puts values where they belong: those of the rays that see the triangle, by the triangles that all see.
@@ -182,8 +148,18 @@ impl Row {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl<'a> Portion<'a> {
     #[inline(always)]
-    fn new(count: usize, picked: Option<&'a [u32; MOST]>, x: &'a [f32; MOST], y: &'a [f32; MOST]) -> Self {
-        if count == MOST { Self::Full(Rays { count, picked, x, y }) } else { Self::Fewer(Rays { count, picked, x, y }) }
+    fn new(
+        count: usize,
+        picked: Option<&'a [u32; MOST]>,
+        first: usize,
+        x: &'a [f32; MOST],
+        y: &'a [f32; MOST],
+    ) -> Self {
+        if count == MOST {
+            Self::Full(Rays { count, picked, first, x, y })
+        } else {
+            Self::Fewer(Rays { count, picked, first, x, y })
+        }
     }
 
     /// Gathers up to [`MOST`] rays by their numbers; the last one stands for what is missing.
@@ -194,7 +170,7 @@ impl<'a> Portion<'a> {
         padded[..numbers.len()].copy_from_slice(numbers);
         let count = numbers.len().next_multiple_of(STEP).min(MOST);
         (*some_x, *some_y) = (gathered(x, padded, count), gathered(y, padded, count));
-        Self::new(count, Some(padded), some_x, some_y)
+        Self::new(count, Some(padded), 0, some_x, some_y)
     }
 }
 
