@@ -45,6 +45,7 @@ from .calibrate.sensor import (
 )
 from .data.windows.event_windows import EventWindows as EventWindows
 from .data.windows.window import EventWindow as EventWindow
+from .events import filters as filters
 from .events import represent as represent
 from .events.arrays import EVENT_DTYPE as EVENT_DTYPE
 from .events.arrays import as_events as as_events
@@ -103,6 +104,7 @@ from .inspection.event_image import show as show
 from .inspection.figure import view as view
 from .inspection.html_page import HtmlPage as HtmlPage
 from .inspection.html_page import view_html as view_html
+from .inspection.live_view import LiveView as LiveView
 from .inspection.rerun_recording import RerunRecording as RerunRecording
 from .inspection.rerun_recording import view_rerun as view_rerun
 from .inspection.statistics import (

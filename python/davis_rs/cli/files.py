@@ -5,14 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
 from .._core import DecodeError
-from .._util.progress import progress
 from .._util.terminal_text import tell
 from .._util.untrusted import MAX_PACKET_BYTES
 from ..inspection.rig_summary import rig_contents
@@ -24,7 +22,7 @@ from ..io.files.rig_layouts import convert_rig
 from ..io.formats.parts import ALL_PARTS, PARTS
 from ..io.formats.registry import written_formats
 from ..io.formats.ros2 import MESSAGES, STORAGES
-from .common import EVENTS_HELP, figure_file, of_camera, sensor_size
+from .common import EVENTS_HELP, bar_of_fraction, figure_file, of_camera, sensor_size
 
 
 def add_convert(conversion: argparse.ArgumentParser) -> None:
@@ -126,7 +124,7 @@ def _convert(options: argparse.Namespace) -> int:
         **dict(options.option),
     }
     try:
-        with _bar(f"to {options.target}", quiet=options.quiet) as told:
+        with bar_of_fraction(f"to {options.target}", quiet=options.quiet) as told:
             target = sys.stdout.buffer if to_stream else options.target
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
@@ -191,7 +189,7 @@ def _info(options: argparse.Namespace) -> int:
 def _print_info(options: argparse.Namespace, path: str, picture: Path | None) -> None:
     """Sum up a file or a folder."""
     try:
-        with _bar("reading", quiet=options.quiet) as told:
+        with bar_of_fraction("reading", quiet=options.quiet) as told:
             summary = summarize_events(
                 path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
             )
@@ -213,13 +211,6 @@ def _print_rest(path: str) -> None:
         if dataset.meta.get("complete") is False:
             tell(f"{path}: {DATASET_FOLDER}")
             tell(dataset_contents(dataset))
-
-
-@contextmanager
-def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
-    """Show a progress bar that is told the fraction that is done."""
-    with progress(what, 100.0, unit="%", show=not quiet) as bar:
-        yield lambda fraction: bar.to(100.0 * fraction)
 
 
 def _microseconds(text: str) -> int:

@@ -76,6 +76,7 @@ EVENT_FILES = {
     "dsec": "events.h5",
     "e2vid": "events.e2vid.h5",
     "parquet": "events.parquet",
+    "aedat2": "events.aedat",
 }
 """The event file of a folder, by its format; the first one that is there is read."""
 
