@@ -49,8 +49,8 @@ class ColourFilter:
         for name in COLOURS:
             weights = np.asarray(getattr(self, name), np.float64)
             if weights.shape != (3,) or not (np.isfinite(weights).all() and (weights >= 0).all() and weights.any()):
-                raise ArgumentError(
-                    "{} of a colour filter must be three weights >= 0, not all 0, got {!r}", name, getattr(self, name)
+                raise ValueError(
+                    f"{name} of a colour filter must be three weights >= 0, not all 0, got {getattr(self, name)!r}"
                 )
             object.__setattr__(self, name, tuple(weights.tolist()))
 
