@@ -123,6 +123,8 @@ from .io.files.conversion import convert as convert
 from .io.files.read import iter_events as iter_events
 from .io.files.read import open_reader as open_reader
 from .io.files.read import read_events as read_events
+from .io.files.rig_layouts import RigConversionReport as RigConversionReport
+from .io.files.rig_layouts import convert_rig as convert_rig
 from .io.files.write import open_writer as open_writer
 from .io.formats import (
     EventReader as EventReader,

@@ -18,6 +18,7 @@ from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, 
 from ..io.dataset.reader import Dataset
 from ..io.dataset.rig_folder import RigDataset, is_rig_folder
 from ..io.files.conversion import LeftOutWarning, convert
+from ..io.files.rig_layouts import convert_rig
 from ..io.formats.parts import ALL_PARTS, PARTS
 from ..io.formats.registry import written_formats
 from ..io.formats.ros2 import MESSAGES, STORAGES
@@ -29,7 +30,8 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
     conversion.description = (
         "Convert from any container to any other, in constant memory: events, and the calibration, frames, depth, "
         "flow, IMU samples and poses that both hold. Values stay as they are; a message names what OUT cannot hold. "
-        "OUT gets its name when it is whole: an error or Ctrl-C leaves nothing."
+        "OUT gets its name when it is whole: an error or Ctrl-C leaves nothing. The folder of a rig becomes DSEC's "
+        "folder, MVSEC's HDF5 (.hdf5), or a bag with MVSEC's topics (.bag)."
     )
     conversion.set_defaults(run=_convert)
     conversion.add_argument("source", metavar="IN", help=EVENTS_HELP)
@@ -101,6 +103,8 @@ def add_max_packet_bytes(parser: argparse.ArgumentParser) -> None:
 
 
 def _convert(options: argparse.Namespace) -> int:
+    if is_rig_folder(options.source):
+        return _convert_rig(options)
     to_stream = options.target == "-"
     if to_stream and options.format is None:
         raise ValueError("standard output has no suffix that would tell the format: give --format")
@@ -137,6 +141,34 @@ def _convert(options: argparse.Namespace) -> int:
     if report.left_out:
         tell(
             f"davis-rs: {report.path} ({report.format}) cannot hold, and leaves out: {report.left_out}", file=sys.stderr
+        )
+    return 0
+
+
+_OF_RIGS = ("source", "target", "format", "overwrite", "quiet", "run")
+"""The options of a conversion that hold for rigs, too."""
+
+
+def _convert_rig(options: argparse.Namespace) -> int:
+    """Convert the folder of a rig."""
+    parser = argparse.ArgumentParser()
+    add_convert(parser)
+    usual = vars(parser.parse_args([options.source, options.target]))
+    for name, value in usual.items():
+        if name not in _OF_RIGS and getattr(options, name) != value:
+            option = "--" + name.removesuffix("_us").replace("_", "-")
+            raise ValueError(f"{option} is not for rigs: convert a camera of it, {options.source}/cam0")
+    with _bar(f"to {options.target}", quiet=options.quiet) as told, warnings.catch_warnings():
+        warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
+        report = convert_rig(
+            options.source, options.target, layout=options.format, overwrite=options.overwrite, progress=told
+        )
+    left, right = report.events
+    maps = f", {report.disparities:,} disparity maps" if report.disparities else ""
+    tell(f"{report.path}: {report.layout}, {left:,} + {right:,} events{maps}")
+    if report.left_out:
+        tell(
+            f"davis-rs: {report.path} ({report.layout}) cannot hold, and leaves out: {report.left_out}", file=sys.stderr
         )
     return 0
 
