@@ -158,7 +158,7 @@ def _convert_rig(options: argparse.Namespace) -> int:
         if name not in _OF_RIGS and getattr(options, name) != value:
             option = "--" + name.removesuffix("_us").replace("_", "-")
             raise ValueError(f"{option} is not for rigs: convert a camera of it, {options.source}/cam0")
-    with _bar(f"to {options.target}", quiet=options.quiet) as told, warnings.catch_warnings():
+    with bar_of_fraction(f"to {options.target}", quiet=options.quiet) as told, warnings.catch_warnings():
         warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
         report = convert_rig(
             options.source, options.target, layout=options.format, overwrite=options.overwrite, progress=told
