@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import resource
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,7 +148,11 @@ def _of_the_system() -> int | None:
 
 
 def _of_the_limit() -> int | None:
-    """Return what RLIMIT_AS leaves of the address space."""
+    """Return what RLIMIT_AS leaves of the address space; Windows has no such limit."""
+    try:
+        import resource
+    except ImportError:
+        return None
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     pages = _read(Path("/proc/self/statm")).split()
     if limit == resource.RLIM_INFINITY or not pages:
