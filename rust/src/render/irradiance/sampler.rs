@@ -70,15 +70,15 @@ struct Scratch {
 /// A point that rays begin at: where it is, its normal with two vectors across it, and where its rays begin.
 #[derive(Clone, Copy, Debug)]
 struct Start {
-    place: [f32; 3],
+    position: [f32; 3],
     normal: [f32; 3],
     across: [[f32; 3]; 2],
     origin: [f32; 3],
 }
 
 impl Start {
-    fn new(place: [f32; 3], normal: [f32; 3], off: [f32; 3], step: f32) -> Self {
-        Self { place, normal, across: across(normal), origin: [0, 1, 2].map(|i| place[i] + step * off[i]) }
+    fn new(position: [f32; 3], normal: [f32; 3], off: [f32; 3], step: f32) -> Self {
+        Self { position, normal, across: across(normal), origin: [0, 1, 2].map(|i| position[i] + step * off[i]) }
     }
 }
 
@@ -124,7 +124,7 @@ impl IrradianceSampler {
     pub fn of_lamps(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
         self.summed(&lattice, places, &lights.lamps, |lamp, start, at| {
-            lamp.arriving(&start.place, &start.normal, &start.origin, at)
+            lamp.arriving(&start.position, &start.normal, &start.origin, at)
         })
     }
 
@@ -157,7 +157,7 @@ impl IrradianceSampler {
     pub fn of_sharp(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
         self.summed(&lattice, places, &lights.sharp, |light, start, at| {
-            light.arriving(&start.place, &start.normal, &start.origin, at)
+            light.arriving(&start.position, &start.normal, &start.origin, at)
         })
     }
 
@@ -285,7 +285,7 @@ impl IrradianceSampler {
 }
 
 /// Computes something at each place, on all threads.
-fn each<T: Send>(places: &[Place], of: impl Fn(&Place, &mut Scratch) -> T + Sync) -> Result<Vec<T>> {
+fn each<T: Send>(places: &[Place], compute: impl Fn(&Place, &mut Scratch) -> T + Sync) -> Result<Vec<T>> {
     let wrong = |place: &&Place| {
         let numbers = place.position.iter().chain(&place.normal).chain(&place.shift);
         !numbers.clone().all(|x| x.is_finite()) || place.shift.iter().any(|x| !(0.0..1.0).contains(x))
@@ -294,7 +294,7 @@ fn each<T: Send>(places: &[Place], of: impl Fn(&Place, &mut Scratch) -> T + Sync
         return Err(Error::Argument(format!("places are finite, and their shifts lie in 0..1, got {place:?}")));
     }
     Ok(SHARED.pool()?.install(|| {
-        places.par_iter().with_min_len(4).map_init(Scratch::default, |scratch, place| of(place, scratch)).collect()
+        places.par_iter().with_min_len(4).map_init(Scratch::default, |scratch, place| compute(place, scratch)).collect()
     }))
 }
 
@@ -431,9 +431,9 @@ fn gather(
             falling = light.at(hit.triangle, side, hit.weights);
         }
         if !lights.sharp.is_empty() && reflectance != [0.0; 4] {
-            let place = [0, 1, 2].map(|i| start.origin[i] + hit.distance * along[i]);
+            let position = [0, 1, 2].map(|i| start.origin[i] + hit.distance * along[i]);
             let facing = scene.surfaces.shading_normal(hit.triangle, side, hit.weights);
-            let there = Start::new(place, facing, normal, scene.step());
+            let there = Start::new(position, facing, normal, scene.step());
             let turn = R2.map(|step| (f64::from(lattice.numbers[at]) * step).fract());
             let more = sharp_light(&scene.tracer, lights, &there, single(turn), shadow, light);
             for i in 0..4 {
@@ -460,7 +460,7 @@ fn sharp_light(
 ) -> Colour {
     begin(shadow, light, there);
     for sharp in &lights.sharp {
-        push(shadow, light, &sharp.arriving(&there.place, &there.normal, &there.origin, at));
+        push(shadow, light, &sharp.arriving(&there.position, &there.normal, &there.origin, at));
     }
     tracer.any(shadow);
     end(shadow, light)
@@ -528,9 +528,9 @@ fn trace(
         }
         let (side, normal) = scene.surfaces.side(hit.triangle, along);
         let reflectance = scene.surfaces.reflectance(hit.triangle, side, hit.weights);
-        let place = [0, 1, 2].map(|i| from.origin[i] + hit.distance * along[i]);
+        let position = [0, 1, 2].map(|i| from.origin[i] + hit.distance * along[i]);
         let facing = scene.surfaces.shading_normal(hit.triangle, side, hit.weights);
-        from = Start::new(place, facing, normal, scene.step());
+        from = Start::new(position, facing, normal, scene.step());
         for i in 0..4 {
             weight[i] *= reflectance[i];
         }
@@ -539,14 +539,14 @@ fn trace(
         }
         begin(shadow, light, &from);
         for lamp in &lights.lamps {
-            push(shadow, light, &lamp.arriving(&from.place, &from.normal, &from.origin, draws.point()));
+            push(shadow, light, &lamp.arriving(&from.position, &from.normal, &from.origin, draws.point()));
         }
         if let Some(sky) = &lights.sky {
             push(shadow, light, &along_cosine(sky, &from, draws.point()));
             push(shadow, light, &along_radiance(sky, &from, draws.point()));
         }
         for sharp in &lights.sharp {
-            push(shadow, light, &sharp.arriving(&from.place, &from.normal, &from.origin, draws.point()));
+            push(shadow, light, &sharp.arriving(&from.position, &from.normal, &from.origin, draws.point()));
         }
         any(&scene.tracer, shadow);
         let arrived = end(shadow, light);
@@ -607,9 +607,9 @@ mod tests {
         Place { position, normal, shift: [0.3, 0.7] }
     }
 
-    fn close(found: Vector, expected: Vector, tolerance: f64) {
+    fn close(light: Vector, expected: Vector, tolerance: f64) {
         for i in 0..3 {
-            assert!((found[i] - expected[i]).abs() <= tolerance * expected[i].abs(), "{found:?} {expected:?}");
+            assert!((light[i] - expected[i]).abs() <= tolerance * expected[i].abs(), "{light:?} {expected:?}");
         }
     }
 
