@@ -614,6 +614,7 @@ mod tests {
     }
 
     const UP: Vector = [0.0, 0.0, 1.0];
+    const TURNED: [Vector; 3] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]];
 
     /// A lamp of 2 x 2 that faces down, 1 above the origin, by its form factor (Howell, B-4): 4 x 0.13853.
     fn ceiling(first: usize) -> (Vec<[Vector; 3]>, AreaLamp) {
@@ -668,7 +669,7 @@ mod tests {
         let map =
             |texels: Vec<[f32; 3]>, to_map| SkyLight::Map(EnvironmentMap { width: 8, height: 65, texels, to_map });
         let same = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let turned = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]; // its pole is the world's z
+        let turned = TURNED; // its pole is the world's z
         let row = |y: usize| [0.5 * (1.0 + libm::cosf(std::f32::consts::PI * y as f32 / 64.0)); 3];
         let graded: Vec<[f32; 3]> = (0..65 * 8).map(|i| row(i / 8)).collect();
         let sky = |sky| GroupLight { sky: Some(sky), ..GroupLight::default() };
@@ -771,6 +772,97 @@ mod tests {
         assert_eq!(lampless.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
         let unlit = scene(&squares, 0.0, &groups);
         assert_eq!(unlit.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
+    }
+
+    /// A room of squares that lie across each other, a lamp, a sharp light and a sky with a pattern.
+    fn cluttered_room() -> IrradianceSampler {
+        let mut squares = vec![[[-2.0, -2.0, 1.9], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]];
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / f64::from(1 << 23) - 1.0
+        };
+        for _ in 0..300 {
+            let mut vector = |scale: f64| [0, 1, 2].map(|_| scale * random());
+            squares.push([vector(2.0), vector(0.5), vector(0.5)]);
+        }
+        let lamps = vec![AreaLamp { first: 0, count: 2, radiance: ONE }];
+        let sharp = vec![SharpLight::Point { position: [0.4, -0.3, 1.5], intensity: ONE, beam: None }];
+        let (texels, to_map) = ((0..32).map(|texel| [0.1 + (texel % 7) as f32; 3]).collect(), TURNED);
+        let sky = Some(SkyLight::Map(EnvironmentMap { width: 8, height: 4, texels, to_map }));
+        scene(&squares, 0.5, &[GroupLight { lamps, sky, sharp }])
+    }
+
+    /// FNV-1a of the bits.
+    fn hash(values: &[[f64; 3]]) -> u64 {
+        let bytes = values.iter().flatten().flat_map(|value| value.to_le_bytes());
+        bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+    }
+
+    /// All kinds of light have the bits that they had on another processor: they were found in a build without AVX, and
+    /// each processor runs the best level that it has.
+    #[test]
+    fn bits_are_those_of_other_processors() {
+        let sampler = cluttered_room();
+        let there: Vec<Place> = (0..24)
+            .map(|i| {
+                let at = [0, 1, 2].map(|axis| ((i * [5, 7, 11][axis]) % 24) as f64 / 8.0 - 1.5);
+                Place {
+                    position: at,
+                    normal: [[0.0, 0.0, 1.0], [0.6, 0.0, -0.8]][i % 2],
+                    shift: [0.3, 0.01 * i as f64],
+                }
+            })
+            .collect();
+        let layouts: Vec<[[i64; 2]; 2]> = (0..602).map(|i| [[16 * i, 2]; 2]).collect();
+        let texels: Vec<[f32; 3]> = (0..16 * 602).map(|i| [(i % 13) as f32, (i % 5) as f32, 1.0]).collect();
+        let reflected = ReflectedLight::new(&layouts, &texels).unwrap();
+        let rule = PathRule { bounces: 5, roulette: 2 };
+        let seen = [
+            hash(&sampler.of_lamps(0, &there, 100).unwrap()),
+            hash(&sampler.of_sky(0, &there, 100).unwrap()),
+            hash(&sampler.of_sharp(0, &there, 100).unwrap()),
+            hash(&sampler.gathered(0, &there, 100, Some(&reflected)).unwrap()),
+            hash(&sampler.traced(0, &there, 100, 7, rule).unwrap()),
+        ];
+        assert_eq!(seen, [0; 5]);
+    }
+
+    /// Rays hit the same, with the same bits, in code of the lowest processor level, which is what the compiler makes of
+    /// the tracer itself, and of the highest one.
+    #[test]
+    fn rays_hit_the_same_at_every_processor_level() {
+        let sampler = cluttered_room();
+        let lattice = Lattice::new(1000);
+        for origin in [[0.0; 3], [0.1, -0.2, 0.3], [-0.9, 0.9, 0.5]] {
+            let mut fans: [Fan; 2] = std::array::from_fn(|_| {
+                let mut fan = Fan::default();
+                fan.origin = origin;
+                fan.resize(lattice.len());
+                for at in 0..lattice.len() {
+                    let local = cosine_direction(lattice.shifted(at, [0.2, 0.4]));
+                    for axis in 0..3 {
+                        fan.directions[axis][at] = local[axis];
+                    }
+                    fan.ends[at] = if at % 2 == 0 { f32::INFINITY } else { 0.3 };
+                }
+                fan
+            });
+            let [plain, best] = &mut fans;
+            sampler.tracer.closest(plain);
+            sampler.tracer.any(plain);
+            closest(&sampler.tracer, best);
+            any(&sampler.tracer, best);
+            assert!(plain.blocked.contains(&true) && plain.blocked.contains(&false));
+            assert_eq!(plain.blocked, best.blocked);
+            let bits = |fan: &Fan| -> Vec<_> {
+                fan.hits
+                    .iter()
+                    .map(|hit| (hit.triangle, hit.distance.to_bits(), hit.weights.map(f32::to_bits)))
+                    .collect()
+            };
+            assert_eq!(bits(plain), bits(best));
+        }
     }
 
     #[test]
