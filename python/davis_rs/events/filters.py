@@ -116,7 +116,7 @@ class DropPixels(Filter):
     """Drops all events of some pixels, such as hot ones.
 
     Args:
-        x, y: integers (n,), their columns and rows; those of :class:`~davis_rs.inspection.statistics.HotPixels` fit.
+        x, y: integers (n,), their columns and rows; those of ``measure_stream(...).hot_pixels`` fit.
     """
 
     x: npt.ArrayLike
