@@ -101,7 +101,7 @@ def test_edge_tracks_are_those_of_each_pixels_colour() -> None:
     assert (np.diff(tracks.pixels) > 0).all()
     for number, weights in enumerate(FILTER.weights):
         renderer = make_renderer(SCENE, CAMERA, rays_per_pixel=8, kind="native", weights=weights)
-        [alone] = renderer.edge_tracks(views, t_us, tolerated=0.01, log_eps=1e-3)
+        [alone] = renderer.edge_tracks(views, t_us, tolerated=0.01, log_eps=1e-3) or []
         own, mine = numbers[alone.pixel] == number, numbers[tracks.pixel] == number
         assert np.array_equal(tracks.luma[mine], alone.luma[own])
         assert np.array_equal(tracks.t_us[mine], alone.t_us[own])

@@ -78,7 +78,9 @@ def test_a_steady_camera_has_the_same_clock(moves: bool) -> None:
         angular_rate=lambda t: np.zeros((len(t), 3)),
         description={},
     )
-    source = partial(dict, {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR, "box": BOX})
+    source: partial[dict[str, object]] = partial(
+        dict, {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR, "box": BOX}
+    )
     scene = Scene("swing", source, objects={"box": swing} if moves else {})
     renderer = make_renderer(scene, Camera(40, 30, 33.0, 33.0, 19.5, 14.5), rays_per_pixel=1)
     clocks = [DisplacementClock(renderer, path(start, end, 0.003), 3000) for path in (SegmentTrajectory, Unsteady)]
