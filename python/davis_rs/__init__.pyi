@@ -50,6 +50,8 @@ from .events import represent as represent
 from .events.arrays import EVENT_DTYPE as EVENT_DTYPE
 from .events.arrays import as_events as as_events
 from .events.arrays import event_array as event_array
+from .events.colour import ColourFilter as ColourFilter
+from .events.colour import demosaic as demosaic
 from .events.decoded import (
     IMU_COUNTS_DTYPE as IMU_COUNTS_DTYPE,
 )

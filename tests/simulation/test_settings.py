@@ -6,7 +6,7 @@ import inspect
 import json
 import pydoc
 import re
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from settings_keywords import keywords_source
 
 import davis_rs
 from davis_rs import (
+    ColourFilter,
     FixedRate,
     Imu,
     MocapClock,
@@ -120,6 +121,7 @@ VALUES: dict[str, tuple[str, Any]] = {
     "sensor": ("davis346", "davis346"),
     "renderer": ("table", "table"),
     "pixel": ("lines", "lines"),
+    "colour_filter": ("GRBG", "GRBG"),
     "accuracy": ("fast", "fast"),
     "imu": ("davis", "davis"),
     "effects": ("leak_rate_hz=1", ["leak_rate_hz=1"]),
@@ -319,6 +321,7 @@ OTHER: dict[str, Any] = {
     "renderer": "table",
     "bake_error": 0.02,
     "pixel": "lines",
+    "colour_filter": "GRBG",
     "blur": False,
     "seed": 5,
     "frame_rate_hz": 100.0,
@@ -352,7 +355,8 @@ def test_the_record_has_every_setting_that_results_depend_on() -> None:
         if name == "flow_interval_s":
             given["flow_rate_hz"] = 20.0
         found = Simulator(PLANES, **given).describe()["parameters"]
-        assert found[name] == (value if name != "sampling" else repr(value)), name
+        told = {"sampling": repr(value), "colour_filter": asdict(ColourFilter("GRBG"))}
+        assert found[name] == told.get(name, value), name
         assert found[name] != plain["parameters"][name], name
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, TypedDict
 
@@ -70,6 +70,7 @@ class Simulator:
         contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
         log_eps: the dark level in units of luma, from settings or sensor.
         start_phase: where references lie at the first frame, from settings or sensor.
+        colour_filter: before the pixels, from settings or sensor; None for a sensor without colour.
         sampling: when luma is rendered.
         effects: those of the pixels, readout and frames.
         custom_effects: those of the user's own.
@@ -116,7 +117,7 @@ class Simulator:
         view, settings = resolved.view, resolved.settings
         self.settings, self.scene, self.camera = settings, view.scene, view.camera
         self.contrast_threshold, self.contrast_threshold_off = view.contrast_threshold, view.contrast_threshold_off
-        self.log_eps, self.start_phase = view.log_eps, view.start_phase
+        self.log_eps, self.start_phase, self.colour_filter = view.log_eps, view.start_phase, view.colour_filter
         self.sampling, self.refine = resolved.sampling, resolved.refine
         self.effects, self.custom_effects = resolved.effects, resolved.custom_effects
         self.memory = resolved.memory(plain.ray_bytes)
@@ -307,6 +308,7 @@ class Simulator:
             "contrast_threshold": self.contrast_threshold,
             "contrast_threshold_off": self.contrast_threshold_off,
             "start_phase": self.start_phase,
+            "colour_filter": None if self.colour_filter is None else asdict(self.colour_filter),
             "log_eps": self.log_eps,
             "rays_per_pixel": self.renderer.rays_per_pixel,
             "blur": self.renderer.blur,

@@ -24,6 +24,9 @@ from ..._mitsuba.types import (
     MitsubaShape,
     MitsubaValue,
 )
+from ..._util.memory_forecast import MeshForecast
+from ..._util.progress import say
+from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.lattice import rank1_lattice
 from ..baked.baked_scene import BakedLight
@@ -101,6 +104,7 @@ class SceneTable:
 
     Raises:
         Unsuitable: with all that is not a diffuse triangle or a direct light.
+        ValueError: for more triangles than there is memory for.
     """
 
     def __init__(
@@ -114,6 +118,7 @@ class SceneTable:
         baked: bool = False,
         view: ClosestView | None = None,
         obstacles: Obstacles | None = None,
+        weights: Weights = LUMA_WEIGHTS,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
@@ -130,7 +135,7 @@ class SceneTable:
         for shape in small_lamps(scene) if baked else ():
             with obstacles.collect():
                 self.lights += _area_light_points(shape, mi, colours)
-        self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
+        self.textures = TextureTable(mi, [np.asarray(weights) * colour for colour in colours])
         self.names = [str(shape.id()) for shape in scene.shapes()]
         self.counts: list[int] = []
         surfaces: list[Added] = []
@@ -147,12 +152,25 @@ class SceneTable:
             self.counts.append(faces)
             surfaces.append(added)
         obstacles.refuse()
+        self._forecast_memory()
         self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
         self._add_triangles(list(zip(scene.shapes(), surfaces, strict=True)), mi, baked=baked)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
         self.baked: BakedLight | None = None
+
+    def _forecast_memory(self) -> None:
+        """Say how much memory the tables will take if it is much, and refuse more than there is before it is taken."""
+        forecast = MeshForecast(
+            sum(self.counts),
+            textured=bool((self.textures.sizes[:, 1:3] > 1).any()),
+            smooth=any(shape.has_vertex_normals() for shape in self.scene.shapes()),
+            sharp_lights=sum(light.kind != "constant" for light in self.lights) if self.shadows else 0,
+        )
+        forecast.refuse()
+        if line := forecast.line():
+            say(line)
 
     def _add_triangles(self, shapes: Sequence[tuple[MitsubaShape, Added]], mi: Mitsuba, *, baked: bool) -> None:
         """Compute what each triangle has, a part of a mesh at a time.

@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypedDict
 
+from ...events.colour import ColourFilter
 from ...geometry.camera import Camera
 from ...sampling.rules import TimeSampling
 from ...sensor.effects import Effect, EffectsLike
@@ -41,6 +42,7 @@ class ViewKeywords(PixelKeywords, total=False):
     matte: bool
     renderer: str
     pixel: str
+    colour_filter: ColourFilter | str | None
     bake_error: float
     blur: bool | None
 

@@ -95,6 +95,7 @@ impl RayCells {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_precision_loss, reason = "small numbers")]
 mod tests {
     use super::*;
     use crate::render::geometry::linear::Rect;
