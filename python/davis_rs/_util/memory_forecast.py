@@ -111,12 +111,10 @@ class MeshForecast:
         available = available_bytes() if available is None else available
         if available is None or self.bytes <= available:
             return
-        raise ArgumentError(
-            "a scene of {} triangles needs about {} of memory, and {} are available: {} triangles would fit",
-            f"{self.triangles:,}",
-            readable_bytes(self.bytes),
-            readable_bytes(available),
-            f"{available * self.triangles // self.bytes:,}",
+        fits = available * self.triangles // self.bytes
+        raise ValueError(
+            f"a scene of {self.triangles:,} triangles needs about {readable_bytes(self.bytes)} of memory, and "
+            f"{readable_bytes(available)} are available: {fits:,} triangles would fit"
         )
 
     def line(self, available: int | None = None) -> str:
