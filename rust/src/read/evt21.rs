@@ -7,7 +7,7 @@
 //!
 //! Source: Prophesee, EVT 2.1 format, in Metavision's documentation; `OpenEB`, `evt21_event_types.h`.
 
-use super::evt::{EvtDecoder, HighTime, Words};
+use super::evt::{Evt2Time, EvtDecoder, Words};
 use super::reader::DecoderState;
 use crate::error::Result;
 use crate::event::Event;
@@ -19,8 +19,7 @@ pub type Evt21Decoder = EvtDecoder<Evt21Words>;
 /// What the words of EVT 2.1 change.
 #[derive(Default)]
 pub struct Evt21Words {
-    /// Time in units of 64 us: its bits 33..6 go round.
-    high: HighTime<{ 1 << 28 }>,
+    high: Evt2Time,
     halves_swapped: bool,
 }
 
@@ -57,11 +56,11 @@ impl Words for Evt21Words {
     }
 
     fn state(&self) -> DecoderState {
-        [self.high.state(), 0, 0, 0, 0]
+        self.high.decoder_state()
     }
 
-    fn resume(&mut self, [high, ..]: DecoderState) -> Result<()> {
-        self.high = HighTime::of_state(high, 1 << 55)?;
+    fn resume(&mut self, state: DecoderState) -> Result<()> {
+        self.high = Evt2Time::of_decoder_state(state)?;
         Ok(())
     }
 }
