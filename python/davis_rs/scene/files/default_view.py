@@ -33,6 +33,8 @@ _ENCLOSED = 0.75
 _ROOM = 0.22
 """Fraction of the empty space that must be enclosed. Measured: a flat without a ceiling 0.28, a terrain 0.17, a street
 0.10, a car, trees and statues 0.07 or less."""
+_BOTH_WAYS = 0.5
+"""A cube faces away from a look if the mean of its normals along it is larger; a wall with two sides has a small mean."""
 _LEAST_HEIGHT_M = 1.5
 """A room that is lower is no room: the inside of a hollow object, for example."""
 _LOOKS = np.array([step for step in product((-1, 0, 1), (-1, 0, 1), (-1, 0)) if any(step)])
@@ -126,8 +128,10 @@ class _Grid:
         shape = tuple(np.floor((high - low) / cell).astype(int) + 3)
         index = np.ravel_multi_index(tuple(np.floor((points - low) / cell).astype(int).T + 1), shape)
         count = int(np.prod(shape))
-        facing = np.stack([np.bincount(index, normal, count) for normal in normals.T], 1).astype(np.float64)
-        return cls(facing.reshape(*shape, 3), np.bincount(index, minlength=count).reshape(shape) > 0, low - cell, cell)
+        points_in = np.bincount(index, minlength=count)
+        sums = np.stack([np.bincount(index, normal, count) for normal in normals.T], 1)
+        facing = sums / np.maximum(points_in, 1)[:, None]
+        return cls(facing.reshape(*shape, 3), points_in.reshape(shape) > 0, low - cell, cell)
 
     def room(self) -> tuple[FloatArray, float, float] | None:
         """Return where a camera stands in a room (3), how far it is from surfaces there, and the direction in the plane
@@ -182,8 +186,7 @@ class _Grid:
     def _ends_at_front(self, look: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
         """Return for each empty cube whether a look from it ends at the front of a surface; layer by layer, because a
         look goes on as that of the next cube does."""
-        # A wall that has two sides within a cube faces both ways.
-        front = self.facing @ look <= 0.2 * np.linalg.norm(look)
+        front = self.facing @ look <= _BOTH_WAYS * np.linalg.norm(look)
         axis = int(np.flatnonzero(look)[0])
         layers = [np.moveaxis(values, axis, 0) for values in (self.filled, front)]
         step, (across, along) = look[axis], np.delete(look, axis)
