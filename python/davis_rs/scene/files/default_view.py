@@ -34,7 +34,7 @@ _ROOM = 0.22
 """Fraction of the empty space that must be enclosed. Measured: a flat without a ceiling 0.28, a terrain 0.17, a street
 0.10, a car, trees and statues 0.07 or less."""
 _BOTH_WAYS = 0.5
-"""A cube faces away from a look if the mean of its normals along it is larger; a wall with two sides has a small mean."""
+"""A cube faces away from a look where the mean of its normals along it is larger. Two-sided walls have a small one."""
 _LEAST_HEIGHT_M = 1.5
 """A room that is lower is no room: the inside of a hollow object, for example."""
 _LOOKS = np.array([step for step in product((-1, 0, 1), (-1, 0, 1), (-1, 0)) if any(step)])
