@@ -7,6 +7,8 @@
 //! What must not break: triangles are let in by nearness and then by their numbers in the scene, because roundings at
 //! cuts depend on the order. Two triangles with a common edge have the same bits there, so that no gap is seen.
 
+use std::ops::Range;
+
 use super::pattern::LinePattern;
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::LANES;
@@ -55,6 +57,8 @@ pub(super) struct Candidate {
 pub(super) struct Intervals {
     pub(super) from: Vec<f32>,
     pub(super) to: Vec<f32>,
+    /// The lists of [`LANES`] lines that are looked at.
+    pub(super) lists: Range<usize>,
 }
 
 /// What all lines of a tile see.
@@ -98,12 +102,15 @@ impl Depth {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Intervals {
-    /// Begins with all of each line.
-    pub(super) fn begin(&mut self, pattern: &LinePattern) {
-        self.from.clear();
-        self.from.extend_from_slice(&pattern.lefts);
-        self.to.clear();
-        self.to.extend_from_slice(&pattern.rights);
+    /// Begins with all of each line, of some lists of lines.
+    #[inline(always)]
+    pub(super) fn begin(&mut self, pattern: &LinePattern, lists: Range<usize>) {
+        let lines = lists.start * LANES..lists.end * LANES;
+        self.from.resize(pattern.lefts.len(), 0.0);
+        self.to.resize(pattern.rights.len(), 0.0);
+        self.from[lines.clone()].copy_from_slice(&pattern.lefts[lines.clone()]);
+        self.to[lines.clone()].copy_from_slice(&pattern.rights[lines]);
+        self.lists = lists;
     }
 
     /// Takes away where a function is negative.
@@ -111,10 +118,12 @@ impl Intervals {
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
     pub(super) fn clip(&mut self, InTile([a, b, c]): InTile, pattern: &LinePattern) {
         let along = a + b * f64::from(pattern.slope);
-        let heights = pattern.heights.chunks_exact(LANES);
+        let lines = self.lists.start * LANES..self.lists.end * LANES;
+        let heights = pattern.heights[lines.clone()].chunks_exact(LANES);
+        let (from, to) = (&mut self.from[lines.clone()], &mut self.to[lines]);
         if along.abs() <= PARALLEL * (a.abs() + b.abs() + c.abs()) {
             let (by, offset) = (b as f32, c as f32);
-            for (to, heights) in self.to.chunks_exact_mut(LANES).zip(heights) {
+            for (to, heights) in to.chunks_exact_mut(LANES).zip(heights) {
                 for i in 0..LANES {
                     to[i] = if by * heights[i] + offset < 0.0 { -1.0 } else { to[i] };
                 }
@@ -123,14 +132,14 @@ impl Intervals {
         }
         let (by, offset) = ((-b / along) as f32, (-c / along) as f32);
         if along > 0.0 {
-            for (from, heights) in self.from.chunks_exact_mut(LANES).zip(heights) {
+            for (from, heights) in from.chunks_exact_mut(LANES).zip(heights) {
                 for i in 0..LANES {
                     let column = by * heights[i] + offset;
                     from[i] = if column > from[i] { column } else { from[i] };
                 }
             }
         } else {
-            for (to, heights) in self.to.chunks_exact_mut(LANES).zip(heights) {
+            for (to, heights) in to.chunks_exact_mut(LANES).zip(heights) {
                 for i in 0..LANES {
                     let column = by * heights[i] + offset;
                     to[i] = if column < to[i] { column } else { to[i] };
@@ -188,7 +197,7 @@ impl Envelopes {
             farthest = farthest.min(lowest);
             let inverse_depth = InTile::of_linear(triangle.inverse_depth, part, pitch);
             self.depths.push(Depth::new(inverse_depth, pattern.slope));
-            self.intervals.begin(pattern);
+            self.intervals.begin(pattern, 0..pattern.lists());
             if !covers {
                 for edge in triangle.edges {
                     self.intervals.clip(InTile::of_linear(edge, part, pitch), pattern);

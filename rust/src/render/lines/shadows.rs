@@ -7,6 +7,8 @@
 //! What must not break: a triangle throws no shadow on itself, and rays begin a step off the surface, as in
 //! [`cast`](crate::render::light::cast).
 
+use std::ops::Range;
+
 use super::envelope::{InTile, Intervals, LEAST};
 use super::pattern::{LinePattern, Run};
 use super::taps::Taps;
@@ -85,7 +87,13 @@ impl Receiver {
 impl TileTaps<'_> {
     /// Finds for each line where cones hide a receiver from a light.
     #[inline(always)]
-    fn find_hidden(&mut self, lit: &Surroundings, (shadow, number): (&Shadow, usize), receiver: &Receiver) {
+    fn find_hidden(
+        &mut self,
+        lit: &Surroundings,
+        (shadow, number): (&Shadow, usize),
+        receiver: &Receiver,
+        lists: &Range<usize>,
+    ) {
         let side = receiver.side_of(&lit.lights[number]);
         let HiddenLengths { intervals, lines } = &mut *self.scratch;
         lines.resize_with(lines.len().max(self.pattern.heights.len()), Vec::new);
@@ -97,7 +105,7 @@ impl TileTaps<'_> {
                     continue;
                 }
                 let cone = occluders.cones.cone(at);
-                intervals.begin(self.pattern);
+                intervals.begin(self.pattern, lists.clone());
                 for [a, b, c, offset] in cone.limits(shadow.farthest(number)) {
                     // The value at the point that a ray sees, by inverse depth: linear in the ray.
                     let vector = [a, b, c];
@@ -109,7 +117,7 @@ impl TileTaps<'_> {
                     by_ray[2] += step;
                     intervals.clip(InTile::new(by_ray, self.part, self.pitch), self.pattern);
                 }
-                for list in (0..self.pattern.lists()).filter(|&list| intervals.any(list)) {
+                for list in lists.clone().filter(|&list| intervals.any(list)) {
                     for line in list * LANES..(list + 1) * LANES {
                         let (left, right) = (intervals.from[line], intervals.to[line]);
                         if right - left > LEAST {
@@ -127,6 +135,12 @@ impl TileTaps<'_> {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl TileHits for TileTaps<'_> {
+    const ALONE: bool = true;
+
+    fn around(&self, index: u32) -> Rect {
+        self.taps.around(self.pattern, index, self.part, self.pitch).0
+    }
+
     fn sees(&self, index: u32) -> bool {
         !self.taps.range(index).is_empty()
     }
@@ -146,13 +160,14 @@ impl TileHits for TileTaps<'_> {
     #[inline(always)]
     fn cast(&mut self, lit: &Surroundings, caster: &mut Caster, seen: &Seen, index: u32) -> bool {
         let receiver = Receiver::new(lit, seen, self.part);
+        let (_, lists) = self.taps.around(self.pattern, index, self.part, self.pitch);
         let (shadow, fractions) = caster.fractions(lit.lights.len(), self.taps.x.len());
         for (number, fractions) in fractions.iter_mut().enumerate().take(lit.lights.len()) {
             if !shadow.hides(number) || shadow.is_dark(number) {
                 continue;
             }
             fractions[self.taps.range(index)].fill(1.0);
-            self.find_hidden(lit, (shadow, number), &receiver);
+            self.find_hidden(lit, (shadow, number), &receiver, &lists);
             let hidden = &self.scratch.lines;
             self.taps.each_run(self.pattern, index, |run, tap_of| {
                 let mut reached = run.left;
