@@ -150,10 +150,13 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
     import mitsuba as mi
 
     given, uv = part.reflectance, part.uv
-    # Of a large texture there is only this tensor, which Mitsuba copies.
-    reflectance: Texture | FloatArray | MitsubaValue = (
-        mi.TensorXf(given.linear()) if isinstance(given, EncodedTexture) else given
-    )
+    reflectance: Texture | FloatArray | MitsubaValue = given
+    if isinstance(given, EncodedTexture):
+        if (given.tint == 1.0).all():
+            reflectance = mi.Bitmap(given.texels, mi.Bitmap.PixelFormat.RGB)
+            reflectance.set_srgb_gamma(True)
+        else:  # of a large texture there is only this tensor, which Mitsuba copies
+            reflectance = mi.TensorXf(given.linear())
     if part.colours is not None:
         reflectance, uv = colours_as_texture(part.colours)
     flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0

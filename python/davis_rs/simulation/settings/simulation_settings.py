@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ...events.colour import PATTERNS, ColourFilter
 from ...geometry.camera import PRESETS, Camera
 from ...io.dataset.files import EVENT_FILES
 from ...render.baked.bake import BAKE_ERROR
@@ -195,6 +196,17 @@ class ViewSettings(PixelSettings):
             "jumps at edges (the native renderer without distortion; for 8, 32 or 64 rays per pixel)",
             choices=tuple(ESTIMATORS),
             group=_ACCURACY,
+        ),
+    )
+    colour_filter: ColourFilter | str | None = declare(
+        None,
+        Declared(
+            "Bayer pattern of colour filters before the pixels, each of which then sees its own colour "
+            "(docs/colour.md); none: none, whatever the sensor has",
+            default_help="the sensor's",
+            choices=("none", *PATTERNS),
+            group=_ACCURACY,
+            text=str,
         ),
     )
     bake_error: float = declare(
