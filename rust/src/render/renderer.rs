@@ -803,10 +803,14 @@ mod tests {
         let lattice: Vec<[f32; 2]> =
             (0..987).map(|ray| [(ray as f32 + 0.5) / 987.0, ((ray * 610 % 987) as f32 + 0.5) / 987.0]).collect();
         let (rays, corners) = (grid(width, height, &lattice), grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]));
-        for (count, shadows, most, typical) in [(3, true, 0.15, 0.0005), (40, false, 0.5, 0.02), (40, true, 0.5, 0.02)]
+        for (count, shadows, most, typical) in
+            [(1, false, 0.5, 0.02), (3, true, 0.15, 0.0005), (40, false, 0.5, 0.02), (40, true, 0.5, 0.02)]
         {
             let mut numbers = Numbers(11);
-            let tables = SceneTables { shadows, ..tables(&mut numbers, count) };
+            let mut tables = SceneTables { shadows, ..tables(&mut numbers, count) };
+            if count == 1 {
+                add_slanted_wall(&mut tables, &mut numbers);
+            }
             let renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
             let views = line_views(&mut numbers);
             let size = width * height * views.len();

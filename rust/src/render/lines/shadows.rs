@@ -4,8 +4,8 @@
 //! image, as a triangle itself is. So on a line it is an interval, and the lengths of what intervals cover together are
 //! taken from the taps. Each light is looked at alone: a tap is not split, however many lights there are.
 //!
-//! What must not break: a triangle throws no shadow on itself, and rays begin a step off the surface, as in
-//! [`cast`](crate::render::light::cast).
+//! What must not break: shadows begin a step off the surface, as those of rays do ([`cast`](crate::render::light::cast)).
+//! What throws them was searched for one triangle alone, which is left out itself.
 
 use std::ops::Range;
 
@@ -41,7 +41,6 @@ pub(crate) struct HiddenLengths {
 
 /// A triangle that shadows fall on, in camera axes.
 struct Receiver {
-    number: u32,
     /// 1 / depth by the ray.
     inverse_depth: [f64; 3],
     /// Of its plane.
@@ -64,7 +63,6 @@ impl Receiver {
         let per_depth = inverse_depth[0] * x + inverse_depth[1] * y + inverse_depth[2];
         let coordinates = add(world.vector([x, y, 1.0]), scale(world.position, per_depth.max(0.0)));
         Self {
-            number: seen.triangle,
             inverse_depth,
             normal: pose.turned(plane_normal),
             height: dot(plane_normal, pose.position) + surface.plane[3],
@@ -100,10 +98,7 @@ impl TileTaps<'_> {
         lines.iter_mut().for_each(Vec::clear);
         for occluders in shadow.occluders(number) {
             let pose = &lit.view.poses[occluders.frame];
-            for (at, &triangle) in occluders.cones.triangles.iter().enumerate() {
-                if triangle == receiver.number {
-                    continue;
-                }
+            for at in 0..occluders.cones.triangles.len() {
                 let cone = occluders.cones.cone(at);
                 intervals.begin(self.pattern, lists.clone());
                 for [a, b, c, offset] in cone.limits(shadow.farthest(number)) {

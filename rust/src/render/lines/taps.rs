@@ -77,12 +77,16 @@ impl Taps {
         }
         self.pixel.resize(count, 0);
         if self.by_blocks {
-            place(&pattern.blocks.column, &mut self.x, pitch[0], (part.low[0], part.high[0]));
-            place(&pattern.blocks.row, &mut self.y, pitch[1], (part.low[1], part.high[1]));
+            self.x.copy_from_slice(&pattern.blocks.column);
+            self.y.copy_from_slice(&pattern.blocks.row);
         } else {
             self.fill(pattern);
-            place_all(&mut self.x, pitch[0], (part.low[0], part.high[0]));
-            place_all(&mut self.y, pitch[1], (part.low[1], part.high[1]));
+        }
+        for (axis, values) in [&mut self.x, &mut self.y].into_iter().enumerate() {
+            let (pitch, ends) = (pitch[axis] as f32, (part.low[axis], part.high[axis]));
+            for value in values {
+                *value = undistorted(*value, pitch, ends);
+            }
         }
     }
 
@@ -239,8 +243,8 @@ impl Taps {
             around.add(*right, row(*right));
         }
         let coordinate =
-            |at: f32, axis: usize| (part.low[axis] + at * pitch[axis] as f32).clamp(part.low[axis], part.high[axis]);
-        let [low, high] = [around.low, around.high].map(|[x, y]| [coordinate(x, 0), coordinate(y, 1)]);
+            |at: [f32; 2], axis: usize| undistorted(at[axis], pitch[axis] as f32, (part.low[axis], part.high[axis]));
+        let [low, high] = [around.low, around.high].map(|at| [coordinate(at, 0), coordinate(at, 1)]);
         (Rect { low, high }, first.run.line / LANES..last.run.line / LANES + 1)
     }
 
@@ -273,27 +277,10 @@ fn copy<T: Copy>(from: &[T], to: &mut [T], count: usize) {
     }
 }
 
-/// Returns undistorted coordinates of columns or rows of a tile.
+/// Returns the undistorted coordinate of a column or row of a tile.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-fn place(from: &[f32], to: &mut [f32], pitch: f64, (low, high): (f32, f32)) {
-    let pitch = pitch as f32;
-    for (to, from) in to.iter_mut().zip(from) {
-        let coordinate = low + from * pitch;
-        *to = if coordinate < high { coordinate } else { high };
-    }
-}
-
-/// As [`place`], in place.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-fn place_all(values: &mut [f32], pitch: f64, (low, high): (f32, f32)) {
-    let pitch = pitch as f32;
-    for value in values {
-        let coordinate = low + *value * pitch;
-        let coordinate = if coordinate > low { coordinate } else { low };
-        *value = if coordinate < high { coordinate } else { high };
-    }
+fn undistorted(at: f32, pitch: f32, (low, high): (f32, f32)) -> f32 {
+    let coordinate = low + at * pitch;
+    if coordinate < high { coordinate } else { high }
 }
