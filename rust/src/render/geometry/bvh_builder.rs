@@ -22,7 +22,7 @@
 
 use std::ops::Range;
 
-use super::bvh::{Boxes, Node, WIDTH, below, index};
+use super::bvh_node::{Boxes, Node, WIDTH, below, index};
 use super::vector::{Bounds, Vector};
 
 /// Triangles in a leaf, at most; unless they all lie at one point.
