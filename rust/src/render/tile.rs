@@ -142,7 +142,7 @@ pub(crate) fn lines<'a>(
     of.bins.of_tile(tile, around, list);
     taps.find(pattern, (&of.bins.seen, list), around, of.rays.pitch());
     let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
-    let mut hits = TileTaps { taps, pattern, part: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
+    let mut hits = TileTaps { taps, pattern, tile_rect: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
     shade::<false, _>(of, (&of.bins.seen, list), &part, &mut hits, shading, before);
     image.luma = taps.add_up(pattern, &shading.luma);
 }

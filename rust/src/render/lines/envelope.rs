@@ -78,14 +78,14 @@ pub(super) struct Envelopes {
 
 impl InTile {
     /// Returns a function in a tile that begins at a corner, of pixels with a pitch.
-    pub(super) fn new(function: [f64; 3], part: &Rect, pitch: [f64; 2]) -> Self {
+    pub(super) fn new(function: [f64; 3], tile_rect: &Rect, pitch: [f64; 2]) -> Self {
         let [a, b, c] = function;
-        let [x, y] = part.low.map(f64::from);
+        let [x, y] = tile_rect.low.map(f64::from);
         Self([a * pitch[0], b * pitch[1], a * x + (b * y + c)])
     }
 
-    fn of_linear(function: Linear, part: &Rect, pitch: [f64; 2]) -> Self {
-        Self::new(function.0.map(f64::from), part, pitch)
+    fn of_linear(function: Linear, tile_rect: &Rect, pitch: [f64; 2]) -> Self {
+        Self::new(function.0.map(f64::from), tile_rect, pitch)
     }
 }
 
@@ -162,16 +162,16 @@ impl Intervals {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Envelopes {
-    /// Finds what the lines of a tile see of a list of triangles; `part` begins at the tile's corner.
+    /// Finds what the lines of a tile see of a list of triangles; `tile_rect` begins at the tile's corner.
     #[inline(always)]
     pub(super) fn find(
         &mut self,
         pattern: &LinePattern,
         (seen, list): (&[Seen], &[Entry]),
-        part: &Rect,
+        tile_rect: &Rect,
         pitch: [f64; 2],
     ) {
-        self.order(seen, list, part);
+        self.order(seen, list, tile_rect);
         self.segments.resize_with(self.segments.len().max(pattern.heights.len()), Vec::new);
         self.segments.iter_mut().for_each(Vec::clear);
         self.hidden.clear();
@@ -187,20 +187,20 @@ impl Envelopes {
                 break;
             }
             let triangle = &seen[list[index as usize].seen as usize];
-            let is_behind = triangle.inverse_depth.highest(part) <= farthest;
-            let lowest = triangle.inverse_depth.lowest(part);
+            let is_behind = triangle.inverse_depth.highest(tile_rect) <= farthest;
+            let lowest = triangle.inverse_depth.lowest(tile_rect);
             let is_last = self.candidates.get(number + 1).is_none_or(|next| next.nearest <= lowest);
             if covers && is_behind && is_last {
                 self.behind = Some(index);
                 break;
             }
             farthest = farthest.min(lowest);
-            let inverse_depth = InTile::of_linear(triangle.inverse_depth, part, pitch);
+            let inverse_depth = InTile::of_linear(triangle.inverse_depth, tile_rect, pitch);
             self.depths.push(Depth::new(inverse_depth, pattern.slope));
             self.intervals.begin(pattern, 0..pattern.lists());
             if !covers {
                 for edge in triangle.edges {
-                    self.intervals.clip(InTile::of_linear(edge, part, pitch), pattern);
+                    self.intervals.clip(InTile::of_linear(edge, tile_rect, pitch), pattern);
                 }
                 if lowest <= 0.0 {
                     let [a, b, c] = inverse_depth.0;
@@ -212,11 +212,11 @@ impl Envelopes {
         }
     }
 
-    fn order(&mut self, seen: &[Seen], list: &[Entry], part: &Rect) {
+    fn order(&mut self, seen: &[Seen], list: &[Entry], tile_rect: &Rect) {
         self.candidates.clear();
         self.candidates.extend((0..).zip(list).map(|(index, entry)| {
             let triangle = &seen[entry.seen as usize];
-            let (nearest, number) = (triangle.nearest_in(part), triangle.triangle);
+            let (nearest, number) = (triangle.nearest_in(tile_rect), triangle.triangle);
             Candidate { index, number, nearest, covers: entry.covers }
         }));
         self.candidates.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.number.cmp(&b.number)));

@@ -26,7 +26,7 @@ use crate::render::visibility::sorted::Sorted;
 pub(crate) struct TileTaps<'a> {
     pub(crate) taps: &'a Taps,
     pub(crate) pattern: &'a LinePattern,
-    pub(crate) part: &'a Rect,
+    pub(crate) tile_rect: &'a Rect,
     pub(crate) pitch: [f64; 2],
     pub(crate) scratch: &'a mut HiddenLengths,
 }
@@ -51,14 +51,14 @@ struct Receiver {
 }
 
 impl Receiver {
-    fn new(lit: &Surroundings, seen: &Seen, part: &Rect) -> Self {
+    fn new(lit: &Surroundings, seen: &Seen, tile_rect: &Rect) -> Self {
         let surface = &lit.scene.surfaces[seen.triangle as usize];
         let pose = &lit.view.poses[surface.frame as usize];
         let plane_normal = [surface.plane[0], surface.plane[1], surface.plane[2]];
         let inverse_depth = seen.inverse_depth.0.map(f64::from);
         // The step grows with the point's coordinates in the world and with its depth; it is small, so that those in the
         // tile's middle do for all of it.
-        let [x, y] = [0, 1].map(|axis| 0.5 * f64::from(part.low[axis] + part.high[axis]));
+        let [x, y] = [0, 1].map(|axis| 0.5 * f64::from(tile_rect.low[axis] + tile_rect.high[axis]));
         let world = &lit.view.poses[0];
         let per_depth = inverse_depth[0] * x + inverse_depth[1] * y + inverse_depth[2];
         let coordinates = add(world.vector([x, y, 1.0]), scale(world.position, per_depth.max(0.0)));
@@ -110,7 +110,7 @@ impl TileTaps<'_> {
                     let mut by_ray: [f64; 3] =
                         std::array::from_fn(|k| along[k] + at_camera * receiver.inverse_depth[k]);
                     by_ray[2] += step;
-                    intervals.clip(InTile::new(by_ray, self.part, self.pitch), self.pattern);
+                    intervals.clip(InTile::new(by_ray, self.tile_rect, self.pitch), self.pattern);
                 }
                 for list in lists.clone().filter(|&list| intervals.any(list)) {
                     for line in list * LANES..(list + 1) * LANES {
@@ -133,7 +133,7 @@ impl TileHits for TileTaps<'_> {
     const ALONE: bool = true;
 
     fn around(&self, index: u32) -> Rect {
-        self.taps.around(self.pattern, index, self.part, self.pitch).0
+        self.taps.around(self.pattern, index, self.tile_rect, self.pitch).0
     }
 
     fn sees(&self, index: u32) -> bool {
@@ -154,8 +154,8 @@ impl TileHits for TileTaps<'_> {
 
     #[inline(always)]
     fn cast(&mut self, lit: &Surroundings, caster: &mut Caster, seen: &Seen, index: u32) -> bool {
-        let receiver = Receiver::new(lit, seen, self.part);
-        let (_, lists) = self.taps.around(self.pattern, index, self.part, self.pitch);
+        let receiver = Receiver::new(lit, seen, self.tile_rect);
+        let (_, lists) = self.taps.around(self.pattern, index, self.tile_rect, self.pitch);
         let (shadow, fractions) = caster.fractions(lit.lights.len(), self.taps.x.len());
         for (number, fractions) in fractions.iter_mut().enumerate().take(lit.lights.len()) {
             if !shadow.hides(number) || shadow.is_dark(number) {

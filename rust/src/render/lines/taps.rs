@@ -17,7 +17,7 @@ use crate::render::visibility::bins::{Entry, Seen};
 /// How many sums a pixel's taps are added up in: neighbours on a line need not wait for each other.
 const SUMS: usize = 4;
 
-/// A part of a line that sees one triangle, or nothing.
+/// A stretch of a line that sees one triangle, or nothing.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SeenRun {
     pub(super) run: Run,
@@ -41,7 +41,7 @@ pub(crate) struct Taps {
     /// Whether they are those of [`LinePattern::blocks`].
     by_blocks: bool,
     /// As they are found, line by line.
-    found: Vec<SeenRun>,
+    by_line: Vec<SeenRun>,
     /// Triangle by triangle, those of each line by line.
     runs: Vec<SeenRun>,
     /// Where the runs of each triangle of the list begin and end, and then those that see nothing.
@@ -52,13 +52,13 @@ pub(crate) struct Taps {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 taps")]
 impl Taps {
-    /// Finds the taps of a tile whose pixels have a pitch, in undistorted coordinates; `part` begins at its corner.
+    /// Finds the taps of a tile whose pixels have a pitch, in undistorted coordinates; `tile_rect` begins at its corner.
     #[inline(always)]
     pub(crate) fn find(
         &mut self,
         pattern: &LinePattern,
         (seen, list): (&[Seen], &[Entry]),
-        part: &Rect,
+        tile_rect: &Rect,
         pitch: [f64; 2],
     ) {
         self.by_blocks = matches!(list, [] | [Entry { covers: true, .. }]);
@@ -69,7 +69,7 @@ impl Taps {
             self.ranges[0][0] = 0;
             count
         } else {
-            self.envelopes.find(pattern, (seen, list), part, pitch);
+            self.envelopes.find(pattern, (seen, list), tile_rect, pitch);
             self.split(pattern, list.len())
         };
         for values in [&mut self.x, &mut self.y, &mut self.weight] {
@@ -83,7 +83,7 @@ impl Taps {
             self.fill(pattern);
         }
         for (axis, values) in [&mut self.x, &mut self.y].into_iter().enumerate() {
-            let (pitch, ends) = (pitch[axis] as f32, (part.low[axis], part.high[axis]));
+            let (pitch, ends) = (pitch[axis] as f32, (tile_rect.low[axis], tile_rect.high[axis]));
             for value in values {
                 *value = undistorted(*value, pitch, ends);
             }
@@ -92,8 +92,8 @@ impl Taps {
 
     /// Splits lines into what sees one triangle of the list each, and counts the taps; returns their number.
     fn split(&mut self, pattern: &LinePattern, list: usize) -> usize {
-        let Self { found, runs, ranges, run_ranges, envelopes, .. } = self;
-        found.clear();
+        let Self { by_line, runs, ranges, run_ranges, envelopes, .. } = self;
+        by_line.clear();
         run_ranges.clear();
         run_ranges.resize(list + 1, [0; 2]);
         ranges.clear();
@@ -102,11 +102,11 @@ impl Taps {
             if run.right - run.left <= LEAST {
                 return;
             }
-            let (first, end, last) = pattern.pieces_from(*piece, &run, end_of_line);
-            *piece = last;
+            let (first, end, holds_end) = pattern.pieces_from(*piece, &run, end_of_line);
+            *piece = holds_end;
             ranges[index as usize][1] += (end - first) as u32;
             run_ranges[index as usize][1] += 1;
-            found.push(SeenRun { run, index, pieces: (first as u32, end as u32), tap: 0 });
+            by_line.push(SeenRun { run, index, pieces: (first as u32, end as u32), tap: 0 });
         };
         let behind = envelopes.behind.unwrap_or(list as u32);
         for (line, (&start, &end)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
@@ -136,8 +136,8 @@ impl Taps {
             *range = [first; 2];
             first += count;
         }
-        if let Some(&any) = found.first() {
-            runs.resize(found.len(), any);
+        if let Some(&any) = by_line.first() {
+            runs.resize(by_line.len(), any);
         }
         start as usize
     }
@@ -145,7 +145,7 @@ impl Taps {
     /// Fills in the taps of all runs: columns and rows in the tile.
     #[inline(always)]
     fn fill(&mut self, pattern: &LinePattern) {
-        for seen in &self.found {
+        for seen in &self.by_line {
             let SeenRun { run, index, pieces: (first, end), .. } = seen;
             let (first, end) = (*first as usize, *end as usize);
             let range = &mut self.ranges[*index as usize];
@@ -231,19 +231,20 @@ impl Taps {
         &self,
         pattern: &LinePattern,
         index: u32,
-        part: &Rect,
+        tile_rect: &Rect,
         pitch: [f64; 2],
     ) -> (Rect, Range<usize>) {
         let runs = if self.by_blocks { &[] } else { self.runs_of(index) };
-        let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return (*part, 0..pattern.lists()) };
+        let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return (*tile_rect, 0..pattern.lists()) };
         let mut around = Rect::NONE;
         for SeenRun { run: Run { line, left, right }, .. } in runs {
             let row = |column: f32| pattern.heights[*line] + pattern.slope * column;
             around.add(*left, row(*left));
             around.add(*right, row(*right));
         }
-        let coordinate =
-            |at: [f32; 2], axis: usize| undistorted(at[axis], pitch[axis] as f32, (part.low[axis], part.high[axis]));
+        let coordinate = |at: [f32; 2], axis: usize| {
+            undistorted(at[axis], pitch[axis] as f32, (tile_rect.low[axis], tile_rect.high[axis]))
+        };
         let [low, high] = [around.low, around.high].map(|at| [coordinate(at, 0), coordinate(at, 1)]);
         (Rect { low, high }, first.run.line / LANES..last.run.line / LANES + 1)
     }
