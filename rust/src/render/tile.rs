@@ -142,7 +142,7 @@ pub(crate) fn lines<'a>(
     of.bins.of_tile(tile, around, list);
     taps.find(pattern, (&of.bins.seen, list), around, of.rays.pitch());
     let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
-    let mut hits = TileTaps { taps, pattern, part: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
+    let mut hits = TileTaps { taps, pattern, tile_rect: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
     shade::<false, _>(of, (&of.bins.seen, list), &part, &mut hits, shading, before);
     image.luma = taps.add_up(pattern, &shading.luma);
 }
@@ -229,8 +229,9 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
             caster.shadow.by_rays(&of.lit, |light| shaders.iter().any(|one| one.lit_by(light)));
         } else if of.lit.scene.shadows {
             // Neighbours in space follow each other in the list: what shadows them is searched for together.
-            let mut patch = Patch::new(&of.lit, seen(visible[first]), around);
-            while at < visible.len() {
+            let own = if Hits::ALONE { &hits.around(visible[first]) } else { around };
+            let mut patch = Patch::new(&of.lit, seen(visible[first]), own);
+            while !Hits::ALONE && at < visible.len() {
                 let other = Patch::new(&of.lit, seen(visible[at]), around);
                 let Some(both) = patch.with(&other) else { break };
                 patch = both;
