@@ -10,6 +10,9 @@ use multiversion::multiversion;
 
 use super::geometry::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays, TileRays};
 use super::geometry::vector::single;
+use super::gloss::number::{Number, Rated};
+use super::gloss::pattern::Pattern;
+use super::gloss::tracer::{Tracer, TracerScratch};
 use super::lanes::{Lanes, MOST};
 use super::light::cast::Caster;
 use super::light::lights::Surroundings;
@@ -32,6 +35,8 @@ pub(crate) struct TileView<'a> {
     pub(crate) background: (f32, f32),
     pub(crate) bins: &'a Bins,
     pub(crate) ways: Ways,
+    /// Of a pixel's rays on glossy surfaces; None where all are diffuse.
+    pub(crate) pattern: Option<Pattern>,
 }
 
 /// In which way tiles are done. It changes the time, and no bit.
@@ -57,6 +62,16 @@ pub(crate) struct TileScratch {
     luma: Vec<f32>,
     rate: Vec<f32>,
     taps: Taps,
+    tracer: TracerScratch,
+}
+
+/// In which order rays lie.
+#[derive(Clone, Copy, Debug)]
+enum Order {
+    /// Of each block the first rays of its pixels, then the second ones, and so on.
+    Blocks,
+    /// All rays of a pixel, then those of the next.
+    Pixels,
 }
 
 /// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
@@ -91,11 +106,11 @@ pub(crate) fn luma<'a, const RATE: bool>(
     if of.ways.beams {
         let mut beam = std::mem::take(&mut scratch.beam);
         beam.find(of.lit.scene, of.lit.view, &part, &mut scratch.nearest, &mut scratch.list);
-        shade::<RATE>(of, &beam.seen, &part, scratch, before);
+        shade::<RATE>(of, &beam.seen, (&part, Order::Blocks), scratch, before);
         scratch.beam = beam;
     } else {
         find(of.bins, tile, &part, scratch);
-        shade::<RATE>(of, &of.bins.seen, &part, scratch, before);
+        shade::<RATE>(of, &of.bins.seen, (&part, Order::Blocks), scratch, before);
     }
     scratch.rays = buffer;
     image.luma = mean(&scratch.luma);
@@ -110,7 +125,7 @@ pub(crate) fn luma<'a, const RATE: bool>(
 pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
     find(of.bins, number, &part, scratch);
-    shade::<false>(of, &of.bins.seen, &part, scratch, &mut vec![]);
+    shade::<false>(of, &of.bins.seen, (&part, Order::Pixels), scratch, &mut vec![]);
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
@@ -131,7 +146,7 @@ pub(crate) fn lines<'a>(
     taps.find(pattern, (&of.bins.seen, &scratch.list), around, of.rays.pitch());
     let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
     scratch.nearest.take(&part, &taps.index, scratch.list.len());
-    shade::<false>(of, &of.bins.seen, &part, scratch, before);
+    shade::<false>(of, &of.bins.seen, (&part, Order::Pixels), scratch, before);
     image.luma = [0.0; PIXELS];
     for ((&luma, &weight), &pixel) in scratch.luma.iter().zip(&taps.weight).zip(&taps.pixel) {
         image.luma[pixel as usize] += weight * luma;
@@ -145,7 +160,7 @@ pub(crate) fn lines<'a>(
 pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
     let part = pixels.part();
     find(of.bins, number, &part, scratch);
-    shade::<true>(of, &of.bins.seen, &part, scratch, &mut vec![]);
+    shade::<true>(of, &of.bins.seen, (&part, Order::Pixels), scratch, &mut vec![]);
     let nearest = &scratch.nearest;
     let seen = |index: u32| &of.bins.seen[scratch.list[index as usize].seen as usize];
     for ray in 0..pixels.count() * of.rays.rays() {
@@ -181,12 +196,12 @@ fn find(bins: &Bins, number: usize, part: &Part, scratch: &mut TileScratch) {
 fn shade<'a, const RATE: bool>(
     of: &TileView<'a>,
     all: &[Seen],
-    part: &Part,
+    (part, order): (&Part, Order),
     scratch: &mut TileScratch,
     before: &mut Shaders<'a>,
 ) {
     let Part { x, y, around, .. } = *part;
-    let TileScratch { list, nearest, caster, sorted, visible, picked, luma, rate, .. } = scratch;
+    let TileScratch { list, nearest, caster, sorted, visible, picked, luma, rate, tracer, .. } = scratch;
     luma.clear();
     luma.resize(x.len(), of.background.0);
     rate.clear();
@@ -266,6 +281,40 @@ fn shade<'a, const RATE: bool>(
         }
     }
     *before = shaders;
+    if visible.iter().any(|&index| of.lit.scene.is_glossy(seen(index).triangle)) {
+        let per_block = x.len() / part.blocks.len();
+        let triangle = |ray: usize| match nearest.only[ray / per_block] {
+            NOTHING => (nearest.index[ray] != NOTHING).then(|| seen(nearest.index[ray]).triangle),
+            only => Some(seen(only).triangle),
+        };
+        let number = |ray: usize| match order {
+            Order::Blocks => ray % per_block / LANES,
+            Order::Pixels => ray % of.rays.rays(),
+        };
+        let rays = (0..x.len()).filter_map(|ray| Some((ray, triangle(ray)?, [x[ray], y[ray]], number(ray))));
+        if RATE {
+            gloss::<Rated>(of, rays, tracer, |ray, value| (luma[ray], rate[ray]) = value);
+        } else {
+            gloss::<f64>(of, rays, tracer, |ray, value| luma[ray] = value.0);
+        }
+    }
+}
+
+/// Computes luma, and its rate, of those rays that see glossy triangles: of each ray its number in the tile, its
+/// triangle, its direction and its number in the pixel.
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn gloss<N: Number>(
+    of: &TileView,
+    rays: impl Iterator<Item = (usize, u32, [f32; 2], usize)>,
+    scratch: &mut TracerScratch,
+    mut put: impl FnMut(usize, (f32, f32)),
+) {
+    let (Some(gloss), Some(pattern)) = (&of.lit.scene.gloss, &of.pattern) else { return };
+    let mut tracer = Tracer { lit: &of.lit, gloss, pattern, scratch };
+    for (ray, triangle, at, number) in rays.filter(|ray| gloss.finish(ray.1).is_some()) {
+        let luma: N = tracer.luma(triangle, at.map(f64::from), number);
+        put(ray, (luma.value() as f32, luma.rate() as f32));
+    }
 }
 
 /// Returns the shaders of triangles; those of the tile before are taken where they are known.

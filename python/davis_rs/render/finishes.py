@@ -1,0 +1,253 @@
+"""Reads how glossy materials reflect, as the native renderer knows it: one lobe over a diffuse colour, or glass.
+
+Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric and thindielectric become a
+:class:`Finish` and a base colour. docs/light.md says what is approximate.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
+
+FloatArray = npt.NDArray[np.float64]
+_Rgb = tuple[float, float, float]
+_Kind = tuple[str, tuple[float, ...]]
+
+CoreFinish = tuple[float, str, tuple[str, list[float]], list[float], list[float], bool, tuple[str, list[float]]]
+"""What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
+
+_COSINES, _WEIGHTS = (np.polynomial.legendre.leggauss(64)[0] + 1) / 2, np.polynomial.legendre.leggauss(64)[1] / 2
+"""For means over directions: nodes in 0..1, and their weights, whose sum is 1."""
+
+_ROUND = 1e-3
+"""A principled material is never smoother than this."""
+
+_UNUSED = ("anisotropic", "clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
+"""Parts of ``principled`` that a finish does not have: they must be 0."""
+
+
+@dataclass(frozen=True)
+class Finish:
+    """How a surface reflects, besides its base colour.
+
+    Attributes:
+        alpha: roughness of the microfacets; 0 is a mirror.
+        distribution: of the microfacets, ``ggx`` or ``beckmann``.
+        fresnel: ``dielectric`` (index), ``conductor`` (index and extinction, three channels each) or ``mixed`` (index,
+            fraction of metal).
+        tint: factor on the lobe, RGB.
+        passing: factor on light that passes through, RGB.
+        base_tints: the base colour is a factor on the lobe.
+        under: what is below: ``nothing``, ``coated`` (index, reflected inside, entering, 1 if nonlinear), ``rough``
+            (roughness, factor), ``solid`` (index) or ``sheet`` (index).
+    """
+
+    alpha: float
+    distribution: str
+    fresnel: _Kind
+    tint: _Rgb = (1.0, 1.0, 1.0)
+    passing: _Rgb = (1.0, 1.0, 1.0)
+    base_tints: bool = False
+    under: _Kind = ("nothing", ())
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether light passes through."""
+        return self.under[0] in ("solid", "sheet")
+
+    @property
+    def core(self) -> CoreFinish:
+        """It, as the core takes it."""
+        (fresnel, numbers), (under, below) = self.fresnel, self.under
+        tints = list(self.tint), list(self.passing)
+        return self.alpha, self.distribution, (fresnel, list(numbers)), *tints, self.base_tints, (under, list(below))
+
+    def albedo(self, base: FloatArray) -> FloatArray:
+        """Return how much of light from all sides is reflected (n, 3), for base colours (n, 3); 0 where it is clear.
+
+        Light that bounces is baked as if surfaces were diffuse with this reflectance, so that no energy is lost.
+        """
+        if self.is_clear:
+            return np.zeros_like(base)
+        kind, values = self.fresnel
+        if kind == "dielectric":
+            lobe = np.full_like(base, _mean(lambda c: dielectric(c, values[0])))
+        elif kind == "conductor":
+            metal = [_mean(functools.partial(_conductor, eta=values[i], k=values[3 + i])) for i in range(3)]
+            lobe = np.broadcast_to(np.array(metal), base.shape)
+        else:
+            index, metallic = values
+            plain = _mean(lambda c: dielectric(c, index))
+            lobe = (1 - metallic) * plain + metallic * (base + (1 - base) / 21)
+        lobe = lobe * np.array(self.tint) * (base if self.base_tints else 1.0)
+        return np.minimum(lobe + self._below(base), 1.0)
+
+    def _below(self, base: FloatArray) -> FloatArray:
+        kind, values = self.under
+        if kind == "coated":
+            index, inside, entering, nonlinear = values
+            # What enters leaves again, or is absorbed: the same fraction leaves for light from inside.
+            return base * entering * (1 - inside) / (1 - (base * inside if nonlinear else inside))
+        if kind == "rough":
+            return base * values[1]
+        return np.zeros_like(base)
+
+
+def dielectric(cosine: FloatArray, index: float) -> FloatArray:
+    """Return what a dielectric reflects at cosines, unpolarised; ``index`` is relative to the side of the light."""
+    squared = 1 - (1 - cosine**2) / index**2
+    inside = np.sqrt(np.maximum(squared, 0.0))
+    across = (cosine - index * inside) / (cosine + index * inside)
+    along = (index * cosine - inside) / (index * cosine + inside)
+    return np.where(squared > 0, (across**2 + along**2) / 2, 1.0)
+
+
+def read_finish(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> tuple[MitsubaTexture, Finish] | None:
+    """Return the base colour and the finish of a glossy material; None of one that has no finish.
+
+    Args:
+        inside: the objects inside it, by name.
+        mi: Mitsuba, under the variant that loaded it.
+    """
+    reader = _READERS.get(bsdf.class_name())
+    return None if reader is None else reader(bsdf, inside, mi)
+
+
+def constant_of(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
+    """Return the value of a texture that is the same everywhere; None of any other texture."""
+    parameters = mi.traverse(texture)
+    for key in ("value", "data"):
+        if key in parameters:
+            values = np.array(parameters[key], np.float64)
+            return None if np.ptp(values) > 0 and key == "data" else values
+    return None
+
+
+_Read = tuple[MitsubaTexture, Finish] | None
+
+
+def _plastic(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    parameters = mi.traverse(bsdf)
+    rough = bsdf.class_name() == "RoughPlastic"
+    tint = _tint(inside, "specular_reflectance", mi)
+    alpha = float(parameters["alpha"]) if rough else 0.0
+    if tint is None:
+        return None
+    index = float(parameters["eta"])
+    coat = index, _mean(lambda c: dielectric(c, 1 / index)), 1 - _mean(lambda c: dielectric(c, index))
+    nonlinear = float(_word(bsdf, "nonlinear") in ("1", "true"))
+    finish = Finish(
+        alpha,
+        _distribution(bsdf) if rough else "ggx",
+        ("dielectric", (index,)),
+        tint,
+        under=("coated", (*coat, nonlinear)),
+    )
+    return inside["diffuse_reflectance"], finish
+
+
+def _metal(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    parameters = mi.traverse(bsdf)
+    rough = bsdf.class_name() == "RoughConductor"
+    if "alpha_u" in parameters or "alpha_v" in parameters or "alpha.data" in parameters:
+        return None
+    alpha = float(np.array(parameters["alpha.value"]).reshape(-1)[0]) if rough else 0.0
+    eta, k = (constant_of(inside[name], mi) for name in ("eta", "k"))
+    if eta is None or k is None:
+        return None
+    numbers = (*_rgb(eta), *_rgb(k))
+    base = inside.get("specular_reflectance")
+    finish = Finish(
+        alpha, _distribution(bsdf) if rough else "ggx", ("conductor", numbers), base_tints=base is not None
+    )
+    return _white(mi) if base is None else base, finish
+
+
+def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    parameters = mi.traverse(bsdf)
+    for name in _UNUSED:
+        if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any()):
+            return None
+    metallic, roughness = (constant_of(inside[name], mi) for name in ("metallic", "roughness"))
+    if metallic is None or roughness is None:
+        return None
+    metal, rough = float(metallic.flat[0]), float(roughness.flat[0])
+    if "eta" in parameters:
+        index = float(parameters["eta"])
+    else:
+        root = np.sqrt(0.08 * float(parameters["specular"]))
+        index = float((1 + root) / (1 - root))
+    # Without a difference of the index nothing is reflected; the core asks for one.
+    index = max(index, 1 + 1e-6)
+    finish = Finish(max(rough * rough, _ROUND), "ggx", ("mixed", (index, metal)), under=("rough", (rough, 1 - metal)))
+    return inside["base_color"], finish
+
+
+def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    index = float(mi.traverse(bsdf)["eta"])
+    kind = "sheet" if bsdf.class_name() == "ThinDielectric" else "solid"
+    tint, passing = (_tint(inside, name, mi) for name in ("specular_reflectance", "specular_transmittance"))
+    if tint is None or passing is None or index == 1:
+        return None
+    return _white(mi), Finish(0.0, "ggx", ("dielectric", (index,)), tint, passing, under=(kind, (index,)))
+
+
+_READERS: dict[str, Callable[[MitsubaBsdf, dict[str, MitsubaObject], Mitsuba], _Read]] = {
+    "SmoothPlastic": _plastic,
+    "RoughPlastic": _plastic,
+    "SmoothConductor": _metal,
+    "RoughConductor": _metal,
+    "Principled": _principled,
+    "SmoothDielectric": _glass,
+    "ThinDielectric": _glass,
+}
+
+
+def _tint(inside: dict[str, MitsubaObject], name: str, mi: Mitsuba) -> _Rgb | None:
+    """Return a colour that a material may have; None where it differs from place to place."""
+    if name not in inside:
+        return 1.0, 1.0, 1.0
+    value = constant_of(inside[name], mi)
+    return None if value is None else _rgb(value)
+
+
+def _rgb(value: FloatArray) -> _Rgb:
+    red, green, blue = np.broadcast_to(value.reshape(-1), (3,)).tolist()
+    return red, green, blue
+
+
+def _white(mi: Mitsuba) -> MitsubaTexture:
+    return mi.load_dict({"type": "uniform", "value": 1.0})
+
+
+def _distribution(bsdf: MitsubaBsdf) -> str:
+    return _word(bsdf, "distribution")
+
+
+def _word(bsdf: MitsubaBsdf, name: str) -> str:
+    """Return what a material says of itself; Mitsuba has no other way to ask."""
+    named = re.search(rf"\b{name} = (\w+)", str(bsdf))
+    return named[1] if named else ""
+
+
+def _mean(reflected: Callable[[FloatArray], FloatArray]) -> float:
+    """Return the mean over directions that follow the cosine."""
+    return float((reflected(_COSINES) * 2 * _COSINES * _WEIGHTS).sum())
+
+
+def _conductor(cosine: FloatArray, eta: float, k: float) -> FloatArray:
+    squared, sine = cosine**2, 1 - cosine**2
+    rest = eta**2 - k**2 - sine
+    length = np.sqrt(rest**2 + 4 * eta**2 * k**2)
+    real = np.sqrt(np.maximum((length + rest) / 2, 0.0))
+    even, odd = length + squared, 2 * cosine * real
+    across = (even - odd) / (even + odd)
+    even, odd = squared * length + sine**2, odd * sine
+    return across * (1 + (even - odd) / (even + odd)) / 2
