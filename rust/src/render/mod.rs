@@ -54,7 +54,9 @@ mod visibility;
 
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
+#[cfg(feature = "python")]
 pub use gloss::finish::{Distribution, Finish, Fresnel, Under};
+#[cfg(feature = "python")]
 pub use gloss::tables::GlossTables;
 #[cfg(feature = "python")]
 pub use gradients::pixel_gradients::{BEFORE_LIGHTS, RayHit};

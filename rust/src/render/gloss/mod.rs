@@ -24,3 +24,7 @@ pub(super) mod pattern;
 mod sky_levels;
 pub(super) mod tables;
 pub(super) mod tracer;
+
+#[cfg(test)]
+#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "small numbers")]
+mod tests;

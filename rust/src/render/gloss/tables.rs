@@ -61,13 +61,13 @@ pub(crate) struct Owner<'a> {
 }
 
 impl Gloss {
-    /// Checks the tables of a scene; None where no triangle has a finish.
+    /// Checks the tables of a scene; None where they are empty.
     ///
     /// # Errors
     ///
     /// [`Error::Argument`] for tables that do not belong together.
     pub(crate) fn new<'a>(tables: &GlossTables, owner: impl FnOnce() -> Owner<'a>) -> Result<Option<Self>> {
-        if tables.finish_of.iter().all(|&finish| finish == DIFFUSE) {
+        if tables.finish_of.is_empty() {
             return Ok(None);
         }
         let owner = owner();

@@ -409,7 +409,8 @@ impl Tracer<'_> {
 
     /// Returns where on the way to a light shadow rays end.
     fn to_lamps(&self) -> f64 {
-        1.0 / (1.0 + f64::from(self.lit.scene.farthest))
+        let farthest = f64::from(self.lit.scene.farthest);
+        farthest / (1.0 + farthest)
     }
 
     fn hit_on<N: Number>(&self, triangle: u32, origin: Triple<N>, direction: Triple<N>) -> Hit<N> {
