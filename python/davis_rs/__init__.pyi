@@ -166,6 +166,7 @@ from .sampling.presets import Accuracy as Accuracy
 from .sampling.rules import FixedRate as FixedRate
 from .sampling.rules import MaxDisplacement as MaxDisplacement
 from .sampling.tolerance import Tolerance as Tolerance
+from .scene.default_motion import with_default_motion as with_default_motion
 from .scene.light_profile import Flicker as Flicker
 from .scene.light_profile import LightProfile as LightProfile
 from .scene.light_profile import SampledProfile as SampledProfile

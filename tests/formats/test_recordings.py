@@ -36,7 +36,7 @@ from davis_rs.io.files.random_access import RandomAccess
 from davis_rs.io.formats.recorded import RecordedParts
 from davis_rs.io.recordings import aedat2 as aedat2_module
 from davis_rs.io.recordings import aedat3 as aedat3_module
-from davis_rs.io.recordings.recording_file import KINDS
+from davis_rs.io.recordings.recording_file import RECORDED_KINDS
 from places import SHARED
 from recording_files import (
     COMPRESSIONS,
@@ -582,9 +582,9 @@ def test_kinds_are_read_by_themselves(folder: Path) -> None:
         whole = read(folder, content)
         with open_reader(folder / "recording") as reader:
             assert isinstance(reader, RecordedParts)
-            for kind in KINDS:
+            for kind in RECORDED_KINDS:
                 pieces = [piece.decoded for piece in reader.recording.pieces((kind,))]
-                for other in KINDS:
+                for other in RECORDED_KINDS:
                     count = sum(len(getattr(piece, other)) for piece in pieces)
                     assert count == (len(getattr(whole, kind)) if other == kind else 0)
 

@@ -433,7 +433,7 @@ def _check_with(name: str) -> Callable[[Path, random.Random], None]:
     return read
 
 
-EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
+FUZZED_FILES: dict[str, Callable[[Path], list[Path]]] = {
     "text": _written(".txt"),
     "npy": _written(".npy"),
     "npz": _written(".npz"),
@@ -496,7 +496,7 @@ _SCENE_WARNINGS = ("/",)
 TARGETS: dict[str, Target] = {
     **{
         name: Target(make, read_event_file, harmful=HARMFUL.get(name, lambda _: []))
-        for name, make in EVENT_FILES.items()
+        for name, make in FUZZED_FILES.items()
     },
     "recording-aedat2": Target(_aedat2, read_recording),
     "recording-aedat3": Target(_aedat3, read_recording),

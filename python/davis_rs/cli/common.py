@@ -13,6 +13,7 @@ from .._util.progress import say, stage
 from .._util.terminal_text import tell
 from ..geometry.trajectory.trajectory import Trajectory, align
 from ..geometry.trajectory.trajectory_file import read_trajectory
+from ..scene.default_motion import with_default_motion
 from ..scene.load import BUILTIN_SCENES, load_scene, start_pose
 from ..scene.scene import Scene
 
@@ -136,9 +137,15 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
     if options.trajectory is None:
         if options.align:
             raise ValueError("--align moves the trajectory of a file: give --trajectory")
-        if scene.trajectory is None:
+        if scene.trajectory is not None:
+            return scene
+        if scene.start is None:
             raise ValueError(f"scene {scene.name!r} has no trajectory of its own: give --trajectory FILE")
-        return scene
+        moving = with_default_motion(scene)
+        if not quiet:
+            told = "it goes once around a small circle across its view (another path: --trajectory FILE)"
+            tell(f"scene {scene.name!r} has a camera, but no path: {told}", file=sys.stderr)
+        return moving
     sigmas = {"position_sigma_m": options.position_sigma_m, "rotation_sigma_rad": options.rotation_sigma_rad}
     trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap_s, **sigmas))
     if not quiet:

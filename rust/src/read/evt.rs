@@ -206,9 +206,9 @@ mod tests {
             (b"% evt 2.0\n\x00\x80", None, 0),
             (b"\x00\x80", None, 0),
         ] {
-            let found = header(text, false).unwrap().unwrap();
-            assert_eq!((found.size, found.start_us), (size, start_us));
-            assert_eq!(found.length, text.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1));
+            let decoded = header(text, false).unwrap().unwrap();
+            assert_eq!((decoded.size, decoded.start_us), (size, start_us));
+            assert_eq!(decoded.length, text.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1));
         }
         assert!(header(b"% evt 2.0\n% geo", false).unwrap().is_none());
         assert!(header(b"% evt 2.0\n% geo", true).is_err());

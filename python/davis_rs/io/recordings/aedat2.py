@@ -24,7 +24,7 @@ from ...events.arrays import EventArray
 from ...events.decoded import TriggerKind
 from .aedat2_frames import Samples, assemble
 from .recording import event_array, imu_array, known_chip, size_of, trigger_array
-from .recording_file import EMPTY, KINDS, Piece, RecordingFile, Remarks
+from .recording_file import EMPTY, RECORDED_KINDS, Piece, RecordingFile, Remarks
 
 MAGIC = b"#!AER-DAT2.0"
 
@@ -81,7 +81,7 @@ class Aedat2File(RecordingFile):
         self.accelerometer_range_g = _full_scale("accelerometer", accelerometer_range_g, header, self._scale_notes)
         self.gyroscope_range_deg_s = _full_scale("gyroscope", gyroscope_range_deg_s, header, self._scale_notes)
 
-    def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+    def pieces(self, kinds: Collection[str] = RECORDED_KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         remarks = Remarks() if remarks is None else remarks
         imu = _ImuWords(self.accelerometer_range_g or 0, self.gyroscope_range_deg_s or 0)
         samples = [Samples(*np.zeros((5, 0), np.int64))]
