@@ -88,6 +88,8 @@ def simplify_materials(scene: MitsubaScene, mi: Mitsuba, *, matte: bool, glossy:
             continue
         if bsdf not in known:
             known[bsdf] = _diffuse_within(bsdf, mi, glossy=glossy and not matte)
+            if known[bsdf] is None and glossy and matte:  # metal and glass have no diffuse colour
+                known[bsdf] = _diffuse_within(bsdf, mi, glossy=True)
         diffuse = known[bsdf]
         if diffuse is None or (diffuse.lost and not matte):
             continue

@@ -29,6 +29,9 @@ _COSINES, _WEIGHTS = (np.polynomial.legendre.leggauss(64)[0] + 1) / 2, np.polyno
 _ROUND = 1e-3
 """A principled material is never smoother than this."""
 
+_PASSING_NODES = 33
+"""Cosines at which it is known what passes a rough coat."""
+
 _UNUSED = ("anisotropic", "clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
 """Parts of ``principled`` that a finish does not have: they must be 0."""
 
@@ -45,7 +48,8 @@ class Finish:
         tint: factor on the lobe, RGB.
         passing: factor on light that passes through, RGB.
         base_tints: the base colour is a factor on the lobe.
-        under: what is below: ``nothing``, ``coated`` (index, reflected inside, entering, 1 if nonlinear), ``rough``
+        under: what is below: ``nothing``, ``coated`` (index, reflected inside, entering, 1 if nonlinear; for a rough
+            coat the fractions that pass it follow, at :data:`_PASSING_NODES` cosines from 0 to 1), ``rough``
             (roughness, factor), ``solid`` (index) or ``sheet`` (index).
     """
 
@@ -92,11 +96,10 @@ class Finish:
     def _below(self, base: FloatArray) -> FloatArray:
         kind, values = self.under
         if kind == "coated":
-            index, inside, entering, nonlinear = values
-            # What enters leaves again, or is absorbed: the same fraction leaves for light from inside.
-            return base * entering * (1 - inside) / (1 - (base * inside if nonlinear else inside))
+            index, inside, entering, nonlinear = values[:4]
+            return base * (entering / index) ** 2 / (1 - (base * inside if nonlinear else inside))
         if kind == "rough":
-            return base * values[1]
+            return base * values[1] * _rough_albedo(values[0])
         return np.zeros_like(base)
 
 
@@ -109,7 +112,9 @@ def dielectric(cosine: FloatArray, index: float) -> FloatArray:
     return np.where(squared > 0, (across**2 + along**2) / 2, 1.0)
 
 
-def read_finish(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> tuple[MitsubaTexture, Finish] | None:
+def read_finish(
+    bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
+) -> tuple[MitsubaTexture, Finish] | None:
     """Return the base colour and the finish of a glossy material; None of one that has no finish.
 
     Args:
@@ -135,38 +140,64 @@ _Read = tuple[MitsubaTexture, Finish] | None
 
 def _plastic(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
     parameters = mi.traverse(bsdf)
-    rough = bsdf.class_name() == "RoughPlastic"
     tint = _tint(inside, "specular_reflectance", mi)
-    alpha = float(parameters["alpha"]) if rough else 0.0
     if tint is None:
         return None
     index = float(parameters["eta"])
-    coat = index, _mean(lambda c: dielectric(c, 1 / index)), 1 - _mean(lambda c: dielectric(c, index))
+    base = inside["diffuse_reflectance"]
     nonlinear = float(_word(bsdf, "nonlinear") in ("1", "true"))
-    finish = Finish(
-        alpha,
-        _distribution(bsdf) if rough else "ggx",
-        ("dielectric", (index,)),
-        tint,
-        under=("coated", (*coat, nonlinear)),
-    )
-    return inside["diffuse_reflectance"], finish
+    fresnel = "dielectric", (index,)
+    if bsdf.class_name() == "SmoothPlastic":
+        entering = 1 - _mean(lambda c: dielectric(c, index))
+        coat = index, float(_word(bsdf, "fdr_int")), entering, nonlinear
+        return base, Finish(0.0, "ggx", fresnel, tint, under=("coated", coat))
+    reflected, passing = _rough_coat(float(parameters["alpha"]), _distribution(bsdf), index, mi)
+    entering = _mean(lambda c: np.interp(c, np.linspace(0, 1, _PASSING_NODES), passing))
+    rough = index, reflected, entering, nonlinear, *passing
+    finish = Finish(float(parameters["alpha"]), _distribution(bsdf), fresnel, tint, under=("coated", rough))
+    return base, finish
+
+
+def _rough_coat(alpha: float, distribution: str, index: float, mi: Mitsuba) -> tuple[float, list[float]]:
+    """Return how much a rough coat reflects inside, and how much passes it at cosines from 0 to 1.
+
+    Mitsuba computes both but does not tell them, so they are found by what its own material does over grey.
+    """
+    coat = {"type": "roughplastic", "diffuse_reflectance": 0.5, "distribution": distribution, "alpha": alpha}
+    kinds = [mi.load_dict({**coat, "int_ior": index, "ext_ior": 1.0, "nonlinear": nonlinear}) for nonlinear in (0, 1)]
+    context = mi.BSDFContext()
+    context.component = 1  # the base
+
+    def base(bsdf: MitsubaBsdf, cosine: float) -> float:
+        """Return its reflectance for light and viewer at this cosine."""
+        sine = float(np.sqrt(1 - cosine**2))
+        interaction = mi.SurfaceInteraction3f()
+        interaction.wi = mi.Vector3f(sine, 0.0, cosine)
+        value = bsdf.eval(context, interaction, mi.Vector3f(-sine, 0.0, cosine))
+        return float(np.array(value).reshape(-1)[0]) * np.pi / cosine
+
+    # They differ by (1 - reflected / 2) / (1 - reflected).
+    ratio = base(kinds[0], 1.0) / base(kinds[1], 1.0)
+    reflected = (ratio - 1) / (ratio - 0.5)
+    cosines = np.maximum(np.linspace(0, 1, _PASSING_NODES), 1e-3).tolist()
+    passing = [float(np.sqrt(base(kinds[0], cosine) / 0.5 * index**2 * (1 - reflected))) for cosine in cosines]
+    return reflected, passing
 
 
 def _metal(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
-    parameters = mi.traverse(bsdf)
-    rough = bsdf.class_name() == "RoughConductor"
-    if "alpha_u" in parameters or "alpha_v" in parameters or "alpha.data" in parameters:
-        return None
-    alpha = float(np.array(parameters["alpha.value"]).reshape(-1)[0]) if rough else 0.0
+    rough, alpha = bsdf.class_name() == "RoughConductor", 0.0
+    if rough:
+        # Brushed metal has another roughness across than along.
+        value = constant_of(inside["alpha"], mi) if "alpha" in inside else None
+        if value is None:
+            return None
+        alpha = float(value.flat[0])
     eta, k = (constant_of(inside[name], mi) for name in ("eta", "k"))
     if eta is None or k is None:
         return None
     numbers = (*_rgb(eta), *_rgb(k))
     base = inside.get("specular_reflectance")
-    finish = Finish(
-        alpha, _distribution(bsdf) if rough else "ggx", ("conductor", numbers), base_tints=base is not None
-    )
+    finish = Finish(alpha, _distribution(bsdf) if rough else "ggx", ("conductor", numbers), base_tints=base is not None)
     return _white(mi) if base is None else base, finish
 
 
@@ -233,13 +264,26 @@ def _distribution(bsdf: MitsubaBsdf) -> str:
 
 def _word(bsdf: MitsubaBsdf, name: str) -> str:
     """Return what a material says of itself; Mitsuba has no other way to ask."""
-    named = re.search(rf"\b{name} = (\w+)", str(bsdf))
+    named = re.search(rf"\b{name} = ([\w.]+)", str(bsdf))
     return named[1] if named else ""
 
 
 def _mean(reflected: Callable[[FloatArray], FloatArray]) -> float:
     """Return the mean over directions that follow the cosine."""
     return float((reflected(_COSINES) * 2 * _COSINES * _WEIGHTS).sum())
+
+
+@functools.cache
+def _rough_albedo(roughness: float) -> float:
+    """Return the albedo of Burley's diffuse base, for a white one."""
+    light, viewer = (_COSINES[:, None, None], _COSINES[None, :, None])
+    azimuth = np.cos(np.pi * (np.arange(16) + 0.5) / 16)
+    sines = np.sqrt(1 - light**2) * np.sqrt(1 - viewer**2)
+    returned = roughness * (1 + light * viewer + sines * azimuth)
+    into, out = (1 - light) ** 5, (1 - viewer) ** 5
+    value = (1 - into / 2) * (1 - out / 2) + returned * (into + out + into * out * (returned - 1))
+    weights = 4 * light * viewer * _WEIGHTS[:, None, None] * _WEIGHTS[None, :, None] / 16
+    return float((value * weights).sum())
 
 
 def _conductor(cosine: FloatArray, eta: float, k: float) -> FloatArray:

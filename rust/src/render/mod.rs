@@ -55,7 +55,7 @@ mod visibility;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
-pub use gloss::finish::{Distribution, Finish, Fresnel, Under};
+pub use gloss::finish::{Distribution, Finish, Fresnel, PASSING, Under};
 #[cfg(feature = "python")]
 pub use gloss::tables::GlossTables;
 #[cfg(feature = "python")]

@@ -227,9 +227,7 @@ class ColouredLight:
     sky: SkyMap | None
 
 
-def coloured_light(
-    scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str]
-) -> ColouredLight:
+def coloured_light(scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str]) -> ColouredLight:
     """Find what glossy surfaces reflect of the lights themselves, also of those that the integrator hides.
 
     Args:

@@ -78,7 +78,7 @@ class GlossTable:
         Light that is baked passes through glass, as if there were none.
         """
         clear = np.flatnonzero(np.append([finish.is_clear for finish in self.finishes], False)[self._numbers])
-        if not len(clear):
+        if len(clear) in (0, len(corners)):
             return corners, normals
         corners, normals = corners.copy(), normals.copy()
         corners[clear], normals[clear] = corners[clear[0], 0], (0.0, 0.0, 1.0)

@@ -7,13 +7,14 @@ use pyo3::prelude::*;
 
 use super::pixel_rays::PyPixelRays;
 use super::scene_tables::{
-    EmissionTuple, GlossTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, gloss_tables, light_map_tables, numbered,
-    sky_map,
+    EmissionTuple, GlossTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, gloss_tables, light_map_tables,
+    numbered, sky_map,
 };
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{column, grouped, groups, lists, matrices, numbers};
 use crate::render::{
-    BEFORE_LIGHTS, EdgeTracks, GlossTables, LightMapTables, LinePattern, RayHit, Renderer, Scene, SceneTables, TrackSettings,
+    BEFORE_LIGHTS, EdgeTracks, GlossTables, LightMapTables, LinePattern, RayHit, Renderer, Scene, SceneTables,
+    TrackSettings,
 };
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
@@ -54,7 +55,8 @@ use crate::render::{
 ///         such a background; float64 (t, 3), radiance that each triangle emits, or nothing; the number of a sky's
 ///         light, its side and float32 (side, side, 3); and the most segments of a path. Fresnel's equations are
 ///         (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or (``mixed``, [index, metal]).
-///         Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1 if nonlinear]), (``rough``,
+///         Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1 if nonlinear, and of a
+///         rough coat what passes at 33 cosines from 0 to 1]), (``rough``,
 ///         [roughness, factor]), (``solid``, [index]) or (``sheet``, [index]).
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.

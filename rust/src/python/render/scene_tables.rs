@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 
 use crate::python::arrays::{column, groups, lists, numbers};
 use crate::render::{
-    Beam, Distribution, Emission, Finish, Fresnel, GlossTables, Light, LightKind, LightMapTables, Sky, Under,
+    Beam, Distribution, Emission, Finish, Fresnel, GlossTables, Light, LightKind, LightMapTables, PASSING, Sky, Under,
 };
 
 /// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
@@ -61,9 +61,7 @@ pub(super) fn gloss_tables(
     })
 }
 
-fn finish(
-    (alpha, distribution, fresnel, tint, passing, base_tints, under): FinishTuple,
-) -> PyResult<Finish> {
+fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under): FinishTuple) -> PyResult<Finish> {
     let distribution = match distribution.as_str() {
         "ggx" => Distribution::Ggx,
         "beckmann" => Distribution::Beckmann,
@@ -77,14 +75,21 @@ fn finish(
     };
     let under = match (under.0.as_str(), under.1.as_slice()) {
         ("nothing", []) => Under::Nothing,
-        ("coated", &[index, inside, entering, nonlinear]) => {
-            Under::Coated { index, inside, entering, nonlinear: nonlinear != 0.0 }
+        ("coated", &[index, inside, entering, nonlinear, ref passing @ ..])
+            if passing.is_empty() || passing.len() == PASSING =>
+        {
+            let passing = <[f64; PASSING]>::try_from(passing).ok();
+            Under::Coated { index, inside, entering, nonlinear: nonlinear != 0.0, passing }
         }
         ("rough", &[roughness, factor]) => Under::Rough(roughness, factor),
         ("solid", &[index]) => Under::Solid(index),
         ("sheet", &[index]) => Under::Sheet(index),
         (kind, values) => {
-            return Err(unknown("nothing (0 numbers), coated (4), rough (2), solid (1) or sheet (1)", kind, values));
+            return Err(unknown(
+                "nothing (0 numbers), coated (4, or 37 if rough), rough (2), solid (1) or sheet (1)",
+                kind,
+                values,
+            ));
         }
     };
     Ok(Finish { alpha, distribution, fresnel, tint, passing, base_tints, under })

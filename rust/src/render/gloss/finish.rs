@@ -33,6 +33,9 @@ pub enum Fresnel {
     Mixed(f64, f64),
 }
 
+/// At so many cosines it is known how much passes a rough coat.
+pub const PASSING: usize = 33;
+
 /// What is below the lobe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Under {
@@ -48,6 +51,8 @@ pub enum Under {
         entering: f64,
         /// Whether the base colour changes with each reflection inside.
         nonlinear: bool,
+        /// Of a rough coat: the fractions of light that pass it, at cosines from 0 to 1.
+        passing: Option<[f64; PASSING]>,
     },
     /// A rough diffuse base (Burley 2012, Physically-Based Shading at Disney): its roughness, and a factor.
     Rough(f64, f64),
@@ -109,8 +114,9 @@ impl Finish {
         };
         let under = match self.under {
             Under::Nothing => true,
-            Under::Coated { index: eta, inside, entering, .. } => {
-                index(eta) && (0.0..1.0).contains(&inside) && fraction(entering)
+            Under::Coated { index: eta, inside, entering, passing, .. } => {
+                let passing = passing.iter().flatten().all(|&x| x.is_finite() && x >= 0.0);
+                index(eta) && (0.0..1.0).contains(&inside) && fraction(entering) && passing
             }
             Under::Rough(roughness, factor) => fraction(roughness) && fraction(factor),
             Under::Solid(eta) | Under::Sheet(eta) => index(eta),
@@ -185,9 +191,8 @@ impl Finish {
     pub(crate) fn below<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
         match self.under {
             Under::Nothing | Under::Solid(_) | Under::Sheet(_) => [N::constant(0.0); 3],
-            Under::Coated { index, .. } => {
-                let entering = N::constant(1.0) - dielectric(cosines.into, index);
-                self.coated(base, cosines.out, entering)
+            Under::Coated { index, passing, .. } => {
+                self.coated(base, cosines.out, passed(cosines.into, index, passing.as_ref()))
             }
             Under::Rough(roughness, factor) => {
                 let light = fifth_power(N::constant(1.0) - cosines.into);
@@ -211,14 +216,28 @@ impl Finish {
     }
 
     fn coated<N: Number>(&self, base: Triple<N>, out: N, entering: N) -> Triple<N> {
-        let Under::Coated { index, inside, nonlinear, .. } = self.under else { return base };
-        let leaving = N::constant(1.0) - dielectric(out, index);
+        let Under::Coated { index, inside, nonlinear, passing, .. } = self.under else { return base };
+        let leaving = passed(out, index, passing.as_ref());
         let both = (entering * leaving).scaled(1.0 / (index * index));
         base.map(|colour| {
             let again = if nonlinear { colour.scaled(inside) } else { N::constant(inside) };
             colour * both / (N::constant(1.0) - again)
         })
     }
+}
+
+/// Returns how much light passes a coat at a cosine.
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "small numbers"
+)]
+fn passed<N: Number>(cosine: N, index: f64, rough: Option<&[f64; PASSING]>) -> N {
+    let Some(nodes) = rough else { return N::constant(1.0) - dielectric(cosine, index) };
+    let along = cosine.at_least(0.0).at_most(1.0).scaled((PASSING - 1) as f64);
+    let before = (along.value() as usize).min(PASSING - 2);
+    N::constant(nodes[before]) + (along - N::constant(before as f64)).scaled(nodes[before + 1] - nodes[before])
 }
 
 /// Returns Burley's diffuse reflectance: by the cosine to the viewer, Schlick's weight of the light, and the

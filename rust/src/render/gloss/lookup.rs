@@ -18,8 +18,7 @@ pub(crate) fn looked_up<N: Number, const CHANNELS: usize>(
     if texture.is_constant() {
         return texel(texture.first).map(N::constant);
     }
-    let coordinates =
-        maps.map(|map| dot(constant([map[0], map[1], map[2]]), point) + N::constant(map[3]));
+    let coordinates = maps.map(|map| dot(constant([map[0], map[1], map[2]]), point) + N::constant(map[3]));
     let (column, x) = before(folded(coordinates[0], wrap), texture.width);
     let (row, y) = before(folded(coordinates[1], wrap), texture.height);
     let stride = texture.width as usize + 2;

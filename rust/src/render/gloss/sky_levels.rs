@@ -112,14 +112,9 @@ impl Level {
         let texel = |right: i64, below: i64| {
             self.folded(cell[0] as i64 + right, cell[1] as i64 + below).map(|x| N::constant(f64::from(x)))
         };
-        let mixed = |a: Triple<N>, b: Triple<N>, by: N| -> Triple<N> {
-            std::array::from_fn(|i| a[i] + (b[i] - a[i]) * by)
-        };
-        mixed(
-            mixed(texel(0, 0), texel(1, 0), past[0]),
-            mixed(texel(0, 1), texel(1, 1), past[0]),
-            past[1],
-        )
+        let mixed =
+            |a: Triple<N>, b: Triple<N>, by: N| -> Triple<N> { std::array::from_fn(|i| a[i] + (b[i] - a[i]) * by) };
+        mixed(mixed(texel(0, 0), texel(1, 0), past[0]), mixed(texel(0, 1), texel(1, 1), past[0]), past[1])
     }
 
     /// Returns a texel; beyond an edge lies what is on the other half of that edge.
@@ -144,11 +139,7 @@ fn octahedral<N: Number>(towards: Triple<N>) -> [N; 2] {
     let length = magnitude(x) + magnitude(y) + magnitude(z);
     let [a, b] = [x / length, y / length];
     let one = N::constant(1.0);
-    let at = if z.value() < 0.0 {
-        [signed(one - magnitude(b), a), signed(one - magnitude(a), b)]
-    } else {
-        [a, b]
-    };
+    let at = if z.value() < 0.0 { [signed(one - magnitude(b), a), signed(one - magnitude(a), b)] } else { [a, b] };
     at.map(|x| (x + one).scaled(0.5))
 }
 

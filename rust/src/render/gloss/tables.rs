@@ -90,7 +90,9 @@ impl Gloss {
         let light = [&tables.colours, &tables.backgrounds, &tables.emitted];
         let wrong = light.into_iter().flatten().flatten().find(|x| !(x.is_finite() && **x >= 0.0));
         if wrong.is_some() || tables.texels.iter().flatten().any(|x| !x.is_finite()) {
-            return Err(Error::Argument("colours of lights and texels must be finite, and of lights not negative".to_owned()));
+            return Err(Error::Argument(
+                "colours of lights and texels must be finite, and of lights not negative".to_owned(),
+            ));
         }
         let sky = match &tables.sky {
             Some((light, ..)) if *light as usize >= owner.lights => {

@@ -95,9 +95,8 @@ fn later(view: &View, dt: f64) -> View {
     let pose = |pose: &Pose| {
         let [x, y, z] = pose.angular_rate.map(|rate| rate * dt);
         let small = [[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]];
-        let rotation = std::array::from_fn(|i| {
-            std::array::from_fn(|j| (0..3).map(|k| pose.rotation[i][k] * small[k][j]).sum())
-        });
+        let rotation =
+            std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| pose.rotation[i][k] * small[k][j]).sum()));
         Pose { position: std::array::from_fn(|i| pose.position[i] + dt * pose.velocity[i]), rotation, ..*pose }
     };
     View {
@@ -168,11 +167,11 @@ fn a_sheet_shows_what_lies_behind_it() {
         under: Under::Sheet(1.5),
         ..MIRROR
     };
-    let there = view([0.4, 0.9, 4.0], [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]], [0.1, 0.2, -0.4], [0.0; 3]);
+    let there =
+        view([0.4, 0.9, 4.0], [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]], [0.1, 0.2, -0.4], [0.0; 3]);
     let tables = SceneTables { shadows: false, ..room(Some(sheet)) };
     let (shown, rate) = luma(&renderer(&tables), &rays(false, 1), &there);
-    let (seen, seen_rate) =
-        luma(&renderer(&SceneTables { shadows: false, ..room(None) }), &rays(false, 1), &there);
+    let (seen, seen_rate) = luma(&renderer(&SceneTables { shadows: false, ..room(None) }), &rays(false, 1), &there);
     for pixel in 0..SIZE * SIZE {
         let at = |number: usize| (number as f64 + 0.37) / SIZE as f64 - 0.5;
         let (x, y) = (at(pixel % SIZE), at(pixel / SIZE));
@@ -185,14 +184,17 @@ fn a_sheet_shows_what_lies_behind_it() {
         let passed = 0.5 * (1.0 - 2.0 * once / (1.0 + once));
         let expected = [f64::from(seen[pixel]) * passed, f64::from(seen_rate[pixel]) * passed];
         let found = [shown[pixel], rate[pixel]].map(f64::from);
-        assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 2e-4 * (1.0 + expected[k].abs())), "{found:?} {expected:?}");
+        assert!(
+            (0..2).all(|k| (found[k] - expected[k]).abs() < 2e-4 * (1.0 + expected[k].abs())),
+            "{found:?} {expected:?}"
+        );
     }
 }
 
 /// Rates of rough, coated and clear surfaces are differences in time, and single pixels have the bits of frames.
 #[test]
 fn rates_are_differences_in_time() {
-    let coated = Under::Coated { index: 1.5, inside: 0.6, entering: 0.9, nonlinear: true };
+    let coated = Under::Coated { index: 1.5, inside: 0.6, entering: 0.9, nonlinear: true, passing: None };
     let rough = Finish { alpha: 0.2, fresnel: Fresnel::Mixed(1.5, 0.3), under: Under::Rough(0.45, 0.7), ..MIRROR };
     let finishes = [
         MIRROR,
@@ -285,7 +287,8 @@ fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
         let here = view([0.4, 0.9, 2.2], LEVEL, [0.0; 3], [0.0; 3]);
         let here = View { factors: vec![[1.0, 0.0]; 3], ..here };
         let mean = |each: usize| -> f64 {
-            luma(&renderer, &rays(false, each), &here).0.iter().map(|&x| f64::from(x)).sum::<f64>() / (SIZE * SIZE) as f64
+            luma(&renderer, &rays(false, each), &here).0.iter().map(|&x| f64::from(x)).sum::<f64>()
+                / (SIZE * SIZE) as f64
         };
         let (few, many) = (mean(4), mean(64));
         assert!(many > 0.0 && (few / many - 1.0).abs() < tolerated, "{alpha} {side}: {few} {many}");

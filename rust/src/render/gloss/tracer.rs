@@ -201,13 +201,10 @@ impl Tracer<'_> {
                     if let Some([front, back]) = surface.light_maps.as_deref() {
                         let side = if spot.hit.front || !surface.two_sided { front } else { back };
                         let texels = &lit.scene.irradiance[number];
-                        let [value] = looked_up(
-                            &side.texture,
-                            Wrap::Clamp,
-                            [&side.u, &side.v],
-                            spot.hit.in_frame,
-                            |at| [f64::from(parted(texels[at])[0])],
-                        );
+                        let [value] =
+                            looked_up(&side.texture, Wrap::Clamp, [&side.u, &side.v], spot.hit.in_frame, |at| {
+                                [f64::from(parted(texels[at])[0])]
+                            });
                         evenly = add(evenly, scale(colour, value.at_least(0.0)));
                     }
                 }
@@ -381,9 +378,8 @@ impl Tracer<'_> {
         }
         if let Some(sky) = &gloss.sky {
             #[allow(clippy::cast_precision_loss, reason = "a small number")]
-            let angle = density.map_or(N::constant(0.0), |density| {
-                N::constant(1.0) / density.scaled(self.pattern.len() as f64)
-            });
+            let angle = density
+                .map_or(N::constant(0.0), |density| N::constant(1.0) / density.scaled(self.pattern.len() as f64));
             let towards = into_frame(&lit.view.poses[0], towards);
             sum = add(sum, scale(sky.along(towards, angle), self.factor(sky.light as usize)));
         }

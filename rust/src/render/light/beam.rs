@@ -9,8 +9,8 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use crate::render::geometry::vector::{Vector, single};
-use crate::render::gloss::number::{Number, Triple, dot, rated};
 use crate::render::geometry::view::Pose;
+use crate::render::gloss::number::{Number, Triple, dot, rated};
 use crate::render::lanes::Lanes;
 use crate::render::lanes::Rays;
 
