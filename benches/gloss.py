@@ -157,7 +157,8 @@ def main() -> None:
                 renderer = make_renderer(
                     scene, camera, kind="baked", lattice_rays_per_pixel=8, bake_error=given.error, blur=False
                 )
-                assert isinstance(renderer, NativeRenderer) and scene.trajectory is not None
+                assert isinstance(renderer, NativeRenderer)
+                assert scene.trajectory is not None
                 luma = one_view(renderer, scene)
                 start = time.process_time()
                 one_view(renderer, scene)

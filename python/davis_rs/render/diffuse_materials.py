@@ -1,4 +1,4 @@
-"""Finds materials that are diffuse or glossy in fact, and replaces others by their diffuse colour where the user wishes it.
+"""Finds materials that are diffuse or glossy in fact; others become their diffuse colour where the user wishes it.
 
 Mitsuba wraps materials (two sides, opacity, bumps). Where a wrapper changes nothing, the material inside is taken, so
 that the renderers of diffuse scenes know it. Materials with a diffuse colour and more (highlights, a coat) may be

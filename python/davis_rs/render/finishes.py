@@ -164,7 +164,8 @@ def _rough_coat(alpha: float, distribution: str, index: float, mi: Mitsuba) -> t
     Mitsuba computes both but does not tell them, so they are found by what its own material does over grey.
     """
     coat = {"type": "roughplastic", "diffuse_reflectance": 0.5, "distribution": distribution, "alpha": alpha}
-    kinds = [mi.load_dict({**coat, "int_ior": index, "ext_ior": 1.0, "nonlinear": nonlinear}) for nonlinear in (0, 1)]
+    coat |= {"int_ior": index, "ext_ior": 1.0}
+    kinds = [mi.load_dict({**coat, "nonlinear": nonlinear}) for nonlinear in (False, True)]
     context = mi.BSDFContext()
     context.component = 1  # the base
 

@@ -69,7 +69,9 @@ fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under): Fini
     };
     let fresnel = match (fresnel.0.as_str(), fresnel.1.as_slice()) {
         ("dielectric", &[index]) => Fresnel::Dielectric(index),
-        ("conductor", &[a, b, c, d, e, f]) => Fresnel::Conductor([a, b, c], [d, e, f]),
+        ("conductor", &[red, green, blue, ref extinction @ ..]) if extinction.len() == 3 => {
+            Fresnel::Conductor([red, green, blue], [extinction[0], extinction[1], extinction[2]])
+        }
         ("mixed", &[index, metal]) => Fresnel::Mixed(index, metal),
         (kind, values) => return Err(unknown("dielectric (1 number), conductor (6) or mixed (2)", kind, values)),
     };
@@ -78,7 +80,7 @@ fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under): Fini
         ("coated", &[index, inside, entering, nonlinear, ref passing @ ..])
             if passing.is_empty() || passing.len() == PASSING =>
         {
-            let passing = <[f64; PASSING]>::try_from(passing).ok();
+            let passing = <[f64; PASSING]>::try_from(passing).ok().map(Box::new);
             Under::Coated { index, inside, entering, nonlinear: nonlinear != 0.0, passing }
         }
         ("rough", &[roughness, factor]) => Under::Rough(roughness, factor),

@@ -37,7 +37,7 @@ pub enum Fresnel {
 pub const PASSING: usize = 33;
 
 /// What is below the lobe.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Under {
     /// Nothing.
     Nothing,
@@ -52,7 +52,7 @@ pub enum Under {
         /// Whether the base colour changes with each reflection inside.
         nonlinear: bool,
         /// Of a rough coat: the fractions of light that pass it, at cosines from 0 to 1.
-        passing: Option<[f64; PASSING]>,
+        passing: Option<Box<[f64; PASSING]>>,
     },
     /// A rough diffuse base (Burley 2012, Physically-Based Shading at Disney): its roughness, and a factor.
     Rough(f64, f64),
@@ -63,7 +63,7 @@ pub enum Under {
 }
 
 /// How a surface reflects.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Finish {
     /// Roughness; 0 is a mirror.
     pub alpha: f64,
@@ -105,18 +105,18 @@ impl Finish {
     ///
     /// [`Error::Argument`] with the finish.
     pub(crate) fn check(&self) -> Result<()> {
-        let index = |index: f64| index.is_finite() && index > 0.0 && index != 1.0;
-        let fraction = |x: f64| (0.0..=1.0).contains(&x);
-        let fresnel = match self.fresnel {
+        let index = |&index: &f64| index.is_finite() && index > 0.0 && index != 1.0;
+        let fraction = |x: &f64| (0.0..=1.0).contains(x);
+        let fresnel = match &self.fresnel {
             Fresnel::Dielectric(eta) => index(eta),
-            Fresnel::Conductor(eta, k) => eta.iter().chain(&k).all(|x| x.is_finite() && *x >= 0.0),
+            Fresnel::Conductor(eta, k) => eta.iter().chain(k).all(|x| x.is_finite() && *x >= 0.0),
             Fresnel::Mixed(eta, metal) => index(eta) && fraction(metal),
         };
-        let under = match self.under {
+        let under = match &self.under {
             Under::Nothing => true,
             Under::Coated { index: eta, inside, entering, passing, .. } => {
-                let passing = passing.iter().flatten().all(|&x| x.is_finite() && x >= 0.0);
-                index(eta) && (0.0..1.0).contains(&inside) && fraction(entering) && passing
+                let passing = passing.iter().flat_map(|nodes| nodes.iter()).all(|&x| x.is_finite() && x >= 0.0);
+                index(eta) && (0.0..1.0).contains(inside) && fraction(entering) && passing
             }
             Under::Rough(roughness, factor) => fraction(roughness) && fraction(factor),
             Under::Solid(eta) | Under::Sheet(eta) => index(eta),
@@ -189,12 +189,12 @@ impl Finish {
     /// Returns the reflectance of what is below the lobe for light from a direction: times irradiance / pi it is
     /// radiance.
     pub(crate) fn below<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
-        match self.under {
+        match &self.under {
             Under::Nothing | Under::Solid(_) | Under::Sheet(_) => [N::constant(0.0); 3],
             Under::Coated { index, passing, .. } => {
-                self.coated(base, cosines.out, passed(cosines.into, index, passing.as_ref()))
+                self.coated(base, cosines.out, passed(cosines.into, *index, passing.as_deref()))
             }
-            Under::Rough(roughness, factor) => {
+            &Under::Rough(roughness, factor) => {
                 let light = fifth_power(N::constant(1.0) - cosines.into);
                 let returned = cosines.facet.squared().scaled(2.0 * roughness);
                 rough(base, factor, [cosines.out, light, returned])
@@ -216,11 +216,11 @@ impl Finish {
     }
 
     fn coated<N: Number>(&self, base: Triple<N>, out: N, entering: N) -> Triple<N> {
-        let Under::Coated { index, inside, nonlinear, passing, .. } = self.under else { return base };
-        let leaving = passed(out, index, passing.as_ref());
+        let Under::Coated { index, inside, nonlinear, passing, .. } = &self.under else { return base };
+        let leaving = passed(out, *index, passing.as_deref());
         let both = (entering * leaving).scaled(1.0 / (index * index));
         base.map(|colour| {
-            let again = if nonlinear { colour.scaled(inside) } else { N::constant(inside) };
+            let again = if *nonlinear { colour.scaled(*inside) } else { N::constant(*inside) };
             colour * both / (N::constant(1.0) - again)
         })
     }

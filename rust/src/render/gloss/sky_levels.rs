@@ -118,7 +118,12 @@ impl Level {
     }
 
     /// Returns a texel; beyond an edge lies what is on the other half of that edge.
-    #[allow(clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "a side has at most 2^12 texels")]
+    #[allow(
+        clippy::cast_possible_wrap,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a side has at most 2^12 texels"
+    )]
     fn folded(&self, mut column: i64, mut row: i64) -> [f32; 3] {
         let last = self.side as i64 - 1;
         if column < 0 || column > last {
@@ -144,6 +149,7 @@ fn octahedral<N: Number>(towards: Triple<N>) -> [N; 2] {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small numbers")]
 mod tests {
     use super::super::number::{Rated, rated, values};
     use super::*;

@@ -139,7 +139,7 @@ fn renderer(tables: &SceneTables) -> Renderer {
 fn off(one: &[f32], other: &[f32], share: f32) -> usize {
     let most = one.iter().fold(0f32, |most, x| most.max(x.abs()));
     assert!(most > 0.0);
-    one.iter().zip(other).filter(|(a, b)| !((**a - **b).abs() <= share * most)).count()
+    one.iter().zip(other).filter(|(a, b)| a.is_nan() || b.is_nan() || (**a - **b).abs() > share * most).count()
 }
 
 /// A mirror at z = 3 shows what a camera sees that is mirrored at it, and that moves so.
@@ -198,13 +198,18 @@ fn rates_are_differences_in_time() {
     let rough = Finish { alpha: 0.2, fresnel: Fresnel::Mixed(1.5, 0.3), under: Under::Rough(0.45, 0.7), ..MIRROR };
     let finishes = [
         MIRROR,
-        rough,
-        Finish { distribution: Distribution::Beckmann, fresnel: Fresnel::Dielectric(1.5), under: coated, ..rough },
+        rough.clone(),
+        Finish {
+            distribution: Distribution::Beckmann,
+            fresnel: Fresnel::Dielectric(1.5),
+            under: coated,
+            ..rough.clone()
+        },
         Finish { fresnel: Fresnel::Conductor([0.2, 0.9, 1.1], [3.9, 2.4, 2.1]), base_tints: true, ..rough },
         Finish { fresnel: Fresnel::Dielectric(1.5), under: Under::Solid(1.5), ..MIRROR },
     ];
     for finish in finishes {
-        let mut tables = room(Some(finish));
+        let mut tables = room(Some(finish.clone()));
         let texels = (0..64 * 64).map(|i| [1.0 + 0.01 * (i % 64) as f32, 1.0, 0.5 + 0.002 * (i / 64) as f32]).collect();
         tables.gloss.sky = Some((1, 64, texels));
         // A lamp behind the camera.
@@ -236,7 +241,7 @@ fn rates_are_differences_in_time() {
 #[test]
 fn nothing_is_lost_in_a_furnace() {
     for under in [Under::Solid(1.5), Under::Sheet(1.3)] {
-        let glass = Finish { fresnel: Fresnel::Dielectric(1.5), under, ..MIRROR };
+        let glass = Finish { fresnel: Fresnel::Dielectric(1.5), under: under.clone(), ..MIRROR };
         let mut tables = room(None);
         tables.gloss.finishes = vec![glass];
         tables.gloss.longest = 100;

@@ -174,14 +174,7 @@ impl Tracer<'_> {
             None => self.lit_by_all(&spot, surface, path),
             Some(finish) => {
                 let light = self.lit_by_all(&spot, surface, path);
-                let image = match () {
-                    () if path.is_diffuse(finish) => return light,
-                    () if finish.is_mirror() => {
-                        self.arriving(&spot, spot.mirrored(), finish.reflected(base, spot.out), None, path)
-                    }
-                    () => self.along_lobe(&spot, finish, path),
-                };
-                add(light, image)
+                if path.is_diffuse(finish) { light } else { add(light, self.image(&spot, finish, path)) }
             }
         }
     }
@@ -215,7 +208,7 @@ impl Tracer<'_> {
                     }
                 }
                 SeenKind::Point(position, rate) => {
-                    let reflected = self.from_position(spot, light, rated(position, rate));
+                    let reflected = self.lit_from_position(spot, light, rated(position, rate));
                     sum = add(sum, times(colour, reflected));
                 }
             }
@@ -224,7 +217,7 @@ impl Tracer<'_> {
     }
 
     /// Returns what a surface reflects of a light at a position, for a strength of 1.
-    fn from_position<N: Number>(&mut self, spot: &Spot<N>, light: &SeenLight, position: Triple<N>) -> Triple<N> {
+    fn lit_from_position<N: Number>(&mut self, spot: &Spot<N>, light: &SeenLight, position: Triple<N>) -> Triple<N> {
         let way = sub(position, spot.hit.point);
         let towards = unit(way);
         if !spot.sees(towards) {
@@ -239,18 +232,27 @@ impl Tracer<'_> {
         scale(spot.reflected(towards, with_lobe), fraction / dot(way, way))
     }
 
-    /// Returns what a rough surface reflects along its lobe: the image of its surroundings, and lamps.
-    fn along_lobe<N: Number>(&mut self, spot: &Spot<N>, finish: &Finish, path: &Path) -> Triple<N> {
+    /// Returns the image of the surroundings in a mirror or along a lobe, and what it reflects of lamps.
+    fn image<N: Number>(&mut self, spot: &Spot<N>, finish: &Finish, path: &Path) -> Triple<N> {
         let pattern = self.pattern;
         let points = pattern.of_ray(path.ray);
         let count = if path.segments == 1 { points.len() } else { 1 };
         #[allow(clippy::cast_precision_loss, reason = "a small number")]
         let each = 1.0 / count as f64;
         let mut sum = [N::constant(0.0); 3];
+        if finish.is_mirror() {
+            let reflected = finish.reflected(spot.base, spot.out);
+            sum = self.arriving(spot, spot.mirrored(), reflected, None, path);
+            if finish.under == Under::Nothing {
+                return sum;
+            }
+        }
         for point in points.take(count) {
-            sum = add(sum, self.along_ray_of_lobe(spot, finish, point, each, path));
+            if !finish.is_mirror() {
+                sum = add(sum, self.along_ray_of_lobe(spot, finish, point, each, path));
+            }
             if !self.gloss.lamps.is_empty() && path.segments < self.longest() {
-                sum = add(sum, scale(self.from_lamp(spot, finish, point), N::constant(each)));
+                sum = add(sum, scale(self.lit_by_lamp(spot, finish, point), N::constant(each)));
             }
         }
         sum
@@ -276,7 +278,7 @@ impl Tracer<'_> {
     }
 
     /// Returns what a rough surface reflects of a point on the lamps.
-    fn from_lamp<N: Number>(&mut self, spot: &Spot<N>, finish: &Finish, point: &PatternPoint) -> Triple<N> {
+    fn lit_by_lamp<N: Number>(&mut self, spot: &Spot<N>, finish: &Finish, point: &PatternPoint) -> Triple<N> {
         let dark = [N::constant(0.0); 3];
         let (lit, lamps) = (self.lit, &self.gloss.lamps);
         let (triangle, place) = lamps.point(&lit.scene.corners, point.square);
@@ -292,11 +294,22 @@ impl Tracer<'_> {
         let cosines = Cosines::new(spot.normal, spot.viewer, towards);
         let by_lamps = dot(way, way).scaled(lamps.density(triangle)) / facing;
         let weight = N::constant(1.0) / (by_lamps + lobe_density(finish.alpha, &cosines));
-        let reflected = scale(finish.lobe(spot.base, &cosines), weight);
+        let mut reflected = if finish.is_mirror() { dark } else { scale(finish.lobe(spot.base, &cosines), weight) };
+        if self.lamps_are_baked() {
+            // Baked light counts as light from all sides, which is not what a coat lets through from one.
+            let more = sub(finish.below(spot.base, &cosines), finish.below_evenly(spot.base, spot.out));
+            let weight = cosines.into.scaled(std::f64::consts::FRAC_1_PI) / by_lamps;
+            reflected = add(reflected, scale(more, weight));
+        }
         if largest(values(reflected)) < NO_SHADOW || self.is_hidden(spot, values(way), self.to_lamps()) {
             return dark;
         }
         times(reflected, self.emitted(triangle))
+    }
+
+    /// Returns whether the light of all lamps is in the maps, none of them being a few places that shine.
+    fn lamps_are_baked(&self) -> bool {
+        self.lit.lights.iter().all(|light| light.beam.is_none_or(|beam| beam.is_spot()))
     }
 
     /// Returns what a glass surface reflects and lets through.

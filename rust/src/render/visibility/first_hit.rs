@@ -8,7 +8,9 @@
 
 use std::ops::Range;
 
-use crate::render::geometry::bvh::{Ahead, Boxes, Leaves, Region, WIDTH, Waiting, below};
+use multiversion::multiversion;
+
+use crate::render::geometry::bvh::{Ahead, Boxes, Bvh, Leaves, Region, WIDTH, Waiting, below};
 use crate::render::geometry::vector::{Vector, cross, dot, scale, sub};
 use crate::render::geometry::view::View;
 use crate::render::scene::Scene;
@@ -163,8 +165,10 @@ impl Reaching {
     }
 }
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Reaching {
     /// Returns where the ray is first within each box, and where last before its end.
+    #[inline(always)]
     fn within(&self, boxes: &Boxes) -> ([f64; WIDTH], [f64; WIDTH]) {
         let (mut first, mut last) = ([0f64; WIDTH], [self.end; WIDTH]);
         for axis in 0..3 {
@@ -181,14 +185,18 @@ impl Reaching {
     }
 }
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Region for Reaching {
+    #[inline(always)]
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
         let (first, last) = self.within(boxes);
         std::array::from_fn(|i| first[i] <= last[i] * (1.0 + ROUNDING))
     }
 }
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Ahead for Reaching {
+    #[inline(always)]
     fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH] {
         let (first, last) = self.within(boxes);
         std::array::from_fn(|i| if first[i] <= last[i] * (1.0 + ROUNDING) { below(first[i]) } else { f32::INFINITY })
@@ -207,13 +215,17 @@ struct Looking<'a> {
     distance: f64,
 }
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Leaves for Looking<'_> {
+    #[inline(always)]
     fn farthest(&self) -> f32 {
         -below(-self.distance)
     }
 
+    #[inline(always)]
     fn expect(&self, _: Range<usize>) {}
 
+    #[inline(always)]
     fn look_at(&mut self, leaf: Range<usize>) {
         for triangle in self.first + leaf.start..self.first + leaf.end {
             let (corners, plane) = (&self.scene.corners[triangle], &self.scene.surfaces[triangle].plane);
@@ -238,11 +250,16 @@ impl FirstHits {
         let (mut nearest, mut distance) = (None, f64::INFINITY);
         for (frame, ray) in scene.frames.iter().zip(rays) {
             let mut looking = Looking { scene, first: frame.triangles.start, ray, but, after, nearest, distance };
-            frame.bvh.visit_from_front(&mut self.0, &Reaching::new(ray, f64::INFINITY), &mut looking);
+            look(&mut looking, &frame.bvh, &mut self.0);
             (nearest, distance) = (looking.nearest, looking.distance);
         }
         nearest
     }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn look(looking: &mut Looking, bvh: &Bvh, waiting: &mut Vec<Waiting>) {
+    bvh.visit_from_front(waiting, &Reaching::new(looking.ray, f64::INFINITY), looking);
 }
 
 /// Returns where a ray meets a triangle; None where it passes it.
@@ -258,6 +275,7 @@ fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
 }
 
 /// Returns whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
     for (frame, ray) in scene.frames.iter().zip(rays) {
         let (first, mut blocked) = (frame.triangles.start, false);
