@@ -33,7 +33,7 @@ nitpicky = True
 # Names of other libraries. The build fetches nothing, so it has no list of theirs.
 nitpick_ignore_regex = [
     (r"py:.*", r"(abc|argparse|collections|datetime|enum|os|pathlib|types|typing)\..*|Path(Like)?"),
-    (r"py:.*", r"(drjit|dr|matplotlib|mi|mitsuba|np|npt|numpy|scipy|torch|usb)\..*|Client|Figure|csr_array"),
+    (r"py:.*", r"(drjit|dr|gymnasium|matplotlib|mi|mitsuba|np|npt|numpy|scipy|torch|usb)\..*|Client|Figure|csr_array"),
     # Parts of the package that signatures name and users are not handed.
     (
         r"py:.*",

@@ -25,7 +25,8 @@ from .integrator.renderer import IntegratorRenderer
 from .integrator.scalar import ScalarRenderer
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
-from .native.renderer import PIXELS, NativeRenderer
+from .native.estimators import ESTIMATORS
+from .native.renderer import NativeRenderer
 from .obstacles import Obstacle, Obstacles, Unsuitable, listed
 from .primitives import triangulated
 from .scene_cache import cached
@@ -320,8 +321,8 @@ def make_renderer(
         bake_error=bake_error,
         pixel=pixel,
     )
-    if pixel not in PIXELS:
-        raise ArgumentError("{pixel} must be one of {}, got {!r}", ", ".join(PIXELS), pixel)
+    if pixel not in ESTIMATORS:
+        raise ArgumentError("{pixel} must be one of {}, got {!r}", ", ".join(ESTIMATORS), pixel)
     chosen, renderer = _first_possible(request) if kind == "auto" else (KINDS[kind], _by_name(KINDS[kind], request))
     if pixel == "lines" and not isinstance(renderer, NativeRenderer):
         raise ArgumentError(

@@ -82,16 +82,24 @@ class Finish:
             return np.zeros_like(base)
         kind, values = self.fresnel
         if kind == "dielectric":
-            lobe = np.full_like(base, _mean(lambda c: dielectric(c, values[0])))
+            lobe = np.full_like(base, self._lobe(lambda c: dielectric(c, values[0])))
         elif kind == "conductor":
-            metal = [_mean(functools.partial(_conductor, eta=values[i], k=values[3 + i])) for i in range(3)]
+            metal = [self._lobe(functools.partial(_conductor, eta=values[i], k=values[3 + i])) for i in range(3)]
             lobe = np.broadcast_to(np.array(metal), base.shape)
         else:
             index, metallic = values
-            plain = _mean(lambda c: dielectric(c, index))
-            lobe = (1 - metallic) * plain + metallic * (base + (1 - base) / 21)
+            plain = self._lobe(lambda c: dielectric(c, index))
+            whole, grazing = self._lobe(np.ones_like), self._lobe(lambda c: (1 - c) ** 5)
+            lobe = (1 - metallic) * plain + metallic * (base * whole + (1 - base) * grazing)
         lobe = lobe * np.array(self.tint) * (base if self.base_tints else 1.0)
         return np.minimum(lobe + self._below(base), 1.0)
+
+    def _lobe(self, reflected: Callable[[FloatArray], FloatArray]) -> float:
+        """Return the mean of what the lobe reflects, less what rough microfacets hide from each other."""
+        if self.alpha == 0:
+            return _mean(reflected)
+        facets, hidden, weights = _facets_seen(self.alpha, self.distribution)
+        return float((reflected(facets) * hidden * weights).sum())
 
     def _below(self, base: FloatArray) -> FloatArray:
         kind, values = self.under
@@ -272,6 +280,51 @@ def _word(bsdf: MitsubaBsdf, name: str) -> str:
 def _mean(reflected: Callable[[FloatArray], FloatArray]) -> float:
     """Return the mean over directions that follow the cosine."""
     return float((reflected(_COSINES) * 2 * _COSINES * _WEIGHTS).sum())
+
+
+@functools.cache
+def _facets_seen(alpha: float, distribution: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return microfacets that viewers of all directions see: the cosine to each, how much of what it reflects is not
+    hidden by others, and its weight.
+
+    They are those of GGX (Heitz 2018); for Beckmann's distribution they have other weights.
+    """
+    number = np.arange(256)
+    radius, angle = np.sqrt((number + 0.5) / 256), 2 * np.pi * (number * 0.618033988749895 % 1)
+    across, up = radius * np.cos(angle), radius * np.sin(angle)
+    out = _COSINES[:, None]
+    sine = np.sqrt(1 - out**2)
+    length = np.sqrt((alpha * sine) ** 2 + out**2)
+    x, z = alpha * sine / length, out / length
+    most, fraction = np.sqrt(1 - across**2), (1 + z) / 2
+    up = most * (1 - fraction) + up * fraction
+    along = np.sqrt(np.maximum(1 - across**2 - up**2, 0.0))
+    # The disk's axes: level, upwards, and towards the viewer.
+    normal = np.stack([alpha * (-up * z + along * x), alpha * across + 0 * z, up * x + along * z])
+    normal /= np.linalg.norm(normal, axis=0)
+    facet = sine * normal[0] + out * normal[2]
+    into = 2 * facet * normal[2] - out
+    above = into > 0
+    into = np.where(above, into, 1.0)
+    weights = 2 * out * _WEIGHTS[:, None] / 256 * above
+    if distribution == "ggx":
+        return facet, _seen_of_ggx(into, alpha), weights
+    squared = normal[2] ** 2
+    dense = np.exp(-(1 - squared) / squared / alpha**2) / (np.pi * alpha**2 * squared**2)
+    dense_of_ggx = alpha**2 / np.pi / (1 - squared * (1 - alpha**2)) ** 2
+    weights = weights * dense / dense_of_ggx * _seen_of_beckmann(out, alpha) / _seen_of_ggx(out, alpha)
+    return facet, _seen_of_beckmann(into, alpha), weights
+
+
+def _seen_of_ggx(cosine: FloatArray, alpha: float) -> FloatArray:
+    """Return the fraction of microfacets that are seen at cosines (Walter et al. 2007, equation 34)."""
+    return 2 / (1 + np.sqrt(1 + alpha**2 * (1 - cosine**2) / cosine**2))
+
+
+def _seen_of_beckmann(cosine: FloatArray, alpha: float) -> FloatArray:
+    """Return the same of Beckmann's (equation 27)."""
+    a = 1 / (alpha * np.sqrt(np.maximum(1 - cosine**2, 1e-12)) / cosine)
+    return np.where(a < 1.6, (3.535 * a + 2.181 * a**2) / (1 + 2.276 * a + 2.577 * a**2), 1.0)
 
 
 @functools.cache

@@ -91,7 +91,8 @@ class SceneTable:
         counts: how many records each of these shapes has.
         corners: float64 (n, 3, 3), the triangles' corners, metres.
         planes: float64 (n, 4): unit normal and offset, n . p + offset = 0.
-        u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1).
+        u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1); 0
+            where a texture has one texel.
         normal_maps: float64 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
         textures: the textures, and which one each record has.
         two_sided: uint32 (n), 1 where the back of the surface reflects too.
@@ -168,9 +169,10 @@ class SceneTable:
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
-        self._mesh_uv = np.empty((count, 4)), np.empty((count, 4))
+        # Where a texture is the same everywhere nothing is written, and zeros that nobody writes take no memory.
+        self._mesh_uv = np.zeros((count, 4)), np.zeros((count, 4))
         smooth, smooth_parts = False, list[tuple[slice, FloatArray]]()
-        for shape, added in shapes:
+        for (shape, added), (_, width, height, _) in zip(shapes, self.textures.sizes.tolist(), strict=True):
             # Which side is the front matters only where the back is another, or the front alone emits.
             turned = None if not added.two_sided or (baked and shape.is_emitter()) else False
             for part in MeshTriangles.parts(shape, added.uv):
@@ -178,8 +180,9 @@ class SceneTable:
                 side, rows = -1.0 if turned else 1.0, slice(first, first + part.count)
                 first = rows.stop
                 self.corners[rows], self.planes[rows] = part.corners, part.planes() * side
-                for table, maps in zip(self._mesh_uv, part.texture_maps(), strict=True):
-                    table[rows] = maps
+                if (width, height) != (1, 1):
+                    for table, maps in zip(self._mesh_uv, part.texture_maps(), strict=True):
+                        table[rows] = maps
                 if part.vertex_normals is not None:
                     maps, is_smooth = part.normal_maps()
                     smooth |= is_smooth

@@ -139,6 +139,7 @@ class _PartKeywords(TypedDict, total=False):
     crop: tuple[int, int] | str | None
     roi: str | None
     size: tuple[int, int] | str | None
+    fit: str | None
     camera: Camera | str | os.PathLike[str] | None
 
 
@@ -146,7 +147,9 @@ class _BetweenKeywords(TypedDict, total=False):
     """Names the keyword arguments of :class:`_BetweenSettings`."""
 
     interpolation: str | Callable[..., Any]
+    interpolator: str | None
     max_displacement_px: float
+    image_rate_hz: float | None
 
 
 class FrameKeywords(EngineKeywords, PixelKeywords, _BetweenKeywords, _PartKeywords, _LightKeywords, total=False):

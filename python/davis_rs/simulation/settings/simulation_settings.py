@@ -16,7 +16,7 @@ from ...geometry.camera import PRESETS, Camera
 from ...io.dataset.files import EVENT_FILES
 from ...render.baked.bake import BAKE_ERROR
 from ...render.choice import AUTOMATIC, KINDS, RENDERERS
-from ...render.native.renderer import PIXELS
+from ...render.native.estimators import ESTIMATORS
 from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ...sampling.rules import TimeSampling
 from ...sensor.effects import Effect, EffectsLike
@@ -193,7 +193,7 @@ class ViewSettings(PixelSettings):
         Declared(
             "what luma of a pixel is made of: rays, the mean over them; lines, its area by lines through it, without "
             "jumps at edges (the native renderer without distortion; for 8, 32 or 64 rays per pixel)",
-            choices=PIXELS,
+            choices=tuple(ESTIMATORS),
             group=_ACCURACY,
         ),
     )

@@ -163,7 +163,7 @@ impl Tracer<'_> {
         let finish = gloss.finish(hit.triangle);
         let normal = self.normal(hit, surface, viewer);
         let texture = &self.lit.scene.textures[surface.texture as usize];
-        let base = looked_up(texture, texture.wrap, [&surface.u, &surface.v], hit.in_frame, |at| {
+        let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
             gloss.texels[at].map(f64::from)
         });
         let spot = Spot { hit: *hit, finish, base, normal, viewer, out: dot(normal, viewer) };
@@ -400,7 +400,7 @@ impl Tracer<'_> {
     }
 
     fn emitted<N: Number>(&self, triangle: u32) -> Triple<N> {
-        match self.lit.scene.surfaces[triangle as usize].emission {
+        match &self.lit.scene.surfaces[triangle as usize].emission {
             None => [N::constant(0.0); 3],
             Some(emission) => scale(constant(self.gloss.emitted(triangle)), self.factor(emission.light as usize)),
         }

@@ -717,6 +717,9 @@ mod tests {
         // The sun passes by the ceiling; from below it lights no front.
         close(of(3), ONE.map(|x| 0.8 * x / std::f64::consts::PI), 1e-5);
         assert_eq!(of(4), [0.0; 3]);
+        // In a scene of another size a metre is still a metre.
+        let wide = scene(&[squares[0], [[0.0, 0.0, 50.0], UP, [0.0, 1.0, 0.0]]], 0.0, &groups);
+        close(wide.of_sharp(0, &[place(at, UP)], 16).unwrap()[0], full, 1e-4);
         let aside = [place([0.0, 1.875, -2.0], UP), place([0.0, 9.0, -2.0], UP), place([0.0, 0.0, 2.0], UP)];
         let beams = sampler.of_sharp(2, &aside, 16).unwrap();
         let (angle, distance_squared) = ((0.75f64).atan(), 6.25 + 1.875f64.powi(2));
