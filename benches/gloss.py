@@ -1,12 +1,13 @@
 """Compares glossy surfaces of the renderers without noise with Mitsuba's path tracer, material by material.
 
-    python benches/gloss.py [--samples 4096] [--size 64] [--only NAME] [--pictures FOLDER] [--kept FOLDER]
+    python benches/gloss.py [--samples 4096] [--size 64] [--rays 32] [--only NAME] [--pictures FOLDER] [--kept FOLDER]
 
 Each scene has a ball of one material over a diffuse floor, next to a diffuse block, under one light. A row says: the
 root mean square of log luma against the path tracer, in units of C = 0.15, over pixels of the ball and over all others,
 where the reference's standard error is below 0.1 C; the fraction of the ball's pixels for which that is so; that error
-itself; and processor time a frame. With --pictures, each scene's picture is written next to the path tracer's, and
-their difference (grey where there is none, white and black at 3 C). References are kept in a folder if one is named.
+itself; and processor time a frame. With --pictures, light_gloss.png has a row for each material and a column for each
+light: the picture, the path tracer's, and their difference (grey where there is none, white and black at 3 C).
+References are kept in a folder if one is named. The table of docs/light.md.
 """
 
 from __future__ import annotations
@@ -119,13 +120,24 @@ def picture(luma: npt.NDArray[np.float64], true: npt.NDArray[np.float64], off: n
     white = np.quantile(true, 0.98)
     toned = [255 * np.clip(values / white, 0, 1) ** (1 / 2.2) for values in (luma, true)]
     both = np.concatenate([*toned, np.clip(128 + 127 * off / (3 * C), 0, 255)], axis=1).astype(np.uint8)
-    return Image.fromarray(both.repeat(3, 0).repeat(3, 1))
+    return Image.fromarray(both.repeat(2, 0).repeat(2, 1))
+
+
+def sheet(pictures: dict[tuple[str, str], Image.Image]) -> Image.Image:
+    """Return all pictures as one: a row for each material, a column for each light."""
+    rows, columns = (list(dict.fromkeys(names)) for names in zip(*pictures, strict=True))
+    width, height = next(iter(pictures.values())).size
+    whole = Image.new("L", (len(columns) * (width + 8) - 8, len(rows) * height), 255)
+    for (material, light), image in pictures.items():
+        whole.paste(image, (columns.index(light) * (width + 8), rows.index(material) * height))
+    return whole
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=4096, help="of the reference, in all (if not given: 4096)")
     parser.add_argument("--size", type=int, default=64, help="pixels along a side (if not given: 64)")
+    parser.add_argument("--rays", type=int, default=32, help="of the native renderer a pixel (if not given: 32)")
     parser.add_argument("--error", type=float, default=0.02, help="of baked light (if not given: 0.02)")
     parser.add_argument("--only", default="", help="take rows whose names contain this")
     parser.add_argument("--pictures", type=Path, help="folder for pictures")
@@ -136,6 +148,7 @@ def main() -> None:
             folder.mkdir(parents=True, exist_ok=True)
     print("| material | light | ball: rms log luma / C | of its pixels | else: rms / C | reference's error / C | ms |")
     print("|---|---|---:|---:|---:|---:|---:|")
+    pictures = dict[tuple[str, str], Image.Image]()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "scene.xml")
         sky_written = False
@@ -155,7 +168,7 @@ def main() -> None:
                 focal = 0.5 * size / np.tan(np.radians(38) / 2)
                 camera = Camera(width=size, height=size, fx=focal, fy=focal, cx=(size - 1) / 2, cy=(size - 1) / 2)
                 renderer = make_renderer(
-                    scene, camera, kind="baked", lattice_rays_per_pixel=8, bake_error=given.error, blur=False
+                    scene, camera, kind="baked", lattice_rays_per_pixel=given.rays, bake_error=given.error, blur=False
                 )
                 assert isinstance(renderer, NativeRenderer)
                 assert scene.trajectory is not None
@@ -181,8 +194,9 @@ def main() -> None:
                     f" {spent:.0f} |",
                     flush=True,
                 )
-                if given.pictures is not None:
-                    picture(luma, true, off).save(given.pictures / f"{name.replace(' ', '_').replace(',', '')}.png")
+                pictures[material, light] = picture(luma, true, off)
+    if given.pictures is not None:
+        sheet(pictures).save(given.pictures / "light_gloss.png")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-//! The renderer: linear luma of diffuse triangles under direct or baked light, as a camera's rays see them.
+//! The renderer: linear luma of diffuse and glossy triangles under direct or baked light, as a camera's rays see them.
 //!
 //! ```text
 //! view -> bins: which triangles each tile of the image may see

@@ -5,7 +5,7 @@ use super::finish::{Distribution, Finish, Fresnel, Under};
 use super::tables::{DIFFUSE, GlossTables};
 use crate::render::{Emission, Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
 
-const SIZE: usize = 24;
+const SIZE: usize = 16;
 
 /// A mirror of all light.
 const MIRROR: Finish = Finish {
@@ -219,7 +219,7 @@ fn rates_are_differences_in_time() {
             tables.emissions[triangle] = Some(Emission { light: 0, luma: 3.0 });
             tables.gloss.emitted[triangle] = [3.0; 3];
         }
-        let (renderer, rays) = (renderer(&tables), rays(false, 4));
+        let (renderer, rays) = (renderer(&tables), rays(false, 3));
         let here = view([0.4, 0.9, 1.6], LEVEL, [0.2, 0.1, -0.3], [0.05, -0.1, 0.2]);
         let dt = 1e-3;
         let (shown, rate) = luma(&renderer, &rays, &here);
@@ -295,7 +295,7 @@ fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
             luma(&renderer, &rays(false, each), &here).0.iter().map(|&x| f64::from(x)).sum::<f64>()
                 / (SIZE * SIZE) as f64
         };
-        let (few, many) = (mean(4), mean(64));
+        let (few, many) = (mean(4), mean(32));
         assert!(many > 0.0 && (few / many - 1.0).abs() < tolerated, "{alpha} {side}: {few} {many}");
     }
 }
