@@ -369,3 +369,95 @@ fn tangents<N: Number>(normal: Triple<N>) -> [Triple<N>; 2] {
     let first = unit(flat);
     [first, cross(normal, first)]
 }
+
+#[cfg(test)]
+#[allow(clippy::cast_precision_loss, reason = "small numbers")]
+mod tests {
+    use super::super::pattern::Pattern;
+    use super::*;
+
+    fn metal(alpha: f64, distribution: Distribution) -> Finish {
+        Finish {
+            alpha,
+            distribution,
+            fresnel: Fresnel::Conductor([0.2; 3], [3.9; 3]),
+            tint: [1.0; 3],
+            passing: [1.0; 3],
+            base_tints: false,
+            under: Under::Nothing,
+        }
+    }
+
+    /// Sums over a grid of directions above a level surface, by their solid angles.
+    fn over_directions(value: impl Fn([f64; 3]) -> f64) -> f64 {
+        let (rows, columns) = (300, 90);
+        let step = std::f64::consts::TAU / f64::from(columns) / f64::from(rows);
+        let mut sum = 0.0;
+        for row in 0..rows {
+            let cosine = (f64::from(row) + 0.5) / f64::from(rows);
+            let sine = (1.0 - cosine * cosine).sqrt();
+            for column in 0..columns {
+                let angle = std::f64::consts::TAU * (f64::from(column) + 0.5) / f64::from(columns);
+                sum += step * value([sine * angle.cos(), sine * angle.sin(), cosine]);
+            }
+        }
+        sum
+    }
+
+    /// Directions of a lobe lie as densely as is said: what they bring is what the whole half sphere does.
+    #[test]
+    fn directions_of_a_lobe_stand_for_the_half_sphere() {
+        let up = [0.0, 0.0, 1.0];
+        for (alpha, sine) in [(0.3, 0.6), (0.7, 0.28), (0.5, 0.96)] {
+            for distribution in [Distribution::Ggx, Distribution::Beckmann] {
+                let finish = metal(alpha, distribution);
+                let viewer = [0.6 * sine, 0.8 * sine, f64::sqrt(1.0 - sine * sine)];
+                let whole = over_directions(|towards| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards))[0]);
+                let (mut sum, mut above, count) = (0.0, 0.0, 2048);
+                let pattern = Pattern::new(count);
+                for ray in (0..count).filter_map(|ray| {
+                    let point = pattern.of_ray(ray).next()?;
+                    lobe_ray(alpha, up, viewer, point.disk)
+                }) {
+                    assert!((lobe_density(alpha, &ray.cosines) - ray.density).abs() < 1e-12);
+                    let cosines = Cosines::new(up, viewer, ray.towards);
+                    assert!(
+                        (cosines.half - ray.cosines.half).abs() < 1e-9
+                            && (cosines.into - ray.cosines.into).abs() < 1e-9
+                    );
+                    sum += finish.lobe([1.0; 3], &ray.cosines)[0] / ray.density / count as f64;
+                    above += 1.0 / count as f64;
+                }
+                assert!((sum / whole - 1.0).abs() < 0.01, "{alpha} {sine} {distribution:?}: {sum} {whole}");
+                let density = over_directions(|towards| lobe_density(alpha, &Cosines::new(up, viewer, towards)));
+                assert!((density / above - 1.0).abs() < 0.01, "{alpha} {sine}: {density} {above}");
+            }
+        }
+    }
+
+    /// Level microfacets: the projected area of all of them is that of the surface (Walter et al. 2007, equation 4).
+    #[test]
+    fn microfacets_cover_the_surface() {
+        for distribution in [Distribution::Ggx, Distribution::Beckmann] {
+            for alpha in [0.2, 0.4, 0.9] {
+                let finish = metal(alpha, distribution);
+                let area = over_directions(|half| finish.density(half[2]) * half[2]);
+                assert!((area - 1.0).abs() < 0.01, "{distribution:?} {alpha}: {area}");
+            }
+        }
+    }
+
+    #[test]
+    fn fresnels_equations_have_their_known_values() {
+        assert!((dielectric(1.0, 1.5) - 0.04f64).abs() < 1e-12);
+        assert_eq!(dielectric(0.6, 1.0 / 1.5), 1.0);
+        assert!((dielectric(0.0, 1.5) - 1.0f64).abs() < 1e-12);
+        // At normal incidence ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2).
+        let expected = (0.64 + 15.21) / (1.44 + 15.21);
+        assert!((conductor(1.0, 0.2, 3.9) - expected).abs() < 1e-12);
+        assert_eq!(fifth_power(0.5), 0.031_25);
+        let nodes = std::array::from_fn(|node| node as f64 / 64.0);
+        assert_eq!(passed(0.3, 1.5, Some(&nodes)), 0.15);
+        assert_eq!(passed(1.0, 1.5, Some(&nodes)), 0.5);
+    }
+}

@@ -69,3 +69,39 @@ fn area(corners: &[Vector; 3]) -> f64 {
     let normal = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
     0.5 * dot(normal, normal).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points lie evenly on each lamp, and as many on each as it emits light.
+    #[test]
+    fn points_follow_light() {
+        let corners = [
+            [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]],
+            [[9.0, 9.0, 9.0], [9.0, 8.0, 9.0], [9.0, 8.0, 8.0]],
+            [[5.0, 0.0, 0.0], [6.0, 0.0, 0.0], [5.0, 1.0, 0.0]],
+        ];
+        let lamps = Lamps::new(&corners, |number| [1.0, 0.0, 12.0][number]);
+        // A quarter of the light comes from 2 square metres, the rest from a half.
+        assert_eq!([0, 1, 2].map(|number| lamps.density(number)), [0.25 / 2.0, 0.0, 0.75 / 0.5]);
+        let (mut counts, mut mean, mut squared) = ([0u32; 3], [0.0; 2], [0.0; 2]);
+        let side = 64u32;
+        for number in 0..side * side {
+            let square = [number / side, number % side].map(|at| (f64::from(at) + 0.5) / f64::from(side));
+            let (triangle, point) = lamps.point(&corners, square);
+            counts[triangle as usize] += 1;
+            if triangle == 0 {
+                for axis in 0..2 {
+                    mean[axis] += point[axis];
+                    squared[axis] += point[axis] * point[axis];
+                }
+            }
+        }
+        assert_eq!(counts, [side * side / 4, 0, 3 * side * side / 4]);
+        let count = f64::from(counts[0]);
+        assert!(mean.iter().all(|x| (x / count - 2.0 / 3.0).abs() < 0.01), "{mean:?}");
+        assert!(squared.iter().all(|x| (x / count - 2.0 / 3.0).abs() < 0.02), "{squared:?}");
+        assert!(Lamps::new(&corners, |_| 0.0).is_empty());
+    }
+}

@@ -3,6 +3,8 @@
 
 use super::finish::{Distribution, Finish, Fresnel, Under};
 use super::tables::{DIFFUSE, GlossTables};
+use crate::render::geometry::vector::{cross, dot, sub};
+use crate::render::visibility::first_hit::{FirstHits, Ray};
 use crate::render::{Emission, Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
 
 const SIZE: usize = 16;
@@ -251,14 +253,7 @@ fn nothing_is_lost_in_a_furnace() {
         }
         tables.lights[2].strength = 1.0;
         // A box in front of the camera, seen alone.
-        for sides in [
-            [[-0.5, -0.5, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]],
-            [[-0.5, -0.5, 2.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-            [[-0.5, -0.5, 1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]],
-            [[0.5, -0.5, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-            [[-0.5, -0.5, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
-            [[-0.5, 0.5, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],
-        ] {
+        for sides in BOX {
             add(&mut tables, sides, (1.0, 0, 0));
         }
         // No ray meets two sides at once.
@@ -269,6 +264,60 @@ fn nothing_is_lost_in_a_furnace() {
         let (shown, rate) = luma(&renderer(&tables), &rays(false, 1), &here);
         assert!(shown.iter().all(|x| (x - 1.0).abs() < 0.02), "{under:?} {shown:?}");
         assert!(rate.iter().all(|x| x.abs() < 1e-6));
+        if under == Under::Solid(1.5) {
+            // Within the glass light is as many times denser as the square of its index.
+            here.poses[0].position = [0.013, 0.007, 1.5];
+            let (inside, _) = luma(&renderer(&tables), &rays(false, 1), &here);
+            assert!(inside.iter().all(|x| (x - 2.25).abs() < 0.03), "{inside:?}");
+        }
+    }
+}
+
+/// The sides of a box, which look outwards.
+const BOX: [[[f64; 3]; 3]; 6] = [
+    [[-0.5, -0.5, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]],
+    [[-0.5, -0.5, 2.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    [[-0.5, -0.5, 1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]],
+    [[0.5, -0.5, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    [[-0.5, -0.5, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+    [[-0.5, 0.5, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],
+];
+
+/// Lamps all around are as bright as a background of the same light: neither way to them counts twice.
+#[test]
+fn lamps_all_around_are_a_background() {
+    for alpha in [0.1, 0.4, 0.8] {
+        let finish = Finish { alpha, ..MIRROR };
+        let mut tables = room(None);
+        tables.gloss.finishes = vec![finish];
+        tables.frames = tables.frames.iter().map(|_| 1).collect();
+        tables.shadows = false;
+        for light in &mut tables.lights[..2] {
+            light.strength = 0.0;
+        }
+        tables.lights[2].strength = 1.0;
+        add(&mut tables, [[-0.2, -0.2, 1.8], [0.0, 0.4, 0.1], [0.4, 0.0, 0.0]], (1.0, 0, 0));
+        let mut here = view([0.1, 0.05, 1.3], LEVEL, [0.0; 3], [0.0; 3]);
+        here.poses[1].position = [0.0, 1e4, 1e6];
+        here.factors = vec![[1.0, 0.0]; 3];
+        let even = luma(&renderer(&tables), &rays(false, 16), &here).0;
+        tables.lights[2].strength = 0.0;
+        for [corner, u, v] in BOX {
+            add(&mut tables, [corner, v, u], (0.0, DIFFUSE, 0));
+            for triangle in tables.corners.len() - 2..tables.corners.len() {
+                tables.emissions[triangle] = Some(Emission { light: 0, luma: 1.0 });
+                tables.gloss.emitted[triangle] = [1.0; 3];
+            }
+        }
+        let lamps = luma(&renderer(&tables), &rays(false, 16), &here).0;
+        let mean = |luma: &[f32]| luma.iter().sum::<f32>() / luma.len() as f32;
+        assert!((mean(&lamps) / mean(&even) - 1.0).abs() < 0.02, "{alpha}: {} {}", mean(&lamps), mean(&even));
+        // From behind they are dark.
+        for plane in tables.planes.to_mut().iter_mut().rev().take(2 * BOX.len()) {
+            *plane = plane.map(|x| -x);
+        }
+        let behind = luma(&renderer(&tables), &rays(false, 16), &here).0;
+        assert!(behind.iter().all(|&x| x == 0.0), "{behind:?}");
     }
 }
 
@@ -324,4 +373,50 @@ fn tables_that_do_not_belong_together_are_refused() {
         change(&mut tables.gloss);
         assert!(Scene::new(&tables).is_err(), "{number}");
     }
+}
+
+/// Returns where a ray meets a triangle (Moller and Trumbore 1997).
+fn distance([a, b, c]: [[f64; 3]; 3], ray: &Ray) -> Option<f64> {
+    let (u, v, from) = (sub(b, a), sub(c, a), sub(ray.origin, a));
+    let (p, q) = (cross(ray.direction, v), cross(from, u));
+    let volume = dot(u, p);
+    let [second, third] = [dot(from, p) / volume, dot(ray.direction, q) / volume];
+    let along = dot(v, q) / volume;
+    (second >= 0.0 && third >= 0.0 && second + third <= 1.0 && along > 0.0).then_some(along)
+}
+
+/// The first triangle that a ray meets, and the first but that one or but what is nearer, as a search of all has it.
+#[test]
+fn rays_meet_what_a_search_of_all_finds() {
+    let mut state = 7u64;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / f64::from(1 << 23) - 1.0
+    };
+    let mut tables = room(None);
+    for number in 0..400 {
+        let [corner, u, v]: [[f64; 3]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| next()));
+        add(&mut tables, [corner, u.map(|x| 0.4 * x), v.map(|x| 0.4 * x)], (1.0, DIFFUSE, number % 2));
+    }
+    let scene = Scene::new(&tables).unwrap();
+    let (mut hits, mut met) = (FirstHits::default(), 0);
+    for _ in 0..200 {
+        let [origin, direction]: [[f64; 3]; 2] = std::array::from_fn(|_| std::array::from_fn(|_| next()));
+        let rays: Vec<Ray> =
+            scene.frames.iter().map(|frame| Ray { origin: sub(origin, frame.centre), direction }).collect();
+        let mut all: Vec<(f64, u32)> = vec![];
+        for (frame, ray) in scene.frames.iter().zip(&rays) {
+            let found = frame.triangles.clone().filter_map(|i| Some((distance(scene.corners[i], ray)?, i as u32)));
+            all.extend(found);
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let number = |at: usize| all.get(at).map(|hit| hit.1);
+        assert_eq!(hits.nearest(&scene, &rays, 0.0, u32::MAX), number(0));
+        if let [first, second, ..] = all[..] {
+            met += 1;
+            assert_eq!(hits.nearest(&scene, &rays, 0.0, first.1), Some(second.1));
+            assert_eq!(hits.nearest(&scene, &rays, f64::midpoint(first.0, second.0), u32::MAX), Some(second.1));
+        }
+    }
+    assert!(met > 100, "{met}");
 }
