@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::geometry::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
 use super::geometry::view::View;
+use super::gloss::pattern::Pattern;
 use super::light::cone::FrameCones;
 use super::light::lights::{SeenLight, Surroundings, background, seen_lights};
 use super::light::shadows::{moving_cones, still_cones};
@@ -164,6 +165,7 @@ impl Renderer {
         luma: &mut [f32],
     ) -> Result<()> {
         check_corners(corners)?;
+        self.check_diffuse("lines through pixels")?;
         let views = &self.centred(views)?;
         check_length(views.len() * corners.pixels(), luma.len())?;
         self.each_tile(Ways { beams: false, ..self.ways }, corners, views, bands(corners, luma), {
@@ -188,6 +190,7 @@ impl Renderer {
         luma: &mut [f32],
     ) -> Result<()> {
         check_corners(corners)?;
+        self.check_diffuse("lines through pixels")?;
         self.each_pixel(corners, views, pixels, luma, |view, samples, found| {
             let lights = seen_lights(&self.scene, view);
             let (mut buffers, mut scratch) = (self.view_buffers.take(), self.scratch.take());
@@ -282,6 +285,14 @@ impl Renderer {
             put(rays, tile, &depths, depth);
             put(rays, tile, &hit, triangles);
         })
+    }
+
+    /// Refuses a scene with glossy surfaces, for what knows diffuse ones alone.
+    pub(crate) fn check_diffuse(&self, what: &str) -> Result<()> {
+        if self.scene.gloss.is_none() {
+            return Ok(());
+        }
+        Err(Error::Argument(format!("{what} need a scene of diffuse surfaces, and this one has glossy ones")))
     }
 
     pub(crate) fn centred(&self, views: &[View]) -> Result<Vec<View>> {
@@ -407,6 +418,7 @@ impl Renderer {
             background: background(&self.scene, view),
             bins,
             ways: Ways { beams: false, ..self.ways },
+            pattern: self.scene.gloss.as_ref().map(|_| Pattern::new(rays.rays())),
         }
     }
 
