@@ -9,7 +9,7 @@
 
 use super::intervals::Intervals;
 use super::pattern::LinePattern;
-use super::warp::{LineDepth, TileFunction, Warp};
+use super::warp::{LineDepth, SURE, TileFunction, Warp};
 use crate::render::geometry::curve::{Cubic, TERMS, TileCurve};
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{LANES, TILE};
@@ -20,6 +20,10 @@ const HALF: f32 = TILE as f32 / 2.0;
 
 /// Functions are looked at so far from the tile's middle: Newton's step may begin a little beyond its ends.
 const REACH: f32 = HALF + 1.0;
+
+/// If slopes differ by less than this fraction, two steps by the slope in the tile's middle come so near to a sign change
+/// that one of Newton's method finds it to 1e-4 pixels.
+const EVEN: f64 = 0.1;
 
 /// On columns up to [`HALF`] from the middle, u^3 is nearest to this times u.
 const CUBE: f32 = 0.75 * HALF * HALF;
@@ -121,11 +125,26 @@ impl TileFunction for CurvedFunction {
     }
 
     #[inline(always)]
+    fn sign(&self, pattern: &LinePattern) -> f64 {
+        let [f00, f01, f02, f03, f10, f11, f12, f20, f21, f30] = self.0.0;
+        let (slope, half) = (f64::from(pattern.slope), f64::from(HALF));
+        let height = half * (1.0 + slope);
+        // Heights lie at rows - slope x columns.
+        let linear = half * ((f10 - slope * f01).abs() + f01.abs());
+        let constant = height * height * (f02.abs() + height * f03.abs());
+        let change = linear
+            + constant
+            + half * height * (f11.abs() + height * f12.abs())
+            + half * half * (f20.abs() + height * f21.abs() + half * f30.abs());
+        if f00.abs() > change * (1.0 + SURE) { f00.signum() } else { 0.0 }
+    }
+
+    #[inline(always)]
     fn clip(self, intervals: &mut Intervals, pattern: &LinePattern) {
         let terms = single(&self.0);
         let to_middle = to_middle(pattern);
         let lines = intervals.lines();
-        let Some(rises) = self.rises(f64::from(pattern.slope)) else {
+        let Some((rises, change)) = self.rises(f64::from(pattern.slope)) else {
             for line in lines {
                 let on_line = on_line(&terms, pattern.heights[line] + to_middle);
                 let [first, second] = on_line.negative(-HALF, HALF);
@@ -141,18 +160,27 @@ impl TileFunction for CurvedFunction {
         let heights = pattern.heights[lines.clone()].chunks_exact(LANES);
         let ends = if rises { &mut intervals.from[lines] } else { &mut intervals.to[lines] };
         let sign = if rises { 1.0 } else { -1.0 };
+        if change < EVEN {
+            let per_slope = 1.0 / terms[4];
+            for (ends, heights) in ends.chunks_exact_mut(LANES).zip(heights) {
+                for i in 0..LANES {
+                    let line = on_line(&terms, heights[i] + to_middle);
+                    let first = within(-line.0[0] * per_slope, -REACH, REACH);
+                    let near = within(first - line.at(first) * per_slope, -REACH, REACH);
+                    ends[i] = further(line.next(near) + HALF, ends[i], rises);
+                }
+            }
+            return;
+        }
         for (ends, heights) in ends.chunks_exact_mut(LANES).zip(heights) {
             for i in 0..LANES {
-                let OnLine([a, b, c, d]) = on_line(&terms, heights[i] + to_middle);
+                let line = on_line(&terms, heights[i] + to_middle);
+                let OnLine([a, b, c, d]) = line;
                 let linear = b + CUBE * d;
                 let under = linear * linear - 4.0 * a * c;
                 let root = if under > 0.0 { under } else { 0.0 }.sqrt();
                 let near = within(-2.0 * a / (linear + sign * root), -REACH, REACH);
-                let value = a + near * (b + near * (c + near * d));
-                let rate = b + near * (2.0 * c + near * 3.0 * d);
-                let column = near - value / rate + HALF;
-                let further = if rises { column > ends[i] } else { column < ends[i] };
-                ends[i] = if further { column } else { ends[i] };
+                ends[i] = further(line.next(near) + HALF, ends[i], rises);
             }
         }
     }
@@ -164,15 +192,16 @@ impl TileFunction for CurvedFunction {
 }
 
 impl CurvedFunction {
-    /// Returns whether it rises on all lines of a tile, or falls on all of them (false); None where it may do both.
-    fn rises(&self, slope: f64) -> Option<bool> {
+    /// Returns whether it rises on all lines of a tile, or falls on all of them (false), and by which fraction its slope
+    /// there may differ from that in the middle; None where it may do both.
+    fn rises(&self, slope: f64) -> Option<(bool, f64)> {
         let [_, _, _, _, f10, f11, f12, f20, f21, f30] = self.0.0;
         let reach = f64::from(REACH);
         let height = reach * (1.0 + slope);
         let changes = height * (f11.abs() + height * f12.abs())
             + 2.0 * reach * (f20.abs() + height * f21.abs())
             + 3.0 * reach * reach * f30.abs();
-        (f10.abs() > changes).then_some(f10 > 0.0)
+        (f10.abs() > changes).then(|| (f10 > 0.0, changes / f10.abs()))
     }
 }
 
@@ -205,6 +234,13 @@ impl OnLine {
         a + column * (b + column * (c + column * d))
     }
 
+    /// Returns the column that a step of Newton's method leads to.
+    #[inline(always)]
+    fn next(&self, column: f32) -> f32 {
+        let [_, b, c, d] = self.0;
+        column - self.at(column) / (b + column * (2.0 * c + column * 3.0 * d))
+    }
+
     /// Returns where it is negative between two columns: up to two intervals from left to right; those that are not
     /// there have no length.
     fn negative(&self, left: f32, right: f32) -> [[f32; 2]; 2] {
@@ -228,13 +264,11 @@ impl OnLine {
     /// Returns the column between two of them at which the sign changes, by Newton's method; where that leads out of
     /// what is known, by halves.
     fn change(&self, mut left: f32, mut right: f32) -> f32 {
-        let [_, b, c, d] = self.0;
         let is_negative = self.at(left) < 0.0;
         let mut column = 0.5 * (left + right);
         for _ in 0..STEPS {
-            let value = self.at(column);
-            *if (value < 0.0) == is_negative { &mut left } else { &mut right } = column;
-            let next = column - value / (b + column * (2.0 * c + column * 3.0 * d));
+            *if (self.at(column) < 0.0) == is_negative { &mut left } else { &mut right } = column;
+            let next = self.next(column);
             if (next - column).abs() < CLOSE {
                 return within(next, left, right);
             }
@@ -242,6 +276,14 @@ impl OnLine {
         }
         column
     }
+}
+
+/// Returns the larger of two columns, or the smaller one.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn further(column: f32, end: f32, larger: bool) -> f32 {
+    let is_further = if larger { column > end } else { column < end };
+    if is_further { column } else { end }
 }
 
 /// Returns a cubic of column and height on a line.

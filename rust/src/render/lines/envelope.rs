@@ -94,7 +94,10 @@ impl<Depth: LineDepth> Envelopes<Depth> {
             self.intervals.begin(pattern, 0..pattern.lists());
             if !covers {
                 for edge in triangle.edges {
-                    in_tile(edge).clip(&mut self.intervals, pattern);
+                    let edge = in_tile(edge);
+                    if edge.sign(pattern) <= 0.0 {
+                        edge.clip(&mut self.intervals, pattern);
+                    }
                 }
                 if lowest <= 0.0 {
                     inverse_depth.lowered(HORIZON).clip(&mut self.intervals, pattern);

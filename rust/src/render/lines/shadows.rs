@@ -100,8 +100,7 @@ impl<TileWarp: Warp> TileTaps<'_, TileWarp> {
             let pose = &lit.view.poses[occluders.frame];
             for at in 0..occluders.cones.triangles.len() {
                 let cone = occluders.cones.cone(at);
-                intervals.begin(self.pattern, lists.clone());
-                for [a, b, c, offset] in cone.limits(shadow.farthest(number)) {
+                let limits = cone.limits(shadow.farthest(number)).map(|[a, b, c, offset]| {
                     // The value at the point that a ray sees, by inverse depth: linear in the ray.
                     let vector = [a, b, c];
                     let along = pose.turned(vector);
@@ -110,7 +109,17 @@ impl<TileWarp: Warp> TileTaps<'_, TileWarp> {
                     let mut by_ray: [f64; 3] =
                         std::array::from_fn(|k| along[k] + at_camera * receiver.inverse_depth[k]);
                     by_ray[2] += step;
-                    self.warp.function(by_ray).clip(intervals, self.pattern);
+                    self.warp.function(by_ray)
+                });
+                let signs = limits.map(|limit| limit.sign(self.pattern));
+                if signs.iter().any(|&sign| sign < 0.0) {
+                    continue;
+                }
+                intervals.begin(self.pattern, lists.clone());
+                for (limit, sign) in limits.into_iter().zip(signs) {
+                    if sign == 0.0 {
+                        limit.clip(intervals, self.pattern);
+                    }
                 }
                 for list in lists.clone().filter(|&list| intervals.any(list)) {
                     for line in list * LANES..(list + 1) * LANES {

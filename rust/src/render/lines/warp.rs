@@ -9,7 +9,10 @@
 use super::intervals::Intervals;
 use super::pattern::LinePattern;
 use crate::render::geometry::linear::Rect;
-use crate::render::geometry::pixel_rays::LANES;
+use crate::render::geometry::pixel_rays::{LANES, TILE};
+
+/// A function has one sign in a tile if its least magnitude there is above this fraction of its parts.
+pub(super) const SURE: f64 = 1e-5;
 
 /// Functions that change by less than this fraction along a line are taken as constant there.
 const PARALLEL: f64 = 1e-12;
@@ -38,6 +41,10 @@ pub(crate) trait TileFunction: Copy {
 
     /// Returns it less a fraction of the sum of its parts.
     fn lowered(self, fraction: f64) -> Self;
+
+    /// Returns the sign that it has in all of the tile, 1 or -1; 0 where it may have both. Where it has one, roundings do
+    /// not matter.
+    fn sign(&self, pattern: &LinePattern) -> f64;
 
     /// Takes away from lines where it is negative.
     fn clip(self, intervals: &mut Intervals, pattern: &LinePattern);
@@ -119,6 +126,15 @@ impl TileFunction for Linear {
     fn lowered(self, fraction: f64) -> Self {
         let [a, b, c] = self.0;
         Self([a, b, c - fraction * (a.abs() + b.abs() + c.abs())])
+    }
+
+    #[inline(always)]
+    #[allow(clippy::cast_precision_loss, reason = "a small number")]
+    fn sign(&self, _: &LinePattern) -> f64 {
+        let [a, b, c] = self.0;
+        let half = TILE as f64 / 2.0;
+        let (middle, change) = (half * (a + b) + c, half * (a.abs() + b.abs()));
+        if middle.abs() > change + SURE * (change + c.abs()) { middle.signum() } else { 0.0 }
     }
 
     #[inline(always)]
