@@ -33,6 +33,7 @@ __all__ = [
     "count_events",
     "crc32",
     "crc32_combine",
+    "decode_ecf",
     "fill_events",
     "latest_times",
     "log_intensity",
@@ -645,6 +646,23 @@ def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, 
             lies outside of ``size`` (width, height), or has a polarity above 1.
     """
 
+def decode_ecf(bytes: npt.NDArray[np.uint8], most: int) -> npt.NDArray[np.void]:
+    """Decode a chunk of ECF, the compression of Metavision's HDF5 files; the GIL is released.
+
+    Args:
+        bytes: uint8, shape (n,), contiguous: the chunk.
+        most: events that it may have.
+
+    Returns:
+        :data:`davis_rs.EVENT_DTYPE`, with the times of the file.
+
+    Raises:
+        DecodeError: for more events, and for bytes that end too early, that go beyond the number of events, or that are
+            left over.
+
+    Source: `hdf5_ecf`, Prophesee's codec, HDF5's filter 0x8ECF.
+    """
+
 def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
     """Compute the CRC-32 of bytes that come in parts; the GIL is released.
 
@@ -1238,10 +1256,10 @@ def fill_events(
 
 @final
 class IrradianceSampler:
-    """Computes irradiance at places on diffuse surfaces, by rays.
+    """Computes irradiance at points of diffuse surfaces, by rays.
 
-    The light at a place is a function of the scene, the place, its shift and the samples. It has the same bits in any
-    batch of places, on any number of threads and on every processor. Arrays are flat; t is the number of triangles.
+    The light at a point is a function of the scene, the point, its shift and the samples. It has the same bits in any
+    batch of points, on any number of threads and on every processor. Arrays are flat; t is the number of triangles.
 
     Args:
         corners: float64 (t, 3, 3), in the world, metres.
@@ -1289,14 +1307,14 @@ class IrradianceSampler:
     def of_lamps(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
         """Compute direct light of the lamps of a group.
 
         Args:
             group: its number.
-            places: positions (n, 3) in metres, unit normals (n, 3), and by how much the lattice of samples is shifted
+            points: positions (n, 3) in metres, unit normals (n, 3), and by how much the lattice of samples is shifted
                 (n, 2), 0..1; three flat float64 arrays.
             samples: points on each lamp, 1..2^20.
 
@@ -1304,24 +1322,24 @@ class IrradianceSampler:
             Irradiance / pi, float64, flat (n, 3): red, green and blue.
 
         Raises:
-            ValueError: for a group that is not there, or places that are not finite.
+            ValueError: for a group that is not there, or points that are not finite.
         """
 
     def of_sky(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`, by ``samples`` rays."""
+        """Compute direct light of the sky of a ``group`` at ``points``, as :meth:`of_lamps`, by ``samples`` rays."""
 
     def of_sharp(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of points, directions and small lamps of a ``group`` at ``places``, as :meth:`of_lamps`.
+        """Compute direct light of points, directions and small lamps of a ``group`` at ``points``, as :meth:`of_lamps`.
 
         ``samples`` are taken of each light.
         """
@@ -1329,14 +1347,14 @@ class IrradianceSampler:
     def gathered(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
         reflected: ReflectedLight | None,
     ) -> npt.NDArray[np.float64]:
         """Gather light that other surfaces reflect, by rays that follow the cosine.
 
         Args:
-            group, places: as in :meth:`of_lamps`.
+            group, points: as in :meth:`of_lamps`.
             samples: rays.
             reflected: light that falls on surfaces, None for none; that of the group's points, directions and small
                 lamps comes on top.
@@ -1351,7 +1369,7 @@ class IrradianceSampler:
     def traced(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
         seed: int,
         bounces: int,
@@ -1360,7 +1378,7 @@ class IrradianceSampler:
         """Compute what :meth:`gathered` does by paths, with all lights of the group.
 
         Args:
-            group, places: as in :meth:`of_lamps`.
+            group, points: as in :meth:`of_lamps`.
             samples: paths.
             seed: of their draws.
             bounces: how often light bounces at most.
@@ -1376,7 +1394,7 @@ class IrradianceSampler:
     def is_lit(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
         seed: int,
         bounces: int,
@@ -1385,7 +1403,7 @@ class IrradianceSampler:
         """Find whether any of some paths meets light, however little.
 
         Args:
-            group, places, samples, seed, bounces, roulette: as in :meth:`traced`.
+            group, points, samples, seed, bounces, roulette: as in :meth:`traced`.
 
         Returns:
             bool (n).

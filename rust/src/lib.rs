@@ -44,13 +44,13 @@ pub use filter::{EventFilter, FilterRule};
 pub use log_intensity::{log_intensity, log_intensity_frame};
 pub use read::{
     Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Kind, Aedat4Piece, Aedat4Recording, Aedat4Trigger, Block, Decode,
-    DecoderState, EventReader, Evt2Decoder, Evt3Decoder, Evt21Decoder, MAX_PACKET_BYTES, TextDecoder,
+    DecoderState, EventReader, Evt2Decoder, Evt3Decoder, Evt21Decoder, MAX_PACKET_BYTES, TextDecoder, decode_ecf,
 };
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use render::{
     AreaLamp, Beam, EdgeTracks, Emission, EnvironmentMap, GroupLight, IrradianceSampler, Light, LightKind,
-    LightMapTables, PathRule, PixelRays, Place, Pose, ReflectedLight, Renderer, Scene, SceneTables, SharpLight, Sky,
-    SkyLight, SurfaceTables, TrackSettings, View,
+    LightMapTables, PathRule, PixelRays, Pose, ReflectedLight, Renderer, Scene, SceneTables, SharpLight, Sky, SkyLight,
+    SurfacePoint, SurfaceTables, TrackSettings, View,
 };
 pub use represent::{Measurement, TimeBins, count_events, latest_times, spike_tensor, voxel_grid};
 pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};
