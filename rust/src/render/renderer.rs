@@ -886,7 +886,7 @@ mod tests {
         });
         assert_eq!(
             hashes.map(|hash| format!("{hash:016x}")),
-            ["67b779535e23b37b", "afc3c54170d050a8", "0d01077debd60b57", "f34b618f560715a0"]
+            ["67b779535e23b37b", "afc3c54170d050a8", "0d01077debd60b57", "4f9581118b57717f"]
         );
     }
 
