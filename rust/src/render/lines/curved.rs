@@ -506,6 +506,11 @@ mod tests {
             warp.undistort(&mut x, &mut y);
             let part = Rect { low: [1.9, 3.0], high: [5.1, 7.5] };
             let around = warp.around(&part);
+            // Behind a lens that bends the other way it is as large, on the other side.
+            let mirrored = TileCurve(warp.curve.0.map(|cubic| Cubic(cubic.0.map(|term| -term))));
+            let mirrored_rect = Rect { low: rect.high.map(|at| -at), high: rect.low.map(|at| -at) };
+            let other = Curved::new(&mirrored_rect, &mirrored, 0.375).around(&part);
+            assert_eq!((other.low, other.high), (around.high.map(|at| -at), around.low.map(|at| -at)));
             for (i, place) in places.iter().enumerate() {
                 let at = [column as f64 + f64::from(place[0]), row as f64 + f64::from(place[1])];
                 if (0..2).any(|axis| at[axis] > SIZE[axis] as f64) {
@@ -525,5 +530,12 @@ mod tests {
             let size = [0, 1].map(|axis| f64::from(around.high[axis] - around.low[axis]) * FOCAL);
             assert!(size[0] < 3.2 * 2.5 && size[1] < 4.5 * 2.5, "{size:?}");
         }
+    }
+
+    #[test]
+    fn a_lowered_function_is_lower() {
+        let mut terms = [0.0; TERMS];
+        (terms[0], terms[4], terms[9]) = (2.0, -3.0, 1.0);
+        assert_eq!(CurvedFunction(Cubic(terms)).lowered(0.5).0.0[0], 2.0 - 0.5 * 6.0);
     }
 }
