@@ -1,9 +1,9 @@
 //! Tiles behind a lens with distortion: lines are curves in undistorted coordinates, and linear functions there are cubic
 //! along them.
 //!
-//! Mostly a function has one sign change on each line of a tile. Then this is found for many lines together: a quadratic
-//! in the cubic's place gives it nearly, and one step of Newton's method the rest. A function that may have two on a line
-//! is looked at line by line.
+//! Mostly a function has one sign change on each line of a tile. Then this is found for many lines together by Newton's
+//! method, from where the slope in the tile's middle leads; where slopes differ much, from the zero of a quadratic in the
+//! cubic's place. A function that may have two sign changes on a line is looked at line by line.
 //!
 //! What must not break: all is odd in the function, so that its negative has the same bits with the other sign.
 
