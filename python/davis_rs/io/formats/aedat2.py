@@ -25,7 +25,7 @@ class Aedat2Writer(ByteWriter):
 
 
 @dataclass(frozen=True)
-class _SizesOfCameras(Limits):
+class _CameraSizeLimits(Limits):
     """Allows the sizes of those cameras alone that a file can name."""
 
     def check_size(self, name: str, size: tuple[int, int]) -> tuple[int, int]:
@@ -43,7 +43,7 @@ class Aedat2Format(RecordedFormat):
 
     writable = True
     writer: ClassVar[type[EventWriter]] = Aedat2Writer
-    limits = _SizesOfCameras(2**31 - 1)
+    limits = _CameraSizeLimits(2**31 - 1)
 
 
 AEDAT2 = Aedat2Format("aedat2", aedat2.Aedat2File, aedat2.MAGIC, (".aedat", ".aedat2"))
