@@ -1,4 +1,4 @@
-"""Prints the tables of docs/settings.md: python benches/settings_table.py"""
+"""Prints the tables of docs/settings.md: python benches/settings_tables.py"""
 
 from __future__ import annotations
 
