@@ -35,8 +35,10 @@ class _CameraSizeLimits(Limits):
 
 
 class Aedat2Format(RecordedFormat):
-    """Without options. Written are events alone, of sensors of 128 x 128, 240 x 180, 346 x 260 and 640 x 480 pixels,
-    because a file names a camera, not a size; times are below 2^31 us, 35.8 minutes.
+    """Describes AEDAT 2.0; its writer has no options, and writes events alone.
+
+    Sensors have 128 x 128, 240 x 180, 346 x 260 or 640 x 480 pixels, because a file names a camera, not a size; times
+    are below 2^31 us, 35.8 minutes.
 
     Source: docs.inivation.com, AEDAT 2.0.
     """

@@ -157,8 +157,8 @@ class NpyReader(EventReader):
 
 
 class NpyFormat(Format):
-    """Without options. The file holds an array of :data:`davis_rs.EVENT_DTYPE`; written into a file or a seekable
-    stream.
+    """Describes .npy files, each an array of :data:`davis_rs.EVENT_DTYPE`; they are written to a file or a seekable
+    stream, without options.
 
     Source: NumPy, NEP 1 (a simple file format for NumPy arrays).
     """

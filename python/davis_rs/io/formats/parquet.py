@@ -232,7 +232,7 @@ class ParquetReader(EventReader):
 
 
 class ParquetFormat(Format):
-    """Parquet."""
+    """Describes Parquet files with a column for each of t, x, y and p."""
 
     name = "parquet"
     suffixes = (".parquet", ".pq")
