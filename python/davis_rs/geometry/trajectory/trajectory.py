@@ -165,7 +165,7 @@ class Trajectory(ABC):
                 "{:g} s; got {}",
                 *(self.duration_s - start_s, start_s, self.duration_s, duration_s),
             )
-        return _Cropped(self, float(start_s), min(float(duration_s), self.duration_s - start_s))
+        return _CroppedTrajectory(self, float(start_s), min(float(duration_s), self.duration_s - start_s))
 
     def top_speeds(self, window_s: float = SPEED_WINDOW_S) -> TopSpeeds:
         """Return the fastest mean motion over any ``window_s``: distance, and angle of the rotation, over time.
@@ -206,13 +206,13 @@ class Trajectory(ABC):
         """
         top = self.top_speeds(window_s)
         over = f"over {1e3 * window_s:g} ms" if window_s else "momentarily"
-        for what, value, limit, at_s, unit in (
+        for quantity, value, limit, at_s, unit in (
             ("speed", top.speed_m_s, max_speed_m_s, top.speed_at_s, "m/s"),
             ("angular rate", top.rate_rad_s, max_rate_rad_s, top.rate_at_s, "rad/s"),
         ):
             if not value <= limit:
                 reached = f"{value:.6g} {unit} {over} at {at_s:.6g} s"
-                raise ValueError(f"the trajectory's {what} must be at most {limit:g} {unit}, got {reached}")
+                raise ValueError(f"the trajectory's {quantity} must be at most {limit:g} {unit}, got {reached}")
         return top
 
     def _difference(self, function: Callable[[npt.ArrayLike], FloatArray], t_s: npt.ArrayLike) -> FloatArray:
@@ -399,7 +399,7 @@ class SegmentTrajectory(Trajectory):
         }
 
 
-class _Aligned(Trajectory):
+class _AlignedTrajectory(Trajectory):
     """Holds a trajectory moved rigidly, see :func:`align`."""
 
     def __init__(self, trajectory: Trajectory, pose: Pose, at_s: float) -> None:
@@ -446,10 +446,10 @@ def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajecto
         TypeError: for what is no trajectory.
     """
     check_type("trajectory", trajectory, Trajectory, "davis_rs.read_trajectory(...) reads one")
-    return _Aligned(trajectory, as_pose(pose), at_s)
+    return _AlignedTrajectory(trajectory, as_pose(pose), at_s)
 
 
-class _Cropped(Trajectory):
+class _CroppedTrajectory(Trajectory):
     """Holds a part of a trajectory, see :meth:`Trajectory.crop`."""
 
     def __init__(self, trajectory: Trajectory, start_s: float, duration_s: float) -> None:
