@@ -165,7 +165,7 @@ class Trajectory(ABC):
                 "{:g} s; got {}",
                 *(self.duration_s - start_s, start_s, self.duration_s, duration_s),
             )
-        return _CroppedTrajectory(self, float(start_s), min(float(duration_s), self.duration_s - start_s))
+        return _Cropped(self, float(start_s), min(float(duration_s), self.duration_s - start_s))
 
     def top_speeds(self, window_s: float = SPEED_WINDOW_S) -> TopSpeeds:
         """Return the fastest mean motion over any ``window_s``: distance, and angle of the rotation, over time.
@@ -399,7 +399,7 @@ class SegmentTrajectory(Trajectory):
         }
 
 
-class _AlignedTrajectory(Trajectory):
+class _Aligned(Trajectory):
     """Holds a trajectory moved rigidly, see :func:`align`."""
 
     def __init__(self, trajectory: Trajectory, pose: Pose, at_s: float) -> None:
@@ -446,10 +446,10 @@ def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajecto
         TypeError: for what is no trajectory.
     """
     check_type("trajectory", trajectory, Trajectory, "davis_rs.read_trajectory(...) reads one")
-    return _AlignedTrajectory(trajectory, as_pose(pose), at_s)
+    return _Aligned(trajectory, as_pose(pose), at_s)
 
 
-class _CroppedTrajectory(Trajectory):
+class _Cropped(Trajectory):
     """Holds a part of a trajectory, see :meth:`Trajectory.crop`."""
 
     def __init__(self, trajectory: Trajectory, start_s: float, duration_s: float) -> None:
