@@ -33,6 +33,7 @@ __all__ = [
     "count_events",
     "crc32",
     "crc32_combine",
+    "decode_ecf",
     "fill_events",
     "latest_times",
     "log_intensity",
@@ -643,6 +644,23 @@ def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, 
     Raises:
         ValueError: for the first event, with its index, that goes back in time, is before 0 or after ``latest_us``,
             lies outside of ``size`` (width, height), or has a polarity above 1.
+    """
+
+def decode_ecf(bytes: npt.NDArray[np.uint8], most: int) -> npt.NDArray[np.void]:
+    """Decode a chunk of ECF, the compression of Metavision's HDF5 files; the GIL is released.
+
+    Args:
+        bytes: uint8, shape (n,), contiguous: the chunk.
+        most: events that it may have.
+
+    Returns:
+        :data:`davis_rs.EVENT_DTYPE`, with the times of the file.
+
+    Raises:
+        DecodeError: for more events, and for bytes that end too early, that go beyond the number of events, or that are
+            left over.
+
+    Source: `hdf5_ecf`, Prophesee's codec, HDF5's filter 0x8ECF.
     """
 
 def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:

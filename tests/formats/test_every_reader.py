@@ -35,6 +35,7 @@ from recording_files import (
     aedat4_events,
     aedat4_xml,
     evt21,
+    write_ecf,
 )
 
 for module in ("h5py", "hdf5plugin", "numcodecs", "pyarrow", "rosbags"):
@@ -108,6 +109,7 @@ FILE_MAKERS: dict[str, Make] = {
     "dsec": written("e.h5"),
     "e2vid": written("e.h5", "e2vid"),
     "mvsec": written("e.h5", "mvsec"),
+    "ecf": lambda folder: write_ecf(folder / "e.h5", EVENTS),
     "parquet": written("e.parquet"),
     "bag": written("e.bag"),
     "bag without an index": bag_without_index,
