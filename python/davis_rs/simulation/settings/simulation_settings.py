@@ -193,7 +193,7 @@ class ViewSettings(PixelSettings):
         "rays",
         Declared(
             "what luma of a pixel is made of: rays, the mean over them; lines, its area by lines through it, without "
-            "jumps at edges (the native renderer without distortion; for 8, 32 or 64 rays per pixel)",
+            "jumps at edges (the native renderer; for 8, 32 or 64 rays per pixel)",
             choices=tuple(ESTIMATORS),
             group=_ACCURACY,
         ),
