@@ -23,6 +23,7 @@ from ..._mitsuba.types import (
     MitsubaValue,
 )
 from ...events.luma import LUMA_WEIGHTS
+from ..diffuse_materials import nested_objects
 from ..motion.scene_motion import STILL, SceneMotion
 from ..obstacles import Obstacles, Unsuitable
 from .irradiance import Irradiance, Paths, Surfaces, moved, turned
@@ -43,10 +44,22 @@ blur its shadows."""
 
 _LARGEST_SKY, _LARGEST_REFLECTED_SKY = 4096, 2048
 _PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
+_MORE_NEXT_TO_LIGHT = ("MomentIntegrator", "AOVIntegrator")
+
+
+def integrator_of(scene: MitsubaScene) -> MitsubaIntegrator:
+    """Return the integrator whose light a scene shows; None where it names none.
+
+    Mitsuba's ``moment`` and ``aov`` write more next to the light of the first integrator inside them.
+    """
+    integrator = scene.integrator()
+    while integrator is not None and integrator.class_name() in _MORE_NEXT_TO_LIGHT:
+        integrator = next(iter(nested_objects(integrator)), None)
+    return integrator
 
 
 def paths_of(integrator: MitsubaIntegrator) -> Paths:
-    """The paths that a scene's integrator follows.
+    """Return the paths that an integrator follows.
 
     Raises:
         Unsuitable: for one that does more, or other things, than to follow light between surfaces.
@@ -71,7 +84,7 @@ def check_lights(scene: MitsubaScene, mi: Mitsuba) -> None:
         Unsuitable: with all of them.
     """
     obstacles = Obstacles()
-    hidden = bool(getattr(scene.integrator(), "hide_emitters", False))
+    hidden = bool(getattr(integrator_of(scene), "hide_emitters", False))
     for own_name, emitter in named_emitters(scene):
         kind = emitter.class_name()
         name = f"light {own_name!r}, a {kind},"
@@ -131,7 +144,7 @@ def emissions(
 def background_luma(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> list[float]:
     """Luma of a ray that hits nothing, by each group of lights."""
     shown = [0.0] * len(names)
-    if not getattr(scene.integrator(), "hide_emitters", False):
+    if not getattr(integrator_of(scene), "hide_emitters", False):
         for name, emitter in named_emitters(scene):
             if emitter.class_name() == "ConstantBackgroundEmitter":
                 shown[group_of(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ LUMA_WEIGHTS)
@@ -201,7 +214,7 @@ def _is_rotation(parameters: MitsubaParameters) -> bool:
 
 def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> SkyMap | None:
     """The scene's environment map as it is seen; None where there is none, or the integrator hides it."""
-    if getattr(scene.integrator(), "hide_emitters", False):
+    if getattr(integrator_of(scene), "hide_emitters", False):
         return None
     for name, emitter in named_emitters(scene):
         if emitter.class_name() == "EnvironmentMapEmitter":
@@ -319,7 +332,7 @@ def irradiance_of(
         kept: what was computed before.
         motion: of the scene's objects.
     """
-    paths = paths_of(scene.integrator())
+    paths = paths_of(integrator_of(scene))
     groups = [_Group(scene, mi, surfaces.counts, number, names) for number in range(len(names))]
     boxes = dict(zip(motion.objects, motion.boxes, strict=True))
     moving = SceneMotion(motion.objects, {}, boxes)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._mitsuba.types import MitsubaBsdf, MitsubaIntegrator, MitsubaScene
-from ..baked.lights import paths_of
+from ..baked.lights import integrator_of, paths_of
 from ..finishes import CoreFinish, Finish
 
 FloatArray = npt.NDArray[np.float64]
@@ -107,7 +107,7 @@ def gloss_table(
     if not numbers:
         return None
     finish_of = np.repeat(np.array(of_shapes, np.uint32), counts)
-    return GlossTable(list(numbers), finish_of, _longest(scene.integrator(), baked=baked))
+    return GlossTable(list(numbers), finish_of, _longest(integrator_of(scene), baked=baked))
 
 
 def _longest(integrator: MitsubaIntegrator, *, baked: bool) -> int:

@@ -33,7 +33,7 @@ from ...geometry.lattice import rank1_lattice
 from ..baked.baked_scene import BakedLight
 from ..baked.irradiance import Surfaces
 from ..baked.light_maps import map_coordinates
-from ..baked.lights import SHARP, area_light_name, small_lamps, textured_lamp
+from ..baked.lights import SHARP, area_light_name, integrator_of, small_lamps, textured_lamp
 from ..closest_view import ClosestView
 from ..finishes import Finish
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
@@ -127,11 +127,11 @@ class SceneTable:
         finishes: Mapping[MitsubaBsdf, Finish] | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
-        self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
+        self._hides_lights = bool(getattr(integrator_of(scene), "hide_emitters", False))
         obstacles = Obstacles() if obstacles is None else obstacles
         if not any_integrator and not baked:
             with obstacles.collect():
-                _check_integrator(scene.integrator())
+                _check_integrator(integrator_of(scene))
         colours: list[FloatArray] = []
         self.lights: list[Light] = []
         for emitter in scene.emitters():
