@@ -149,6 +149,7 @@ class NoiseFreeKind(RendererKind):
             obstacles=obstacles,
             weights=weights,
             finishes=finishes,
+            reflections=scene.reflections,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
         return _Tables(loaded, replaced, motion, table, view, for_view, made.description + _ramps_told(table.textures))
@@ -163,7 +164,8 @@ class NativeKind(NoiseFreeKind):
     def make(self, request: _Request) -> Renderer:
         scene = request.scene
         with variant(SCALAR) as (mi, _):
-            known = scene.source, scene.matte, scene.shadows, request.by_name, tuple(scene.objects), request.weights
+            looks = scene.matte, scene.shadows, scene.reflections
+            known = scene.source, looks, request.by_name, tuple(scene.objects), request.weights
 
             def make() -> _Tables:
                 return self._tables(scene, request.camera, mi, by_name=request.by_name, weights=request.weights)
