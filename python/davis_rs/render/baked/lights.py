@@ -44,6 +44,8 @@ blur its shadows."""
 
 _LARGEST_SKY, _LARGEST_REFLECTED_SKY = 4096, 2048
 _PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
+_VOLUMETRIC = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl")
+"""Without media they follow the same paths as ``path``."""
 _MORE_NEXT_TO_LIGHT = ("MomentIntegrator", "AOVIntegrator")
 
 
@@ -58,23 +60,34 @@ def integrator_of(scene: MitsubaScene) -> MitsubaIntegrator:
     return integrator
 
 
-def paths_of(integrator: MitsubaIntegrator) -> Paths:
-    """Return the paths that an integrator follows.
+def paths_of(scene: MitsubaScene) -> Paths:
+    """Return the paths that a scene's integrator follows.
 
     Raises:
         Unsuitable: for one that does more, or other things, than to follow light between surfaces.
     """
+    integrator = integrator_of(scene)
     if integrator is None:
         return Paths(_PATH_DEPTH, _ROULETTE_DEPTH)
     kind = integrator.class_name()
     if kind == "DirectIntegrator":
         return Paths(2, _ROULETTE_DEPTH)
-    if kind != "PathIntegrator":
+    if kind != "PathIntegrator" and (kind not in _VOLUMETRIC or _has_media(scene)):
         rule = f"the scene asks for Mitsuba's {kind}; light is baked for its path and direct integrators"
         raise Unsuitable(rule, "name one of these")
     found = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}
     depth = found.get("max_depth", _PATH_DEPTH)
     return Paths(-1 if depth >= 2**31 else depth, found.get("rr_depth", _ROULETTE_DEPTH))
+
+
+def _has_media(scene: MitsubaScene) -> bool:
+    """Return whether light goes through media, such as fog or milk."""
+    import mitsuba as mi
+
+    around = (nested for sensor in scene.sensors() for nested in nested_objects(sensor))
+    return any(isinstance(nested, mi.Medium) for nested in around) or any(
+        shape.is_medium_transition() for shape in scene.shapes()
+    )
 
 
 def check_lights(scene: MitsubaScene, mi: Mitsuba) -> None:
@@ -332,7 +345,7 @@ def irradiance_of(
         kept: what was computed before.
         motion: of the scene's objects.
     """
-    paths = paths_of(integrator_of(scene))
+    paths = paths_of(scene)
     groups = [_Group(scene, mi, surfaces.counts, number, names) for number in range(len(names))]
     boxes = dict(zip(motion.objects, motion.boxes, strict=True))
     moving = SceneMotion(motion.objects, {}, boxes)

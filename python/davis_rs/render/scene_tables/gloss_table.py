@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..._mitsuba.types import MitsubaBsdf, MitsubaIntegrator, MitsubaScene
+from ..._mitsuba.types import MitsubaBsdf, MitsubaScene
 from ..baked.lights import integrator_of, paths_of
 from ..finishes import CoreFinish, Finish, NumberTexels
 
@@ -135,13 +135,14 @@ def gloss_table(
     if not numbers:
         return None
     finish_of = np.repeat(np.array(of_shapes, np.uint32), counts)
-    longest = _ENDLESS if reflections else _longest(integrator_of(scene), baked=baked)
+    longest = _ENDLESS if reflections else _longest(scene, baked=baked)
     return GlossTable(list(numbers), finish_of, longest)
 
 
-def _longest(integrator: MitsubaIntegrator, *, baked: bool) -> int:
+def _longest(scene: MitsubaScene, *, baked: bool) -> int:
     """Return how many segments a path has at most; under direct light alone what is reflected is seen if it shines."""
+    integrator = integrator_of(scene)
     if not baked and (integrator is None or integrator.class_name() != "DirectIntegrator"):
         return _ENDLESS  # asked for by name
-    depth = paths_of(integrator).max_depth
+    depth = paths_of(scene).max_depth
     return _ENDLESS if depth < 0 else depth
