@@ -149,6 +149,7 @@ class NoiseFreeKind(RendererKind):
             obstacles=obstacles,
             weights=weights,
             finishes=finishes,
+            reflections=scene.reflections,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
         told = made.description + _ramps_told(table.textures)
@@ -164,7 +165,8 @@ class NativeKind(NoiseFreeKind):
     def make(self, request: _RendererRequest) -> Renderer:
         scene = request.scene
         with variant(SCALAR) as (mi, _):
-            known = scene.source, scene.matte, scene.shadows, request.by_name, tuple(scene.objects), request.weights
+            looks = scene.matte, scene.shadows, scene.reflections
+            known = scene.source, looks, request.by_name, tuple(scene.objects), request.weights
 
             def make() -> _SceneTables:
                 return self._tables(scene, request.camera, mi, by_name=request.by_name, weights=request.weights)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from .._util.budget import Budget
 from ..geometry.pose import FloatArray
@@ -14,6 +15,23 @@ from .texture_file import EncodedTexture
 
 GREY = 0.5
 """Reflectance of surfaces without a material."""
+
+
+class MetalRoughness(NamedTuple):
+    """How a part reflects besides its base colour, as glTF says it: as a metal to some fraction, more or less rough.
+
+    Attributes:
+        metal: the fraction of metal, 0 to 1.
+        roughness: 0 to 1.
+        texels: uint8 (H, W, 3), looked up as the base colour: green / 255 is a factor on the roughness, blue / 255 one
+            on the metal; None where both are the same everywhere.
+        wrap: how the texels continue beyond their edges: repeat, clamp or mirror.
+    """
+
+    metal: float
+    roughness: float
+    texels: npt.NDArray[np.uint8] | None = None
+    wrap: str = "repeat"
 
 
 class MeshPart(NamedTuple):
@@ -29,6 +47,7 @@ class MeshPart(NamedTuple):
         files: other files that were read: of materials, of the texture.
         wrap: how the texture continues beyond its edges: repeat, clamp or mirror.
         lost: the kinds of its looks that are not shown.
+        metal: how it reflects besides its base colour; None where it is diffuse.
     """
 
     corners: FloatArray
@@ -40,6 +59,7 @@ class MeshPart(NamedTuple):
     files: tuple[Path, ...] = ()
     wrap: str = "repeat"
     lost: tuple[str, ...] = ()
+    metal: MetalRoughness | None = None
 
 
 def charge_triangles(budget: Budget, triangles: int, numbers: int, where: str) -> None:

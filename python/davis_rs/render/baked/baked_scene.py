@@ -127,7 +127,7 @@ def check_baking(loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, *, by_n
         if not loaded.emitters():
             raise Unsuitable("it has no lights", "give it one")
     with obstacles.collect():
-        paths_of(loaded.integrator())
+        paths_of(loaded)
     with obstacles.collect():
         check_lights(loaded, mi)
     for name, path in motion.objects.items():
@@ -175,7 +175,7 @@ def baked_light(
         ValueError: for lights that cannot be.
     """
     check_strengths(loaded, mi)
-    paths = paths_of(loaded.integrator())
+    paths = paths_of(loaded)
     names = light_groups(loaded, list(motion.lights))
     duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
     times = motion_times(motion, duration_s)

@@ -23,6 +23,7 @@ from ..._mitsuba.types import (
     MitsubaValue,
 )
 from ...events.luma import LUMA_WEIGHTS
+from ..diffuse_materials import nested_objects
 from ..motion.scene_motion import STILL, SceneMotion
 from ..obstacles import Obstacles, Unsuitable
 from .irradiance import Irradiance, Paths, Surfaces, moved, turned
@@ -43,25 +44,50 @@ blur its shadows."""
 
 _LARGEST_SKY, _LARGEST_REFLECTED_SKY = 4096, 2048
 _PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
+_VOLUMETRIC = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl")
+"""Without media they follow the same paths as ``path``."""
+_MORE_NEXT_TO_LIGHT = ("MomentIntegrator", "AOVIntegrator")
 
 
-def paths_of(integrator: MitsubaIntegrator) -> Paths:
+def integrator_of(scene: MitsubaScene) -> MitsubaIntegrator:
+    """Return the integrator whose light a scene shows; None where it names none.
+
+    Mitsuba's ``moment`` and ``aov`` write more next to the light of the first integrator inside them.
+    """
+    integrator = scene.integrator()
+    while integrator is not None and integrator.class_name() in _MORE_NEXT_TO_LIGHT:
+        integrator = next(iter(nested_objects(integrator)), None)
+    return integrator
+
+
+def paths_of(scene: MitsubaScene) -> Paths:
     """Return the paths that a scene's integrator follows.
 
     Raises:
         Unsuitable: for one that does more, or other things, than to follow light between surfaces.
     """
+    integrator = integrator_of(scene)
     if integrator is None:
         return Paths(_PATH_DEPTH, _ROULETTE_DEPTH)
     kind = integrator.class_name()
     if kind == "DirectIntegrator":
         return Paths(2, _ROULETTE_DEPTH)
-    if kind != "PathIntegrator":
+    if kind != "PathIntegrator" and (kind not in _VOLUMETRIC or _has_media(scene)):
         rule = f"the scene asks for Mitsuba's {kind}; light is baked for its path and direct integrators"
         raise Unsuitable(rule, "name one of these")
     depths = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}
     depth = depths.get("max_depth", _PATH_DEPTH)
     return Paths(-1 if depth >= 2**31 else depth, depths.get("rr_depth", _ROULETTE_DEPTH))
+
+
+def _has_media(scene: MitsubaScene) -> bool:
+    """Return whether light goes through media, such as fog or milk."""
+    import mitsuba as mi
+
+    around = (nested for sensor in scene.sensors() for nested in nested_objects(sensor))
+    return any(isinstance(nested, mi.Medium) for nested in around) or any(
+        shape.is_medium_transition() for shape in scene.shapes()
+    )
 
 
 def check_lights(scene: MitsubaScene, mi: Mitsuba) -> None:
@@ -71,7 +97,7 @@ def check_lights(scene: MitsubaScene, mi: Mitsuba) -> None:
         Unsuitable: with all of them.
     """
     obstacles = Obstacles()
-    hidden = bool(getattr(scene.integrator(), "hide_emitters", False))
+    hidden = bool(getattr(integrator_of(scene), "hide_emitters", False))
     for own_name, emitter in named_emitters(scene):
         kind = emitter.class_name()
         name = f"light {own_name!r}, a {kind},"
@@ -131,7 +157,7 @@ def emissions(
 def background_luma(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> list[float]:
     """Return the luma of a ray that hits nothing, by each group of lights."""
     shown = [0.0] * len(names)
-    if not getattr(scene.integrator(), "hide_emitters", False):
+    if not getattr(integrator_of(scene), "hide_emitters", False):
         for name, emitter in named_emitters(scene):
             if emitter.class_name() == "ConstantBackgroundEmitter":
                 shown[group_of(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ LUMA_WEIGHTS)
@@ -201,7 +227,7 @@ def _is_rotation(parameters: MitsubaParameters) -> bool:
 
 def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> SkyMap | None:
     """Return the scene's environment map as it is seen; None where there is none, or the integrator hides it."""
-    if getattr(scene.integrator(), "hide_emitters", False):
+    if getattr(integrator_of(scene), "hide_emitters", False):
         return None
     for name, emitter in named_emitters(scene):
         if emitter.class_name() == "EnvironmentMapEmitter":
@@ -319,7 +345,7 @@ def irradiance_of(
         kept: what was computed before.
         motion: of the scene's objects.
     """
-    paths = paths_of(scene.integrator())
+    paths = paths_of(scene)
     groups = [_LightGroup(scene, mi, surfaces.counts, number, names) for number in range(len(names))]
     boxes = dict(zip(motion.objects, motion.boxes, strict=True))
     moving = SceneMotion(motion.objects, {}, boxes)

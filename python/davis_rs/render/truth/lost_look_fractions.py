@@ -76,8 +76,7 @@ def warn_of_lost_looks(scene: Scene, fractions: Fractions, stacklevel: int) -> N
         phrases += [f"{state}: {', '.join(looks)}"] if looks else []
     name = scene.name if scene.file is None else scene.file
     warnings.warn(
-        f"{name}: surfaces are diffuse and opaque here; these looks are lost, with their fraction of the image along "
-        f"the camera path: {'; '.join(phrases)}",
+        f"{name}: these looks are lost, with their fraction of the image along the camera path: {'; '.join(phrases)}",
         LostLookWarning,
         stacklevel=stacklevel + 1,
     )

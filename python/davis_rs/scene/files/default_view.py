@@ -59,6 +59,8 @@ class DefaultView(NamedTuple):
     """The middle (3) of the camera's circle in a room, in metres; None around an object."""
     room_radius: float = 0.0
     """The level distance from there to what stands around, in metres."""
+    room_above: float = 0.0
+    """The free height above there, in metres."""
 
     def unit_question(self, size: FloatArray) -> str:
         """Ask about the unit of a world of a size (3) in metres that is unusual; "" for other sizes."""
@@ -82,9 +84,9 @@ def default_view(corners: FloatArray) -> DefaultView:
     grid = _VoxelGrid.of(points[kept], normals[kept], low, high)
     room = grid.room()
     if room is not None:
-        centre, radius, angle = room
+        centre, radius, angle, above = room
         note = f"one that turns in the room, {radius:.2g} m from what stands around it"
-        return DefaultView(within(centre, radius, angle), f"{note}{stray}", centre, radius)
+        return DefaultView(within(centre, radius, angle), f"{note}{stray}", centre, radius, above)
     # The ends of what is kept, not only the points on it, so that a small mesh fits exactly.
     inside = corners.reshape(-1, 3) if kept.all() else points[kept]
     low, high = inside.min(0), inside.max(0)
@@ -133,9 +135,9 @@ class _VoxelGrid:
         facing = sums / np.maximum(points_in, 1)[:, None]
         return cls(facing.reshape(*shape, 3), points_in.reshape(shape) > 0, low - cell, cell)
 
-    def room(self) -> tuple[FloatArray, float, float] | None:
-        """Return where a camera stands in a room (3), how far it is from surfaces there, and the direction in the plane
-        in which it sees farthest, radians from -y; None where there is no room."""
+    def room(self) -> tuple[FloatArray, float, float, float] | None:
+        """Return where a camera stands in a room (3), how far it is from surfaces there, the direction in the plane in
+        which it sees farthest, radians from -y, and the free height above it; None where there is no room."""
         from scipy.ndimage import distance_transform_edt, label
 
         if self.cell * self.filled.shape[2] < _LEAST_HEIGHT_M:
@@ -176,7 +178,8 @@ class _VoxelGrid:
         angle = float(np.arctan2(farthest[0], -farthest[1]))
         # The distance to the middle of a filled cube, less what may lie nearer in it.
         radius = max(float(free.max()) - 1.0, 0.25) * self.cell
-        return self.origin + (best + 0.5) * self.cell, radius, angle
+        above = (self._free_steps(best, np.array([0, 0, 1])) - 0.5) * self.cell
+        return self.origin + (best + 0.5) * self.cell, radius, angle, above
 
     def _enclosed(self) -> npt.NDArray[np.bool_]:
         """Return which cubes are empty and lie in a room."""

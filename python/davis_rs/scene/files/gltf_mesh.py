@@ -15,7 +15,7 @@ from ..lost_looks import TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles, unit_normals
 from ..repairs import Repairs
 from .gltf_file import DRACO, GltfFile, Item
-from .gltf_materials import DiffuseMaterial, GltfMaterials
+from .gltf_materials import GltfMaterial, GltfMaterials
 from .rounding import ROUNDING, within
 from .triangulation import cut_strip, distinct, has_area
 
@@ -160,9 +160,7 @@ class GltfMeshes:
             lost,
         )
 
-    def _colours(
-        self, given: FloatArray | None, material: DiffuseMaterial
-    ) -> tuple[FloatArray | None, tuple[str, ...]]:
+    def _colours(self, given: FloatArray | None, material: GltfMaterial) -> tuple[FloatArray | None, tuple[str, ...]]:
         """Return the colours of vertices (v, 3), None where they are not shown; and the kinds of looks that are
         lost."""
         if given is None:
@@ -179,9 +177,7 @@ class GltfMeshes:
             return None, (*lost, _COLOURS_LOST)
         return colours, tuple(lost)
 
-    def _uv(
-        self, attributes: dict[str, object], material: DiffuseMaterial, count: int, where: str
-    ) -> FloatArray | None:
+    def _uv(self, attributes: dict[str, object], material: GltfMaterial, count: int, where: str) -> FloatArray | None:
         """Return the texture coordinates for the material's texture, transformed as the material says."""
         if material.uv_set is None:
             return None
@@ -222,7 +218,7 @@ class GltfMeshes:
         return distinct(order[np.stack([0 * first, first + 1, first + 2], 1)])
 
 
-def joined(primitives: list[Primitive], material: DiffuseMaterial) -> MeshPart:
+def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
     """Join primitives of one :attr:`Primitive.kind` to one part."""
     first = primitives[0]
 
@@ -242,4 +238,5 @@ def joined(primitives: list[Primitive], material: DiffuseMaterial) -> MeshPart:
         material.files,
         material.wrap,
         tuple(dict.fromkeys([*material.lost, *(what for primitive in primitives for what in primitive.lost)])),
+        material.metal,
     )
