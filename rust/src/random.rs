@@ -16,7 +16,6 @@ pub(crate) enum Purpose {
     ShotNoise = 4,
     HotPixels = 5,
     ReadoutJitter = 6,
-    ShotNoiseExcursion = 7,
     LeakSpread = 8,
     LeakJitter = 9,
     HotPixelKind = 10,
@@ -51,7 +50,14 @@ impl Draw {
         -ln(self.uniform())
     }
 
-    /// Returns a normal number with mean 0 and variance 1 (Box and Muller).
+    /// Returns two independent normal numbers with mean 0 and variance 1 (Box and Muller).
+    pub(crate) fn normals(self) -> (f64, f64) {
+        let radius = (2.0 * self.exponential()).sqrt();
+        let (sine, cosine) = libm::sincos(std::f64::consts::TAU * self.second_uniform());
+        (radius * cosine, radius * sine)
+    }
+
+    /// Returns the first of [`Self::normals`].
     pub(crate) fn normal(self) -> f64 {
         (2.0 * self.exponential()).sqrt() * libm::cos(std::f64::consts::TAU * self.second_uniform())
     }

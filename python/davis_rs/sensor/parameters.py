@@ -86,6 +86,7 @@ class SensorParameters:
             photoreceptor and source follower have the same corner, or the effect's own value where these are not known.
         shot_noise_bandwidth_hz: the noise's pole that does not depend on light; None takes the source follower's, or
             the effect's own value.
+        shot_noise_floor: standard deviation of log intensity that is left in bright light; None takes 0.
         hot_pixel_fraction: fraction of the pixels that fire on their own.
         hot_pixel_rate_hz: the median of their rates; None takes the effect's own value. Their spread and
             regularity are the effect's own.
@@ -131,6 +132,7 @@ class SensorParameters:
     shot_noise_rms: float | None = None
     shot_noise_half_lux: float | None = None
     shot_noise_bandwidth_hz: float | None = None
+    shot_noise_floor: float | None = None
     hot_pixel_fraction: float | None = None
     hot_pixel_rate_hz: float | None = None
     readout_events_per_s: float | None = None
@@ -259,9 +261,10 @@ class SensorParameters:
             ),
             shot_noise_rms=_effect(
                 ShotNoise,
-                rms=self.shot_noise_rms,
+                rms=0.0 if self.shot_noise_rms is None and self.shot_noise_floor else self.shot_noise_rms,
                 half_luma=half_lux and half_lux / lux_per_luma,
                 bandwidth_hz=follower_hz if self.shot_noise_bandwidth_hz is None else self.shot_noise_bandwidth_hz,
+                floor=self.shot_noise_floor,
             ),
             hot_pixels=_effect(HotPixels, fraction=self.hot_pixel_fraction, rate_hz=self.hot_pixel_rate_hz),
             readout=_effect(

@@ -15,7 +15,7 @@ from ...inspection.statistics.stream_statistics import Measured
 from ...sensor.effects import ShotNoise, ThresholdMismatch
 from ...sensor.parameters import SensorParameters
 from .finding import Finding, KnownParameters, combined
-from .leak_fit import find_leak, mean_rate
+from .leak_fit import mean_rate
 from .quiet_pixels import DIAGONALS, signal_in
 
 _RMS, _HALF = ("shot noise", "shot_noise_rms"), ("noise over light", "shot_noise_half_lux")
@@ -27,7 +27,7 @@ _LEAST_EVENTS = 20
 """OFF events of quiet pixels in a recording, below which it does not count."""
 
 _MODEL_SHARE, _LIGHT_SHARE = 0.07, 0.015
-"""What Rice's rate errs by on simulated streams, as shares: in all lights alike, and in each."""
+"""What the rate errs by on simulated streams, as shares: in all lights alike, and in each."""
 
 
 def find_noise(
@@ -37,9 +37,8 @@ def find_noise(
 ) -> tuple[Finding, Finding]:
     """Return the rms of the noise, and the light in which its square is halved.
 
-    Quiet pixels make as many pairs of noise events as Rice's formula says, see
-    :class:`~davis_rs.sensor.effects.ShotNoise`, in the mean over their thresholds. OFF events are counted, because a
-    leak makes none.
+    Quiet pixels make as many events as :meth:`~davis_rs.sensor.effects.ShotNoise.rate_hz` says in the mean over phases
+    and over their thresholds, half of them OFF. OFF events are counted, because a leak makes none.
 
     Args:
         recordings: of the sensor.
@@ -47,11 +46,8 @@ def find_noise(
         parameters: thresholds, their mismatch, and the noise's bandwidth.
     """
     rates = [_off_rate(one) for one in recordings]
-    leaks = [find_leak([one]).value for one in recordings]
     known = [
-        _Quiet(light, rate, 0.0 if leak is None else leak.value)
-        for light, rate, leak in zip(lux, rates, leaks, strict=True)
-        if light is not None and rate is not None
+        _Quiet(light, rate) for light, rate in zip(lux, rates, strict=True) if light is not None and rate is not None
     ]
     here = [rate for rate in rates if rate is not None]
     if not here:
@@ -74,11 +70,10 @@ def find_noise(
 
 
 class _Quiet(NamedTuple):
-    """Quiet pixels of a recording: their light, and OFF events and leak events of a pixel per second."""
+    """Quiet pixels of a recording: their light, and OFF events of a pixel per second."""
 
     lux: float
     off: Measured
-    leak_hz: float
 
 
 def _off_rate(stream: StreamStatistics) -> Measured | None:
@@ -103,7 +98,7 @@ def _off_rate(stream: StreamStatistics) -> Measured | None:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Logarithms of rates against Rice's formula.
+    """Logarithms of rates against those of the noise.
 
     Attributes:
         lux: of each recording, dark current included.
@@ -159,35 +154,10 @@ class _Problem:
         pixel_on, pixel_off = on * factors[:, :, None], off * factors[:, None]
         noise = ShotNoise(rms, half, bandwidth)
         weights = 2 * weights[:, None] * weights
-        mean = [
-            float((weights * _off_events_hz(noise, pixel_on, pixel_off, light, one.leak_hz)).sum())
-            for light, one in zip(self.lux, self.quiet, strict=True)
-        ]
+        mean = [float((weights * noise.rate_hz(pixel_on, pixel_off, light)).sum()) / 2 for light in self.lux]
         logs = model + np.log(np.maximum(mean, 1e-300) / [one.off.value for one in self.quiet])
         sigmas = np.hypot([one.off.sigma / one.off.value for one in self.quiet], _LIGHT_SHARE)
         return np.concatenate([logs / sigmas, pulls])
-
-
-def _off_events_hz(
-    noise: ShotNoise,
-    on: npt.NDArray[np.float64],
-    off: npt.NDArray[np.float64],
-    light: float,
-    leak_hz: float,
-) -> npt.NDArray[np.float64]:
-    """Return OFF events of pixels with these thresholds per second.
-
-    Each pair that begins with an OFF event has one. One that begins with an ON event has none where the leak has
-    brought the signal within half of C_off of the next ON event: noise on its way back then does not reach the OFF
-    level. While noise makes r such ON events a second, and the leak v, a pixel is that near for the share
-    (v / r) (1 - exp(-r C_off / (2 C_on v))) of the time.
-    """
-    nothing = np.full_like(on, np.inf)
-    first_on, first_off = noise.rate_hz(on, nothing, light) / 2, noise.rate_hz(nothing, off, light) / 2
-    if leak_hz <= 0:
-        return np.asarray(first_on + first_off)
-    near = np.minimum(off / (2 * on), 1.0)
-    return np.asarray(first_on + first_off + leak_hz * np.expm1(-first_on * near / leak_hz))
 
 
 def _problem(known: Sequence[_Quiet], parameters: KnownParameters) -> _Problem | str:

@@ -1,7 +1,7 @@
 //! A band of rows under effects: the state of its pixels, and how a frame passes through them.
 //!
 //! Each tile of pixels is first marked in vector code ([`super::scan`]): a pixel is marked if it may have an event, or
-//! if a hold, an arrival of noise or an excursion ends in the interval. Only marked pixels are followed in time
+//! if shot noise may reach a level, a hold ends or a hot pixel fires in the interval. Only marked pixels are followed in time
 //! ([`super::timeline`]), because that is many times slower. What a pixel was before is kept, so that a push of too
 //! many events can be undone.
 //!
@@ -11,14 +11,14 @@
 //!   run is.
 //! - [`Band::undo`] restores everything that [`Band::advance`] changes.
 
-use super::arrivals::Arrivals;
 use super::chords::{Chords, Start, number_of_chords};
-use super::excursion::Excursion;
+use super::hot_pixels::Arrivals;
 use super::input::{Input, LowPass};
 use super::leak::{LeakJitter, Leaks};
-use super::noise::Noise;
+use super::noise_path::{NoisePath, ShotNoisePath};
 use super::scan::{
-    FilterStep, TwoOutputs, TwoSteps, low_pass, mark_out_of_bounds, mark_sign_changes, mark_turns, two_low_passes,
+    FilterStep, TwoOutputs, TwoSteps, low_pass, mark_out_of_bounds, mark_sign_changes, mark_start_out_of_bounds,
+    mark_turns, two_low_passes, within_reach,
 };
 use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel, bounds};
@@ -32,6 +32,7 @@ use crate::crossing::record::NEVER;
 use crate::crossing::room::{Allowance, Full, Room};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
+use crate::crossing::start_phase::StartPhase;
 use crate::event::Event;
 
 /// A frame's share of a band, and the interval that it ends.
@@ -58,8 +59,7 @@ pub(super) struct Band {
     pub(super) filtered: Vec<f64>,
     /// Microseconds from the last frame until the pixel is released.
     pub(super) held_us: Vec<f64>,
-    pub(super) shot: Vec<Arrivals>,
-    pub(super) excursions: Vec<Excursion>,
+    pub(super) noise: Vec<NoisePath>,
     pub(super) hot: Vec<(u32, Arrivals)>,
     pub(super) leaks: Leaks,
     /// What a comparator sees strictly between has reached no level.
@@ -86,7 +86,7 @@ struct Before {
     reference: Level,
     last_event_us: i64,
     held_us: f64,
-    shot: Option<(Arrivals, Excursion)>,
+    noise: Option<NoisePath>,
     hot: Option<Arrivals>,
     leak_error: f64,
 }
@@ -105,6 +105,10 @@ struct Tile {
     /// How far references have leaked at both ends of the interval.
     leaked: Vec<f64>,
     will_leak: Vec<f64>,
+    /// How far shot noise may be from zero, and what leaves it within bounds.
+    reach: Vec<f64>,
+    low: Vec<f64>,
+    high: Vec<f64>,
     marked: Vec<bool>,
     chords: Chords,
     /// Log intensity of one pixel's sparse samples.
@@ -115,6 +119,7 @@ impl Tile {
     fn new() -> Self {
         let [logs, slopes, decay, seen, leaked, will_leak] = std::array::from_fn(|_| vec![0.0; TILE]);
         let [photoreceptor, filtered, photoreceptor_slope, filtered_slope] = std::array::from_fn(|_| vec![0.0; TILE]);
+        let [reach, low, high] = std::array::from_fn(|_| vec![0.0; TILE]);
         Self {
             logs,
             slopes,
@@ -126,6 +131,9 @@ impl Tile {
             seen,
             leaked,
             will_leak,
+            reach,
+            low,
+            high,
             marked: vec![false; TILE],
             chords: Chords::default(),
             sparse: vec![],
@@ -146,7 +154,14 @@ impl Band {
         let (n, effects) = (logs.len(), &sensor.effects);
         let number = |i: usize| (first_pixel + i) as u32;
         let thresholds = |i: usize| p.thresholds(first_pixel + i);
-        let reference = |(i, &log): (usize, &f64)| p.first_reference(log, first_pixel + i, sensor.seed);
+        let path = |(i, &log): (usize, &f64)| Some(NoisePath::new(sensor.shot.as_ref()?, number(i), log));
+        let noise: Vec<NoisePath> = logs.iter().enumerate().map_while(path).collect();
+        // What a camera that has run before has memorised lies where comparators see it: noise is a part of that.
+        let memorised = |i: usize| if p.start_phase == StartPhase::Zero { None } else { noise.get(i) };
+        let reference = |(i, &log): (usize, &f64)| {
+            let noise = memorised(i).map_or(0.0, |path| path.start[1]);
+            p.first_reference(log + noise, first_pixel + i, sensor.seed)
+        };
         let hot = sensor.hot.iter().flat_map(|noise| {
             let chosen = (0..n).filter(|&i| noise.chosen(number(i)));
             chosen.map(|i| (i as u32, noise.first(number(i))))
@@ -170,8 +185,7 @@ impl Band {
             photoreceptor,
             filtered,
             held_us: if effects.refractory_period_us > 0.0 { vec![FREE; n] } else { vec![] },
-            shot: sensor.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i), thresholds(i)))).collect(),
-            excursions: vec![Excursion::NONE; if sensor.shot.is_some() { n } else { 0 }],
+            noise,
             hot: hot.collect(),
             leaks: Leaks::new(
                 effects.leak,
@@ -246,13 +260,7 @@ impl Band {
         // All waits are from the last frame on; a float minus an integer below it is exact.
         let ticks = ticks as f64;
         self.held_us.iter_mut().for_each(|held| *held -= ticks);
-        for excursion in &mut self.excursions {
-            excursion.until_us -= ticks;
-            if excursion.until_us <= 0.0 {
-                *excursion = Excursion::NONE; // it ended in a hold, at whose end nothing of it will be memorised
-            }
-        }
-        self.shot.iter_mut().chain(self.hot.iter_mut().map(|hot| &mut hot.1)).for_each(|next| next.wait_us -= ticks);
+        self.hot.iter_mut().for_each(|hot| hot.1.wait_us -= ticks);
     }
 
     /// Goes back to before [`Self::advance`].
@@ -266,9 +274,8 @@ impl Band {
             if let Some(held_us) = self.held_us.get_mut(i) {
                 *held_us = before.held_us;
             }
-            if let (Some(shot), Some((arrivals, excursion))) = (self.shot.get_mut(i), before.shot) {
-                *shot = arrivals;
-                self.excursions[i] = excursion;
+            if let (Some(path), Some(stored)) = (self.noise.get_mut(i), before.noise) {
+                *path = stored;
             }
             if let (Some(place), Some(stored)) = (self.hot_place(i), before.hot) {
                 self.hot[place].1 = stored;
@@ -368,9 +375,18 @@ impl Band {
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
     fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, sensor: &Sensor) {
         let (n, tile, ticks) = (end - start, &mut self.tile, share.at.ticks as f64);
-        let (bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
-        mark_out_of_bounds(&tile.seen, bounds, marked);
         let from = &self.logs[start..end];
+        let (mut bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
+        if let Some(noise) = &sensor.shot {
+            noise.reach(from, &tile.logs[..n], &mut tile.reach[..n]);
+            within_reach(bounds, &tile.reach[..n], (&mut tile.low[..n], &mut tile.high[..n]));
+            bounds = (&tile.low[..n], &tile.high[..n]);
+        }
+        mark_out_of_bounds(&tile.seen, bounds, marked);
+        if sensor.shot.is_some() {
+            let before = self.filtered.get(start..end).unwrap_or(from);
+            mark_start_out_of_bounds(before, &tile.leaked[..n], bounds, marked);
+        }
         if let Some(before) = self.filtered.get(start..end) {
             let (to, leaked) = (&*tile.logs, (&*tile.leaked, &*tile.will_leak));
             if let Some(first) = self.photoreceptor.get(start..end) {
@@ -404,12 +420,6 @@ impl Band {
         for (marked, &held) in marked.iter_mut().zip(self.held_us.get(start..end).unwrap_or_default()) {
             *marked |= held > FREE && held <= ticks;
         }
-        for (marked, arrivals) in marked.iter_mut().zip(self.shot.get(start..end).unwrap_or_default()) {
-            *marked |= arrivals.wait_us <= ticks;
-        }
-        for (marked, excursion) in marked.iter_mut().zip(self.excursions.get(start..end).unwrap_or_default()) {
-            *marked |= excursion.is_on() && excursion.until_us <= ticks;
-        }
         let hot = self.hot.partition_point(|hot| (hot.0 as usize) < start);
         for (i, arrivals) in self.hot[hot..].iter().take_while(|hot| (hot.0 as usize) < end) {
             marked[*i as usize - start] |= arrivals.wait_us <= ticks;
@@ -434,28 +444,35 @@ impl Band {
         let thresholds = p.thresholds(index);
         let (crossings, noise) =
             self.expected(i, (self.tile.logs[in_tile], self.tile.slopes[in_tile]), share, p, sensor);
-        // Ten standard deviations of a Poisson process, and a few where it hardly happens.
+        // Ten standard deviations of a Poisson process, and a few where it hardly happens. For more, room is made then.
         let noise = if noise > 0.0 { noise + 10.0 * noise.sqrt() + 20.0 } else { 0.0 };
         #[allow(clippy::cast_sign_loss, reason = "both >= 0")]
-        self.events.reserve((crossings + noise) as usize + 4)?;
+        self.events.reserve(((crossings + noise) as usize).saturating_add(4))?;
         let hot = self.hot_place(i);
         self.before.push(Before {
             pixel: i as u32,
             reference: self.references[i],
             last_event_us: self.last_event_us[i],
             held_us: self.held_us.get(i).copied().unwrap_or(FREE),
-            shot: self.shot.get(i).copied().zip(self.excursions.get(i).copied()),
+            noise: self.noise.get(i).copied(),
             hot: hot.map(|place| self.hot[place].1),
             leak_error: self.leaks.error.get(i).copied().unwrap_or_default(),
         });
-        let (x, y) = sensor.size.xy(index);
+        let (has_shot_noise, (x, y)) = (sensor.shot.is_some(), sensor.size.xy(index));
         let last_us = self.last_event_us[i];
         let (events, last_event_us) = (&mut self.events, &mut self.last_event_us[i]);
+        let mut full = Ok(());
         let emit = |tick, on| {
+            if has_shot_noise && full.is_ok() {
+                full = events.reserve(1);
+            }
+            if full.is_err() {
+                return;
+            }
             events.push(Event::new(at.start_us + tick, x, y, on));
             *last_event_us = at.start_us + tick;
         };
-        let (mut free, mut no_excursion) = (FREE, Excursion::NONE);
+        let mut free = FREE;
         let drift = self.leaks.drift(i, sensor.elapsed(at.start_us), (self.logs[i], self.tile.logs[in_tile]));
         let leak_jitter = self.leaks.error.get_mut(i).map(|error| LeakJitter {
             share: sensor.effects.leak.jitter,
@@ -471,12 +488,16 @@ impl Band {
             reference: &mut self.references[i],
             held_until_us: self.held_us.get_mut(i).unwrap_or(&mut free),
             refractory_us: sensor.effects.refractory_period_us,
-            excursion: self.excursions.get_mut(i).unwrap_or(&mut no_excursion),
             leak_jitter,
-            noise: [
-                sensor.shot.map(Noise::Shot).zip(self.shot.get_mut(i)),
-                hot.and_then(|hot| sensor.hot.map(Noise::Hot).zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
-            ],
+            shot_noise: sensor.shot.as_ref().zip(self.noise.get_mut(i)).map(|(law, path)| ShotNoisePath {
+                law,
+                pixel: index as u32,
+                path,
+                elapsed_us: sensor.elapsed(at.start_us),
+                reach: self.tile.reach[in_tile],
+                last: None,
+            }),
+            hot: hot.and_then(|hot| sensor.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
         };
         let input = Input { drift, from: self.logs[i], to: self.tile.logs[in_tile], ticks: at.ticks };
         let bandwidth = sensor.effects.photoreceptor_bandwidth;
@@ -502,7 +523,7 @@ impl Band {
             input.follow_lines(&mut pixel, ticks.zip(self.tile.sparse.iter().copied()), low_pass, emit);
         }
         self.set_bounds(i, thresholds);
-        Ok(())
+        full
     }
 }
 
