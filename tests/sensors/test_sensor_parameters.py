@@ -267,6 +267,7 @@ ZERO_IS_OFF = {
         "leak_jitter",
         "temperature_c",
         "threshold_column_parity",
+        "threshold_correlation",
         "shot_noise_floor",
         "readout_row_us",
         "aps_read_noise_dn",
@@ -280,7 +281,7 @@ ZERO_IS_OFF = {
 @pytest.mark.parametrize("name", NAMES)
 def test_nonsense_is_refused_by_name(name: str) -> None:
     """Every quantity refuses what is negative, infinite, not a number at all, or zero where zero means nothing."""
-    negative = [] if name in ("temperature_c", "threshold_column_parity") else [-1e-9]
+    negative = [] if name in ("temperature_c", "threshold_column_parity", "threshold_correlation") else [-1e-9]
     for value in (*negative, math.inf, -math.inf, math.nan, True, "1"):
         with pytest.raises(ValueError, match=rf"^{name} must .*, got {re.escape(repr(value))}$"):
             SensorParameters(**{name: value})  # type: ignore[arg-type]

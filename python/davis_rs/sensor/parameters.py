@@ -50,8 +50,8 @@ _POSITIVE = {
         "aps_electrons_per_dn",
     ],
 }
-_SIGNED = {"temperature_c", "threshold_column_parity"}
-_FRACTIONS = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
+_SIGNED = {"temperature_c", "threshold_column_parity", "threshold_correlation"}
+_FRACTIONS = {"threshold_column_parity", "threshold_correlation", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
 
 
 @names_checked
@@ -66,6 +66,7 @@ class SensorParameters:
         contrast_threshold: C_on in natural-log units; None leaves it to the scene.
         contrast_threshold_off: C_off, positive; None takes C_on.
         threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a fraction of the threshold.
+        threshold_correlation: correlation of a pixel's own ON and OFF thresholds, -1..1; None takes 0.
         threshold_column_parity: fraction by which thresholds of even columns are lower, and those of odd ones higher.
         photoreceptor_bandwidth_hz: corner frequency of the photoreceptor at ``photoreceptor_bandwidth_lux``; it is
             proportional to the photocurrent, dark current included. Both are given or neither.
@@ -118,6 +119,7 @@ class SensorParameters:
     contrast_threshold: float | None = None
     contrast_threshold_off: float | None = None
     threshold_mismatch: float | None = None
+    threshold_correlation: float | None = None
     threshold_column_parity: float | None = None
     photoreceptor_bandwidth_hz: float | None = None
     photoreceptor_bandwidth_lux: float | None = None
@@ -248,7 +250,9 @@ class SensorParameters:
             lens_blur_px=self.lens_blur_px,
             photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(receptor_hz, _first(follower_hz, math.inf)),
             threshold_mismatch=ThresholdMismatch(
-                _first(self.threshold_mismatch, 0.0), column_parity=_first(self.threshold_column_parity, 0.0)
+                _first(self.threshold_mismatch, 0.0),
+                column_parity=_first(self.threshold_column_parity, 0.0),
+                correlation=_first(self.threshold_correlation, 0.0),
             ),
             refractory_period_us=self.refractory_period_us,
             leak_rate_hz=_effect(

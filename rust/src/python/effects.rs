@@ -69,6 +69,7 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
             "threshold_mismatch" => {
                 all.threshold_mismatch = ThresholdMismatch {
                     sigma: number("sigma")?,
+                    correlation: number("correlation")?,
                     column_parity: number("column_parity")?,
                     columns: number("columns")?,
                     rows: number("rows")?,

@@ -77,6 +77,8 @@ impl ShotNoise {
 pub struct ThresholdMismatch {
     /// Relative standard deviation of what each pixel has of its own.
     pub sigma: f64,
+    /// Correlation of the logarithms of a pixel's own ON and OFF factors.
+    pub correlation: f64,
     /// Thresholds of even columns are lower by this share, those of odd ones higher; negative the other way round.
     pub column_parity: f64,
     /// Relative standard deviation of what the pixels of a column have in common.
@@ -87,10 +89,10 @@ pub struct ThresholdMismatch {
 
 impl ThresholdMismatch {
     /// All pixels are alike.
-    pub(crate) const NONE: Self = Self { sigma: 0.0, column_parity: 0.0, columns: 0.0, rows: 0.0 };
+    pub(crate) const NONE: Self = Self { sigma: 0.0, correlation: 0.0, column_parity: 0.0, columns: 0.0, rows: 0.0 };
 
     pub(crate) fn is_neutral(&self) -> bool {
-        *self == Self::NONE
+        *self == Self { correlation: self.correlation, ..Self::NONE }
     }
 }
 
@@ -199,6 +201,7 @@ impl Effects {
             ("photoreceptor_bandwidth_hz", hz, LEAST, f64::INFINITY, "Hz"),
             ("photoreceptor_bandwidth_hz: source_follower_hz", source_follower_hz, 1e-3, f64::INFINITY, "Hz"),
             ("threshold_mismatch", self.threshold_mismatch.sigma, 0.0, 1.0, "of the threshold"),
+            ("threshold_mismatch: correlation", self.threshold_mismatch.correlation, -1.0, 1.0, "of ON and OFF"),
             ("threshold_mismatch: column_parity", self.threshold_mismatch.column_parity, -0.5, 0.5, "of the threshold"),
             ("threshold_mismatch: columns", self.threshold_mismatch.columns, 0.0, 1.0, "of the threshold"),
             ("threshold_mismatch: rows", self.threshold_mismatch.rows, 0.0, 1.0, "of the threshold"),
