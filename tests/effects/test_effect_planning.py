@@ -68,7 +68,7 @@ SENSOR = Effects(
     threshold_mismatch=0.004,
     refractory_period_us=5.0,
     leak_rate_hz=0.2,
-    shot_noise_rms=ShotNoise.of_rate(20.0, C, half_luma=1e-4),
+    shot_noise_rms=ShotNoise.of_rate(60.0, C, half_luma=1e-4),
     hot_pixels=HotPixels(0.002, 200.0, 0.0),
     readout=Readout(30e6),
     aps=Aps(400.0, read_noise_dn=0.1, full_scale_luma=1.0),
@@ -145,13 +145,15 @@ def flickering(called_for: set[str], texture: npt.NDArray[np.float64], *wave: fl
 
 
 SEQUENCES: dict[str, Sequence] = {
-    "static": Sequence({"leak_rate_hz", "hot_pixels"}, GREY, still(0.5), start_phase="stationary"),
+    "static": Sequence({"leak_rate_hz", "shot_noise_rms", "hot_pixels"}, GREY, still(0.5), start_phase="stationary"),
     "slow light": flickering({"leak_rate_hz", "threshold_mismatch"}, GREY, 15.0, 40_000, 3, 1_000),
     "flash": flickering({"readout"}, GREY, 3.0, 500, 2, 2_000, camera=LARGE),
     "steep flash": flickering(
         {"photoreceptor_bandwidth_hz", "refractory_period_us", "readout", "aps"}, GREY, 9.0, 60, 1, 500, camera=SMALL
     ),
-    "dim": flickering({"photoreceptor_bandwidth_hz"}, GREY, 3.0, 500, 2, 5_000, luma=2e-3, log_eps=1e-7),
+    "dim": flickering(
+        {"photoreceptor_bandwidth_hz", "shot_noise_rms"}, GREY, 3.0, 500, 2, 5_000, luma=2e-3, log_eps=1e-7
+    ),
     "dark half": flickering({"shot_noise_rms", "lens_blur_px"}, HALF_BLACK, 3.0, 500, 2, 2_000, log_eps=1e-5),
     "near the dark level": flickering(
         {"vignetting", "photoreceptor_bandwidth_hz", "refractory_period_us", "readout", "aps"},

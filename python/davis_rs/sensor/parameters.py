@@ -51,7 +51,14 @@ _POSITIVE = {
     ],
 }
 _SIGNED = {"temperature_c", "threshold_column_parity", "threshold_correlation"}
-_FRACTIONS = {"threshold_column_parity", "threshold_correlation", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
+_FRACTIONS = {
+    "threshold_column_parity",
+    "threshold_correlation",
+    "hot_pixel_fraction",
+    "leak_spread",
+    "leak_jitter",
+    "aps_prnu",
+}
 
 
 @names_checked

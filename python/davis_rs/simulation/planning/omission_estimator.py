@@ -37,8 +37,8 @@ FLOOD = 3_000_000
 _FEW = 30
 """Below this count of events of leak or noise the known rate says more than the sample."""
 
-_LIGHTS, _LEAST_HZ = 256, 1e-30
-"""Points of the table of noise over light, and the least rate that it holds."""
+_LIGHTS, _LEAST_HZ, _RARE_HZ = 256, 1e-30, 1e-9
+"""Points of the table of noise over light, the least rate that it holds, and one that counts as none."""
 
 _PIXELS = 256
 """Pixels, each with a leak of its own, over which the events of a leak are averaged."""
@@ -170,7 +170,7 @@ def _seen_or_known(estimator: OmissionEstimator, effect: Effect, of_a_pixel: flo
         error,
         missing_percent=max(error.missing_percent, counted.missing_percent),
         rate_percent=max(error.rate_percent, counted.rate_percent),
-        count_percent=counted.count_percent if made < _FEW else error.count_percent,
+        count_percent=min(counted.count_percent, error.count_percent) if made < _FEW else error.count_percent,
     )
 
 
@@ -202,7 +202,13 @@ def _sum_of_floors(value: FloatArray) -> FloatArray:
 def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[OmissionError, str]:
     sample = estimator.sequence.pixels
     steps = sample.steps()
-    hz = float(np.average(_noise_hz(effect, sample, steps.log.astype(np.float64)).mean(1), weights=steps.length_s))
+    log_light = steps.log.astype(np.float64)
+    rates = _noise_hz(effect, sample, log_light, None)
+    if sample.start_phase == "zero":
+        # Pixels that stand still stay where they began, at their reference.
+        still = np.abs(steps.change).sum(0) < sample.contrast_threshold / 2
+        rates[:, still] = _noise_hz(effect, sample, log_light[:, still], 0.0)
+    hz = float(np.average(rates.mean(1), weights=steps.length_s))
     dark, bright = np.percentile(steps.luma, (1, 99))
     seen = (
         f"luma {dark:.3g}..{bright:.3g} (1 % to 99 %) against the {effect.half_luma:.3g} that halves the "
@@ -212,11 +218,14 @@ def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[Omissi
     return _seen_or_known(estimator, effect, hz * estimator.sequence.duration_us * 1e-6), seen
 
 
-def _noise_hz(effect: ShotNoise, sample: LumaSample, log_light: FloatArray) -> FloatArray:
-    """Return events of noise per second in each light, in the mean over phases, from a table over light."""
+def _noise_hz(effect: ShotNoise, sample: LumaSample, log_light: FloatArray, phase: float | None) -> FloatArray:
+    """Return events of noise per second in each light, at a phase or in the mean over all, from a table over light."""
+    if not log_light.size:
+        return log_light
     table = np.linspace(log_light.min(), log_light.max(), _LIGHTS)
-    rates = effect.rate_hz(sample.contrast_threshold, sample.contrast_threshold_off, np.exp(table))
-    return np.exp(np.interp(log_light, table, np.log(np.maximum(rates, _LEAST_HZ))))
+    rates = effect.rate_hz(sample.contrast_threshold, sample.contrast_threshold_off, np.exp(table), phase)
+    hz = np.exp(np.interp(log_light, table, np.log(np.maximum(rates, _LEAST_HZ))))
+    return np.where(hz > _RARE_HZ, hz, 0.0)
 
 
 def _hot_pixels(estimator: OmissionEstimator, effect: HotPixels) -> tuple[OmissionError, str]:

@@ -154,14 +154,23 @@ impl Band {
         let (n, effects) = (logs.len(), &sensor.effects);
         let number = |i: usize| (first_pixel + i) as u32;
         let thresholds = |i: usize| p.thresholds(first_pixel + i);
-        let path = |(i, &log): (usize, &f64)| Some(NoisePath::new(sensor.shot.as_ref()?, number(i), log));
-        let noise: Vec<NoisePath> = logs.iter().enumerate().map_while(path).collect();
-        // What a camera that has run before has memorised lies where comparators see it: noise is a part of that.
-        let memorised = |i: usize| if p.start_phase == StartPhase::Zero { None } else { noise.get(i) };
-        let reference = |(i, &log): (usize, &f64)| {
-            let noise = memorised(i).map_or(0.0, |path| path.start[1]);
-            p.first_reference(log + noise, first_pixel + i, sensor.seed)
-        };
+        let (mut noise, mut references) = (vec![], vec![]);
+        for (i, &log) in logs.iter().enumerate() {
+            let first = |seen| p.first_reference(seen, first_pixel + i, sensor.seed);
+            let Some(law) = &sensor.shot else {
+                references.push(first(log));
+                continue;
+            };
+            let (path, reference) = if p.start_phase == StartPhase::Zero {
+                (NoisePath::new(law, number(i), log), first(log))
+            } else {
+                let first = |noise: f64| first(log + noise).value(thresholds(i));
+                let (path, base) = NoisePath::run_before(law, number(i), log, thresholds(i), first);
+                (path, Level { base, on: 0, off: 0 })
+            };
+            noise.push(path);
+            references.push(reference);
+        }
         let hot = sensor.hot.iter().flat_map(|noise| {
             let chosen = (0..n).filter(|&i| noise.chosen(number(i)));
             chosen.map(|i| (i as u32, noise.first(number(i))))
@@ -180,7 +189,7 @@ impl Band {
                 filtered: filtered.clone(),
             },
             before: vec![],
-            references: logs.iter().enumerate().map(reference).collect(),
+            references,
             last_event_us: vec![NEVER; n],
             photoreceptor,
             filtered,

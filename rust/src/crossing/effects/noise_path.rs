@@ -12,6 +12,7 @@
 
 use super::shot_noise::{FAR, ShotNoiseLaw};
 use super::two_pole_noise::{Outputs, TwoPoleNoise};
+use crate::crossing::level::Thresholds;
 
 /// Where a pixel's noise stands: its cell, and the outputs of both poles at the ends of that.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,10 +24,37 @@ pub(crate) struct NoisePath {
     end: Outputs,
 }
 
+#[allow(clippy::cast_precision_loss, reason = "small")]
 impl NoisePath {
     /// Noise at the first frame, and in the cell that begins there.
     pub(super) fn new(law: &ShotNoiseLaw, pixel: u32, log_light: f64) -> Self {
         Self::at(law, pixel, 0, log_light, law.first(pixel, log_light))
+    }
+
+    /// Noise at the first frame of a pixel that has seen the same for some time, and its reference there.
+    ///
+    /// The noise of before has taken references away from where the next of its passages would be at once. `first` gives
+    /// the reference where that time begins, by the noise there.
+    pub(super) fn run_before(
+        law: &ShotNoiseLaw,
+        pixel: u32,
+        log_light: f64,
+        c: Thresholds,
+        first: impl Fn(f64) -> f64,
+    ) -> (Self, f64) {
+        const CELLS: i64 = 16;
+        let mut path = Self::at(law, pixel, -CELLS, log_light, law.first(pixel, log_light));
+        let (mut reference, least) = (first(path.start[1]), c.on.min(c.off));
+        let begins = -(CELLS as f64) * law.cell_us;
+        let mut noise = ShotNoisePath { law, pixel, path: &mut path, elapsed_us: 0.0, reach: 0.0, last: None };
+        let (mut now, light) = (begins, |_: f64| log_light);
+        loop {
+            let levels = Levels { above: reference + c.on, below: reference - c.off, least };
+            let Some((at, on)) = noise.first_crossing((now, 0.0), &light, levels, &light) else { break };
+            (now, reference) = (at, if on { levels.above } else { levels.below });
+        }
+        noise.enter(0.0, &light);
+        (path, reference)
     }
 
     /// Noise in a cell that begins with these outputs.
