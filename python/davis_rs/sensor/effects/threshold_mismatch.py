@@ -18,10 +18,10 @@ _NODES = 24
 class ThresholdMismatch(EngineEffect):
     """C_on and C_off of each pixel, drawn once: a fixed pattern for a seed.
 
-    They are products of factors whose mean is 1. The factor of each pixel is log-normal, so never zero or negative. Those
-    for ON and OFF are independent, or have a ``correlation``: both comparators share the gain of one amplifier, which
-    moves both thresholds alike, and its reset level, which moves them apart. The factors of columns and rows are log-normal too, and the same for ON and OFF.
-    Neighbouring columns may differ alternately.
+    They are products of factors whose mean is 1. The factor of each pixel is log-normal, so never zero or negative.
+    Those for ON and OFF are independent, or have a ``correlation``: both comparators share the gain of one amplifier,
+    which moves both thresholds alike, and its reset level, which moves them apart. The factors of columns and rows are
+    log-normal too, and the same for ON and OFF. Neighbouring columns may differ alternately.
 
     Args:
         sigma: standard deviation of the pixels' own factor, 0..1. Neutral where all are 0.

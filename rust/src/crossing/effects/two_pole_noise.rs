@@ -388,6 +388,30 @@ mod tests {
         assert_eq!(long.smooth(0.005), short.smooth(0.005) + 6);
     }
 
+    proptest! {
+        /// The middle lies in the range of its span, however far its draws take it, up to the deviations that are asked
+        /// for; beyond them by far it does not.
+        #[test]
+        fn ranges_hold_for_middles_of_any_draws(
+            (ratio, second) in poles(), level in 0..=HALVINGS, ends in prop::array::uniform4(-3.0f64..3.0), up in any::<bool>(),
+        ) {
+            let noise = TwoPoleNoise::new(ratio, second);
+            let first = (1.0 + ratio).sqrt();
+            let ends = [[first * ends[0], ends[1]], [first * ends[2], ends[3]]];
+            let [_, across, own] = noise.spans[level].root;
+            let unit = if up { 1.0 } else { -1.0 } / across.hypot(own);
+            let at = |times: f64| noise.middle(level, ends, 1.0, (times * unit * across, times * unit * own))[1];
+            let (least, most) = noise.range(level, ends, 1.0, 5.0);
+            prop_assert!((least..=most).contains(&at(4.9)), "{least} {most} {}", at(4.9));
+            prop_assert!((least..=most).contains(&at(0.0)));
+            let stray = 2.0 * noise.spans[level].led[0] * (ends[0][0] - ends[0][1]).abs();
+            let other = 2.0 * noise.spans[level].led[1] * (ends[1][0] - ends[1][1]).abs();
+            let apart = (ends[0][1] - ends[1][1]).abs() + ends[0][1].abs().min(ends[1][1].abs());
+            let far = at(6.0) + unit.signum() * (stray + other + apart);
+            prop_assert!(!(least..=most).contains(&far));
+        }
+    }
+
     /// What is not known in a short span is that of integrated noise: b s sqrt(2 a h^3 / 192) at its middle.
     #[test]
     fn short_spans_are_smooth() {
