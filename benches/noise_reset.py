@@ -14,7 +14,7 @@ from davis_rs import CrossingEngine, Effects
 from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.sensor.effects import ShotNoise
 
-SIDE, SECONDS, C, SLOPE = 64, 60, 0.2, 0.02
+SIDE, SECONDS, C, SLOPE = 32, 60, 0.2, 0.02
 NOISE = ShotNoise.of_rate(5.0, C, half_luma=math.inf)
 PERIODS_US = None, 3.37, 100.0, 530.0, 10_000.0
 
