@@ -326,7 +326,7 @@ def test_the_presets_have_the_published_figures(name: str, on: float, off: float
     assert sensor.refractory_period_us == pytest.approx(3.37, abs=5e-3)
     assert sensor.source_follower_bandwidth_hz == pytest.approx(286, abs=0.5)
     assert sensor.readout_events_per_s == 12e6
-    assert sensor.leak_rate_hz == (0.011 if name == "davis240c" else 0.1)
+    assert sensor.leak_rate_hz == (0.011 if name == "davis240c" else 0.003)
 
 
 @pytest.mark.parametrize("name", ["davis240c", "davis346"])

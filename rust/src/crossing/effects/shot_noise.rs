@@ -139,3 +139,36 @@ impl ShotNoiseLaw {
         omega * (2.0 / std::f64::consts::TAU + 0.8 / share) * libm::exp(-share * share / 8.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn law(floor: f64) -> ShotNoiseLaw {
+        let shot_noise = ShotNoise { rms: 0.1, floor, half_luma: 2.0, bandwidth_hz: 300.0 };
+        ShotNoiseLaw::new(&Effects { shot_noise, ..Effects::default() }, 1).expect("on")
+    }
+
+    /// Within the rounding of the table, and within its limits beyond.
+    #[test]
+    fn the_photoreceptor_s_pole_is_proportional_to_light() {
+        let law = law(0.0);
+        let ratio = |light: f64| law.ratio_of(law.ratio(light.ln()));
+        for light in [1e-3, 0.02, 0.7, 2.0, 5.0, 150.0] {
+            assert!((ratio(light) / (light / 2.0)).ln().abs() <= 2f64.ln() / 64.0 + 1e-12, "{light}");
+        }
+        assert!((ratio(1e-300) * 65_536.0 - 1.0).abs() < 1e-12 && (ratio(1e300) - 100.0).abs() < 1.0);
+    }
+
+    /// An interval's reach is that of its end with more noise, which a floor may turn to the brighter one.
+    #[test]
+    fn the_reach_is_that_of_the_end_with_more_noise() {
+        let logs = [0.02f64.ln(), 50f64.ln()];
+        for floor in [0.0, 0.03, 0.4] {
+            let (law, mut reach) = (law(floor), [0.0; 2]);
+            law.reach(&logs, &[logs[1], logs[0]], &mut reach);
+            let most = FAR * law.sigma(logs[0]).max(law.sigma(logs[1]));
+            assert!(reach.iter().all(|reach| (reach / most - 1.0).abs() < 1e-9), "{reach:?} {most}");
+        }
+    }
+}
