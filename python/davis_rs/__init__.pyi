@@ -114,6 +114,7 @@ from .inspection.statistics import (
 )
 from .inspection.video import make_video as make_video
 from .io.dataset.reader import Dataset as Dataset
+from .io.dataset.rig_folder import RigDataset as RigDataset
 from .io.dataset.write_trajectory import write_trajectory as write_trajectory
 from .io.dataset.writer import DatasetWriter as DatasetWriter
 from .io.files.conversion import convert as convert
@@ -154,6 +155,12 @@ from .render.truth import (
 from .render.truth import (
     event_truth as event_truth,
 )
+from .reproduction import (
+    Reproduction as Reproduction,
+)
+from .reproduction import (
+    reproduce as reproduce,
+)
 from .sampling.presets import ACCURACY as ACCURACY
 from .sampling.presets import Accuracy as Accuracy
 from .sampling.rules import FixedRate as FixedRate
@@ -182,6 +189,12 @@ from .sensor.parameters import SensorParameters as SensorParameters
 from .sensor.presets import SENSORS as SENSORS
 from .sensor.presets import load_sensor as load_sensor
 from .sensor.presets import save_sensor as save_sensor
+from .sensor.rig import RIGS as RIGS
+from .sensor.rig import CameraClock as CameraClock
+from .sensor.rig import Rig as Rig
+from .sensor.rig import RigCamera as RigCamera
+from .sensor.rig import RigImu as RigImu
+from .sensor.rig import load_rig as load_rig
 from .simulation.folder import SimulationReport as SimulationReport
 from .simulation.folder import simulate_to_folder as simulate_to_folder
 from .simulation.from_frames.events_from_frames import events_from_frames as events_from_frames
@@ -202,6 +215,10 @@ from .simulation.noise_estimate import (
 )
 from .simulation.planning import EffectPlan as EffectPlan
 from .simulation.planning import plan_effects as plan_effects
+from .simulation.rig import RigReport as RigReport
+from .simulation.rig import RigSimulator as RigSimulator
+from .simulation.rig import simulate_rig as simulate_rig
+from .simulation.rig import simulate_rig_to_folder as simulate_rig_to_folder
 from .simulation.simulate import simulate as simulate
 from .simulation.simulator import Simulator as Simulator
 from .usb.davis import Davis as Davis
@@ -211,3 +228,7 @@ from .usb.raw_file import RawWriter as RawWriter
 from .usb.settings import DavisSettings as DavisSettings
 
 __all__: list[str]
+from .sensor.rig import Rectification as Rectification
+from .sensor.rig import StereoTruth as StereoTruth
+from .sensor.rig import rectify as rectify
+from .sensor.rig import stereo_truth as stereo_truth

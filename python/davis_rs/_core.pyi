@@ -22,7 +22,9 @@ __all__ = [
     "EventFileReader",
     "EventFileWriter",
     "Evt3Stream",
+    "IrradianceSampler",
     "PixelRays",
+    "ReflectedLight",
     "SceneRenderer",
     "__version__",
     "check_effects",
@@ -1017,6 +1019,44 @@ class SceneRenderer:
             ValueError: for views that do not fit the scene, or a view or pixel that is not there.
         """
 
+    def line_luma(self, corners: PixelRays, lines: int, views: _Views) -> npt.NDArray[np.float32]:
+        """Render luma of frames by lines through the pixels: of each pixel's area, not of single rays.
+
+        Args:
+            corners: of the sensor, without distortion, as by :meth:`PixelRays.grid`: two rays a pixel, through its
+                upper left and its lower right corner.
+            lines: lines a pixel: 4, 8 or 16.
+            views: as in :meth:`luma`.
+
+        Returns:
+            Luma, float32, flat (n, height, width).
+
+        Raises:
+            ValueError: for other rays or lines, or views that do not fit the scene.
+        """
+
+    def line_samples(
+        self,
+        corners: PixelRays,
+        lines: int,
+        views: _Views,
+        view: npt.NDArray[np.integer],
+        pixel: npt.NDArray[np.integer],
+    ) -> npt.NDArray[np.float32]:
+        """Render luma of single pixels by lines, the bits of :meth:`line_luma`.
+
+        Args:
+            corners, lines: as in :meth:`line_luma`.
+            views: as in :meth:`luma`.
+            view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+
+        Returns:
+            Luma, float32 (k).
+
+        Raises:
+            ValueError: as in :meth:`line_luma`, or for a view or pixel that is not there.
+        """
+
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
     """Count events by polarity and pixel.
 
@@ -1173,3 +1213,172 @@ def fill_events(
     Raises:
         ValueError: if the lengths differ, or for the first polarity other than 0 or 1, with its index.
     """
+
+@final
+class IrradianceSampler:
+    """Computes irradiance at places on diffuse surfaces, by rays.
+
+    The light at a place is a function of the scene, the place, its shift and the samples. It has the same bits in any
+    batch of places, on any number of threads and on every processor. Arrays are flat; t is the number of triangles.
+
+    Args:
+        corners: float64 (t, 3, 3), in the world, metres.
+        normals: float64 (t, 3), unit normals of the fronts.
+        shading_normals: float64 (t, 3, 3), unit normals of the fronts at the corners.
+        uv: float64 (t, 3, 2), texture coordinates of the corners.
+        textures: uint32 (t), the number of the triangle's texture.
+        two_sided: uint32 (t), 1 where the back of the triangle reflects too.
+        layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
+        texels: float32 (n, 3), reflectance, red, green and blue.
+        groups: of lights that are baked together, each (lamps, constant, map, points, directions, small lamps). A lamp
+            is (first triangle, number of triangles, radiance); ``constant`` is the radiance from all sides or None;
+            ``map`` is an environment map (width, height, float32 texels (height, width, 3), rotation (3, 3) of the
+            world to its axes) or None; points are (position, intensity, beam), with the beams of
+            :class:`SceneRenderer`; directions are (unit vector along which light travels, irradiance).
+
+    Raises:
+        ValueError: for arrays that do not belong together, or light that is not finite or negative.
+    """
+
+    def __new__(
+        cls,
+        *,
+        corners: npt.NDArray[np.float64],
+        normals: npt.NDArray[np.float64],
+        shading_normals: npt.NDArray[np.float64],
+        uv: npt.NDArray[np.float64],
+        textures: npt.NDArray[np.uint32],
+        two_sided: npt.NDArray[np.uint32],
+        layouts: npt.NDArray[np.int64],
+        texels: npt.NDArray[np.float32],
+        groups: Sequence[
+            tuple[
+                Sequence[tuple[int, int, Sequence[float]]],
+                Sequence[float] | None,
+                tuple[int, int, npt.NDArray[np.float32], Sequence[Sequence[float]]] | None,
+                Sequence[
+                    tuple[Sequence[float], Sequence[float], tuple[Sequence[float], tuple[float, float] | None] | None]
+                ],
+                Sequence[tuple[Sequence[float], Sequence[float]]],
+                Sequence[tuple[int, int, Sequence[float]]],
+            ]
+        ],
+    ) -> IrradianceSampler: ...
+    def of_lamps(
+        self,
+        group: int,
+        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+    ) -> npt.NDArray[np.float64]:
+        """Compute direct light of the lamps of a group.
+
+        Args:
+            group: its number.
+            places: positions (n, 3) in metres, unit normals (n, 3), and by how much the lattice of samples is shifted
+                (n, 2), 0..1; three flat float64 arrays.
+            samples: points on each lamp, 1..2^20.
+
+        Returns:
+            Irradiance / pi, float64, flat (n, 3): red, green and blue.
+
+        Raises:
+            ValueError: for a group that is not there, or places that are not finite.
+        """
+
+    def of_sky(
+        self,
+        group: int,
+        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+    ) -> npt.NDArray[np.float64]:
+        """Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`; ``samples`` are directions."""
+
+    def of_sharp(
+        self,
+        group: int,
+        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+    ) -> npt.NDArray[np.float64]:
+        """Compute direct light of the points, directions and small lamps of a ``group`` at ``places``, from ``samples`` of
+        each, as :meth:`of_lamps`.
+        """
+
+    def gathered(
+        self,
+        group: int,
+        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+        reflected: ReflectedLight | None,
+    ) -> npt.NDArray[np.float64]:
+        """Gather light that other surfaces reflect, by rays that follow the cosine.
+
+        Args:
+            group, places: as in :meth:`of_lamps`.
+            samples: rays.
+            reflected: light that falls on surfaces, None for none; that of the group's points, directions and small
+                lamps comes on top.
+
+        Returns:
+            Irradiance / pi, float64, flat (n, 3).
+
+        Raises:
+            ValueError: as :meth:`of_lamps`, and for reflected light of another number of triangles.
+        """
+
+    def traced(
+        self,
+        group: int,
+        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+        seed: int,
+        bounces: int,
+        roulette: int,
+    ) -> npt.NDArray[np.float64]:
+        """Compute what :meth:`gathered` does by paths, with all lights of the group.
+
+        Args:
+            group, places: as in :meth:`of_lamps`.
+            samples: paths.
+            seed: of their draws.
+            bounces: how often light bounces at most.
+            roulette: after so many bounces a path may end at random.
+
+        Returns:
+            Irradiance / pi, float64, flat (n, 3).
+
+        Raises:
+            ValueError: as :meth:`of_lamps`.
+        """
+
+    def is_lit(
+        self,
+        group: int,
+        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+        seed: int,
+        bounces: int,
+        roulette: int,
+    ) -> npt.NDArray[np.bool_]:
+        """Find whether any of some paths meets light, however little.
+
+        Args:
+            group, places, samples, seed, bounces, roulette: as in :meth:`traced`.
+
+        Returns:
+            bool (n).
+        """
+
+@final
+class ReflectedLight:
+    """Light that falls on the surfaces of a scene, for :meth:`IrradianceSampler.gathered`.
+
+    Args:
+        layouts: int64 (t, 2 sides, 2), flat: first texel, and texels along a side, of the map of each triangle's front
+            and back; a frame of one texel lies around each map.
+        texels: float32 (n, 3), flat, irradiance / pi.
+
+    Raises:
+        ValueError: for maps that do not lie in the texels.
+    """
+
+    def __new__(cls, layouts: npt.NDArray[np.int64], texels: npt.NDArray[np.float32]) -> ReflectedLight: ...

@@ -21,6 +21,7 @@ pub(crate) enum Purpose {
     HotPixelKind = 10,
     ThresholdColumn = 11,
     ThresholdRow = 12,
+    LightPath = 13,
 }
 
 /// 128 random bits, a function of (seed, purpose, pixel, index).

@@ -236,7 +236,7 @@ def test_a_file_system_without_locks_keeps_what_others_make(source: Path, monkey
     convert(source, source.parent / "e.txt")
     convert(source, source.parent / "e.txt", overwrite=True)
     assert_same(read_events(source.parent / "e.txt"), EVENTS)
-    assert other.place.parent.is_dir()
+    assert other.working_path.parent.is_dir()
 
 
 def test_links_and_pipes_stay_what_they_are(source: Path) -> None:

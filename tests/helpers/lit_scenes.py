@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import Camera, Pose, Scene
-from davis_rs._mitsuba.variants import FAST
+from davis_rs._mitsuba.variants import SCALAR
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
@@ -90,5 +90,5 @@ def environment(values: npt.ArrayLike) -> Parts:
     import mitsuba as mi
 
     # Its own bitmap, because Mitsuba has none before a variant is set.
-    mi.set_variant(mi.variant() or FAST)
+    mi.set_variant(mi.variant() or SCALAR)
     return {"type": "envmap", "bitmap": mi.Bitmap(np.asarray(values, np.float32))}

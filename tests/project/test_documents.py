@@ -84,6 +84,8 @@ NOT_RUN = {
     "davis-rs accuracy SCENE -o DIR --light 4": "takes minutes; tests/rendering/test_baked_light.py runs a small one",
     "davis-rs hard-cases -o DIR": "takes minutes; tests/accuracy/test_hard_cases.py runs some of them",
     "davis-rs hard-cases -o docs": "the same",
+    "davis-rs reproduce RECORDING -o DIR": "needs a recording with frames; tests/reproduction runs it",
+    "davis-rs reproduce davis346_sample.aedat4 -o DIR --fit both": "needs the recording that it names",
     "davis-rs calibrate KIND DIR": "needs a checkerboard's dataset; docs/calibration.md's lines are run",
     "davis-rs calibrate intrinsics | hand-eye | camera-imu DIR": "the same",
 }

@@ -28,6 +28,7 @@ PUBLIC = (
     "events.represent",
     "scene.sequences",
     "inspection.statistics",
+    "reproduction",
     "data.torch",
     "geometry.trajectory.motions",
 )

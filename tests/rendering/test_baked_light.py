@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partialmethod
 from pathlib import Path
@@ -19,13 +18,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, load_scene, plan_effects
-from davis_rs._mitsuba.variants import FAST, load_scene_source, variant
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
 from davis_rs.cli import main
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.baked import bake, baked_scene, cache
-from davis_rs.render.baked.bake import Surfaces
-from davis_rs.render.baked.irradiance import Irradiance
+from davis_rs.render.baked.irradiance import Irradiance, Surfaces
 from davis_rs.render.baked.light_maps import LightMaps, looked_up
 from davis_rs.render.baked.lights import irradiance_of
 from davis_rs.render.baked.partial import PartialBake
@@ -33,7 +31,9 @@ from davis_rs.render.baked.surface_lattice import RefinementRule, SurfaceLattice
 from davis_rs.render.choice import make_renderer, why_not_noise_free
 from davis_rs.render.integrator.renderer import IntegratorRenderer
 from davis_rs.render.scene_tables import scene_table
+from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.scene.light_profile import SampledProfile
+from irradiance_reference import traced_irradiance
 from lamp_box import lamp_box
 from lit_scenes import (
     CAMERA,
@@ -57,7 +57,7 @@ from lit_scenes import (
 )
 from places import HELPERS
 
-pytestmark = pytest.mark.usefixtures("llvm")
+pytestmark = pytest.mark.without_llvm
 
 
 @pytest.fixture
@@ -141,6 +141,7 @@ def test_lamps_without_a_name_are_told_apart(tmp_path: Path) -> None:
     np.testing.assert_allclose(luma(large, small), alone[0] + alone[1], rtol=0.02)
 
 
+@pytest.mark.usefixtures("llvm")
 def test_coloured_light_that_bounces_is_the_path_tracers(long: bool) -> None:
     """All kinds of light at once, in colour: the path tracer's luma, but for its noise."""
     scene = make_scene(**colourful())
@@ -150,17 +151,12 @@ def test_coloured_light_that_bounces_is_the_path_tracers(long: bool) -> None:
     assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
 
 
-def lit_by(scene: Scene) -> AbstractContextManager[tuple[Any, Irradiance]]:
-    """The light of a scene, all lamps together, under Mitsuba's LLVM variant."""
-
-    @contextmanager
-    def light() -> Iterator[tuple[Any, Irradiance]]:
-        with variant(FAST) as (mi, _):
-            loaded = load_scene_source(scene.source(), mi)
-            with irradiance_of(loaded, mi, [""], PartialBake()) as lights:
-                yield loaded, lights(0.0)[0]
-
-    return light()
+def lit_by(scene: Scene) -> Irradiance:
+    """The light of a scene, all lamps together."""
+    with variant(SCALAR) as (mi, _):
+        loaded = load_scene_source(scene.source(), mi)
+        table = SceneTable(loaded, mi, shadows=True, any_integrator=True, baked=True)
+        return irradiance_of(loaded, mi, table.surfaces, [""], PartialBake())(0.0)[0]
 
 
 def outdoors() -> dict[str, Parts]:
@@ -177,6 +173,7 @@ def outdoors() -> dict[str, Parts]:
     }
 
 
+@pytest.mark.usefixtures("llvm")
 def test_an_environment_map_and_a_spot_light_are_the_path_tracers() -> None:
     """Their light on surfaces, together with the sky, and the edges of the beam."""
     scene = make_scene(PATH | {"max_depth": 3}, **outdoors())
@@ -203,6 +200,7 @@ def test_rates_of_skies_and_beams_are_the_changes_of_luma() -> None:
     assert np.quantile(off, 0.8) < 0.02 * np.abs(rate).max()
 
 
+@pytest.mark.usefixtures("llvm")
 def test_a_small_block_on_a_wide_ground_has_light_that_bounces() -> None:
     """Its shaded side is lit by the sunny ground alone, and by less of it at its foot."""
     scene = make_scene(
@@ -219,6 +217,7 @@ def test_a_small_block_on_a_wide_ground_has_light_that_bounces() -> None:
     assert rows == pytest.approx(true, rel=0.05)
 
 
+@pytest.mark.usefixtures("llvm")
 def test_a_small_lamp_has_sharp_shadows() -> None:
     """A lamp of 2 cm over a screen: the path tracer's luma, but for the lattice's steps in the shadow's edge."""
     scene = make_scene(
@@ -244,6 +243,7 @@ def moving_camera() -> Scene:
     )
 
 
+@pytest.mark.usefixtures("llvm")
 def test_what_baking_saves_and_errs(folder: Path) -> None:
     """Baked light is nearer to the reference than few samples of the path tracer; runs of the reference are kept."""
     scene = moving_camera()
@@ -271,6 +271,7 @@ def test_what_baking_saves_and_errs(folder: Path) -> None:
     assert light_cost(build(scene, kind="integrator", rays_per_pixel=1), scene) is None
 
 
+@pytest.mark.usefixtures("llvm")
 def test_the_command_line_compares_light(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -296,15 +297,16 @@ def test_places_apart_err_independently() -> None:
     x, y = np.meshgrid(across, across[::12])
     places = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
     normals = np.tile([0.0, 0.0, 1.0], (len(places), 1))
-    with lit_by(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(0.5))) as (_, light):
-        truth = light.direct(places, normals, 8192, 100)[:, 0]
-        found = np.array([light.direct(places, normals, 64, shift)[:, 0] for shift in range(4)])
+    light = lit_by(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(0.5)))
+    truth = light.direct(places, normals, 8192, 100)[:, 0]
+    found = np.array([light.direct(places, normals, 64, shift)[:, 0] for shift in range(4)])
     off = (found / truth - 1).reshape(4, *x.shape)
     rms = np.sqrt((off**2).mean())
     assert np.sqrt((off.mean((1, 2)) ** 2).mean()) < 0.2 * rms
     assert np.sqrt((np.diff(off, axis=2) ** 2).mean()) < 0.6 * rms
 
 
+@pytest.mark.usefixtures("llvm")
 def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
     """In the box with a lamp: the run's own estimate against direct light and paths of Mitsuba's own, elsewhere."""
     scene = lamp_box(16)
@@ -322,9 +324,7 @@ def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
     triangle = random.randint(len(surfaces.corners), size=300)
     weight = random.dirichlet(np.ones(3), 300)
     places = np.einsum("nk,nkd->nd", weight, surfaces.corners[triangle])
-    with lit_by(scene) as (_, light):
-        normals = surfaces.normals[triangle, 0]
-        truth = light.direct(places, normals, 2048, 9) + light.traced(places, normals, 2048, 9)
+    truth = traced_irradiance(scene, places, surfaces.normals[triangle, 0], 4096, 9)
     found = looked_up(maps.texels[0], maps.layouts[triangle, 0], weight)
     lit = truth[:, 1] > 1e-3 * np.median(truth[:, 1])
     shares = found[lit, 1] / truth[lit, 1]
@@ -506,7 +506,7 @@ def test_a_bake_that_is_stopped_goes_on_where_it_was(
 ) -> None:
     """Ctrl-C in the middle: the next run computes only the rest, and has the same bits."""
     scene = make_scene(PATH | {"max_depth": 3}, floor=plate(0, 0, 0, (1, 1)), panel=lamp())
-    made = Irradiance._mean_of_part
+    made = Irradiance._computed
     counts = [0]
 
     def stopped(limit: float) -> Callable[..., FloatArray]:
@@ -518,19 +518,19 @@ def test_a_bake_that_is_stopped_goes_on_where_it_was(
 
         return one
 
-    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
+    monkeypatch.setattr(Irradiance, "_computed", stopped(np.inf))
     first = luma_of(scene, 0.2)
     whole, counts[0] = counts[0], 0
     (file,) = folder.iterdir()
     file.unlink()
     monkeypatch.setattr(baked_scene, "_known", {})
-    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(whole - 3))
+    monkeypatch.setattr(Irradiance, "_computed", stopped(whole - 3))
     with pytest.raises(KeyboardInterrupt):
         luma_of(scene, 0.2)
     assert "what is baked so far is kept" in capsys.readouterr().err
     assert [file.suffix for file in folder.iterdir()] == [".partial"]
     counts[0] = 0
-    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
+    monkeypatch.setattr(Irradiance, "_computed", stopped(np.inf))
     assert np.array_equal(luma_of(scene, 0.2), first)
     assert counts[0] == 3
     assert "continues from there" in capsys.readouterr().err
@@ -619,6 +619,7 @@ def test_what_cannot_be_baked_is_refused(parts: Parts, message: str) -> None:
         build(make_scene(floor=plate(0, 0, 0, (1, 1)), **parts))
 
 
+@pytest.mark.usefixtures("llvm")
 def test_what_is_not_baked_is_left_to_mitsuba() -> None:
     """Integrators that do other things, and small lamps that move: refused, and under auto rendered as ever."""
     far = SegmentTrajectory(DOWN, Pose([0.5, 0.0, 1.4], DOWN.quaternion), 1.0)
@@ -644,8 +645,7 @@ def test_auto_bakes_where_the_light_asks_for_it() -> None:
 def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
     """A block stands on the floor: the floor is as bright at its foot as a little way off."""
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)
-    surfaces = Surfaces(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), [2], np.zeros(2, int))
-    lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames)
+    lattice = SurfaceLattice(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), np.zeros(2, int))
 
     def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
         within = np.asarray((np.abs(places[:, :2]) < 0.31).all(1))

@@ -24,7 +24,7 @@ from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.sampling.breaks import find_breaks
 from lit_scenes import CAMERA, DOWN, PATH, FloatArray, Parts, build, diffuse, lamp, make_scene, plate, shift
 
-pytestmark = pytest.mark.usefixtures("llvm")
+pytestmark = pytest.mark.without_llvm
 
 DURATION_S = 0.4
 UPRIGHT = [0.0, 0.0, 0.0, 1.0]
@@ -82,6 +82,7 @@ def off_path_tracer(scene: Scene, renderer: Renderer, t_s: FloatArray) -> tuple[
     return renderer.luma(views) / mean - 1, float(np.median(noise))
 
 
+@pytest.mark.usefixtures("llvm")
 def test_a_body_that_moves_is_lit_as_by_the_path_tracer(long: bool) -> None:
     """At the bake's instants only edges and noise differ; between them as much as is told, where light changes."""
     scene = crossing(max_depth=4 if long else 3)
@@ -150,7 +151,7 @@ def test_the_same_bits_with_and_without_cache(
     assert "baked before" in capsys.readouterr().err
     (file,) = folder.iterdir()
     file.unlink()
-    made, count = Irradiance._mean_of_part, [0]
+    made, count = Irradiance._computed, [0]
 
     def stopped(self: Irradiance, *arguments: Any) -> FloatArray:
         count[0] += 1
@@ -160,7 +161,7 @@ def test_the_same_bits_with_and_without_cache(
 
     monkeypatch.setattr(baked_scene, "_known", {})
     with monkeypatch.context() as patch:
-        patch.setattr(Irradiance, "_mean_of_part", stopped)
+        patch.setattr(Irradiance, "_computed", stopped)
         with pytest.raises(KeyboardInterrupt):
             build(scene, 0.2)
     assert [file.suffix for file in folder.iterdir()] == [".partial"]
@@ -193,6 +194,7 @@ def test_a_lamp_that_moves_takes_its_light_with_it() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("llvm")
 def test_what_baking_saves_and_errs_with_bodies_that_move(folder: Path) -> None:
     scene = crossing(max_depth=4)
     line = light_cost(build(scene, 0.2), scene)

@@ -13,7 +13,8 @@ from scipy.ndimage import convolve
 
 from davis_rs.events.luma import LUMA_WEIGHTS, LumaFrames, blur_3x3
 from davis_rs.geometry.camera import PRESETS, Camera
-from davis_rs.geometry.lattice import rank1_lattice
+from davis_rs.geometry.lattice import rank1_lattice, spectral_error
+from davis_rs.geometry.pose import FloatArray
 from davis_rs.render.rays.camera_rays import ray_table
 
 
@@ -40,6 +41,32 @@ def test_lattice_is_the_best_of_rank_one(n: int) -> None:
     i = np.arange(n)
     rivals = [np.stack([i, i * g % n], 1) / n for g in range(1, n) if gcd(g, n) == 1]
     assert least_distance(rank1_lattice(n)) >= max(map(least_distance, rivals)) - 1e-12
+
+
+@pytest.mark.parametrize(("n", "generator"), [(8, 3), (13, 5), (32, 7), (64, 19)])
+def test_the_farthest_lattice_stays_where_no_other_errs_half_as_much(n: int, generator: int) -> None:
+    """The numbers of rays of the presets keep the generator whose points are farthest apart."""
+    assert rank1_lattice(n)[1].tolist() == [1.5 / n - 0.5, (generator + 0.5) / n - 0.5]
+
+
+@pytest.mark.parametrize(("n", "farthest"), [(233, 16), (377, 36), (512, 67), (1024, 271)])
+def test_large_lattices_integrate_waves(n: int, farthest: int) -> None:
+    """They err at most half as much as the generator of largest distance, over waves whose integrals are summed one by
+    one."""
+    i = np.arange(n)
+    rival = (np.stack([i, i * farthest % n], 1) + 0.5) / n - 0.5
+    points = rank1_lattice(n)
+
+    def waves(points: FloatArray) -> float:
+        total = 0.0
+        for a in range(-10, 11):
+            for b in range(-10, 11):
+                exact = np.prod([np.sin(np.pi * k / 2) / (np.pi * k / 2) if k else 1.0 for k in (a, b)])
+                total += abs(np.exp(1j * np.pi * points @ [a, b]).mean() - exact) ** 2 / (1 + a * a + b * b)
+        return total
+
+    assert spectral_error(points) == pytest.approx(waves(points), rel=1e-9)
+    assert waves(points) < 0.5 * waves(rival)
 
 
 def test_one_ray_goes_through_the_centre() -> None:

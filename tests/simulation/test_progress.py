@@ -18,7 +18,7 @@ from davis_rs import frames_to_folder, load_scene, open_frames, simulate_to_fold
 from davis_rs._util import progress as module
 from davis_rs._util.progress import Forecast, Progress, each, progress, say, speed_of
 from davis_rs._util.quantities import events_a_second
-from davis_rs.simulation.folder import _advice
+from davis_rs.simulation.folder import advice
 from davis_rs.simulation.planning import plan_effects
 from davis_rs.simulation.settings import FolderSettings, complete
 
@@ -235,8 +235,8 @@ def test_frames_tell_what_is_done_before_they_are_counted(monkeypatch: pytest.Mo
 
 def test_a_run_is_told_of_the_fast_preset_only_where_it_decides() -> None:
     told = {
-        _advice(complete(FolderSettings, given, taker="a test"))
+        advice(complete(FolderSettings, given, taker="a test"))
         for given in ({"accuracy": "fast"}, {"render_rate_hz": 1000.0}, {"tolerance": 0.1, "accuracy": "exact"})
     }
     assert told == {""}
-    assert _advice(complete(FolderSettings, {"accuracy": "exact"}, taker="a test")) == "--accuracy fast takes less"
+    assert advice(complete(FolderSettings, {"accuracy": "exact"}, taker="a test")) == "--accuracy fast takes less"

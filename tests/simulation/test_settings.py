@@ -119,6 +119,7 @@ VALUES: dict[str, tuple[str, Any]] = {
     "size": ("346x260", "346x260"),
     "sensor": ("davis346", "davis346"),
     "renderer": ("table", "table"),
+    "pixel": ("lines", "lines"),
     "accuracy": ("fast", "fast"),
     "imu": ("davis", "davis"),
     "effects": ("leak_rate_hz=1", ["leak_rate_hz=1"]),
@@ -162,7 +163,7 @@ def test_every_setting_has_an_option_and_a_key(name: str, monkeypatch: pytest.Mo
 
 def test_a_plan_has_no_keys_but_those_of_settings_scene_and_path() -> None:
     """A key that nothing declares could come to nothing."""
-    assert KEYS.keys() == {"scene", "up", "scale", "motion", "start", "start_pose", "duration", *SETTINGS}
+    assert KEYS.keys() == {"scene", "up", "scale", "motion", "start", "start_pose", "rig", "duration", *SETTINGS}
     assert {setting.name for setting in SETTINGS.values()} <= {*NAMES}
 
 
@@ -314,6 +315,7 @@ OTHER: dict[str, Any] = {
     "matte": True,
     "renderer": "table",
     "bake_error": 0.02,
+    "pixel": "lines",
     "blur": False,
     "seed": 5,
     "frame_rate_hz": 100.0,

@@ -30,7 +30,7 @@ class Workplace:
 
     Attributes:
         path: what is to be made.
-        place: where to make it.
+        working_path: where to make it.
 
     Raises:
         OSError: if there is no room, or the folder cannot be made; EBUSY if another process writes the same file.
@@ -49,7 +49,7 @@ class Workplace:
         self._final = Path(os.path.realpath(path))
         folder, name = self._final.parent, self._final.name
         self._working = folder / f".{name}.{uuid4().hex}.part"
-        self.place = self._working / name
+        self.working_path = self._working / name
         self._holds: list[Hold | FileHold] = []
         self._parents = [above for above in (folder, *folder.parents) if not above.exists()] if parents else []
         try:
@@ -72,7 +72,7 @@ class Workplace:
         """
         self._require_room()
         self._make_room()
-        _move(self.place, self._final)
+        _move(self.working_path, self._final)
         self._parents.clear()
         self.discard()
 
@@ -88,7 +88,7 @@ class Workplace:
             if str(error.filename).startswith(str(self._working.parent / f".{self._final.name}.")):
                 error.filename = str(self.path)
             if isinstance(error.strerror, str):
-                error.strerror = error.strerror.replace(str(self.place), str(self.path))
+                error.strerror = error.strerror.replace(str(self.working_path), str(self.path))
 
     def _discard_left_over(self) -> None:
         """Remove what killed processes have left.
@@ -123,7 +123,7 @@ def whole_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
         return
     workplace = Workplace(target, require_room=lambda: require_no_file(target, overwrite=overwrite))
     try:
-        yield workplace.place
+        yield workplace.working_path
         workplace.put()
     except BaseException as error:
         workplace.discard(error)

@@ -175,6 +175,11 @@ def sensor_size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(unnamed(error)) from None
 
 
+def of_camera(path: Path, camera: int) -> Path:
+    """Return the file in which a camera of a rig gets what is made of each: ``out_cam1.png`` for ``out.png``."""
+    return path.with_name(f"{path.stem}_cam{camera}{path.suffix}")
+
+
 def require_free(options: argparse.Namespace) -> None:
     """Refuse a folder ``options.output`` that holds something, unless it may be replaced.
 

@@ -8,19 +8,22 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from decimal import Decimal, InvalidOperation
+from pathlib import Path
 from typing import Any
 
 from .._core import DecodeError
 from .._util.progress import progress
 from .._util.terminal_text import tell
 from .._util.untrusted import MAX_PACKET_BYTES
+from ..inspection.rig_summary import rig_contents
 from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, draw_rates, summarize_events
 from ..io.dataset.reader import Dataset
+from ..io.dataset.rig_folder import RigDataset, is_rig_folder
 from ..io.files.conversion import LeftOutWarning, convert
 from ..io.formats.parts import ALL_PARTS, PARTS
 from ..io.formats.registry import written_formats
 from ..io.formats.ros2 import MESSAGES, STORAGES
-from .common import EVENTS_HELP, figure_file, sensor_size
+from .common import EVENTS_HELP, figure_file, of_camera, sensor_size
 
 
 def add_convert(conversion: argparse.ArgumentParser) -> None:
@@ -141,21 +144,34 @@ def _convert(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
+    if not is_rig_folder(options.path):
+        _print_info(options, options.path, options.picture)
+        return 0
+    rig = RigDataset(options.path)
+    tell(rig_contents(rig))
+    for camera, dataset in rig.cameras.items():
+        picture = None if options.picture is None else of_camera(options.picture, camera)
+        tell("")
+        _print_info(options, str(dataset.path), picture)
+    return 0
+
+
+def _print_info(options: argparse.Namespace, path: str, picture: Path | None) -> None:
+    """Sum up a file or a folder."""
     try:
         with _bar("reading", quiet=options.quiet) as told:
             summary = summarize_events(
-                options.path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
+                path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
             )
     except (OSError, DecodeError):
-        _print_rest(options.path)
+        _print_rest(path)
         raise
     tell(summary)
     if summary.format == DATASET_FOLDER:
-        tell(dataset_contents(Dataset(options.path)))
-        tell(dataset_row(options.path, summary))
-    if options.picture is not None:
-        tell(draw_rates(summary, options.picture))
-    return 0
+        tell(dataset_contents(Dataset(path)))
+        tell(dataset_row(path, summary))
+    if picture is not None:
+        tell(draw_rates(summary, picture))
 
 
 def _print_rest(path: str) -> None:

@@ -11,13 +11,14 @@ from .._util.argument_error import ArgumentError
 from .._util.progress import stage
 from .._util.terminal_text import tell
 from .._util.whole_file import whole_file
-from .common import EVENTS_HELP, sensor_size
+from ..io.dataset.rig_folder import RigDataset, is_rig_folder
+from .common import EVENTS_HELP, of_camera, sensor_size
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.set_defaults(run=_check)
-    parser.add_argument("dataset", type=Path, metavar="DIR")
+    parser.add_argument("dataset", type=Path, metavar="DIR", help="a dataset folder, or the folder of a rig")
 
 
 def add_view(parser: argparse.ArgumentParser) -> None:
@@ -95,11 +96,17 @@ _OPTION_NAMES = {"output": "-o"}
 
 def _check(options: argparse.Namespace) -> int:
     from ..inspection.check import check_dataset
+    from ..inspection.rig_summary import check_rig
 
     with stage(f"checking {options.dataset}"):
-        report = check_dataset(options.dataset)
+        if is_rig_folder(options.dataset):
+            report: object = (checked := check_rig(options.dataset))
+            ok = checked.ok
+        else:
+            report = (found := check_dataset(options.dataset))
+            ok = found.ok
     tell(report)
-    return 0 if report.ok else 1
+    return 0 if ok else 1
 
 
 def _view(options: argparse.Namespace) -> int:
@@ -113,7 +120,16 @@ def _view(options: argparse.Namespace) -> int:
     for name in sorted(given.keys() - set(_SETTINGS[kind])):
         what = "the picture" if kind == "output" else f"--{kind}"
         raise ArgumentError("{option} means nothing for {}: leave it out", what, option=name)
-    tell(_MAKERS[kind](options, given | {"size": options.size}))
+    if not is_rig_folder(options.source):
+        tell(_MAKERS[kind](options, given | {"size": options.size}))
+        return 0
+    target = getattr(options, kind)
+    if kind == "output" and target is None:
+        target = options.source / "view.png"
+    for camera, dataset in RigDataset(options.source).cameras.items():
+        made_file = of_camera(Path(target), camera) if target else target
+        of_one_camera = argparse.Namespace(**{**vars(options), "source": dataset.path, kind: made_file})
+        tell(_MAKERS[kind](of_one_camera, given | {"size": options.size}))
     return 0
 
 

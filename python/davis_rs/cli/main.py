@@ -35,6 +35,7 @@ COMMANDS = {
     "convert": ("files", "convert events from one file format to another"),
     "info": ("files", "sum up an event file or a dataset folder"),
     "compare": ("compare", "print the statistics of two streams side by side, such as a recording and a simulation"),
+    "reproduce": ("reproduce", "simulate a recording from its own frames, and compare both"),
     "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, a camera and an IMU, or a sensor"),
     "check": ("look", "check that the events and the images of a dataset agree"),
     "view": (

@@ -6,9 +6,11 @@ import argparse
 import sys
 from typing import Any
 
+from .._util.argument_error import ArgumentError
 from .._util.terminal_text import tell
 from ..scene.scene import Scene
 from ..scene.sequences import SEQUENCES, sequence_named
+from ..sensor.rig import RIGS
 from ..simulation.settings import FolderSettings
 from .common import add_path, add_scene, on_path, require_free, scene_of
 from .settings_options import add_settings, given_settings
@@ -19,6 +21,15 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
     simulate.set_defaults(run=_simulate)
     add_scene(simulate)
     add_path(simulate.add_argument_group("camera path"))
+    rig = simulate.add_argument_group("rig (docs/rigs.md)")
+    rig.add_argument(
+        "--rig",
+        metavar="RIG",
+        help=f"several cameras and IMUs on one body: {', '.join(RIGS)}, or a rig.yaml; the camera path is the body's",
+    )
+    rig.add_argument(
+        "--camera-index", type=int, metavar="N", help="simulate this camera of the rig alone; 0 is the first"
+    )
     _add_output(simulate)
     add_settings(simulate, FolderSettings)
 
@@ -55,9 +66,31 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 
 def _simulate(options: argparse.Namespace) -> int:
     scene = on_path(options, scene_of(options, options.quiet), options.quiet)
+    if options.rig is not None:
+        return _simulate_rig(options, scene)
+    if options.camera_index is not None:
+        raise ArgumentError("{camera_index} is that of a camera of a rig: give {rig}")
     if options.scene in SEQUENCES:
         return _simulate_sequence(options, options.scene, scene)
     return simulate_into(options, scene, {})
+
+
+def _simulate_rig(options: argparse.Namespace, scene: Scene) -> int:
+    from ..simulation.rig import simulate_rig_to_folder
+
+    require_free(options)
+    report = simulate_rig_to_folder(
+        scene,
+        options.output,
+        rig=options.rig,
+        camera_index=options.camera_index,
+        overwrite=options.overwrite,
+        meta={"command": ["davis-rs", *sys.argv[1:]]},
+        quiet=options.quiet,
+        **({"accept_noise": False} | given_settings(options, FolderSettings)),
+    )
+    tell(report)
+    return 130 if report.interrupted else 0
 
 
 def _sequence(options: argparse.Namespace) -> int:

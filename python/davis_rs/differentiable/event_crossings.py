@@ -29,13 +29,13 @@ class Crossings(NamedTuple):
 
     Attributes:
         t_us: (n,) when they are; the given instant where there is no crossing.
-        found: (n,) whether there is a crossing.
+        known: (n,) whether there is a crossing.
         smooth: (n,) whether log luma reaches the level there without jumping over it.
         here: log luma at ``t_us``; at smooth crossings within 0.02 us of it.
     """
 
     t_us: FloatArray
-    found: Flags
+    known: Flags
     smooth: Flags
     here: LogLuma
 

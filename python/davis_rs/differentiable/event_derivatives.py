@@ -57,16 +57,16 @@ class EventDerivatives(ABC):
         """(n,) where derivatives are known."""
         return self.smooth
 
-    def jacobian(self, of: Sequence[str]) -> FloatArray:
+    def jacobian(self, quantities: Sequence[str]) -> FloatArray:
         """Return the derivatives (n, columns) by unknowns, NaN where they are not known.
 
-        The unknowns are those of :func:`~davis_rs.differentiable.event_time_jacobian`.
+        The unknowns are those quantities :func:`~davis_rs.differentiable.event_time_jacobian`.
 
         Raises:
             ValueError: for an unknown that does not exist.
         """
-        check_quantities(of)
-        columns = [np.zeros((len(self.t_us), 0)), *(self._columns(name) for name in of)]
+        check_quantities(quantities)
+        columns = [np.zeros((len(self.t_us), 0)), *(self._columns(name) for name in quantities)]
         jacobian = np.concatenate(columns, 1)
         jacobian[~self.ok] = np.nan
         return jacobian
@@ -234,12 +234,12 @@ class LogLumaDerivatives(EventDerivatives):
         return np.full((len(self.t_us), 1), -1.0)
 
 
-def check_quantities(of: Sequence[str]) -> None:
-    """Refuse a name that is not one of :data:`QUANTITIES`."""
-    for name in of:
+def check_quantities(quantities: Sequence[str]) -> None:
+    """Refuse a name that is not one quantities :data:`QUANTITIES`."""
+    for name in quantities:
         if name not in QUANTITIES:
             raise ArgumentError(
-                "{of} must name {}; got {!r}{}", ", ".join(QUANTITIES), name, did_you_mean(name, QUANTITIES)
+                "{quantities} must name {}; got {!r}{}", ", ".join(QUANTITIES), name, did_you_mean(name, QUANTITIES)
             )
 
 

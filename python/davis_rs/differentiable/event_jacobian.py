@@ -151,12 +151,12 @@ class EventTimeModel:
         """
         start, level = self.start_and_level(levels)
         crossings = find_crossings(self.field, levels.t_us, levels.pixel, levels.sign, level, within_us=within_us)
-        jumps = crossings.found & ~crossings.smooth
+        jumps = crossings.known & ~crossings.smooth
         jump, jump_pose = self._find_jumps(crossings.t_us, levels, level, jumps, AT_JUMP_US)
         derivatives = self._derivatives(
             crossings.t_us, levels, start, crossings.here, crossings.smooth, jump, jump_pose
         )
-        return derivatives, crossings.found
+        return derivatives, crossings.known
 
     def start_and_level(self, levels: EventLevels) -> tuple[LogLuma, FloatArray]:
         """Return log luma of each event's pixel at the start of the run, and the level (n,) of the event."""
@@ -186,7 +186,7 @@ class EventTimeModel:
                     levels.sign[index],
                     np.exp(level[index]) - self.field.log_eps,
                 )
-                jump[index], jump_pose[index] = jumps.found, jumps.pose
+                jump[index], jump_pose[index] = jumps.known, jumps.pose
         return jump, jump_pose
 
     def _derivatives(

@@ -29,11 +29,11 @@ class Jumps(NamedTuple):
     """Holds events at which a ray jumps.
 
     Attributes:
-        found: (n,) whether the ray and its edge are known.
+        known: (n,) whether the ray and its edge are known.
         pose: (n, 6) seconds by an increment of the camera's pose, as in :class:`LogLuma`; 0 where no edge was found.
     """
 
-    found: Flags
+    known: Flags
     pose: FloatArray
 
 
@@ -84,9 +84,9 @@ class EventJumps:
             np.abs(passes.fraction - passes.fraction[with_own]) * length_s[rays.event] <= _TOGETHER_S
         )
         unknown[rays.event[together & _differ(passes.pose, passes.pose[with_own])]] = True
-        jumps.found[event] = ~unknown[event]
+        jumps.known[event] = ~unknown[event]
         jumps.pose[event] = passes.pose[at] * length_s[event, None]
-        jumps.pose[~jumps.found] = 0.0
+        jumps.pose[~jumps.known] = 0.0
         return jumps
 
 

@@ -178,18 +178,18 @@ def _log_luma_residuals(model: EventTimeModel, levels: EventLevels, index: IntAr
 
 def _time_residuals(model: EventTimeModel, levels: EventLevels, index: IntArray, within_us: float) -> ResidualBlock:
     levels = levels.take(index)
-    derivatives, found = model.search(levels, within_us)
-    predicted_us = np.where(found, derivatives.t_us, np.nan)
+    derivatives, known = model.search(levels, within_us)
+    predicted_us = np.where(known, derivatives.t_us, np.nan)
     _, first, of_pixel = np.unique(levels.pixel, return_index=True, return_inverse=True)
     # The pixels lie one after the other on one time axis, so the latest event before each is a running maximum.
     span_us = 2 * model.field.duration_s * 1e6
-    latest = np.maximum.accumulate(span_us * of_pixel + np.where(found, derivatives.t_us, 0.0))
+    latest = np.maximum.accumulate(span_us * of_pixel + np.where(known, derivatives.t_us, 0.0))
     in_order = derivatives.t_us + _SAME_US >= latest - span_us * of_pixel
     last = np.append(first[1:], len(index)) - 1
     differs = _more_events(model, levels.take(last))
-    differs |= np.bincount(of_pixel[~found], minlength=len(first)) > 0
+    differs |= np.bincount(of_pixel[~known], minlength=len(first)) > 0
     residual_us = predicted_us - (levels.t_us - MIDDLE_US)
-    return ResidualBlock(index, residual_us, found & derivatives.ok & in_order, differs[of_pixel], derivatives)
+    return ResidualBlock(index, residual_us, known & derivatives.ok & in_order, differs[of_pixel], derivatives)
 
 
 def _more_events(model: EventTimeModel, last: EventLevels) -> Flags:

@@ -68,8 +68,8 @@ class EventTimes:
     ) -> tuple[EventTimeDerivatives, Flags]:
         """Return the derivatives at the crossings, and (n,) which are known; the arguments are those of a call."""
         model = self._model.changed(increments, thresholds)
-        derivatives, found = model.search(self._levels, self._within_us)
-        return derivatives, found & derivatives.ok
+        derivatives, known = model.search(self._levels, self._within_us)
+        return derivatives, known & derivatives.ok
 
     def __call__(
         self, increments: torch.Tensor | None = None, thresholds: torch.Tensor | None = None

@@ -66,7 +66,7 @@ class MeanLogLumaField(LogLumaField):
             explained, size = np.isfinite(turn.slope[:, 0]), np.abs(change)
             known += np.bincount(own[explained], size[explained], len(pixel))
             unknown += np.bincount(own[~explained], size[~explained], len(pixel))
-            change *= (weights * turn.part).sum(1)
+            change *= (weights * turn.weight).sum(1)
             rows = change[explained, None] * turn.slope[explained]
             for column in range(6):
                 slopes[:, column] += np.bincount(own[explained], rows[:, column], len(pixel))

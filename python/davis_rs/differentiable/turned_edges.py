@@ -44,18 +44,18 @@ class Turn(NamedTuple):
 
     Attributes:
         event: (m,) the index of the ray's pixel among the given ones.
-        pixel, part: (m, 4) the pixels that the edge is in, y W + x, and its part in each: where a ray lies close to the
-            border of its pixel, the edge may be in the next one. Parts are 0 outside of the image, and where no edge
-            is found that makes the ray change.
+        pixel, weight: (m, 4) the pixels that the edge is in, y W + x, and its weight in each: where a ray lies close to
+            the border of its pixel, the edge may be in the next one. Weights are 0 outside of the image, and where no
+            edge is found that makes the ray change.
         change: (m,) change of the ray's luma at the edge.
         slope: (m, 6) by an increment of the camera's pose: position in world axes, per metre, then rotation vector in
             camera axes, per radian; NaN where no edge is found. The mean over all rays of a pixel of change times slope
-            times part is what edges add to the derivative of its luma.
+            times weight is what edges add to the derivative of its luma.
     """
 
     event: IntArray
     pixel: IntArray
-    part: FloatArray
+    weight: FloatArray
     change: FloatArray
     slope: FloatArray
 
@@ -83,11 +83,11 @@ class TurnedEdges:
                     np.where(known, passes.fraction + _BESIDE, 1.0),
                 )
             )
-            seen, part = self._pixels(rays.ray, axis, angle * (2 * passes.fraction - 1))
-            yield Turn(rays.event, seen, part, after - before, _slope(passes, column))
+            seen, weight = self._pixels(rays.ray, axis, angle * (2 * passes.fraction - 1))
+            yield Turn(rays.event, seen, weight, after - before, _slope(passes, column))
 
     def _pixels(self, ray: FloatArray, axis: int, angle: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the pixels in which the turned camera's rays lie when the camera is not turned, and their parts in
+        """Return the pixels in which the turned camera's rays lie when the camera is not turned, and their weights in
         them.
 
         A point on the border of two pixels is half in each, as on average if the camera moves a little.
@@ -100,20 +100,20 @@ class TurnedEdges:
         after = np.clip(0.5 + (point - border) / (_SMEARED * self._to_either_side_px), 0.0, 1.0)
         (x, y), (right, below) = border.astype(np.int64).T, after.T
         columns, rows = np.stack([x - 1, x, x - 1, x], 1), np.stack([y - 1, y - 1, y, y], 1)
-        part = np.stack([1 - right, right, 1 - right, right], 1) * np.stack([1 - below, 1 - below, below, below], 1)
+        weight = np.stack([1 - right, right, 1 - right, right], 1) * np.stack([1 - below, 1 - below, below, below], 1)
         inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
-        return np.where(inside, rows * camera.width + columns, 0), np.where(inside, part, 0.0)
+        return np.where(inside, rows * camera.width + columns, 0), np.where(inside, weight, 0.0)
 
 
 def _slope(passes: Passes, column: int) -> FloatArray:
     """Return the slopes of rays that edges pass while the camera turns about one axis.
 
-    Edges along the image's motion pass few rays, each with a large part. So an edge is divided between both turns, by
+    Edges along the image's motion pass few rays, each with a large weight. So an edge is divided between both turns, by
     the squares of its normal's components, which are proportional to the derivatives of its fraction by either turn.
     """
     window = 1 - np.cos(2 * np.pi * passes.fraction)
-    part = passes.pose[:, column] ** 2 / np.maximum((passes.pose[:, list(_TURN_COLUMNS)] ** 2).sum(1), 1e-300)
-    return -(window * part)[:, None] * passes.pose
+    fraction = passes.pose[:, column] ** 2 / np.maximum((passes.pose[:, list(_TURN_COLUMNS)] ** 2).sum(1), 1e-300)
+    return -(window * fraction)[:, None] * passes.pose
 
 
 def _turned(views: Views, axis: int, angle: FloatArray) -> Views:

@@ -67,8 +67,10 @@ def from_structured(events: npt.NDArray[np.void]) -> EventArray:
     return converted
 
 
-def _converted(events: npt.NDArray[np.void], of: np.dtype[np.void], to: np.dtype[np.void]) -> npt.NDArray[np.void]:
-    source, target = _fields(of), _fields(to)
+def _converted(
+    events: npt.NDArray[np.void], source_type: np.dtype[np.void], to: np.dtype[np.void]
+) -> npt.NDArray[np.void]:
+    source, target = _fields(source_type), _fields(to)
     converted = np.zeros(events.shape, to)
     for name in _NAMES:
         column = events[source[name]]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from .._mitsuba.variants import default_variant, variant
 from .._util.array_types import JsonObject
+from .._util.folder_report import FolderReport
 from ..render.scene_cache import enable_scene_cache
 from ..render.truth import lost_look_fractions
 from ..render.truth.lost_look_fractions import warn_of_lost_looks
@@ -22,6 +23,8 @@ from ..simulation.folder import simulate_to_folder
 from ..simulation.monte_carlo_noise import noise_before_run, refuse_noise
 from ..simulation.no_events import NoEventsWarning
 from ..simulation.noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
+from ..simulation.rig import simulate_rig_to_folder
+from ..simulation.rig.rig_cameras import scene_of_camera, settings_of_camera
 from ..simulation.settings import FolderSettings, complete, view_scene
 from .folder import ManifestLine, discard, publish, working_folder
 from .manifest import describe_folder
@@ -81,6 +84,9 @@ def noise_of(sequence: DrawnSequence) -> NoiseEstimate | None:
     """
     settings = complete(FolderSettings, _settings(sequence), taker=str(sequence))
     scene = sequence.on_path(sequence.scene())
+    if sequence.rig is not None:  # its cameras see the same light
+        settings = settings_of_camera(settings, sequence.rig, 0)
+        scene = scene_of_camera(scene, sequence.rig, 0)
     noise = noise_before_run(scene, settings)
     if not sequence.accept_noise:
         with _in_words_of_a_plan():
@@ -108,7 +114,11 @@ def warn_of_looks(sequence: DrawnSequence) -> None:
     """
     scene = sequence.on_path(sequence.scene())
     if scene.lost_looks:
-        viewed = view_scene(scene, complete(FolderSettings, sequence.settings, taker="generate"))
+        settings = complete(FolderSettings, sequence.settings, taker="generate")
+        if sequence.rig is not None:
+            settings = settings_of_camera(settings, sequence.rig, 0)
+            scene = scene_of_camera(scene, sequence.rig, 0)
+        viewed = view_scene(scene, settings)
         warn_of_lost_looks(viewed.scene, lost_look_fractions(viewed.scene, viewed.camera), stacklevel=2)
 
 
@@ -129,6 +139,12 @@ def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
         scene = sequence.on_path(sequence.scene() if key is None else _scene_at(*key))
         if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine
             scene = replace(scene, file_name=sequence.parameters["scene"])
-        report = simulate_to_folder(scene, folder, meta=meta, quiet=True, threads=threads, **_settings(sequence))
+        more: JsonObject = {"meta": meta, "quiet": True, "threads": threads, **_settings(sequence)}
+        rig = sequence.rig
+        report: FolderReport = (
+            simulate_to_folder(scene, folder, **more)
+            if rig is None
+            else simulate_rig_to_folder(scene, folder, rig=rig, **more)
+        )
     if report.interrupted:
         raise SystemExit(130)

@@ -20,6 +20,8 @@ from ..scene.load import load_scene, start_pose
 from ..scene.scene import Scene
 from ..sensor.effects import Effects
 from ..sensor.effects.effects import read_effects
+from ..sensor.rig import Rig, load_rig
+from ..simulation.rig.rig_cameras import scene_of_camera, settings_of_camera
 from ..simulation.settings import (
     FolderSettings,
     chosen_sampling,
@@ -73,6 +75,12 @@ class DrawnSequence:
                 # One without a value has its own defaults.
                 given[name] = {key: {} if value is None else value for key, value in given[name].items()}
         return given
+
+    @property
+    def rig(self) -> Rig | None:
+        """Return the rig; None for one camera alone."""
+        named = self.parameters.get("rig")
+        return None if named is None else load_rig(resolve("rig", named, self.base))
 
     @property
     def scene_key(self) -> tuple[str, Axis | None, float | None] | None:
@@ -148,6 +156,12 @@ class DrawnSequence:
         for name, value in self.settings.items():
             self._named(partial(declared[name].check, value), declared[name].key)
         settings = complete(FolderSettings, self.settings, taker=str(self))
+        rig = self._named(lambda: self.rig, "rig")
+        if rig is not None:
+            whole = self._named(lambda: self.on_path(scene), "motion")
+            cameras = range(len(rig.cameras))
+            self._named(lambda: [scene_of_camera(whole, rig, camera) for camera in cameras], "rig")
+            settings = self._named(lambda: [settings_of_camera(settings, rig, camera) for camera in cameras], "rig")[0]
         viewed = self._named(lambda: view_scene(scene, settings), "camera", "size", "sensor")
         self._named(lambda: viewed.sensor_effects, "lux_per_luma")
         self._named(lambda: chosen_sampling(settings), "render_rate", "max_displacement", "tolerance")

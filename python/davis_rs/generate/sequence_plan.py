@@ -22,6 +22,7 @@ from ..scene.load import BUILTIN_SCENES, GLTF, load_scene
 from ..scene.sequences import SEQUENCES
 from ..sensor.effects import EFFECTS
 from ..sensor.presets import SENSOR_SUFFIXES, SENSORS
+from ..sensor.rig import RIGS, load_rig, rig_yaml
 from ..simulation.settings import FolderSettings, Setting, former_names_of, settings_of
 from .distributions import Choice, Distribution, draw
 from .parse import Parser, Where, effects, imu_effects, motion, scene, start_pose, value_of
@@ -59,6 +60,7 @@ KEYS: dict[str, Parser] = {
     "scale": value_of("a number"),
     "motion": motion,
     "start_pose": start_pose,
+    "rig": value_of("a text", none=True),
     "start": value_of("a number"),
     "duration": value_of("a number"),
     "effects": effects,
@@ -168,6 +170,8 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     if not isinstance(accept_noise, bool):
         where.at("accept_noise").refuse("true or false", accept_noise)
     shards = _shards(given.get("shards"), where.at("shards"))
+    if shards is not None and any(isinstance(rig, str) for rig in _options(tree.get("rig"))):
+        where.at("shards").refuse("left out with a rig, because a shard's sequences have one camera", given["shards"])
     identity = {key: value for key, value in given.items() if key not in _MAY_CHANGE} | {"seed": seed}
     return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent), shards, accept_noise)
 
@@ -194,11 +198,13 @@ def _shards(value: object, where: Where) -> Shards | None:
 
 
 def resolve(key: str, text: str, base: Path) -> str:
-    """Resolve ``scene``, ``camera`` or ``sensor``: a name that is known, or where the file lies under ``base``.
+    """Resolve ``scene``, ``camera``, ``sensor`` or ``rig``: a known name, or where the file lies under ``base``.
 
     A known name is never a file's, as in :func:`~davis_rs.load_scene`, :func:`~davis_rs.load_camera` and
     :func:`~davis_rs.load_sensor`.
     """
+    if key == "rig":
+        return text if text in RIGS else str(base / text)
     no_file = key == "sensor" and not text.lower().endswith(SENSOR_SUFFIXES)
     return text if no_file or text in _NAMES[key] else str(base / text)
 
@@ -211,6 +217,13 @@ def _digests(tree: Mapping[str, JsonValue], base: Path) -> dict[str, str]:
         if text in files and files[text].suffix.lower() in (*MESH_READERS, *GLTF):
             files |= {os.path.relpath(file, base): file for file in _mesh_files(files[text])}
     digests = {text: hashlib.sha256(path.read_bytes()).hexdigest() for text, path in files.items()}
+    rigs = {text: base / text for text in _texts(tree.get("rig")) if text not in RIGS}
+    # As it was read, with the sensors that are files of their own.
+    digests |= {
+        text: hashlib.sha256(rig_yaml(load_rig(path)).encode()).hexdigest()
+        for text, path in sorted(rigs.items())
+        if path.is_file()
+    }
     drawn = _mappings(tree.get("scene"))
     folders = {(key, text) for kind in drawn for key in FOLDERS for text in _texts(kind.get(key))}
     return digests | {

@@ -65,6 +65,18 @@ class Pose:
         matrix[:3, 3] = self.position
         return matrix
 
+    def __matmul__(self, other: Pose) -> Pose:
+        """Return T_world_b of T_world_a (this pose) and T_a_b (the other): the pose of what is mounted on this one."""
+        if not isinstance(other, Pose):
+            return NotImplemented
+        position = self.position + self.rotation @ other.position
+        return Pose(position, hamilton(self.quaternion, other.quaternion))
+
+    @property
+    def inverse(self) -> Pose:
+        """Return T_camera_world: the world as the camera sees it."""
+        return Pose(-self.rotation.T @ self.position, conjugate(self.quaternion))
+
     @classmethod
     def from_matrix(cls, matrix: npt.ArrayLike) -> Pose:
         """Return the pose of a T_world_camera (4, 4); the sign of its quaternion is free.
@@ -155,7 +167,7 @@ class Velocities(NamedTuple):
     linear_acceleration: FloatArray
     angular_acceleration: FloatArray
 
-    def part(self, which: slice) -> Velocities:
+    def select(self, which: slice) -> Velocities:
         """Return the values of a slice of instants."""
         return Velocities(self.t_us[which], *(values[which] for values in self[1:]))
 
@@ -192,5 +204,9 @@ def rotation_matrices(q: FloatArray) -> FloatArray:
     """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4), or (3, 3) of one."""
     from scipy.spatial.transform import Rotation
 
-    matrices: FloatArray = Rotation.from_quat(q).as_matrix()
+    matrices: FloatArray = Rotation.from_quat(np.array(q)).as_matrix()  # scipy refuses some read-only arrays
     return matrices
+
+
+IDENTITY = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+"""The pose of the world's own axes, or of what is mounted where its carrier is."""

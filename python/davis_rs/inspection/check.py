@@ -131,9 +131,9 @@ def check_dataset(path: str | Path) -> CheckReport:
     report = CheckReport(dataset.path)
     problems = report.problems
 
-    def read(part: Callable[[], _T]) -> _T | None:
+    def read(reading: Callable[[], _T]) -> _T | None:
         try:
-            return part()
+            return reading()
         except (DecodeError, OSError) as error:
             problems.append(f"{error}.")
             return None
@@ -207,12 +207,12 @@ def _duration(meta: JsonObject) -> int | None:
     return meta.get("duration_us") if meta.get("complete") or meta.get("interrupted") else None
 
 
-def _meta_problems(meta: JsonObject, found: dict[str, int]) -> Iterator[str]:
+def _meta_problems(meta: JsonObject, counts: dict[str, int]) -> Iterator[str]:
     if _duration(meta) is None:
         yield f"The dataset was never finished ({META} says so): its writer was killed or failed."
         return
     stated = meta.get("counts") or {}
-    for name, count in found.items():
+    for name, count in counts.items():
         what = name.replace("_", " ")
         if name not in stated:
             yield f"{META} does not say how many {what} there are, the folder holds {count}."

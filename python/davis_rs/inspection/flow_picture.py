@@ -33,10 +33,10 @@ def flow_picture(flow: npt.NDArray[np.float32], most: float) -> npt.NDArray[np.u
     known = np.asarray(np.isfinite(flow).all(-1))
     u, v = np.moveaxis(np.where(known[..., None], flow, 0).astype(np.float64), -1, 0)
     speed = np.minimum(np.hypot(u, v) / max(most, 1e-12), 1.0)[..., None]
-    place = np.arctan2(v, u) / (2 * np.pi) % 1.0 * len(wheel)
-    first = np.floor(place).astype(np.int64) % len(wheel)
-    share = (place - np.floor(place))[..., None]
-    colour = (1 - share) * wheel[first] + share * wheel[(first + 1) % len(wheel)]
+    position = np.arctan2(v, u) / (2 * np.pi) % 1.0 * len(wheel)
+    first = np.floor(position).astype(np.int64) % len(wheel)
+    fraction = (position - np.floor(position))[..., None]
+    colour = (1 - fraction) * wheel[first] + fraction * wheel[(first + 1) % len(wheel)]
     picture = np.rint(255 * (1 - speed * (1 - colour))).astype(np.uint8)
     picture[~known] = _MISSING
     return picture

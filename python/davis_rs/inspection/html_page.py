@@ -128,7 +128,7 @@ def view_html(
         "duration_us": duration_us,
         "t_us": (duration_us // 2) if t_s is None else round(t_s * 1e6) - start_us,
         "window_us": round(window_s * 1e6) if window_s is not None else _window_us(sequence, len(events), duration_us),
-        "speed": speed or min(_SPEEDS, key=lambda one: abs(math.log(one * _PLAYING_TIME_S * 1e6 / duration_us))),
+        "speed": speed or min(_SPEEDS, key=lambda speed: abs(math.log(speed * _PLAYING_TIME_S * 1e6 / duration_us))),
         "speeds": sorted({*_SPEEDS, *([speed] if speed else [])}, reverse=True),
         "events": _packed_events(sequence, events, duration_us),
         "rate": _packed_rates(sequence),

@@ -83,7 +83,7 @@ class PixelCounts:
         self.size = (width, height)
 
     def _merge(self, keys: npt.NDArray[np.int64], counts: npt.NDArray[np.uint64]) -> None:
-        self._keys, place = np.unique(np.concatenate([self._keys, keys]), return_inverse=True)
+        self._keys, position = np.unique(np.concatenate([self._keys, keys]), return_inverse=True)
         together = np.concatenate([self._counts, counts])
         self._counts = np.zeros(len(self._keys), np.uint64)
-        np.add.at(self._counts, place, together)
+        np.add.at(self._counts, position, together)

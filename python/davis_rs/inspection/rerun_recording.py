@@ -96,12 +96,12 @@ def view_rerun(
         raise ValueError(f"{source} has neither events nor frames: there is nothing to show in Rerun")
     stream = rr.RecordingStream("davis_rs")
     writer = _Writer(rr, stream, sequence, max_frames, show_progress)
-    with nullcontext() if output is None else whole_file(output) as place:
-        if place is None:
+    with nullcontext() if output is None else whole_file(output) as working_path:
+        if working_path is None:
             stream.spawn(default_blueprint=writer.blueprint())
         else:
-            place.open("ab").close()  # the SDK would only log that it cannot write
-            stream.save(place, default_blueprint=writer.blueprint())
+            working_path.open("ab").close()  # the SDK would only log that it cannot write
+            stream.save(working_path, default_blueprint=writer.blueprint())
         stream.send_recording_name(sequence.label)
         writer.frames()
         writer.accumulated_events()

@@ -309,8 +309,8 @@ def draw_rates(summary: EventSummary, output: str | Path) -> Path:
         f"{summary.path.name}: {summary.events:,} events in {summary.duration_s:.3f} s; grey: no events", fontsize=9
     )
     figure.colorbar(image, ax=axes, label="events a second", shrink=0.9)
-    with whole_file(output) as place:
-        figure.savefig(place, dpi=150)
+    with whole_file(output) as working_path:
+        figure.savefig(working_path, dpi=150)
     return Path(output)
 
 

@@ -84,7 +84,7 @@ def make_video(
         options = {"fps": fps, "quality": None, "macro_block_size": 2, "ffmpeg_params": limited}
     else:
         options = {"duration": 1000 / fps, "loop": 0}
-    with whole_file(output) as place, imageio.get_writer(place, **options) as writer:
+    with whole_file(output) as working_path, imageio.get_writer(working_path, **options) as writer:
         for picture in each(
             _pictures(sequence, step_us, count, _speed_text(speed)),
             "drawing",

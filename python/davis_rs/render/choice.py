@@ -25,7 +25,7 @@ from .integrator.renderer import IntegratorRenderer
 from .integrator.scalar import ScalarRenderer
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
-from .native.renderer import NativeRenderer
+from .native.renderer import PIXELS, NativeRenderer
 from .obstacles import Obstacle, Obstacles, Unsuitable, listed
 from .primitives import triangulated
 from .scene_cache import cached
@@ -53,6 +53,7 @@ class _Request:
     threads: int | None
     edges: bool
     bake_error: float
+    pixel: str
     reason: str = "asked for"
 
 
@@ -193,7 +194,10 @@ class BakedKind(NoiseFreeKind):
     def make(self, request: _Request) -> Renderer:
         with variant(SCALAR) as (mi, _):
             made = self._tables(request.scene, request.camera, mi, by_name=request.by_name)
-            made.table.bake(functools.partial(baked_light, request.scene, request.camera, error=request.bake_error))
+            light = functools.partial(
+                baked_light, request.scene, made.loaded, mi, made.motion, error=request.bake_error
+            )
+            made.table.bake(light)
             return _native(request, made)
 
 
@@ -264,6 +268,7 @@ def make_renderer(
     threads: int | None = None,
     edges: bool = False,
     bake_error: float = BAKE_ERROR,
+    pixel: str = "rays",
 ) -> Renderer:
     """Choose and build the renderer for a scene.
 
@@ -280,6 +285,7 @@ def make_renderer(
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         threads: of the native renderer; None for all that there are.
         bake_error: how much baked light may err, relative.
+        pixel: ``rays`` or ``lines``, see :class:`NativeRenderer`; only that renderer has lines.
 
     Raises:
         ValueError: if the scene cannot be loaded, if it lacks an object or light that shall change, or if ``table``,
@@ -304,8 +310,17 @@ def make_renderer(
         threads=threads,
         edges=edges,
         bake_error=bake_error,
+        pixel=pixel,
     )
+    if pixel not in PIXELS:
+        raise ArgumentError("{pixel} must be one of {}, got {!r}", ", ".join(PIXELS), pixel)
     chosen, renderer = _first_possible(request) if kind == "auto" else (KINDS[kind], _by_name(KINDS[kind], request))
+    if pixel == "lines" and not isinstance(renderer, NativeRenderer):
+        raise ArgumentError(
+            "{pixel:lines} needs the native renderer, not the {} ({}): take {pixel:rays}",
+            renderer.name,
+            renderer.reason,
+        )
     if isinstance(chosen, NoiseFreeKind):
         return renderer
     if free:
@@ -368,6 +383,7 @@ def _native(request: _Request, made: _Tables) -> Renderer:
         rays_per_pixel=_rays(request),
         blur=request.blur,
         motion=made.motion,
+        pixel=request.pixel,
         threads=request.threads,
     )
     renderer.reason += made.made + _taken_as_diffuse(request.scene, made.replaced)

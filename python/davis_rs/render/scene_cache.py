@@ -6,7 +6,8 @@ Caching is opt-in, because a source may not be deterministic.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 _Result = TypeVar("_Result")
@@ -21,6 +22,21 @@ def enable_scene_cache() -> None:
     """Switch the cache on until the process ends; the caller promises that a source gives the same scene each time."""
     global _cache
     _cache = OrderedDict() if _cache is None else _cache
+
+
+@contextmanager
+def shared_scenes() -> Iterator[None]:
+    """Share what is made of scenes among all renderers that are made in this block, such as those of a rig's cameras.
+
+    Where the cache is on already, nothing changes; else it is off again after the block.
+    """
+    global _cache
+    before = _cache
+    enable_scene_cache()
+    try:
+        yield
+    finally:
+        _cache = before
 
 
 def cached(key: Hashable, make: Callable[[], _Result]) -> _Result:

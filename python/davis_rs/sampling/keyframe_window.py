@@ -58,8 +58,8 @@ class KeyframeWindow:
         Both intervals around the keyframe use it. It is measured at the scale of the longer one: in noise, such as that
         of textures finer than a pixel, the slope to a keyframe close by tells nothing about the longer interval.
         """
-        part = self.parts()
-        within = np.flatnonzero(part == part[k])
+        stretch = self.parts()
+        within = np.flatnonzero(stretch == stretch[k])
         around = self.t_us[max(k - 1, int(within[0])) : min(k + 1, int(within[-1])) + 1]
         own = sorted([k, *self._others(k, max(np.diff(around).tolist(), default=0), within, 1)])
         if len(own) == 1:
@@ -71,14 +71,14 @@ class KeyframeWindow:
 
         An interval is trusted where each of its two ends is predicted from keyframes on either side.
         """
-        part = self.parts()
+        stretch = self.parts()
         result = []
         for k, (before_us, after_us) in enumerate(pairwise(self.t_us)):
             missed = np.zeros(self.log_luma[k].shape, np.bool_)
-            if part[k] == part[k + 1]:
+            if stretch[k] == stretch[k + 1]:
                 for end in (k, k + 1):
-                    others = self._others(end, after_us - before_us, np.flatnonzero(part == part[end]), 2)
-                    missed |= self._missed(end, others, part, tolerated)
+                    others = self._others(end, after_us - before_us, np.flatnonzero(stretch == stretch[end]), 2)
+                    missed |= self._missed(end, others, stretch, tolerated)
             result.append(missed)
         return result
 
@@ -86,8 +86,8 @@ class KeyframeWindow:
         """Return up to ``most`` keyframes on either side of keyframe k, which is one end of an interval of
         ``length_us``.
 
-        They are among ``within``, the part of keyframe k between cuts. Keyframes less than half an interval apart are
-        skipped, because one close by would hide how the interval bends.
+        They are among ``within``, the stretch of keyframe k between cuts. Keyframes less than half an interval apart
+        are skipped, because one close by would hide how the interval bends.
         """
         others: list[int] = []
         for side in (range(k - 1, int(within[0]) - 1, -1), range(k + 1, int(within[-1]) + 1)):
@@ -98,7 +98,7 @@ class KeyframeWindow:
             others += chosen[1:]
         return others
 
-    def _missed(self, k: int, others: list[int], part: IntArray, tolerated: float) -> BoolFrame:
+    def _missed(self, k: int, others: list[int], stretch: IntArray, tolerated: float) -> BoolFrame:
         """Return the pixels whose prediction from ``others`` misses keyframe k by more than is tolerated."""
         log = self.log_luma
         if min(others) < k < max(others):
@@ -110,10 +110,10 @@ class KeyframeWindow:
                     missed += weight * log[i]
                 self._missing[times] = np.abs(missed, out=missed) > tolerated
             return self._missing[times]
-        # There is no prediction at the ends of the window or of a part, because it would be an extrapolation. A short
-        # part is judged by its change, unless more of it is still to come.
-        unfinished = part[k] == part[-1] and not self.complete
-        if unfinished or np.count_nonzero(part == part[k]) >= 4:
+        # There is no prediction at the ends of the window or of a stretch, because it would be an extrapolation. A
+        # short stretch is judged by its change, unless more of it is still to come.
+        unfinished = stretch[k] == stretch[-1] and not self.complete
+        if unfinished or np.count_nonzero(stretch == stretch[k]) >= 4:
             return np.zeros(log[k].shape, np.bool_)
         nearest = min(others, key=lambda i: abs(i - k))
         return np.asarray(np.abs(log[k] - log[nearest]) > tolerated)

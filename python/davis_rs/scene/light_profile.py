@@ -195,3 +195,27 @@ class ShiftedProfile(LightProfile):
 
     def describe(self) -> dict[str, object]:
         return {**self._profile.describe(), "start_s": self._start_s}
+
+
+class PacedProfile(LightProfile):
+    """Tells another profile by a clock of another pace: at the clock's time t the other one is at t / ``pace``.
+
+    Args:
+        profile: by its own clock.
+        pace: seconds of the new clock in a second of the profile's own, > 0.
+    """
+
+    def __init__(self, profile: LightProfile, pace: float) -> None:
+        self._profile, self._pace = profile, pace
+
+    def factor(self, t_s: npt.ArrayLike) -> FloatArray:
+        return self._profile.factor(np.asarray(t_s, np.float64) / self._pace)
+
+    def rate(self, t_s: npt.ArrayLike) -> FloatArray:
+        return self._profile.rate(np.asarray(t_s, np.float64) / self._pace) / self._pace
+
+    def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
+        return self._profile.breaks_s(start_s / self._pace, end_s / self._pace) * self._pace
+
+    def describe(self) -> dict[str, object]:
+        return {**self._profile.describe(), "pace": self._pace}

@@ -13,8 +13,9 @@ from .._util.close_names import names_checked
 from .._util.html_table import html_table
 from ..geometry.camera import PRESETS, Camera
 from ..geometry.pose import Pose, as_pose
+from ..geometry.trajectory.derived import PacedTrajectory
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
-from .light_profile import LightProfile, ShiftedProfile
+from .light_profile import LightProfile, PacedProfile, ShiftedProfile
 from .lost_looks import LostLook
 
 SceneSource = Path | XmlFile | Mapping[str, object]
@@ -154,13 +155,34 @@ class Scene:
         Raises:
             ValueError: if the scene has no trajectory, or the part does not lie inside it.
         """
+        return replace(self.later(start_s), trajectory=self.path.crop(start_s, duration_s))
+
+    def later(self, start_s: float) -> Scene:
+        """Return the scene with t = 0 of its objects and lights ``start_s`` later; its camera path keeps its own."""
         return replace(
             self,
-            trajectory=self.path.crop(start_s, duration_s),
             objects={name: _from(path, start_s) for name, path in self.objects.items()},
             lights={
                 name: ShiftedProfile(profile, start_s) if start_s else profile for name, profile in self.lights.items()
             },
+        )
+
+    def paced(self, pace: float) -> Scene:
+        """Return the scene by a clock of another pace, which a camera with a drifting clock has.
+
+        Path, objects and lights keep their motion; only the times at which it is told change.
+
+        Args:
+            pace: seconds of the new clock in a second of the scene's, > 0.
+
+        Raises:
+            ValueError: for a pace that is not finite and > 0.
+        """
+        return replace(
+            self,
+            trajectory=None if self.trajectory is None else PacedTrajectory(self.trajectory, pace),
+            objects={name: PacedTrajectory(path, pace) for name, path in self.objects.items()},
+            lights={name: PacedProfile(profile, pace) for name, profile in self.lights.items()},
         )
 
 

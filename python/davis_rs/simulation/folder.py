@@ -28,11 +28,12 @@ from ..render.base import Renderer
 from ..render.truth import EventTruth, camera_velocities
 from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene, check_scene
-from ..sensor.imu import IMU_DTYPE, ImuArray, simulate_imu
+from ..sensor.imu import IMU_DTYPE, Imu, ImuArray, simulate_imu
+from ..sensor.motion_capture import MotionCapture
 from .monte_carlo_noise import refuse_noise
 from .planning import EffectPlan
 from .settings import FolderSettings, complete, make_imu, make_motion_capture, takes_settings
-from .simulate import make_simulator
+from .simulate import MadeSimulator, make_simulator
 from .simulator import Simulator
 
 if TYPE_CHECKING:
@@ -101,52 +102,157 @@ def simulate_to_folder(
     given = complete(FolderSettings, settings, taker=simulate_to_folder)
     FORMATS[given.events_format].require_libraries()  # before minutes are spent on what cannot be written
     require_event_truth(given.event_truth)
-    imu, motion_capture = make_imu(given), make_motion_capture(given)
+    imu = make_imu(given)
     scene = scene.crop(start_s, duration_s)
-    with progress("simulating", scene.path.duration_s, unit="s", show=not quiet, forecast=_advice(given)) as bar:
-        made = make_simulator(scene, given)
-        simulator, plan = made.simulator, made.plan
-        if given.accept_noise is False:
-            refuse_noise(made.noise, scene, given)
-        if quiet:
-            made.warn_of_noise(stacklevel=3)
-        else:
-            say(_rendering_with(simulator.renderer))
-            if made.noise_line:
-                say(made.noise_line)
-            if line := simulator.memory.line():
-                say(line)
-            if scene.path.start_time_ns:
-                say(start_line(scene.path.start_time_ns, "the camera path"))
-        truth = motion_capture.poses(scene.path, seed=given.seed)
-        inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given.seed)
-        end_us = round(1e6 * scene.path.duration_s)
-        moving_us = np.fromiter(periodic_instants(given.velocity_rate_hz, 0, end_us), np.int64)
-        moving = camera_velocities(scene.path, moving_us)
-        event_truth = None
-        if given.event_truth is not None:
-            event_truth = EventTruth(
-                simulator.scene, simulator.camera, surfaces=simulator.surfaces, threads=given.threads
-            )
+    with progress("simulating", scene.path.duration_s, unit="s", show=not quiet, forecast=advice(given)) as bar:
+        inertial = None if imu is None else Inertial(imu, simulate_imu(scene.path, imu, seed=given.seed))
+        run = prepare_run(scene, given, inertial)
+        run.tell(quiet=quiet, stacklevel=3)
+        if not quiet and scene.path.start_time_ns:
+            say(start_line(scene.path.start_time_ns, "the camera path"))
         count = _EventCount(bar)
         bar.begin()
         doing("rendering the first keyframes")
-        packets = made.packets(count.add)
+        packets = run.made.packets(count.add)
         # Whatever is wrong with the scene shows before the folder is touched.
         first = next(packets)
-        described = {
-            **simulator.describe(),
-            "effect_plan": None if plan is None else plan.describe(),
-            "monte_carlo_noise": None if made.noise is None else made.noise.describe(simulator.renderer.rays_per_pixel),
-            "trajectory": scene.path.describe(),
-            "start_time_ns": scene.path.start_time_ns,
-            "pose_rate_hz": motion_capture.rate_hz,
-            "motion_capture": motion_capture.describe(),
-            "imu": None if imu is None else imu.describe(),
-            **(meta or {}),
-        }
         with (
             stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
+            run.writer(path, overwrite=overwrite, meta=meta) as writer,
+        ):
+            for packet in chain([first], packets):
+                writer.write(packet)
+                if stop_requested() and writer.can_end:
+                    writer.stop()
+                    break
+            writer.finish()
+    wall_s = time.perf_counter() - started
+    return SimulationReport(
+        path=Path(path),
+        events=writer.events,
+        duration_s=writer.end_us * 1e-6,
+        wall_s=wall_s,
+        interrupted=writer.interrupted,
+        dropped_events=run.simulator.dropped_events,
+        missed_events=run.simulator.missed_events,
+        plan=run.made.plan,
+    )
+
+
+class Inertial(NamedTuple):
+    """Holds an IMU and its samples, on the clock of the folder that gets them."""
+
+    imu: Imu
+    samples: ImuArray
+
+
+def prepare_run(scene: Scene, given: FolderSettings, inertial: Inertial | None) -> PreparedRun:
+    """Make all that a folder needs before the first packet: the simulator, and what has stamps of its own.
+
+    Args:
+        scene: with the camera path that is simulated, from its t = 0 to its end.
+        given: the settings; those of the IMU are not looked at.
+        inertial: the IMU and its samples; None for none.
+
+    Raises:
+        ValueError, OSError, ImportError: as :func:`simulate_to_folder`.
+    """
+    motion_capture = make_motion_capture(given)
+    made = make_simulator(scene, given)
+    if given.accept_noise is False:
+        refuse_noise(made.noise, scene, given)
+    end_us = round(1e6 * scene.path.duration_s)
+    moving_us = np.fromiter(periodic_instants(given.velocity_rate_hz, 0, end_us), np.int64)
+    event_truth = None
+    if given.event_truth is not None:
+        simulator = made.simulator
+        event_truth = EventTruth(simulator.scene, simulator.camera, surfaces=simulator.surfaces, threads=given.threads)
+    return PreparedRun(
+        scene=scene,
+        given=given,
+        made=made,
+        motion_capture=motion_capture,
+        truth=motion_capture.poses(scene.path, seed=given.seed),
+        velocities=camera_velocities(scene.path, moving_us),
+        inertial=inertial,
+        event_truth=event_truth,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreparedRun:
+    """Holds a simulation of one camera that is ready to be written into a folder.
+
+    Attributes:
+        scene: with the camera path.
+        given: the settings.
+        made: the simulator, and what was found out before it was made.
+        motion_capture: that gives the ground truth.
+        truth: the camera's poses, as stamped.
+        velocities: of the camera.
+        inertial: the IMU and its samples; None for none.
+        event_truth: what gives the truth of each event; None for none.
+    """
+
+    scene: Scene
+    given: FolderSettings
+    made: MadeSimulator
+    motion_capture: MotionCapture
+    truth: GroundTruth
+    velocities: Velocities
+    inertial: Inertial | None
+    event_truth: EventTruth | None
+
+    @property
+    def simulator(self) -> Simulator:
+        """Return the simulator."""
+        return self.made.simulator
+
+    def tell(self, *, quiet: bool, stacklevel: int, prefix: str = "") -> None:
+        """Say who renders, how much noise that makes, and that much memory will be taken.
+
+        Args:
+            quiet: only warn of noise.
+            stacklevel: of the warning, as seen from the caller of this method.
+            prefix: in front of each line.
+
+        Warns:
+            NoiseWarning: if ``quiet``, where more of the events will be noise than may be.
+        """
+        if quiet:
+            self.made.warn_of_noise(stacklevel=stacklevel + 1)
+            return
+        for line in (_rendering_with(self.simulator.renderer), self.made.noise_line, self.simulator.memory.line()):
+            if line:
+                say(prefix + line)
+
+    def describe(self) -> dict[str, object]:
+        """Return what ``meta.json`` says of the run."""
+        made, imu = self.made, None if self.inertial is None else self.inertial.imu
+        noise = None if made.noise is None else made.noise.describe(self.simulator.renderer.rays_per_pixel)
+        return {
+            **self.simulator.describe(),
+            "effect_plan": None if made.plan is None else made.plan.describe(),
+            "monte_carlo_noise": noise,
+            "trajectory": self.scene.path.describe(),
+            "start_time_ns": self.scene.path.start_time_ns,
+            "pose_rate_hz": self.motion_capture.rate_hz,
+            "motion_capture": self.motion_capture.describe(),
+            "imu": None if imu is None else imu.describe(),
+        }
+
+    @contextmanager
+    def writer(
+        self, path: str | Path, *, overwrite: bool = False, meta: Mapping[str, object] | None = None
+    ) -> Iterator[RunWriter]:
+        """Open the folder; it is closed with what was written, whatever happens.
+
+        Args:
+            path, overwrite: see :class:`~davis_rs.DatasetWriter`.
+            meta: more for ``meta.json``.
+        """
+        given, simulator = self.given, self.simulator
+        with (
             DatasetWriter(
                 path,
                 simulator.camera,
@@ -155,27 +261,73 @@ def simulate_to_folder(
                 overwrite=overwrite,
                 shape_names=simulator.shape_names,
                 flow_png=given.flow_png,
-                imu=imu,
-                meta=described,
-            ) as writer,
-            _truth_file(writer.path, given.event_truth, event_truth) as add_truth,
+                imu=None if self.inertial is None else self.inertial.imu,
+                meta={**self.describe(), **(meta or {})},
+            ) as dataset,
+            _truth_file(dataset.path, given.event_truth, self.event_truth) as add_truth,
         ):
-            sequence = _Sequence(chain([first], packets), truth, inertial, moving)
-            written = _write_all(writer, sequence, simulator, add_truth, stop_requested)
-    wall_s = time.perf_counter() - started
-    return SimulationReport(
-        path=Path(path),
-        events=written.events,
-        duration_s=written.end_us * 1e-6,
-        wall_s=wall_s,
-        interrupted=written.interrupted,
-        dropped_events=simulator.dropped_events,
-        missed_events=simulator.missed_events,
-        plan=plan,
-    )
+            yield RunWriter(self, dataset, add_truth)
 
 
-def _advice(settings: FolderSettings) -> str:
+class RunWriter:
+    """Writes a run's packets, each with the poses and samples that fall due until its end.
+
+    Attributes:
+        events: how many are written.
+        interrupted: the run was finished before its end.
+    """
+
+    def __init__(self, run: PreparedRun, dataset: DatasetWriter, add_truth: Callable[[EventArray], None]) -> None:
+        self._run, self._dataset, self._add_truth = run, dataset, add_truth
+        self._total_us = round(run.scene.path.duration_s * 1e6)
+        self._samples = np.zeros(0, IMU_DTYPE) if run.inertial is None else run.inertial.samples
+        self._posed = self._sampled = self._moved = 0
+        self._last_us = 0
+        self.events = 0
+        self.interrupted = False
+
+    @property
+    def end_us(self) -> int:
+        """Return up to where the folder goes, microseconds of the sequence."""
+        return min(self._last_us, self._total_us)
+
+    @property
+    def can_end(self) -> bool:
+        """Return whether the folder could be checked if it ended now: with the first frame alone it could not."""
+        return self._last_us > 0
+
+    def write(self, packet: Packet) -> None:
+        """Write a packet, and what falls due until its end."""
+        last_us, total_us = min(packet.end_us, self._total_us), self._total_us
+        truth, velocities = self._run.truth, self._run.velocities
+        # Stamps of another clock may lie beyond the end: the last packet takes them all.
+        posed = _up_to(truth.t_us, last_us, total_us)
+        sampled = _up_to(self._samples["t"], last_us, total_us)
+        moved = _up_to(velocities.t_us, last_us, total_us)
+        numbers = range(self._posed, posed)
+        poses = [(int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in numbers]
+        samples, moving = self._samples[self._sampled : sampled], velocities.select(slice(self._moved, moved))
+        self._dataset.write(packet, poses, samples, moving)
+        self._add_truth(packet.events)
+        self._posed, self._sampled, self._moved = posed, sampled, moved
+        self.events, self._last_us = self.events + len(packet.events), packet.end_us
+
+    def stop(self) -> None:
+        """Write what the readout still holds, because no more packets of the run will come."""
+        for late in self._run.simulator.flush():
+            self._dataset.write(late)
+            self._add_truth(late.events)
+            self.events += len(late.events)
+
+    def finish(self) -> None:
+        """Finish the folder; one that does not reach the end of the run is marked as interrupted."""
+        simulator = self._run.simulator
+        self.interrupted = self._last_us < self._total_us
+        counts = {"dropped_events": simulator.dropped_events, "missed_events": simulator.missed_events}
+        self._dataset.finish(counts, interrupted=self.interrupted)
+
+
+def advice(settings: FolderSettings) -> str:
     """Say how a long run would take less time; "" where the preset is the fastest, or does not decide."""
     own = (settings.render_rate_hz, settings.max_displacement_px, settings.tolerance, settings.sampling)
     decided = settings.accuracy == "fast" or any(rule is not None for rule in own)
@@ -195,23 +347,6 @@ class _EventCount:
         self._bar.to(t_us * 1e-6, f"{self._events:,} events{rate}")
 
 
-class _Written(NamedTuple):
-    """Says how much of a run was written."""
-
-    events: int
-    end_us: int
-    interrupted: bool
-
-
-class _Sequence(NamedTuple):
-    """Holds what is to be written: packets, and what has stamps of its own."""
-
-    packets: Iterator[Packet]
-    truth: GroundTruth
-    inertial: ImuArray
-    velocities: Velocities
-
-
 @contextmanager
 def _truth_file(
     folder: Path, kind: str | None, event_truth: EventTruth | None
@@ -225,40 +360,6 @@ def _truth_file(
         yield lambda events: file.write(events, event_truth(events))
     finally:
         file.close()
-
-
-def _write_all(
-    writer: DatasetWriter,
-    sequence: _Sequence,
-    simulator: Simulator,
-    add_truth: Callable[[EventArray], None],
-    stop_requested: Callable[[], bool],
-) -> _Written:
-    """Write packets, with the poses and samples that fall due until their ends, until they or the user end it."""
-    packets, truth, inertial, velocities = sequence
-    total_us = round(simulator.scene.path.duration_s * 1e6)
-    events = end_us = posed = sampled = moved = 0
-    for packet in packets:
-        last_us = min(packet.end_us, total_us)
-        # Stamps of another clock may lie beyond the end: the last packet takes them all.
-        pose_end = _up_to(truth.t_us, last_us, total_us)
-        sample_end = _up_to(inertial["t"], last_us, total_us)
-        poses = [(int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in range(posed, pose_end)]
-        moved_end = _up_to(velocities.t_us, last_us, total_us)
-        writer.write(packet, poses, inertial[sampled:sample_end], velocities.part(slice(moved, moved_end)))
-        add_truth(packet.events)
-        posed, sampled, moved = pose_end, sample_end, moved_end
-        events, end_us = events + len(packet.events), packet.end_us
-        if stop_requested() and end_us > 0:  # with the first frame alone the dataset could not be checked
-            for late in simulator.flush():
-                writer.write(late)
-                add_truth(late.events)
-                events += len(late.events)
-            break
-    interrupted = end_us < total_us
-    counts = {"dropped_events": simulator.dropped_events, "missed_events": simulator.missed_events}
-    writer.finish(counts, interrupted=interrupted)
-    return _Written(events, min(end_us, total_us), interrupted)
 
 
 def _rendering_with(renderer: Renderer) -> str:

@@ -21,7 +21,7 @@ _NONSENSE = (ValueError, LookupError, TypeError, AttributeError)
 """What pyusb raises, besides the system's errors, where descriptors or replies are not what USB says."""
 
 _NO_PERMISSION = (
-    "no permission to open the camera at {place}. A udev rule is missing; put this line into "
+    "no permission to open the camera at {location}. A udev rule is missing; put this line into "
     "/etc/udev/rules.d/65-davis.rules:\n    {rule}\n"
     "then run: sudo udevadm control --reload && sudo udevadm trigger, and plug the camera in again"
 )
@@ -72,8 +72,8 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
             problem = explained(error, f"bus {device.bus} address {device.address}")
         finally:
             usb.util.dispose_resources(device)
-        place = (device.bus, device.address, device.idProduct, device.bcdDevice & 0xFF)
-        cameras.append(FoundDevice(*place, serial, problem, device))
+        location = (device.bus, device.address, device.idProduct, device.bcdDevice & 0xFF)
+        cameras.append(FoundDevice(*location, serial, problem, device))
     return cameras
 
 
@@ -82,16 +82,16 @@ def _printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
-def explained(error: Exception, place: str) -> OSError:
+def explained(error: Exception, location: str) -> OSError:
     """Return the system's error, or pyusb's, as one that says what it means for a camera."""
     number = error.errno if isinstance(error, OSError) else None
     if number == errno.EACCES:
-        return PermissionError(_NO_PERMISSION.format(place=place, rule=UDEV_RULE))
+        return PermissionError(_NO_PERMISSION.format(location=location, rule=UDEV_RULE))
     if number == errno.EBUSY:
-        return OSError(errno.EBUSY, f"the camera at {place} is in use by another program")
+        return OSError(errno.EBUSY, f"the camera at {location} is in use by another program")
     if number == errno.ENODEV:
-        return OSError(errno.ENODEV, f"the camera at {place} was unplugged")
-    return OSError(number or errno.EIO, f"the camera at {place} does not answer: {error}")
+        return OSError(errno.ENODEV, f"the camera at {location} was unplugged")
+    return OSError(number or errno.EIO, f"the camera at {location} does not answer: {error}")
 
 
 class UsbLink:
@@ -101,9 +101,9 @@ class UsbLink:
         OSError: from every method, with what to do about it; errno ENODEV once the camera is unplugged.
     """
 
-    def __init__(self, found: FoundDevice) -> None:
-        self._device = found.device
-        self.place = f"bus {found.bus} address {found.address}"
+    def __init__(self, camera: FoundDevice) -> None:
+        self._device = camera.device
+        self.location = f"bus {camera.bus} address {camera.address}"
         self._torn: OSError | None = None
         try:
             # Setting the configuration again would reset a camera that is configured.
@@ -113,7 +113,7 @@ class UsbLink:
             self._check_endpoint()
         except (OSError, *_NONSENSE) as error:
             self.close()
-            raise explained(error, self.place) from error
+            raise explained(error, self.location) from error
 
     def _configuration(self) -> int:
         from usb.core import USBError
@@ -147,7 +147,7 @@ class UsbLink:
             raise self._explained(error) from error
         if len(answer) != 4:
             raise OSError(
-                errno.EIO, f"the camera at {self.place} gave {len(answer)} bytes of register {register}, not 4"
+                errno.EIO, f"the camera at {self.location} gave {len(answer)} bytes of register {register}, not 4"
             )
         return int.from_bytes(answer, "big")
 
@@ -168,7 +168,7 @@ class UsbLink:
             raise self._explained(error) from error
         if taken != len(payload):
             raise OSError(
-                errno.EIO, f"the camera at {self.place} took {taken} bytes of a request, not all {len(payload)}"
+                errno.EIO, f"the camera at {self.location} took {taken} bytes of a request, not all {len(payload)}"
             )
 
     def clear_halt(self) -> None:
@@ -214,7 +214,7 @@ class UsbLink:
                 error = later
             except _NONSENSE:
                 pass  # it is still there, and answers nonsense: the first error says more
-        return explained(error, self.place)
+        return explained(error, self.location)
 
     def close(self) -> None:
         """Let go of the camera."""

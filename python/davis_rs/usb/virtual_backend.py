@@ -47,11 +47,11 @@ class VirtualBackend(IBackend):  # type: ignore[misc]  # pyusb has no types
         """No hub is above."""
 
     def get_device_descriptor(self, device: VirtualDavis) -> SimpleNamespace:
-        """Return descriptor and place of a camera."""
+        """Return the descriptor of a camera, with its bus and address."""
         number = self._cameras.index(device) + 1
-        place = {"bus": 1, "address": number, "port_number": number, "port_numbers": (number,), "speed": 3}
+        location = {"bus": 1, "address": number, "port_number": number, "port_numbers": (number,), "speed": 3}
         content = _control(device, 0x80, 6, descriptors.DEVICE << 8, 0, 18)
-        return _parse(content, descriptors.DEVICE_LAYOUT, _DEVICE_FIELDS, **place)
+        return _parse(content, descriptors.DEVICE_LAYOUT, _DEVICE_FIELDS, **location)
 
     def get_configuration_descriptor(self, device: VirtualDavis, configuration: int) -> SimpleNamespace:
         """Return the one configuration."""

@@ -74,7 +74,9 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
     m.add_function(wrap_pyfunction!(columns::fill_events, m)?)?;
+    m.add_class::<render::PyIrradianceSampler>()?;
     m.add_class::<render::PyPixelRays>()?;
+    m.add_class::<render::PyReflectedLight>()?;
     m.add_class::<render::PySceneRenderer>()?;
     m.add_function(wrap_pyfunction!(represent::count_events, m)?)?;
     m.add_function(wrap_pyfunction!(represent::latest_times, m)?)?;

@@ -22,7 +22,10 @@
 //!   [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden points; [`any_hit`](light::any_hit)
 //!   asks the BVH for a few points at a time.
 //! - [`time`]: [`edges`](time::edges) finds when edges pass rays, [`tracks`](time::tracks) the luma meanwhile.
+//! - [`lines`]: a pixel's integral over its area, by taps on lines instead of rays.
 //! - [`gradients`]: derivatives of single pixels in float64.
+//! - [`irradiance`]: light at places on surfaces, which is baked into light maps, by rays of any direction
+//!   ([`ray_tracer`](visibility::ray_tracer)).
 //!
 //! What is rendered is a [`scene`]; the [`renderer`] is what the user sees; [`tile`] and [`samples`] join the steps for
 //! whole images and for single pixels.
@@ -36,8 +39,10 @@
 
 mod geometry;
 mod gradients;
+mod irradiance;
 mod lanes;
 mod light;
+mod lines;
 mod renderer;
 mod samples;
 mod scene;
@@ -49,9 +54,15 @@ pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
 pub use gradients::pixel_gradients::{BEFORE_LIGHTS, RayHit};
+pub use irradiance::{
+    AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, Place, ReflectedLight, SharpLight, SkyLight,
+    SurfaceTables,
+};
 pub use light::beam::Beam;
 pub use light::light_map::{Emission, LightMapTables};
 pub use light::sky::Sky;
+#[cfg(feature = "python")]
+pub use lines::pattern::LinePattern;
 pub use renderer::Renderer;
 pub use scene::{Light, LightKind, Scene, SceneTables};
 pub use time::edge_tracks::{EdgeTracks, TrackSettings};

@@ -14,6 +14,7 @@ use super::geometry::view::View;
 use super::light::cone::FrameCones;
 use super::light::lights::{SeenLight, Surroundings, background, seen_lights};
 use super::light::shadows::{moving_cones, still_cones};
+use super::lines::pattern::LinePattern;
 use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
 use super::tile::{self, Shaders, TileImage, TileScratch, TileView, Ways};
@@ -119,14 +120,16 @@ impl Renderer {
         let views = &self.centred(views)?;
         check_length(views.len() * rays.pixels(), luma.len())?;
         match rate {
-            None => self.each_tile(rays, views, bands(rays, luma), |of, tile, (scratch, before), image, band| {
-                tile::luma::<false>(of, tile, scratch, before, image);
-                put(rays, tile, &image.luma, band);
-            }),
+            None => {
+                self.each_tile(self.ways, rays, views, bands(rays, luma), |of, tile, (scratch, before), image, band| {
+                    tile::luma::<false>(of, tile, scratch, before, image);
+                    put(rays, tile, &image.luma, band);
+                })
+            }
             Some(rate) => {
                 check_length(luma.len(), rate.len())?;
                 let both = bands(rays, luma).into_iter().zip(bands(rays, rate)).collect();
-                self.each_tile(rays, views, both, |of, tile, (scratch, before), image, (luma, rate)| {
+                self.each_tile(self.ways, rays, views, both, |of, tile, (scratch, before), image, (luma, rate)| {
                     tile::luma::<true>(of, tile, scratch, before, image);
                     put(rays, tile, &image.luma, luma);
                     put(rays, tile, &image.rate, rate);
@@ -144,6 +147,64 @@ impl Renderer {
     pub fn samples(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], luma: &mut [f32]) -> Result<()> {
         self.each_pixel(rays, views, pixels, luma, |view, samples, found| {
             self.each_of(rays, view, samples, |of, tile, some, scratch| tile::samples(of, tile, some, scratch, found));
+        })
+    }
+
+    /// Renders luma of frames as [`Self::luma`] does, by the lines that pass through each pixel. `corners` has two rays a
+    /// pixel: its upper left and its lower right corner, on a sensor without distortion.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] as for [`Self::luma`], or for other rays.
+    pub fn line_luma(
+        &self,
+        corners: &PixelRays,
+        pattern: &LinePattern,
+        views: &[View],
+        luma: &mut [f32],
+    ) -> Result<()> {
+        check_corners(corners)?;
+        let views = &self.centred(views)?;
+        check_length(views.len() * corners.pixels(), luma.len())?;
+        self.each_tile(Ways { beams: false, ..self.ways }, corners, views, bands(corners, luma), {
+            |of, tile, (scratch, before), image, band| {
+                tile::lines(of, pattern, tile, scratch, before, image);
+                put(corners, tile, &image.luma, band);
+            }
+        })
+    }
+
+    /// Renders luma of single pixels as [`Self::samples`] does, by lines as in [`Self::line_luma`]: the same bits.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] as for [`Self::samples`], or for other rays.
+    pub fn line_samples(
+        &self,
+        corners: &PixelRays,
+        pattern: &LinePattern,
+        views: &[View],
+        pixels: &[(u32, u32)],
+        luma: &mut [f32],
+    ) -> Result<()> {
+        check_corners(corners)?;
+        self.each_pixel(corners, views, pixels, luma, |view, samples, found| {
+            let lights = seen_lights(&self.scene, view);
+            let (mut buffers, mut scratch) = (self.view_buffers.take(), self.scratch.take());
+            let ViewBuffers { bins, cones } = &mut buffers;
+            let mut wanted = vec![false; corners.tiles()];
+            for sample in samples {
+                wanted[sample.tile] = true;
+            }
+            bins.fill(&self.scene, view, corners, Some(&wanted));
+            let of = self.tile_view(corners, view, &lights, bins, cones);
+            let mut image = TileImage::BLACK;
+            for some in samples.chunk_by(|a, b| a.tile == b.tile) {
+                tile::lines(&of, pattern, some[0].tile, &mut scratch, &mut vec![], &mut image);
+                found.extend(some.iter().map(|sample| image.luma[sample.in_tile]));
+            }
+            self.view_buffers.give(buffers);
+            self.scratch.give(scratch);
         })
     }
 
@@ -216,7 +277,7 @@ impl Renderer {
         check_length(depth.len(), triangles.len())?;
         check_one_ray(rays)?;
         let both = bands(rays, depth).into_iter().zip(bands(rays, triangles)).collect();
-        self.each_tile(rays, views, both, |of, tile, (scratch, _), _, (depth, triangles)| {
+        self.each_tile(self.ways, rays, views, both, |of, tile, (scratch, _), _, (depth, triangles)| {
             let (mut depths, mut hit) = ([f32::INFINITY; PIXELS], [NO_TRIANGLE; PIXELS]);
             tile::nearest(of, tile, scratch, |ray, inverse, triangle| {
                 depths[ray] = 1.0 / inverse;
@@ -248,6 +309,7 @@ impl Renderer {
     /// each on all threads.
     fn each_tile<T: Send>(
         &self,
+        ways: Ways,
         rays: &PixelRays,
         views: &[View],
         mut bands: Vec<T>,
@@ -265,7 +327,7 @@ impl Renderer {
             let threads = rayon::current_num_threads();
             if views.len() < 4 * threads && threads > 1 {
                 for (view, bands) in views.iter().zip(bands.chunks_mut(rays.rows)) {
-                    self.with_views(rays, std::slice::from_ref(view), |of| {
+                    self.with_views(ways, rays, std::slice::from_ref(view), |of| {
                         bands.par_iter_mut().enumerate().for_each(|(row, band)| {
                             let mut scratch = self.scratch.take();
                             do_band(&of[0], row, &mut scratch, band);
@@ -280,7 +342,7 @@ impl Renderer {
             let together = self.together().min(views.len().div_ceil(2 * threads)).max(1);
             views.par_chunks(together).zip(bands.par_chunks_mut(together * rays.rows)).for_each(|(views, bands)| {
                 let mut scratch = self.scratch.take();
-                self.with_views(rays, views, |of| {
+                self.with_views(ways, rays, views, |of| {
                     for row in 0..rays.rows {
                         for (view, of) in of.iter().enumerate() {
                             do_band(of, row, &mut scratch, &mut bands[view * rays.rows + row]);
@@ -299,7 +361,7 @@ impl Renderer {
     }
 
     /// Makes views ready.
-    fn with_views(&self, rays: &PixelRays, views: &[View], work: impl FnOnce(&[TileView])) {
+    fn with_views(&self, ways: Ways, rays: &PixelRays, views: &[View], work: impl FnOnce(&[TileView])) {
         let lights: Vec<_> = views.iter().map(|view| seen_lights(&self.scene, view)).collect();
         let mut view_buffers: Vec<ViewBuffers> = views.iter().map(|_| self.view_buffers.take()).collect();
         let ready: Vec<TileView> = views
@@ -307,10 +369,10 @@ impl Renderer {
             .zip(&lights)
             .zip(&mut view_buffers)
             .map(|((view, lights), ViewBuffers { bins, cones })| {
-                if !self.ways.beams {
+                if !ways.beams {
                     bins.fill(&self.scene, view, rays, None);
                 }
-                TileView { ways: self.ways, ..self.tile_view(rays, view, lights, bins, cones) }
+                TileView { ways, ..self.tile_view(rays, view, lights, bins, cones) }
             })
             .collect();
         work(&ready);
@@ -401,6 +463,16 @@ fn check_one_ray(rays: &PixelRays) -> Result<()> {
         return Ok(());
     }
     Err(Error::Argument(format!("triangle hits need exactly one ray a pixel, got {}", rays.rays)))
+}
+
+fn check_corners(rays: &PixelRays) -> Result<()> {
+    if rays.are_corners() {
+        return Ok(());
+    }
+    Err(Error::Argument(format!(
+        "lines need the corners of pixels without distortion, a grid of 2 rays a pixel, got {} rays",
+        rays.rays
+    )))
 }
 
 /// Puts a tile's pixels where they belong in its band of rows.

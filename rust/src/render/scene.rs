@@ -279,7 +279,8 @@ impl Scene {
     }
 }
 
-fn has_area(corners: &[Vector; 3]) -> bool {
+/// Returns whether a triangle can be hit: its corners are finite, and it has an area.
+pub(crate) fn has_area(corners: &[Vector; 3]) -> bool {
     let [a, b, c] = *corners;
     let normal = cross(sub(b, a), sub(c, a));
     largest(normal) > 0.0 && largest(normal).is_finite() && corners.iter().flatten().all(|x| x.is_finite())

@@ -15,6 +15,8 @@ use super::light::cast::Caster;
 use super::light::lights::Surroundings;
 use super::light::patch::Patch;
 use super::light::shader::Shader;
+use super::lines::envelope::Taps;
+use super::lines::pattern::LinePattern;
 use super::samples::Pixels;
 use super::time::tracks::Sight;
 use super::visibility::beam::Beam;
@@ -54,6 +56,7 @@ pub(crate) struct TileScratch {
     picked: Picked,
     luma: Vec<f32>,
     rate: Vec<f32>,
+    taps: Taps,
 }
 
 /// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
@@ -109,6 +112,31 @@ pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
     find(of.bins, number, &part, scratch);
     shade::<false>(of, &of.bins.seen, &part, scratch, &mut vec![]);
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
+}
+
+/// Computes luma of a tile's pixels by the lines that pass through them: of their area, not of single rays. The rays of
+/// `of` are the pixels' upper left and lower right corners.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(crate) fn lines<'a>(
+    of: &TileView<'a>,
+    pattern: &LinePattern,
+    tile: usize,
+    scratch: &mut TileScratch,
+    before: &mut Shaders<'a>,
+    image: &mut TileImage,
+) {
+    let around = of.rays.tile(tile);
+    let mut taps = std::mem::take(&mut scratch.taps);
+    of.bins.of_tile(tile, around, &mut scratch.list);
+    taps.find(pattern, (&of.bins.seen, &scratch.list), around, of.rays.pitch());
+    let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
+    scratch.nearest.take(&part, &taps.index, scratch.list.len());
+    shade::<false>(of, &of.bins.seen, &part, scratch, before);
+    image.luma = [0.0; PIXELS];
+    for ((&luma, &weight), &pixel) in scratch.luma.iter().zip(&taps.weight).zip(&taps.pixel) {
+        image.luma[pixel as usize] += weight * luma;
+    }
+    scratch.taps = taps;
 }
 
 /// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of

@@ -65,6 +65,6 @@ def draw_intrinsics(
         axes.tick_params(labelsize=6)
         axes.set_xlabel(x, fontsize=7)
         axes.set_ylabel(y, fontsize=7)
-    with whole_file(path) as place:
-        figure.savefig(place)
+    with whole_file(path) as working_path:
+        figure.savefig(working_path)
     return Path(path)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import names_checked
-from ...events.arrays import EventArray
+from ...events.arrays import EVENT_DTYPE, EventArray, concatenate_events
 from ...inspection.statistics import StreamStatistics, measure_stream, open_event_stream
 from ...inspection.statistics.event_stream import EventStream
 from ...inspection.statistics.stream_statistics import Region
@@ -26,12 +28,37 @@ class MeasuredRecording:
         source: of the frames; None without any.
         samples: of the frames, next to what events say.
         lux: illuminance that quiet pixels see; None if it is not known.
+        events: those of a recording with frames, up to the first 4,194,304 of them.
     """
 
     statistics: StreamStatistics
     source: FrameSource | None = None
     samples: SignalSamples | None = None
     lux: float | None = None
+    events: EventArray = field(default_factory=lambda: np.zeros(0, EVENT_DTYPE))
+
+
+MOST_EVENTS = 1 << 22
+"""Of a recording that are held for a fit to its frames: 64 MiB."""
+
+
+class _Beginning:
+    """Holds the first events of a stream."""
+
+    def __init__(self) -> None:
+        self._parts: list[EventArray] = []
+        self._room = MOST_EVENTS
+
+    def add(self, events: EventArray) -> None:
+        """Take the next events, as far as there is room."""
+        taken = events[: self._room]
+        self._room -= len(taken)
+        if len(taken):
+            self._parts.append(taken.copy())
+
+    def events(self) -> EventArray:
+        """Return all that were taken."""
+        return concatenate_events(self._parts)
 
 
 @names_checked
@@ -66,6 +93,13 @@ def measure_recording(
         frames = open_frames(path, source.size)
     known = source.size if isinstance(source, EventStream) else size
     sampler = None if frames is None or known is None else SignalSampler(*known, frames.frames())
+    beginning = _Beginning()
+
+    def also(events: EventArray) -> None:
+        if sampler is not None:
+            sampler.add(events)
+            beginning.add(events)
+
     statistics = measure_stream(
         source,
         size=size,
@@ -73,7 +107,8 @@ def measure_recording(
         start_s=start_s,
         stop_s=stop_s,
         progress=progress,
-        also=None if sampler is None else sampler.add,
+        also=also,
     )
     samples = None if sampler is None else sampler.finish()
-    return MeasuredRecording(statistics, frames, samples if samples is not None and samples.frames else None, lux)
+    seen = samples if samples is not None and samples.frames else None
+    return MeasuredRecording(statistics, frames, seen, lux, beginning.events())

@@ -69,6 +69,38 @@ def find_noise(
     return Finding(*_RMS, rms, note), Finding(*_HALF, None, lights)
 
 
+_REFUTED = 5.0
+"""Standard deviations by which there are fewer OFF events than noise would make."""
+
+
+def refuted_noise(
+    recordings: Sequence[StreamStatistics], lux: Sequence[float | None], parameters: KnownParameters
+) -> dict[str, str]:
+    """Return why the noise of the base contradicts the recordings, by its parameters; empty where it may be right.
+
+    Args:
+        recordings, lux, parameters: as of :func:`find_noise`.
+    """
+    on = parameters.get("contrast_threshold")
+    noise = parameters.base.effects(1.0).shot_noise_rms
+    if on is None or noise is None:
+        return {}
+    off = parameters.get("contrast_threshold_off") or on
+    mismatch = parameters.get("threshold_mismatch") or Measured(0.0, 0.0)
+    spread = ThresholdMismatch(min(max(mismatch.value, 0.0), 1.0))
+    dark_lux = parameters.base.dark_luma(1.0) or 0.0
+    for stream, light in zip(recordings, lux, strict=True):
+        if light is None or not stream.quiet.any():
+            continue
+        area_s = float(stream.quiet.sum()) * stream.duration_s
+        made = area_s * noise.mean_rate_hz(on.value, off.value, spread, light + dark_lux) / 2
+        seen = int(stream.counts[0][stream.quiet].sum())
+        if seen < made - _REFUTED * math.sqrt(made):
+            why = f"at {light:.3g} lux quiet pixels would have {made:.3g} OFF events, and they have {seen}"
+            return dict.fromkeys((_RMS[1], _HALF[1], "shot_noise_bandwidth_hz"), why)
+    return {}
+
+
 class _Quiet(NamedTuple):
     """Quiet pixels of a recording: their light, and OFF events of a pixel per second."""
 

@@ -19,6 +19,11 @@ def find_refractory_period(shortest: int | None) -> Finding:
     return Finding("refractory period", "refractory_period_us", None, bound)
 
 
+def row_bound_us(recordings: Sequence[StreamStatistics]) -> float:
+    """Return how long a row takes at most, by the most row bursts in 10 us."""
+    return 10 / max(1, *(one.bursts.rows_per_window.most or 0 for one in recordings))
+
+
 def find_readout(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
     rows = max(one.bursts.rows_per_window.most or 0 for one in recordings)
     yield Finding(

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 from ..._util.argument_checks import check_type
 from ...inspection.statistics import StreamStatistics
+from ...inspection.statistics.stream_statistics import Measured
 from ...sensor.parameters import SensorParameters
 from ...sensor.presets import SensorFile, load_sensor_file
 from .finding import Finding, KnownParameters
-from .frame_fit import find_of_frames
+from .frame_fit import BLACK_LEVEL, find_of_frames
 from .hot_pixel_fit import find_hot_pixels
 from .leak_fit import find_leak, find_leak_variation
 from .measured_recording import MeasuredRecording
-from .noise_fit import find_noise
-from .readout_fit import COLUMN_PARITY, find_parity, find_readout, find_refractory_period
+from .noise_fit import find_noise, refuted_noise
+from .readout_fit import COLUMN_PARITY, find_parity, find_readout, find_refractory_period, row_bound_us
 
 _NOT_FITTED = (
     Finding("mismatch of rows", None, None, "but for parity: what is the scene's cannot be told from it"),
@@ -38,12 +40,21 @@ class SensorFit:
         recordings: their names.
         findings: one by one.
         refractory_bound_us: the refractory period is at most as long; None without two events of a pixel.
+        row_bound_us: a row of the readout takes at most as long.
+        refuted: by the names of parameters of the base, why the recordings refute them.
     """
 
     size: tuple[int, int]
     recordings: tuple[str, ...]
     findings: tuple[Finding, ...]
     refractory_bound_us: int | None
+    row_bound_us: float = math.inf
+    refuted: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def black(self) -> Measured | None:
+        """Return the value of a frame without light, in units of the frames; None where it is not known."""
+        return next((one.value for one in self.findings if one.what == BLACK_LEVEL), None)
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.findings))
@@ -51,10 +62,13 @@ class SensorFit:
     def file(self, base: SensorFile | str | os.PathLike[str] | None = None) -> SensorFile:
         """Return the sensor: what was found, and all else from ``base``.
 
-        Where the base has a refractory period above the bound it is left out. If one bandwidth was found, not how it
-        goes with light, it holds in the recordings' light: it becomes the one corner that does not depend on light, and
-        the base's photoreceptor is left out. The noise of the base still halves in the light that followed from its
-        own bandwidths.
+        What the recordings were asked for and do not tell is the base's, and its source says "not identifiable". What
+        they refute is left out, and its source says so: noise that would make far more events than quiet pixels have,
+        a refractory period above the shortest interval, a row of the readout that takes longer than rows were apart.
+
+        If one bandwidth was found, not how it goes with light, it holds in the recordings' light: it becomes the one
+        corner that does not depend on light, and the base's photoreceptor is left out. The noise of the base still
+        halves in the light that followed from its own bandwidths.
 
         Args:
             base: a preset's name, a sensor file, or what was read of one; None for ideal pixels.
@@ -87,13 +101,26 @@ class SensorFit:
         if fitted and half_lux is not None and start.parameters.shot_noise_half_lux is None:
             values["shot_noise_half_lux"] = half_lux
             sources["shot_noise_half_lux"] = "where photoreceptor and source follower of the base have the same corner"
-        held_us, bound_us = start.parameters.refractory_period_us, self.refractory_bound_us
-        if held_us is not None and bound_us is not None and held_us > bound_us:
-            left_out = (*left_out, "refractory_period_us")
-        for name in left_out:
+        refuted = dict(self.refuted)
+        for name, bound_us in (
+            ("refractory_period_us", self.refractory_bound_us),
+            ("readout_row_us", self.row_bound_us),
+        ):
+            held_us = getattr(start.parameters, name)
+            if held_us is not None and bound_us is not None and held_us > bound_us:
+                refuted[name] = f"{held_us:g} us, and the recordings have at most {bound_us:.3g} us"
+        for _, parameter, value, note in self.findings:
+            if parameter is not None and value is None and start.given.get(parameter) is not None:
+                told = start.sources.get(parameter, "no source")
+                sources[parameter] = f"not identifiable ({note}); from the preset or file that was given: {told}"
+        for name in (*left_out, *refuted):
             values[name] = None
             sources.pop(name, None)
             sigmas.pop(name, None)
+        for name, why in refuted.items():
+            if start.given.get(name) is None:
+                continue
+            sources[name] = f"left out, because the recordings refute what was given: {why}"
         description = f"Fitted to {', '.join(self.recordings)}. {start.description}".strip()
         return SensorFile(replace(start.parameters, **values), description, sources, sigmas)
 
@@ -172,4 +199,12 @@ def fit_sensor(
         *with_frames,
         *_NOT_FITTED,
     )
-    return SensorFit(streams[0].size, tuple(one.name for one in streams), findings, shortest)
+    noise_found = any(one.parameter == "shot_noise_rms" and one.value is not None for one in findings)
+    return SensorFit(
+        streams[0].size,
+        tuple(one.name for one in streams),
+        findings,
+        shortest,
+        row_bound_us(streams),
+        MappingProxyType({} if noise_found else refuted_noise(streams, lux, known)),
+    )

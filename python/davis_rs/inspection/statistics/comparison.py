@@ -53,16 +53,16 @@ def compare_streams(
     )
 
 
-def _cells(one: StreamStatistics) -> dict[str, str]:
+def _cells(stream: StreamStatistics) -> dict[str, str]:
     """Return a column of the table, by the names of its rows."""
-    described = one.describe()
+    described = stream.describe()
     hot, order = described["hot_pixels"], described["column_order"]
     cells = {
-        "stream": one.name,
-        "kind": one.kind,
-        "sensor": f"{one.size[0]} x {one.size[1]}",
-        "duration": f"{one.duration_s:.3f} s",
-        "events": f"{one.events:,}",
+        "stream": stream.name,
+        "kind": stream.kind,
+        "sensor": f"{stream.size[0]} x {stream.size[1]}",
+        "duration": f"{stream.duration_s:.3f} s",
+        "events": f"{stream.events:,}",
         "ON share of all events": _percent(described["on_share"]),
         "ON events of a pixel": _with_unit(described["rate_per_pixel_hz"]["on"], "Hz"),
         "OFF events of a pixel": _with_unit(described["rate_per_pixel_hz"]["off"], "Hz"),
@@ -86,15 +86,15 @@ def _cells(one: StreamStatistics) -> dict[str, str]:
         "  their ON share: least / median / most": _three(hot["on_share"], ("least", "median", "most")),
         "  variation of intervals: least / median / most": _three(hot["variation"], ("least", "median", "most")),
         "quiet pixels": f"{described['quiet']['pixels']:,}",
-        "  their rate": f"{one.quiet_rate_hz} Hz",
-        "  their ON share": str(one.quiet_on_share),
-        "even / odd columns: ON": _parity(one.column_parity[1]),
-        "even / odd columns: OFF": _parity(one.column_parity[0]),
-        "even / odd rows: ON": _parity(one.row_parity[1]),
-        "even / odd rows: OFF": _parity(one.row_parity[0]),
+        "  their rate": f"{stream.quiet_rate_hz} Hz",
+        "  their ON share": str(stream.quiet_on_share),
+        "even / odd columns: ON": _parity(stream.column_parity[1]),
+        "even / odd columns: OFF": _parity(stream.column_parity[0]),
+        "even / odd rows: ON": _parity(stream.row_parity[1]),
+        "even / odd rows: OFF": _parity(stream.row_parity[0]),
     }
-    if one.backward or one.outside:
-        cells["left out: earlier than one before / outside"] = f"{one.backward:,} / {one.outside:,}"
+    if stream.backward or stream.outside:
+        cells["left out: earlier than stream before / outside"] = f"{stream.backward:,} / {stream.outside:,}"
     return cells
 
 

@@ -53,8 +53,8 @@ def draw_comparison(comparison: StreamComparison, output: str | Path) -> Path:
     for ax, (name, stream) in zip(axes[1, :2], streams.items(), strict=True):
         image = _draw_map(ax, stream, name, max(brightest, 10 * _FLOOR_HZ))
     figure.colorbar(image, ax=axes[1, 1], label="events a second", shrink=0.8)
-    with whole_file(output) as place:
-        figure.savefig(place, dpi=120)
+    with whole_file(output) as working_path:
+        figure.savefig(working_path, dpi=120)
     return Path(output)
 
 
@@ -70,10 +70,10 @@ def _draw_intervals(ax: Axes, stream: StreamStatistics, name: str, colour: str) 
     edges = 2.0 ** np.arange(0, 41, 0.5)
     for histogram, style, label in ((stream.same, "-", name), (stream.any, ":", None)):
         if histogram.total:
-            share = _rebinned(histogram, edges) / histogram.total * 2  # two bins an octave
+            fraction = _rebinned(histogram, edges) / histogram.total * 2  # two bins an octave
             ax.plot(
                 np.sqrt(edges[:-1] * edges[1:]) / 1e3,
-                np.where(share > 0, share, np.nan),
+                np.where(fraction > 0, fraction, np.nan),
                 style,
                 color=colour,
                 label=label,

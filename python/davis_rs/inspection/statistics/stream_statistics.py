@@ -211,15 +211,15 @@ def _quiet_pixels(
     tile, colour = (y // TILE) * (-(-width // TILE)) + x // TILE, (x + y) & 1
     tiles = int(tile.max()) + 1
     chosen = np.zeros_like(cold)
-    for one in (0, 1):
-        others = cold & (colour != one)
+    for half in (0, 1):
+        others = cold & (colour != half)
         area = np.bincount(tile[others], minlength=tiles)
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = np.bincount(tile[others], weights=events[others], minlength=tiles) / area
         mean[area == 0] = np.inf
         limit = np.sort(mean)[max(round(QUIET_SHARE * tiles), 1) - 1]
         # Of tiles as quiet as the last one all belong to them: the first in rows are no better than others.
-        chosen |= (mean <= limit)[tile] & cold & (colour == one)
+        chosen |= (mean <= limit)[tile] & cold & (colour == half)
     return chosen
 
 
@@ -244,12 +244,12 @@ def _rate(events: int, seconds: float) -> Measured:
     return Measured(events / seconds, math.sqrt(max(events, 1)) / seconds)
 
 
-def _share(part: int, total: int) -> Measured:
+def _share(counted: int, total: int) -> Measured:
     """Return a fraction with its standard deviation (Agresti and Coull's: with one of none it does not vanish)."""
     if total == 0:
         return Measured(math.nan, math.nan)
-    smooth = (part + 2) / (total + 4)
-    return Measured(part / total, math.sqrt(smooth * (1 - smooth) / (total + 4)))
+    smooth = (counted + 2) / (total + 4)
+    return Measured(counted / total, math.sqrt(smooth * (1 - smooth) / (total + 4)))
 
 
 _SHARES = (1, 10, 50, 90, 99)

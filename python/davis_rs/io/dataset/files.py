@@ -52,6 +52,11 @@ EVENT_TRUTH = {"h5": "event_truth.h5", "npz": "event_truth.npz"}
 EVENTS, GROUND_TRUTH, INERTIAL = "events.txt", "groundtruth.txt", "imu.txt"
 CALIBRATION, META = "calib.txt", "meta.json"
 KALIBR_IMU, KALIBR_CAMERA_CHAIN = "imu.yaml", "camchain.yaml"
+RIG = "rig.yaml"
+"""Marks the folder of a rig, whose cameras are datasets in ``cam0``, ``cam1``, ..."""
+
+_CAMERA_FOLDER = re.compile(r"cam(0|[1-9][0-9]*)")
+_RIG_IMU_FILES = re.compile(r"imu(0|[1-9][0-9]*)\.(txt|yaml)")
 META_PART = META + ".part"
 
 
@@ -267,7 +272,9 @@ def require_folder_room(path: Path, *, overwrite: bool) -> None:
     if any(path.iterdir()):
         if not overwrite:
             raise OverwriteError(path, "the folder is not empty; {overwrite:True} replaces a dataset in it")
-        if not ((path / META).is_file() and (event_file(path).is_file() or _is_claimed(path))):
+        if not (
+            (path / META).is_file() and (event_file(path).is_file() or (path / RIG).is_file() or _is_claimed(path))
+        ):
             raise FileExistsError(
                 errno.EEXIST, f"will not overwrite: no dataset in it (no {EVENTS} and {META})", str(path)
             )
@@ -287,7 +294,9 @@ def remove_dataset(path: Path) -> None:
 
 
 def _remove_parts(path: Path) -> None:
-    """Remove all of a dataset but its ``meta.json``."""
+    """Remove all of a dataset, or of a rig's datasets, but its ``meta.json``."""
+    if (path / RIG).is_file():
+        _remove_rig_parts(path)
     for series in IMAGE_SERIES:
         folder = path / series.folder
         if folder.is_symlink():  # the link is the dataset's, what it leads to is not
@@ -307,3 +316,18 @@ def _remove_parts(path: Path) -> None:
     texts = (GROUND_TRUTH, INERTIAL, VELOCITY, SHAPE_NAMES, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION)
     for name in (*texts, *EVENT_TRUTH.values(), META_PART, *EVENT_FILES.values()):
         (path / name).unlink(missing_ok=True)
+
+
+def _remove_rig_parts(path: Path) -> None:
+    """Remove what a rig's folder has in addition to a dataset's: its cameras' datasets, and its IMUs' files."""
+    for entry in list(path.iterdir()):
+        if _CAMERA_FOLDER.fullmatch(entry.name) and (entry / META).is_file():
+            if entry.is_symlink():  # the link is the rig's, what it leads to is not
+                entry.unlink()
+                continue
+            remove_dataset(entry)
+            with suppress(OSError):  # other files in it: it stays, with them
+                entry.rmdir()
+        elif _RIG_IMU_FILES.fullmatch(entry.name):
+            entry.unlink()
+    (path / RIG).unlink(missing_ok=True)

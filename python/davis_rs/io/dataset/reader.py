@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-import math
-import re
 import warnings
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
@@ -16,15 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
-from ..._util.array_types import JsonObject, UncheckedArray
+from ..._util.array_types import UncheckedArray
 from ..._util.budget import Budget
 from ..._util.html_table import html_picture, html_table
 from ..._util.untrusted import decoding, read_charged, read_text
 from ...events.arrays import EventArray
 from ...events.packet import Displacement
 from ...geometry.camera import Camera
-from ...geometry.pose import GroundTruth, Velocities
-from ...sensor.imu import IMU_DTYPE, ImuArray
+from ...geometry.pose import Velocities
+from ...sensor.imu import ImuArray
 from ..formats.interface import TruncatedFileWarning
 from ..formats.registry import format_of_content
 from .files import (
@@ -41,12 +38,14 @@ from .files import (
     MASKS,
     META,
     NORMAL_MAPS,
+    RIG,
     SHAPE_NAMES,
     VELOCITY,
     ImageSeries,
     event_file,
     unfinished_told,
 )
+from .text_folder import TextFolder, parse_stamp
 
 _PIXEL_BYTES = 8
 """Of a value of an image: as it is decoded, and in an array."""
@@ -63,7 +62,7 @@ class StampedImage(NamedTuple):
     path: Path
 
 
-class Dataset:
+class Dataset(TextFolder):
     """Reads a dataset folder, each part of it read when it is first asked for.
 
     A part that the folder lacks is empty (``meta`` is then ``{}``), but for ``events`` and ``camera``, which raise
@@ -83,6 +82,10 @@ class Dataset:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         names = {entry.name for entry in self.path.iterdir()}
+        if RIG in names:
+            raise FileNotFoundError(
+                f"{self.path} is the folder of a rig, each of whose cameras is a dataset, such as {self.path / 'cam0'}"
+            )
         if names.isdisjoint({*EVENT_FILES.values(), META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
             said = f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it"
             inside = next((name for name in sorted(names) if (self.path / name / META).is_file()), None)
@@ -130,24 +133,6 @@ class Dataset:
         image.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
         image.save(stream, "PNG")
         return html_picture(stream.getvalue(), image.width)
-
-    @cached_property
-    def meta(self) -> JsonObject:
-        """Return the contents of ``meta.json``."""
-        path = self.path / META
-        if not path.exists():
-            return {}
-        text = read_text(path)
-        try:
-            meta = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise DecodeError(f"{path}, line {error.lineno}: {error.msg}") from None
-        except (RecursionError, ValueError) as error:  # nested too deeply, or a number of too many digits
-            raise DecodeError(f"{path}: {error}") from None
-        if not isinstance(meta, dict):
-            raise DecodeError(f"{path}: expected a JSON object, found {type(meta).__name__}")
-        _check_meta(path, meta)
-        return meta
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -252,18 +237,9 @@ class Dataset:
         return self._series(LUMA_MAPS)
 
     @cached_property
-    def groundtruth(self) -> GroundTruth:
-        """Return the camera's poses."""
-        t_us, poses = self._stamped_rows(GROUND_TRUTH, "timestamp px py pz qx qy qz qw", "poses")
-        return GroundTruth(t_us, poses[:, :3], poses[:, 3:])
-
-    @cached_property
     def imu(self) -> ImuArray:
         """Return the samples of the IMU, ``IMU_DTYPE``: m/s^2 and rad/s."""
-        t_us, values = self._stamped_rows(INERTIAL, "timestamp ax ay az gx gy gz", "IMU samples")
-        samples = np.zeros(len(t_us), IMU_DTYPE)
-        samples["t"], samples["accel"], samples["gyro"] = t_us, values[:, :3], values[:, 3:]
-        return samples
+        return self._imu_samples(INERTIAL)
 
     def read_image(self, index: int) -> npt.NDArray[np.uint8]:
         """Return intensity frame ``index``: uint8 (H, W)."""
@@ -277,9 +253,9 @@ class Dataset:
         data = read_charged(path, budget)
         with decoding(path), Image.open(io.BytesIO(data)) as image:
             budget.take(_PIXEL_BYTES * image.width * image.height, f"an image of {image.width} x {image.height} pixels")
-            found, pixels = image.mode, np.array(image)
-        if found != mode:
-            raise DecodeError(f"{path}: expected {what} grey image, found mode {found}")
+            actual, pixels = image.mode, np.array(image)
+        if actual != mode:
+            raise DecodeError(f"{path}: expected {what} grey image, found mode {actual}")
         return pixels
 
     def read_depth(self, index: int) -> npt.NDArray[np.float32]:
@@ -314,10 +290,6 @@ class Dataset:
             raise DecodeError(f"{path}: luma must be finite and >= 0, found {luma[y, x]} at pixel ({x}, {y})")
         return luma
 
-    @property
-    def _unfinished(self) -> bool:
-        return self.meta.get("complete") is False
-
     def _series(self, series: ImageSeries) -> list[StampedImage]:
         path = self.path / series.list_name
         images = []
@@ -325,94 +297,8 @@ class Dataset:
             name = PurePosixPath(words[1])
             if "\0" in words[1] or name.is_absolute() or ".." in name.parts:
                 raise DecodeError(f"{path}, line {number}: expected a file of this folder, found {words[1][:60]!r}")
-            images.append(StampedImage(_parse_stamp(words[0], path, number), self.path / name))
+            images.append(StampedImage(parse_stamp(words[0], path, number), self.path / name))
         return images
-
-    def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """Return a text file of stamps and numbers: times (n,) and numbers (n, k)."""
-        path = self.path / name
-        times, rows = [], []
-        for number, words in self._lines(name, layout):
-            times.append(_parse_stamp(words[0], path, number))
-            try:
-                row = [float(word) for word in words[1:]]
-            except ValueError as error:
-                raise DecodeError(f"{path}, line {number}: {error}") from None
-            if not all(map(math.isfinite, row)):
-                raise DecodeError(f"{path}, line {number}: {what} must be finite")
-            rows.append(row)
-        return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
-
-    def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:
-        """Yield the numbered lines of a text file, in words; none where it is missing. '#' starts a comment line."""
-        path = self.path / name
-        if not path.exists():
-            return
-        text = read_text(path)
-        if self._unfinished:
-            text = text[: text.rfind("\n") + 1]
-        for number, line in enumerate(text.splitlines(), 1):
-            words = line.split()
-            if not words or words[0].startswith("#"):
-                continue
-            if len(words) != len(layout.split()):
-                raise DecodeError(f"{path}, line {number}: expected '{layout}', found {line[:60]!r}")
-            yield number, words
-
-
-_META_TYPES: dict[str, tuple[type, ...]] = {
-    "sensor": (dict,),
-    "complete": (bool,),
-    "interrupted": (bool,),
-    "duration_us": (int,),
-    "counts": (dict,),
-    "parameters": (dict,),
-    "effects": (dict,),
-    "davis_rs": (str,),
-    "model": (int,),
-    "monte_carlo_noise": (dict,),
-}
-"""Of what is read from ``meta.json``; null stands for what is not known."""
-_POSITIVE_PARAMETERS = ("contrast_threshold", "contrast_threshold_off", "log_eps")
-_RATES = ("frame_rate_hz", "depth_rate_hz")
-"""0 stands for none."""
-
-
-def _check_meta(path: Path, meta: JsonObject) -> None:
-    """Refuse values of types that nobody expects."""
-    for key, types in _META_TYPES.items():
-        value = meta.get(key)
-        if value is not None and (not isinstance(value, types) or (bool not in types and isinstance(value, bool))):
-            raise DecodeError(f"{path}: {key!r} must be of type {types[0].__name__}, found {value!r:.60}")
-    if not -(2**63) <= (meta.get("duration_us") or 0) < 2**63:
-        raise DecodeError(f"{path}: 'duration_us' must fit 64 bits, found {meta['duration_us']!r:.60}")
-    share = (meta.get("monte_carlo_noise") or {}).get("share")
-    if share is not None and not (_is_number(share) and 0 <= share < _LARGEST_PARAMETER):
-        raise DecodeError(f"{path}: the share of 'monte_carlo_noise' must be a number >= 0, found {share!r:.60}")
-    parameters = meta.get("parameters") or {}
-    for key in (*_POSITIVE_PARAMETERS, *_RATES):
-        value = parameters.get(key)
-        number = _is_number(value)
-        if value is None or (number and 0 < value < _LARGEST_PARAMETER) or (number and value == 0 and key in _RATES):
-            continue
-        rule = "a number >= 0" if key in _RATES else "a positive number"
-        raise DecodeError(f"{path}: the parameter {key!r} must be {rule}, found {value!r:.60}")
-
-
-_LARGEST_PARAMETER = 1e12
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _parse_stamp(word: str, path: Path, number: int) -> int:
-    """Convert decimal seconds to microseconds in integer arithmetic, to the nearest (halves up)."""
-    match = re.fullmatch(r"([0-9]{1,12})(?:\.([0-9]{1,18}))?", word)
-    if match is None:
-        raise DecodeError(f"{path}, line {number}: expected a time in decimal seconds, found {word[:40]!r}")
-    seconds, decimals = match[1], (match[2] or "").ljust(7, "0")
-    return int(seconds + decimals[:6]) + (decimals[6] >= "5")
 
 
 def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:

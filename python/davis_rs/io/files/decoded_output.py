@@ -122,7 +122,7 @@ class ArraysOutput:
         }
         arrays |= {f"frame_{k}": frame.pixels for k, frame in enumerate(frames)}
         try:
-            np.savez(self._workplace.place, **arrays)
+            np.savez(self._workplace.working_path, **arrays)
             self._workplace.put()
         except BaseException as error:
             self._workplace.discard(error)

@@ -74,7 +74,7 @@ def _whole_writer(
         parents=isinstance(format, FolderFormat),
     )
     try:
-        writer = format.open_writer(workplace.place, size, overwrite=False, **options)
+        writer = format.open_writer(workplace.working_path, size, overwrite=False, **options)
     except BaseException as error:
         workplace.discard(error)
         raise

@@ -28,10 +28,10 @@ def find_inside(path: str | os.PathLike[str], group: h5py.Group, name: str, link
     import h5py
 
     here: Any = group
-    for part in filter(None, name.split("/")):
-        link = here.get(part, getlink=True) if isinstance(here, h5py.Group) else None
+    for link_name in filter(None, name.split("/")):
+        link = here.get(link_name, getlink=True) if isinstance(here, h5py.Group) else None
         if isinstance(link, h5py.HardLink):
-            here = here[part]
+            here = here[link_name]
         elif isinstance(link, h5py.SoftLink):
             if links == _MOST_LINKS:
                 raise DecodeError(f"{os.fspath(path)}: {name} leads in circles")

@@ -106,9 +106,9 @@ def _frame(
     do."""
     reads = np.zeros((2, *shape), np.int64)
     there = np.zeros((2, *shape), np.bool_)
-    for read, of in enumerate((reset, signal)):
-        reads[read, samples.y[of], samples.x[of]] = samples.value[of]
-        there[read, samples.y[of], samples.x[of]] = True
+    for read, chosen in enumerate((reset, signal)):
+        reads[read, samples.y[chosen], samples.x[chosen]] = samples.value[chosen]
+        there[read, samples.y[chosen], samples.x[chosen]] = True
     if samples_count_double:
         reads *= 2
     value = np.clip(reads[_RESET] - reads[_SIGNAL], 0, _WHITE)

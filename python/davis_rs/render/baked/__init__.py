@@ -1,7 +1,7 @@
 """Irradiance on the surfaces of a diffuse scene, computed once and looked up afterwards; docs/light.md.
 
 ``baked_scene`` (from the cache or computed now) -> ``cache`` -> ``kept_arrays``, ``lights`` (what shines) -> ``bake``
--> ``irradiance`` (by Mitsuba's rays), ``light_maps`` (what it gives) -> ``surface_lattice`` (where); ``instants``
+-> ``irradiance`` (by the core's rays), ``light_maps`` (what it gives) -> ``surface_lattice`` (where); ``instants``
 (when, where bodies move); ``partial`` (what a stopped bake leaves).
 
 Light is baked on the meshes' own triangles, not in an atlas: points on common edges are common, so there are no

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy.typing as npt
 
 from ...events.luma import LUMA_WEIGHTS
 from .instants import MOTION_TOLERANCE, MotionTimes, chosen
-from .irradiance import Irradiance, Reflected, relative_error
+from .irradiance import Irradiance, Reflected, Surfaces, relative_error
 from .light_maps import LightMaps, layouts_of, looked_up, side_of, texels_of
 from .surface_lattice import RefinementRule, SampledLight, SurfaceLattice, refine
 
@@ -49,25 +48,6 @@ _COARSE_ERROR = 0.04
 
 MOST_POINTS = 400_000
 """Of each part of the light, where nothing moves; fewer at each of several instants."""
-
-
-@dataclass(frozen=True)
-class Surfaces:
-    """What is baked, in the order of the scene table's records.
-
-    Attributes:
-        corners: float64 (t, 3, 3), metres.
-        normals: float64 (t, 3, 3), unit shading normals of the front, at the corners.
-        two_sided: bool (t).
-        counts: how many of them each of the scene's shapes has.
-        frames: int64 (t), the frame that each is in: 0 for the world, 1, 2, ... for bodies that move.
-    """
-
-    corners: FloatArray
-    normals: FloatArray
-    two_sided: npt.NDArray[np.bool_]
-    counts: Sequence[int]
-    frames: IntArray
 
 
 def bake(
@@ -228,8 +208,7 @@ class _Job:
 
     def reflected(self, light: Irradiance, direct: list[SampledLight]) -> Gathered:
         """A function that gathers what surfaces reflect of direct light and of all bounces but the last."""
-        of_direct = [self._reflected(light, part) for part in direct]
-        gather = partial(light.gathered, reflected=of_direct)
+        gather = partial(light.gathered, reflected=self._reflected(direct))
         bounced: SampledLight | None = None
         for bounce in range(1, light.most_bounces):
             if bounced is None:
@@ -240,17 +219,18 @@ class _Job:
                 more = bounced.with_light(partial(_at_spots, light, partial(gather, samples=COARSE_SAMPLES)))
                 was, now = (part.values.sum() for part in (bounced, more))
                 bounced, change = more, (now - was) / now if now > 0 else 0.0
-            gather = partial(light.gathered, reflected=[*of_direct, self._reflected(light, bounced)])
+            gather = partial(light.gathered, reflected=self._reflected([*direct, bounced]))
             if change < _SETTLED * self._error:
                 break
         return gather
 
-    def _reflected(self, light: Irradiance, part: SampledLight) -> Reflected:
-        divisions = part.divisions()
+    def _reflected(self, parts: list[SampledLight]) -> Reflected | None:
+        """What surfaces reflect of all parts of the light that falls on them; None without any."""
+        if not parts:
+            return None
+        divisions = np.max([part.divisions() for part in parts], axis=0)
         layouts = layouts_of(self.of_sides(divisions))
-        texels = texels_of(self._lattice, [part], divisions, layouts)
-        normals = light.turned(self._surfaces.normals.mean(1), self._surfaces.frames)
-        return light.reflected(self._surfaces.counts, normals, layouts, texels)
+        return Reflected(layouts, texels_of(self._lattice, parts, divisions, layouts))
 
     def of_sides(self, divisions: IntArray) -> IntArray:
         """Divisions (t, 2) of fronts and backs, -1 for backs that do not reflect, from those of the lattice's sides."""

@@ -11,17 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._mitsuba.types import Mitsuba, MitsubaObject, MitsubaScene, MitsubaShape
-from ..._mitsuba.variants import FAST, default_variant, load_scene_source, variant, versions
+from ..._mitsuba.variants import SCALAR, versions
 from ..._util.progress import progress, say
-from ...geometry.camera import Camera
 from ...scene.scene import Scene
-from ..diffuse_materials import is_two_sided, simplify_materials
+from ..diffuse_materials import is_two_sided
 from ..motion.scene_motion import SceneMotion
 from ..obstacles import Obstacles, Unsuitable
-from ..primitives import triangulated
 from . import cache
-from .bake import MOST_POINTS, Surfaces, bake
+from .bake import MOST_POINTS, bake
 from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
+from .irradiance import Surfaces
 from .light_maps import LightMaps, check_maps
 from .lights import (
     SkyMap,
@@ -39,7 +38,7 @@ from .lights import (
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 3
+VERSION = 4
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
@@ -116,13 +115,9 @@ def check_baking(loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, *, by_n
         by_name: the user asked for baked light, so that it may take hours.
 
     Raises:
-        Unsuitable: with all lights that this is not made for, for another integrator, or without LLVM.
+        Unsuitable: with all lights that this is not made for, or for another integrator.
     """
     obstacles = Obstacles()
-    name, why = default_variant()
-    with obstacles.collect():
-        if name != FAST:
-            raise Unsuitable(f"its light would have to be baked, which needs LLVM: {why}")
     with obstacles.collect():
         if not loaded.emitters():
             raise Unsuitable("it has no lights", "give it one")
@@ -152,56 +147,60 @@ def _corners(shape: MitsubaShape) -> int:
     return int(3 * shape.face_count() if flat else shape.vertex_count()) * (2 if is_two_sided(shape.bsdf()) else 1)
 
 
-def baked_light(scene: Scene, camera: Camera, surfaces: Surfaces, error: float) -> BakedLight:
+def baked_light(
+    scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, surfaces: Surfaces, error: float
+) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
     Args:
         scene: that :func:`check_baking` takes. Where its objects move, light is baked at several instants.
-        camera: for whose path round shapes were replaced by triangles.
+        loaded: the same, loaded under the scalar variant, of triangles.
+        motion: of its objects.
         surfaces: of the scene, in the order of its shapes.
         error: that is allowed, relative.
 
     Raises:
         ValueError: for lights that cannot be.
     """
-    with variant(FAST) as (mi, _):
-        loaded = load_scene_source(scene.source(), mi)
-        simplify_materials(loaded, mi, matte=scene.matte)
-        loaded, motion, _, _ = triangulated(scene, camera, loaded, mi)
-        check_strengths(loaded, mi)
-        paths = paths_of(loaded.integrator())
-        names = light_groups(loaded, list(motion.lights))
-        duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
-        times = motion_times(motion, duration_s)
-        emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
-        backgrounds = background_luma(loaded, mi, names)
-        sky = sky_map(loaded, mi, names)
-        content = _content(loaded, mi, surfaces, _poses(motion, times))
-        settings = (VERSION, sorted(versions(FAST).items()), paths, names, error, content)
-        key = hashlib.sha256(repr(settings).encode()).hexdigest()
-        maps = _known.get(key)
-        check = partial(check_maps, two_sided=surfaces.two_sided, lights=len(names), tests=times.tests)
-        if maps is None and (maps := cache.load(key, check)) is not None:
-            say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
-        if maps is None:
-            kept = cache.load_partial(key)
-            with (
-                progress("baking light", 0, unit="points") as bar,
-                cache.kept_if_stopped(key, kept),
-                irradiance_of(loaded, mi, names, kept, motion) as lights_at,
-            ):
+    check_strengths(loaded, mi)
+    paths = paths_of(loaded.integrator())
+    names = light_groups(loaded, list(motion.lights))
+    duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
+    times = motion_times(motion, duration_s)
+    emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
+    content = _content(loaded, mi, surfaces, _poses(motion, times))
+    settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, content)
+    key = hashlib.sha256(repr(settings).encode()).hexdigest()
+    maps = _known.get(key)
+    check = partial(check_maps, two_sided=surfaces.two_sided, lights=len(names), tests=times.tests)
+    if maps is None and (maps := cache.load(key, check)) is not None:
+        say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
+    if maps is None:
+        kept = cache.load_partial(key)
+        lights_at = irradiance_of(loaded, mi, surfaces, names, kept, motion)
+        with progress("baking light", 0, unit="points") as bar, cache.kept_if_stopped(key, kept):
 
-                def seen(what: str, done: int, expected: int) -> None:
-                    bar.total = max(bar.total, expected)
-                    bar.to(done, what)
+            def seen(what: str, done: int, expected: int) -> None:
+                bar.total = max(bar.total, expected)
+                bar.to(done, what)
 
-                maps = bake(surfaces, times, lights_at, error, seen=seen)
-            say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
-            cache.store(key, maps)
-        while len(_known) >= _MOST_KNOWN:
-            del _known[next(iter(_known))]
-        _known[key] = maps
-    return BakedLight(maps, times, names, emitted, emitters, backgrounds, sky, content, cache.holds(key))
+            maps = bake(surfaces, times, lights_at, error, seen=seen)
+        say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
+        cache.store(key, maps)
+    while len(_known) >= _MOST_KNOWN:
+        del _known[next(iter(_known))]
+    _known[key] = maps
+    return BakedLight(
+        maps,
+        times,
+        names,
+        emitted,
+        emitters,
+        background_luma(loaded, mi, names),
+        sky_map(loaded, mi, names),
+        content,
+        cache.holds(key),
+    )
 
 
 def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:

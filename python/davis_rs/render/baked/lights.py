@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._core import IrradianceSampler
 from ..._mitsuba.types import (
     Mitsuba,
     MitsubaBox,
     MitsubaEmitter,
     MitsubaIntegrator,
+    MitsubaParameters,
     MitsubaScene,
     MitsubaShape,
     MitsubaValue,
 )
 from ...events.luma import LUMA_WEIGHTS
 from ..motion.scene_motion import STILL, SceneMotion
-from ..motion.scene_scale import scale_scene
-from ..motion.scene_updates import SceneUpdates, like, strength_key
 from ..obstacles import Obstacles, Unsuitable
-from .irradiance import Irradiance
+from .irradiance import Irradiance, Paths, Surfaces, moved, turned
 from .partial import PartialBake
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,14 +43,6 @@ blur its shadows."""
 
 _LARGEST_SKY = 4096
 _PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
-
-
-@dataclass(frozen=True)
-class Paths:
-    """How long light's paths are, as Mitsuba's path tracer counts it: -1 for any length; 2 is direct light."""
-
-    max_depth: int
-    rr_depth: int
 
 
 def paths_of(integrator: MitsubaIntegrator) -> Paths:
@@ -89,6 +81,8 @@ def check_lights(scene: MitsubaScene, mi: Mitsuba) -> None:
                 raise Unsuitable(f"is not baked: {lights} are", "give it as one of these", name)
             if kind == "AreaLight" and "radiance.value" not in mi.traverse(emitter):
                 raise textured_lamp(own_name)
+            if kind == "EnvironmentMapEmitter" and not _is_rotation(mi.traverse(emitter)):
+                raise Unsuitable("is stretched by its transform", "turn it only", name)
             if kind == "AreaLight" and hidden:
                 rule = "is hidden by the scene's integrator (hide_emitters)"
                 raise Unsuitable(rule, "leave hide_emitters out", name)
@@ -159,21 +153,61 @@ class SkyMap:
     texels: npt.NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class Environment:
+    """An environment map.
+
+    Attributes:
+        texels: float32 (height, width, 3), radiance. The middles of columns lie around the y axis; the first and the
+            last row are at the poles.
+        to_map: float64 (3, 3), takes a direction of the world to the axes of the map.
+    """
+
+    texels: npt.NDArray[np.float32]
+    to_map: FloatArray
+
+    @classmethod
+    def of(cls, emitter: MitsubaEmitter, mi: Mitsuba) -> Environment:
+        """Take Mitsuba's map; around it lie a column that repeats the last one, and one that repeats the first."""
+        parameters = mi.traverse(emitter)
+        data = np.array(parameters["data"], np.float32)[:, 1:-1, :3]
+        scale = np.float32(np.array(parameters["scale"]).reshape(()))
+        to_map = np.linalg.inv(_linear(parameters)).astype(np.float64)
+        return cls(np.ascontiguousarray(data * scale), to_map)
+
+    def seen(self, directions: FloatArray) -> FloatArray:
+        """Radiance (n, 3) from unit directions (n, 3)."""
+        height, width = self.texels.shape[:2]
+        x, y, z = self.to_map @ directions.T
+        along = (np.arctan2(x, -z) / (2 * np.pi)) % 1.0 * width - 0.5
+        down = np.arccos(np.clip(y, -1.0, 1.0)) / np.pi * (height - 1)
+        column, row = np.floor(along).astype(int), np.minimum(down.astype(int), height - 2)
+        right, below = (along - column)[:, None], (down - row)[:, None]
+        upper, lower = (
+            self.texels[k, column % width] * (1 - right) + self.texels[k, (column + 1) % width] * right
+            for k in (row, row + 1)
+        )
+        return np.asarray(upper * (1 - below) + lower * below)
+
+
+def _linear(parameters: MitsubaParameters) -> FloatArray:
+    return np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, :3]
+
+
+def _is_rotation(parameters: MitsubaParameters) -> bool:
+    linear = _linear(parameters)
+    return bool(np.allclose(linear @ linear.T, np.eye(3), atol=1e-4))
+
+
 def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> SkyMap | None:
     """The scene's environment map as it is seen; None where there is none, or the integrator hides it."""
     if getattr(scene.integrator(), "hide_emitters", False):
         return None
     for name, emitter in named_emitters(scene):
         if emitter.class_name() == "EnvironmentMapEmitter":
-            import drjit as dr
-
-            height = mi.traverse(emitter)["data"].shape[0]
-            side = min(2 * height, _LARGEST_SKY)
-            towards = _octahedral_directions(side)
-            seen = dr.zeros(mi.SurfaceInteraction3f, len(towards))
-            seen.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-column, np.float32)) for column in towards.T))
-            rgb = np.array(emitter.eval(seen), np.float64).reshape(3, -1)
-            texels = (np.asarray(LUMA_WEIGHTS) @ rgb).astype(np.float32)
+            environment = Environment.of(emitter, mi)
+            side = min(2 * len(environment.texels), _LARGEST_SKY)
+            texels = (environment.seen(_octahedral_directions(side)) @ LUMA_WEIGHTS).astype(np.float32)
             return SkyMap(group_of(name, names), side, texels.reshape(side + 2, side + 2))
     return None
 
@@ -230,106 +264,144 @@ def named_emitters(scene: MitsubaScene) -> list[tuple[str, MitsubaEmitter]]:
     return [*of_shapes, *others]
 
 
-@contextmanager
 def irradiance_of(
-    scene: MitsubaScene, mi: Mitsuba, names: Sequence[str], kept: PartialBake, motion: SceneMotion = STILL
-) -> Iterator[Callable[[float], list[Irradiance]]]:
-    """A function that gives the light of each group of lights at a time in seconds, to be computed one group at a time.
+    scene: MitsubaScene,
+    mi: Mitsuba,
+    surfaces: Surfaces,
+    names: Sequence[str],
+    kept: PartialBake,
+    motion: SceneMotion = STILL,
+) -> Callable[[float], list[Irradiance]]:
+    """Return a function that gives the light of each group of lights at a time in seconds.
 
     Args:
-        scene: loaded under Mitsuba's LLVM variant, which is in use; it is scaled where its size asks for that, and its
-            objects are moved.
+        scene: whose shapes the surfaces are.
         names: see :func:`light_groups`.
         kept: what was computed before.
         motion: of the scene's objects.
     """
-    integrator = scene.integrator() or mi.load_dict({"type": "path"})
     paths = paths_of(scene.integrator())
-    scale = scale_scene(scene, integrator, mi)
-    placing = _Placing(scene, motion, scale, mi) if motion.objects else None
+    groups = [_Group(scene, mi, surfaces.counts, number, names) for number in range(len(names))]
+    boxes = dict(zip(motion.objects, motion.boxes, strict=True))
+    moving = SceneMotion(motion.objects, {}, boxes)
+    still = functools.cache(lambda: _sampler(surfaces, groups, None))
 
     def at(t_s: float) -> list[Irradiance]:
-        return [_Group(scene, mi, paths, scale, number, names, kept, placing, t_s) for number in range(len(names))]
+        poses, sampler, when = None, still, ""
+        if moving.objects:
+            poses, when = _poses(moving, t_s), f" at {t_s!r} s"
+            sampler = functools.cache(lambda: _sampler(surfaces, groups, poses))
+        return [
+            Irradiance(
+                sampler,
+                number,
+                group.kinds,
+                paths=paths,
+                diagonal=surfaces.diagonal,
+                name=name + when,
+                kept=kept,
+                poses=poses,
+            )
+            for number, (name, group) in enumerate(zip(names, groups, strict=True))
+        ]
 
-    yield at
-
-
-class _Placing:
-    """Puts a scene's objects where they are at a time."""
-
-    def __init__(self, scene: MitsubaScene, motion: SceneMotion, scale: float, mi: Mitsuba) -> None:
-        boxes = dict(zip(motion.objects, motion.boxes, strict=True))
-        self._motion, self._scale = SceneMotion(motion.objects, {}, boxes), scale
-        self._updates = SceneUpdates(scene, self._motion, mi)
-        self._t_s: float | None = None
-
-    def poses(self, t_s: float) -> FloatArray:
-        """T_world_frame (k, 4, 4), the world's own first."""
-        found = np.tile(np.eye(4), (1 + len(self._motion.objects), 1, 1))
-        for pose, views in zip(found[1:], self._motion.at(np.array([t_s])).objects, strict=True):
-            pose[:3, :3], pose[:3, 3] = views.rotations[0], views.positions[0]
-        return found
-
-    def put(self, t_s: float) -> None:
-        """Move what is not there yet."""
-        if t_s != self._t_s:
-            self._updates.set(self._motion.at(np.array([t_s])).scaled(self._scale), 0)
-            self._t_s = t_s
+    return at
 
 
-class _Group(Irradiance):
-    """The light of some of a scene's emitters: the others are switched off while it is computed."""
+def _poses(motion: SceneMotion, t_s: float) -> FloatArray:
+    """T_world_frame (k, 4, 4), the world's own first."""
+    poses = np.tile(np.eye(4), (1 + len(motion.objects), 1, 1))
+    for pose, views in zip(poses[1:], motion.at(np.array([t_s])).objects, strict=True):
+        pose[:3, :3], pose[:3, 3] = views.rotations[0], views.positions[0]
+    return poses
+
+
+def _sampler(surfaces: Surfaces, groups: Sequence[_Group], poses: FloatArray | None) -> IrradianceSampler:
+    """The scene with its lights, while bodies have these poses."""
+    corners, fronts, normals = surfaces.corners, surfaces.fronts, surfaces.normals
+    if poses is not None:
+        of_corners = np.repeat(surfaces.frames, 3)
+        corners = moved(poses, corners.reshape(-1, 3), of_corners)
+        fronts, normals = turned(poses, fronts, surfaces.frames), turned(poses, normals.reshape(-1, 3), of_corners)
+    return IrradianceSampler(
+        corners=np.ascontiguousarray(corners).ravel(),
+        normals=np.ascontiguousarray(fronts).ravel(),
+        shading_normals=np.ascontiguousarray(normals).ravel(),
+        uv=surfaces.uv.ravel(),
+        textures=surfaces.texture_of,
+        two_sided=surfaces.two_sided.astype(np.uint32),
+        layouts=surfaces.sizes.astype(np.int64).ravel(),
+        texels=surfaces.reflectances.ravel(),
+        groups=[group.lights for group in groups],
+    )
+
+
+_Rgb = list[float]
+_LampTuple = tuple[int, int, _Rgb]
+
+
+class _Group:
+    """The lights of a scene that are baked together, as the core takes them.
+
+    Args:
+        counts: of the triangles of the scene's shapes.
+        number: of the group among its ``names``.
+
+    Attributes:
+        kinds: those that it has: ``lamps``, ``sky``, ``sharp``.
+        lights: see :class:`~davis_rs._core.IrradianceSampler`.
+    """
 
     def __init__(
-        self,
-        scene: MitsubaScene,
-        mi: Mitsuba,
-        paths: Paths,
-        scale: float,
-        number: int,
-        names: Sequence[str],
-        kept: PartialBake,
-        placing: _Placing | None,
-        t_s: float,
+        self, scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], number: int, names: Sequence[str]
     ) -> None:
-        self._own_name, self._placing, self._t_s = names[number], placing, t_s
+        first = np.cumsum([0, *counts]).tolist()
+        small = small_lamps(scene)
+        lamps, small_ones = list[_LampTuple](), list[_LampTuple]()
         # Lights are told apart by what they are, not by their names: those without one are called alike.
-        small = [shape.emitter() for shape in small_lamps(scene)]
-        soft, sharp, self._others = list[MitsubaEmitter](), list[MitsubaEmitter](), list[MitsubaEmitter]()
-        for name, emitter in named_emitters(scene):
-            if group_of(name, names) != number:
-                self._others.append(emitter)
-            elif emitter.class_name() in _SOFT and emitter not in small:
-                soft.append(emitter)
+        for place, shape in enumerate(scene.shapes()):
+            if shape.is_emitter() and group_of(area_light_name(shape), names) == number:
+                radiance = _rgb(mi.traverse(shape.emitter())["radiance.value"]).tolist()
+                (small_ones if shape in small else lamps).append((first[place], counts[place], radiance))
+        constant: _Rgb | None = None
+        environment: tuple[int, int, npt.NDArray[np.float32], list[_Rgb]] | None = None
+        points, directions = list[Any](), list[Any]()
+        for emitter in scene.emitters():
+            kind = emitter.class_name()
+            if kind == "AreaLight" or group_of(emitter.id(), names) != number:
+                continue
+            parameters = mi.traverse(emitter)
+            if kind == "ConstantBackgroundEmitter":
+                constant = _rgb(parameters["radiance.value"]).tolist()
+            elif kind == "EnvironmentMapEmitter":
+                sky = Environment.of(emitter, mi)
+                height, width = sky.texels.shape[:2]
+                environment = width, height, sky.texels.ravel(), sky.to_map.tolist()
+            elif kind == "DirectionalEmitter":
+                along = _linear(parameters)[:, 2]
+                irradiance = _rgb(parameters["irradiance.value"]).tolist()
+                directions.append(((along / np.linalg.norm(along)).tolist(), irradiance))
+            elif kind == "PointLight":
+                position = _flat(parameters["position"]).tolist()
+                points.append((position, _rgb(parameters["intensity.value"]).tolist(), None))
             else:
-                sharp.append(emitter)
-        depths = {"max_depth": paths.max_depth, "rr_depth": paths.rr_depth}
-        poses = None if placing is None else placing.poses(t_s)
-        super().__init__(scene, mi, soft, sharp, **depths, scale=scale, kept=kept, poses=poses)
-        self.bounces = self.bounces and bool(soft or sharp)
+                points.append(_spot(parameters))
+        self.lights = lamps, constant, environment, points, directions, small_ones
+        kinds = {
+            "lamps": bool(lamps),
+            "sky": constant is not None or environment is not None,
+            "sharp": bool(points or directions or small_ones),
+        }
+        self.kinds = frozenset(kind for kind, there in kinds.items() if there)
 
-    def _name(self) -> str:
-        return self._own_name if self._placing is None else f"{self._own_name} at {self._t_s!r} s"
 
-    def _mean_of_part(self, *arguments: Any) -> FloatArray:
-        if self._placing is not None:
-            self._placing.put(self._t_s)
-        if not self._others:
-            return super()._mean_of_part(*arguments)
-        kept = []
-        for emitter in self._others:
-            parameters = self._mi.traverse(emitter)
-            key = strength_key("", parameters)
-            kept.append((parameters, key, np.array(parameters[key], np.float64)))
-        try:
-            for parameters, key, values in kept:
-                parameters[key] = like(parameters[key], values * 0.0)
-                parameters.update()
-            return super()._mean_of_part(*arguments)
-        finally:
-            for parameters, key, values in kept:
-                parameters[key] = like(parameters[key], values)
-                parameters.update()
+def _spot(parameters: MitsubaParameters) -> tuple[_Rgb, _Rgb, tuple[_Rgb, tuple[float, float]]]:
+    """The position, intensity and beam of a spot light."""
+    axis = _linear(parameters)[:, 2]
+    position = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 3]
+    full, cutoff = (float(np.radians(_flat(parameters[key])[0])) for key in ("beam_width", "cutoff_angle"))
+    beam = (axis / np.linalg.norm(axis)).tolist(), (full, cutoff)
+    return position.tolist(), _rgb(parameters["intensity.value"]).tolist(), beam
 
 
 def _rgb(value: MitsubaValue) -> FloatArray:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from ..._core import PixelRays, SceneRenderer
 from ..._mitsuba.variants import SCALAR
+from ..._util.argument_error import ArgumentError
 from ...events.luma import LumaFrames
 from ...geometry.camera import Camera
 from ...geometry.lattice import rank1_lattice
@@ -15,7 +16,7 @@ from ...geometry.trajectory.views import Views
 from ..base import Indices, Renderer
 from ..edges.edge_tracks import EdgeTracks
 from ..motion.scene_motion import STILL, SceneMotion, pose_arrays, seen_from
-from ..rays.camera_rays import pixel_rays, ray_table, table_bytes
+from ..rays.camera_rays import pixel_corners, pixel_rays, ray_table, table_bytes
 from ..rays.shadow_rays import END, STEP
 from ..scene_cache import cached
 from ..scene_tables.scene_table import SceneTable
@@ -26,6 +27,12 @@ _PIXELS_PER_LAUNCH = 1 << 21
 
 _MOST_ACROSS = 65535
 """The largest width of an image that the core takes."""
+
+PIXELS = ("rays", "lines")
+"""What luma of a pixel is made of: a mean over rays, or its area by lines."""
+
+LINES = {8: 4, 32: 8, 64: 16}
+"""How many lines a pixel has in place of so many rays: they are shaded at about as many taps."""
 
 ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -38,7 +45,13 @@ class NativeRenderer(Renderer):
     pixel has the same bits in any batch, on any number of threads and on any processor of one architecture.
 
     Args:
+        pixel: ``rays``, or ``lines``: luma is the integral over a pixel's area along lines, on which the nearest
+            surface is known from edge to edge, so that it does not jump while an edge passes. Shadows are those of the
+            taps. Rates are differences then, and hold at edges too.
         threads: number of threads; None for all processors.
+
+    Raises:
+        ValueError: for lines in place of another number of rays than :data:`LINES` has, or with a distorting lens.
 
     Attributes:
         baked: the baked light; None without any.
@@ -57,12 +70,22 @@ class NativeRenderer(Renderer):
         rays_per_pixel: int,
         blur: bool,
         motion: SceneMotion = STILL,
+        pixel: str = "rays",
         threads: int | None = None,
     ) -> None:
         if table.baked is not None:
             motion = motion.with_bends(table.baked.maps.instants)
         super().__init__(camera, rays_per_pixel=rays_per_pixel, blur=blur, motion=motion)
         rank1_lattice(rays_per_pixel)  # refuses bad numbers
+        self.pixel = pixel
+        self._lines: int | None = None
+        if pixel == "lines":
+            pixel_corners(camera)  # refuses distortion
+            if rays_per_pixel not in LINES:
+                raise ArgumentError(
+                    "{pixel:lines} takes {rays_per_pixel} {}, got {}", ", ".join(map(str, LINES)), rays_per_pixel
+                )
+            self._lines = LINES[rays_per_pixel]
         self.reason, self.baked, self.table = table.description, table.baked, table
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._profiles = [columns.get(light.name) for light in table.lights]
@@ -78,21 +101,36 @@ class NativeRenderer(Renderer):
         return tables / (self.camera.width * self.camera.height)
 
     def without_blur(self) -> NativeRenderer:
-        """Return a renderer with the same rays of the same scene, but without blur and lens."""
+        """Return a renderer by the same rays of the same scene, but without blur and lens.
+
+        Raises:
+            ValueError: for lines.
+        """
+        self._known_rays()
         return NativeRenderer(
             self.table, self.camera, rays_per_pixel=self.rays_per_pixel, blur=False, motion=self.motion
         )
 
     def _luma(self, views: Views) -> LumaFrames:
+        if self._lines is not None:
+            luma = self._core.line_luma(pixel_corners(self.camera), self._lines, self._arrays(views))
+            return luma.reshape(self._shape(views))
         luma, _ = self._core.luma(pixel_rays(self.camera, self.rays_per_pixel), self._arrays(views))
         return luma.reshape(self._shape(views))
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
+        if self._lines is not None:
+            return super()._luma_and_rate(views)
         luma, rate = self._core.luma(pixel_rays(self.camera, self.rays_per_pixel), self._arrays(views), rate=True)
         assert rate is not None
         return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        if self._lines is not None:
+            if rays != self.rays_per_pixel:
+                raise ValueError(f"lines take the place of {self.rays_per_pixel} rays a pixel, got {rays}")
+            view, pixel = view.astype(np.uint32), pixel.astype(np.uint32)
+            return self._core.line_samples(pixel_corners(self.camera), self._lines, self._arrays(views), view, pixel)
         return self._core.samples(pixel_rays(self.camera, rays), self._arrays(views), view, pixel)
 
     def gradients(
@@ -111,7 +149,7 @@ class NativeRenderer(Renderer):
             order of :attr:`table`.
         """
         gradients = self._core.gradients(
-            pixel_rays(self.camera, self.rays_per_pixel),
+            self._known_rays(),
             self._arrays(views),
             view,
             np.ascontiguousarray(pixel).ravel(),
@@ -135,7 +173,7 @@ class NativeRenderer(Renderer):
         textures = self.table.textures
         steps = np.array([weights.sum() for weights in textures.group_weights], np.float64)
         counts, texels, values = self._core.texel_gradients(
-            pixel_rays(self.camera, self.rays_per_pixel),
+            self._known_rays(),
             self._arrays(views),
             view,
             np.ascontiguousarray(pixel).ravel(),
@@ -154,9 +192,7 @@ class NativeRenderer(Renderer):
             n mod 64 is flipped for each light n that something hides); and luma.
         """
         shape = len(pixel), self.rays_per_pixel
-        triangle, hidden, luma = self._core.ray_hits(
-            pixel_rays(self.camera, self.rays_per_pixel), self._arrays(views), view, pixel
-        )
+        triangle, hidden, luma = self._core.ray_hits(self._known_rays(), self._arrays(views), view, pixel)
         return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
 
     def ray_luma(self, views: Views, rays: FloatArray) -> FloatArray:
@@ -174,9 +210,11 @@ class NativeRenderer(Renderer):
         """Return the cameras in the world, and in the frame of each body that moves."""
         return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
 
-    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks]:
+    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
+        if self._lines is not None:
+            return None  # their luma does not jump
         spans = self._core.edge_tracks(
-            pixel_rays(self.camera, self.rays_per_pixel),
+            self._known_rays(),
             self._arrays(views),
             t_us.ravel(),
             reach=self.reach_px,
@@ -219,6 +257,16 @@ class NativeRenderer(Renderer):
         back = np.einsum("mi,mij->m", self.table.planes[triangle, :3], along) > 0
         shapes = np.repeat(np.arange(len(self.table.counts)), self.table.counts)[triangle]
         return np.where(missed, -1, shapes), back & ~missed
+
+    def _known_rays(self) -> PixelRays:
+        """Return the rays, for what is known of single rays alone.
+
+        Raises:
+            ValueError: for lines.
+        """
+        if self._lines is not None:
+            raise ArgumentError("what single rays see and derivatives need {pixel:rays}, got {pixel:lines}")
+        return pixel_rays(self.camera, self.rays_per_pixel)
 
     def _shape(self, views: Views) -> tuple[int, int, int]:
         return len(views), self.camera.height, self.camera.width

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..._core import PixelRays
 from ..._mitsuba.types import JitArray, JitFloat, JitIndex, JitMatrix, JitRay, JitVector
 from ..._mitsuba.variants import FAST, variant
+from ..._util.argument_error import ArgumentError
 from ...geometry.camera import Camera
 from ...geometry.lattice import rank1_lattice
 from ...geometry.trajectory.views import Views
@@ -51,6 +52,22 @@ def pixel_rays(camera: Camera, rays: int) -> PixelRays:
         return camera.rays(centres[None] + lattice[:, None]).astype(np.float32).ravel()
 
     return PixelRays.from_parts(camera.width, camera.height, rays, rows, block)
+
+
+@functools.lru_cache(maxsize=4)
+def pixel_corners(camera: Camera) -> PixelRays:
+    """Return the upper left and lower right corner of each pixel, as the Rust core takes them for lines.
+
+    Raises:
+        ValueError: for a lens with distortion.
+    """
+    if any(camera.distortion):
+        raise ArgumentError(
+            "{pixel:lines} needs a lens without distortion, got {}: take {pixel:rays}", list(camera.distortion)
+        )
+    corners = np.array([[-0.5, -0.5], [0.5, 0.5]])
+    x, y = (_along(camera, axis, corners) for axis in (0, 1))
+    return PixelRays.grid(camera.width, camera.height, 2, x, y)
 
 
 def table_bytes(camera: Camera, rays: int) -> int:

@@ -26,8 +26,8 @@ from ..._mitsuba.types import (
 )
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.lattice import rank1_lattice
-from ..baked.bake import Surfaces
 from ..baked.baked_scene import BakedLight
+from ..baked.irradiance import Surfaces
 from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, small_lamps, textured_lamp
 from ..closest_view import ClosestView
@@ -183,17 +183,32 @@ class SceneTable:
             for rows, maps in smooth_parts:
                 self.normal_maps[rows] = maps
 
-    def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
-        """Compute the light on the surfaces with ``light``, and add it to the lights."""
+    @property
+    def surfaces(self) -> Surfaces:
+        """What light falls on, for the bake."""
         maps = self.normal_maps
         if maps is None:
             at_corners = np.repeat(self.planes[:, None, :3], 3, axis=1)
         else:
             at_corners = np.einsum("tij,tkj->tki", maps[..., :3], self.corners) + maps[:, None, :, 3]
         length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
-        unit = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
-        frames = self.frames.astype(np.int64)
-        self.baked = light(Surfaces(self.corners, unit, self.two_sided == 1, self.counts, frames))
+        at_points = np.concatenate([self.corners, np.ones((*self.corners.shape[:2], 1))], -1)
+        return Surfaces(
+            corners=self.corners,
+            fronts=self.planes[:, :3],
+            normals=np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0),
+            two_sided=self.two_sided == 1,
+            counts=self.counts,
+            frames=self.frames.astype(np.int64),
+            uv=np.stack([np.einsum("tkj,tj->tk", at_points, maps) for maps in (self.u_maps, self.v_maps)], -1),
+            texture_of=self.textures.texture_of,
+            sizes=self.textures.sizes,
+            reflectances=self.textures.reflectances,
+        )
+
+    def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
+        """Compute the light on the surfaces with ``light``, and add it to the lights."""
+        self.baked = light(self.surfaces)
         self._first_baked = self._add_baked(self.baked)
         self.emission_lights = (self._first_baked + self.baked.emitters).astype(np.uint32)
 

@@ -96,6 +96,15 @@ class TextureTable:
                 luma[first + start : first + start + len(piece)] = piece @ self.group_weights[group]
         return luma
 
+    @property
+    def reflectances(self) -> npt.NDArray[np.float32]:
+        """The reflectance of all texels, float32 (texels, 3), red, green and blue."""
+        rgb = np.empty((self._count, 3), np.float32)
+        for (first, *_), texels in zip(self._sizes, self._texels, strict=True):
+            for start, piece in texels.pieces():
+                rgb[first + start : first + start + len(piece)] = piece
+        return rgb
+
     def framed(self, group: int) -> npt.NDArray[np.float32]:
         """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode."""
         return self._framed(self.texels(group))

@@ -195,14 +195,14 @@ class GltfFile:
             self.budget.take(2 * 8 * count * most, f"{where}: {count} elements of {name}")
         with decoding(self.path, where):
             mesh = DracoPy.decode(bytes(data))
-            found = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
+            decoded = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
             faces = np.asarray(getattr(mesh, "faces", np.empty((0, 3))))
         for name, index in accessors.items():
             accessor, values = self.item("accessors", index, where), faces.reshape(-1, 1)
             if name != "indices":
                 if name not in packed.attributes:
                     continue
-                values = found.get(packed.attributes[name], np.empty((0, 1)))
+                values = decoded.get(packed.attributes[name], np.empty((0, 1)))
             width = _WIDTHS.get(accessor.type)
             if values.shape != (accessor.count, width):
                 got = f"{len(values)} of {values.shape[-1]} numbers"

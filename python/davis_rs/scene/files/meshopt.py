@@ -68,7 +68,7 @@ def _attributes(data: bytes, count: int, stride: int, budget: Budget) -> npt.NDA
     end = len(data) - tail
     last = np.frombuffer(data[len(data) - stride :], np.uint8)
     most = min(_BLOCK_BYTES // stride & ~15, _MOST_IN_BLOCK)
-    found = np.empty((count, stride), np.uint8)
+    values = np.empty((count, stride), np.uint8)
     at = 1
     for start in range(0, count, most):
         budget.check_time("decoding its compressed attributes")
@@ -80,11 +80,11 @@ def _attributes(data: bytes, count: int, stride: int, budget: Budget) -> npt.NDA
             planes.append(np.frombuffer(plane, np.uint8)[:size])
         deltas = np.stack(planes, 1)
         deltas = np.where(deltas & 1, ~(deltas >> 1), deltas >> 1)
-        found[start : start + size] = last + np.cumsum(deltas, 0, dtype=np.uint8)
-        last = found[start + size - 1]
+        values[start : start + size] = last + np.cumsum(deltas, 0, dtype=np.uint8)
+        last = values[start + size - 1]
     if at != end:
         raise ValueError(f"{end - at} bytes of attributes are left over")
-    return found
+    return values
 
 
 def _plane(data: bytes, at: int, end: int, groups: int) -> tuple[bytes, int]:
@@ -100,22 +100,22 @@ def _plane(data: bytes, at: int, end: int, groups: int) -> tuple[bytes, int]:
             parts.append(bytes(_GROUP))
             continue
         if kind == 3:
-            part, at = data[at : at + _GROUP], at + _GROUP
+            group_bytes, at = data[at : at + _GROUP], at + _GROUP
         else:
             size, table, sentinel = _SENTINEL_KINDS[kind]
-            part = b"".join([table[byte] for byte in data[at : at + size]])
+            group_bytes = b"".join([table[byte] for byte in data[at : at + size]])
             at += size
-            whole = part.count(sentinel)
+            whole = group_bytes.count(sentinel)
             if whole and at + whole <= end:
-                mended, position = bytearray(part), -1
+                mended, position = bytearray(group_bytes), -1
                 for byte in data[at : at + whole]:
-                    position = part.index(sentinel, position + 1)
+                    position = group_bytes.index(sentinel, position + 1)
                     mended[position] = byte
-                part = bytes(mended)
+                group_bytes = bytes(mended)
             at += whole
         if at > end:
             raise ValueError("attributes end within a group")
-        parts.append(part)
+        parts.append(group_bytes)
     return b"".join(parts), at
 
 
@@ -158,7 +158,7 @@ def _triangles(data: bytes, count: int, budget: Budget) -> list[int]:
     # Rings of the last 16 edges and vertices; what is not there yet is 0.
     edges, vertices = [(0, 0)] * 16, [0] * 16
     edge = vertex = 0
-    found: list[int] = []
+    indices: list[int] = []
     for number in range(triangles):
         if number % _BETWEEN_CHECKS == 0:
             budget.check_time("decoding its compressed triangles")
@@ -213,10 +213,10 @@ def _triangles(data: bytes, count: int, budget: Budget) -> list[int]:
         edges[edge & 15] = (c, b)
         edges[edge + 1 & 15] = (a, c)
         edge += 2
-        found += (a, b, c)
+        indices += (a, b, c)
     if numbers.at != end:
         raise ValueError(f"{end - numbers.at} bytes of triangles are left over")
-    return [index & 0xFFFFFFFF for index in found]
+    return [index & 0xFFFFFFFF for index in indices]
 
 
 def _indices(data: bytes, count: int, budget: Budget) -> list[int]:
@@ -225,17 +225,17 @@ def _indices(data: bytes, count: int, budget: Budget) -> list[int]:
         raise ValueError("indices must begin with the byte 0xd1 and end with four bytes")
     numbers = _Numbers(data, 1, end)
     last = [0, 0]
-    found = []
+    indices = []
     for number in range(count):
         if number % _BETWEEN_CHECKS == 0:
             budget.check_time("decoding its compressed indices")
         value = numbers.number()
         delta = ~(value >> 2) if value & 2 else value >> 2
         last[value & 1] = last[value & 1] + delta & 0xFFFFFFFF
-        found.append(last[value & 1])
+        indices.append(last[value & 1])
     if numbers.at != end:
         raise ValueError(f"{end - numbers.at} bytes of indices are left over")
-    return found
+    return indices
 
 
 def _as_is(elements: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
@@ -255,9 +255,9 @@ def _octahedral(elements: npt.NDArray[np.uint8]) -> npt.NDArray[np.signedinteger
     xy = xy - np.copysign(np.minimum(z, 0), xy)
     vectors = np.concatenate([xy, z], 1)
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    found = given.copy()
-    found[:, :3] = np.rint(vectors / np.where(length == 0, 1, length) * np.iinfo(kind).max)
-    return found
+    octahedral = given.copy()
+    octahedral[:, :3] = np.rint(vectors / np.where(length == 0, 1, length) * np.iinfo(kind).max)
+    return octahedral
 
 
 def _quaternion(elements: npt.NDArray[np.uint8]) -> npt.NDArray[np.signedinteger]:
@@ -269,10 +269,10 @@ def _quaternion(elements: npt.NDArray[np.uint8]) -> npt.NDArray[np.signedinteger
     small = given[:, :3].astype(np.float32) / unit * np.float32(np.sqrt(0.5))
     largest = np.sqrt(np.maximum(1 - (small**2).sum(1, keepdims=True), 0))
     values = np.clip(np.rint(np.concatenate([largest, small], 1) * 32767), -32768, 32767).astype("<i2")
-    found = np.empty_like(given)
+    quaternions = np.empty_like(given)
     order = ((given[:, 3:] & 3) + np.arange(4)) % 4
-    np.put_along_axis(found, order.astype(np.int64), values, 1)
-    return found
+    np.put_along_axis(quaternions, order.astype(np.int64), values, 1)
+    return quaternions
 
 
 def _exponential(elements: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:

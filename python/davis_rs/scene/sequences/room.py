@@ -44,9 +44,9 @@ def empty_room(
         ("ceiling", 2, height, UPWARDS, (half[0], half[1]), ceiling),
     ]
     shapes = {}
-    for name, axis, place, axes, halves, reflectance in sides:
+    for name, axis, position, axes, halves, reflectance in sides:
         centre = middle.copy()
-        centre[axis] = place
+        centre[axis] = position
         shapes[name] = rectangle(centre.tolist(), axes, halves, reflectance)
     return shapes
 

@@ -2,8 +2,8 @@
 
 from ...events.decoded import IMU_DTYPE
 from .converter import ImuQuantisation, ImuSaturation
-from .imu import IMU_EFFECTS, Imu, ImuArray, as_imu, simulate_imu
-from .kalibr import kalibr_camera_chain, kalibr_imu
+from .imu import IMU_EFFECTS, IMU_MODELS, Imu, ImuArray, as_imu, simulate_imu
+from .kalibr import kalibr_camera, kalibr_camera_chain, kalibr_imu
 from .lag import ImuLag
 from .low_pass import ImuLowPass
 from .mounting import DAVIS_T_IMU_CAMERA, Mounting
@@ -13,6 +13,7 @@ __all__ = [
     "DAVIS_T_IMU_CAMERA",
     "IMU_DTYPE",
     "IMU_EFFECTS",
+    "IMU_MODELS",
     "Imu",
     "ImuArray",
     "ImuLag",
@@ -22,6 +23,7 @@ __all__ = [
     "ImuSaturation",
     "Mounting",
     "as_imu",
+    "kalibr_camera",
     "kalibr_camera_chain",
     "kalibr_imu",
     "simulate_imu",

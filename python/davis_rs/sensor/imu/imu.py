@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,6 +116,14 @@ class Imu:
             "lag_s": self.lag_s,
             **{name: effect.settings() for name, effect in effects.items() if effect is not None},
         }
+
+
+IMU_MODELS: Mapping[str, Callable[[], Imu]] = {
+    "ideal": Imu,
+    "davis": lambda: Imu(mounting=Mounting()),
+    "mpu6150": Imu.mpu6150,
+}
+"""IMUs by name: an ideal one at the camera's centre, one where the DAVIS240C has it, and that with all effects."""
 
 
 def simulate_imu(trajectory: Trajectory, imu: Imu | None = None, *, seed: int = 0) -> ImuArray:

@@ -125,6 +125,19 @@ def read_sensor_file(path: str | os.PathLike[str]) -> SensorFile:
         content = read_yaml(file)
     except ValueError as error:
         raise error if isinstance(error, DecodeError) else DecodeError(str(error)) from None
+    return read_sensor_content(file, content)
+
+
+def read_sensor_content(file: str | os.PathLike[str], content: object) -> SensorFile:
+    """Read what a sensor file holds, or a part of another file that has the same keys.
+
+    Args:
+        file: where it stands, for messages.
+        content: as YAML gives it.
+
+    Raises:
+        DecodeError: as :func:`read_sensor_file`.
+    """
     known = (_DESCRIPTION, *parameter_names())
     entries = _mapping(file, "a sensor", content, known)
     description = entries.pop(_DESCRIPTION, "")
@@ -213,7 +226,7 @@ def sensor_yaml(sensor: SensorFile) -> str:
     return "".join(parts)
 
 
-def _mapping(file: Path, what: str, content: object, known: Iterable[str]) -> JsonObject:
+def _mapping(file: str | os.PathLike[str], what: str, content: object, known: Iterable[str]) -> JsonObject:
     """Check that ``content`` is a mapping with known keys only, and return it."""
     known = tuple(known)
     if not isinstance(content, dict):
@@ -225,7 +238,7 @@ def _mapping(file: Path, what: str, content: object, known: Iterable[str]) -> Js
     return dict(content)
 
 
-def _checked(file: Path, name: str, value: object) -> object:
+def _checked(file: str | os.PathLike[str], name: str, value: object) -> object:
     """Check that a value has the parameter's type; the parameter's own class checks the range."""
     kind = _kinds()[name]
     if value is None:

@@ -26,6 +26,7 @@ from .resolve import (
 from .setting import Declared, Setting, Settings, complete, former_names_of, only, settings_of, takes_settings
 from .simulation_settings import (
     EFFECTS_TOLERANCE,
+    CustomSettings,
     FolderSettings,
     PlanSettings,
     SamplingSettings,
@@ -39,6 +40,7 @@ __all__ = [
     "EFFECTS_TOLERANCE",
     "INTERPOLATIONS",
     "LOG_EPS",
+    "CustomSettings",
     "Declared",
     "FolderSettings",
     "FrameFolderSettings",

@@ -7,11 +7,9 @@ from typing import Any
 
 from ..._util.argument_error import ArgumentError
 from ...sensor.effects.effects import named_effects
-from ...sensor.imu import IMU_EFFECTS, Imu, Mounting
+from ...sensor.imu import IMU_EFFECTS, IMU_MODELS, Imu
 from ...sensor.motion_capture import MocapClock, MocapNoise, MotionCapture
 from .simulation_settings import FolderSettings
-
-_MAKERS = {"ideal": Imu, "davis": lambda: Imu(mounting=Mounting()), "mpu6150": Imu.mpu6150}
 
 
 def make_imu(settings: FolderSettings) -> Imu | None:
@@ -25,7 +23,7 @@ def make_imu(settings: FolderSettings) -> Imu | None:
         if rate_hz is not None or effects:
             raise ArgumentError("{imu_rate_hz} and {imu_effects} are those of an IMU, but {imu} is none: choose an IMU")
         return None
-    made: Imu = imu if isinstance(imu, Imu) else _MAKERS[imu]()
+    made: Imu = imu if isinstance(imu, Imu) else IMU_MODELS[imu]()
     given: dict[str, Any] = dict(named_effects(effects, IMU_EFFECTS))
     # Together, so that lag and low-pass are looked at as a pair.
     return replace(made, rate_hz=made.rate_hz if rate_hz is None else rate_hz, **given)

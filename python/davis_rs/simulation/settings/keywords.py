@@ -40,6 +40,7 @@ class ViewKeywords(PixelKeywords, total=False):
     noise_share: float
     matte: bool
     renderer: str
+    pixel: str
     bake_error: float
     blur: bool | None
 

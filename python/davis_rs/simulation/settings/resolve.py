@@ -209,6 +209,7 @@ def renderer_of(
         kind=settings.renderer,
         blur=settings.blur,
         bake_error=settings.bake_error,
+        pixel=settings.pixel,
         edges=edges,
         threads=threads,
     )

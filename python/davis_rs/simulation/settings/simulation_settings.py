@@ -16,10 +16,11 @@ from ...geometry.camera import PRESETS, Camera
 from ...io.dataset.files import EVENT_FILES
 from ...render.baked.bake import BAKE_ERROR
 from ...render.choice import AUTOMATIC, KINDS, RENDERERS
+from ...render.native.renderer import PIXELS
 from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ...sampling.rules import TimeSampling
 from ...sensor.effects import Effect, EffectsLike
-from ...sensor.imu import IMU_EFFECTS, Imu
+from ...sensor.imu import IMU_EFFECTS, IMU_MODELS, Imu
 from ...sensor.motion_capture import MotionCapture
 from ...sensor.parameters import START_PHASES, SensorParameters
 from ...sensor.presets import RECORDED, SENSOR_SUFFIXES, SENSORS
@@ -184,6 +185,15 @@ class ViewSettings(PixelSettings):
             f"renderer: {', '.join(f'{kind.name} ({kind.summary})' for kind in KINDS.values())}, or auto: the first "
             f"possible one of {', '.join(kind.name for kind in AUTOMATIC)}",
             choices=RENDERERS,
+            group=_ACCURACY,
+        ),
+    )
+    pixel: str = declare(
+        "rays",
+        Declared(
+            "what luma of a pixel is made of: rays, the mean over them; lines, its area by lines through it, without "
+            "jumps at edges (the native renderer without distortion; for 8, 32 or 64 rays per pixel)",
+            choices=PIXELS,
             group=_ACCURACY,
         ),
     )
@@ -480,7 +490,7 @@ class FolderSettings(FolderFileSettings, SimulationSettings):
             "write imu.txt: ideal (at the camera's centre), davis (ideal, where the DAVIS240C has it), mpu6150 (there, "
             "with all of its effects), none",
             default_help="none",
-            choices=("none", "ideal", "davis", "mpu6150"),
+            choices=("none", *IMU_MODELS),
             group=_INERTIAL,
             text=str,
         ),

@@ -11,7 +11,9 @@ use super::scene_tables::{
 };
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{column, grouped, groups, lists, matrices, numbers};
-use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RayHit, Renderer, Scene, SceneTables, TrackSettings};
+use crate::render::{
+    BEFORE_LIGHTS, EdgeTracks, LightMapTables, LinePattern, RayHit, Renderer, Scene, SceneTables, TrackSettings,
+};
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
 ///
@@ -193,6 +195,60 @@ impl PySceneRenderer {
         let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
         let mut luma = vec![0f32; pixels.len()];
         py.detach(|| self.0.samples(&rays.0, &views, &pixels, &mut luma))?;
+        Ok(luma.into_pyarray(py))
+    }
+
+    /// Render luma of frames by lines through the pixels: of each pixel's area, not of single rays.
+    ///
+    /// Args:
+    ///     corners: of the sensor, without distortion, as by :meth:`PixelRays.grid`: two rays a pixel, through its
+    ///         upper left and its lower right corner.
+    ///     lines: lines a pixel: 4, 8 or 16.
+    ///     views: as in :meth:`luma`.
+    ///
+    /// Returns:
+    ///     Luma, float32, flat (n, height, width).
+    ///
+    /// Raises:
+    ///     ValueError: for other rays or lines, or views that do not fit the scene.
+    fn line_luma<'py>(
+        &self,
+        py: Python<'py>,
+        corners: &PyPixelRays,
+        lines: usize,
+        views: Views<'py>,
+    ) -> PyResult<Flat<'py, f32>> {
+        let (pattern, views) = (LinePattern::new(lines)?, views_of(self.0.scene(), &views)?);
+        let mut luma = vec![0f32; views.len() * corners.0.pixels()];
+        py.detach(|| self.0.line_luma(&corners.0, &pattern, &views, &mut luma))?;
+        Ok(luma.into_pyarray(py))
+    }
+
+    /// Render luma of single pixels by lines, the bits of :meth:`line_luma`.
+    ///
+    /// Args:
+    ///     corners, lines: as in :meth:`line_luma`.
+    ///     views: as in :meth:`luma`.
+    ///     view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+    ///
+    /// Returns:
+    ///     Luma, float32 (k).
+    ///
+    /// Raises:
+    ///     ValueError: as in :meth:`line_luma`, or for a view or pixel that is not there.
+    fn line_samples<'py>(
+        &self,
+        py: Python<'py>,
+        corners: &PyPixelRays,
+        lines: usize,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+    ) -> PyResult<Flat<'py, f32>> {
+        let (pattern, views) = (LinePattern::new(lines)?, views_of(self.0.scene(), &views)?);
+        let pixels = view_pixels(view, pixel)?;
+        let mut luma = vec![0f32; pixels.len()];
+        py.detach(|| self.0.line_samples(&corners.0, &pattern, &views, &pixels, &mut luma))?;
         Ok(luma.into_pyarray(py))
     }
 

@@ -6,8 +6,11 @@ use pyo3::prelude::*;
 use crate::python::arrays::{column, groups, lists, numbers};
 use crate::render::{Beam, Emission, Light, LightKind, LightMapTables, Sky};
 
+/// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
+pub(super) type BeamTuple = ([f64; 3], Option<(f64, f64)>);
+
 /// Kind, group, strength, background, vector and beam of a light.
-pub(super) type LightTuple = (String, u32, f64, f64, [f64; 3], Option<([f64; 3], Option<(f64, f64)>)>);
+pub(super) type LightTuple = (String, u32, f64, f64, [f64; 3], Option<BeamTuple>);
 
 /// `u_maps`, `v_maps`, layouts and texels of the light maps.
 pub(super) type LightMapTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<Bound<'py, PyAny>>);
@@ -81,9 +84,13 @@ fn light(
             )));
         }
     };
-    let beam = beam.map(|(axis, angles)| match angles {
+    Ok(Light { kind, group, strength, background, beam: beam.map(beam_of) })
+}
+
+/// Returns the beam of a light at a position.
+pub(super) fn beam_of((axis, angles): BeamTuple) -> Beam {
+    match angles {
         None => Beam::Cosine(axis),
         Some((full, cutoff)) => Beam::Spot { axis, full, cutoff },
-    });
-    Ok(Light { kind, group, strength, background, beam })
+    }
 }

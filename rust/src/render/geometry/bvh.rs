@@ -22,14 +22,14 @@ pub(crate) struct Boxes {
 }
 
 #[derive(Clone, Debug)]
-struct Node {
-    boxes: Boxes,
+pub(crate) struct Node {
+    pub(crate) boxes: Boxes,
     /// The number of a box's node, or its first triangle.
-    first: [u32; WIDTH],
+    pub(crate) first: [u32; WIDTH],
     /// How many triangles it has; 0 where it has a node of its own.
-    count: [u32; WIDTH],
+    pub(crate) count: [u32; WIDTH],
     /// How many boxes there are.
-    used: usize,
+    pub(crate) used: usize,
 }
 
 /// A part of space that boxes are tested for.
@@ -68,7 +68,8 @@ pub(crate) struct Waiting {
 /// A BVH with wide nodes. Triangles are numbered in the order of a visit: those of a leaf follow each other.
 #[derive(Debug, Default)]
 pub(crate) struct Bvh {
-    nodes: Vec<Node>,
+    /// The root comes first; none where there are no triangles.
+    pub(crate) nodes: Vec<Node>,
     /// No coordinate of its triangles is larger.
     pub(crate) reach: f64,
 }

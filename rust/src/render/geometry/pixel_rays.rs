@@ -260,6 +260,22 @@ impl PixelRays {
         self.width * self.height
     }
 
+    /// Returns the width and height of a pixel in undistorted coordinates, of rays through pixels' upper left and lower
+    /// right corners on a sensor without distortion.
+    pub(crate) fn pitch(&self) -> [f64; 2] {
+        let size = [self.width, self.height];
+        [0, 1].map(|axis| {
+            #[allow(clippy::cast_precision_loss, reason = "a side has at most 65535 pixels")]
+            let pixels = size[axis] as f64;
+            (f64::from(self.all.high[axis]) - f64::from(self.all.low[axis])) / pixels
+        })
+    }
+
+    /// Returns whether the rays are two a pixel, by columns and rows: such are those of lines, see [`Self::pitch`].
+    pub(crate) fn are_corners(&self) -> bool {
+        self.rays == 2 && matches!(self.coordinates, Coordinates::Grid { .. })
+    }
+
     fn push(&mut self, tile: usize, block: usize, x: f32, y: f32) {
         if let Coordinates::Rays { x: all_x, y: all_y } = &mut self.coordinates {
             all_x.all.push(x);

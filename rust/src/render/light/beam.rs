@@ -63,7 +63,7 @@ pub(crate) struct SeenBeam {
 /// Returns the inverse cosine, the same bits on every processor (Abramowitz and Stegun, 4.4.46: within 2e-8).
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn acos(cosine: f32) -> f32 {
+pub(crate) fn acos(cosine: f32) -> f32 {
     const A: [f32; 8] = [
         FRAC_PI_2,
         -0.214_598_8,

@@ -44,23 +44,34 @@ pub(crate) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<T
     if texels.iter().any(|group| group.len() != length || !group.iter().all(|t| t.is_finite())) {
         return Err(Error::Argument("the texels of all light colours must be finite and equally many".to_owned()));
     }
+    checked_layouts(layouts, (!texels.is_empty()).then_some(length), 1)
+}
+
+/// Returns the textures that these layouts place, each in a frame of so many texels; all lie within `length` texels, if
+/// that is given.
+pub(crate) fn checked_layouts(layouts: &[[i64; 4]], length: Option<usize>, frame: i64) -> Result<Vec<Texture>> {
     let mut textures = vec![];
     for (number, &[first, width, height, wrap]) in layouts.iter().enumerate() {
+        let refuse = || Err(misplaced(number, &layouts[number], length.unwrap_or(0)));
         let side = 1..=LARGEST_SIDE;
-        let end = side.contains(&width).then(|| (width + 2).checked_mul(height + 2)?.checked_add(first)).flatten();
-        let fits = texels.is_empty() || end.is_some_and(|end| usize::try_from(end).is_ok_and(|end| end <= length));
+        let end = side
+            .contains(&width)
+            .then(|| (width + 2 * frame).checked_mul(height + 2 * frame)?.checked_add(first))
+            .flatten();
+        let fits =
+            length.is_none_or(|length| end.is_some_and(|end| usize::try_from(end).is_ok_and(|end| end <= length)));
         let (Ok(first), Ok(columns), Ok(rows)) = (usize::try_from(first), u32::try_from(width), u32::try_from(height))
         else {
-            return Err(misplaced(number, &layouts[number], length));
+            return refuse();
         };
         if !side.contains(&height) || end.is_none_or(|end| end > i64::from(i32::MAX)) || !fits {
-            return Err(misplaced(number, &layouts[number], length));
+            return refuse();
         }
         let wrap = match wrap {
             0 => Wrap::Repeat,
             1 => Wrap::Clamp,
             2 => Wrap::Mirror,
-            _ => return Err(misplaced(number, &layouts[number], length)),
+            _ => return refuse(),
         };
         textures.push(Texture { first, width: columns, height: rows, wrap });
     }

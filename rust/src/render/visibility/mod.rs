@@ -1,8 +1,10 @@
-//! Which triangle a ray hits first: for the rays of a tile together, and for single rays in float64.
+//! Which triangle a ray hits first: for the rays of a tile together, for single rays in float64, and for rays of any
+//! direction.
 
 pub(super) mod beam;
 pub(super) mod bins;
 pub(super) mod first_hit;
 pub(super) mod nearest;
+pub(super) mod ray_tracer;
 mod set_up;
 pub(super) mod sorted;

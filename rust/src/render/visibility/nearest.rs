@@ -99,6 +99,14 @@ impl Nearest {
         self.see_nothing(part.x.len());
     }
 
+    /// Takes what each ray sees, as others found it: indices in a list of so many triangles, or [`NOTHING`]; no inverse
+    /// depths.
+    pub(crate) fn take(&mut self, part: &Part, indices: &[u32], list: usize) {
+        self.begin(part);
+        self.index.copy_from_slice(indices);
+        self.end(list);
+    }
+
     /// Sorts rays whose indices in a list of triangles were found by others.
     pub(super) fn end(&mut self, list: usize) {
         self.counts.clear();

@@ -1,0 +1,200 @@
+"""Writes and reads the folder of a rig: a dataset for each camera, and what belongs to the body."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..._util.array_types import JsonObject
+from ..._util.close_names import names_checked
+from ...geometry.pose import GroundTruth, Pose
+from ...sensor.imu import ImuArray, kalibr_imu
+from ...sensor.rig import Rig, StereoTruth, kalibr_rig_chain, read_rig_file, rig_yaml, stereo_truth
+from .files import (
+    GROUND_TRUTH,
+    KALIBR_CAMERA_CHAIN,
+    META,
+    META_PART,
+    RIG,
+    append_lines,
+    as_json,
+    claim_folder,
+    pose_line,
+    stamped_line,
+    write_file,
+)
+from .reader import Dataset
+from .text_folder import TextFolder
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+
+def camera_folder(path: Path, camera: int) -> Path:
+    """Return the folder of a rig's camera."""
+    return path / f"cam{camera}"
+
+
+def is_rig_folder(path: str | Path) -> bool:
+    """Return whether a path is the folder of a rig."""
+    return (Path(path) / RIG).is_file()
+
+
+class RigFolder:
+    """Writes what a rig's folder has next to the datasets of its cameras; a context manager.
+
+    These are ``rig.yaml``, Kalibr's ``camchain.yaml``, the body's ``groundtruth.txt``, for each IMU ``imu0.txt`` with
+    Kalibr's ``imu0.yaml``, and ``meta.json``. A process that is killed leaves files that can be read up to what was
+    written last, with ``"complete": false``.
+
+    Args:
+        path, overwrite: see :class:`~davis_rs.DatasetWriter`. Of a rig that is replaced, all cameras go.
+        rig: the rig.
+        truth: the body's poses, by the rig's clock.
+        samples: of each IMU, by the rig's clock.
+        meta: for ``meta.json``.
+
+    Raises:
+        OSError: as :class:`~davis_rs.DatasetWriter`.
+        ValueError: for a camera with k3, for which Kalibr has no model.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        rig: Rig,
+        truth: GroundTruth,
+        samples: Sequence[ImuArray],
+        *,
+        overwrite: bool = False,
+        meta: Mapping[str, object] | None = None,
+    ) -> None:
+        texts = {RIG: rig_yaml(rig), KALIBR_CAMERA_CHAIN: kalibr_rig_chain(rig)}
+        texts |= {f"imu{number}.yaml": kalibr_imu(each.imu, topic=each.topic or f"/imu{number}")
+                  for number, each in enumerate(rig.imus)}  # fmt: skip
+        self.path, self._truth, self._samples = path, truth, samples
+        self._meta = as_json(meta or {})
+        self._posed, self._sampled = 0, [0] * len(samples)
+        self._hold = claim_folder(path, overwrite=overwrite)
+        self._open = True
+        for name, text in texts.items():
+            write_file(path / name, text.encode())
+        self._write_meta({}, complete=False)
+
+    def write_until(self, t_us: int) -> None:
+        """Append poses and samples that fall due until a time of the rig's clock."""
+        truth = self._truth
+        posed = int(np.searchsorted(truth.t_us, t_us, "right"))
+        if posed > self._posed:
+            poses = (
+                (int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in range(self._posed, posed)
+            )
+            append_lines(self.path / GROUND_TRUTH, "".join(pose_line(at, pose) for at, pose in poses))
+            self._posed = posed
+        for number, samples in enumerate(self._samples):
+            sampled = int(np.searchsorted(samples["t"], t_us, "right"))
+            new = samples[self._sampled[number] : sampled]
+            if len(new):
+                values = np.concatenate([new["accel"], new["gyro"]], axis=1)
+                lines = map(stamped_line, new["t"].tolist(), values)
+                append_lines(self.path / f"imu{number}.txt", "".join(lines))
+                self._sampled[number] = sampled
+
+    def finish(self, meta: Mapping[str, object], *, interrupted: bool) -> None:
+        """Write ``meta.json`` for the last time.
+
+        Args:
+            meta: what is known at the end, such as ``counts`` and ``duration_us``.
+            interrupted: the rig ends before its time.
+        """
+        counts = {"poses": self._posed, "imu_samples": sum(self._sampled)}
+        known: JsonObject = as_json(meta)
+        known["counts"] = {**known.get("counts", {}), **counts}
+        self._open = False
+        self._write_meta(known, complete=not interrupted, interrupted=interrupted)
+        self._hold.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave what was written, marked as unfinished where an exception leaves the block."""
+        if self._open:
+            self._open = False
+            self._write_meta({}, complete=False, interrupted=kind is not None and issubclass(kind, KeyboardInterrupt))
+            self._hold.release()
+
+    def _write_meta(self, more: JsonObject, *, complete: bool, interrupted: bool = False) -> None:
+        meta = {**self._meta, **more, "complete": complete, "interrupted": interrupted}
+        write_file(self.path / META_PART, (json.dumps(meta, indent=2) + "\n").encode())
+        (self.path / META_PART).replace(self.path / META)
+
+
+@names_checked
+class RigDataset(TextFolder):
+    """Reads the folder of a rig, each part of it read when it is first asked for.
+
+    Attributes:
+        path: of the folder.
+
+    Raises:
+        FileNotFoundError: if the path is not the folder of a rig.
+        DecodeError: from any attribute, for a malformed file, naming it.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        if not is_rig_folder(self.path):
+            raise FileNotFoundError(f"{self.path} is not the folder of a rig: there is no {RIG} in it")
+
+    def __repr__(self) -> str:
+        return f"<RigDataset {self.path}, {len(self.cameras)} cameras>"
+
+    @cached_property
+    def rig(self) -> Rig:
+        """Return the rig."""
+        return read_rig_file(self.path / RIG)
+
+    @cached_property
+    def cameras(self) -> dict[int, Dataset]:
+        """Return the cameras' datasets by number; a run of one camera of the rig has that one alone."""
+        numbers = range(len(self.rig.cameras))
+        folders = {number: camera_folder(self.path, number) for number in numbers}
+        return {number: Dataset(folder) for number, folder in folders.items() if folder.is_dir()}
+
+    @cached_property
+    def imus(self) -> list[ImuArray]:
+        """Return the samples of each IMU by the rig's clock, ``IMU_DTYPE``."""
+        return [self._imu_samples(f"imu{number}.txt") for number in range(len(self.rig.imus))]
+
+    def stereo_truth(self, index: int, left: int = 0, right: int = 1) -> StereoTruth:
+        """Return disparity, occlusion and consistency of a pair at depth map ``index`` of the left camera.
+
+        Args:
+            index: of the left camera's depth maps.
+            left, right: numbers of the cameras.
+
+        Raises:
+            ValueError: if a camera was not simulated, or the right one has no depth map of that instant.
+        """
+        for number in (left, right):
+            if number not in self.cameras:
+                raise ValueError(f"{self.path} has no cam{number}")
+        t_us = self.cameras[left].depth_maps[index].t_us
+        clocks = [self.rig.cameras[number].clock for number in (left, right)]
+        at_us = round((t_us - clocks[0].offset_s * 1e6) / clocks[0].pace)
+        stamp_us = int(clocks[1].stamps_us([at_us])[0])
+        stamps = [each.t_us for each in self.cameras[right].depth_maps]
+        if stamp_us not in stamps:
+            raise ValueError(f"cam{right} has no depth map of the instant at which cam{left} has one, {stamp_us} us by "
+                             "its clock: a disparity needs both")  # fmt: skip
+        depths = (self.cameras[left].read_depth(index), self.cameras[right].read_depth(stamps.index(stamp_us)))
+        return stereo_truth(self.rig, *depths, left, right)

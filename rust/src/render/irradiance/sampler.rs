@@ -1,0 +1,770 @@
+//! Samples light at places: direct light of lamps and the sky, and light that surfaces reflect.
+//!
+//! Places are shared among threads. The rays of one place begin at one point, so they are traced together.
+//!
+//! What must not break: the samples of a place are added up in the order of the [`Lattice`].
+
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use super::emitters::{Arriving, GroupLight, Lights, Sky};
+use super::lattice::{BELOW_ONE, Lattice, across, cosine_direction, in_frame};
+use super::surfaces::{Colour, ReflectedLight, SurfaceTables, Surfaces};
+use crate::error::{Error, Result};
+use crate::random::{Draw, Purpose};
+use crate::render::geometry::vector::{Vector, single};
+use crate::render::visibility::ray_tracer::{Fan, NOTHING, RayTracer};
+use crate::threads::SHARED;
+
+/// Scenes of so many triangles are made ready on all threads.
+const MANY: usize = 1 << 13;
+
+/// A ray from a surface starts off it by this fraction of the scene's diagonal: a thousand roundings.
+const STEP: f32 = 1000.0 / 16_777_216.0;
+
+/// Steps of the sequence by which lights are sampled where the lattice's directions end (Roberts, "The unreasonable
+/// effectiveness of quasirandom sequences", 2018).
+const R2: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+
+/// Paths that may end at random go on with this probability at most.
+const MOST_LIKELY_ON: f32 = 0.95;
+
+/// Where light is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Metres.
+    pub position: [f64; 3],
+    /// The unit normal.
+    pub normal: [f64; 3],
+    /// By how much the lattice is shifted, 0..1.
+    pub shift: [f64; 2],
+}
+
+/// How long paths are.
+#[derive(Clone, Copy, Debug)]
+pub struct PathRule {
+    /// How often light bounces at most.
+    pub bounces: u32,
+    /// After so many bounces a path may end at random.
+    pub roulette: u32,
+}
+
+/// A scene whose light can be asked for anywhere.
+#[derive(Debug)]
+pub struct IrradianceSampler {
+    tracer: RayTracer,
+    surfaces: Surfaces,
+    groups: Vec<Lights>,
+}
+
+/// Room for what is computed at a place.
+#[derive(Debug, Default)]
+struct Scratch {
+    fan: Fan,
+    shadow: Fan,
+    light: Vec<Colour>,
+    /// Of single rays along a path.
+    path: Fan,
+}
+
+/// A point that rays begin at: where it is, its normal with two vectors across it, and where its rays begin.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    place: [f32; 3],
+    normal: [f32; 3],
+    across: [[f32; 3]; 2],
+    origin: [f32; 3],
+}
+
+impl Start {
+    fn new(place: [f32; 3], normal: [f32; 3], off: [f32; 3], step: f32) -> Self {
+        Self { place, normal, across: across(normal), origin: [0, 1, 2].map(|i| place[i] + step * off[i]) }
+    }
+}
+
+/// Draws of one path: a function of its seed, its number, and how many were drawn before.
+struct Draws {
+    seed: u64,
+    path: u32,
+    next: u64,
+}
+
+impl Draws {
+    /// Returns a point in the unit square.
+    #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+    fn point(&mut self) -> [f32; 2] {
+        let draw = Draw::at(self.seed, Purpose::LightPath, self.path, self.next);
+        self.next += 1;
+        [draw.uniform(), draw.second_uniform()].map(|x| (x as f32).min(BELOW_ONE))
+    }
+}
+
+impl IrradianceSampler {
+    /// Checks the tables, and makes them ready for rays.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for tables that do not belong together, or lights that are none.
+    pub fn new(tables: &SurfaceTables, groups: &[GroupLight]) -> Result<Self> {
+        let surfaces = Surfaces::new(tables)?;
+        let tracer = if surfaces.len() < MANY {
+            RayTracer::new(&tables.corners, false)
+        } else {
+            SHARED.pool()?.install(|| RayTracer::new(&tables.corners, true))
+        };
+        let lights = |group| Lights::new(group, &tables.corners, &tables.normals, &tracer);
+        Ok(Self { groups: groups.iter().map(lights).collect::<Result<_>>()?, surfaces, tracer })
+    }
+
+    /// Returns irradiance / pi (red, green, blue) at each place from so many points on each lamp of a group.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for a group that is not there, or no samples.
+    pub fn of_lamps(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
+        let (lights, lattice) = (self.group(group)?, lattice(samples)?);
+        each(places, |place, scratch| {
+            let start = self.start(place);
+            let mut sum = [0.0; 3];
+            for lamp in &lights.lamps {
+                let arriving = |at| lamp.arriving(&start.place, &start.normal, &start.origin, at);
+                add_up(&mut sum, direct(&self.tracer, &start, &lattice, shift_of(place), scratch, arriving));
+            }
+            sum.map(|x| x / float(samples))
+        })
+    }
+
+    /// Returns irradiance / pi at each place from the group's sky, by so many directions that follow the cosine, and as
+    /// many that follow the sky's radiance if it is a map. Both are weighted by the balance heuristic (Veach and Guibas,
+    /// "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
+    ///
+    /// # Errors
+    ///
+    /// As [`IrradianceSampler::of_lamps`].
+    pub fn of_sky(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
+        let (lights, lattice) = (self.group(group)?, lattice(samples)?);
+        let Some(sky) = &lights.sky else { return Ok(vec![[0.0; 3]; places.len()]) };
+        each(places, |place, scratch| {
+            let (start, shift) = (self.start(place), shift_of(place));
+            let mut sum = direct(&self.tracer, &start, &lattice, shift, scratch, |at| along_cosine(sky, &start, at));
+            if matches!(sky, Sky::Map(_)) {
+                let arriving = |at| along_radiance(sky, &start, at);
+                add_up(&mut sum, direct(&self.tracer, &start, &lattice, shift, scratch, arriving));
+            }
+            sum.map(|x| x / float(samples))
+        })
+    }
+
+    /// Returns irradiance / pi at each place from the group's sharp lights.
+    ///
+    /// # Errors
+    ///
+    /// As [`IrradianceSampler::of_lamps`].
+    pub fn of_sharp(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
+        let (lights, lattice) = (self.group(group)?, lattice(samples)?);
+        each(places, |place, scratch| {
+            let start = self.start(place);
+            let mut sum = [0.0; 3];
+            for light in &lights.sharp {
+                let arriving = |at| light.arriving(&start.place, &start.normal, &start.origin, at);
+                add_up(&mut sum, direct(&self.tracer, &start, &lattice, shift_of(place), scratch, arriving));
+            }
+            sum.map(|x| x / float(samples))
+        })
+    }
+
+    /// Returns irradiance / pi at each place of light that other surfaces reflect, by so many rays: of all that
+    /// `reflected` says falls on them, and of the group's sharp lights.
+    ///
+    /// # Errors
+    ///
+    /// As [`IrradianceSampler::of_lamps`], and for reflected light of another number of triangles.
+    pub fn gathered(
+        &self,
+        group: usize,
+        places: &[Place],
+        samples: usize,
+        reflected: Option<&ReflectedLight>,
+    ) -> Result<Vec<[f64; 3]>> {
+        let (lights, lattice) = (self.group(group)?, lattice(samples)?);
+        if let Some(light) = reflected.filter(|light| light.len() != self.surfaces.len()) {
+            let (triangles, got) = (self.surfaces.len(), light.len());
+            return Err(Error::Argument(format!("reflected light is that of {triangles} triangles, got {got}")));
+        }
+        each(places, |place, scratch| {
+            let start = self.start(place);
+            let shift = shift_of(place);
+            let sum = gather(self, lights, &start, &lattice, shift, reflected, scratch);
+            sum.map(|x| x / float(samples))
+        })
+    }
+
+    /// Returns the quantity of [`IrradianceSampler::gathered`] by so many paths. All lights of the group count.
+    ///
+    /// # Errors
+    ///
+    /// As [`IrradianceSampler::of_lamps`].
+    pub fn traced(
+        &self,
+        group: usize,
+        places: &[Place],
+        samples: usize,
+        seed: u64,
+        rule: PathRule,
+    ) -> Result<Vec<[f64; 3]>> {
+        let (lights, lattice) = (self.group(group)?, lattice(samples)?);
+        each(places, |place, scratch| {
+            let start = self.start(place);
+            let mut sum = [0.0; 3];
+            for at in 0..lattice.len() {
+                let first = cosine_direction(lattice.shifted(at, shift_of(place)));
+                let mut draws = draws(seed, place, lattice.numbers[at]);
+                trace(self, lights, &start, first, rule, &mut draws, scratch, |light| {
+                    add_up(&mut sum, [0, 1, 2].map(|i| f64::from(light[i])));
+                    true
+                });
+            }
+            sum.map(|x| x / float(samples))
+        })
+    }
+
+    /// Returns whether any of so many paths finds light on its way, however little; they end as those of
+    /// [`IrradianceSampler::traced`].
+    ///
+    /// # Errors
+    ///
+    /// As [`IrradianceSampler::of_lamps`].
+    pub fn is_lit(
+        &self,
+        group: usize,
+        places: &[Place],
+        samples: usize,
+        seed: u64,
+        rule: PathRule,
+    ) -> Result<Vec<bool>> {
+        let (lights, lattice) = (self.group(group)?, lattice(samples)?);
+        each(places, |place, scratch| {
+            let start = self.start(place);
+            let mut lit = false;
+            for at in 0..lattice.len() {
+                let first = cosine_direction(lattice.shifted(at, shift_of(place)));
+                let mut draws = draws(seed, place, lattice.numbers[at]);
+                trace(self, lights, &start, first, rule, &mut draws, scratch, |light| {
+                    lit = light.iter().any(|&x| x > 0.0);
+                    !lit
+                });
+                if lit {
+                    break;
+                }
+            }
+            lit
+        })
+    }
+
+    fn group(&self, group: usize) -> Result<&Lights> {
+        self.groups.get(group).ok_or_else(|| {
+            Error::Argument(format!("there are {} groups of lights, got number {group}", self.groups.len()))
+        })
+    }
+
+    fn start(&self, place: &Place) -> Start {
+        let normal = single(place.normal);
+        Start::new(self.tracer.place(place.position), normal, normal, self.step())
+    }
+
+    fn step(&self) -> f32 {
+        STEP * self.tracer.diagonal
+    }
+}
+
+/// Computes something at each place, on all threads.
+fn each<T: Send>(places: &[Place], of: impl Fn(&Place, &mut Scratch) -> T + Sync) -> Result<Vec<T>> {
+    let wrong = |place: &&Place| {
+        let numbers = place.position.iter().chain(&place.normal).chain(&place.shift);
+        !numbers.clone().all(|x| x.is_finite()) || place.shift.iter().any(|x| !(0.0..1.0).contains(x))
+    };
+    if let Some(place) = places.iter().find(wrong) {
+        return Err(Error::Argument(format!("places are finite, and their shifts lie in 0..1, got {place:?}")));
+    }
+    Ok(SHARED.pool()?.install(|| {
+        places.par_iter().with_min_len(4).map_init(Scratch::default, |scratch, place| of(place, scratch)).collect()
+    }))
+}
+
+#[allow(clippy::cast_precision_loss, reason = "few samples")]
+fn float(samples: usize) -> f64 {
+    samples as f64
+}
+
+fn lattice(samples: usize) -> Result<Lattice> {
+    if (1..=1 << 20).contains(&samples) {
+        return Ok(Lattice::new(samples));
+    }
+    Err(Error::Argument(format!("samples lie in 1..=2^20, got {samples}")))
+}
+
+fn shift_of(place: &Place) -> [f32; 2] {
+    single(place.shift).map(|x| x.min(BELOW_ONE))
+}
+
+/// Returns the draws of a path from a place.
+fn draws(seed: u64, place: &Place, path: u32) -> Draws {
+    let own = place.shift[0].to_bits() ^ place.shift[1].to_bits().rotate_left(32);
+    Draws { seed: seed ^ own, path, next: 0 }
+}
+
+fn add_up(sum: &mut [f64; 3], more: Vector) {
+    for (channel, value) in sum.iter_mut().zip(more) {
+        *channel += value;
+    }
+}
+
+/// Returns the light of a sky from a direction that follows the cosine.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn along_cosine(sky: &Sky, start: &Start, at: [f32; 2]) -> Arriving {
+    let local = cosine_direction(at);
+    let towards = in_frame(&start.across, &start.normal, local);
+    let light = match sky {
+        Sky::Constant(radiance) => *radiance,
+        Sky::Map(map) => {
+            let (radiance, density) = map.seen(towards);
+            let own = local[2] / std::f32::consts::PI;
+            let weight = if own > 0.0 { own / (own + density) } else { 0.0 };
+            radiance.map(|x| x * weight)
+        }
+    };
+    Arriving { towards, end: f32::INFINITY, light }
+}
+
+/// Returns the light of a sky from a direction that follows its radiance.
+fn along_radiance(sky: &Sky, start: &Start, at: [f32; 2]) -> Arriving {
+    let Sky::Map(map) = sky else { return Arriving::NONE };
+    let towards = map.towards(at);
+    let cosine = towards[0] * start.normal[0] + towards[1] * start.normal[1] + towards[2] * start.normal[2];
+    let (radiance, density) = map.seen(towards);
+    if !(cosine > 0.0 && density > 0.0) {
+        return Arriving::NONE;
+    }
+    let own = cosine / std::f32::consts::PI;
+    Arriving { towards, end: f32::INFINITY, light: radiance.map(|x| x * (own / (own + density))) }
+}
+
+/// Returns the sum of the light that arrives along the points of a lattice, where nothing is in its way.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn direct(
+    tracer: &RayTracer,
+    start: &Start,
+    lattice: &Lattice,
+    shift: [f32; 2],
+    scratch: &mut Scratch,
+    arriving: impl Fn([f32; 2]) -> Arriving,
+) -> Vector {
+    let Scratch { fan, light, .. } = scratch;
+    light.clear();
+    fan.origin = start.origin;
+    fan.resize(lattice.len());
+    for at in 0..lattice.len() {
+        let one = arriving(lattice.shifted(at, shift));
+        for axis in 0..3 {
+            fan.directions[axis][at] = one.towards[axis];
+        }
+        fan.ends[at] = one.end;
+        light.push(one.light);
+    }
+    any(tracer, fan);
+    let mut sum = [0.0; 3];
+    for at in 0..lattice.len() {
+        if fan.ends[at] > 0.0 && !fan.blocked[at] {
+            add_up(&mut sum, [0, 1, 2].map(|i| f64::from(light[at][i])));
+        }
+    }
+    sum
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn any(tracer: &RayTracer, fan: &mut Fan) {
+    tracer.any(fan);
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn closest(tracer: &RayTracer, fan: &mut Fan) {
+    tracer.closest(fan);
+}
+
+/// Returns the sum of what the rays of a place gather.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn gather(
+    scene: &IrradianceSampler,
+    lights: &Lights,
+    start: &Start,
+    lattice: &Lattice,
+    shift: [f32; 2],
+    reflected: Option<&ReflectedLight>,
+    scratch: &mut Scratch,
+) -> Vector {
+    let Scratch { fan, shadow, light, .. } = scratch;
+    fan.origin = start.origin;
+    fan.ends.clear();
+    fan.resize(lattice.len());
+    lattice.directions(shift, &start.across, &start.normal, &mut fan.directions);
+    scene.tracer.closest(fan);
+    let mut sum = [0f64; 4];
+    for at in 0..lattice.len() {
+        let hit = fan.hits[at];
+        if hit.triangle == NOTHING {
+            continue;
+        }
+        let along = [0, 1, 2].map(|axis| fan.directions[axis][at]);
+        let (side, normal) = scene.surfaces.side(hit.triangle, along);
+        let reflectance = scene.surfaces.reflectance(hit.triangle, side, hit.weights);
+        let mut falling = [0f32; 4];
+        if let Some(light) = reflected {
+            falling = light.at(hit.triangle, side, hit.weights);
+        }
+        if !lights.sharp.is_empty() && reflectance != [0.0; 4] {
+            let place = [0, 1, 2].map(|i| start.origin[i] + hit.distance * along[i]);
+            let facing = scene.surfaces.shading_normal(hit.triangle, side, hit.weights);
+            let there = Start::new(place, facing, normal, scene.step());
+            let turn = R2.map(|step| (f64::from(lattice.numbers[at]) * step).fract());
+            let more = sharp_light(&scene.tracer, lights, &there, single(turn), shadow, light);
+            for i in 0..4 {
+                falling[i] += more[i];
+            }
+        }
+        for i in 0..4 {
+            sum[i] += f64::from(reflectance[i] * falling[i]);
+        }
+    }
+    [sum[0], sum[1], sum[2]]
+}
+
+/// Returns irradiance / pi of the sharp lights at a hit, by one point of each.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn sharp_light(
+    tracer: &RayTracer,
+    lights: &Lights,
+    there: &Start,
+    at: [f32; 2],
+    shadow: &mut Fan,
+    light: &mut Vec<Colour>,
+) -> Colour {
+    begin(shadow, light, there);
+    for one in &lights.sharp {
+        push(shadow, light, &one.arriving(&there.place, &there.normal, &there.origin, at));
+    }
+    tracer.any(shadow);
+    end(shadow, light)
+}
+
+/// Begins to collect light that arrives at a point.
+fn begin(shadow: &mut Fan, light: &mut Vec<Colour>, there: &Start) {
+    shadow.origin = there.origin;
+    shadow.resize(0);
+    light.clear();
+}
+
+/// Adds light that arrives, if there is any.
+fn push(shadow: &mut Fan, light: &mut Vec<Colour>, arriving: &Arriving) {
+    if arriving.end > 0.0 {
+        for axis in 0..3 {
+            shadow.directions[axis].push(arriving.towards[axis]);
+        }
+        shadow.ends.push(arriving.end);
+        light.push(arriving.light);
+    }
+}
+
+/// Returns the sum of what was collected and has nothing in its way.
+fn end(shadow: &Fan, light: &[Colour]) -> Colour {
+    let mut sum = [0.0; 4];
+    for (blocked, light) in shadow.blocked.iter().zip(light) {
+        if !blocked {
+            for i in 0..4 {
+                sum[i] += light[i];
+            }
+        }
+    }
+    sum
+}
+
+/// Follows a path from a place, and hands over the light that it finds at each of its hits, weighted by what the
+/// surfaces on its way reflect, until it ends or `go_on` says that this is enough by `false`.
+#[allow(clippy::too_many_arguments, reason = "a path, and where it begins")]
+fn trace(
+    scene: &IrradianceSampler,
+    lights: &Lights,
+    start: &Start,
+    first: [f32; 3],
+    rule: PathRule,
+    draws: &mut Draws,
+    scratch: &mut Scratch,
+    mut go_on: impl FnMut(Colour) -> bool,
+) {
+    let Scratch { path, shadow, light, .. } = scratch;
+    let (mut from, mut local) = (*start, first);
+    let mut weight = [1f32; 4];
+    for bounce in 1..=rule.bounces {
+        let along = in_frame(&from.across, &from.normal, local);
+        path.origin = from.origin;
+        path.resize(1);
+        for axis in 0..3 {
+            path.directions[axis][0] = along[axis];
+        }
+        path.ends[0] = f32::INFINITY;
+        closest(&scene.tracer, path);
+        let hit = path.hits[0];
+        if hit.triangle == NOTHING {
+            return;
+        }
+        let (side, normal) = scene.surfaces.side(hit.triangle, along);
+        let reflectance = scene.surfaces.reflectance(hit.triangle, side, hit.weights);
+        let place = [0, 1, 2].map(|i| from.origin[i] + hit.distance * along[i]);
+        let facing = scene.surfaces.shading_normal(hit.triangle, side, hit.weights);
+        from = Start::new(place, facing, normal, scene.step());
+        for i in 0..4 {
+            weight[i] *= reflectance[i];
+        }
+        if weight == [0.0; 4] {
+            return;
+        }
+        begin(shadow, light, &from);
+        for lamp in &lights.lamps {
+            push(shadow, light, &lamp.arriving(&from.place, &from.normal, &from.origin, draws.point()));
+        }
+        if let Some(sky) = &lights.sky {
+            push(shadow, light, &along_cosine(sky, &from, draws.point()));
+            push(shadow, light, &along_radiance(sky, &from, draws.point()));
+        }
+        for one in &lights.sharp {
+            push(shadow, light, &one.arriving(&from.place, &from.normal, &from.origin, draws.point()));
+        }
+        any(&scene.tracer, shadow);
+        let arrived = end(shadow, light);
+        if !go_on([0, 1, 2, 3].map(|i| weight[i] * arrived[i])) {
+            return;
+        }
+        if bounce >= rule.roulette {
+            let on = weight.iter().fold(0f32, |a, &b| a.max(b)).min(MOST_LIKELY_ON);
+            if draws.point()[0] >= on {
+                return;
+            }
+            weight = weight.map(|x| x / on);
+        }
+        local = cosine_direction(draws.point());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::Beam;
+    use crate::render::irradiance::emitters::{AreaLamp, EnvironmentMap, SharpLight, SkyLight};
+
+    const ONE: [f64; 3] = [1.0, 0.5, 0.25];
+
+    /// Squares, two triangles each, by a corner and two edges; the front is where the edges turn left.
+    fn scene(squares: &[[Vector; 3]], reflectance: f32, groups: &[GroupLight]) -> IrradianceSampler {
+        let mut corners = vec![];
+        for &[at, first, second] in squares {
+            let point = |x: f64, y: f64| [0, 1, 2].map(|i| at[i] + x * first[i] + y * second[i]);
+            corners.push([point(0.0, 0.0), point(1.0, 0.0), point(0.0, 1.0)]);
+            corners.push([point(1.0, 0.0), point(1.0, 1.0), point(0.0, 1.0)]);
+        }
+        let normals: Vec<Vector> = corners
+            .iter()
+            .map(|&[a, b, c]| {
+                let normal = cross(sub(b, a), sub(c, a));
+                normal.map(|x| x / dot(normal, normal).sqrt())
+            })
+            .collect();
+        let n = corners.len();
+        let tables = SurfaceTables {
+            shading_normals: normals.iter().map(|&normal| [normal; 3]).collect::<Vec<_>>().into(),
+            normals: normals.into(),
+            corners: corners.into(),
+            uv: vec![[[0.0; 2]; 3]; n].into(),
+            textures: vec![0; n],
+            two_sided: vec![false; n],
+            layouts: vec![[0, 1, 1, 0]],
+            texels: vec![[reflectance; 3]].into(),
+        };
+        IrradianceSampler::new(&tables, groups).unwrap()
+    }
+
+    use crate::render::geometry::vector::{cross, dot, sub};
+
+    fn place(position: Vector, normal: Vector) -> Place {
+        Place { position, normal, shift: [0.3, 0.7] }
+    }
+
+    fn close(found: Vector, expected: Vector, tolerance: f64) {
+        for i in 0..3 {
+            assert!((found[i] - expected[i]).abs() <= tolerance * expected[i].abs(), "{found:?} {expected:?}");
+        }
+    }
+
+    const UP: Vector = [0.0, 0.0, 1.0];
+
+    /// A lamp of 2 x 2 that faces down, 1 above the origin, by its form factor (Howell, B-4): 4 x 0.13853.
+    fn ceiling(first: usize) -> (Vec<[Vector; 3]>, AreaLamp) {
+        let squares = vec![[[-1.0, -1.0, 1.0], [0.0, 2.0, 0.0], [2.0, 0.0, 0.0]]];
+        (squares, AreaLamp { first, count: 2, radiance: ONE })
+    }
+
+    #[test]
+    fn a_lamp_has_its_form_factor() {
+        let p = 2f64.sqrt();
+        let corner = (1.0 / p * (1.0 / p).atan() * 2.0) / std::f64::consts::TAU;
+        let (mut squares, lamp) = ceiling(0);
+        let light = GroupLight { lamps: vec![lamp], ..GroupLight::default() };
+        let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
+        let there = [place([0.0; 3], UP), place([0.0; 3], [0.0, 0.0, -1.0]), place([0.0, 0.0, 1.5], UP)];
+        let found = sampler.of_lamps(0, &there, 4096).unwrap();
+        close(found[0], ONE.map(|x| 4.0 * corner * x), 1e-3);
+        assert_eq!(found[1..], [[0.0; 3]; 2]); // it faces away, or lies behind the lamp
+        // Half of it is hidden.
+        squares.push([[0.0, -9.0, 0.5], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0]]);
+        let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
+        close(sampler.of_lamps(0, &there[..1], 4096).unwrap()[0], ONE.map(|x| 2.0 * corner * x), 5e-3);
+        // The same lamp by triangles that are no parallelogram: one of them comes from elsewhere, without area there.
+        let lamps = vec![AreaLamp { first: 0, count: 1, ..lamp }, AreaLamp { first: 1, count: 1, ..lamp }];
+        let sampler = scene(&squares[..1], 0.0, &[GroupLight { lamps, ..GroupLight::default() }]);
+        close(sampler.of_lamps(0, &there[..1], 4096).unwrap()[0], ONE.map(|x| 4.0 * corner * x), 5e-3);
+    }
+
+    /// A sky of one radiance, as such and as a map: all of it without a wall, half of it beside one. A map that is
+    /// bright at one end of an axis only has its closed form, and both its ways of sampling count once.
+    #[test]
+    fn skies_have_their_closed_forms() {
+        let wall = [[[0.0, -1e3, -1e3], [0.0, 2e3, 0.0], [0.0, 0.0, 2e3]]];
+        let map =
+            |texels: Vec<[f32; 3]>, to_map| SkyLight::Map(EnvironmentMap { width: 8, height: 65, texels, to_map });
+        let same = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let turned = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]; // its pole is the world's z
+        let row = |y: usize| [0.5 * (1.0 + libm::cosf(std::f32::consts::PI * y as f32 / 64.0)); 3];
+        let graded: Vec<[f32; 3]> = (0..65 * 8).map(|i| row(i / 8)).collect();
+        let sky = |sky| GroupLight { sky: Some(sky), ..GroupLight::default() };
+        let groups = [
+            sky(SkyLight::Constant(ONE)),
+            sky(map(vec![[1.0, 0.5, 0.25]; 65 * 8], same)),
+            sky(map(graded, turned)),
+            GroupLight::default(),
+        ];
+        let sampler = scene(&wall, 0.0, &groups);
+        let there = [place([5.0, 0.0, 0.0], [1.0, 0.0, 0.0]), place([1.0, 0.0, 0.0], UP)];
+        for (group, samples) in [(0, 4096), (1, 4096)] {
+            let found = sampler.of_sky(group, &there, samples).unwrap();
+            close(found[0], ONE, 2e-3);
+            close(found[1], ONE.map(|x| 0.5 * x), 5e-3);
+        }
+        // Radiance (1 + cos) / 2 around z: (1 + 2/3) / 2 for a place that looks up, and 1/2 for one on the wall.
+        let found = sampler.of_sky(2, &[place([5.0, 0.0, 0.0], UP), there[0]], 4096).unwrap();
+        close(found[1], [0.5; 3], 5e-3);
+        let blocked = (0.5 * (1.0 + 2.0 / 3.0)) / 2.0;
+        close(found[0], [blocked; 3], 1e-2);
+        assert_eq!(sampler.of_sky(3, &there, 16).unwrap(), [[0.0; 3]; 2]);
+    }
+
+    #[test]
+    fn sharp_lights_have_their_closed_forms() {
+        let (squares, _) = ceiling(0);
+        let at = [0.0, 0.0, -2.0];
+        let spot = |full, cutoff| Some(Beam::Spot { axis: UP.map(|x| -x), full, cutoff });
+        let point = |beam| SharpLight::Point { position: [0.0, 0.0, 0.5], intensity: ONE, beam };
+        let group = |light| GroupLight { sharp: vec![light], ..GroupLight::default() };
+        let slanted = [0.0, -0.6, -0.8];
+        let groups = [
+            group(point(None)),
+            group(point(Some(Beam::Cosine([0.0, 0.6, -0.8])))),
+            group(point(spot(0.5, 1.0))),
+            group(SharpLight::Directional { along: slanted, irradiance: ONE }),
+            group(SharpLight::Directional { along: UP, irradiance: ONE }),
+        ];
+        let sampler = scene(&squares, 0.0, &groups);
+        let of = |group| sampler.of_sharp(group, &[place(at, UP)], 16).unwrap()[0];
+        let full = ONE.map(|x| x / 6.25 / std::f64::consts::PI);
+        close(of(0), full, 1e-5);
+        close(of(1), full.map(|x| 0.8 * x), 1e-5);
+        close(of(2), full, 1e-5);
+        // The sun passes by the ceiling; from below it lights no front.
+        close(of(3), ONE.map(|x| 0.8 * x / std::f64::consts::PI), 1e-5);
+        assert_eq!(of(4), [0.0; 3]);
+        let aside = [place([0.0, 1.875, -2.0], UP), place([0.0, 9.0, -2.0], UP), place([0.0, 0.0, 2.0], UP)];
+        let beams = sampler.of_sharp(2, &aside, 16).unwrap();
+        let (angle, squared) = ((0.75f64).atan(), 6.25 + 1.875f64.powi(2));
+        let share = (1.0 - angle) / 0.5 * 0.8 / squared / std::f64::consts::PI;
+        close(beams[0], ONE.map(|x| x * share), 1e-4);
+        assert_eq!(beams[1..], [[0.0; 3]; 2]); // out of the beam, and behind
+    }
+
+    /// A closed box whose walls reflect a half: light that falls on them evenly is gathered, and paths find the sum of
+    /// all bounces of a lamp that is all of the ceiling.
+    #[test]
+    fn light_that_bounces_adds_up() {
+        let [x, y, z] = [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]];
+        let low = [-1.0; 3];
+        let high = [1.0; 3];
+        let back = |edge: Vector| edge.map(|x| -x);
+        let squares = [
+            [low, x, y],
+            [low, y, z],
+            [low, z, x],
+            [high, back(y), back(x)],
+            [high, back(z), back(y)],
+            [high, back(x), back(z)],
+        ];
+        let lamps = (0..6).map(|i| AreaLamp { first: 2 * i, count: 2, radiance: ONE }).collect();
+        let groups = [GroupLight { lamps, ..GroupLight::default() }];
+        let sampler = scene(&squares, 0.5, &groups);
+        let there: Vec<Place> = (0..5).map(|i| place([0.3, f64::from(i) * 0.1, -1.0], UP)).collect();
+        let layouts: Vec<[[i64; 2]; 2]> = (0..12).map(|i| [[16 * i, 2]; 2]).collect();
+        let light = ReflectedLight::new(&layouts, &vec![[1.0, 0.5, 0.25]; 16 * 12]).unwrap();
+        for found in sampler.gathered(0, &there, 64, Some(&light)).unwrap() {
+            close(found, ONE.map(|x| 0.5 * x), 1e-5);
+        }
+        assert_eq!(sampler.gathered(0, &there, 64, None).unwrap(), [[0.0; 3]; 5]);
+        // What falls on each wall directly is ONE; of it, 1/2 + 1/4 + ... bounces.
+        for (bounces, share) in [(1, 0.5), (3, 0.875), (1000, 1.0)] {
+            let rule = PathRule { bounces, roulette: 2 };
+            let all = sampler.traced(0, &there, 1024, 7, rule).unwrap();
+            let mean = [0, 1, 2].map(|i| all.iter().map(|one| one[i]).sum::<f64>() / 5.0);
+            close(mean, ONE.map(|x| share * x), 0.04);
+        }
+        // The same place has the same bits alone; another seed has other paths.
+        let rule = PathRule { bounces: 5, roulette: 2 };
+        let all = sampler.traced(0, &there, 64, 7, rule).unwrap();
+        assert_eq!(sampler.traced(0, &there[3..4], 64, 7, rule).unwrap()[0], all[3]);
+        assert_ne!(sampler.traced(0, &there, 64, 8, rule).unwrap(), all);
+        assert_eq!(sampler.is_lit(0, &there, 4, 0, rule).unwrap(), [true; 5]);
+        let dark = scene(&squares, 0.5, &[GroupLight::default()]);
+        assert_eq!(dark.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
+        let black = scene(&squares, 0.0, &groups);
+        assert_eq!(black.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_refused() {
+        let (squares, lamp) = ceiling(0);
+        let sampler = scene(&squares, 0.5, &[GroupLight { lamps: vec![lamp], ..GroupLight::default() }]);
+        let there = [place([0.0; 3], UP)];
+        for (group, samples, shift, message) in [
+            (1, 16, 0.5, "there are 1 groups of lights, got number 1"),
+            (0, 0, 0.5, "samples lie in 1..=2^20, got 0"),
+            (0, (1 << 20) + 1, 0.5, "samples lie in"),
+            (0, 16, 1.0, "shifts lie in 0..1"),
+            (0, 16, f64::NAN, "places are finite"),
+        ] {
+            let wrong = [Place { shift: [shift, 0.0], ..there[0] }];
+            let error = sampler.of_lamps(group, &wrong, samples).unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+        }
+        let few = ReflectedLight::new(&[[[0, 2]; 2]], &[[1.0; 3]; 16]).unwrap();
+        assert!(sampler.gathered(0, &there, 16, Some(&few)).is_err());
+        for layout in [[0, 1], [1, 2], [-1, 2], [0, 1 << 40], [i64::MAX, 2]] {
+            assert!(ReflectedLight::new(&[[layout; 2]], &[[1.0; 3]; 16]).is_err(), "{layout:?}");
+        }
+    }
+}
