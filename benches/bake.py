@@ -2,7 +2,7 @@
 
 For each scene of benches/light_scenes.py: processor seconds and wall time of the bake (the least of several runs,
 without the cache), at how many points light was computed, from how many samples of lamps and of bounces, the error that
-is told, and the most memory. Needs no LLVM. The table of docs/light.md.
+is told, and the most memory. Needs no LLVM.
 """
 
 from __future__ import annotations

@@ -1291,7 +1291,7 @@ class IrradianceSampler:
         places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`; ``samples`` are directions."""
+        """Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`, by ``samples`` rays."""
 
     def of_sharp(
         self,
@@ -1299,8 +1299,9 @@ class IrradianceSampler:
         places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of the points, directions and small lamps of a ``group`` at ``places``, from ``samples`` of
-        each, as :meth:`of_lamps`.
+        """Compute direct light of points, directions and small lamps of a ``group`` at ``places``, as :meth:`of_lamps`.
+
+        ``samples`` are taken of each light.
         """
 
     def gathered(

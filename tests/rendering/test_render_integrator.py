@@ -216,7 +216,9 @@ from davis_rs._mitsuba.variants import versions
 from davis_rs.render.choice import make_renderer
 from davis_rs.geometry.trajectory.views import Views
 
-floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
+# Grey like diffuse 0.5, of a material that the integrator alone renders.
+grey = {"type": "principled", "base_color": {"type": "rgb", "value": 0.5}, "specular": 0.0, "roughness": 1.0}
+floor = {"type": "rectangle", "bsdf": grey}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "light": light, "floor": floor})
 renderer = make_renderer(scene, Camera(9, 7, 9.0, 9.0, 4.0, 3.0))

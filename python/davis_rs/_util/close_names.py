@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from functools import wraps
 from typing import TypeVar
 
+from .argument_error import ArgumentError
 from .names_elsewhere import NAMES_ELSEWHERE
 
 _UNITS = ("_hz", "_px", "_m_s", "_ms_per_min", "_m", "_rad", "_deg", "_s", "_ms", "_us", "_ns")
@@ -43,6 +44,14 @@ def did_you_mean(given: str, names: Iterable[str], effects: Mapping[str, str] | 
     if meant:
         return f"; did you mean {meant}? ({whose}{note})"
     return f" ({whose}{f' is {ours} here' if ours else note})"
+
+
+def no_name_or_file(argument: str, given: str, names: Iterable[str], suffixes: Iterable[str]) -> ArgumentError:
+    """Return the error for an argument that is neither a known name nor, by its suffix, a file."""
+    names = list(names)
+    known = f"{', '.join(names)}, or a file ({', '.join(suffixes)})"
+    rule = f"{{{argument}}} must be one of {{}}, got {{!r}}{{}}"
+    return ArgumentError(rule, known, given, did_you_mean(given, names))
 
 
 def without_unit(name: str) -> str:

@@ -29,7 +29,7 @@ def add_reproduce(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", metavar="RECORDING", help=f"with frames: {EVENTS_HELP}")
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR",
-        help="folder for table.csv, table.json, the fitted sensor-*.yaml, events of both, and reproduction.png",
+        help="folder for table.csv, table.json, the fitted sensor files, events of both, and reproduction.png",
     )  # fmt: skip
     parser.add_argument("--overwrite", action="store_true", help="replace what the folder holds")
     parser.add_argument(

@@ -235,11 +235,11 @@ class LogLumaDerivatives(EventDerivatives):
 
 
 def check_quantities(quantities: Sequence[str]) -> None:
-    """Refuse a name that is not one quantities :data:`QUANTITIES`."""
+    """Refuse a name that is not one of :data:`QUANTITIES`."""
     for name in quantities:
         if name not in QUANTITIES:
             raise ArgumentError(
-                "{quantities} must name {}; got {!r}{}", ", ".join(QUANTITIES), name, did_you_mean(name, QUANTITIES)
+                "{of} must name {}; got {!r}{}", ", ".join(QUANTITIES), name, did_you_mean(name, QUANTITIES)
             )
 
 

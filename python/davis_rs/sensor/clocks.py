@@ -84,7 +84,7 @@ def align_clocks(
     nothing to align: see ``unexplained`` and the standard deviations.
 
     Args:
-        poses: with their own stamps, as :attr:`Dataset.groundtruth`.
+        poses: with their own stamps, as :attr:`~davis_rs.io.dataset.text_folder.TextFolder.groundtruth` of a dataset.
         imu: samples of ``IMU_DTYPE`` on the camera's clock; or
         events: ``EVENT_DTYPE`` on the camera's clock. Give just one of the two.
         imu_lag_s: the age of the motion that an IMU sample shows; 2.4 ms for the paper's.

@@ -13,6 +13,8 @@
 //! - Whenever a pixel's reference moves, its mark is set again. A mark that is out of date would hide events.
 //! - Candidates are checked before they are decided, because bad values have no log intensity.
 
+use std::ops::Range;
+
 use super::candidates::Candidates;
 use super::cubic::Cubic;
 use super::decision::Verdict;
@@ -111,6 +113,9 @@ impl<S: Sample> Band<S> {
             let ahead = |place: usize| (place + AHEAD / size_of::<S>()).min(share.new.len());
             prefetch(&share.new[ahead(start)..ahead(end)]);
             let dense = noted >= TILE / DENSE;
+            for rates in share.rates.iter().flat_map(|(from, to)| [from, to]) {
+                prefetch(&rates[ahead(start)..ahead(end)]);
+            }
             if dense {
                 prefetch(&share.last[ahead(start)..ahead(end)]);
                 prefetch(&share.records[ahead(start)..ahead(end)]);
@@ -119,7 +124,7 @@ impl<S: Sample> Band<S> {
             self.found.scan(&mut tile, also);
             noted = self.found.count - before;
             if !dense {
-                for &place in &self.found.place[before..self.found.count] {
+                for &place in &self.found.pixel[before..self.found.count] {
                     prefetch(&share.records[place as usize..=place as usize]);
                 }
             }
@@ -145,10 +150,10 @@ impl<S: Sample> Band<S> {
         self.candidates.decide(&self.found, share.records, share.rates, share.first_pixel, at.ticks, p);
         if share.made.is_long() {
             self.candidates.verdict[..count].fill(Verdict::Unclear);
-        } else if let [first, .., last] | [first @ last] = self.found.place[..count] {
+        } else if let [first, .., last] | [first @ last] = self.found.pixel[..count] {
             // No single curve tells. All of them were noted, and come in the same order.
             let bounds = [first, last + 1].map(|place| share.first_pixel + place as usize);
-            let mut found = self.found.place[..count].iter().zip(&mut self.candidates.verdict);
+            let mut found = self.found.pixel[..count].iter().zip(&mut self.candidates.verdict);
             for pixels in share.sparse.of(bounds[0], bounds[1]).pixel.chunk_by(|one, next| one == next) {
                 let place = pixels[0] as usize - share.first_pixel;
                 if let Some((_, verdict)) = found.find(|(found, _)| **found as usize == place) {
@@ -158,58 +163,73 @@ impl<S: Sample> Band<S> {
         }
         let grid = Grid::new(share.first_pixel, size);
         let since = at.start_us - share.zero_us;
-        if self.candidates.finish::<R>(&self.found, grid, since, share.marking.ground) {
+        let outcome = self.candidates.finish::<R>(&self.found, grid, since, share.marking.ground);
+        if outcome.is_full {
             return Err(Stop::Narrow);
         }
-        let mut next = 0;
-        while next < count {
-            next += self.carry_out(share, next, at)?;
-            if next < count {
-                self.follow(share, next, grid, at, p)?;
-                next += 1;
+        if outcome.unclear == 0 {
+            self.carry_out(share, 0..count, outcome.events, at)?;
+        } else {
+            let mut next = 0;
+            while next < count {
+                let verdicts = &self.candidates.verdict[next..count];
+                let clear = verdicts.iter().take_while(|&&verdict| verdict != Verdict::Unclear);
+                let (length, nothing) = clear.fold((0, 0), |(length, nothing), &verdict| {
+                    (length + 1, nothing + usize::from(verdict == Verdict::Nothing))
+                });
+                self.carry_out(share, next..next + length, length - nothing, at)?;
+                next += length;
+                if next < count {
+                    self.follow(share, next, grid, at, p)?;
+                    next += 1;
+                }
             }
         }
         self.found.count = 0;
         Ok(())
     }
 
-    /// Makes the events of candidates from `first` on, up to one that is unclear; returns of how many.
-    fn carry_out<R: Record>(&mut self, share: &mut Share<'_, S, R>, first: usize, at: Interval) -> Result<usize, Stop> {
-        if share.made.is_long() {
-            return Ok(0);
+    /// Makes the events of these candidates, of which none is unclear.
+    fn carry_out<R: Record>(
+        &self,
+        share: &mut Share<'_, S, R>,
+        candidates: Range<usize>,
+        events: usize,
+        at: Interval,
+    ) -> Result<(), Stop> {
+        if candidates.is_empty() {
+            return Ok(());
         }
         let decided = &self.candidates;
-        let verdicts = &decided.verdict[first..self.found.count];
-        let n = verdicts.iter().position(|&verdict| verdict == Verdict::Unclear).unwrap_or(verdicts.len());
-        let (run, verdicts) = (first..first + n, &verdicts[..n]);
-        let places = &self.found.place[run.clone()];
-        let (keys, words) = (&decided.keys[run.clone()], &decided.words[run.clone()]);
-        share.made.reserve(n)?;
-        let (made_keys, old) = share.made.spare(n);
-        let nothing = verdicts.iter().filter(|&&verdict| verdict == Verdict::Nothing).count();
-        let mut made = n;
-        if nothing == 0 {
+        let (pixels, verdicts) = (&self.found.pixel[candidates.clone()], &decided.verdict[candidates.clone()]);
+        let (keys, words) = (&decided.keys[candidates.clone()], &decided.words[candidates.clone()]);
+        share.made.reserve(candidates.len())?;
+        let (made_keys, old) = share.made.spare(candidates.len());
+        if events == candidates.len() {
             made_keys.copy_from_slice(keys);
-            for ((old, &word), &place) in old.iter_mut().zip(words).zip(places) {
-                *old = R::old(share.records, place, word);
+            for ((old, &word), &pixel) in old.iter_mut().zip(words).zip(pixels) {
+                *old = R::old(share.records, pixel, word);
             }
         } else {
-            made = 0;
-            for ((&verdict, &key), (&word, &place)) in verdicts.iter().zip(keys).zip(words.iter().zip(places)) {
+            let mut made = 0;
+            for ((&verdict, &key), (&word, &pixel)) in verdicts.iter().zip(keys).zip(words.iter().zip(pixels)) {
                 // Written anyway, and kept where there is an event: no branch to mispredict.
-                (made_keys[made], old[made]) = (key, R::old(share.records, place, word));
+                (made_keys[made], old[made]) = (key, R::old(share.records, pixel, word));
                 made += usize::from(verdict != Verdict::Nothing);
             }
         }
-        share.made.take(made);
-        let after = decided.words_after[run.clone()].iter().zip(&decided.marks[run.clone()]);
-        let events = verdicts.iter().zip(&decided.tick[run]);
-        for ((&place, (&word, &mark)), (&verdict, &tick)) in places.iter().zip(after).zip(events) {
+        share.made.take(events);
+        let after = decided.words_after[candidates.clone()].iter().zip(&decided.marks[candidates.clone()]);
+        let verdicts = verdicts.iter().zip(&decided.tick[candidates]);
+        // As many marks as records: one check of a pixel's number is enough for both.
+        let records = &mut *share.records;
+        let marks = &mut share.marks[..records.len()];
+        for ((&pixel, (&word, &mark)), (&verdict, &tick)) in pixels.iter().zip(after).zip(verdicts) {
             let is = verdict != Verdict::Nothing;
-            share.records[place as usize].take(word, is, at.start_us + tick);
-            share.marks[place as usize] = mark;
+            records[pixel as usize].take(word, is, at.start_us + tick);
+            marks[pixel as usize] = mark;
         }
-        Ok(n)
+        Ok(())
     }
 
     /// Runs one candidate through the interval exactly.
@@ -222,12 +242,12 @@ impl<S: Sample> Band<S> {
         at: Interval,
         p: &CrossingParameters,
     ) -> Result<(), Stop> {
-        let in_share = self.found.place[candidate] as usize;
-        let place = grid.place(self.found.place[candidate]);
-        let sparse = share.sparse_of(self.found.place[candidate]);
+        let in_share = self.found.pixel[candidate] as usize;
+        let place = grid.place(self.found.pixel[candidate]);
+        let sparse = share.sparse_of(self.found.pixel[candidate]);
         let c = p.thresholds(share.first_pixel + in_share);
         let record = share.records[in_share];
-        let old = R::old(share.records, self.found.place[candidate], record.word());
+        let old = R::old(share.records, self.found.pixel[candidate], record.word());
         let mut reference = record.level();
         let mut last_event_us = record.last_event_us(share.zero_us);
         let made = &mut *share.made;

@@ -3,7 +3,7 @@
 //! The tick is first estimated in floats. If the estimate is farther from any tick than its error, it decides.
 //! Otherwise exact arithmetic decides: at the line's ends, then at the likely tick, then by bisection over all ticks.
 //!
-//! What must not break: on both ways the tick is that of real arithmetic on the given samples. [`super::candidates`]
+//! What must not break: on both ways the tick is that of real arithmetic on the given samples. [`super::line_candidates`]
 //! makes the same estimate in vector code, with the same terms in its error. Look at both when one changes.
 
 use std::iter;

@@ -26,11 +26,11 @@ const BLOCK: usize = 64;
 /// Places are written in groups of this many.
 const GROUP: usize = 8;
 
-/// Samples that were noted, of one or more tiles: their place in the band's share, and the samples before and now, of which
-/// log intensity is computed next.
+/// Samples that were noted, of one or more tiles: their pixel, counted from the first one of the band's share, and the
+/// samples before and now, of which log intensity is computed next.
 pub(crate) struct Found<S> {
     pub(crate) count: usize,
-    pub(crate) place: Vec<u32>,
+    pub(crate) pixel: Vec<u32>,
     pub(crate) from: Vec<S>,
     pub(crate) to: Vec<S>,
     /// Places in a tile.
@@ -65,7 +65,7 @@ impl<S: Sample> Found<S> {
         let samples = || vec![S::default(); MOST_FOUND];
         Self {
             count: 0,
-            place: vec![0; MOST_FOUND],
+            pixel: vec![0; MOST_FOUND],
             from: samples(),
             to: samples(),
             in_tile: vec![0; TILE],
@@ -100,10 +100,10 @@ impl<S: Sample> Found<S> {
         }
         let count = places(noted, &mut self.in_tile);
         let found = self.count..self.count + count;
-        let (place, from, to) =
-            (&mut self.place[found.clone()], &mut self.from[found.clone()], &mut self.to[found.clone()]);
-        for (((&i, place), from), to) in self.in_tile[..count].iter().zip(place).zip(from).zip(to) {
-            *place = tile.start as u32 + u32::from(i);
+        let (pixel, from, to) =
+            (&mut self.pixel[found.clone()], &mut self.from[found.clone()], &mut self.to[found.clone()]);
+        for (((&i, pixel), from), to) in self.in_tile[..count].iter().zip(pixel).zip(from).zip(to) {
+            *pixel = tile.start as u32 + u32::from(i);
             *from = tile.last[usize::from(i)];
             *to = tile.new[usize::from(i)];
         }

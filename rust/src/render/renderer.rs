@@ -192,11 +192,7 @@ impl Renderer {
             let lights = seen_lights(&self.scene, view);
             let (mut buffers, mut scratch) = (self.view_buffers.take(), self.scratch.take());
             let ViewBuffers { bins, cones } = &mut buffers;
-            let mut wanted = vec![false; corners.tiles()];
-            for sample in samples {
-                wanted[sample.tile] = true;
-            }
-            bins.fill(&self.scene, view, corners, Some(&wanted));
+            bins.fill(&self.scene, view, corners, Some(&tiles_of(corners, samples)));
             let of = self.tile_view(corners, view, &lights, bins, cones);
             let mut image = TileImage::BLACK;
             for some in samples.chunk_by(|a, b| a.tile == b.tile) {
@@ -436,11 +432,7 @@ impl Renderer {
             let of = self.tile_view(rays, view, &lights, bins, cones);
             work(&of, 0, &pixels, &mut scratch);
         } else {
-            let mut wanted = vec![false; rays.tiles()];
-            for sample in samples {
-                wanted[sample.tile] = true;
-            }
-            bins.fill(&self.scene, view, rays, Some(&wanted));
+            bins.fill(&self.scene, view, rays, Some(&tiles_of(rays, samples)));
             let of = self.tile_view(rays, view, &lights, bins, cones);
             for tile in samples.chunk_by(|a, b| a.tile == b.tile) {
                 pixels.gather(rays, tile);
@@ -456,6 +448,15 @@ impl Renderer {
 /// Returns the bands of frames that lie one after the other: rows of tiles.
 fn bands<'a, T>(rays: &PixelRays, frames: &'a mut [T]) -> Vec<&'a mut [T]> {
     frames.chunks_mut(rays.pixels()).flat_map(|frame| frame.chunks_mut(rays.width * TILE)).collect()
+}
+
+/// Marks the tiles that samples lie in.
+fn tiles_of(rays: &PixelRays, samples: &[Sample]) -> Vec<bool> {
+    let mut marked = vec![false; rays.tiles()];
+    for sample in samples {
+        marked[sample.tile] = true;
+    }
+    marked
 }
 
 fn check_one_ray(rays: &PixelRays) -> Result<()> {

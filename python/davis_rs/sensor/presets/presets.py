@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
-from ..._util.argument_error import ArgumentError
-from ..._util.close_names import did_you_mean
+from ..._util.close_names import no_name_or_file
 from ..parameters import SensorParameters
 from .sensor_file import SENSOR_SUFFIXES, SensorFile, read_sensor_file
 
@@ -77,8 +76,7 @@ def load_sensor_file(name_or_path: str | os.PathLike[str]) -> SensorFile:
     if name in _NAMES:
         return preset_file(name)
     if not name.lower().endswith(SENSOR_SUFFIXES):
-        known = f"{', '.join(_NAMES)}, or a file ({', '.join(SENSOR_SUFFIXES)})"
-        raise ArgumentError("{sensor} must be one of {}, got {!r}{}", known, name, did_you_mean(name, _NAMES))
+        raise no_name_or_file("sensor", name, _NAMES, SENSOR_SUFFIXES)
     return read_sensor_file(name)
 
 

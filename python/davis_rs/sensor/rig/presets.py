@@ -6,8 +6,7 @@ import os
 from functools import cache
 from pathlib import Path
 
-from ..._util.argument_error import ArgumentError
-from ..._util.close_names import did_you_mean
+from ..._util.close_names import no_name_or_file
 from .rig import Rig
 from .rig_file import read_rig_file
 
@@ -37,8 +36,7 @@ def load_rig(name_or_path: str | os.PathLike[str] | Rig) -> Rig:
     if name in RIGS:
         return _preset(name)
     if not name.lower().endswith(_SUFFIXES):
-        known = f"{', '.join(RIGS)}, or a file ({', '.join(_SUFFIXES)})"
-        raise ArgumentError("{rig} must be one of {}, got {!r}{}", known, name, did_you_mean(name, RIGS))
+        raise no_name_or_file("rig", name, RIGS, _SUFFIXES)
     return read_rig_file(name)
 
 

@@ -179,14 +179,15 @@ impl PyIrradianceSampler {
         Ok(flat(py, py.detach(|| self.0.of_lamps(group, &places, samples))?))
     }
 
-    /// Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`; ``samples`` are directions.
+    /// Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`, by ``samples`` rays.
     fn of_sky<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
         let places = places_of(places)?;
         Ok(flat(py, py.detach(|| self.0.of_sky(group, &places, samples))?))
     }
 
-    /// Compute direct light of the points, directions and small lamps of a ``group`` at ``places``, from ``samples`` of
-    /// each, as :meth:`of_lamps`.
+    /// Compute direct light of points, directions and small lamps of a ``group`` at ``places``, as :meth:`of_lamps`.
+    ///
+    /// ``samples`` are taken of each light.
     fn of_sharp<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
         let places = places_of(places)?;
         Ok(flat(py, py.detach(|| self.0.of_sharp(group, &places, samples))?))

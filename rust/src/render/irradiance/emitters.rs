@@ -186,8 +186,8 @@ impl Lamp {
                 let at = triangles.partition_point(|triangle| triangle.up_to <= y).min(triangles.len().max(1) - 1);
                 let triangle = triangles.get(at)?;
                 let before = if at == 0 { 0.0 } else { triangles[at - 1].up_to };
-                let part = triangle.up_to - before;
-                let along = if part > 0.0 { ((y - before) / part).clamp(0.0, 1.0) } else { 0.5 };
+                let fraction = triangle.up_to - before;
+                let along = if fraction > 0.0 { ((y - before) / fraction).clamp(0.0, 1.0) } else { 0.5 };
                 let far = x.sqrt();
                 let (second, third) = (far * (1.0 - along), far * along);
                 let [b, c] = &triangle.edges;
@@ -205,22 +205,22 @@ impl Lamp {
         let (own, its) = (dots(*normal, away), -dots(facing, away));
         let squared = dots(away, away);
         let lit = own > 0.0 && its > 0.0 && squared > 0.0;
-        let share = if lit { own * its * self.area / (squared * squared * PI) } else { 0.0 };
+        let weight = if lit { own * its * self.area / (squared * squared * PI) } else { 0.0 };
         Arriving {
             towards: [0, 1, 2].map(|i| point[i] - origin[i]),
             end: if lit { 1.0 - END } else { 0.0 },
-            light: self.radiance.map(|radiance| radiance * share),
+            light: self.radiance.map(|radiance| radiance * weight),
         }
     }
 }
 
 /// Returns a corner and the two edges from it where two triangles are the halves of a parallelogram.
 fn parallelogram(corners: &[[Vector; 3]], normals: &[Vector]) -> Option<[Vector; 3]> {
-    let ([one, other], [normal, same]) = (corners, normals) else { return None };
-    let size = largest(sub(one[1], one[0])).max(largest(sub(one[2], one[0])));
+    let ([triangle, other], [normal, same]) = (corners, normals) else { return None };
+    let size = largest(sub(triangle[1], triangle[0])).max(largest(sub(triangle[2], triangle[0])));
     let close = |a: Vector, b: Vector| largest(sub(a, b)) <= PARALLEL * size;
     for at in 0..3 {
-        let (corner, second, third) = (one[at], one[(at + 1) % 3], one[(at + 2) % 3]);
+        let (corner, second, third) = (triangle[at], triangle[(at + 1) % 3], triangle[(at + 2) % 3]);
         let opposite = sub(add(second, third), corner);
         let has = |point: Vector| other.iter().any(|&corner| close(corner, point));
         if has(second) && has(third) && has(opposite) && largest(sub(*normal, *same)) <= PARALLEL {
@@ -292,16 +292,16 @@ impl SkyMap {
             total += sum;
             rows.push(total);
         }
-        let share = |x: f64| if total > 0.0 { (x / total) as f32 } else { 0.0 };
+        let fraction = |x: f64| if total > 0.0 { (x / total) as f32 } else { 0.0 };
         Ok(Self {
             width,
             height,
             texels: map.texels.iter().map(|&texel| padded(texel)).collect(),
             to_map: map.to_map.map(single),
             cosines: cosines.iter().map(|&x| x as f32).collect(),
-            rows: rows.into_iter().map(share).collect(),
+            rows: rows.into_iter().map(fraction).collect(),
             columns: columns.iter().map(|&x| x as f32).collect(),
-            densities: densities.into_iter().map(share).collect(),
+            densities: densities.into_iter().map(fraction).collect(),
         })
     }
 
@@ -338,8 +338,8 @@ impl SkyMap {
         let within = |fractions: &[f32], at: f32| {
             let cell = fractions.partition_point(|&up_to| up_to <= at).min(fractions.len() - 1);
             let before = if cell == 0 { 0.0 } else { fractions[cell - 1] };
-            let part = fractions[cell] - before;
-            (cell, if part > 0.0 { ((at - before) / part).clamp(0.0, BELOW_ONE) } else { 0.5 })
+            let fraction = fractions[cell] - before;
+            (cell, if fraction > 0.0 { ((at - before) / fraction).clamp(0.0, BELOW_ONE) } else { 0.5 })
         };
         let (row, down) = within(&self.rows, y);
         let (column, across) = within(&self.columns[row * self.width..(row + 1) * self.width], x);
@@ -367,9 +367,9 @@ impl Sharp {
             Self::Lamp(lamp) => lamp.arriving(place, normal, origin, at),
             Self::Directional { towards, irradiance } => {
                 let cosine = dots(*normal, *towards);
-                let share = if cosine > 0.0 { cosine / PI } else { 0.0 };
+                let weight = if cosine > 0.0 { cosine / PI } else { 0.0 };
                 let end = if cosine > 0.0 { f32::INFINITY } else { 0.0 };
-                Arriving { towards: *towards, end, light: irradiance.map(|x| x * share) }
+                Arriving { towards: *towards, end, light: irradiance.map(|x| x * weight) }
             }
             Self::Point { position, intensity, beam } => {
                 let away = [0, 1, 2].map(|i| position[i] - place[i]);
@@ -379,10 +379,10 @@ impl Sharp {
                 if !(cosine > 0.0 && squared > 0.0) {
                     return Arriving::NONE;
                 }
-                let share = cosine / (squared * PI) * beam.map_or(1.0, |beam| factor(&beam, away, distance));
+                let weight = cosine / (squared * PI) * beam.map_or(1.0, |beam| factor(&beam, away, distance));
                 let towards = [0, 1, 2].map(|i| position[i] - origin[i]);
-                let end = if share > 0.0 { 1.0 - END } else { 0.0 };
-                Arriving { towards, end, light: intensity.map(|x| x * share) }
+                let end = if weight > 0.0 { 1.0 - END } else { 0.0 };
+                Arriving { towards, end, light: intensity.map(|x| x * weight) }
             }
         }
     }
@@ -461,4 +461,36 @@ fn check_colour(what: &str, rgb: [f64; 3]) -> Result<()> {
         return Ok(());
     }
     Err(Error::Argument(format!("the {what} of a light is finite and not negative, got {rgb:?}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Between the middles of the last and the first column light goes from one to the other, and samples that follow
+    /// the light have the density that is told of them.
+    #[test]
+    fn a_map_goes_around() {
+        let to_map = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let texels = (0u8..12).map(|i| [f32::from([1u8, 0, 0, 3][usize::from(i % 4)]); 3]).collect();
+        let map = SkyMap::new(&EnvironmentMap { width: 4, height: 3, texels, to_map }).unwrap();
+        for (turn, expected) in [(0.0, 2.0), (0.0625, 1.5), (0.9375, 2.5), (0.125, 1.0), (0.25, 0.5), (0.5, 0.0)] {
+            let angle = TAU * turn;
+            let (radiance, density) = map.seen([libm::sinf(angle), 0.0, -libm::cosf(angle)]);
+            assert!((radiance[0] - expected).abs() < 1e-5, "{turn}: {radiance:?}");
+            assert_eq!(density > 0.0, turn != 0.5);
+        }
+        for at in [[0.01, 0.2], [0.3, 0.8], [0.6, 0.5], [0.99, 0.4]] {
+            let (radiance, density) = map.seen(map.towards(at));
+            assert!(radiance[0] > 0.0 && density > 0.0, "{at:?}");
+        }
+        // The whole sphere: the mean of 1 / density over samples is its solid angle, but for the dark cell.
+        let mean = (0u16..10_000)
+            .map(|i| [(f32::from(i) + 0.5) / 10_000.0, (f32::from(i) * 0.618_034).fract()])
+            .map(|at| f64::from(map.seen(map.towards(at)).1))
+            .map(|density| if density > 0.0 { 1.0 / density } else { 0.0 }) // rounded into the dark cell
+            .sum::<f64>()
+            / 10_000.0;
+        assert!((mean / (3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01, "{mean}");
+    }
 }

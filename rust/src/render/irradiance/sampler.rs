@@ -123,14 +123,8 @@ impl IrradianceSampler {
     /// [`Error::Argument`] for a group that is not there, or no samples.
     pub fn of_lamps(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        each(places, |place, scratch| {
-            let start = self.start(place);
-            let mut sum = [0.0; 3];
-            for lamp in &lights.lamps {
-                let arriving = |at| lamp.arriving(&start.place, &start.normal, &start.origin, at);
-                add_up(&mut sum, direct(&self.tracer, &start, &lattice, shift_of(place), scratch, arriving));
-            }
-            sum.map(|x| x / float(samples))
+        self.summed(&lattice, places, &lights.lamps, |lamp, start, at| {
+            lamp.arriving(&start.place, &start.normal, &start.origin, at)
         })
     }
 
@@ -162,14 +156,8 @@ impl IrradianceSampler {
     /// As [`IrradianceSampler::of_lamps`].
     pub fn of_sharp(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        each(places, |place, scratch| {
-            let start = self.start(place);
-            let mut sum = [0.0; 3];
-            for light in &lights.sharp {
-                let arriving = |at| light.arriving(&start.place, &start.normal, &start.origin, at);
-                add_up(&mut sum, direct(&self.tracer, &start, &lattice, shift_of(place), scratch, arriving));
-            }
-            sum.map(|x| x / float(samples))
+        self.summed(&lattice, places, &lights.sharp, |light, start, at| {
+            light.arriving(&start.place, &start.normal, &start.origin, at)
         })
     }
 
@@ -264,6 +252,25 @@ impl IrradianceSampler {
     fn group(&self, group: usize) -> Result<&Lights> {
         self.groups.get(group).ok_or_else(|| {
             Error::Argument(format!("there are {} groups of lights, got number {group}", self.groups.len()))
+        })
+    }
+
+    /// Adds up at each place the light of several lights, each by all points of a lattice.
+    fn summed<L: Sync>(
+        &self,
+        lattice: &Lattice,
+        places: &[Place],
+        lights: &[L],
+        arriving: impl Fn(&L, &Start, [f32; 2]) -> Arriving + Sync,
+    ) -> Result<Vec<[f64; 3]>> {
+        each(places, |place, scratch| {
+            let start = self.start(place);
+            let mut sum = [0.0; 3];
+            for light in lights {
+                let arriving = |at| arriving(light, &start, at);
+                add_up(&mut sum, direct(&self.tracer, &start, lattice, shift_of(place), scratch, arriving));
+            }
+            sum.map(|x| x / float(lattice.len()))
         })
     }
 
@@ -366,12 +373,12 @@ fn direct(
     fan.origin = start.origin;
     fan.resize(lattice.len());
     for at in 0..lattice.len() {
-        let one = arriving(lattice.shifted(at, shift));
+        let sample = arriving(lattice.shifted(at, shift));
         for axis in 0..3 {
-            fan.directions[axis][at] = one.towards[axis];
+            fan.directions[axis][at] = sample.towards[axis];
         }
-        fan.ends[at] = one.end;
-        light.push(one.light);
+        fan.ends[at] = sample.end;
+        light.push(sample.light);
     }
     any(tracer, fan);
     let mut sum = [0.0; 3];
@@ -452,8 +459,8 @@ fn sharp_light(
     light: &mut Vec<Colour>,
 ) -> Colour {
     begin(shadow, light, there);
-    for one in &lights.sharp {
-        push(shadow, light, &one.arriving(&there.place, &there.normal, &there.origin, at));
+    for sharp in &lights.sharp {
+        push(shadow, light, &sharp.arriving(&there.place, &there.normal, &there.origin, at));
     }
     tracer.any(shadow);
     end(shadow, light)
@@ -538,8 +545,8 @@ fn trace(
             push(shadow, light, &along_cosine(sky, &from, draws.point()));
             push(shadow, light, &along_radiance(sky, &from, draws.point()));
         }
-        for one in &lights.sharp {
-            push(shadow, light, &one.arriving(&from.place, &from.normal, &from.origin, draws.point()));
+        for sharp in &lights.sharp {
+            push(shadow, light, &sharp.arriving(&from.place, &from.normal, &from.origin, draws.point()));
         }
         any(&scene.tracer, shadow);
         let arrived = end(shadow, light);
@@ -558,9 +565,11 @@ fn trace(
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_precision_loss, reason = "small numbers")]
 mod tests {
     use super::*;
     use crate::render::Beam;
+    use crate::render::geometry::vector::{cross, dot, sub};
     use crate::render::irradiance::emitters::{AreaLamp, EnvironmentMap, SharpLight, SkyLight};
 
     const ONE: [f64; 3] = [1.0, 0.5, 0.25];
@@ -594,8 +603,6 @@ mod tests {
         IrradianceSampler::new(&tables, groups).unwrap()
     }
 
-    use crate::render::geometry::vector::{cross, dot, sub};
-
     fn place(position: Vector, normal: Vector) -> Place {
         Place { position, normal, shift: [0.3, 0.7] }
     }
@@ -621,10 +628,12 @@ mod tests {
         let (mut squares, lamp) = ceiling(0);
         let light = GroupLight { lamps: vec![lamp], ..GroupLight::default() };
         let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
-        let there = [place([0.0; 3], UP), place([0.0; 3], [0.0, 0.0, -1.0]), place([0.0, 0.0, 1.5], UP)];
+        let down = [0.0, 0.0, -1.0];
+        let there =
+            [place([0.0; 3], UP), place([0.0; 3], down), place([0.0, 0.0, 1.5], UP), place([0.0, 0.0, 1.5], down)];
         let found = sampler.of_lamps(0, &there, 4096).unwrap();
         close(found[0], ONE.map(|x| 4.0 * corner * x), 1e-3);
-        assert_eq!(found[1..], [[0.0; 3]; 2]); // it faces away, or lies behind the lamp
+        assert_eq!(found[1..], [[0.0; 3]; 3]); // it faces away, or lies behind the lamp
         // Half of it is hidden.
         squares.push([[0.0, -9.0, 0.5], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0]]);
         let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
@@ -633,6 +642,22 @@ mod tests {
         let lamps = vec![AreaLamp { first: 0, count: 1, ..lamp }, AreaLamp { first: 1, count: 1, ..lamp }];
         let sampler = scene(&squares[..1], 0.0, &[GroupLight { lamps, ..GroupLight::default() }]);
         close(sampler.of_lamps(0, &there[..1], 4096).unwrap()[0], ONE.map(|x| 4.0 * corner * x), 5e-3);
+    }
+
+    /// A lamp of four triangles of different sizes has the light of the rectangle that they fill.
+    #[test]
+    fn points_lie_evenly_on_a_lamp() {
+        let strip = |x: f64, width: f64| [[x, -1.0, 1.0], [0.0, 2.0, 0.0], [width, 0.0, 0.0]];
+        let squares = [strip(-1.0, 0.3), strip(-0.7, 1.7)];
+        let lamp = |first, count| AreaLamp { first, count, radiance: ONE };
+        let groups = [vec![lamp(0, 4)], vec![lamp(0, 2), lamp(2, 2)]];
+        let groups = groups.map(|lamps| GroupLight { lamps, ..GroupLight::default() });
+        let sampler = scene(&squares, 0.0, &groups);
+        let there = [place([0.6, 0.0, 0.0], UP), place([-0.9, 0.5, 0.7], UP)];
+        let parts = sampler.of_lamps(1, &there, 4096).unwrap();
+        for (all, parts) in sampler.of_lamps(0, &there, 4096).unwrap().into_iter().zip(parts) {
+            close(all, parts, 0.01);
+        }
     }
 
     /// A sky of one radiance, as such and as a map: all of it without a wall, half of it beside one. A map that is
@@ -694,9 +719,9 @@ mod tests {
         assert_eq!(of(4), [0.0; 3]);
         let aside = [place([0.0, 1.875, -2.0], UP), place([0.0, 9.0, -2.0], UP), place([0.0, 0.0, 2.0], UP)];
         let beams = sampler.of_sharp(2, &aside, 16).unwrap();
-        let (angle, squared) = ((0.75f64).atan(), 6.25 + 1.875f64.powi(2));
-        let share = (1.0 - angle) / 0.5 * 0.8 / squared / std::f64::consts::PI;
-        close(beams[0], ONE.map(|x| x * share), 1e-4);
+        let (angle, distance_squared) = ((0.75f64).atan(), 6.25 + 1.875f64.powi(2));
+        let factor = (1.0 - angle) / 0.5 * 0.8 / distance_squared / std::f64::consts::PI;
+        close(beams[0], ONE.map(|x| x * factor), 1e-4);
         assert_eq!(beams[1..], [[0.0; 3]; 2]); // out of the beam, and behind
     }
 
@@ -739,10 +764,10 @@ mod tests {
         assert_eq!(sampler.traced(0, &there[3..4], 64, 7, rule).unwrap()[0], all[3]);
         assert_ne!(sampler.traced(0, &there, 64, 8, rule).unwrap(), all);
         assert_eq!(sampler.is_lit(0, &there, 4, 0, rule).unwrap(), [true; 5]);
-        let dark = scene(&squares, 0.5, &[GroupLight::default()]);
-        assert_eq!(dark.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
-        let black = scene(&squares, 0.0, &groups);
-        assert_eq!(black.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
+        let lampless = scene(&squares, 0.5, &[GroupLight::default()]);
+        assert_eq!(lampless.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
+        let unlit = scene(&squares, 0.0, &groups);
+        assert_eq!(unlit.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
     }
 
     #[test]

@@ -255,3 +255,70 @@ pub(crate) fn padded([red, green, blue]: [f32; 3]) -> Colour {
 pub(crate) fn colour(rgb: Vector) -> Colour {
     padded(single(rgb))
 }
+
+#[cfg(test)]
+#[allow(clippy::cast_precision_loss, reason = "small numbers")]
+mod tests {
+    use super::*;
+
+    /// A map of 3 x 3 texels in its frame: bilinear between them, each side its own, and never below 0.
+    #[test]
+    fn light_is_looked_up_between_texels() {
+        let value = |column: f32, row: f32| 1.0 + column - 0.4 * row - 0.3 * column * row;
+        let texels: Vec<[f32; 3]> = [1.0, 10.0]
+            .iter()
+            .flat_map(|&by| {
+                (0..25u8).map(move |i| [by * value(f32::from(i % 5) - 1.0, f32::from(i / 5) - 1.0), 0.0, -1.0])
+            })
+            .collect();
+        let light = ReflectedLight::new(&[[[0, 3], [25, 3]]], &texels).unwrap();
+        for [x, y] in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.25, 0.6], [0.7, 0.1], [0.5, 0.5], [-0.1, 1.2]] {
+            let (column, row) = (2.0 * f32::clamp(x, 0.0, 1.0), 2.0 * f32::clamp(y, 0.0, 1.0));
+            for (side, by) in [(0, 1.0), (1, 10.0)] {
+                let [red, green, blue, _] = light.at(0, side, [x, y]);
+                assert!((red - by * value(column, row).max(0.0)).abs() < 1e-5 * by, "{x} {y}: {red}");
+                assert_eq!([green, blue], [0.0; 2]);
+            }
+        }
+    }
+
+    /// Textures repeat, end or are mirrored at their edges; a back that does not reflect is black.
+    #[test]
+    fn reflectance_is_looked_up_as_the_texture_wraps() {
+        let expected = |coordinate: f32, wrap: i64| {
+            let along = 4.0 * coordinate - 0.5;
+            let texel = |at: f32| {
+                let at = match wrap {
+                    0 => at.rem_euclid(4.0),
+                    1 => at.clamp(0.0, 3.0),
+                    _ => at.rem_euclid(8.0).min(7.0 - at.rem_euclid(8.0)),
+                };
+                at * at
+            };
+            let past = along - along.floor();
+            texel(along.floor()) * (1.0 - past) + texel(along.floor() + 1.0) * past
+        };
+        for wrap in 0..3 {
+            let tables = SurfaceTables {
+                corners: vec![[[0.0; 3]; 3]].into(),
+                normals: vec![[0.0, 0.0, 1.0]].into(),
+                shading_normals: vec![[[0.0, 0.0, 1.0]; 3]].into(),
+                uv: vec![[[-1.5, 0.5], [2.5, 0.5], [-1.5, 0.5]]].into(),
+                textures: vec![0],
+                two_sided: vec![false],
+                layouts: vec![[0, 4, 1, wrap]],
+                texels: vec![[0.0; 3], [1.0; 3], [4.0; 3], [9.0; 3]].into(),
+            };
+            let surfaces = Surfaces::new(&tables).unwrap();
+            for step in 0..64u8 {
+                let weight = f32::from(step) / 64.0;
+                let red = surfaces.reflectance(0, 0, [weight, 0.0])[0];
+                let right = expected(-1.5 + 4.0 * weight, wrap);
+                assert!((red - right).abs() < 1e-4, "wrap {wrap} at {weight}: {red} {right}");
+                assert_eq!(surfaces.reflectance(0, 1, [weight, 0.0]), [0.0; 4]);
+            }
+            assert_eq!(surfaces.side(0, [0.3, 0.0, -1.0]), (0, [0.0, 0.0, 1.0]));
+            assert_eq!(surfaces.side(0, [0.3, 0.0, 1.0]), (1, [-0.0, -0.0, -1.0]));
+        }
+    }
+}

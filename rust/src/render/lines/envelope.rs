@@ -105,10 +105,10 @@ impl Taps {
     fn order(&mut self, seen: &[Seen], list: &[Entry], part: &Rect, pitch: [f64; 2]) {
         self.candidates.clear();
         self.candidates.extend((0..).zip(list).map(|(index, entry)| {
-            let one = &seen[entry.seen as usize];
-            let edges = one.edges.map(|edge| InTile::new(edge, part, pitch));
-            let inverse_depth = InTile::new(one.inverse_depth, part, pitch);
-            let (nearest, number) = (one.nearest_in(part), one.triangle);
+            let triangle = &seen[entry.seen as usize];
+            let edges = triangle.edges.map(|edge| InTile::new(edge, part, pitch));
+            let inverse_depth = InTile::new(triangle.inverse_depth, part, pitch);
+            let (nearest, number) = (triangle.nearest_in(part), triangle.triangle);
             Candidate { index, number, nearest, covers: entry.covers, edges, inverse_depth }
         }));
         self.candidates.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.number.cmp(&b.number)));
@@ -145,8 +145,8 @@ impl Taps {
                     at += 1;
                 }
                 let (right, index) = match self.segments.get(at) {
-                    Some(one) if one.left <= left => (one.right.min(piece.right), one.index),
-                    Some(one) => (one.left.min(piece.right), NOTHING),
+                    Some(segment) if segment.left <= left => (segment.right.min(piece.right), segment.index),
+                    Some(segment) => (segment.left.min(piece.right), NOTHING),
                     None => (piece.right, NOTHING),
                 };
                 let column = left + piece.phase * (right - left);
@@ -208,22 +208,22 @@ fn insert(old: &[Segment], out: &mut Vec<Segment>, depths: &[[f32; 2]], new: Seg
     out.clear();
     let depth = |index: u32, at: f32| depths[index as usize][0] * at + depths[index as usize][1];
     let (mut at, mut changed) = (new.left, false);
-    for one in old {
-        if at < one.left && at < new.right {
-            let end = one.left.min(new.right);
+    for segment in old {
+        if at < segment.left && at < new.right {
+            let end = segment.left.min(new.right);
             changed |= end - at > LEAST;
             put(out, at, end, new.index);
         }
-        at = at.max(one.right);
-        let (left, right) = (one.left.max(new.left), one.right.min(new.right));
+        at = at.max(segment.right);
+        let (left, right) = (segment.left.max(new.left), segment.right.min(new.right));
         if right - left <= LEAST {
-            put(out, one.left, one.right, one.index);
+            put(out, segment.left, segment.right, segment.index);
             continue;
         }
-        let first = depth(new.index, left) - depth(one.index, left);
-        let last = depth(new.index, right) - depth(one.index, right);
+        let first = depth(new.index, left) - depth(segment.index, left);
+        let last = depth(new.index, right) - depth(segment.index, right);
         if first <= 0.0 && last <= 0.0 {
-            put(out, one.left, one.right, one.index);
+            put(out, segment.left, segment.right, segment.index);
             continue;
         }
         changed = true;
@@ -233,9 +233,9 @@ fn insert(old: &[Segment], out: &mut Vec<Segment>, depths: &[[f32; 2]], new: Seg
             (true, false) => (left, cut),
             _ => (cut, right),
         };
-        put(out, one.left, from, one.index);
+        put(out, segment.left, from, segment.index);
         put(out, from, to, new.index);
-        put(out, to, one.right, one.index);
+        put(out, to, segment.right, segment.index);
     }
     if at < new.right {
         changed |= new.right - at > LEAST;
@@ -247,13 +247,13 @@ fn insert(old: &[Segment], out: &mut Vec<Segment>, depths: &[[f32; 2]], new: Seg
 /// Returns the inverse depth behind which nothing is seen on a line.
 fn closed(segments: &[Segment], depths: &[[f32; 2]], (left, right): (f32, f32)) -> f32 {
     let (mut at, mut least) = (left, f32::INFINITY);
-    for one in segments {
-        if one.left - at > LEAST {
+    for segment in segments {
+        if segment.left - at > LEAST {
             return 0.0;
         }
-        at = one.right;
-        let [slope, offset] = depths[one.index as usize];
-        least = least.min(slope * one.left + offset).min(slope * one.right + offset);
+        at = segment.right;
+        let [slope, offset] = depths[segment.index as usize];
+        least = least.min(slope * segment.left + offset).min(slope * segment.right + offset);
     }
     if right - at > LEAST { 0.0 } else { least }
 }
