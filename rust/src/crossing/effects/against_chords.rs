@@ -14,7 +14,7 @@ use super::leak::Leaks;
 use super::noise_path::{NoisePath, ShotNoisePath};
 use super::parameters::{Effects, HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise};
 use super::shot_noise::{FAR, ShotNoiseLaw};
-use super::timeline::{FREE, Pixel};
+use super::timeline::{FREE, Pixel, WHOLE};
 use super::two_poles::{Decays, filter_twice};
 use crate::crossing::cubic::Cubic;
 use crate::crossing::engine::CrossingEngine;
@@ -154,6 +154,7 @@ impl State {
             reference: &mut self.reference,
             held_until_us: &mut self.held_until_us,
             refractory_us: 300.0,
+            window_us: WHOLE,
             leak_jitter: None,
             shot_noise: noise.as_ref().zip(path.as_mut()).map(|((law, pixel), path)| {
                 let reach = FAR * law.sigma(0.0);

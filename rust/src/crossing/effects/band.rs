@@ -15,13 +15,14 @@ use super::chords::{Chords, Start, number_of_chords};
 use super::hot_pixels::Arrivals;
 use super::input::{Input, LowPass};
 use super::leak::{LeakJitter, Leaks};
+use super::near_noise::NearNoise;
 use super::noise_path::{NoisePath, ShotNoisePath};
 use super::scan::{
     FilterStep, TwoOutputs, TwoSteps, low_pass, mark_out_of_bounds, mark_sign_changes, mark_start_out_of_bounds,
     mark_turns, two_low_passes, within_reach,
 };
 use super::sensor::Sensor;
-use super::timeline::{FREE, Pixel, bounds};
+use super::timeline::{FREE, Pixel, WHOLE, bounds};
 use crate::crossing::band::Interval;
 use crate::crossing::core::Push;
 use crate::crossing::frame::SparseSamples;
@@ -63,13 +64,16 @@ pub(super) struct Band {
     pub(super) hot: Vec<(u32, Arrivals)>,
     pub(super) leaks: Leaks,
     /// What a comparator sees strictly between has reached no level.
-    low: Vec<f64>,
-    high: Vec<f64>,
-    tile: Tile,
+    pub(super) low: Vec<f64>,
+    pub(super) high: Vec<f64>,
+    pub(super) tile: Tile,
+    pub(super) near: NearNoise,
     /// What the frame brings, until the push is done.
     next: Signals,
     /// Pixels that were run over the frame, as they were before.
     before: Vec<Before>,
+    /// Noise that was followed over the frame, likewise, by pixel.
+    pub(super) noise_before: Vec<(u32, NoisePath)>,
 }
 
 /// All pixels' signals at a frame.
@@ -86,15 +90,14 @@ struct Before {
     reference: Level,
     last_event_us: i64,
     held_us: f64,
-    noise: Option<NoisePath>,
     hot: Option<Arrivals>,
     leak_error: f64,
 }
 
 /// What a tile's pixels come to at a frame.
-struct Tile {
-    logs: Vec<f64>,
-    slopes: Vec<f64>,
+pub(super) struct Tile {
+    pub(super) logs: Vec<f64>,
+    pub(super) slopes: Vec<f64>,
     decay: Vec<f64>,
     photoreceptor: Vec<f64>,
     filtered: Vec<f64>,
@@ -103,13 +106,15 @@ struct Tile {
     filtered_slope: Vec<f64>,
     seen: Vec<f64>,
     /// How far references have leaked at both ends of the interval.
-    leaked: Vec<f64>,
-    will_leak: Vec<f64>,
+    pub(super) leaked: Vec<f64>,
+    pub(super) will_leak: Vec<f64>,
     /// How far shot noise may be from zero, and what leaves it within bounds.
     reach: Vec<f64>,
     low: Vec<f64>,
     high: Vec<f64>,
     marked: Vec<bool>,
+    /// Pixels of which nothing is known but that noise may reach a level.
+    pub(super) near: Vec<bool>,
     chords: Chords,
     /// Log intensity of one pixel's sparse samples.
     sparse: Vec<f64>,
@@ -135,6 +140,7 @@ impl Tile {
             low,
             high,
             marked: vec![false; TILE],
+            near: vec![false; TILE],
             chords: Chords::default(),
             sparse: vec![],
         }
@@ -189,6 +195,8 @@ impl Band {
                 filtered: filtered.clone(),
             },
             before: vec![],
+            noise_before: vec![],
+            near: NearNoise::default(),
             references,
             last_event_us: vec![NEVER; n],
             photoreceptor,
@@ -241,14 +249,20 @@ impl Band {
     ) -> Result<(), Full> {
         self.events.begin(allowance, share.new.len());
         self.before.clear();
+        self.noise_before.clear();
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
             self.see(start, end, share, p, sensor);
             self.mark(start, end, share, sensor);
+            let made = self.events.made().len();
             for i in start..end {
                 if self.tile.marked[i - start] {
-                    self.run(i, i - start, share, p, sensor)?;
+                    self.run((i, i - start), share, p, sensor, WHOLE)?;
                 }
+            }
+            self.follow_near((start, end), share, p, sensor)?;
+            if sensor.shot.is_some() {
+                in_raster_order(self.events.made_after(made));
             }
             self.next.logs[start..end].copy_from_slice(&self.tile.logs[..end - start]);
             keep(&mut self.next.photoreceptor, start, end, &self.tile.photoreceptor);
@@ -276,15 +290,13 @@ impl Band {
     #[cold]
     pub(super) fn undo(&mut self, p: &CrossingParameters) {
         self.events.clear();
-        for before in std::mem::take(&mut self.before) {
+        // What was kept first is what was there before the frame.
+        for before in std::mem::take(&mut self.before).into_iter().rev() {
             let i = before.pixel as usize;
             self.references[i] = before.reference;
             self.last_event_us[i] = before.last_event_us;
             if let Some(held_us) = self.held_us.get_mut(i) {
                 *held_us = before.held_us;
-            }
-            if let (Some(path), Some(stored)) = (self.noise.get_mut(i), before.noise) {
-                *path = stored;
             }
             if let (Some(place), Some(stored)) = (self.hot_place(i), before.hot) {
                 self.hot[place].1 = stored;
@@ -293,6 +305,9 @@ impl Band {
                 *error = before.leak_error;
             }
             self.set_bounds(i, p.thresholds(self.first_pixel + i));
+        }
+        for (pixel, path) in std::mem::take(&mut self.noise_before).into_iter().rev() {
+            self.noise[pixel as usize] = path;
         }
     }
 
@@ -390,11 +405,12 @@ impl Band {
             noise.reach(from, &tile.logs[..n], &mut tile.reach[..n]);
             within_reach(bounds, &tile.reach[..n], (&mut tile.low[..n], &mut tile.high[..n]));
             bounds = (&tile.low[..n], &tile.high[..n]);
-        }
-        mark_out_of_bounds(&tile.seen, bounds, marked);
-        if sensor.shot.is_some() {
             let before = self.filtered.get(start..end).unwrap_or(from);
-            mark_start_out_of_bounds(before, &tile.leaked[..n], bounds, marked);
+            mark_out_of_bounds(&tile.seen, bounds, &mut tile.near[..n]);
+            mark_start_out_of_bounds(before, &tile.leaked[..n], bounds, &mut tile.near[..n]);
+            marked.fill(false);
+        } else {
+            mark_out_of_bounds(&tile.seen, bounds, marked);
         }
         if let Some(before) = self.filtered.get(start..end) {
             let (to, leaked) = (&*tile.logs, (&*tile.leaked, &*tile.will_leak));
@@ -424,7 +440,8 @@ impl Band {
             }
         }
         for (i, (least, most)) in tile.chords.extents() {
-            marked[i] |= most + tile.will_leak[i] >= bounds.1[i] || least + tile.leaked[i] <= bounds.0[i];
+            marked[i] |=
+                tile.near[i] || most + tile.will_leak[i] >= bounds.1[i] || least + tile.leaked[i] <= bounds.0[i];
         }
         for (marked, &held) in marked.iter_mut().zip(self.held_us.get(start..end).unwrap_or_default()) {
             *marked |= held > FREE && held <= ticks;
@@ -436,37 +453,43 @@ impl Band {
         for &pixel in share.sparse.of(self.first_pixel + start, self.first_pixel + end).pixel {
             marked[pixel as usize - self.first_pixel - start] = true;
         }
+        if sensor.shot.is_some() {
+            tile.near.iter_mut().zip(&*marked).for_each(|(near, marked)| *near &= !marked);
+        }
     }
 
-    /// Runs one pixel over the frame, along all that it sees on the way.
+    /// Runs one pixel, by its place in the band and in the tile, over a window of the frame, along all that it sees there.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    fn run<S: Sample>(
+    pub(super) fn run<S: Sample>(
         &mut self,
-        i: usize,
-        in_tile: usize,
+        (i, in_tile): (usize, usize),
         share: &Share<'_, S>,
         p: &CrossingParameters,
         sensor: &Sensor,
+        window_us: (f64, f64),
     ) -> Result<(), Full> {
         let (index, at) = (self.first_pixel + i, share.at);
         let thresholds = p.thresholds(index);
-        let (crossings, noise) =
-            self.expected(i, (self.tile.logs[in_tile], self.tile.slopes[in_tile]), share, p, sensor);
-        // Ten standard deviations of a Poisson process, and a few where it hardly happens. For more, room is made then.
-        let noise = if noise > 0.0 { noise + 10.0 * noise.sqrt() + 20.0 } else { 0.0 };
-        #[allow(clippy::cast_sign_loss, reason = "both >= 0")]
-        self.events.reserve(((crossings + noise) as usize).saturating_add(4))?;
+        if sensor.shot.is_none() {
+            let log = (self.tile.logs[in_tile], self.tile.slopes[in_tile]);
+            let (crossings, arrivals) = self.expected(i, log, share, p, sensor);
+            // Ten standard deviations of a Poisson process, and a few where it hardly happens. For more, room is made then.
+            let arrivals = if arrivals > 0.0 { arrivals + 10.0 * arrivals.sqrt() + 20.0 } else { 0.0 };
+            #[allow(clippy::cast_sign_loss, reason = "both >= 0")]
+            self.events.reserve(((crossings + arrivals) as usize).saturating_add(4))?;
+        }
         let hot = self.hot_place(i);
         self.before.push(Before {
             pixel: i as u32,
             reference: self.references[i],
             last_event_us: self.last_event_us[i],
             held_us: self.held_us.get(i).copied().unwrap_or(FREE),
-            noise: self.noise.get(i).copied(),
             hot: hot.map(|place| self.hot[place].1),
             leak_error: self.leaks.error.get(i).copied().unwrap_or_default(),
         });
+        self.noise_before.extend(self.noise.get(i).map(|&path| (i as u32, path)));
+        // How many events noise makes cannot be told beforehand: room is made for each.
         let (has_shot_noise, (x, y)) = (sensor.shot.is_some(), sensor.size.xy(index));
         let last_us = self.last_event_us[i];
         let (events, last_event_us) = (&mut self.events, &mut self.last_event_us[i]);
@@ -497,6 +520,7 @@ impl Band {
             reference: &mut self.references[i],
             held_until_us: self.held_us.get_mut(i).unwrap_or(&mut free),
             refractory_us: sensor.effects.refractory_period_us,
+            window_us,
             leak_jitter,
             shot_noise: sensor.shot.as_ref().zip(self.noise.get_mut(i)).map(|(law, path)| ShotNoisePath {
                 law,
@@ -533,6 +557,14 @@ impl Band {
         }
         self.set_bounds(i, thresholds);
         full
+    }
+}
+
+/// Puts events in the order of pixels; those of a pixel stay in theirs.
+fn in_raster_order(events: &mut [Event]) {
+    let key = |event: &Event| (event.y, event.x);
+    if !events.is_sorted_by_key(key) {
+        events.sort_by_key(key);
     }
 }
 

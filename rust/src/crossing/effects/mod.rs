@@ -7,8 +7,8 @@
 //! ```
 //!
 //! - [`parameters`] says which effects there are. [`mismatch`] draws thresholds.
-//! - [`shot_noise`] says how large and how fast noise is, [`two_pole_noise`] how it moves, and [`noise_path`] follows it
-//!   in a pixel. [`hot_pixels`] draws events that are no noise of the signal.
+//! - [`shot_noise`] says how large and how fast noise is, [`two_pole_noise`] how it moves, [`noise_path`] follows it
+//!   in a pixel, and [`near_noise`] in many pixels that are near a level. [`hot_pixels`] draws events that are no noise of the signal.
 //! - [`leak`] is the drift of references. [`filtered`] is the output curve of one low-pass, [`two_poles`] that of two.
 //! - [`input`] is what a pixel sees over an interval, [`chords`] takes a cubic as straight lines, and [`timeline`] what happens to the pixel on the way.
 //! - [`scan`] finds the pixels to which something may happen. [`band`] takes a band of rows, with an [`estimate`] of
@@ -31,6 +31,7 @@ mod hot_pixels;
 mod input;
 mod leak;
 mod mismatch;
+mod near_noise;
 mod noise_path;
 mod parameters;
 mod scan;

@@ -20,8 +20,11 @@ pub(crate) struct NoisePath {
     pub(crate) cell: i64,
     /// ln(luma + `log_eps`) at the cell's start.
     pub(crate) log_light: f64,
+    /// What follows from that: the standard deviation, and the place of both poles' ratio in its table.
+    pub(super) sigma: f64,
+    pub(super) ratio: usize,
     pub(crate) start: Outputs,
-    end: Outputs,
+    pub(super) end: Outputs,
 }
 
 #[allow(clippy::cast_precision_loss, reason = "small")]
@@ -59,19 +62,31 @@ impl NoisePath {
 
     /// Noise in a cell that begins with these outputs.
     pub(super) fn at(law: &ShotNoiseLaw, pixel: u32, cell: i64, log_light: f64, start: Outputs) -> Self {
-        Self { cell, log_light, start, end: law.end(pixel, cell, log_light, start) }
+        let (sigma, ratio) = (law.sigma(log_light), law.ratio(log_light));
+        let draws = law.draws(pixel, law.node(cell + 1, 0));
+        let end = law.poles_of(ratio).after_a_cell(start, sigma, draws);
+        Self { cell, log_light, sigma, ratio, start, end }
+    }
+
+    /// Noise in a later cell, by the draws of its end.
+    pub(super) fn enter(&mut self, law: &ShotNoiseLaw, pixel: u32, cell: i64, log_light: f64, draws: (f64, f64)) {
+        let left_out = cell - self.cell - 1;
+        let start = if left_out > 0 { law.after(pixel, cell, left_out, log_light, self.end) } else { self.end };
+        if self.log_light.to_bits() != log_light.to_bits() {
+            (self.log_light, self.sigma, self.ratio) = (log_light, law.sigma(log_light), law.ratio(log_light));
+        }
+        let end = law.poles_of(self.ratio).after_a_cell(start, self.sigma, draws);
+        (self.cell, self.start, self.end) = (cell, start, end);
+    }
+
+    /// The level at which its spans are smooth, and are halved no more, for the lesser of both thresholds.
+    pub(super) fn smooth(&self, law: &ShotNoiseLaw, least: f64) -> usize {
+        law.poles_of(self.ratio).smooth(FINE * (least / self.sigma).min(1.0))
     }
 
     /// The whole cell.
-    fn span(&self, units: u64) -> Span {
+    pub(super) fn span(&self, units: u64) -> Span {
         Span { cell: self.cell, level: 0, position: 0, units, ends: [self.start, self.end] }
-    }
-
-    /// Noise in a later cell.
-    fn advanced(&self, law: &ShotNoiseLaw, pixel: u32, cell: i64, log_light: f64) -> Self {
-        let left_out = cell - self.cell - 1;
-        let start = if left_out > 0 { law.after(pixel, cell, left_out, log_light, self.end) } else { self.end };
-        Self::at(law, pixel, cell, log_light, start)
     }
 }
 
@@ -101,7 +116,8 @@ impl ShotNoisePath<'_> {
         let cell = ((self.elapsed_us + t) / cell_us).floor() as i64;
         let begins = cell as f64 * cell_us - self.elapsed_us;
         if cell > self.path.cell {
-            *self.path = self.path.advanced(self.law, self.pixel, cell, log_light(begins));
+            let draws = self.law.draws(self.pixel, self.law.node(cell + 1, 0));
+            self.path.enter(self.law, self.pixel, cell, log_light(begins), draws);
         }
         begins
     }
@@ -136,8 +152,14 @@ impl ShotNoisePath<'_> {
                 return None; // so late that a float does not tell times of a cell apart
             }
             let mut last = if ends < until { ends } else { until };
-            let cell = self.cell(begins, levels.least);
             let mut span = self.path.span(1 << self.law.levels);
+            let end = (last, seen(last));
+            let range = self.law.poles_of(self.path.ratio).range(0, span.ends, self.path.sigma, FAR);
+            if !levels.within_reach([first, end], range) {
+                first = end;
+                continue;
+            }
+            let cell = self.cell(begins, levels.least);
             if let Some(smooth) = self.last.filter(|smooth| cell.has(smooth, first.0)) {
                 (last, span) = (last.min(cell.extent(&smooth).1), smooth);
             }
@@ -154,12 +176,10 @@ impl ShotNoisePath<'_> {
 
     #[allow(clippy::cast_precision_loss, reason = "at most 2^25")]
     fn cell(&self, begins: f64, least: f64) -> Cell<'_> {
-        let poles = self.law.poles(self.path.log_light);
-        let sigma = self.law.sigma(self.path.log_light);
-        let fine = FINE * (least / sigma).min(1.0);
+        let (poles, sigma) = (self.law.poles_of(self.path.ratio), self.path.sigma);
         let unit_us = self.law.cell_us / (1u64 << self.law.levels) as f64;
         let (law, pixel, number) = (self.law, self.pixel, self.path.cell);
-        Cell { law, pixel, number, begins, unit_us, poles, sigma, smooth: poles.smooth(fine) }
+        Cell { law, pixel, number, begins, unit_us, poles, sigma, smooth: self.path.smooth(law, least) }
     }
 }
 
@@ -172,6 +192,12 @@ pub(crate) struct Levels {
 }
 
 impl Levels {
+    /// Whether one may be reached between two moments, with noise that comes down and up so far.
+    #[inline]
+    fn within_reach(&self, [first, last]: [Seen; 2], (down, up): (f64, f64)) -> bool {
+        first.1.max(last.1) + up >= self.above || first.1.min(last.1) + down <= self.below
+    }
+
     /// Which one a value has reached, as (so, the one above).
     fn reached(&self, value: f64) -> Option<bool> {
         match (value >= self.above, value <= self.below) {
@@ -186,22 +212,27 @@ impl Levels {
 #[derive(Clone, Copy)]
 pub(crate) struct Span {
     /// The number of the cell.
-    cell: i64,
-    level: usize,
+    pub(super) cell: i64,
+    pub(super) level: usize,
     /// Where it begins, in units of the shortest span.
     position: u64,
     units: u64,
-    ends: [Outputs; 2],
+    pub(super) ends: [Outputs; 2],
 }
 
 impl Span {
-    fn first_half(&self, middle: Outputs) -> Self {
+    /// Where its middle is, in units of the shortest span.
+    pub(super) fn middle(&self) -> u64 {
+        self.position + self.units / 2
+    }
+
+    pub(super) fn first_half(&self, middle: Outputs) -> Self {
         let ends = [self.ends[0], middle];
         Self { level: self.level + 1, units: self.units / 2, ends, ..*self }
     }
 
-    fn second_half(&self, middle: Outputs) -> Self {
-        let (position, ends) = (self.position + self.units / 2, [middle, self.ends[1]]);
+    pub(super) fn second_half(&self, middle: Outputs) -> Self {
+        let (position, ends) = (self.middle(), [middle, self.ends[1]]);
         Self { level: self.level + 1, position, units: self.units / 2, ends, ..*self }
     }
 }
@@ -236,7 +267,7 @@ impl Cell<'_> {
 
     /// Outputs in the middle of a span, and when that is.
     fn middle(&self, span: &Span) -> (Outputs, f64) {
-        let position = span.position + span.units / 2;
+        let position = span.middle();
         let draws = self.law.draws(self.pixel, self.law.node(self.number, position));
         let outputs = self.poles.middle(span.level, span.ends, self.sigma, draws);
         (outputs, self.begins + position as f64 * self.unit_us)
@@ -268,8 +299,7 @@ impl Cell<'_> {
         seen: &impl Fn(f64) -> f64,
         levels: &Levels,
     ) -> Option<(f64, bool, Span)> {
-        let (down, up) = self.poles.range(span.level, span.ends, self.sigma, FAR);
-        if first.1.max(last.1) + up < levels.above && first.1.min(last.1) + down > levels.below {
+        if !levels.within_reach([first, last], self.poles.range(span.level, span.ends, self.sigma, FAR)) {
             return None;
         }
         if span.level >= self.smooth {

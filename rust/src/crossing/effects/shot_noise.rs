@@ -13,7 +13,8 @@ use std::sync::OnceLock;
 use super::parameters::{Effects, ShotNoise};
 use super::scan::noise_reach;
 use super::two_pole_noise::{Outputs, TwoPoleNoise, leap, levels};
-use crate::random::{Draw, Purpose};
+use crate::crossing::exponential::exp_precise;
+use crate::random::{Draw, Purpose, many_normals};
 
 /// What shot noise does, the same in every pixel.
 #[derive(Debug)]
@@ -40,9 +41,8 @@ const MOST_POWER: f64 = 6.65;
 /// Ratios are rounded to so many in each octave. Standard deviations are not rounded.
 const IN_AN_OCTAVE: f64 = 32.0;
 
-/// Further from zero than so many standard deviations noise is not looked for: it is there once in some ten thousand years
-/// of a pixel.
-pub(super) const FAR: f64 = 7.0;
+/// Further from zero than so many standard deviations noise is not looked for: it is there once in some days of a pixel.
+pub(super) const FAR: f64 = 6.0;
 
 impl ShotNoiseLaw {
     /// None where there is no noise.
@@ -68,7 +68,7 @@ impl ShotNoiseLaw {
     pub(super) fn sigma(&self, log_light: f64) -> f64 {
         let ShotNoise { rms, floor, .. } = self.noise;
         let Some(log_half) = self.log_half else { return rms };
-        let x = libm::exp((log_light - log_half).min(700.0));
+        let x = exp_precise(log_light - log_half);
         (rms * rms / (1.0 + x) + floor * floor * (x / (1.0 + x))).sqrt()
     }
 
@@ -82,7 +82,7 @@ impl ShotNoiseLaw {
 
     /// The power of two, in steps of a table, by which the pole that is proportional to light is faster than the other.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and positive")]
-    fn ratio(&self, log_light: f64) -> usize {
+    pub(super) fn ratio(&self, log_light: f64) -> usize {
         let Some(log_half) = self.log_half else { return 0 };
         let power = (log_light - log_half) * std::f64::consts::LOG2_E;
         let place = (power.clamp(LEAST_POWER, MOST_POWER) - LEAST_POWER) * IN_AN_OCTAVE;
@@ -94,22 +94,15 @@ impl ShotNoiseLaw {
         if self.log_half.is_some() { libm::exp2(LEAST_POWER + index as f64 / IN_AN_OCTAVE) } else { 1.0 }
     }
 
-    /// How noise moves where luma + `log_eps` has this logarithm.
-    pub(super) fn poles(&self, log_light: f64) -> &TwoPoleNoise {
-        let index = self.ratio(log_light);
+    /// How noise moves where the ratio of both poles has this place in their table.
+    pub(super) fn poles_of(&self, index: usize) -> &TwoPoleNoise {
         let made = || Box::new(TwoPoleNoise::new(self.ratio_of(index), self.follower * self.cell_us));
         self.poles[index].get_or_init(made)
     }
 
     /// Noise at the first frame.
     pub(super) fn first(&self, pixel: u32, log_light: f64) -> Outputs {
-        self.poles(log_light).stationary(self.sigma(log_light), self.draws(pixel, 0))
-    }
-
-    /// Noise at the end of a cell that begins with these outputs.
-    pub(super) fn end(&self, pixel: u32, cell: i64, log_light: f64, start: Outputs) -> Outputs {
-        let draws = self.draws(pixel, self.node(cell + 1, 0));
-        self.poles(log_light).after_a_cell(start, self.sigma(log_light), draws)
+        self.poles_of(self.ratio(log_light)).stationary(self.sigma(log_light), self.draws(pixel, 0))
     }
 
     /// Noise at the start of a cell, so many cells after these outputs.
@@ -128,6 +121,11 @@ impl ShotNoiseLaw {
     /// The two normal draws of an instant.
     pub(super) fn draws(&self, pixel: u32, node: u64) -> (f64, f64) {
         Draw::at(self.seed, Purpose::ShotNoise, pixel, node).normals()
+    }
+
+    /// The same for many pixels and instants.
+    pub(super) fn many_draws(&self, named: (&[u32], &[u64]), draws: (&mut [f64], &mut [f64])) {
+        many_normals(self.seed, Purpose::ShotNoise, named, draws);
     }
 
     /// About how many events it makes in a microsecond, from above: trips further than half a threshold away, and on

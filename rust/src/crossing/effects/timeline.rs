@@ -17,6 +17,9 @@ use crate::crossing::level::{Level, Thresholds};
 /// Not held.
 pub(crate) const FREE: f64 = f64::NEG_INFINITY;
 
+/// The window of a pixel that is followed all the way.
+pub(crate) const WHOLE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
+
 /// A pixel's state. Times are microseconds from the interval's start.
 pub(crate) struct Pixel<'a> {
     pub(crate) number: u32,
@@ -25,6 +28,8 @@ pub(crate) struct Pixel<'a> {
     /// Until when it is held in reset, or [`FREE`].
     pub(crate) held_until_us: &'a mut f64,
     pub(crate) refractory_us: f64,
+    /// It is followed from the one to the other of these, in microseconds of the interval: before, nothing happens to it.
+    pub(crate) window_us: (f64, f64),
     /// How uncertain it is what has leaked; None for not at all.
     pub(crate) leak_jitter: Option<LeakJitter<'a>>,
     /// What is added to the signal.
@@ -72,9 +77,12 @@ impl Pixel<'_> {
         let start = offset as f64;
         // Light before the curve is what it begins with.
         let log_light = |t: f64| log_light((t - start).max(0.0));
-        let mut now = start;
+        let mut now = start.max(self.window_us.0);
         for piece in curve.pieces() {
-            let finish = start + piece.finish();
+            let finish = (start + piece.finish()).min(self.window_us.1);
+            if finish < now {
+                continue;
+            }
             let seen = |t: f64| piece.value(t - start);
             loop {
                 if *self.held_until_us > FREE {
