@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ...inspection.statistics import StreamStatistics
 from ...inspection.statistics.stream_statistics import Measured
 from .finding import Finding, combined
-from .quiet_pixels import DIAGONALS, signal_in
+from .quiet_pixels import DIAGONALS, quiet_or_noisy, signal_in
 
 _LEAK = ("leak", "leak_rate_hz")
 _SPREAD, _JITTER = ("leak's spread", "leak_spread"), ("leak's jitter", "leak_jitter")
@@ -20,6 +20,9 @@ _SPREAD, _JITTER = ("leak's spread", "leak_spread"), ("leak's jitter", "leak_jit
 _CALM_SHARE = 0.3
 _MODEL_SHARE = 0.025
 """What leaks of simulated streams with noise are off, however long they are."""
+
+_RATIO_SIGMA, _RATIO_SHARE = 0.25, 0.04
+"""Standard deviation of C_off / C_on where it is not known, and what pixels of different thresholds do to its mean."""
 
 _LEAST_EVENTS = 5.0
 """Leak events of a pixel in the mean, from which on its rate tells more than where its first event happens to be."""
@@ -39,8 +42,17 @@ _PHASE_VARIANCE, _PHASE_SIGMA = 1 / 6, 1 / 12
 the time is a whole number of periods or not."""
 
 
-def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
-    """Return the mean rate: ON less OFF events of quiet pixels, because events of noise come in pairs."""
+def find_leak(recordings: Sequence[StreamStatistics], off_over_on: float | None = None) -> Finding:
+    """Return the mean rate: what references of quiet pixels moved by, in units of C_on.
+
+    Each ON event moves a reference up by C_on, each OFF event down by C_off, whether they come of a leak or of noise.
+    So a leak makes ON events less C_off / C_on times OFF events. All quiet pixels are counted: those without OFF
+    events are those that no leak has taken to a level, where noise makes events of both polarities.
+
+    Args:
+        recordings: of the sensor.
+        off_over_on: C_off / C_on; None if it is not known: it is taken as 1, within a quarter.
+    """
     leaks, scatter = [], []
     for stream in recordings:
         if not stream.quiet.any():
@@ -48,10 +60,12 @@ def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
         why = signal_in(stream) or _signal_hides_leak(stream)
         if why is not None:
             return Finding(*_LEAK, None, why)
-        # Noise adds to ON less OFF events where a pixel's thresholds differ, so pixels with the least of it tell.
-        calm = _calm(stream)
-        net = (stream.counts[1] - stream.counts[0])[calm].astype(np.float64)
-        leaks.append(mean_rate(net, stream.duration_s, 1 / (len(net) * stream.duration_s)))
+        counted = quiet_or_noisy(stream, hot=False)
+        off, on = (counts[counted].astype(np.float64) for counts in stream.counts)
+        net = on - (1.0 if off_over_on is None else off_over_on) * off
+        mean = mean_rate(net, stream.duration_s, 1 / (len(net) * stream.duration_s))
+        unknown = (_RATIO_SIGMA if off_over_on is None else _RATIO_SHARE) * float(off.mean()) / stream.duration_s
+        leaks.append(Measured(mean.value, math.hypot(mean.sigma, unknown)))
         events = stream.counts.sum(axis=0)[stream.quiet]
         scatter.append(float(events.var() / max(events.mean(), 1e-300)))
     if not leaks:

@@ -16,7 +16,7 @@ from ...sensor.effects import ShotNoise, ThresholdMismatch
 from ...sensor.parameters import SensorParameters
 from .finding import Finding, KnownParameters, combined
 from .leak_fit import mean_rate
-from .quiet_pixels import DIAGONALS, signal_in
+from .quiet_pixels import quiet_or_noisy, signal_in
 
 _RMS, _HALF = ("shot noise", "shot_noise_rms"), ("noise over light", "shot_noise_half_lux")
 
@@ -25,6 +25,9 @@ _LIGHTS_APART = 1.5
 
 _LEAST_EVENTS = 20
 """OFF events of quiet pixels in a recording, below which it does not count."""
+
+_MOST_HZ = 50.0
+"""Above this rate of noise its standard deviation is a third of a threshold or more."""
 
 _MODEL_SHARE, _LIGHT_SHARE = 0.07, 0.015
 """What the rate errs by on simulated streams, as shares: in all lights alike, and in each."""
@@ -115,17 +118,23 @@ def _off_rate(stream: StreamStatistics) -> Measured | None:
     """
     if not stream.quiet.any() or signal_in(stream) is not None:
         return None
-    quiet = stream.quiet.copy()
-    around = np.zeros(quiet.shape, np.int64)
-    for here, there in DIAGONALS:
-        around[here] += stream.quiet[there]
-        around[there] += stream.quiet[here]
-    hot = stream.hot_pixels
-    quiet[hot.y, hot.x] |= around[hot.y, hot.x] >= 2
+    quiet = quiet_or_noisy(stream, hot=True)
     off = stream.counts[0][quiet].astype(np.float64)
     if off.sum() < _LEAST_EVENTS:
         return None
     return mean_rate(off, stream.duration_s, 1 / (len(off) * stream.duration_s))
+
+
+def noise_of_threshold(stream: StreamStatistics) -> float | None:
+    """Return the standard deviation of the noise over the threshold, from OFF events of quiet pixels.
+
+    Both poles are taken to be at their usual corner and thresholds to be alike, so it is a rough value. None where
+    quiet pixels have too few OFF events.
+    """
+    off = _off_rate(stream)
+    if off is None:
+        return None
+    return ShotNoise.of_rate(min(2 * off.value, _MOST_HZ), 1.0, half_luma=math.inf).rms
 
 
 @dataclass(frozen=True)

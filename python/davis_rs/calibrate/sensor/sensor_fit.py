@@ -187,11 +187,12 @@ def fit_sensor(
         parity = [one for one in parity if one.parameter is None]
     known = KnownParameters(with_frames, _base_file(base))
     on, off = known.get("contrast_threshold"), known.get("contrast_threshold_off")
+    off_over_on = None if on is None else 1.0 if off is None else off.value / on.value
     lux = [one.lux for one in measured]
     findings = (
         *find_hot_pixels(streams),
-        leak,
-        *find_leak_variation(streams, None if on is None else 1.0 if off is None else off.value / on.value),
+        find_leak(streams, off_over_on),
+        *find_leak_variation(streams, off_over_on),
         *find_noise(streams, lux, known),
         find_refractory_period(shortest),
         *find_readout(streams),
