@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ...inspection.statistics import StreamStatistics
 from ...inspection.statistics.hot_pixels import HotPixels
+from ...inspection.statistics.stream_statistics import Measured
 
 
 class Pairs(NamedTuple):
@@ -81,3 +82,9 @@ def quiet_or_noisy(stream: StreamStatistics, *, hot: bool) -> npt.NDArray[np.boo
 
 DIAGONALS = ((np.s_[:-1, :-1], np.s_[1:, 1:]), (np.s_[:-1, 1:], np.s_[1:, :-1]))
 """Slices of an image (H, W), so that pixels at the same place in both are diagonal neighbours."""
+
+
+def mean_rate(counts: npt.NDArray[np.float64], duration_s: float, least: float) -> Measured:
+    """Return mean rate of pixels, with the standard deviation of their scatter, but no less than ``least``."""
+    scatter = float(counts.std(ddof=1)) / math.sqrt(len(counts)) / duration_s if len(counts) > 1 else math.inf
+    return Measured(float(counts.mean()) / duration_s, max(scatter, least))

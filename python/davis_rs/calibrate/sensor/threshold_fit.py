@@ -31,8 +31,8 @@ about so large compared with a threshold, at most."""
 _CURVATURE, _NOISY_CURVATURE = 0.0012, 0.1
 """Where a signal turns often compared with thresholds, curves between events err, and pixels with low thresholds are
 preferred. Thresholds of simulated streams err by up to this share over the square of the share of samples around which
-the signal does not turn, with any number of events; it is added to all errors. Under noise they err by more: the second times its variance over
-the square of the threshold."""
+the signal does not turn, with any number of events; it is added to all errors. Noise adds the second number, times its
+variance over the square of the threshold."""
 _LEAST_STRAIGHT = 0.3
 """With a smaller share of such samples no mismatch is told."""
 _COMMON_ERROR = 0.15
@@ -94,7 +94,8 @@ def fit_thresholds(
         ln(I2 / I1) = n_on C_on - n_off C_off + lag (s2 - s1) - leak C_on t + error,   I = value - black
 
     where counts hold fractions of events, and s is the slope of log intensity that they have. A photoreceptor of first
-    order lags by exactly that. With ``over_light`` the lag is lag_s + lag_by_light / I at each sample. The error is the
+    order lags by exactly that. Noise takes the signal over a level before it is there (:func:`lead`), which is added
+    with a factor that the noise of quiet pixels tells roughly. With ``over_light`` the lag is lag_s + lag_by_light / I at each sample. The error is the
     frames', counts have next to none: so ordinary regression is unbiased.
     Errors are weighted by what pairs of the same brightness scatter; outliers are left out (Tukey's biweight).
 
@@ -115,6 +116,7 @@ def fit_thresholds(
         black: what is known of the black level; None for nothing.
         left_out: bool (H, W): pixels that are not used, such as hot ones.
         over_light: whether the lag has a second part, which goes by 1 / I.
+        noise: standard deviation of the noise over the threshold, roughly; None where it is not known.
 
     Raises:
         NotIdentifiable: where the samples do not tell, with the reason.

@@ -6,6 +6,8 @@ makes so many events or to forecast them, takes them from here.
 
 from __future__ import annotations
 
+from statistics import NormalDist
+
 import numpy as np
 import numpy.typing as npt
 
@@ -105,3 +107,67 @@ def event_rates_hz(
     time = np.exp(odds - odds.max(axis=-1, keepdims=True))
     rates = ((np.exp(up) + np.exp(down)) * time).sum(-1) / time.sum(-1)
     return np.asarray(follower_hz * (rates * weights).sum(-1))
+
+
+_CELLS = 80
+"""Cells that the place of a signal between its levels is cut into."""
+
+_QUANTILES = np.array([NormalDist().inv_cdf((k + 0.5) / 16) for k in range(16)])
+"""Of the normal distribution, which stand for a leak's jitter."""
+
+
+def drifting_rates_hz(
+    on: npt.ArrayLike,
+    off: npt.ArrayLike,
+    sigma: npt.ArrayLike,
+    ratio: npt.ArrayLike,
+    follower_hz: float,
+    leak_hz: float,
+    jitter: float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
+    """Return ON and OFF events per second of a pixel whose reference drifts below a signal that stands still.
+
+    A leak brings the signal near to the ON level, noise makes events there, and each moves the reference. If C_off is
+    less than C_on, an ON and an OFF event together take the signal away from the level, so that noise makes the more
+    pairs the faster it leaks: in the end ON C_on - OFF C_off is what leaks. After an event the leak's jitter moves the
+    reference, at times to where noise reaches the OFF level. This is the stationary state of a process that drifts and
+    jumps, on a grid.
+
+    Args:
+        on, off, sigma, ratio, follower_hz: as of :func:`event_rates_hz`.
+        leak_hz: events a second that the leak alone makes, > 0.
+        jitter: of the leak, a fraction of the time between its events.
+
+    Returns:
+        Two float64, the arguments broadcast.
+    """
+    on, off, sigma, ratio = (
+        value[..., None]
+        for value in np.broadcast_arrays(*(np.asarray(value, np.float64) for value in (on, off, sigma, ratio)))
+    )
+    width, cells = (on + off) / _CELLS, np.arange(_CELLS)
+    position = -off + width * (cells + 0.5)
+    up = follower_hz * np.exp(log_passage_rates((on - position) / sigma, ratio))
+    down = follower_hz * np.exp(log_passage_rates((off + position) / sigma, ratio))
+    drift = leak_hz * on / width
+    # What leaves a cell, and where it goes: rows are to, columns are from.
+    flow = np.zeros((*position.shape, _CELLS))
+    flow[..., cells, cells] = -(up + down + drift)
+    flow[..., cells[1:], cells[:-1]] = drift
+    # What drifts beyond the last cell makes an event.
+    up[..., -1] += drift[..., 0]
+    quantiles = jitter * _QUANTILES if jitter else np.zeros(1)
+    lead = np.arange(flow[..., 0, 0].size)[:, None]
+    flat = flow.reshape(-1, _CELLS, _CELLS)
+    for jumps, rate in ((on * (quantiles - 1), up), (off, down)):
+        for k in range(jumps.shape[-1]):
+            target = np.clip((position + jumps[..., k, None] + off) / width - 0.5, 0, _CELLS - 1).reshape(-1, _CELLS)
+            below = np.minimum(target.astype(np.int64), _CELLS - 2)
+            into = rate.reshape(-1, _CELLS) / jumps.shape[-1]
+            flat[lead, below, cells] += into * (1 - (target - below))
+            flat[lead, below + 1, cells] += into * (target - below)
+    flat[:, 0, :] = 1.0  # the times in all cells add up to 1
+    whole = np.zeros((len(flat), _CELLS, 1))
+    whole[:, 0] = 1.0
+    time = np.linalg.solve(flat, whole).reshape(position.shape)
+    return np.asarray((time * up).sum(-1)), np.asarray((time * down).sum(-1))

@@ -53,13 +53,16 @@ class ThresholdMismatch(EngineEffect):
         """Return whether all pixels are alike."""
         return self.sigma == self.column_parity == self.columns == self.rows == 0
 
-    def nodes(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def nodes(self, count: int = _NODES) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Return factors of a threshold and their weights, for means over the pixels of a sensor, by Gauss's rule.
+
+        Args:
+            count: n, how many.
 
         Returns:
             float64 (2, n) factors, of even and of odd columns, and float64 (n,) weights, whose sum is 1/2.
         """
-        nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
+        nodes, weights = np.polynomial.hermite_e.hermegauss(count)
         variance = sum(math.log1p(part**2) for part in (self.sigma, self.columns, self.rows))
         factors = np.exp(math.sqrt(variance) * nodes - variance / 2)
         parity = np.array([[1 - self.column_parity], [1 + self.column_parity]])
