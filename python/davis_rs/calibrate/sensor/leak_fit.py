@@ -22,8 +22,9 @@ _CALM_SHARE = 0.3
 _MODEL_SHARE = 0.025
 """What leaks of simulated streams with noise are off, however long they are."""
 
-_RATIO_SIGMA, _RATIO_SHARE = 0.25, 0.04
-"""Standard deviation of C_off / C_on where it is not known, and what pixels of different thresholds do to its mean."""
+_RATIO_SIGMA, _NOISE_SIGMA = 0.25, 0.15
+"""Standard deviation of C_off / C_on where it is not known. What noise does to the leak of simulated streams otherwise,
+as a share of its OFF events: pixels with much of it look hot, and others are few."""
 
 _LEAST_EVENTS = 5.0
 """Leak events of a pixel in the mean, from which on its rate tells more than where its first event happens to be."""
@@ -70,7 +71,7 @@ def find_leak(recordings: Sequence[StreamStatistics], off_over_on: float | None 
         off, on = (counts[counted].astype(np.float64) for counts in stream.counts)
         net = on - (1.0 if off_over_on is None else off_over_on) * off
         mean = mean_rate(net, stream.duration_s, 1 / (len(net) * stream.duration_s))
-        unknown = (_RATIO_SIGMA if off_over_on is None else _RATIO_SHARE) * float(off.mean()) / stream.duration_s
+        unknown = (_RATIO_SIGMA if off_over_on is None else _NOISE_SIGMA) * float(off.mean()) / stream.duration_s
         leaks.append(Measured(mean.value, math.hypot(mean.sigma, unknown)))
         events = stream.counts.sum(axis=0)[stream.quiet]
         scatter.append(float(events.var() / max(events.mean(), 1e-300)))

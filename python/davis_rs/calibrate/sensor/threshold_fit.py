@@ -95,8 +95,8 @@ def fit_thresholds(
 
     where counts hold fractions of events, and s is the slope of log intensity that they have. A photoreceptor of first
     order lags by exactly that. Noise takes the signal over a level before it is there (:func:`lead`), which is added
-    with a factor that the noise of quiet pixels tells roughly. With ``over_light`` the lag is lag_s + lag_by_light / I at each sample. The error is the
-    frames', counts have next to none: so ordinary regression is unbiased.
+    with a factor that the noise of quiet pixels tells roughly. With ``over_light`` the lag is lag_s + lag_by_light / I
+    at each sample. The error is the frames', counts have next to none: so ordinary regression is unbiased.
     Errors are weighted by what pairs of the same brightness scatter; outliers are left out (Tukey's biweight).
 
     Thresholds of a pixel are normal about the sensor's mean, apart from the parity of columns; mean, lag and black

@@ -209,7 +209,8 @@ impl NearNoise {
         share: &Share<'_, S>,
         (cell, begins): (i64, f64),
     ) {
-        let behind = |pixel: &NearPixel| band.noise[pixel.i].cell < cell;
+        // A pixel that is held takes its noise up again when that ends.
+        let behind = |pixel: &NearPixel| !pixel.held && band.noise[pixel.i].cell < cell;
         self.chosen.clear();
         self.chosen.extend(self.pixels.iter().enumerate().filter(|(_, pixel)| behind(pixel)).map(|(k, _)| k));
         let ends = law.node(cell + 1, 0);
