@@ -25,6 +25,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypedDict
 
+from ...events.colour import ColourFilter
 from ...geometry.camera import Camera
 from ...sampling.rules import TimeSampling
 from ...sensor.effects import Effect, EffectsLike

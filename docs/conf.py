@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ from sphinx.application import Sphinx
 
 from davis_rs import __version__
 
+# Kernels of notebooks would warn that a debugger, which nobody attaches, may miss breakpoints.
+os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "davis_rs"
@@ -33,7 +36,7 @@ nitpicky = True
 # Names of other libraries. The build fetches nothing, so it has no list of theirs.
 nitpick_ignore_regex = [
     (r"py:.*", r"(abc|argparse|collections|datetime|enum|os|pathlib|types|typing)\..*|Path(Like)?"),
-    (r"py:.*", r"(drjit|dr|matplotlib|mi|mitsuba|np|npt|numpy|scipy|torch|usb)\..*|Client|Figure|csr_array"),
+    (r"py:.*", r"(drjit|dr|gymnasium|matplotlib|mi|mitsuba|np|npt|numpy|scipy|torch|usb)\..*|Client|Figure|csr_array"),
     # Parts of the package that signatures name and users are not handed.
     (
         r"py:.*",
@@ -71,8 +74,10 @@ copybutton_prompt_is_regexp = True
 html_theme = "furo"
 html_title = f"davis_rs {release}"
 html_copy_source = False
-html_static_path = ["site.css"]
+html_static_path = ["site.css", "fold.js"]
 html_css_files = ["site.css"]
+html_js_files = ["fold.js"]
+html_search_scorer = str(Path(__file__).with_name("search_scores.js"))
 
 
 def without_tutorials(app: Sphinx, name: str, content: list[str]) -> None:

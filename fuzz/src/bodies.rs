@@ -8,8 +8,8 @@ use std::io::Read;
 use davis_rs::aer::{Chip, Decoded, Decoder, Device};
 use davis_rs::{
     Aedat4Decoder, CrossingEngine, CrossingParameters, Decode, Effects, EngineState, Event, EventReader, Evt2Decoder,
-    Evt3Decoder, Frame, HotPixels, Interpolation, Leak, PhotoreceptorBandwidth, ReadoutParameters, SensorSize,
-    ShotNoise, StartPhase, TextDecoder, Threshold,
+    Evt3Decoder, Evt21Decoder, Frame, HotPixels, Interpolation, Leak, PhotoreceptorBandwidth, ReadoutParameters,
+    SensorSize, ShotNoise, StartPhase, TextDecoder, Threshold,
 };
 
 /// The stream of a camera: the first byte says which, the second one where it is cut.
@@ -42,6 +42,12 @@ pub fn text(data: &[u8]) {
 /// EVT 2.0.
 pub fn evt2(data: &[u8]) {
     assert!(4 * file(data, Evt2Decoder::new).len() <= data.len(), "more events than words");
+}
+
+/// EVT 2.1.
+pub fn evt21(data: &[u8]) {
+    // A word of eight bytes makes 32 events.
+    assert!(file(data, Evt21Decoder::new).len() <= 4 * data.len(), "more events than words hold");
 }
 
 /// EVT 3.0.

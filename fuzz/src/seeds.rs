@@ -18,6 +18,7 @@ pub fn targets() -> Vec<Target> {
         ("aer", bodies::aer, vec![camera(0, Chip::Davis240C), camera(1, Chip::Davis346B)]),
         ("text", bodies::text, vec![file(TextEncoder::new(Limits::NONE).with_size_line()), own_text()]),
         ("evt2", bodies::evt2, vec![file(Evt2Encoder::new(240, 180))]),
+        ("evt21", bodies::evt21, vec![own_evt21("little"), own_evt21("legacy")]),
         ("evt3", bodies::evt3, vec![file(Evt3Encoder::new(240, 180))]),
         ("aedat4", bodies::aedat4, aedat4.collect()),
         ("state", bodies::state, (0..=255).step_by(5).map(changes).collect()),
@@ -29,6 +30,15 @@ fn events() -> Vec<Event> {
     let single = (0..60u16).map(|i| Event::new(i64::from(i) * 37, i * 3, 2 * i, i % 3 == 0));
     let row = (0..40u16).map(|i| Event::new(2500, 60 + i, 9, true));
     single.chain(row).collect()
+}
+
+/// EVT 2.1, which is only read: a time, then rows of events.
+fn own_evt21(endianness: &str) -> Vec<u8> {
+    let header = format!("% evt 2.1\n% format EVT21;endianness={endianness};width=240;height=180\n% end\n");
+    let rows = (0..20u64).map(|i| (i % 2) << 60 | i << 54 | (3 * i) << 43 | (2 * i) << 32 | (0x8000_0401 >> i));
+    let words = std::iter::once(8 << 60 | 5 << 32).chain(rows);
+    let words = words.map(|word| if endianness == "legacy" { word.rotate_left(32) } else { word });
+    [vec![20], header.into_bytes(), words.flat_map(u64::to_le_bytes).collect()].concat()
 }
 
 fn file(encoder: impl Encode + 'static) -> Vec<u8> {

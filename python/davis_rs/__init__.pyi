@@ -45,10 +45,13 @@ from .calibrate.sensor import (
 )
 from .data.windows.event_windows import EventWindows as EventWindows
 from .data.windows.window import EventWindow as EventWindow
+from .events import filters as filters
 from .events import represent as represent
 from .events.arrays import EVENT_DTYPE as EVENT_DTYPE
 from .events.arrays import as_events as as_events
 from .events.arrays import event_array as event_array
+from .events.colour import ColourFilter as ColourFilter
+from .events.colour import demosaic as demosaic
 from .events.decoded import (
     IMU_COUNTS_DTYPE as IMU_COUNTS_DTYPE,
 )
@@ -101,6 +104,7 @@ from .inspection.event_image import show as show
 from .inspection.figure import view as view
 from .inspection.html_page import HtmlPage as HtmlPage
 from .inspection.html_page import view_html as view_html
+from .inspection.live_view import LiveView as LiveView
 from .inspection.rerun_recording import RerunRecording as RerunRecording
 from .inspection.rerun_recording import view_rerun as view_rerun
 from .inspection.statistics import (
@@ -121,6 +125,8 @@ from .io.files.conversion import convert as convert
 from .io.files.read import iter_events as iter_events
 from .io.files.read import open_reader as open_reader
 from .io.files.read import read_events as read_events
+from .io.files.rig_layouts import RigConversionReport as RigConversionReport
+from .io.files.rig_layouts import convert_rig as convert_rig
 from .io.files.write import open_writer as open_writer
 from .io.formats import (
     EventReader as EventReader,
@@ -166,6 +172,7 @@ from .sampling.presets import Accuracy as Accuracy
 from .sampling.rules import FixedRate as FixedRate
 from .sampling.rules import MaxDisplacement as MaxDisplacement
 from .sampling.tolerance import Tolerance as Tolerance
+from .scene.default_motion import with_default_motion as with_default_motion
 from .scene.light_profile import Flicker as Flicker
 from .scene.light_profile import LightProfile as LightProfile
 from .scene.light_profile import SampledProfile as SampledProfile

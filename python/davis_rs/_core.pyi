@@ -21,6 +21,7 @@ __all__ = [
     "Encoder",
     "EventFileReader",
     "EventFileWriter",
+    "EventFilter",
     "Evt3Stream",
     "IrradianceSampler",
     "PixelRays",
@@ -1383,3 +1384,54 @@ class ReflectedLight:
     """
 
     def __new__(cls, layouts: npt.NDArray[np.int64], texels: npt.NDArray[np.float32]) -> ReflectedLight: ...
+
+@final
+class EventFilter:
+    """Tell which events of a stream pass a rule; :mod:`davis_rs.filters` is made of it."""
+
+    def __new__(cls) -> EventFilter: ...
+    @staticmethod
+    def background_activity(size: tuple[int, int], window_us: int, neighbours: int) -> EventFilter:
+        """Make a filter that passes events near which others came shortly before.
+
+        Args:
+            size: (width, height) of the sensor.
+            window_us: how long before, in microseconds.
+            neighbours: how many of the eight pixels around must have had one.
+        """
+
+    @staticmethod
+    def refractory(size: tuple[int, int], period_us: int) -> EventFilter:
+        """Make a filter that holds a pixel for a time after each event that passed.
+
+        Args:
+            size: (width, height) of the sensor.
+            period_us: in microseconds.
+        """
+
+    @staticmethod
+    def flicker(
+        size: tuple[int, int], shortest_us: int, longest_us: int, tolerance_us: int, periods: int
+    ) -> EventFilter:
+        """Make a filter that drops the events of pixels that flicker.
+
+        Args:
+            size: (width, height) of the sensor.
+            shortest_us, longest_us: the periods that are flicker, in microseconds.
+            tolerance_us: by how much two periods in a row may differ.
+            periods: after so many even periods a pixel flickers.
+        """
+
+    def passes(self, events: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
+        """Tell for each event whether it passes; the stream goes on from the call before.
+
+        Args:
+            events: anything with the fields t, x, y, p, in the order of time.
+
+        Returns:
+            bool, shape (n,).
+
+        Raises:
+            ValueError: for an event outside of the sensor, of another polarity than 0 and 1, or earlier than the one
+                before it, with its index; then the filter has not changed.
+        """

@@ -11,14 +11,14 @@ const CAPACITY: usize = 24;
 /// An exact sum of floats.
 #[derive(Clone, Copy)]
 pub(crate) struct Expansion {
-    parts: [f64; CAPACITY],
+    terms: [f64; CAPACITY],
     len: usize,
 }
 
 impl Expansion {
     /// Returns the expansion of one float.
     pub(crate) fn new(value: f64) -> Self {
-        Self { parts: [0.0; CAPACITY], len: 0 }.plus(value)
+        Self { terms: [0.0; CAPACITY], len: 0 }.plus(value)
     }
 
     /// Returns `self + value`, exactly (Shewchuk's grow-expansion, with zeros left out).
@@ -38,9 +38,9 @@ impl Expansion {
     /// Returns `self * factor`, exactly.
     #[must_use]
     pub(crate) fn times(&self, factor: f64) -> Self {
-        let mut product = Self { parts: [0.0; CAPACITY], len: 0 };
-        for &part in &self.parts[..self.len] {
-            product.add_product(part, factor);
+        let mut product = Self { terms: [0.0; CAPACITY], len: 0 };
+        for &term in &self.terms[..self.len] {
+            product.add_product(term, factor);
         }
         product
     }
@@ -48,15 +48,15 @@ impl Expansion {
     fn add(&mut self, value: f64) {
         let (mut carry, mut kept) = (value, 0);
         for i in 0..self.len {
-            let (high, low) = two_sum(carry, self.parts[i]);
+            let (high, low) = two_sum(carry, self.terms[i]);
             if low != 0.0 {
-                self.parts[kept] = low;
+                self.terms[kept] = low;
                 kept += 1;
             }
             carry = high;
         }
         if carry != 0.0 {
-            self.parts[kept] = carry;
+            self.terms[kept] = carry;
             kept += 1;
         }
         self.len = kept;
@@ -70,7 +70,7 @@ impl Expansion {
 
     /// Returns the sign of the exact value: -1, 0 or 1, that of its largest part.
     pub(crate) fn sign(&self) -> i32 {
-        match self.parts[..self.len].last() {
+        match self.terms[..self.len].last() {
             Some(&largest) if largest > 0.0 => 1,
             Some(_) => -1,
             None => 0,
@@ -79,7 +79,7 @@ impl Expansion {
 
     /// Returns the value, rounded to a float within one ulp.
     pub(crate) fn value(&self) -> f64 {
-        self.parts[..self.len].iter().sum()
+        self.terms[..self.len].iter().sum()
     }
 }
 

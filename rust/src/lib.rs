@@ -16,6 +16,7 @@ mod crossing;
 mod error;
 mod event;
 mod exact;
+mod filter;
 mod log_intensity;
 mod order;
 mod prefetch;
@@ -39,10 +40,11 @@ pub use crossing::{
 };
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
+pub use filter::{EventFilter, FilterRule};
 pub use log_intensity::{log_intensity, log_intensity_frame};
 pub use read::{
     Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Kind, Aedat4Piece, Aedat4Recording, Aedat4Trigger, Block, Decode,
-    DecoderState, EventReader, Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder,
+    DecoderState, EventReader, Evt2Decoder, Evt3Decoder, Evt21Decoder, MAX_PACKET_BYTES, TextDecoder,
 };
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use render::{

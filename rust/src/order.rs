@@ -14,15 +14,15 @@ pub(crate) trait Stamped: Copy {
     fn tick(self, start_us: i64) -> i64;
 
     /// The bits of its position on the sensor.
-    const PLACE: u64;
+    const ADDRESS: u64;
 
-    /// Returns the event. `place` is [`Self::PLACE`], as a number that the compiler does not know: if it knew which
+    /// Returns the event. `address` is [`Self::ADDRESS`], as a number that the compiler does not know: if it knew which
     /// bits are zero, it would store events byte by byte.
-    fn event(self, start_us: i64, place: u64) -> Event;
+    fn event(self, start_us: i64, address: u64) -> Event;
 }
 
 impl Stamped for Event {
-    const PLACE: u64 = 0;
+    const ADDRESS: u64 = 0;
 
     #[inline]
     fn tick(self, start_us: i64) -> i64 {
@@ -44,16 +44,16 @@ pub(crate) struct TimeSort {
 }
 
 impl TimeSort {
-    /// Puts the events of `parts`, which together are in raster order and lie in `(start_us, start_us + ticks]`, into
+    /// Puts the events of `bands`, which together are in raster order and lie in `(start_us, start_us + ticks]`, into
     /// `sorted`; where memory does not suffice, nothing is changed.
     pub(crate) fn sort<'a, E: Stamped + 'a>(
         &mut self,
-        parts: impl Iterator<Item = &'a [E]> + Clone,
+        bands: impl Iterator<Item = &'a [E]> + Clone,
         start_us: i64,
         ticks: i64,
         sorted: &mut Vec<Event>,
     ) -> Result<(), TryReserveError> {
-        let total: usize = parts.clone().map(<[E]>::len).sum();
+        let total: usize = bands.clone().map(<[E]>::len).sum();
         sorted.try_reserve_exact(total.saturating_sub(sorted.len()))?;
         // What is in there will be overwritten: no need to clear it.
         sorted.resize(total, Event::default());
@@ -69,20 +69,20 @@ impl TimeSort {
         self.starts.resize(buckets + 1, 0);
         // Loops of their own: a flat iterator costs more than what is done here.
         let starts = &mut self.starts[..=buckets];
-        for part in parts.clone() {
-            for &event in part {
+        for band in bands.clone() {
+            for &event in band {
                 starts[bucket(event) + 1] += 1;
             }
         }
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
-        let place_bits = black_box(E::PLACE);
+        let address_bits = black_box(E::ADDRESS);
         let (starts, slots) = (&mut self.starts[..buckets], &mut sorted[..]);
-        for part in parts {
-            for &event in part {
+        for band in bands {
+            for &event in band {
                 let next = &mut starts[bucket(event)];
-                slots[*next] = event.event(start_us, place_bits);
+                slots[*next] = event.event(start_us, address_bits);
                 *next += 1;
             }
         }

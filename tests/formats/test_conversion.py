@@ -108,11 +108,11 @@ def test_a_folder_comes_back(folder: Path, tmp_path: Path, kind: str) -> None:
 
 def test_formats_have_the_methods_of_what_they_hold(folder: Path, tmp_path: Path) -> None:
     """`holds` names parts that there are; writers and readers have each part's method, and no others claim it, but for
-    AEDAT 4, of which more is read than written."""
+    AEDAT, of which more is read than written."""
     for name, format in written_formats().items():
         assert set(format.holds) <= set(ALL_PARTS)
-        given = {"frames", "imu"} if name == "aedat4" else set(format.holds)
-        with open_writer(tmp_path / name, SIZE, name) as writer:
+        given = {"frames", "imu"} if name in ("aedat2", "aedat4") else set(format.holds)
+        with open_writer(tmp_path / name, (240, 180) if name == "aedat2" else SIZE, name) as writer:
             writer.write(events_of((5, 1, 2, 1)))
         with open_reader(tmp_path / name) as reader:
             for part in PARTS:
@@ -461,7 +461,7 @@ def test_mutants_are_read_or_refused(folder: Path, tmp_path: Path, kind: str) ->
 # ---- the event file of a folder ----
 
 
-@pytest.mark.parametrize("format", ["text", "npy", "evt3", "aedat4", "dsec", "parquet"])
+@pytest.mark.parametrize("format", ["text", "npy", "evt3", "aedat2", "aedat4", "dsec", "parquet"])
 def test_a_folder_gets_the_event_file_that_was_asked_for(tmp_path: Path, format: str) -> None:
     """One file in place of events.txt; everything that reads a folder reads it, and overwriting removes it."""
     from davis_rs.events.packet import Packet
@@ -470,7 +470,8 @@ def test_a_folder_gets_the_event_file_that_was_asked_for(tmp_path: Path, format:
 
     events = events_of((10, 1, 2, 1), (20, 3, 4, 0), (20, 5, 6, 1))
     for _ in range(2):
-        with DatasetWriter(tmp_path / "d", SIZE, events_format=format, overwrite=True) as writer:
+        size = (240, 180) if format == "aedat2" else SIZE
+        with DatasetWriter(tmp_path / "d", size, events_format=format, overwrite=True) as writer:
             writer.write(Packet(0, 30, events, None))
         assert [path.name for path in (tmp_path / "d").iterdir() if path.name != "meta.json"] == [EVENT_FILES[format]]
         assert_same(Dataset(tmp_path / "d").events, events)

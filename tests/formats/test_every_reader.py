@@ -34,6 +34,7 @@ from recording_files import (
     aedat4,
     aedat4_events,
     aedat4_xml,
+    evt21,
 )
 
 for module in ("h5py", "hdf5plugin", "numcodecs", "pyarrow", "rosbags"):
@@ -100,6 +101,7 @@ KINDS: dict[str, Make] = {
     "npz": written("e.npz"),
     "npz compressed": compressed_npz,
     "evt2": written("e.raw", "evt2"),
+    "evt21": bytes_of("e.raw", evt21(EVENTS)),
     "evt3": written("e.raw"),
     "aedat4": written("e.aedat4"),
     "aedat4 of DV": bytes_of("e.aedat4", aedat4((0, aedat4_events(EVENTS)), xml=aedat4_xml(size=SIZE))),
@@ -112,7 +114,8 @@ KINDS: dict[str, Make] = {
     "ros2 file": written("e.mcap"),
     "ros2 folder": written("e", "ros2"),
     "ros2 database": database_of_ros2,
-    "aedat2": bytes_of("e.aedat", aedat2([(aedat2_event(x, y, p), t) for t, x, y, p in ROWS])),
+    "aedat2": written("e.aedat2"),
+    "aedat2 of jAER": bytes_of("e.aedat", aedat2([(aedat2_event(x, y, p), t) for t, x, y, p in ROWS])),
     "aedat3": bytes_of("e.aedat", aedat3(*(aedat3_packet(1, [aedat3_event(*row)]) for row in ROWS))),
     "camera": camera_bytes,
     **{f"folder of {name}": dataset(name) for name in ("text", "npz", "dsec")},

@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 import davis_rs
 from command_line import davis_rs as command
 from davis_rs import (
+    EVENT_DTYPE,
     DecodeError,
     Frame,
     RawRecording,
@@ -29,14 +30,17 @@ from davis_rs import (
     Recording,
     RecordingWarning,
     open_reader,
+    open_writer,
+    read_events,
     read_recording,
 )
 from davis_rs.inspection.visual_sequence import open_visual_sequence
+from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.io.files.random_access import RandomAccess
 from davis_rs.io.formats.recorded import RecordedParts
 from davis_rs.io.recordings import aedat2 as aedat2_module
 from davis_rs.io.recordings import aedat3 as aedat3_module
-from davis_rs.io.recordings.recording_file import KINDS
+from davis_rs.io.recordings.recording_file import RECORDED_KINDS
 from places import SHARED
 from recording_files import (
     COMPRESSIONS,
@@ -582,9 +586,9 @@ def test_kinds_are_read_by_themselves(folder: Path) -> None:
         whole = read(folder, content)
         with open_reader(folder / "recording") as reader:
             assert isinstance(reader, RecordedParts)
-            for kind in KINDS:
+            for kind in RECORDED_KINDS:
                 pieces = [piece.decoded for piece in reader.recording.pieces((kind,))]
-                for other in KINDS:
+                for other in RECORDED_KINDS:
                     count = sum(len(getattr(piece, other)) for piece in pieces)
                     assert count == (len(getattr(whole, kind)) if other == kind else 0)
 
@@ -731,3 +735,46 @@ def test_real_aedat4_replayed(street: Recording) -> None:
     recording = replace(street.from_start(), frames=[])
     decoded = davis_rs.Decoder(recording.device).push(davis_rs.Encoder(recording.device).encode(recording.events))
     np.testing.assert_array_equal(decoded.events, recording.events)
+
+
+# --- writing AEDAT 2.0 ---
+
+
+def test_aedat2_is_written_byte_for_byte(tmp_path: Path) -> None:
+    """The header's lines end with CR and LF and name jAER's class; a record is address and time, big-endian."""
+    events = np.array([(7, 0, 0, 0), (7, 239, 179, 1), (2**31 - 1, 3, 5, 1)], EVENT_DTYPE)
+    with open_writer(tmp_path / "e.aedat", (240, 180)) as writer:
+        writer.write(events)
+    assert writer.finish().format == "aedat2"
+    content = (tmp_path / "e.aedat").read_bytes()
+    header, records = content[:-24], content[-24:]
+    assert header.startswith(b"#!AER-DAT2.0\r\n")
+    assert all(line.startswith(b"#") for line in header.split(b"\r\n")[:-1])
+    assert b"# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n" in header
+    words = [aedat2_event(int(x), int(y), int(p)) for _, x, y, p in events.tolist()]
+    times = [7, 7, 2**31 - 1]
+    assert records == b"".join(struct.pack(">Ii", word, t) for word, t in zip(words, times, strict=True))
+    assert np.array_equal(read_events(tmp_path / "e.aedat"), events)
+    late = np.array([(2**31, 0, 0, 0)], EVENT_DTYPE)
+    with open_writer(tmp_path / "f.aedat", (240, 180)) as writer, pytest.raises(ValueError, match="2147483648"):
+        writer.write(late)
+
+
+@pytest.mark.parametrize("size", [(128, 128), (346, 260), (640, 480)])
+def test_aedat2_of_each_camera_comes_back(tmp_path: Path, size: tuple[int, int]) -> None:
+    corners = [(1, 0, 0, 1), (2, size[0] - 1, 0, 0), (3, 0, size[1] - 1, 1), (4, size[0] - 1, size[1] - 1, 0)]
+    with open_writer(tmp_path / "e.aedat2", size) as writer:
+        writer.write(np.array(corners, EVENT_DTYPE))
+    recording = read_recording(tmp_path / "e.aedat2")
+    assert (recording.width, recording.height) == size
+    assert recording.events.tolist() == corners
+
+
+def test_aedat2_of_another_size_is_refused_before_a_file_is_made(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="size 320x240: aedat2 names a camera in place of a size, and there is one of"):
+        open_writer(tmp_path / "e.aedat", (320, 240))
+    assert not (tmp_path / "e.aedat").exists()
+    out = tmp_path / "out"
+    with pytest.raises(ValueError, match="size 320x240"):
+        DatasetWriter(out, (320, 240), events_format="aedat2")
+    assert not out.exists()

@@ -234,7 +234,7 @@ def test_without_opencv_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatc
         ):
             events(frames, rule)
     assert len(events(frames, "cubic")) > 0
-    with pytest.raises(ImportError, match="reducing frames to another size needs OpenCV"):
+    with pytest.raises(ImportError, match="bringing frames to another size needs OpenCV"):
         events(frames, "linear", size="48x32")
 
 

@@ -20,6 +20,7 @@ from davis_rs import Dataset, check_dataset, events_from_frames, frames_to_folde
 from davis_rs.cli.main import main
 from davis_rs.events.arrays import concatenate_events
 from davis_rs.simulation.model_version import MODEL
+from tiny_onnx import blending_network
 
 BARS = moving_bars(12)
 STAMPS_MS = [20 * k + k % 3 for k in range(12)]
@@ -106,6 +107,59 @@ def test_settings_reach_the_run_and_the_record(clip: Path, tmp_path: Path) -> No
     assert report.void == ["refractory_period_us"]
 
 
+def test_a_fitted_size_is_told_and_recorded(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert run(clip, "-o", out, "--size", "96x80", "--fit", "pad", "--stop", 0.1) == 0
+    assert "48 x 32 pixels of each frame are enlarged to 96 x 64: that adds no detail" in capsys.readouterr().err
+    meta = json.loads((out / "meta.json").read_text())
+    assert meta["sensor"] == {"width": 96, "height": 80}
+    assert meta["parameters"]["fit"] == "pad"
+    part = {"left": 0, "top": 0, "width": 48, "height": 32, "size": [96, 80], "image": [96, 64]}
+    assert meta["frames"]["part"] == part
+    assert check_dataset(out).ok
+
+
+def test_slow_motion_lies_next_to_the_events(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert run(clip, "-o", out, "--image-rate", 200, "--stop", 0.1) == 0
+    assert "events of 5 frames in " in capsys.readouterr().out
+    assert [frame.t_us for frame in Dataset(out).frames] == list(range(0, Dataset(out).frames[-1].t_us + 1, 5000))
+    report = check_dataset(out)
+    assert report.ok, report
+    video = ["view", out, "--video", tmp_path / "slow.gif", "--panels", "frame,accumulated", "--window", 0.01]
+    assert main([*map(str, video), "--fps", "20"]) == 0
+    assert run(clip, "-o", tmp_path / "no", "--image-rate", 200, "--images-every", 2) == 1
+    assert "only one of --image-rate and --images-every may be given" in capsys.readouterr().err
+
+
+def test_an_interpolator_is_named(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The worked example: a network that blends its images is the same as blending them in sRGB by hand."""
+    pytest.importorskip("onnxruntime")
+    (tmp_path / "blend.onnx").write_bytes(blending_network())
+    (tmp_path / "by_hand.py").write_text(
+        "def linear(v): return v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4\n"
+        "import numpy as np\n"
+        "def encode(y): return np.where(y <= 0.0031308, 12.92 * y, 1.055 * np.power(y, 1 / 2.4) - 0.055)\n"
+        "def blend(before, after, shares):\n"
+        "    white = max(before.max(), after.max())\n"
+        "    a, b = encode(before / white), encode(after / white)\n"
+        "    return [white * np.vectorize(linear)(a + s * (b - a)) for s in shares]\n"
+    )
+    example = Path(__file__).parents[2] / "examples/onnx_interpolator.py"
+    monkeypatch.setenv("INTERPOLATOR_MODEL", str(tmp_path / "blend.onnx"))
+    monkeypatch.chdir(tmp_path)
+    for name, entry in (("net", f"{example}:OnnxInterpolator"), ("hand", "by_hand:blend")):
+        assert run(clip, "-o", tmp_path / name, "--interpolator", entry, "--stop", 0.1, "--quiet") == 0
+    net, hand = (Dataset(tmp_path / name).events for name in ("net", "hand"))
+    assert len(net) == len(hand) > 1000
+    assert np.array_equal(net[["x", "y", "p"]], hand[["x", "y", "p"]])
+    assert abs(net["t"] - hand["t"]).max() <= 50  # rounding of float32 alone
+    meta = json.loads((tmp_path / "net/meta.json").read_text())
+    assert meta["interpolation"]["rule"] == "interpolator"
+    assert meta["interpolation"]["frames_between"] > 0
+    assert meta["parameters"]["interpolator"] == f"{example}:OnnxInterpolator"
+
+
 def test_a_lens_goes_to_calib_txt(clip: Path, tmp_path: Path) -> None:
     (tmp_path / "calib.txt").write_text("40 40 23.5 15.5 0 0 0 0 0\n")
     assert run(clip, "-o", tmp_path / "out", "--camera", tmp_path / "calib.txt", "--quiet") == 0
@@ -115,7 +169,12 @@ def test_a_lens_goes_to_calib_txt(clip: Path, tmp_path: Path) -> None:
 
 
 ERRORS: dict[str, tuple[str, str]] = {
-    "smaller": ("--sensor davis346", "give 48 x 32: frames are not enlarged; a sensor file without width and height"),
+    "smaller": ("--sensor davis346", "give 48 x 32: --fit crop, pad or scale enlarges them"),
+    "two interpolators": (
+        "--interpolation flow --interpolator no:such",
+        "only one of --interpolation and --interpolator may be given",
+    ),
+    "no interpolator": ("--interpolator no_such_module:f", "interpolator 'no_such_module:f': there is no module"),
     "transfer": ("--transfer pq", "transfer must be one of srgb, rec709, linear, gamma=G, got 'pq'"),
     "both": ("--fps 3 --timestamps x.txt", "only one of --timestamps and --fps may be given"),
     "unit": ("--time-unit ms", "--time-unit is that of --timestamps: give them too"),

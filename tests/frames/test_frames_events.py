@@ -173,6 +173,37 @@ def test_a_lens_shades_and_blurs_what_the_pixels_see() -> None:
     assert blurred.sum() == pytest.approx(1, rel=1e-4)
 
 
+@pytest.mark.parametrize("interpolation", ["linear", "cubic", "flow"])
+def test_images_at_a_rate_of_their_own_change_no_event(interpolation: str) -> None:
+    """Packets end at even instants, and their images follow the light between the frames; events stay."""
+    settings: dict[str, Any] = {"interpolation": interpolation, "log_eps": 0.01}
+    plain = list(events_from_frames(BARS, STAMPS, **settings))
+    slow = list(events_from_frames(BARS, STAMPS, image_rate_hz=400, **settings))
+    instants = [2500 * k for k in range(49)]
+    assert [packet.end_us for packet in slow] == instants
+    assert [packet.start_us for packet in slow] == [0, *instants[:-1]]
+    assert np.array_equal(all_events(iter(slow)), all_events(iter(plain)))
+    for packet in slow:
+        assert packet.luma is not None
+        assert ((packet.start_us < packet.events["t"]) & (packet.events["t"] <= packet.end_us)).all()
+    for t_us, frame in zip(STAMPS, plain, strict=True):
+        if t_us in instants:
+            assert np.array_equal(slow[instants.index(t_us)].luma, frame.luma)  # type: ignore[arg-type]
+    # The engine sees the same light: events until an instant rebuild the image there, to within a threshold.
+    first = slow[0].luma
+    assert first is not None
+    counted = np.zeros(first.shape)
+    for packet in slow:
+        np.add.at(counted, (packet.events["y"], packet.events["x"]), np.where(packet.events["p"] == 1, 0.15, -0.15))
+        assert packet.luma is not None
+        rebuilt = np.log(first + 0.01) + counted
+        assert np.abs(np.log(packet.luma + 0.01) - rebuilt).max() < 0.15 + 1e-5
+    odd = list(events_from_frames(BARS, STAMPS, image_rate_hz=70, **settings))
+    assert [packet.end_us for packet in odd] == [round(k / 70 * 1e6) for k in range(9)] + [120_000]
+    assert odd[-1].luma is None
+    assert len(all_events(iter(odd))) == len(all_events(iter(plain)))
+
+
 def test_frames_are_read_as_they_are_needed() -> None:
     """Of an endless generator only a few frames are read ahead, however slowly events are taken."""
     read = 0
@@ -207,6 +238,53 @@ def test_the_part_the_sensor_sees() -> None:
     assert first(crop="40x20", size=(20, 10)).shape == (10, 20)
 
 
+def test_a_frame_fits_a_sensor_of_any_size() -> None:
+    """Crop fills the sensor and keeps the middle, pad keeps all with black around, scale stretches each side."""
+    luma = np.zeros((20, 40), np.float32)
+    luma[:, 10:30] = 0.5  # the middle half
+    luma[8:12] += 0.25
+    frames = np.stack([luma, luma])
+
+    def first(fit: str, **settings: Any) -> npt.NDArray[np.float32]:
+        packet = next(events_from_frames(frames, fps=30, fit=fit, **settings))
+        assert packet.luma is not None
+        return packet.luma
+
+    # Twice as large: 80 x 40, of which 60 x 40 are the middle. Straight lines change only the pixels next to an edge.
+    crop = first("crop", size="60x40")
+    assert crop.shape == (40, 60)
+    assert np.array_equal(crop[0], [*[0.0] * 9, 0.125, 0.375, *[0.5] * 38, 0.375, 0.125, *[0.0] * 9])
+    # 30 x 15 of 40 x 20 in the middle of 30 x 21.
+    pad = first("pad", size="30x21")
+    assert pad.shape == (21, 30)
+    assert not pad[:3].any()
+    assert not pad[18:].any()
+    assert pad[3:18].mean() == pytest.approx(luma.mean(), rel=1e-5)
+    assert pad[3:18, 12].min() == pytest.approx(0.5)
+    # Wider by 2, lower by 2.
+    scale = first("scale", size="80x10")
+    assert scale.shape == (10, 80)
+    assert scale[:, 40].tolist() == pytest.approx([*[0.5] * 4, 0.75, 0.75, *[0.5] * 4])
+    # Of a part, and to the size of a sensor; the same size and shape changes nothing.
+    assert np.array_equal(first("crop", roi="20x10+10+5", size="20x10"), luma[5:15, 10:30])
+    assert np.array_equal(first("crop", size="10x20"), luma[:, 15:25])
+    assert first("pad", sensor="davis346").shape == (260, 346)
+    assert not first("pad", sensor="davis346")[:43].any()
+
+
+def test_padding_makes_no_events_of_its_own() -> None:
+    """An ideal pixel in the black around a padded image sees nothing change, whatever lies between frames."""
+    settings: dict[str, Any] = {"fit": "pad", "size": "48x64", "interpolation": "linear"}
+    events = all_events(events_from_frames(BARS, STAMPS, **settings))
+    plain = all_events(events_from_frames(BARS, STAMPS, interpolation="linear"))
+    assert events["y"].min() >= 16
+    assert events["y"].max() < 48
+    assert len(plain) > 1000
+    moved = plain.copy()
+    moved["y"] += 16
+    assert np.array_equal(events, moved)
+
+
 BAD_PARTS: dict[str, tuple[dict[str, Any], str]] = {
     "both": ({"crop": "4x4", "roi": "4x4+0+0"}, "only one of crop and roi"),
     "crop outside": ({"crop": "49x32"}, "crop 49x32 does not lie inside the frames of 48 x 32 pixels"),
@@ -215,10 +293,19 @@ BAD_PARTS: dict[str, tuple[dict[str, Any], str]] = {
     "crop malformed": ({"crop": "big"}, "crop must be WIDTHxHEIGHT"),
     "larger": ({"size": "96x64"}, "must not be larger than the 48 x 32 pixels"),
     "stretched": ({"size": "24x24"}, "would stretch the image: crop='32x32' fits"),
-    "smaller": ({"sensor": "davis346"}, "has 346 x 260 pixels, the frames give 48 x 32: frames are not enlarged"),
+    "smaller": (
+        {"sensor": "davis346"},
+        "has 346 x 260 pixels, the frames give 48 x 32: fit crop, pad or scale enlarges",
+    ),
     "sensor": (
         {"sensor": SensorParameters(width=24, height=16)},
-        "the sensor has 24 x 16 pixels, the frames give 48 x 32: size=24x16 reduces them",
+        "the sensor has 24 x 16 pixels, the frames give 48 x 32: size='24x16' reduces them, or fit crop, pad or scale",
+    ),
+    "fit without a size": ({"fit": "pad"}, "fit needs the size of the sensor: give size, or a sensor that has one"),
+    "fit unknown": ({"fit": "fill", "size": "9x9"}, "fit must be one of crop, pad, scale, got 'fill'"),
+    "fit to another size": (
+        {"fit": "pad", "size": "9x9", "sensor": "davis346"},
+        "size 9x9 is not the sensor's, which has 346 x 260 pixels",
     ),
 }
 

@@ -27,6 +27,7 @@ from davis_rs.render.baked.light_maps import LightMaps, check_maps, layouts_of, 
 from davis_rs.sensor.presets import preset_file, read_sensor_file, sensor_yaml
 from davis_rs.simulation.from_frames.image_file import read_frame_image
 from davis_rs.usb.raw_file import RawRecording, RawWriter
+from event_files import many
 from gltf_files import CORNERS, UV, Gltf, quad
 from recording_files import (
     DESCRIPTION,
@@ -44,6 +45,7 @@ from recording_files import (
     aedat4_frame,
     aedat4_imu,
     aedat4_triggers,
+    evt21,
     frame_of,
 )
 from written_sequence import write_sequence
@@ -159,6 +161,12 @@ def read_event_file(path: Path, rng: random.Random) -> None:
         if kind == 3 and reader.format in ("aedat2", "aedat3"):
             access = RandomAccess(path)
             np.testing.assert_array_equal(access.read(0, access.events), events)
+
+
+def _evt21(folder: Path) -> list[Path]:
+    path = folder / "e.raw"
+    path.write_bytes(evt21(many(50)))
+    return [path]
 
 
 def _aedat2(folder: Path) -> list[Path]:
@@ -433,12 +441,13 @@ def _check_with(name: str) -> Callable[[Path, random.Random], None]:
     return read
 
 
-EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
+FUZZED_FILES: dict[str, Callable[[Path], list[Path]]] = {
     "text": _written(".txt"),
     "npy": _written(".npy"),
     "npz": _written(".npz"),
     "npz-deflated": _saved(np.savez_compressed),
     "evt2": _written(".raw", "evt2"),
+    "evt21": _evt21,
     "evt3": _written(".raw", "evt3"),
     "aedat4": _written(".aedat4", compression="none"),
     "aedat4-lz4": _written(".aedat4"),
@@ -496,7 +505,7 @@ _SCENE_WARNINGS = ("/",)
 TARGETS: dict[str, Target] = {
     **{
         name: Target(make, read_event_file, harmful=HARMFUL.get(name, lambda _: []))
-        for name, make in EVENT_FILES.items()
+        for name, make in FUZZED_FILES.items()
     },
     "recording-aedat2": Target(_aedat2, read_recording),
     "recording-aedat3": Target(_aedat3, read_recording),

@@ -39,6 +39,7 @@ KINDS = {
     "npz": Kind("npz", "e.npz", {}),
     "evt2": Kind("evt2", "e.raw", {}),
     "evt3": Kind("evt3", "e.raw", {}),
+    "aedat2": Kind("aedat2", "e.aedat", {}),
     "aedat4": Kind("aedat4", "e.aedat4", {"compression": "none"}),
     "aedat4 lz4": Kind("aedat4", "e.aedat4", {"compression": "lz4"}),
     "aedat4 zstd": Kind("aedat4", "e.aedat4", {"compression": "zstd"}),

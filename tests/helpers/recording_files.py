@@ -10,6 +10,7 @@ import numpy as np
 
 import davis_rs
 from davis_rs import DavisDescription, Frame, TriggerKind
+from davis_rs.events.arrays import EventArray
 
 DESCRIPTION = DavisDescription(
     chip="DAVIS240C", serial="1", product=0x841B, firmware=4, logic_version=18, logic_patch=1, columns=240,
@@ -234,3 +235,19 @@ TRIGGERS_4 = {
     4: TriggerKind.GENERATOR_RISING,
     5: TriggerKind.GENERATOR_FALLING,
 }
+
+
+# --- EVT 2.1 ---
+
+
+def evt21(events: EventArray, *, size: tuple[int, int] = (240, 180)) -> bytes:
+    """A file with a word for each event: of 32 pixels one bit is set, which is not the first where it can be."""
+    words, high = [], -1
+    for t, x, y, p in events.tolist():
+        if t >> 6 != high:
+            high = t >> 6
+            words.append(8 << 60 | (high & 0x0FFF_FFFF) << 32)
+        bit = min(x, 5)
+        words.append(p << 60 | (t & 63) << 54 | (x - bit) << 43 | y << 32 | 1 << bit)
+    header = f"% evt 2.1\n% format EVT21;height={size[1]};width={size[0]}\n% end\n"
+    return header.encode() + b"".join(struct.pack("<Q", word) for word in words)

@@ -18,8 +18,8 @@ from davis_rs.cli.main import main
 from davis_rs.events.packet import Packet
 from davis_rs.geometry.camera import Camera
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB, event_picture, view
-from davis_rs.inspection.video import _speed_text, make_video
-from davis_rs.inspection.visual_sequence import display_grey
+from davis_rs.inspection.video import _even_moments, _moments_of_events, _speed_text, accumulated_picture, make_video
+from davis_rs.inspection.visual_sequence import display_grey, open_visual_sequence
 from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.io.files.sensor_size import SensorSizeWarning
 from recording_files import aedat2, aedat2_event
@@ -151,6 +151,29 @@ def test_the_video_shows_frames_and_events(folder: Path, tmp_path: Path, suffix:
         assert count_of(left, rgb, within=40) == 0
 
 
+def test_accumulated_events_are_grey(tmp_path: Path) -> None:
+    """ON minus OFF, white and black at full scale; pictures by time reach back as far as asked, others by number."""
+    events = np.array([(1, 0, 0, 1), (2, 0, 0, 1), (3, 0, 0, 0), (4, 1, 0, 0), (5, 1, 1, 1)], EVENT_DTYPE)
+    assert accumulated_picture((3, 2), events, 2).tolist() == [[192, 64, 128], [128, 192, 128]]
+    assert accumulated_picture((3, 2), events[:2], 2)[0, 0] == accumulated_picture((3, 2), events[:2], 1)[0, 0] == 255
+    assert accumulated_picture((3, 2), events[3:4], 1)[0, 1] == 1
+    random = np.random.default_rng(0)
+    many = np.zeros(1000, EVENT_DTYPE)
+    many["t"], many["x"] = np.arange(1000) * 100, random.integers(0, 4, 1000)
+    np.save(tmp_path / "e.npy", many)
+    sequence = open_visual_sequence(tmp_path / "e.npy", size=(4, 1))
+    by_number = _moments_of_events(sequence, 300)
+    assert [(moment.first, moment.stop) for moment in by_number] == [(0, 300), (300, 600), (600, 900), (900, 1000)]
+    assert [moment.t_us for moment in by_number] == [29_900, 59_900, 89_900, 99_900]
+    by_time = _even_moments(sequence, 10_000, 0.025)
+    assert [(moment.first, moment.stop) for moment in by_time[:4]] == [(0, 101), (0, 201), (51, 301), (151, 401)]
+    video = make_video(
+        tmp_path / "e.npy", tmp_path / "v.gif", size=(4, 1), panels="accumulated", events_per_picture=300
+    )
+    with Image.open(video) as picture:
+        assert picture.n_frames == 4
+
+
 def test_a_video_of_noise_stays_below_five_megabytes(tmp_path: Path) -> None:
     """Ten seconds of what no codec can compress well; the caption says how fast it plays."""
     random, count = np.random.default_rng(1), 400_000
@@ -172,6 +195,11 @@ def test_a_video_of_noise_stays_below_five_megabytes(tmp_path: Path) -> None:
         ("v.mp4", {"fps": 0}, "fps must be finite and > 0"),
         ("v.mp4", {"speed": -1.0}, "speed must be finite and > 0"),
         ("v.gif", {"fps": 60}, "more than 50 pictures"),
+        ("v.gif", {"panels": "frame,event"}, "panels must be of frame, events, accumulated, got 'event'; did you mean"),
+        ("v.gif", {"panels": []}, "panels must name one of frame"),
+        ("v.gif", {"window_s": 0.1, "events_per_picture": 5}, "only one of window_s and events_per_picture"),
+        ("v.gif", {"full_scale": 0}, "full_scale must be an integer >= 1"),
+        ("v.gif", {"events_per_picture": 0.5}, "events_per_picture must be an integer >= 1"),
     ],
 )
 def test_senseless_videos_are_refused(

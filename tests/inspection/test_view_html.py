@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import inspect
 import io
 import json
 import re
@@ -196,7 +195,7 @@ def test_a_default_page_stays_below_ten_megabytes(tmp_path: Path) -> None:
     np.save(tmp_path / "e.npy", events)
     page = view_html(tmp_path / "e.npy", tmp_path / "p.html", size=(640, 480))
     assert page.kept == {"events": (count, count)}
-    assert inspect.signature(view_html).parameters["max_events"].default == 5_000_000
+    assert html_page.MAX_EVENTS == 5_000_000
     assert 4_000_000 < page.size_bytes < 10_000_000
     data = Page(tmp_path / "p.html").data
     kept = events_in(data)
@@ -311,7 +310,8 @@ def test_nothing_at_all_makes_no_page(tmp_path: Path) -> None:
         (["--html", "p.html", "--rerun", "r.rrd"], "--html and --rerun make different things"),
         (["-o", "a.png", "--video", "v.gif"], "-o and --video make different things"),
         (["--html", "p.html", "--fps", "30"], "--fps means nothing for --html"),
-        (["--video", "v.gif", "--window", "0.1"], "--window means nothing for --video"),
+        (["--video", "v.gif", "--time", "0.1"], "--time means nothing for --video"),
+        (["--html", "p.html", "--panels", "frame"], "--panels means nothing for --html"),
         (["--rerun", "r.rrd", "--time", "0.01"], "--time means nothing for --rerun"),
         (["--max-events", "5"], "--max-events means nothing for the picture"),
     ],
@@ -347,6 +347,37 @@ def test_the_program_unpacks_the_events(folder: Path, tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stderr
     unpacked = [tuple(event) for event in json.loads(ran.stdout)]
     assert unpacked == [tuple(event) for event in Dataset(folder).events[["t", "x", "y", "p"]].tolist()]
+
+
+def test_a_page_in_a_notebook_is_the_file_in_a_frame(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The frame holds the page to the letter; without a file nothing is written, and with neither it is refused."""
+    written = view_html(folder, tmp_path / "p.html")
+    assert written._repr_html_() is None
+    page = view_html(folder, inline=True)
+    assert page.path is None
+    shown = page._repr_html_()
+    assert shown is not None
+
+    class Frame(HTMLParser):
+        srcdoc = ""
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            assert tag == "iframe"
+            self.srcdoc = dict(attrs)["srcdoc"] or ""
+
+    frame = Frame()
+    frame.feed(shown)
+    assert frame.srcdoc == (tmp_path / "p.html").read_text("utf-8")
+    assert len(repr(page)) < 200
+    monkeypatch.setattr(html_page, "MAX_EVENTS_INLINE", 7)
+    assert view_html(folder, inline=True).kept["events"][0] == 7
+    assert view_html(folder, inline=True, max_events=9).kept["events"][0] == 9
+    both = view_html(folder, tmp_path / "q.html", inline=True, max_events=html_page.MAX_EVENTS)
+    assert both.text == (tmp_path / "q.html").read_text("utf-8")
+    with pytest.raises(ValueError, match="give output, the file to write, or inline=True for a notebook"):
+        view_html(folder)
 
 
 def near(pixels: npt.NDArray[np.uint8], rgb: tuple[int, int, int], within: int = 2) -> int:

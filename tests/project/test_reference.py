@@ -22,6 +22,7 @@ PUBLIC = (
     "simulation.planning",
     "sensor.effects",
     "generate",
+    "gym",
     "render.truth",
     "sensor.imu",
     "sensor.motion_capture",

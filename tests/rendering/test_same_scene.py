@@ -82,7 +82,7 @@ def _glb(folder: Path) -> Path:
 
 
 def _xml(folder: Path) -> Path:
-    light = usual_light()
+    light = usual_light(None)
     direction = ", ".join(map(repr, light["sun"]["direction"]))
     _obj(folder)
     (folder / "box.xml").write_text(

@@ -18,7 +18,7 @@ from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.integrator.base import SceneRenderer
 from davis_rs.render.integrator.renderer import IntegratorRenderer
 from davis_rs.render.integrator.scalar import ScalarRenderer
-from davis_rs.render.motion.scene_motion import SceneMotion
+from davis_rs.render.motion.scene_motion import STILL, SceneMotion
 from davis_rs.scene.light_profile import Flicker
 
 CAMERA = Camera(15, 11, 18.0, 18.0, 7.0, 5.0)
@@ -50,8 +50,8 @@ def built(
     with variant(name) as (mi, _):
         loaded = load_scene_source({"type": "scene", "integrator": DIRECT, **source}, mi)
     kind = IntegratorRenderer if name == FAST else ScalarRenderer
-    more = {} if motion is None else {"motion": motion}
-    return kind(loaded, CAMERA, rays_per_pixel=rays_per_pixel, blur=False, seed=0, reason="", **more)
+    motion = STILL if motion is None else motion
+    return kind(loaded, CAMERA, rays_per_pixel=rays_per_pixel, blur=False, seed=0, reason="", motion=motion)
 
 
 def views(scale: float, t_s: float = 0.0) -> Views:

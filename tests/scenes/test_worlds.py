@@ -88,7 +88,7 @@ def basis(gltf: Gltf) -> None:
 
 MODELS: dict[str, tuple[Callable[[Gltf], None], str, str]] = {
     "square": (plain, "native", ""),
-    "lines": (lines, "refused", "is made of lines"),
+    "lines": (lines, "refused", "parts made of lines, which have no surface, left out"),
     "basis": (basis, "refused", "KHR_texture_basisu"),
 }
 """The same for glTF files."""

@@ -258,7 +258,7 @@ def test_more_current_is_a_faster_pixel(one: CoarseFineBias, other: CoarseFineBi
     assert periods[1] / periods[0] == pytest.approx(ratio, rel=1e-9)
 
 
-NAMES = [field.name for field in fields(SensorParameters)]
+NAMES = [field.name for field in fields(SensorParameters) if not field.name.startswith("colour_")]  # those are texts
 ZERO_IS_OFF = {
     *["threshold_mismatch", "refractory_period_us", "leak_rate_hz"],
     *["shot_noise_rms", "hot_pixel_fraction", "hot_pixel_rate_hz", "readout_latency_us", "readout_jitter_us"],
@@ -286,10 +286,10 @@ def test_nonsense_is_refused_by_name(name: str) -> None:
         with pytest.raises(ValueError, match=rf"^{name} must .*, got {re.escape(repr(value))}$"):
             SensorParameters(**{name: value})  # type: ignore[arg-type]
     if name in ZERO_IS_OFF:
-        assert getattr(SensorParameters(**{name: 0}), name) == 0
+        assert getattr(SensorParameters(**{name: 0}), name) == 0  # type: ignore[arg-type]
     else:
         with pytest.raises(ValueError, match=rf"^{name} must be finite and > 0, got 0$"):
-            SensorParameters(**{name: 0})
+            SensorParameters(**{name: 0})  # type: ignore[arg-type]
 
 
 def test_a_share_is_at_most_all() -> None:

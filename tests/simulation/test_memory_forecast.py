@@ -12,11 +12,14 @@ import pytest
 
 import davis_rs
 from command_line import davis_rs as command
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs._util import memory_forecast
-from davis_rs._util.memory_forecast import MemoryForecast, simulation_forecast
+from davis_rs._util.memory_forecast import MemoryForecast, MeshForecast, simulation_forecast
 from davis_rs.geometry.camera import PRESETS, Camera
 from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
 from davis_rs.render.rays.camera_rays import pixel_rays, ray_table, table_bytes
+from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.simulation.from_frames.frame_run import FrameRun
 from davis_rs.simulation.settings import FrameSettings, complete
 
@@ -50,6 +53,42 @@ def test_more_than_a_quarter_is_told() -> None:
     assert "95.4 MiB" in forecast.line(399_999_999)
     assert forecast.workers(8, 2 * (forecast.bytes + memory_forecast.WORKER_BYTES)) == 2
     assert forecast.workers(8, 0) == 1
+
+
+def test_more_triangles_than_fit_are_refused_with_the_number_that_fits() -> None:
+    """What a triangle has besides its corners counts too."""
+    forecast = MeshForecast(10_000_000, textured=True, smooth=True, sharp_lights=2)
+    with pytest.raises(
+        ValueError, match=rf"10,000,000 triangles needs about {GiB} of memory, and 4 GiB are"
+    ) as refused:
+        forecast.refuse(4 * GIB)
+    fits = re.search(r"([\d,]+) triangles would fit", str(refused.value))
+    assert fits is not None
+    count = int(fits.group(1).replace(",", ""))
+    assert forecast.bytes / 10_000_000 * count == pytest.approx(4 * GIB, rel=1e-6)
+    forecast.refuse(forecast.bytes)
+    assert forecast.line(4 * forecast.bytes) == ""
+    assert "10,000,000 triangles will take about" in forecast.line(4 * forecast.bytes - 1)
+    flat = MeshForecast(10_000_000, textured=False, smooth=False, sharp_lights=0)
+    for larger in (
+        MeshForecast(10_000_000, textured=True, smooth=False, sharp_lights=0),
+        MeshForecast(10_000_000, textured=False, smooth=True, sharp_lights=0),
+        MeshForecast(10_000_000, textured=False, smooth=False, sharp_lights=1),
+    ):
+        assert flat.bytes < larger.bytes
+
+
+def test_a_mesh_is_told_or_refused_before_its_tables_are_made(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = davis_rs.load_scene("three_walls")
+    with_available(monkeypatch, 4000)
+    with pytest.raises(ValueError, match="triangles would fit"):
+        make_renderer(scene, scene.own_camera, kind="native", lattice_rays_per_pixel=1)
+    with_available(monkeypatch, 8000)
+    with variant(SCALAR) as (mi, _):
+        SceneTable(load_scene_source(scene.source(), mi), mi, shadows=True, any_integrator=False)
+    assert re.search(r"triangles will take about [\d.]+ KiB of memory; 7.81 KiB are available", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("size", ["65535x65535", "30000x20000"])

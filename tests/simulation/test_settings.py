@@ -6,7 +6,7 @@ import inspect
 import json
 import pydoc
 import re
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from settings_keywords import keywords_source
 
 import davis_rs
 from davis_rs import (
+    ColourFilter,
     FixedRate,
     Imu,
     MocapClock,
@@ -120,6 +121,7 @@ VALUES: dict[str, tuple[str, Any]] = {
     "sensor": ("davis346", "davis346"),
     "renderer": ("table", "table"),
     "pixel": ("lines", "lines"),
+    "colour_filter": ("GRBG", "GRBG"),
     "accuracy": ("fast", "fast"),
     "imu": ("davis", "davis"),
     "effects": ("leak_rate_hz=1", ["leak_rate_hz=1"]),
@@ -262,7 +264,10 @@ def test_functions_without_settings_name_the_argument_that_is_close_too(taker: A
         ({"sampling": 3}, "sampling must be TimeSampling, got 3"),
         ({"camera": 3}, r"camera must be Camera \| str \| PathLike\[str\] \(CAMERA\), got 3"),
         ({"size": (240.7, 180)}, r"size must be two integers, width and height in pixels, got \(240\.7, 180\)"),
-        ({"size": "240"}, "size must be WIDTHxHEIGHT in pixels, such as 346x260, got '240'"),
+        (
+            {"size": "240"},
+            "size must be WIDTHxHEIGHT in pixels, such as 346x260, or a camera's name",
+        ),
         ({"size": "0x5"}, r"size must lie in 1\.\.65535 pixels each way, got 0 x 5"),
         ({"log_eps": 1e9}, r"log_eps must be > 0 and <= 1000 luma, got 1000000000\.0"),
         ({"tolerance": 1e9}, r"tolerance must be > 0 and <= 10, got 1000000000\.0"),
@@ -316,6 +321,7 @@ OTHER: dict[str, Any] = {
     "renderer": "table",
     "bake_error": 0.02,
     "pixel": "lines",
+    "colour_filter": "GRBG",
     "blur": False,
     "seed": 5,
     "frame_rate_hz": 100.0,
@@ -349,7 +355,8 @@ def test_the_record_has_every_setting_that_results_depend_on() -> None:
         if name == "flow_interval_s":
             given["flow_rate_hz"] = 20.0
         found = Simulator(PLANES, **given).describe()["parameters"]
-        assert found[name] == (value if name != "sampling" else repr(value)), name
+        told = {"sampling": repr(value), "colour_filter": asdict(ColourFilter("GRBG"))}
+        assert found[name] == told.get(name, value), name
         assert found[name] != plain["parameters"][name], name
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeGuard
 
 from .argument_error import ArgumentError
+from .close_names import did_you_mean
 
 
 def is_number(value: object, *, whole: bool = False) -> TypeGuard[float]:
@@ -64,8 +65,23 @@ def _written(bound: float) -> str:
     return str(int(bound)) if bound == int(bound) else f"{bound:g}"
 
 
+SIZES: Mapping[str, tuple[int, int]] = {
+    "davis240c": (240, 180),
+    "davis346": (346, 260),
+    "davis640": (640, 480),
+    "dvs128": (128, 128),
+    "dvxplorer": (640, 480),
+    "dvxplorer-lite": (320, 240),
+    "evk3": (640, 480),
+    "evk4": (1280, 720),
+    "genx320": (320, 320),
+}
+"""Sizes by camera, as (width, height) in pixels. Sources: iniVation's specifications; Prophesee's of Gen3.1 (in the
+EVK3), IMX636 (in the EVK4) and GenX320."""
+
+
 def parse_size(size: Sequence[int] | str | None, argument: str = "size") -> tuple[int, int] | None:
-    """Return (width, height) from ``WxH`` or from a pair; None stays None.
+    """Return (width, height) from ``WxH``, a camera's name in :data:`SIZES` or a pair; None stays None.
 
     Raises:
         ArgumentError: for something else, or sides outside of 1..65535.
@@ -74,17 +90,22 @@ def parse_size(size: Sequence[int] | str | None, argument: str = "size") -> tupl
 
 
 def as_size(size: Sequence[int] | str, argument: str = "size") -> tuple[int, int]:
-    """Return (width, height) from ``WxH`` or from a pair.
+    """Return (width, height) from ``WxH``, a camera's name in :data:`SIZES` or a pair.
 
     Raises:
         ArgumentError: for something else, or sides outside of 1..65535.
     """
     pair: Sequence[int] | str = size
-    if isinstance(size, str):
+    if isinstance(size, str) and size in SIZES:
+        pair = SIZES[size]
+    elif isinstance(size, str):
         match = re.fullmatch(r"(\d{1,5})\s*[xX]\s*(\d{1,5})", size.strip())
         if match is None:
             raise ArgumentError(
-                "{argument} must be WIDTHxHEIGHT in pixels, such as 346x260, got {!r}", size, argument=argument
+                "{argument} must be WIDTHxHEIGHT in pixels, such as 346x260, or a camera's name, such as evk4, "
+                "got {!r}{}",
+                *(size, did_you_mean(size, SIZES)),
+                argument=argument,
             )
         pair = (int(match[1]), int(match[2]))
     if not hasattr(pair, "__len__") or len(pair) != 2 or not all(is_number(side, whole=True) for side in pair):

@@ -11,7 +11,7 @@ class Hold:
     """Locks a file or folder that exists, until it is released, is no longer referred to, or the process ends.
 
     The lock is the system's own (flock): nothing is left behind, whatever becomes of the process. On a file system
-    without locks there is none.
+    without locks, and on Windows, there is none.
 
     Attributes:
         is_exclusive: whether there is a lock.
@@ -21,8 +21,11 @@ class Hold:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        import fcntl
-
+        try:
+            import fcntl
+        except ImportError:
+            self.is_exclusive = False
+            return
         self.is_exclusive = True
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:

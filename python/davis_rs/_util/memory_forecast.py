@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import resource
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,6 +75,59 @@ class MemoryForecast:
         return max(1, min(most, available // (self.bytes + WORKER_BYTES)))
 
 
+@dataclass(frozen=True)
+class MeshForecast:
+    """Says what the tables of a scene's triangles will take, those of the renderer's core included.
+
+    Bytes a triangle are measured (``python benches/render_meshes.py``).
+
+    Args:
+        triangles: how many there are.
+        textured: their texture coordinates count.
+        smooth: their shading normals vary.
+        sharp_lights: how many lights throw sharp shadows.
+    """
+
+    triangles: int
+    textured: bool
+    smooth: bool
+    sharp_lights: int
+
+    @property
+    def bytes(self) -> int:
+        """Return the sum of all."""
+        each = _TRIANGLE + _TEXTURED * self.textured + _SMOOTH * self.smooth + _CONE * self.sharp_lights
+        return each * self.triangles
+
+    def refuse(self, available: int | None = None) -> None:
+        """Refuse a scene for which there is not enough memory.
+
+        Args:
+            available: bytes; what the system says, if left out.
+
+        Raises:
+            ValueError: with what it takes, and how many triangles fit.
+        """
+        available = available_bytes() if available is None else available
+        if available is None or self.bytes <= available:
+            return
+        raise ArgumentError(
+            "a scene of {} triangles needs about {} of memory, and {} are available: {} triangles would fit",
+            f"{self.triangles:,}",
+            readable_bytes(self.bytes),
+            readable_bytes(available),
+            f"{available * self.triangles // self.bytes:,}",
+        )
+
+    def line(self, available: int | None = None) -> str:
+        """Return what is to be said of a scene that takes much of the memory; "" of others."""
+        available = available_bytes() if available is None else available
+        if available is None or self.bytes <= TOLD_ABOVE * available:
+            return ""
+        takes, left = readable_bytes(self.bytes), readable_bytes(available)
+        return f"the scene's {self.triangles:,} triangles will take about {takes} of memory; {left} are available"
+
+
 def simulation_forecast(
     size: tuple[int, int],
     *,
@@ -136,6 +188,9 @@ _TRUTH = 640
 _OF_FRAMES, _FRAMES_AT_ONCE, _FLOW = 155, 8, 2400
 
 
+_TRIANGLE, _TEXTURED, _SMOOTH, _CONE = 410, 140, 210, 64
+
+
 def available_bytes() -> int | None:
     """Return what this process may still take, by the system, its control groups and its limits; None if nobody
     says."""
@@ -149,7 +204,11 @@ def _of_the_system() -> int | None:
 
 
 def _of_the_limit() -> int | None:
-    """Return what RLIMIT_AS leaves of the address space."""
+    """Return what RLIMIT_AS leaves of the address space; Windows has no such limit."""
+    try:
+        import resource
+    except ImportError:
+        return None
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     pages = _read(Path("/proc/self/statm")).split()
     if limit == resource.RLIM_INFINITY or not pages:

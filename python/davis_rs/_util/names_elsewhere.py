@@ -61,7 +61,7 @@ NAMES_ELSEWHERE: dict[str, Elsewhere] = {
     "dvs_numpy": Elsewhere("v2e", "events_format", "npy"),
     "dvs_h5": Elsewhere("v2e", "events_format", "dsec or e2vid"),
     "dvs_aedat4": Elsewhere("v2e", "events_format", "aedat4"),
-    "dvs_aedat2": Elsewhere("v2e", "events_format", "aedat4, because AEDAT 2.0 is only read"),
+    "dvs_aedat2": Elsewhere("v2e", "events_format", "aedat2"),
     "contrast_threshold_pos": Elsewhere("ESIM", "contrast_threshold"),
     "contrast_threshold_neg": Elsewhere("ESIM", "contrast_threshold_off"),
     "contrast_threshold_positive": Elsewhere("rpg_vid2e", "contrast_threshold"),

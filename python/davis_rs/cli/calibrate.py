@@ -83,6 +83,7 @@ def add_calibrate(calibrate: argparse.ArgumentParser) -> None:
 
 def _add_common(parser: argparse.ArgumentParser, *, camera: bool = False) -> None:
     parser.add_argument("dataset", type=Path, metavar="DIR")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, only the result")
     parser.add_argument(
         "--tiles",
         default=f"{DATASET_BOARD.rows}x{DATASET_BOARD.columns}",
@@ -116,7 +117,7 @@ def _add_common(parser: argparse.ArgumentParser, *, camera: bool = False) -> Non
 def _intrinsics(options: argparse.Namespace) -> int:
     dataset, board, views = _views(options)
     height, width = dataset.read_image(views[0].frame).shape
-    with stage("fitting the lens"):
+    with stage("fitting the lens", show=not options.quiet):
         result = calibrate_intrinsics(views, board, width=width, height=height)
     if options.calib is not None:
         write_whole(options.calib, result.camera.to_calib())
@@ -131,7 +132,7 @@ def _hand_eye(options: argparse.Namespace) -> int:
     poses = board_poses(views, board, camera)
     hand, covered = tracked_poses(dataset.groundtruth, [pose.view.t_us * 1e-6 for pose in poses])
     seen: list[BoardPose] = [pose for pose, known in zip(poses, covered, strict=True) if known]
-    with stage("fitting the hand-eye transform"):
+    with stage("fitting the hand-eye transform", show=not options.quiet):
         result = calibrate_hand_eye(hand[covered], seen, board, camera)
     return _done(result, options.output)
 
@@ -141,7 +142,7 @@ def _camera_imu(options: argparse.Namespace) -> int:
     noise = ImuNoise(
         accelerometer_noise_density=options.accelerometer_noise, gyroscope_noise_density=options.gyroscope_noise
     )
-    with stage("fitting camera and IMU"):
+    with stage("fitting camera and IMU", show=not options.quiet):
         poses = board_poses(views, board, _camera(options, dataset))
         result = calibrate_camera_imu(poses, dataset.imu, noise=noise, knot_rate_hz=options.knot_rate_hz)
     return _done(result, options.output)
@@ -155,7 +156,7 @@ def _views(options: argparse.Namespace) -> tuple[Dataset, Checkerboard, list[Boa
     board = Checkerboard(rows, columns, options.tile_m)
     load_opencv()  # before any frame is read
     dataset = Dataset(options.dataset)
-    with stage("finding the checkerboard"):
+    with stage("finding the checkerboard", show=not options.quiet):
         views = find_board(dataset, board, start_s=options.start_s, stop_s=options.stop_s)
     tell(f"all {len(board.corners)} corners found in {len(views)} of {len(dataset.frames)} frames", file=sys.stderr)
     return dataset, board, views

@@ -5,14 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
 from .._core import DecodeError
-from .._util.progress import progress
 from .._util.terminal_text import tell
 from .._util.untrusted import MAX_PACKET_BYTES
 from ..inspection.rig_summary import rig_contents
@@ -20,10 +18,11 @@ from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, 
 from ..io.dataset.reader import Dataset
 from ..io.dataset.rig_folder import RigDataset, is_rig_folder
 from ..io.files.conversion import LeftOutWarning, convert
+from ..io.files.rig_layouts import convert_rig
 from ..io.formats.parts import ALL_PARTS, PARTS
 from ..io.formats.registry import written_formats
 from ..io.formats.ros2 import MESSAGES, STORAGES
-from .common import EVENTS_HELP, figure_file, of_camera, sensor_size
+from .common import EVENTS_HELP, bar_of_fraction, figure_file, of_camera, sensor_size
 
 
 def add_convert(conversion: argparse.ArgumentParser) -> None:
@@ -31,7 +30,8 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
     conversion.description = (
         "Convert from any container to any other, in constant memory: events, and the calibration, frames, depth, "
         "flow, IMU samples and poses that both hold. Values stay as they are; a message names what OUT cannot hold. "
-        "OUT gets its name when it is whole: an error or Ctrl-C leaves nothing."
+        "OUT gets its name when it is whole: an error or Ctrl-C leaves nothing. The folder of a rig becomes DSEC's "
+        "folder, MVSEC's HDF5 (.hdf5), or a bag with MVSEC's topics (.bag)."
     )
     conversion.set_defaults(run=_convert)
     conversion.add_argument("source", metavar="IN", help=EVENTS_HELP)
@@ -103,6 +103,8 @@ def add_max_packet_bytes(parser: argparse.ArgumentParser) -> None:
 
 
 def _convert(options: argparse.Namespace) -> int:
+    if is_rig_folder(options.source):
+        return _convert_rig(options)
     to_stream = options.target == "-"
     if to_stream and options.format is None:
         raise ValueError("standard output has no suffix that would tell the format: give --format")
@@ -122,7 +124,7 @@ def _convert(options: argparse.Namespace) -> int:
         **dict(options.option),
     }
     try:
-        with _bar(f"to {options.target}", quiet=options.quiet) as told:
+        with bar_of_fraction(f"to {options.target}", quiet=options.quiet) as told:
             target = sys.stdout.buffer if to_stream else options.target
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
@@ -143,6 +145,34 @@ def _convert(options: argparse.Namespace) -> int:
     return 0
 
 
+_OF_RIGS = ("source", "target", "format", "overwrite", "quiet", "run")
+"""The options of a conversion that hold for rigs, too."""
+
+
+def _convert_rig(options: argparse.Namespace) -> int:
+    """Convert the folder of a rig."""
+    parser = argparse.ArgumentParser()
+    add_convert(parser)
+    usual = vars(parser.parse_args([options.source, options.target]))
+    for name, value in usual.items():
+        if name not in _OF_RIGS and getattr(options, name) != value:
+            option = "--" + name.removesuffix("_us").replace("_", "-")
+            raise ValueError(f"{option} is not for rigs: convert a camera of it, {options.source}/cam0")
+    with bar_of_fraction(f"to {options.target}", quiet=options.quiet) as told, warnings.catch_warnings():
+        warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
+        report = convert_rig(
+            options.source, options.target, layout=options.format, overwrite=options.overwrite, progress=told
+        )
+    left, right = report.events
+    maps = f", {report.disparities:,} disparity maps" if report.disparities else ""
+    tell(f"{report.path}: {report.layout}, {left:,} + {right:,} events{maps}")
+    if report.left_out:
+        tell(
+            f"davis-rs: {report.path} ({report.layout}) cannot hold, and leaves out: {report.left_out}", file=sys.stderr
+        )
+    return 0
+
+
 def _info(options: argparse.Namespace) -> int:
     if not is_rig_folder(options.path):
         _print_info(options, options.path, options.picture)
@@ -159,7 +189,7 @@ def _info(options: argparse.Namespace) -> int:
 def _print_info(options: argparse.Namespace, path: str, picture: Path | None) -> None:
     """Sum up a file or a folder."""
     try:
-        with _bar("reading", quiet=options.quiet) as told:
+        with bar_of_fraction("reading", quiet=options.quiet) as told:
             summary = summarize_events(
                 path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
             )
@@ -181,13 +211,6 @@ def _print_rest(path: str) -> None:
         if dataset.meta.get("complete") is False:
             tell(f"{path}: {DATASET_FOLDER}")
             tell(dataset_contents(dataset))
-
-
-@contextmanager
-def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
-    """Show a progress bar that is told the fraction that is done."""
-    with progress(what, 100.0, unit="%", show=not quiet) as bar:
-        yield lambda fraction: bar.to(100.0 * fraction)
 
 
 def _microseconds(text: str) -> int:

@@ -7,7 +7,7 @@ import sys
 
 from .._util.terminal_text import tell
 from ..simulation.settings import FrameFolderSettings
-from .common import require_free
+from .common import ShownEvents, add_show, require_free
 from .settings_options import add_settings, given_settings
 
 
@@ -26,6 +26,7 @@ def add_frames(frames: argparse.ArgumentParser) -> None:
     frames.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
     frames.add_argument("--overwrite", action="store_true", help="replace the dataset in DIR")
     frames.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
+    add_show(frames)
     stamps = frames.add_argument_group("stamps")
     stamps.add_argument(
         "--timestamps",
@@ -48,13 +49,15 @@ def _frames(options: argparse.Namespace) -> int:
 
     require_free(options)
     source = open_frames(options.frames, timestamps=options.timestamps, fps=options.fps, time_unit=options.time_unit)
-    report = frames_to_folder(
-        source,
-        options.output,
-        overwrite=options.overwrite,
-        meta={"command": ["davis-rs", *sys.argv[1:]]},
-        quiet=options.quiet,
-        **given_settings(options, FrameFolderSettings),
-    )
+    with ShownEvents(f"{options.frames}: events", wanted=options.show) as shown:
+        report = frames_to_folder(
+            source,
+            options.output,
+            overwrite=options.overwrite,
+            meta={"command": ["davis-rs", *sys.argv[1:]]},
+            quiet=options.quiet,
+            on_packet=shown.packet,
+            **given_settings(options, FrameFolderSettings),
+        )
     tell(report)
     return 130 if report.interrupted else 0

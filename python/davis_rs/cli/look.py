@@ -59,7 +59,20 @@ def add_view(parser: argparse.ArgumentParser) -> None:
         dest="window_s",
         type=float,
         metavar="S",
-        help="picture, page: length of the window of events; chosen if not given",
+        help="picture, page: length of the window of events; chosen if not given. Video: how far back the events of a "
+        "picture reach; to the picture before if not given",
+    )
+    parser.add_argument(
+        "--panels",
+        metavar="NAMES",
+        help="video: what is shown side by side: frame, events (over the frame), accumulated (ON minus OFF events as "
+        "grey), with commas between (default: frame,events)",
+    )
+    parser.add_argument(
+        "--events-per-picture", type=int, metavar="N", help="video: make a picture at every N events, of just these"
+    )
+    parser.add_argument(
+        "--full-scale", type=int, metavar="N", help="video: events that make a pixel of accumulated white (default: 3)"
     )
     parser.add_argument("--fps", type=float, help="video: pictures a second (default: 25)")
     parser.add_argument(
@@ -85,7 +98,7 @@ def add_view(parser: argparse.ArgumentParser) -> None:
 
 _SETTINGS = {
     "output": ("t_s", "window_s"),
-    "video": ("fps", "speed"),
+    "video": ("fps", "speed", "panels", "window_s", "events_per_picture", "full_scale"),
     "html": ("t_s", "window_s", "speed", "max_events", "max_frames"),
     "rerun": ("max_events", "max_frames"),
 }

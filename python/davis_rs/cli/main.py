@@ -33,6 +33,7 @@ COMMANDS = {
     "record": ("usb", "record a camera"),
     "decode": ("usb", "decode a recording: of record, or AEDAT 2.0, 3.1, 4"),
     "convert": ("files", "convert events from one file format to another"),
+    "filter": ("filter", "leave out events that are noise or flicker"),
     "info": ("files", "sum up an event file or a dataset folder"),
     "compare": ("compare", "print the statistics of two streams side by side, such as a recording and a simulation"),
     "reproduce": ("reproduce", "simulate a recording from its own frames, and compare both"),

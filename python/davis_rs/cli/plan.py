@@ -31,6 +31,7 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
     plan.add_argument(
         "--explain", action="store_true", help="print for each effect what was measured and what it costs"
     )
+    plan.add_argument("--quiet", action="store_true", help="no progress bars, only the results")
     add_path(plan.add_argument_group("camera path"))
     add_settings(plan, PlanSettings)
 
@@ -40,17 +41,17 @@ def _plan(options: argparse.Namespace) -> int:
     from ..simulation.monte_carlo_noise import estimate_noise
     from ..simulation.planning import plan_effects
 
-    scene = on_path(options, scene_of(options))
-    with stage("planning effects"):
+    scene = on_path(options, scene_of(options, options.quiet), options.quiet)
+    with stage("planning effects", show=not options.quiet):
         plan = plan_effects(scene, options.effects, **given_settings(options, PlanSettings))
     tell(plan.explain() if options.explain else plan)
-    with stage("measuring noise"):
+    with stage("measuring noise", show=not options.quiet):
         noise = estimate_noise(scene, **given_settings(options, ViewSettings))
     if noise is not None:
         tell(noise)
     settings = complete(ViewSettings, given_settings(options, ViewSettings), taker="davis-rs plan")
     viewed = view_scene(scene, settings)
-    with stage("measuring what light costs"):
+    with stage("measuring what light costs", show=not options.quiet):
         light = light_cost(renderer_of(viewed, settings), viewed.scene)
     if light is not None:
         tell(light)

@@ -12,7 +12,7 @@ from ..scene.scene import Scene
 from ..scene.sequences import SEQUENCES, sequence_named
 from ..sensor.rig import RIGS
 from ..simulation.settings import FolderSettings
-from .common import add_path, add_scene, on_path, require_free, scene_of
+from .common import ShownEvents, add_path, add_scene, add_show, on_path, require_free, scene_of
 from .settings_options import add_settings, given_settings
 
 
@@ -62,6 +62,7 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
     parser.add_argument("--overwrite", action="store_true", help="replace the dataset in DIR")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
+    add_show(parser)
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -78,6 +79,8 @@ def _simulate(options: argparse.Namespace) -> int:
 def _simulate_rig(options: argparse.Namespace, scene: Scene) -> int:
     from ..simulation.rig import simulate_rig_to_folder
 
+    if options.show:
+        raise ArgumentError("{show} shows one camera, not those of a {rig}; davis-rs view --html shows each afterwards")
     require_free(options)
     report = simulate_rig_to_folder(
         scene,
@@ -114,14 +117,16 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
     from ..simulation.folder import simulate_to_folder
 
     require_free(options)
-    report = simulate_to_folder(
-        scene,
-        options.output,
-        overwrite=options.overwrite,
-        meta={"command": ["davis-rs", *sys.argv[1:]], **meta},
-        quiet=options.quiet,
-        **({"accept_noise": False} | defaults | given_settings(options, FolderSettings)),
-    )
+    with ShownEvents(f"{scene.name}: events", wanted=options.show) as shown:
+        report = simulate_to_folder(
+            scene,
+            options.output,
+            overwrite=options.overwrite,
+            meta={"command": ["davis-rs", *sys.argv[1:]], **meta},
+            quiet=options.quiet,
+            on_packet=shown.packet,
+            **({"accept_noise": False} | defaults | given_settings(options, FolderSettings)),
+        )
     if report.plan is not None and not options.quiet:
         tell(report.plan, file=sys.stderr)
     tell(report)

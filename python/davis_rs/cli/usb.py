@@ -33,7 +33,7 @@ from ..usb.protocol import FX3
 from ..usb.raw_file import RawRecording, RawWriter
 from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
 from ..usb.virtual_davis import VirtualDavis
-from .common import EVENTS_HELP, SCENE_HELP
+from .common import EVENTS_HELP, SCENE_HELP, ShownEvents, add_show
 from .common import sensor_size as sensor_size_of
 from .ctrl_c import LINE
 from .files import add_max_packet_bytes
@@ -85,6 +85,7 @@ def add_record(record: argparse.ArgumentParser) -> None:
         choices=GYROSCOPE_RANGES_DEG_S,
         help="range in +- deg/s",
     )
+    add_show(record)
     _add_backward(record)
 
 
@@ -172,25 +173,30 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
     tell(f"recording {camera.description}; Ctrl-C ends it", file=sys.stderr)
     status = 0
     started = time.monotonic()
-    try:
-        for chunk in camera.chunks():
-            output.write(chunk)
-            if virtual is not None:
-                over = virtual.over.is_set() and not chunk
-            else:
-                over = options.duration_s is not None and time.monotonic() - started >= options.duration_s
-            if over:
-                camera.stop()
-    except KeyboardInterrupt:
-        say(LINE)
-        status = 130
-    except OSError as error:
-        if error.errno != errno.ENODEV:
-            raise
-        tell(f"davis-rs: error: {error.strerror}: the recording ends there", file=sys.stderr)
-        status = 1
-    finally:
-        said = output.finish()
+    device = camera.description.device
+    with ShownEvents(f"{camera.description}: events", wanted=options.show) as shown:
+        try:
+            for chunk in camera.chunks():
+                decoded = output.write(chunk)
+                if options.show:
+                    events = (camera.decode(chunk) if decoded is None else decoded).events
+                    shown.add(events, int(events["t"][-1]) if len(events) else 0, (device.width, device.height))
+                if virtual is not None:
+                    over = virtual.over.is_set() and not chunk
+                else:
+                    over = options.duration_s is not None and time.monotonic() - started >= options.duration_s
+                if over:
+                    camera.stop()
+        except KeyboardInterrupt:
+            say(LINE)
+            status = 130
+        except OSError as error:
+            if error.errno != errno.ENODEV:
+                raise
+            tell(f"davis-rs: error: {error.strerror}: the recording ends there", file=sys.stderr)
+            status = 1
+        finally:
+            said = output.finish()
     tell("\n".join(said))
     if camera.lost_bytes:
         tell(f"{camera.lost_bytes} of {camera.received_bytes} bytes were lost", file=sys.stderr)
@@ -205,7 +211,7 @@ class RawOutput:
         self._writer = RawWriter(path, camera.description)
 
     def write(self, chunk: bytes) -> None:
-        """Append."""
+        """Append; nothing is decoded."""
         self._writer.write(chunk)
 
     def finish(self) -> list[str]:
@@ -222,9 +228,11 @@ class LiveOutput:
         device = camera.description.device
         self._output = decoded_output(path, (device.width, device.height), backward=backward)
 
-    def write(self, chunk: bytes) -> None:
-        """Append."""
-        self._output.write(self._camera.decode(chunk))
+    def write(self, chunk: bytes) -> Decoded:
+        """Append, and return what the bytes hold."""
+        decoded = self._camera.decode(chunk)
+        self._output.write(decoded)
+        return decoded
 
     def finish(self) -> list[str]:
         """Complete the file; tells what it holds."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, overload
 from .._util.argument_error import ArgumentError
 from .._util.budget import readable_bytes
 from .._util.memory_forecast import MemoryForecast
+from .._util.platforms import usable_cores
 from .._util.progress import each, progress
 from .._util.progress import say as say_above
 from ..scene.files.mesh_scene import Axis
@@ -228,7 +228,7 @@ def _fitting_workers(
     workers: int | None, sequences: int, memory: MemoryForecast | None, say: Callable[[str], None]
 ) -> int:
     """Return how many processes work at a time; says so where memory allows fewer than there would be."""
-    wanted = min(workers or len(os.sched_getaffinity(0)), sequences)
+    wanted = min(workers or usable_cores(), sequences)
     if memory is None:
         return wanted
     fitting = memory.workers(wanted)
@@ -273,7 +273,7 @@ def _outcomes(
         return
     from .local import run_locally
 
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     workers = min(workers or cores, len(missing))
     threads = max(1, cores // workers)
     yield from run_locally(

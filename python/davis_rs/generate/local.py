@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Generic, TypeVar
 
+from .._util.platforms import ctrl_c_blocked, unblock_ctrl_c
 from .._util.stop_requests import interrupts_deferred
 
 Task = TypeVar("Task")
@@ -94,12 +95,8 @@ def run_locally(
         resource_tracker.ensure_running()
         # A Ctrl-C waits until the worker is there and has all that it is sent: another thread may still receive it. The
         # worker inherits the mask, and lets it wait while it imports.
-        with interrupts_deferred():
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
-                process.start()
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        with interrupts_deferred(), ctrl_c_blocked():
+            process.start()
         theirs.close()  # the worker's alone: when it dies, ours is at its end
         return _Worker(process, ours)
 
@@ -168,7 +165,7 @@ def _cause_of_death(worker: _Worker[Task]) -> str:
 def _work(connection: Connection, function: Callable[[Task], Result], begin: Callable[[], None]) -> None:
     """Run the tasks that a worker gets, until there are no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; what to do is the parent's to say
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    unblock_ctrl_c()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     begin()
     while True:

@@ -186,8 +186,10 @@ def _refuse_another(root: Path, plan: SequencePlan) -> None:
 
 def _lock(descriptor: int, root: Path) -> None:
     """Keep others out as long as the file is open: also after SIGKILL there is nothing to clear away."""
-    import fcntl
-
+    try:
+        import fcntl
+    except ImportError:
+        return  # Windows has no such lock: two at once cost time, but still no sequence
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

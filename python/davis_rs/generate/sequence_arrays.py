@@ -26,7 +26,8 @@ from ..io.dataset.files import (
     VELOCITY,
     ImageSeries,
 )
-from ..io.dataset.reader import Dataset, StampedImage
+from ..io.dataset.reader import Dataset
+from ..io.dataset.text_folder import StampedImage
 from .folder import file_names
 
 Arrays = dict[str, npt.NDArray[np.generic]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -181,13 +182,19 @@ def describe_pose(pose: Pose) -> dict[str, object]:
     return {"position": pose.position.tolist(), "quaternion": pose.quaternion.tolist()}
 
 
+_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""For each of x, y, z the next two axes."""
+
+
 def hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the Hamilton product a * b of quaternions (..., 4) in the order (x, y, z, w).
 
     Unlike a product of scipy's Rotations it is linear in both, so that the sign stays continuous.
     """
     av, aw, bv, bw = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
-    return np.concatenate([aw * bv + bw * av + np.cross(av, bv), aw * bw - (av * bv).sum(-1, keepdims=True)], -1)
+    # np.cross has the same bits, but takes several times as long for a few vectors.
+    cross = a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
+    return np.concatenate([aw * bv + bw * av + cross, aw * bw - (av * bv).sum(-1, keepdims=True)], -1)
 
 
 def conjugate(q: FloatArray) -> FloatArray:
@@ -200,8 +207,27 @@ def body_rates(q: FloatArray, dq_dt: FloatArray) -> FloatArray:
     return 2.0 * hamilton(conjugate(q), dq_dt)[..., :3]
 
 
+_FEW = 2
+"""For so few quaternions plain floats are faster than what SciPy sets up; a step of a closed loop has no more."""
+
+
+def _rotation_matrix(x: float, y: float, z: float, w: float) -> list[list[float]]:
+    """Return the rotation matrix of a quaternion with the bits that SciPy gives."""
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    xy, zw, xz, yw, yz, xw = x * y, z * w, x * z, y * w, y * z, x * w
+    return [
+        [xx - yy - zz + ww, 2 * (xy - zw), 2 * (xz + yw)],
+        [2 * (xy + zw), -xx + yy - zz + ww, 2 * (yz - xw)],
+        [2 * (xz - yw), 2 * (yz + xw), -xx - yy + zz + ww],
+    ]
+
+
 def rotation_matrices(q: FloatArray) -> FloatArray:
     """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4), or (3, 3) of one."""
+    if len(q) <= _FEW and q.ndim == 2:
+        return np.array([_rotation_matrix(*quaternion) for quaternion in q.tolist()]).reshape(-1, 3, 3)
     from scipy.spatial.transform import Rotation
 
     matrices: FloatArray = Rotation.from_quat(np.array(q)).as_matrix()  # scipy refuses some read-only arrays

@@ -3,5 +3,7 @@
 ``check``, ``summary``, ``video``, ``event_image``, ``rerun_recording`` -> ``figure`` -> ``truth_panels`` ->
 ``flow_picture``;
 ``html_page`` (a page for browsers; its program is in ``web``); all -> ``visual_sequence`` (what is drawn of a
-folder, an event file or a recording) -> ``dataset_description``. ``statistics`` measures streams and compares them.
+folder, an event file or a recording) -> ``dataset_description``. ``live_view`` shows events while they come;
+``path_returns`` is for ``summary``.
+``statistics`` measures streams and compares them.
 """

@@ -16,7 +16,8 @@ from .._util.terminal_text import printable
 from ..events.arrays import EventArray
 from ..geometry.pose import GroundTruth
 from ..io.dataset.files import META
-from ..io.dataset.reader import Dataset, StampedImage
+from ..io.dataset.reader import Dataset
+from ..io.dataset.text_folder import StampedImage
 from ..sensor.effects import EFFECTS
 from ..simulation.noise_estimate import share_text
 from .dataset_description import describe_dataset

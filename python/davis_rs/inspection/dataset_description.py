@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from ..io.dataset.reader import Dataset
 from ..simulation.model_version import MODEL
 
+_PARTING = {"leak_rate_hz", "shot_noise_rms", "refractory_period_us"}
+"""Effects after which pixels do not come back to their first references together."""
+
 
 @dataclass(frozen=True)
 class DatasetDescription:
@@ -19,6 +22,8 @@ class DatasetDescription:
         noise: share of events that Monte Carlo noise makes missing or spurious, as estimated before the run; None also
             where nothing was drawn at random.
         version: of davis_rs that made it.
+        aligned_start: the pixels' references all lie at the first frame's log intensity, without noise that would part
+            them.
         model: by which its events were made, see :data:`~davis_rs.simulation.model_version.MODEL`.
     """
 
@@ -27,6 +32,7 @@ class DatasetDescription:
     effects: tuple[str, ...] | None
     noise: float | None = None
     version: str | None = None
+    aligned_start: bool = False
     model: int | None = None
 
     @property
@@ -65,5 +71,9 @@ def describe_dataset(dataset: Dataset) -> DatasetDescription:
         effects=tuple(effects) if isinstance(effects, dict) else None,
         noise=(meta.get("monte_carlo_noise") or {}).get("share"),
         version=version,
+        aligned_start=isinstance(parameters, dict)
+        and parameters.get("start_phase") == "zero"
+        and isinstance(effects, dict)
+        and _PARTING.isdisjoint(effects),
         model=None if version is None else (meta.get("model") or 1),
     )

@@ -10,7 +10,7 @@ import json
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -32,11 +32,15 @@ from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
 MAX_EVENTS = 5_000_000
 """Events that a page keeps by default: 3 to 6 bytes each in the file, because they are compressed."""
 
+MAX_EVENTS_INLINE = 500_000
+"""Events that a page within a notebook keeps by default: the notebook's file holds it."""
+
 _FRAME_BYTES = 3_000_000
 _MOST_IMU_SAMPLES, _MOST_POSES = 4_000, 2_000
 _MOST_RATE_BINS, _EVENTS_A_RATE_BIN = 500, 50
 _LARGEST_TICK = 2**31 - 1  # a time and a polarity share 32 bits
 _EVENTS_A_PIXEL = 0.1
+_FRAME_HEIGHT = 1180  # of the whole page in a notebook, CSS pixels
 _SPEEDS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _PLAYING_TIME_S = 20.0
 
@@ -48,31 +52,43 @@ _SCRIPTS = ("data", "turning", "sensor_panel", "event_cloud", "camera_path", "pl
 class HtmlPage:
     """A page that was written; ``str()`` of it is one line: the file, what it keeps, and its size.
 
+    One that was made ``inline`` shows itself in a notebook, in a frame.
+
     Attributes:
-        path: the file.
+        path: the file; None where it was made for a notebook alone.
         kept: for ``events``, ``frames``, ``IMU samples`` and ``poses``: how many the page holds, and how many there
             are. What the source does not have is not listed.
         size_bytes: of the file.
+        text: of the page, where it was made inline.
     """
 
-    path: Path
+    path: Path | None
     kept: dict[str, tuple[int, int]]
     size_bytes: int
+    text: str | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
-        return f"{self.path}: {_kept_text(self.kept)}; {self.size_bytes / 1e6:.1f} MB"
+        where = "a page" if self.path is None else self.path
+        return f"{where}: {_kept_text(self.kept)}; {self.size_bytes / 1e6:.1f} MB"
+
+    def _repr_html_(self) -> str | None:
+        if self.text is None:
+            return None
+        style = f"width: 100%; height: {_FRAME_HEIGHT}px; border: 0"
+        return f'<iframe style="{style}" srcdoc="{html.escape(self.text)}"></iframe>'
 
 
 @names_checked
 def view_html(
     source: str | Path,
-    output: str | Path,
+    output: str | Path | None = None,
     *,
+    inline: bool = False,
     t_s: float | None = None,
     window_s: float | None = None,
     speed: float | None = None,
     size: tuple[int, int] | None = None,
-    max_events: int = MAX_EVENTS,
+    max_events: int | None = None,
     max_frames: int | None = None,
     show_progress: bool = False,
 ) -> HtmlPage:
@@ -84,14 +100,16 @@ def view_html(
 
     Args:
         source: a dataset folder, an event file of any format, or a recording (AEDAT, or a camera's bytes).
-        output: the file to write: ``.html`` or ``.htm``.
+        output: the file to write: ``.html`` or ``.htm``; may be left out with ``inline``.
+        inline: what is returned shows the page in a notebook, as the last line of a cell.
         t_s: the moment that is shown first, in seconds; by default the middle. Times are those of the file; those of a
             recording count from its start.
         window_s: length of the window of events at first; by default such that it holds about 0.1 events a pixel.
         speed: seconds of the sequence in a second of playing, at first; by default such that all of it takes about
             20 s, at most 1.
         size: (width, height) of the sensor in pixels, where the source does not say.
-        max_events: events that are kept, at least 1. Each takes 3 to 6 bytes of the file.
+        max_events: events that are kept, at least 1; 5,000,000 by default, 500,000 inline. Each takes 3 to 6 bytes of
+            the file, inline a third more in the notebook's.
         max_frames: frames that are kept, at least 1; by default as many as fit 4 MB of the file.
         show_progress: how far it is, on standard error.
 
@@ -103,8 +121,10 @@ def view_html(
             positive; a size that nobody knows, or a sequence in which nothing has a time.
         DecodeError, OSError: if the source cannot be read or the page cannot be written.
     """
-    output = Path(output)
-    if output.suffix.lower() not in (".html", ".htm"):
+    if output is None and not inline:
+        raise ArgumentError("give {output}, the file to write, or {inline:True} for a notebook")
+    output = None if output is None else Path(output)
+    if output is not None and output.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"a page's name must end in .html or .htm, got {output}")
     for name, value in (("window_s", window_s), ("speed", speed)):
         if value is not None:
@@ -120,7 +140,7 @@ def view_html(
         raise ArgumentError("{t_s} must lie in the sequence, {:g}..{:g} s, got {}", start_us / 1e6, end_us / 1e6, t_s)
 
     duration_us = max(1, end_us - start_us)
-    events = sample_events(sequence.events, max_events)
+    events = sample_events(sequence.events, max_events or (MAX_EVENTS_INLINE if inline else MAX_EVENTS))
     data: JsonObject = {
         "width": sequence.size[0],
         "height": sequence.size[1],
@@ -144,8 +164,9 @@ def view_html(
         if part
     }
     text = _page(sequence.label, kept, data)
-    write_whole(output, text)
-    return HtmlPage(output, kept, len(text))
+    if output is not None:
+        write_whole(output, text)
+    return HtmlPage(output, kept, len(text), text.decode() if inline else None)
 
 
 def _kept_text(kept: dict[str, tuple[int, int]]) -> str:

@@ -13,6 +13,8 @@ from .._mitsuba.types import Mitsuba, MitsubaScene
 from .._mitsuba.variants import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from .._util.argument_error import ArgumentError
 from .._util.former_names import takes_former_names
+from ..events.colour import Weights
+from ..events.luma import LUMA_WEIGHTS
 from ..geometry.camera import PRESETS, Camera
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
@@ -25,7 +27,8 @@ from .integrator.renderer import IntegratorRenderer
 from .integrator.scalar import ScalarRenderer
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
-from .native.renderer import PIXELS, NativeRenderer
+from .native.estimators import ESTIMATORS
+from .native.renderer import NativeRenderer
 from .obstacles import Obstacle, Obstacles, Unsuitable, listed
 from .primitives import triangulated
 from .scene_cache import cached
@@ -54,6 +57,7 @@ class _Request:
     edges: bool
     bake_error: float
     pixel: str
+    weights: Weights
     reason: str = "asked for"
 
 
@@ -112,7 +116,9 @@ class NoiseFreeKind(RendererKind):
             return unsuitable.obstacles
         return ()
 
-    def _tables(self, scene: Scene, camera: Camera, mi: Mitsuba, *, by_name: bool) -> _Tables:
+    def _tables(
+        self, scene: Scene, camera: Camera, mi: Mitsuba, *, by_name: bool, weights: Weights = LUMA_WEIGHTS
+    ) -> _Tables:
         try:
             loaded = load_scene_source(scene.source(), mi)
         except ValueError as error:
@@ -135,6 +141,7 @@ class NoiseFreeKind(RendererKind):
             baked=self.baked,
             view=view,
             obstacles=obstacles,
+            weights=weights,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
         return _Tables(loaded, replaced, motion, table, view, for_view, made.description + _ramps_told(table.textures))
@@ -149,10 +156,10 @@ class NativeKind(NoiseFreeKind):
     def make(self, request: _Request) -> Renderer:
         scene = request.scene
         with variant(SCALAR) as (mi, _):
-            known = scene.source, scene.matte, scene.shadows, request.by_name, tuple(scene.objects)
+            known = scene.source, scene.matte, scene.shadows, request.by_name, tuple(scene.objects), request.weights
 
             def make() -> _Tables:
-                return self._tables(scene, request.camera, mi, by_name=request.by_name)
+                return self._tables(scene, request.camera, mi, by_name=request.by_name, weights=request.weights)
 
             made = cached(known, make)
             motion = scene_motion(scene, made.loaded, mi)
@@ -172,7 +179,7 @@ class TableKind(NoiseFreeKind):
         if name != FAST:
             raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why}")
         with variant(FAST) as (mi, _):
-            made = self._tables(request.scene, request.camera, mi, by_name=request.by_name)
+            made = self._tables(request.scene, request.camera, mi, by_name=request.by_name, weights=request.weights)
             table, motion = made.table, made.motion
             if any(light.kind == "spot" for light in table.lights):
                 raise Unsuitable("a light is a spot light, which only the native renderer has")
@@ -192,6 +199,8 @@ class BakedKind(NoiseFreeKind):
     baked = True
 
     def make(self, request: _Request) -> Renderer:
+        if request.weights != LUMA_WEIGHTS:
+            raise Unsuitable("light is baked for luma, not for colour filters", "leave out the colour filter")
         with variant(SCALAR) as (mi, _):
             made = self._tables(request.scene, request.camera, mi, by_name=request.by_name)
             light = functools.partial(
@@ -226,6 +235,7 @@ class IntegratorKind(RendererKind):
                     seed=seed,
                     reason=why_variant,
                     motion=motion,
+                    weights=request.weights,
                 )
             else:
                 rays_per_pixel = 8 if request.rays_per_pixel is None else request.rays_per_pixel
@@ -237,6 +247,7 @@ class IntegratorKind(RendererKind):
                     seed=seed,
                     reason=request.reason,
                     motion=motion,
+                    weights=request.weights,
                 )
             renderer.silhouettes = MovingSilhouettes(loaded, motion) if request.edges else None
         renderer.reason += _taken_as_diffuse(scene, replaced)
@@ -269,6 +280,7 @@ def make_renderer(
     edges: bool = False,
     bake_error: float = BAKE_ERROR,
     pixel: str = "rays",
+    weights: Weights = LUMA_WEIGHTS,
 ) -> Renderer:
     """Choose and build the renderer for a scene.
 
@@ -286,6 +298,7 @@ def make_renderer(
         threads: of the native renderer; None for all that there are.
         bake_error: how much baked light may err, relative.
         pixel: ``rays`` or ``lines``, see :class:`NativeRenderer`; only that renderer has lines.
+        weights: of linear red, green and blue in luma; others than those of luma are for colour filters.
 
     Raises:
         ValueError: if the scene cannot be loaded, if it lacks an object or light that shall change, or if ``table``,
@@ -311,9 +324,10 @@ def make_renderer(
         edges=edges,
         bake_error=bake_error,
         pixel=pixel,
+        weights=weights,
     )
-    if pixel not in PIXELS:
-        raise ArgumentError("{pixel} must be one of {}, got {!r}", ", ".join(PIXELS), pixel)
+    if pixel not in ESTIMATORS:
+        raise ArgumentError("{pixel} must be one of {}, got {!r}", ", ".join(ESTIMATORS), pixel)
     chosen, renderer = _first_possible(request) if kind == "auto" else (KINDS[kind], _by_name(KINDS[kind], request))
     if pixel == "lines" and not isinstance(renderer, NativeRenderer):
         raise ArgumentError(

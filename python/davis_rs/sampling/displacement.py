@@ -94,18 +94,17 @@ class DisplacementClock:
         camera = renderer.camera
         self._renderer, self._trajectory, self._end_us = renderer, trajectory, end_us
         self._start_s = start_us * 1e-6
-        self._rows, self._columns = np.arange(0, camera.height, _TILE), np.arange(0, camera.width, _TILE)
         self._flow = _flow_of_tiles(camera, _TILE)
         if renderer.motion.objects:
             self._objects = _ObjectSpeeds(renderer)
         self._t_us, self._path = np.zeros(1), np.zeros(1)
+        self._seen: tuple[FloatArray, Views] | None = None
         self._ahead: dict[int, FloatArray] = {}
         self._nearest = self._nearest_at(0) if end_us > 0 else None
         breaks = find_breaks(trajectory, renderer.motion, start_us, start_us + end_us)
         self._breaks = chain((t_us - start_us for t_us in break_instants(breaks, start_us, both=True)), [end_us])
         self._next_break = next(self._breaks)
-        focal = max(camera.fx, camera.fy)
-        self._pixels_per_rad = focal * (1 + float((camera.rays(_centres(camera, _TILE)) ** 2).sum(-1).max()))
+        self._pixels_per_rad = _pixels_per_rad(camera)
 
     def path_at(self, t_us: int) -> float:
         """Return the path's length at an instant, which may lie at most a block before the last one computed."""
@@ -196,6 +195,8 @@ class DisplacementClock:
 
     def _where_motion_bends(self, t_us: FloatArray, nearest: float) -> FloatArray:
         """Add instants where speed does not change linearly between them, or where rest begins or ends."""
+        if self._trajectory.steady and not self._renderer.motion.objects:
+            return t_us
 
         def rates(at_us: FloatArray) -> FloatArray:
             """Return, for each part of the motion, about the most pixels per second that it makes."""
@@ -243,7 +244,7 @@ class DisplacementClock:
     def _pooled(self, times: list[int]) -> FloatArray:
         """Return the least depth in each tile (n, tiles) at instants in microseconds."""
         depths = self._renderer.depth(self._views(np.array(times) * 1e-6))
-        pooled = np.minimum.reduceat(np.minimum.reduceat(depths, self._rows, 1), self._columns, 2)
+        pooled = _least_of_tiles(_least_of_tiles(depths).swapaxes(1, 2)).swapaxes(1, 2)
         return pooled.reshape(len(times), -1).astype(np.float64)
 
     def _fastest(self, depth: FloatArray, t_s: FloatArray) -> FloatArray:
@@ -263,7 +264,10 @@ class DisplacementClock:
         return np.asarray(np.log(self._renderer.motion.factors(self._start_s + t_s) + DARKEST))
 
     def _views(self, t_s: FloatArray) -> Views:
-        return Views.along(self._trajectory, t_s, start_s=self._start_s)
+        if self._seen is None or not np.array_equal(t_s, self._seen[0]):
+            # A step of a closed loop asks twice for its two ends.
+            self._seen = t_s, Views.along(self._trajectory, t_s, start_s=self._start_s)
+        return self._seen[1]
 
 
 class _ObjectSpeeds:
@@ -342,6 +346,22 @@ def _divided(
 def _flow_of_tiles(camera: Camera, size: int) -> OpticalFlow:
     """Make the flow at the tiles' middles; it is kept, because a simulator driven in steps makes a clock for each."""
     return OpticalFlow(camera, _centres(camera, size))
+
+
+@lru_cache(maxsize=8)
+def _pixels_per_rad(camera: Camera) -> float:
+    """Bound how many pixels an image point moves for each radian of a turn, anywhere in the image."""
+    return max(camera.fx, camera.fy) * (1 + float((camera.rays(_centres(camera, _TILE)) ** 2).sum(-1).max()))
+
+
+def _least_of_tiles(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the least of each :data:`_TILE` rows of arrays (n, rows, columns); the last tile may have fewer."""
+    least = values[:, ::_TILE].copy()
+    for row in range(1, _TILE):
+        following = values[:, row::_TILE]
+        reached = least[:, : following.shape[1]]
+        np.minimum(reached, following, out=reached)
+    return least
 
 
 def _centres(camera: Camera, size: int) -> FloatArray:

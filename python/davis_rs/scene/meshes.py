@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba.types import MitsubaShape, MitsubaValue
 from ..geometry.pose import FloatArray
-from .textures import Texture, bitmap
+from .textures import Texture, bitmap, encoded_bitmap
 
 Window = tuple[float, float, float, float]
 """Left, top, right and bottom of the part of a texture that a face shows; 0 to 1 is all of it, more repeats it."""
@@ -121,13 +121,16 @@ def shape(
     """Make a diffuse Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
 
     Args:
-        reflectance: a texture (H, W, 3) or Mitsuba's tensor of one, a colour (3,) in linear RGB, or grey.
+        reflectance: a texture (H, W, 3) or Mitsuba's tensor of one, a colour (3,) in linear RGB, or grey; or a
+            ``mi.Bitmap`` of 8 bits in sRGB.
         normals: (n, 3) at the vertices of a smooth surface; None where every triangle is flat.
         wrap: what lies beyond a texture's edges: repeat, clamp or mirror.
     """
     import mitsuba as mi
 
-    if isinstance(reflectance, mi.TensorXf) or (isinstance(reflectance, np.ndarray) and reflectance.ndim == 3):
+    if isinstance(reflectance, mi.Bitmap):
+        colour = encoded_bitmap(reflectance, wrap=wrap)
+    elif isinstance(reflectance, mi.TensorXf) or (isinstance(reflectance, np.ndarray) and reflectance.ndim == 3):
         colour = bitmap(mi.TensorXf(reflectance), wrap=wrap)
     else:
         colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,9 +14,11 @@ from .._util.html_table import html_table
 from ..geometry.camera import PRESETS, Camera
 from ..geometry.pose import Pose, as_pose
 from ..geometry.trajectory.derived import PacedTrajectory
+from ..geometry.trajectory.steered import SteeredPath
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from .light_profile import LightProfile, PacedProfile, ShiftedProfile
 from .lost_looks import LostLook
+from .steered_profile import SteeredProfile
 
 SceneSource = Path | XmlFile | Mapping[str, object]
 
@@ -142,6 +144,26 @@ class Scene:
         if trajectory is not None:
             check_type("trajectory", trajectory, Trajectory, "davis_rs.read_trajectory(...) reads one")
         return replace(self, trajectory=trajectory)
+
+    def with_movable(self, *objects: str, lights: Iterable[str] = ()) -> Scene:
+        """Return the scene with objects and lights that :meth:`Simulator.step` moves and dims.
+
+        >>> scene = scene.with_movable("ball", lights=["lamp"])
+        >>> simulator.step(1000, pose, objects={"ball": ball_pose}, lights={"lamp": 0.5})
+
+        Until they are given a pose or a strength, objects stand where the scene's source has them, and lights are as
+        strong as there. Paths and profiles of their own are replaced.
+
+        Args:
+            objects: ids of shapes.
+            lights: ids of lights (of an area light ``shape.emitter``).
+        """
+        lights = (lights,) if isinstance(lights, str) else lights
+        return replace(
+            self,
+            objects={**self.objects, **{name: SteeredPath() for name in objects}},
+            lights={**self.lights, **{name: SteeredProfile() for name in lights}},
+        )
 
     def crop(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
         """Return the scene over a part of its camera path, with t = 0 at the start of that part.

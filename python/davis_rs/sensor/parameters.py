@@ -11,6 +11,7 @@ from .._util.argument_error import ArgumentError
 from .._util.close_names import names_checked
 from .._util.html_table import html_table
 from .._util.quantities import with_unit
+from ..events.colour import COLOURS, PATTERNS, ColourFilter, Weights
 from .biases import BiasValues, CoarseFineBias, as_biases
 from .effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise, ThresholdMismatch
 from .effects.effect import check_range
@@ -59,6 +60,9 @@ _FRACTIONS = {
     "leak_jitter",
     "aps_prnu",
 }
+
+
+_TEXTS = ("colour_pattern", "colour_red", "colour_green", "colour_blue")
 
 
 @names_checked
@@ -116,6 +120,10 @@ class SensorParameters:
             global one.
         vignetting: exponent of the cosine by which the lens darkens away from its axis; 4 is natural vignetting.
         lens_blur_px: standard deviation of the lens's point spread.
+        colour_pattern: the Bayer pattern of the filters before the pixels, one of ``RGGB``, ``GRBG``, ``GBRG``,
+            ``BGGR``; None for a sensor without colour.
+        colour_red, colour_green, colour_blue: what a filter passes: weights of linear red, green and blue, as a text of
+            three numbers such as ``0.9 0.1 0``; None takes its own colour alone.
 
     Raises:
         ValueError: for a value out of range, naming it.
@@ -161,11 +169,15 @@ class SensorParameters:
     aps_row_readout_us: float | None = None
     vignetting: float | None = None
     lens_blur_px: float | None = None
+    colour_pattern: str | None = None
+    colour_red: str | None = None
+    colour_green: str | None = None
+    colour_blue: str | None = None
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
-            if value is None:
+            if value is None or name in _TEXTS:
                 continue
             if name in _POSITIVE and value == 0:
                 raise ValueError(f"{name} must be finite and > 0, got {value!r}")
@@ -175,12 +187,29 @@ class SensorParameters:
             )
             if name in _SIZES and value != int(value):
                 raise ValueError(f"{name} must be an integer number of pixels, got {value!r}")
+        self.colour_filter()
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
         if (hz is None) != (lux is None):
             raise ValueError(
                 "photoreceptor_bandwidth_hz and photoreceptor_bandwidth_lux belong together, got "
                 f"{hz!r} and {lux!r}; a corner that does not depend on light is source_follower_bandwidth_hz"
             )
+
+    def colour_filter(self) -> ColourFilter | None:
+        """Return the filters before the pixels; None for a sensor without colour.
+
+        Raises:
+            ValueError: for a pattern or weights that do not exist, or weights without a pattern.
+        """
+        weights = {name: _weights(f"colour_{name}", getattr(self, f"colour_{name}")) for name in COLOURS}
+        given = {name: value for name, value in weights.items() if value is not None}
+        if self.colour_pattern is None:
+            if given:
+                raise ValueError(f"colour_{next(iter(given))} needs a colour_pattern")
+            return None
+        if self.colour_pattern not in PATTERNS:
+            raise ValueError(f"colour_pattern must be one of {', '.join(PATTERNS)}, got {self.colour_pattern!r}")
+        return ColourFilter(self.colour_pattern, **given)
 
     @classmethod
     def from_biases(cls, biases: str | BiasValues, **known: Any) -> SensorParameters:
@@ -378,3 +407,15 @@ _FORMULAS: dict[str, Callable[[str, _Biases], float]] = {
     "source_follower_bandwidth_hz": _follower_bandwidth_hz,
     "refractory_period_us": _refractory_period_us,
 }
+
+
+def _weights(name: str, text: str | None) -> Weights | None:
+    """Return the three numbers of a text."""
+    if text is None:
+        return None
+    try:
+        red, green, blue = (float(word) for word in text.split())
+        ColourFilter(red=(red, green, blue))
+    except (AttributeError, ValueError):
+        raise ValueError(f"{name} must be three weights >= 0, not all 0, got {text!r}") from None
+    return red, green, blue

@@ -33,7 +33,11 @@ def due_instants(start_us: int, end_us: int, rates_hz: Mapping[str, float], *, f
     first_us = start_us if first else start_us + 1
     streams = [
         zip(periodic_instants(_PACKET_RATE_HZ, first_us, end_us), repeat("")),
-        *(zip(periodic_instants(rate_hz, first_us, end_us), repeat(name)) for name, rate_hz in rates_hz.items()),
+        *(
+            zip(periodic_instants(rate_hz, first_us, end_us), repeat(name))
+            for name, rate_hz in rates_hz.items()
+            if rate_hz
+        ),
         iter([(first_us, "")] if first else ()),
         iter([(end_us, "")]),
     ]

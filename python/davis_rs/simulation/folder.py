@@ -66,6 +66,7 @@ def simulate_to_folder(
     overwrite: bool = False,
     meta: Mapping[str, object] | None = None,
     quiet: bool = False,
+    on_packet: Callable[[Packet, tuple[int, int]], object] | None = None,
     **settings: Unpack[FolderKeywords],
 ) -> SimulationReport:
     """Simulate a scene along its camera path into a dataset folder.
@@ -82,6 +83,7 @@ def simulate_to_folder(
         meta: more for meta.json.
         quiet: no progress bar, and no lines that say who renders, how much noise that makes, that much memory will be
             taken, and what t = 0 is on the clock of the camera path's file.
+        on_packet: is called with each packet that was written and the (width, height) of the sensor: for showing it.
         {settings}
 
     Noise of IMU and motion capture has the same seed as the simulation.
@@ -122,6 +124,8 @@ def simulate_to_folder(
         ):
             for packet in chain([first], packets):
                 writer.write(packet)
+                if on_packet is not None:
+                    on_packet(packet, (run.simulator.camera.width, run.simulator.camera.height))
                 if stop_requested() and writer.can_end:
                     writer.stop()
                     break

@@ -13,7 +13,7 @@ NOISE_LIMIT = 0.2
 """From a larger share of noise on, a run is refused that was not told to accept it; or from the ``noise_share`` that it
 was given on, if that is more."""
 
-SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
+RAY_COUNTS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
 """What ``rays_per_pixel="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
 
 
@@ -86,8 +86,8 @@ class NoiseEstimate:
         return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / rays_per_pixel))
 
     def rays_per_pixel_for(self, share: float) -> int:
-        """Return the fewest of ``SAMPLE_NUMBERS``, from :attr:`rays_per_pixel` on, that keep the share; else 1024."""
-        enough = (n for n in SAMPLE_NUMBERS if n > self.rays_per_pixel and self.share_at(n) <= share)
+        """Return the fewest of ``RAY_COUNTS``, from :attr:`rays_per_pixel` on, that keep the share; else 1024."""
+        enough = (n for n in RAY_COUNTS if n > self.rays_per_pixel and self.share_at(n) <= share)
         return (
             self.rays_per_pixel if not self.known or self.share_at(self.rays_per_pixel) <= share else next(enough, 1024)
         )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, TypedDict
 
@@ -19,6 +20,7 @@ from ..geometry.pose import Pose, PoseLike, as_pose
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
+from ..render.motion.scene_motion import SceneMotion, Steering
 from ..render.truth import SceneSurfaces, lost_look_fractions
 from ..render.truth.lost_look_fractions import warn_of_lost_looks
 from ..sampling.event_refinement import EventRefinement
@@ -68,6 +70,7 @@ class Simulator:
         contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
         log_eps: the dark level in units of luma, from settings or sensor.
         start_phase: where references lie at the first frame, from settings or sensor.
+        colour_filter: before the pixels, from settings or sensor; None for a sensor without colour.
         sampling: when luma is rendered.
         effects: those of the pixels, readout and frames.
         custom_effects: those of the user's own.
@@ -114,12 +117,21 @@ class Simulator:
         view, settings = resolved.view, resolved.settings
         self.settings, self.scene, self.camera = settings, view.scene, view.camera
         self.contrast_threshold, self.contrast_threshold_off = view.contrast_threshold, view.contrast_threshold_off
-        self.log_eps, self.start_phase = view.log_eps, view.start_phase
+        self.log_eps, self.start_phase, self.colour_filter = view.log_eps, view.start_phase, view.colour_filter
         self.sampling, self.refine = resolved.sampling, resolved.refine
         self.effects, self.custom_effects = resolved.effects, resolved.custom_effects
         self.memory = resolved.memory(plain.ray_bytes)
         self.lost_looks = lost_look_fractions(self.scene, self.camera, plain)
         self.renderer = with_optics(plain, self.effects)
+        maps_asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values())
+        self.surfaces = SceneSurfaces(self.scene, self.camera, threads=settings.threads) if maps_asked else None
+        aps = self.effects.aps
+        self._shutter_us = 0.0 if aps is None else round(aps.exposure_us) + aps.readout_us(self.camera.height)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Make what a sequence changes, as it is before the first instant."""
+        settings = self.settings
         self._engine = CrossingEngine(
             self.camera.width,
             self.camera.height,
@@ -132,15 +144,12 @@ class Simulator:
             seed=settings.seed,
             threads=settings.threads,
         )
-        maps_asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values())
-        self.surfaces = SceneSurfaces(self.scene, self.camera, threads=settings.threads) if maps_asked else None
         self._pose: Pose | None = None
         self._last: Keyframe | None = None
         self._t_us = 0
         self._exposed: list[Stretch] = []
         aps = self.effects.aps
         exposure_us, row_readout_us = (0, 0.0) if aps is None else (round(aps.exposure_us), aps.row_readout_us)
-        self._shutter_us = 0.0 if aps is None else exposure_us + aps.readout_us(self.camera.height)
         # The renderer's sub-frames would lack what an effect of the user's own does to luma.
         on_luma = self.custom_effects.on_luma
         self._exposure = KeyframeExposure(exposure_us, row_readout_us, self.camera.height) if on_luma else None
@@ -183,7 +192,14 @@ class Simulator:
         yield from self._packets(trajectory, 0, end_us, ahead=ahead, after_keyframe=after_keyframe)
         yield from self.flush()
 
-    def step(self, t_us: int, pose: PoseLike) -> list[Packet]:
+    def step(
+        self,
+        t_us: int,
+        pose: PoseLike,
+        *,
+        objects: Mapping[str, PoseLike] | None = None,
+        lights: Mapping[str, float] | None = None,
+    ) -> list[Packet]:
         """Move the camera to ``pose`` at ``t_us``; return the packets since the last step.
 
         Between two poses the camera moves at constant velocity and body rate, and is rendered as often as ``sampling``
@@ -192,21 +208,33 @@ class Simulator:
 
         A pose is a :class:`~davis_rs.Pose`, a matrix T_world_camera (4, 4), or (position, quaternion (x, y, z, w)).
 
+        Args:
+            t_us: microseconds, whole, larger than at the last step.
+            pose: of the camera, T_world_camera.
+            objects: where objects are at ``t_us``, T_world_object by their ids, of those that
+                :meth:`Scene.with_movable` has named. They go there from where they were at the last step, at constant
+                velocity and body rate. The others stay where they are.
+            lights: factors >= 0 on the strengths of lights at ``t_us``, likewise; between two steps they are linear in
+                time.
+
         There is a keyframe at the end of each step. So steps shorter than the spacing of keyframes in :meth:`run`
         sample more finely: where their events differ from those of a run along the same path, those of the steps are
         nearer the truth. docs/accuracy.md says by how much.
 
         Raises:
             ValueError: for a first step that is not at 0, a time that is no integer, does not increase or is 2^53 us
-                or later, what is no pose, or a ``flow_interval_s``, because nobody knows yet where the camera goes.
+                or later, what is no pose, an object or a light that is not the caller's, or a ``flow_interval_s``,
+                because nobody knows yet where the camera goes. Nothing has changed then.
         """
         if self.settings.flow_interval_s is not None:
             raise ArgumentError("{flow_interval_s} looks ahead along a path: it is for run, not for step")
         check_number("t_us", t_us, whole=True)
-        pose = as_pose(pose)
+        pose, motion = as_pose(pose), self.renderer.motion
+        steering = motion.steered(objects or {}, lights or {}) if objects or lights else None
         if self._pose is None:
             if t_us != 0:
                 raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
+            self._steer(steering, 0)
             # A duration is needed for a trajectory, but nothing after its start is rendered.
             return list(self._packets(SegmentTrajectory(pose, pose, 1.0), 0, 0))
         if t_us >= _LATEST_US:
@@ -214,8 +242,40 @@ class Simulator:
                                 "apart, got {}", t_us)  # fmt: skip
         if t_us <= self._t_us:
             raise ValueError(f"the time of a step must be after the last one ({self._t_us} us), got {t_us} us")
+        self._steer(steering, t_us)
         segment = SegmentTrajectory(self._pose, pose, (t_us - self._t_us) * 1e-6)
         return list(self._packets(segment, self._t_us, t_us))
+
+    def restart(self, *, seed: int | None = None) -> None:
+        """Begin a new sequence in the same scene; what was rendered and baked for it stays, so this takes little time.
+
+        All pixels are as new, movable objects are where the scene has them, and the next step is at 0.
+
+        Args:
+            seed: of the noise, 0..2^64 - 1; None for the one before, which gives the same noise again.
+
+        Raises:
+            ValueError: for a seed out of range, or with custom effects, which may remember what they have seen.
+        """
+        if self.custom_effects:
+            raise ArgumentError("{custom_effects} may remember what they have seen: make a new simulator")
+        if seed is not None:
+            self.settings = replace(self.settings, seed=seed)
+        for motion in self._motions:
+            motion.restart()
+        self._begin()
+
+    @property
+    def _motions(self) -> tuple[SceneMotion, ...]:
+        """Return what moves in the scene, for all that render it."""
+        return (self.renderer.motion, *(() if self.surfaces is None else (self.surfaces.motion,)))
+
+    def _steer(self, steering: Steering | None, t_us: int) -> None:
+        """Move what the caller moves until ``t_us``, for all that render it."""
+        if steering is None:
+            return
+        for motion in self._motions:
+            motion.steer(steering, self._t_us, t_us, seen_from_us=self._t_us - self._shutter_us)
 
     def flush(self) -> list[Packet]:
         """Return what a readout still holds: a packet of events requested until now and stamped later, if any.
@@ -248,6 +308,7 @@ class Simulator:
             "contrast_threshold": self.contrast_threshold,
             "contrast_threshold_off": self.contrast_threshold_off,
             "start_phase": self.start_phase,
+            "colour_filter": None if self.colour_filter is None else asdict(self.colour_filter),
             "log_eps": self.log_eps,
             "rays_per_pixel": self.renderer.rays_per_pixel,
             "blur": self.renderer.blur,

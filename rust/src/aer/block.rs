@@ -141,8 +141,8 @@ impl Fields {
 /// Returns a value computed from each word.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
-fn map_words<T>(block: &[[u8; 2]; BLOCK], of: impl Fn(u16) -> T) -> [T; BLOCK] {
-    block.map(|bytes| of(u16::from_le_bytes(bytes)))
+fn map_words<T>(block: &[[u8; 2]; BLOCK], value: impl Fn(u16) -> T) -> [T; BLOCK] {
+    block.map(|bytes| value(u16::from_le_bytes(bytes)))
 }
 
 /// Decodes the first `plain` words of a block, none of them a sample, one after the other from their [`Fields`].

@@ -15,19 +15,19 @@
 
 use std::ops::Range;
 
+use super::band_events::{BandEvents, Grid};
 use super::candidates::Candidates;
 use super::cubic::Cubic;
 use super::decision::Verdict;
 use super::frame::SparseSamples;
 use super::line::Line;
-use super::made::{Grid, Made};
 use super::marks::{MarkingPart, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
 use super::record::Record;
 use super::room::{Allowance, Stop, most_events};
 use super::sample::Sample;
-use super::scan::{Found, TILE, Tile};
+use super::scan::{NotedSamples, TILE, Tile};
 use crate::event::SensorSize;
 use crate::prefetch::prefetch;
 
@@ -44,14 +44,14 @@ pub(crate) struct Interval {
     pub(crate) ticks: i64,
 }
 
-/// A band's share of the engine's state and of the new frame.
-pub(crate) struct Share<'a, S, R: Record> {
+/// A band's slice of the engine's state and of the new frame.
+pub(crate) struct BandSlice<'a, S, R: Record> {
     pub(crate) first_pixel: usize,
     pub(crate) records: &'a mut [R],
     /// The zero of the records' times.
     pub(crate) zero_us: i64,
     /// Takes the events.
-    pub(crate) made: &'a mut Made<R>,
+    pub(crate) events: &'a mut BandEvents<R>,
     pub(crate) last: &'a [S],
     /// Takes the new frame, and becomes `last` once the push is done.
     pub(crate) next: &'a mut [S],
@@ -64,17 +64,17 @@ pub(crate) struct Share<'a, S, R: Record> {
     pub(crate) sparse: SparseSamples<'a, S>,
 }
 
-impl<'a, S: Sample, R: Record> Share<'a, S, R> {
-    /// The sparse samples of the pixel at a place of the share.
-    fn sparse_of(&self, place: u32) -> SparseSamples<'a, S> {
-        let pixel = self.first_pixel + place as usize;
+impl<'a, S: Sample, R: Record> BandSlice<'a, S, R> {
+    /// Returns the sparse samples of a pixel, by its number in the band.
+    fn sparse_of(&self, in_band: u32) -> SparseSamples<'a, S> {
+        let pixel = self.first_pixel + in_band as usize;
         self.sparse.of(pixel, pixel + 1)
     }
 }
 
 /// Memory that a band keeps from frame to frame.
 pub(crate) struct Band<S> {
-    found: Found<S>,
+    samples: NotedSamples<S>,
     candidates: Candidates<S>,
     /// Log intensity of a pixel's sparse samples.
     logs: Vec<f64>,
@@ -82,93 +82,93 @@ pub(crate) struct Band<S> {
 
 impl<S: Sample> Band<S> {
     pub(crate) fn new(p: &CrossingParameters) -> Self {
-        Self { found: Found::new(), candidates: Candidates::new(p), logs: Vec::new() }
+        Self { samples: NotedSamples::new(), candidates: Candidates::new(p), logs: Vec::new() }
     }
 
-    /// Takes the frame's share: finds the events and moves the state on.
+    /// Takes the frame's slice: finds the events and moves the state on.
     pub(crate) fn advance<R: Record>(
         &mut self,
-        mut share: Share<'_, S, R>,
+        mut slice: BandSlice<'_, S, R>,
         at: Interval,
         size: SensorSize,
         p: &CrossingParameters,
         allowance: Allowance,
     ) -> Result<(), Stop> {
-        share.made.begin(allowance, share.new.len(), at.ticks);
-        self.found.count = 0;
+        slice.events.begin(allowance, slice.new.len(), at.ticks);
+        self.samples.count = 0;
         let mut noted = 0;
-        for start in (0..share.new.len()).step_by(TILE) {
-            let end = (start + TILE).min(share.new.len());
-            let sparse = share.sparse.of(share.first_pixel + start, share.first_pixel + end).pixel;
-            let also = sparse.iter().map(|&pixel| pixel as usize - share.first_pixel - start);
+        for start in (0..slice.new.len()).step_by(TILE) {
+            let end = (start + TILE).min(slice.new.len());
+            let sparse = slice.sparse.of(slice.first_pixel + start, slice.first_pixel + end).pixel;
+            let also = sparse.iter().map(|&pixel| pixel as usize - slice.first_pixel - start);
             let mut tile = Tile {
                 start,
-                new: &share.new[start..end],
-                last: &share.last[start..end],
-                next: &mut share.next[start..end],
-                marks: &share.marks[start..end],
-                marking: share.marking.of(start..end),
-                rates: share.rates.map(|(from, to)| (&from[start..end], &to[start..end])),
+                new: &slice.new[start..end],
+                last: &slice.last[start..end],
+                next: &mut slice.next[start..end],
+                marks: &slice.marks[start..end],
+                marking: slice.marking.of(start..end),
+                rates: slice.rates.map(|(from, to)| (&from[start..end], &to[start..end])),
             };
-            let ahead = |place: usize| (place + AHEAD / size_of::<S>()).min(share.new.len());
-            prefetch(&share.new[ahead(start)..ahead(end)]);
+            let ahead = |index: usize| (index + AHEAD / size_of::<S>()).min(slice.new.len());
+            prefetch(&slice.new[ahead(start)..ahead(end)]);
             let dense = noted >= TILE / DENSE;
-            for rates in share.rates.iter().flat_map(|(from, to)| [from, to]) {
+            for rates in slice.rates.iter().flat_map(|(from, to)| [from, to]) {
                 prefetch(&rates[ahead(start)..ahead(end)]);
             }
             if dense {
-                prefetch(&share.last[ahead(start)..ahead(end)]);
-                prefetch(&share.records[ahead(start)..ahead(end)]);
+                prefetch(&slice.last[ahead(start)..ahead(end)]);
+                prefetch(&slice.records[ahead(start)..ahead(end)]);
             }
-            let before = self.found.count;
-            self.found.scan(&mut tile, also);
-            noted = self.found.count - before;
+            let before = self.samples.count;
+            self.samples.scan(&mut tile, also);
+            noted = self.samples.count - before;
             if !dense {
-                for &place in &self.found.pixel[before..self.found.count] {
-                    prefetch(&share.records[place as usize..=place as usize]);
+                for &pixel in &self.samples.pixel[before..self.samples.count] {
+                    prefetch(&slice.records[pixel as usize..=pixel as usize]);
                 }
             }
-            if self.found.is_full() {
-                self.decide(&mut share, at, size, p)?;
+            if self.samples.is_full() {
+                self.decide(&mut slice, at, size, p)?;
             }
         }
-        self.decide(&mut share, at, size, p)
+        self.decide(&mut slice, at, size, p)
     }
 
-    /// Decides what was found, makes its events, and moves its pixels and marks on.
+    /// Decides what was noted, makes its events, and moves its pixels and marks on.
     fn decide<R: Record>(
         &mut self,
-        share: &mut Share<'_, S, R>,
+        slice: &mut BandSlice<'_, S, R>,
         at: Interval,
         size: SensorSize,
         p: &CrossingParameters,
     ) -> Result<(), Stop> {
-        let count = self.found.count;
-        if !S::all_valid(&self.found.to[..count]) {
+        let count = self.samples.count;
+        if !S::all_valid(&self.samples.to[..count]) {
             return Err(Stop::BadValue);
         }
-        self.candidates.decide(&self.found, share.records, share.rates, share.first_pixel, at.ticks, p);
-        if share.made.is_long() {
+        self.candidates.decide(&self.samples, slice.records, slice.rates, slice.first_pixel, at.ticks, p);
+        if slice.events.is_long() {
             self.candidates.verdict[..count].fill(Verdict::Unclear);
-        } else if let [first, .., last] | [first @ last] = self.found.pixel[..count] {
+        } else if let [first, .., last] | [first @ last] = self.samples.pixel[..count] {
             // No single curve tells. All of them were noted, and come in the same order.
-            let bounds = [first, last + 1].map(|place| share.first_pixel + place as usize);
-            let mut found = self.found.pixel[..count].iter().zip(&mut self.candidates.verdict);
-            for pixels in share.sparse.of(bounds[0], bounds[1]).pixel.chunk_by(|one, next| one == next) {
-                let place = pixels[0] as usize - share.first_pixel;
-                if let Some((_, verdict)) = found.find(|(found, _)| **found as usize == place) {
+            let bounds = [first, last + 1].map(|in_band| slice.first_pixel + in_band as usize);
+            let mut candidates = self.samples.pixel[..count].iter().zip(&mut self.candidates.verdict);
+            for pixels in slice.sparse.of(bounds[0], bounds[1]).pixel.chunk_by(|previous, next| previous == next) {
+                let in_band = pixels[0] as usize - slice.first_pixel;
+                if let Some((_, verdict)) = candidates.find(|(pixel, _)| **pixel as usize == in_band) {
                     *verdict = Verdict::Unclear;
                 }
             }
         }
-        let grid = Grid::new(share.first_pixel, size);
-        let since = at.start_us - share.zero_us;
-        let outcome = self.candidates.finish::<R>(&self.found, grid, since, share.marking.ground);
+        let grid = Grid::new(slice.first_pixel, size);
+        let since = at.start_us - slice.zero_us;
+        let outcome = self.candidates.finish::<R>(&self.samples, grid, since, slice.marking.ground);
         if outcome.is_full {
             return Err(Stop::Narrow);
         }
         if outcome.unclear == 0 {
-            self.carry_out(share, 0..count, outcome.events, at)?;
+            self.carry_out(slice, 0..count, outcome.events, at)?;
         } else {
             let mut next = 0;
             while next < count {
@@ -177,22 +177,22 @@ impl<S: Sample> Band<S> {
                 let (length, nothing) = clear.fold((0, 0), |(length, nothing), &verdict| {
                     (length + 1, nothing + usize::from(verdict == Verdict::Nothing))
                 });
-                self.carry_out(share, next..next + length, length - nothing, at)?;
+                self.carry_out(slice, next..next + length, length - nothing, at)?;
                 next += length;
                 if next < count {
-                    self.follow(share, next, grid, at, p)?;
+                    self.follow(slice, next, grid, at, p)?;
                     next += 1;
                 }
             }
         }
-        self.found.count = 0;
+        self.samples.count = 0;
         Ok(())
     }
 
     /// Makes the events of these candidates, of which none is unclear.
     fn carry_out<R: Record>(
         &self,
-        share: &mut Share<'_, S, R>,
+        slice: &mut BandSlice<'_, S, R>,
         candidates: Range<usize>,
         events: usize,
         at: Interval,
@@ -201,29 +201,29 @@ impl<S: Sample> Band<S> {
             return Ok(());
         }
         let decided = &self.candidates;
-        let (pixels, verdicts) = (&self.found.pixel[candidates.clone()], &decided.verdict[candidates.clone()]);
+        let (pixels, verdicts) = (&self.samples.pixel[candidates.clone()], &decided.verdict[candidates.clone()]);
         let (keys, words) = (&decided.keys[candidates.clone()], &decided.words[candidates.clone()]);
-        share.made.reserve(candidates.len())?;
-        let (made_keys, old) = share.made.spare(candidates.len());
+        slice.events.reserve(candidates.len())?;
+        let (event_keys, old) = slice.events.spare(candidates.len());
         if events == candidates.len() {
-            made_keys.copy_from_slice(keys);
+            event_keys.copy_from_slice(keys);
             for ((old, &word), &pixel) in old.iter_mut().zip(words).zip(pixels) {
-                *old = R::old(share.records, pixel, word);
+                *old = R::old(slice.records, pixel, word);
             }
         } else {
-            let mut made = 0;
+            let mut count = 0;
             for ((&verdict, &key), (&word, &pixel)) in verdicts.iter().zip(keys).zip(words.iter().zip(pixels)) {
                 // Written anyway, and kept where there is an event: no branch to mispredict.
-                (made_keys[made], old[made]) = (key, R::old(share.records, pixel, word));
-                made += usize::from(verdict != Verdict::Nothing);
+                (event_keys[count], old[count]) = (key, R::old(slice.records, pixel, word));
+                count += usize::from(verdict != Verdict::Nothing);
             }
         }
-        share.made.take(events);
+        slice.events.take(events);
         let after = decided.words_after[candidates.clone()].iter().zip(&decided.marks[candidates.clone()]);
         let verdicts = verdicts.iter().zip(&decided.tick[candidates]);
         // As many marks as records: one check of a pixel's number is enough for both.
-        let records = &mut *share.records;
-        let marks = &mut share.marks[..records.len()];
+        let records = &mut *slice.records;
+        let marks = &mut slice.marks[..records.len()];
         for ((&pixel, (&word, &mark)), (&verdict, &tick)) in pixels.iter().zip(after).zip(verdicts) {
             let is = verdict != Verdict::Nothing;
             records[pixel as usize].take(word, is, at.start_us + tick);
@@ -236,29 +236,29 @@ impl<S: Sample> Band<S> {
     #[cold]
     fn follow<R: Record>(
         &mut self,
-        share: &mut Share<'_, S, R>,
+        slice: &mut BandSlice<'_, S, R>,
         candidate: usize,
         grid: Grid,
         at: Interval,
         p: &CrossingParameters,
     ) -> Result<(), Stop> {
-        let in_share = self.found.pixel[candidate] as usize;
-        let place = grid.place(self.found.pixel[candidate]);
-        let sparse = share.sparse_of(self.found.pixel[candidate]);
-        let c = p.thresholds(share.first_pixel + in_share);
-        let record = share.records[in_share];
-        let old = R::old(share.records, self.found.pixel[candidate], record.word());
+        let in_band = self.samples.pixel[candidate] as usize;
+        let address = grid.address(self.samples.pixel[candidate]);
+        let sparse = slice.sparse_of(self.samples.pixel[candidate]);
+        let c = p.thresholds(slice.first_pixel + in_band);
+        let record = slice.records[in_band];
+        let old = R::old(slice.records, self.samples.pixel[candidate], record.word());
         let mut reference = record.level();
-        let mut last_event_us = record.last_event_us(share.zero_us);
-        let made = &mut *share.made;
+        let mut last_event_us = record.last_event_us(slice.zero_us);
+        let events = &mut *slice.events;
         let mut logs = [0.0; 2];
-        S::logs(&[self.found.from[candidate], self.found.to[candidate]], p.log_eps, &mut logs);
+        S::logs(&[self.samples.from[candidate], self.samples.to[candidate]], p.log_eps, &mut logs);
         let line = Line { from: logs[0], to: logs[1], ticks: at.ticks };
-        let mut emit = |made: &mut Made<R>, t_us: i64, on| {
-            made.push(at.start_us, t_us - at.start_us, place, on, old);
+        let mut emit = |events: &mut BandEvents<R>, t_us: i64, on| {
+            events.push(at.start_us, t_us - at.start_us, address, on, old);
             last_event_us = t_us;
         };
-        let moved = match share.rates {
+        let moved = match slice.rates {
             _ if !sparse.is_empty() => {
                 self.logs.resize(sparse.samples.len(), 0.0);
                 S::logs(sparse.samples, p.log_eps, &mut self.logs);
@@ -266,26 +266,26 @@ impl<S: Sample> Band<S> {
                 let end = (at.start_us + at.ticks, line.to);
                 for (t_us, to) in sparse.t_us.iter().copied().zip(self.logs.iter().copied()).chain([end]) {
                     let line = Line { from, to, ticks: t_us - start_us };
-                    made.reserve(most_events(reference, &line, c))?;
-                    moved |= follow(&mut reference, &line, start_us, c, |t_us, on| emit(made, t_us, on));
+                    events.reserve(most_events(reference, &line, c))?;
+                    moved |= follow(&mut reference, &line, start_us, c, |t_us, on| emit(events, t_us, on));
                     (from, start_us) = (to, t_us);
                 }
                 moved
             }
             None => {
-                made.reserve(most_events(reference, &line, c))?;
-                follow(&mut reference, &line, at.start_us, c, |t_us, on| emit(made, t_us, on))
+                events.reserve(most_events(reference, &line, c))?;
+                follow(&mut reference, &line, at.start_us, c, |t_us, on| emit(events, t_us, on))
             }
             Some(_) => {
                 let (from, to) = (self.candidates.slope_from[candidate], self.candidates.slope_to[candidate]);
                 let curve = Cubic::new(line, from, to);
-                made.reserve(most_events(reference, &curve, c))?;
-                follow(&mut reference, &curve, at.start_us, c, |t_us, on| emit(made, t_us, on))
+                events.reserve(most_events(reference, &curve, c))?;
+                follow(&mut reference, &curve, at.start_us, c, |t_us, on| emit(events, t_us, on))
             }
         };
         if moved {
-            share.records[in_share] = R::new(reference, last_event_us, share.zero_us).ok_or(Stop::Narrow)?;
-            share.marks[in_share] = mark::<S>(reference, c, share.marking.ground);
+            slice.records[in_band] = R::new(reference, last_event_us, slice.zero_us).ok_or(Stop::Narrow)?;
+            slice.marks[in_band] = mark::<S>(reference, c, slice.marking.ground);
         }
         Ok(())
     }

@@ -8,14 +8,14 @@
 
 use multiversion::multiversion;
 
+use super::band_events::{Grid, Key};
 use super::cubic_candidates::{Cubics, Ends, Preparation, prepare};
 use super::decision::{Decisions, References, Verdict, decide};
 use super::line_candidates::Lines;
-use super::made::{Grid, Key};
 use super::parameters::{CrossingParameters, Interpolation};
 use super::record::Record;
 use super::sample::{Ground, Sample};
-use super::scan::{Found, MOST_FOUND};
+use super::scan::{MOST_NOTED, NotedSamples};
 use super::steps::StepArrays;
 
 /// Candidates as arrays.
@@ -62,7 +62,7 @@ pub(crate) struct Outcome {
 
 impl<S: Sample> Candidates<S> {
     pub(crate) fn new(p: &CrossingParameters) -> Self {
-        let length = MOST_FOUND.next_multiple_of(VECTOR);
+        let length = MOST_NOTED.next_multiple_of(VECTOR);
         let zeros = || vec![0.0; length];
         let rates = || vec![S::default(); if p.interpolation == Interpolation::Hermite { length } else { 0 }];
         Self {
@@ -85,26 +85,26 @@ impl<S: Sample> Candidates<S> {
         }
     }
 
-    /// Decides all candidates that were found, over an interval of `ticks` ticks.
+    /// Decides all candidates that were noted, over an interval of `ticks` ticks.
     ///
     /// `records` begin at pixel `first_pixel`. So do `rates`, the rates of change at the interval's ends, if given.
     pub(crate) fn decide<R: Record>(
         &mut self,
-        found: &Found<S>,
+        samples: &NotedSamples<S>,
         records: &[R],
         rates: Option<(&[S], &[S])>,
         first_pixel: usize,
         ticks: i64,
         p: &CrossingParameters,
     ) {
-        let pixels = &found.pixel[..found.count];
+        let pixels = &samples.pixel[..samples.count];
         for ((&pixel, base), word) in pixels.iter().zip(&mut self.base).zip(&mut self.words) {
             let record = records[pixel as usize];
             (*base, *word) = (record.base(), record.word());
         }
-        self.steps.take(|j| first_pixel + pixels[j] as usize, found.count, p);
-        let n = found.count.next_multiple_of(VECTOR);
-        let (from, to) = (&found.from[..n], &found.to[..n]);
+        self.steps.take(|j| first_pixel + pixels[j] as usize, samples.count, p);
+        let n = samples.count.next_multiple_of(VECTOR);
+        let (from, to) = (&samples.from[..n], &samples.to[..n]);
         #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
         let ticks = ticks as f64;
         if let Some((rates_from, rates_to)) = rates {
@@ -135,10 +135,16 @@ impl<S: Sample> Candidates<S> {
 
     /// Computes the events that were decided, and the marks and records after them. `since` is from the zero of times to
     /// the interval's start.
-    pub(crate) fn finish<R: Record>(&mut self, found: &Found<S>, grid: Grid, since: i64, ground: Ground) -> Outcome {
-        let n = found.count;
+    pub(crate) fn finish<R: Record>(
+        &mut self,
+        samples: &NotedSamples<S>,
+        grid: Grid,
+        since: i64,
+        ground: Ground,
+    ) -> Outcome {
+        let n = samples.count;
         S::marks(&self.after[..n], ground, &mut self.marks[..n]);
-        let decided = Decided { pixel: &found.pixel[..n], verdict: &self.verdict[..n], tick: &self.tick[..n] };
+        let decided = Decided { pixel: &samples.pixel[..n], verdict: &self.verdict[..n], tick: &self.tick[..n] };
         finish::<R>(&decided, grid, since, &self.words[..n], (&mut self.words_after[..n], &mut self.keys[..n]))
     }
 }
@@ -177,7 +183,7 @@ fn finish<R: Record>(
     for j in 0..n {
         let on = verdict[j] as u8 == Verdict::On as u8;
         let single = on | (verdict[j] as u8 == Verdict::Off as u8);
-        keys[j] = Key::new(tick[j], grid.place(pixel[j]), on);
+        keys[j] = Key::new(tick[j], grid.address(pixel[j]), on);
         let stepped = R::stepped(words[j], on, since + tick[j]);
         after[j] = if single { stepped } else { words[j] };
         outcome.events += usize::from(single);

@@ -14,12 +14,12 @@ use std::collections::TryReserveError;
 
 use rayon::prelude::*;
 
-use super::band::{Band, Interval, Share};
+use super::band::{Band, BandSlice, Interval};
+use super::band_events::{BandEvents, LONG};
 use super::cubic::Cubic;
 use super::frame::Frame;
 use super::level::Level;
 use super::line::Line;
-use super::made::{LONG, Made};
 use super::marks::Marking;
 use super::parameters::CrossingParameters;
 use super::record::{NEVER, Narrow, Record, Wide};
@@ -36,7 +36,7 @@ pub(crate) trait Pixels<S> {
     fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> Result<(), Stop>;
 
     /// The number of events of the last frame.
-    fn made(&self) -> u64;
+    fn event_count(&self) -> u64;
 
     /// Puts the events of the last frame into `events`, sorted by time.
     fn sort(&self, push: &Push<'_, S>, sort: &mut TimeSort, events: &mut Vec<Event>) -> Result<(), TryReserveError>;
@@ -84,12 +84,12 @@ enum Records {
 /// The records of all pixels, and each band's events of the last frame.
 struct Kept<R: Record> {
     records: Vec<R>,
-    made: Vec<Made<R>>,
+    events: Vec<BandEvents<R>>,
 }
 
 impl<R: Record> Kept<R> {
     fn new(records: Vec<R>, bands: usize) -> Self {
-        Self { records, made: (0..bands).map(|_| Made::default()).collect() }
+        Self { records, events: (0..bands).map(|_| BandEvents::default()).collect() }
     }
 
     fn levels(&self) -> Vec<Level> {
@@ -111,22 +111,22 @@ impl<R: Record> Kept<R> {
         self.records.iter().map(|record| record.last_event_us(zero_us)).collect()
     }
 
-    fn made(&self) -> u64 {
-        self.made.iter().map(|made| made.count() as u64).sum()
+    fn event_count(&self) -> u64 {
+        self.events.iter().map(|events| events.count() as u64).sum()
     }
 
     fn sort(&self, at: Interval, sort: &mut TimeSort, events: &mut Vec<Event>) -> Result<(), TryReserveError> {
         if at.ticks >= LONG {
-            sort.sort(self.made.iter().map(Made::long), at.start_us, at.ticks, events)
+            sort.sort(self.events.iter().map(BandEvents::long), at.start_us, at.ticks, events)
         } else {
-            sort.sort(self.made.iter().map(Made::keys), at.start_us, at.ticks, events)
+            sort.sort(self.events.iter().map(BandEvents::keys), at.start_us, at.ticks, events)
         }
     }
 
     fn undo(&mut self, size: SensorSize) {
-        let length = band_length(self.records.len(), self.made.len());
-        for (i, (records, made)) in self.records.chunks_mut(length).zip(&mut self.made).enumerate() {
-            made.undo(records, i * length, size);
+        let length = band_length(self.records.len(), self.events.len());
+        for (i, (records, events)) in self.records.chunks_mut(length).zip(&mut self.events).enumerate() {
+            events.undo(records, i * length, size);
         }
     }
 }
@@ -253,19 +253,19 @@ impl<S: Sample> Run<'_, S> {
     fn advance<R: Record>(self, kept: &mut Kept<R>, push: &Push<'_, S>, allowance: Allowance) -> Result<(), Stop> {
         let Push { frame, at, size, p, pool } = *push;
         let Self { last, next, marks, marking, rates: before, zero_us, bands } = self;
-        let Kept { records, made } = kept;
+        let Kept { records, events } = kept;
         let rates_at =
             |start: usize, n: usize| frame.rate.map(|now| (&before[start..start + n], &now[start..start + n]));
         let length = band_length(frame.samples.len(), bands.len());
-        let run = |(i, (((records, made), marks), ((last, next), (new, band))))| {
+        let run = |(i, (((records, events), marks), ((last, next), (new, band))))| {
             let (band, new): (&mut Band<S>, &[S]) = (band, new);
             let first_pixel = i * length;
             let pixels = first_pixel..first_pixel + new.len();
-            let share = Share {
+            let slice = BandSlice {
                 first_pixel,
                 records,
                 zero_us,
-                made,
+                events,
                 last,
                 next,
                 marks,
@@ -274,18 +274,18 @@ impl<S: Sample> Run<'_, S> {
                 rates: rates_at(first_pixel, new.len()),
                 sparse: frame.sparse.of(pixels.start, pixels.end),
             };
-            band.advance(share, at, size, p, allowance)
+            band.advance(slice, at, size, p, allowance)
         };
         // Every band begins, also where another one has stopped: what it holds is then of this frame.
         match pool {
             None => {
-                let state = records.chunks_mut(length).zip(made).zip(marks.chunks_mut(length));
+                let state = records.chunks_mut(length).zip(events).zip(marks.chunks_mut(length));
                 let samples = last.chunks(length).zip(next.chunks_mut(length));
                 let new = frame.samples.chunks(length).zip(bands);
                 state.zip(samples.zip(new)).enumerate().map(run).fold(Ok(()), Stop::both)
             }
             Some(pool) => pool.install(|| {
-                let state = records.par_chunks_mut(length).zip(made).zip(marks.par_chunks_mut(length));
+                let state = records.par_chunks_mut(length).zip(events).zip(marks.par_chunks_mut(length));
                 let samples = last.par_chunks(length).zip(next.par_chunks_mut(length));
                 let new = frame.samples.par_chunks(length).zip(bands);
                 state.zip(samples.zip(new)).enumerate().map(run).reduce(|| Ok(()), Stop::both)
@@ -309,10 +309,10 @@ impl<S: Sample> Pixels<S> for Core<S> {
         self.run(push, allowance)
     }
 
-    fn made(&self) -> u64 {
+    fn event_count(&self) -> u64 {
         match &self.records {
-            Records::Narrow(kept) => kept.made(),
-            Records::Wide(kept) => kept.made(),
+            Records::Narrow(kept) => kept.event_count(),
+            Records::Wide(kept) => kept.event_count(),
         }
     }
 

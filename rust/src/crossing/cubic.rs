@@ -49,7 +49,7 @@ impl Cubic {
         Self { line, coefficients, turn: turn.filter(|s| 0.0 < *s && *s < 1.0) }
     }
 
-    /// Log intensity at the share `s` of the interval.
+    /// Log intensity at the fraction `s` of the interval.
     pub(crate) fn at(&self, s: f64) -> f64 {
         let [a, b, c] = self.coefficients;
         self.line.from + s * (a + s * (b + s * c))
@@ -113,8 +113,8 @@ impl CubicPiece {
     fn near(&self, value: f64, search: Search) -> f64 {
         let [a, b, c] = self.cubic.coefficients;
         let (first, last) = (self.cubic.at(self.from), self.end());
-        let share = (value - first) / (last - first);
-        bracketed_newton((self.from, self.to), share, last >= first, search, |s| {
+        let fraction = (value - first) / (last - first);
+        bracketed_newton((self.from, self.to), fraction, last >= first, search, |s| {
             (value - self.cubic.at(s), a + s * (2.0 * b + 3.0 * c * s))
         })
     }

@@ -323,7 +323,7 @@ mod tests {
     fn turns_near_a_level() -> impl Strategy<Value = Knots> {
         let off = prop_oneof![-1e-3f64..1e-3, -1e-12f64..1e-12, -1e-15f64..1e-15];
         (-0.3f64..0.2, 0.05f64..0.95, any::<bool>(), off).prop_map(|(to, at, up, off)| {
-            // Of all cubics from 0 to `to` that turn at the share `at`, the one whose value there is the level's.
+            // Of all cubics from 0 to `to` that turn at the fraction `at`, the one whose value there is the level's.
             let level = (if up { C.on } else { -C.off }) + off;
             // level = p h10 + q h11 + to h01 there, and the derivative is 0: two equations for p and q.
             let (s, s2, s3) = (at, at * at, at * at * at);
@@ -354,8 +354,8 @@ mod tests {
 
         /// Within a step of the reference, as pixels really are, rather than on it.
         #[test]
-        fn starts_between_levels_are_decided_alike(knots in single_crossings(), place in -0.999f64..0.999, ticks in lengths()) {
-            let off_centre = if place > 0.0 { place * C.on } else { place * C.off };
+        fn starts_between_levels_are_decided_alike(knots in single_crossings(), fraction in -0.999f64..0.999, ticks in lengths()) {
+            let off_centre = if fraction > 0.0 { fraction * C.on } else { fraction * C.off };
             let [from, to, p, q] = knots;
             checked([from + off_centre, to, p, q], starting_at(0.0), ticks)?;
         }
@@ -381,8 +381,8 @@ mod tests {
 
         /// What is far from any doubt is decided here: the exact way is for the few.
         #[test]
-        fn what_is_clear_is_not_left(share in 0.3f64..0.9, on in any::<bool>(), p in 0.5f64..1.5, q in 0.5f64..1.5, offset in 200i64..800) {
-            let to = if on { C.on } else { -C.off } * (1.0 + share);
+        fn what_is_clear_is_not_left(fraction in 0.3f64..0.9, on in any::<bool>(), p in 0.5f64..1.5, q in 0.5f64..1.5, offset in 200i64..800) {
+            let to = if on { C.on } else { -C.off } * (1.0 + fraction);
             let verdict = checked([0.0, to, p * to, q * to], starting_at(0.0), MILLION + offset)?;
             let event = if on { Verdict::On } else { Verdict::Off };
             prop_assert!(verdict == event || verdict == Verdict::Unclear);

@@ -56,20 +56,20 @@ pub(crate) const ROUGH: Search = Search { steps: 6, within: 1e-9 };
 /// Converges to the last bits.
 pub(crate) const FINE: Search = Search { steps: 119, within: 1e-16 };
 
-/// The place, about, at which a monotone piece has a value: by Newton's steps within a bracket that each step narrows.
+/// Returns about where a monotone piece has a value, by Newton's steps within a bracket that each step narrows.
 ///
-/// `missing(s)` gives the value less the piece's value at `s`, and the piece's slope there. `share` is where the value lies
+/// `missing(s)` gives the value less the piece's value at `s`, and the piece's slope there. `fraction` is where the value lies
 /// between the piece's first (0) and last (1) value; the search begins there. `rises` tells whether the piece rises.
 #[inline]
 pub(crate) fn bracketed_newton(
     (mut low, mut high): (f64, f64),
-    share: f64,
+    fraction: f64,
     rises: bool,
     search: Search,
     missing: impl Fn(f64) -> (f64, f64),
 ) -> f64 {
-    // A level that was passed before the piece began leaves no share to begin with.
-    let mut s = if share > 0.0 && share < 1.0 { low + share * (high - low) } else { 0.5 * (low + high) };
+    // A level that was passed before the piece began leaves no fraction to begin with.
+    let mut s = if fraction > 0.0 && fraction < 1.0 { low + fraction * (high - low) } else { 0.5 * (low + high) };
     let mut last_move = f64::INFINITY;
     for step in 1..=search.steps {
         let (missing, slope) = missing(s);
@@ -92,10 +92,10 @@ pub(crate) fn bracketed_newton(
     s
 }
 
-/// The first tick of a piece, over these shares of an interval of `ticks`, at which its value in float64 has reached a
-/// level: the one after `likely`, a share, else by bisection over the ticks of the piece.
+/// The first tick of a piece, over these fractions of an interval of `ticks`, at which its value in float64 has reached a
+/// level: the one after `likely`, a fraction, else by bisection over the ticks of the piece.
 ///
-/// `sign` is that of the value at a share less the level; the curve goes `up` or down.
+/// `sign` is that of the value at a fraction less the level; the curve goes `up` or down.
 #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
 #[allow(clippy::cast_possible_truncation, reason = "within 0..=ticks")]
 pub(crate) fn first_tick_on(

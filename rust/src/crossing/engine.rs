@@ -199,7 +199,7 @@ impl CrossingEngine {
     /// # Errors
     /// A frame of the wrong size, luma that is NaN, infinite or negative ([`Error::Argument`] with time and pixel), a
     /// time that is not after the last one ([`Error::Order`]), rates where there should be none or the reverse, sparse
-    /// samples without a place in the interval or before the first frame; more than 2^27 events in one push, or more than
+    /// samples outside of the interval or before the first frame; more than 2^27 events in one push, or more than
     /// there is memory for ([`Error::Memory`]). The state is then as it was.
     pub fn push(&mut self, frame: Frame<'_, f32>, events: &mut Vec<Event>) -> Result<()> {
         self.take(frame, events)
@@ -419,11 +419,12 @@ fn run<S: Sample>(
         return bad_value(); // one that comes after what was too much
     }
     let count = pixels.count(push);
-    let (places, least, t_us) = (push.size.pixels(), push.p.least_threshold(), push.frame.t_us);
+    let (pixel_count, least, t_us) = (push.size.pixels(), push.p.least_threshold(), push.frame.t_us);
     if count > most {
-        return Err(refuse(count, most, places, least, t_us));
+        return Err(refuse(count, most, pixel_count, least, t_us));
     }
-    attempt(pixels, push, most, Allowance::Counted, sort, events).map_err(|_| out_of_memory(count, places, least, t_us))
+    attempt(pixels, push, most, Allowance::Counted, sort, events)
+        .map_err(|_| out_of_memory(count, pixel_count, least, t_us))
 }
 
 /// Runs pixels over a frame and sorts their events; where that cannot be done, nothing is changed.
@@ -436,7 +437,7 @@ fn attempt<S: Sample>(
     events: &mut Vec<Event>,
 ) -> std::result::Result<(), Stop> {
     let made = pixels.advance(push, allowance).and_then(|()| {
-        if pixels.made() > most && matches!(allowance, Allowance::Usual) {
+        if pixels.event_count() > most && matches!(allowance, Allowance::Usual) {
             return Err(Stop::Full);
         }
         pixels.sort(push, sort, events).map_err(|_| Stop::Full)

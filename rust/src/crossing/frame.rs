@@ -49,17 +49,17 @@ impl<S: Sample> SparseSamples<'_, S> {
 
     /// The samples of the pixels in `first..end`.
     pub(crate) fn of(&self, first: usize, end: usize) -> Self {
-        let place = |bound| self.pixel.partition_point(|&pixel| (pixel as usize) < bound);
-        let range = place(first)..place(end);
+        let count_below = |bound| self.pixel.partition_point(|&pixel| (pixel as usize) < bound);
+        let range = count_below(first)..count_below(end);
         Self { pixel: &self.pixel[range.clone()], t_us: &self.t_us[range.clone()], samples: &self.samples[range] }
     }
 
     /// How many samples the pixel has that has the most.
     pub(crate) fn most_of_a_pixel(&self) -> usize {
-        self.pixel.chunk_by(|one, next| one == next).map(<[u32]>::len).max().unwrap_or(0)
+        self.pixel.chunk_by(|previous, next| previous == next).map(<[u32]>::len).max().unwrap_or(0)
     }
 
-    /// Refuses samples without a place in the interval, in order, with the first one's number.
+    /// Refuses samples outside of the interval, in order, with the first one's number.
     pub(crate) fn check(&self, size: SensorSize, start_us: i64, end_us: i64) -> Result<()> {
         let lengths = [self.pixel.len(), self.t_us.len(), self.samples.len()];
         if lengths[1..] != [lengths[0]; 2] {
@@ -68,18 +68,22 @@ impl<S: Sample> SparseSamples<'_, S> {
             )));
         }
         let (pixel, t_us) = (self.pixel, self.t_us);
-        let place = |i: usize| format!("sparse sample {i} of pixel {} at {} us", pixel[i], t_us[i]);
+        let described = |i: usize| format!("sparse sample {i} of pixel {} at {} us", pixel[i], t_us[i]);
         if let Some(i) = pixel.iter().position(|&pixel| pixel as usize >= size.pixels()) {
-            let rule = format!("{} lies outside of the {} x {} sensor", place(i), size.width, size.height);
+            let rule = format!("{} lies outside of the {} x {} sensor", described(i), size.width, size.height);
             return Err(Error::Argument(rule));
         }
         if let Some(i) = t_us.iter().position(|&t| t <= start_us || t >= end_us) {
-            let rule = format!("{} does not lie strictly between the frames at {start_us} and {end_us} us", place(i));
+            let rule =
+                format!("{} does not lie strictly between the frames at {start_us} and {end_us} us", described(i));
             return Err(Error::Argument(rule));
         }
         if let Some(i) = (1..pixel.len()).find(|&i| (pixel[i - 1], t_us[i - 1]) >= (pixel[i], t_us[i])) {
-            let rule =
-                format!("{} does not come after {}: they must be sorted by pixel and time", place(i), place(i - 1));
+            let rule = format!(
+                "{} does not come after {}: they must be sorted by pixel and time",
+                described(i),
+                described(i - 1)
+            );
             return Err(Error::Order(rule));
         }
         if S::all_valid(self.samples) {

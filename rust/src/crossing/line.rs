@@ -65,9 +65,9 @@ impl Timed for Line {
     }
 
     fn moment(&self, level: Level, _: bool, c: Thresholds) -> f64 {
-        let share = (level.approximate(c).0 - self.from) / (self.to - self.from);
-        // A level that was passed before the interval began may leave no share at all.
-        if share.is_finite() { share.clamp(0.0, 1.0) * self.ticks as f64 } else { 0.0 }
+        let fraction = (level.approximate(c).0 - self.from) / (self.to - self.from);
+        // A level that was passed before the interval began may leave no fraction at all.
+        if fraction.is_finite() { fraction.clamp(0.0, 1.0) * self.ticks as f64 } else { 0.0 }
     }
 }
 

@@ -81,7 +81,7 @@ mod tests {
     use crate::crossing::parameters::{CrossingParameters, Interpolation, Threshold};
     use crate::crossing::pixel::follow;
     use crate::crossing::record::{NEVER, Wide};
-    use crate::crossing::scan::Found;
+    use crate::crossing::scan::NotedSamples;
     use proptest::prelude::*;
 
     const C: Thresholds = Thresholds { on: 0.25, off: 0.5 };
@@ -94,10 +94,10 @@ mod tests {
             ..CrossingParameters::default()
         };
         let mut candidates = Candidates::<f64>::new(&parameters);
-        let mut found = Found::new();
-        (found.count, found.from[0], found.to[0]) = (1, from, to);
+        let mut samples = NotedSamples::new();
+        (samples.count, samples.from[0], samples.to[0]) = (1, from, to);
         let record = Wide::of(reference, NEVER);
-        candidates.decide(&found, &[record], None, 0, ticks, &parameters);
+        candidates.decide(&samples, &[record], None, 0, ticks, &parameters);
         (candidates.verdict[0], candidates.tick[0])
     }
 
@@ -197,13 +197,13 @@ mod tests {
             ..CrossingParameters::default()
         };
         let mut candidates = Candidates::<f64>::new(&parameters);
-        let mut found = Found::new();
-        (found.count, found.from[0], found.to[0]) = (1, 0.0, 0.3);
+        let mut samples = NotedSamples::new();
+        (samples.count, samples.from[0], samples.to[0]) = (1, 0.0, 0.3);
         let zero = Wide::of(ZERO, NEVER);
         // Over 7 ticks, slopes of 0 and 3 over the interval.
-        candidates.decide(&found, &[zero], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
+        candidates.decide(&samples, &[zero], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
         assert_eq!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
-        candidates.decide(&found, &[zero], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
+        candidates.decide(&samples, &[zero], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
         assert_ne!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
     }
 

@@ -14,8 +14,8 @@
 //! Running that rule on every pixel would be slow. So [`sample`], [`marks`], [`steps`], [`scan`], [`decision`],
 //! [`candidates`], [`line_candidates`] and [`cubic_candidates`] decide nearly all pixels in vector code, and leave to
 //! [`pixel`] what they cannot decide beyond doubt. [`band`] does all of it for a band of rows:
-//! [`prefetch`](crate::prefetch) brings its frame near, [`record`] is what only events touch, [`made`] and [`room`] keep
-//! the events. [`core`] runs the bands on threads. [`engine`] is what the user sees, and [`restore`] stores and restores
+//! [`prefetch`](crate::prefetch) brings its frame near, [`record`] is what only events touch, [`band_events`] and [`room`]
+//! keep the events. [`core`] runs the bands on threads. [`engine`] is what the user sees, and [`restore`] stores and restores
 //! it. Pixels under [`effects`] take a different way from frame to events.
 //!
 //! What must not break: the events are those of [`pixel`] alone, the same on any number of threads and for any split of
@@ -24,6 +24,7 @@
 #[cfg(test)]
 mod against_rule;
 mod band;
+mod band_events;
 mod candidates;
 mod core;
 mod cubic;
@@ -37,7 +38,6 @@ mod frame;
 mod level;
 mod line;
 mod line_candidates;
-mod made;
 mod marks;
 mod parameters;
 mod pixel;

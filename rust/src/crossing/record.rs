@@ -24,8 +24,8 @@ pub(crate) trait Record: Copy + Default + Send + Sync {
     /// The time of the last event in microseconds, or [`NEVER`].
     fn last_event_us(self, zero_us: i64) -> i64;
 
-    /// What the next event will change, of the record at a place, whose word is this.
-    fn old(records: &[Self], place: u32, word: u64) -> Self::Old;
+    /// What the next event will change, of the record of a pixel, whose word is this.
+    fn old(records: &[Self], pixel: u32, word: u64) -> Self::Old;
 
     fn restore(&mut self, old: Self::Old);
 
@@ -165,8 +165,8 @@ impl Record for Wide {
     }
 
     #[inline(always)]
-    fn old(records: &[Self], place: u32, word: u64) -> (u64, i64) {
-        (word, records[place as usize].last_event_us)
+    fn old(records: &[Self], pixel: u32, word: u64) -> (u64, i64) {
+        (word, records[pixel as usize].last_event_us)
     }
 
     fn restore(&mut self, old: (u64, i64)) {

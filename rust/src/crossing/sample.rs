@@ -183,21 +183,21 @@ impl Sample for f64 {
     }
 }
 
-/// Luma's reaches are drawn inward by this share of luma plus dark level.
+/// Luma's reaches are drawn inward by this fraction of luma plus dark level.
 ///
 /// The reference is off by less than 1e-9, the exponentials of reference and threshold by 1e-9 each, and five roundings
 /// to float32 (of the mark, the reach, their product, the dark level, and the sum with it) take 2^-24 each: all together
 /// less than half of it.
 const MARGIN: f64 = 1.0 / 1_048_576.0;
 
-/// Reaches in log intensity are drawn inward by this share of the threshold, by 3e-9 for the reference, and by
+/// Reaches in log intensity are drawn inward by this fraction of the threshold, by 3e-9 for the reference, and by
 /// [`INWARD`] of the mark.
 ///
 /// A level lies a threshold from the reference. So its rounding to float32, that of the mark and those of the differences
 /// are below 2^-24 of threshold and mark together, five times: less than a half of these margins.
 const LOG_MARGIN: f64 = 1e-6;
 
-/// 2^-21: by this share of the mark, reaches in log intensity are drawn inward.
+/// 2^-21: by this fraction of the mark, reaches in log intensity are drawn inward.
 const INWARD: f32 = 1.0 / 2_097_152.0;
 
 /// Log intensity beyond has no mark, and no reach is larger than that: so what is within reach lies within +-746.
@@ -245,8 +245,8 @@ mod tests {
 
     /// Thresholds from a few ulp of float32 to beyond all of its range.
     fn thresholds() -> impl Strategy<Value = Thresholds> {
-        let one = || prop_oneof![6 => 1e-6f64..3.0, 1 => 1e-6f64..1e-4, 2 => 60.0f64..110.0, 1 => 3.0f64..1e3];
-        (one(), one()).prop_map(|(on, off)| Thresholds { on, off })
+        let threshold = || prop_oneof![6 => 1e-6f64..3.0, 1 => 1e-6f64..1e-4, 2 => 60.0f64..110.0, 1 => 3.0f64..1e3];
+        (threshold(), threshold()).prop_map(|(on, off)| Thresholds { on, off })
     }
 
     /// The float32 nearest to the luma of this log intensity, a few floats off.
@@ -292,14 +292,14 @@ mod tests {
 
         /// Luma clear of the levels lies within reach: what leads to no event costs no second look.
         #[test]
-        fn luma_s_reach_is_sharp(reference in -30.0f64..87.0, on in 2e-4f64..3.0, off in 2e-4f64..3.0, place in 0.01f64..0.99, exponent in -12.0f64..3.0) {
+        fn luma_s_reach_is_sharp(reference in -30.0f64..87.0, on in 2e-4f64..3.0, off in 2e-4f64..3.0, fraction in 0.01f64..0.99, exponent in -12.0f64..3.0) {
             let log_eps = 10f64.powf(exponent);
-            let log = reference - off + place * (on + off);
+            let log = reference - off + fraction * (on + off);
             let luma = luma_near(log, log_eps, 0);
             // Next to a large dark level float32 may have no luma there.
             let log = log_intensity(luma, log_eps);
-            let place = (log - (reference - off)) / (on + off);
-            if !(0.01..0.99).contains(&place) {
+            let fraction = (log - (reference - off)) / (on + off);
+            if !(0.01..0.99).contains(&fraction) {
                 return Ok(());
             }
             let c = Thresholds { on, off };
@@ -308,9 +308,9 @@ mod tests {
 
         /// The same, of log intensity.
         #[test]
-        fn log_intensity_s_reach_is_sharp(reference in -16.0f64..16.0, on in 1e-3f64..3.0, off in 1e-3f64..3.0, place in 0.01f64..0.99) {
+        fn log_intensity_s_reach_is_sharp(reference in -16.0f64..16.0, on in 1e-3f64..3.0, off in 1e-3f64..3.0, fraction in 0.01f64..0.99) {
             let c = Thresholds { on, off };
-            prop_assert!(is_within(reference - off + place * (on + off), reference, c, 1e-3));
+            prop_assert!(is_within(reference - off + fraction * (on + off), reference, c, 1e-3));
         }
 
         /// What is no valid sample is within reach of nothing.

@@ -2,7 +2,7 @@
 //! event.
 //!
 //! Most samples of a frame end here, so this is written for memory speed. It runs in vector code over tiles of [`TILE`]
-//! pixels. A block of 64 pixels with every sample within reach is skipped at once. In other blocks, places are written by
+//! pixels. A block of 64 pixels with every sample within reach is skipped at once. In other blocks, indices are written by
 //! a table of bit positions, without a branch.
 //!
 //! With rates of change, a pixel is also noted where the rates at both ends differ in sign, because its curve may leave
@@ -10,7 +10,7 @@
 //!
 //! What must not break:
 //! - No sample out of reach is passed over. Noting one too many costs only time.
-//! - Places come in raster order, because events must leave a band in that order.
+//! - Indices come in raster order, because events must leave a band in that order.
 
 use multiversion::multiversion;
 
@@ -23,17 +23,17 @@ pub(crate) const TILE: usize = 512;
 /// Pixels that are skipped together where every sample is within reach.
 const BLOCK: usize = 64;
 
-/// Places are written in groups of this many.
+/// Indices are written in groups of this many.
 const GROUP: usize = 8;
 
-/// Samples that were noted, of one or more tiles: their pixel, counted from the first one of the band's share, and the
+/// Samples that were noted, of one or more tiles: their pixel, counted from the first one of the band's slice, and the
 /// samples before and now, of which log intensity is computed next.
-pub(crate) struct Found<S> {
+pub(crate) struct NotedSamples<S> {
     pub(crate) count: usize,
     pub(crate) pixel: Vec<u32>,
     pub(crate) from: Vec<S>,
     pub(crate) to: Vec<S>,
-    /// Places in a tile.
+    /// Indices in a tile.
     in_tile: Vec<u16>,
     /// 1 for each pixel of a tile that is noted, else 0.
     noted: Vec<u8>,
@@ -43,11 +43,11 @@ pub(crate) struct Found<S> {
 const BATCH: usize = 256;
 
 /// More candidates than there can be before they are decided: a batch, and all of another tile. A multiple of all vectors.
-pub(crate) const MOST_FOUND: usize = BATCH + TILE;
+pub(crate) const MOST_NOTED: usize = BATCH + TILE;
 
 /// A tile's samples, and what they are compared with.
 pub(crate) struct Tile<'a, S> {
-    /// Where it begins in the share.
+    /// Where it begins in the slice.
     pub(crate) start: usize,
     pub(crate) new: &'a [S],
     pub(crate) last: &'a [S],
@@ -60,12 +60,12 @@ pub(crate) struct Tile<'a, S> {
     pub(crate) rates: Option<(&'a [S], &'a [S])>,
 }
 
-impl<S: Sample> Found<S> {
+impl<S: Sample> NotedSamples<S> {
     pub(crate) fn new() -> Self {
-        let samples = || vec![S::default(); MOST_FOUND];
+        let samples = || vec![S::default(); MOST_NOTED];
         Self {
             count: 0,
-            pixel: vec![0; MOST_FOUND],
+            pixel: vec![0; MOST_NOTED],
             from: samples(),
             to: samples(),
             in_tile: vec![0; TILE],
@@ -79,7 +79,7 @@ impl<S: Sample> Found<S> {
 
     /// Compares a tile's new samples with their marks, stores them as the `next` last ones, and notes those out of reach.
     ///
-    /// `also` are places that are noted whatever their samples.
+    /// `also` are indices that are noted whatever their samples.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
     pub(crate) fn scan(&mut self, tile: &mut Tile<'_, S>, also: impl ExactSizeIterator<Item = usize>) {
         let n = tile.new.len();
@@ -95,19 +95,19 @@ impl<S: Sample> Found<S> {
         if let Some(rates) = tile.rates {
             note_sign_changes(rates, noted);
         }
-        for place in also {
-            noted[place] = 1;
+        for index in also {
+            noted[index] = 1;
         }
-        let count = places(noted, &mut self.in_tile);
-        let found = self.count..self.count + count;
+        let count = collect_indices(noted, &mut self.in_tile);
+        let added = self.count..self.count + count;
         let (pixel, from, to) =
-            (&mut self.pixel[found.clone()], &mut self.from[found.clone()], &mut self.to[found.clone()]);
+            (&mut self.pixel[added.clone()], &mut self.from[added.clone()], &mut self.to[added.clone()]);
         for (((&i, pixel), from), to) in self.in_tile[..count].iter().zip(pixel).zip(from).zip(to) {
             *pixel = tile.start as u32 + u32::from(i);
             *from = tile.last[usize::from(i)];
             *to = tile.new[usize::from(i)];
         }
-        self.count = found.end;
+        self.count = added.end;
     }
 }
 
@@ -150,9 +150,9 @@ fn note_sign_changes<S: Sample>((from, to): (&[S], &[S]), noted: &mut [u8]) {
     }
 }
 
-/// The places that are noted, in order; returns how many.
-#[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
-fn places(noted: &[u8], places: &mut [u16]) -> usize {
+/// Writes the indices that are noted, in order; returns how many.
+#[allow(clippy::cast_possible_truncation, reason = "indices lie below TILE")]
+fn collect_indices(noted: &[u8], indices: &mut [u16]) -> usize {
     let mut count = 0;
     let (blocks, rest) = noted.as_chunks::<BLOCK>();
     for (block, noted) in blocks.iter().enumerate() {
@@ -161,19 +161,19 @@ fn places(noted: &[u8], places: &mut [u16]) -> usize {
             continue;
         }
         for (group, noted) in groups.iter().enumerate() {
-            // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a place of its own.
+            // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a position of its own.
             let bits = (u64::from_le_bytes(*noted).wrapping_mul(0x0102_0408_1020_4080) >> 56) as usize;
             let first = (block * BLOCK + group * GROUP) as u16;
             // All eight are written, those that were noted kept: no branch to mispredict.
-            let (places, (positions, kept)) = (&mut places[count..count + GROUP], &POSITIONS[bits]);
-            for (place, position) in places.iter_mut().zip(positions) {
-                *place = first + position;
+            let (indices, (positions, kept)) = (&mut indices[count..count + GROUP], &POSITIONS[bits]);
+            for (index, position) in indices.iter_mut().zip(positions) {
+                *index = first + position;
             }
             count += *kept as usize;
         }
     }
     for (i, &noted) in rest.iter().enumerate() {
-        places[count] = (blocks.len() * BLOCK + i) as u16;
+        indices[count] = (blocks.len() * BLOCK + i) as u16;
         count += usize::from(noted);
     }
     count

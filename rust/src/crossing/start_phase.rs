@@ -31,11 +31,11 @@ impl StartPhase {
     }
 }
 
-/// The base of which log intensity lies this share of the way from the OFF level to the ON level.
+/// The base of which log intensity lies this fraction of the way from the OFF level to the ON level.
 ///
 /// Where that rounds to a level, it is log intensity itself.
-fn base_at(share: f64, log_intensity: f64, c: Thresholds) -> f64 {
-    let base = log_intensity - (share * (c.on + c.off) - c.off);
+fn base_at(fraction: f64, log_intensity: f64, c: Thresholds) -> f64 {
+    let base = log_intensity - (fraction * (c.on + c.off) - c.off);
     let reference = Level { base, on: 0, off: 0 };
     let between =
         reference.up().sign_of_excess(log_intensity, c) < 0 && reference.down().sign_of_excess(log_intensity, c) > 0;
@@ -51,23 +51,23 @@ mod tests {
         /// Also with shares next to both ends, and thresholds that are a few ulp of log intensity.
         #[test]
         fn the_first_reference_is_within_both_thresholds(
-            share in prop_oneof![0.0..=1.0, Just(0.0), Just(1.0), Just(f64::EPSILON), Just(1.0 - f64::EPSILON / 2.0)],
+            fraction in prop_oneof![0.0..=1.0, Just(0.0), Just(1.0), Just(f64::EPSILON), Just(1.0 - f64::EPSILON / 2.0)],
             log_intensity in -746.0..746.0,
             on in prop_oneof![1e-6..1e-3, 1e-3..1e3],
             off in prop_oneof![1e-6..1e-3, 1e-3..1e3],
         ) {
             let c = Thresholds { on, off };
-            let reference = Level { base: base_at(share, log_intensity, c), on: 0, off: 0 };
+            let reference = Level { base: base_at(fraction, log_intensity, c), on: 0, off: 0 };
             prop_assert!(reference.up().sign_of_excess(log_intensity, c) < 0);
             prop_assert!(reference.down().sign_of_excess(log_intensity, c) > 0);
         }
 
         #[test]
         fn a_share_is_the_way_from_the_off_level_to_the_on_level(
-            share in 0.01..0.99, log_intensity in -5.0..5.0, on in 0.01..1.0, off in 0.01..1.0,
+            fraction in 0.01..0.99, log_intensity in -5.0..5.0, on in 0.01..1.0, off in 0.01..1.0,
         ) {
-            let distance = log_intensity - base_at(share, log_intensity, Thresholds { on, off });
-            prop_assert!(((distance + off) / (on + off) - share).abs() < 1e-12);
+            let distance = log_intensity - base_at(fraction, log_intensity, Thresholds { on, off });
+            prop_assert!(((distance + off) / (on + off) - fraction).abs() < 1e-12);
         }
     }
 }

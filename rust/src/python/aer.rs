@@ -278,10 +278,10 @@ impl PyDecoder {
 /// Returns the bytes of a buffer of bytes or of 16-bit words, without a copy.
 fn bytes<'py>(data: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
     let py = data.py();
-    let rule = |found: String| {
+    let rule = |given: String| {
         PyValueError::new_err(format!(
             "data must be contiguous bytes or 16-bit words in the machine's order (bytes, bytearray, memoryview, or a \
-             uint8 or uint16 array), got {found}"
+             uint8 or uint16 array), got {given}"
         ))
     };
     let view = PyMemoryView::from(data).map_err(|_| rule(data.get_type().to_string()))?;

@@ -11,7 +11,9 @@ use super::arrays::events;
 use super::sink::Sink;
 use crate::error::{Error, Result};
 use crate::event::Event;
-use crate::read::{Aedat4Decoder, DecoderState, EventReader, Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder};
+use crate::read::{
+    Aedat4Decoder, DecoderState, EventReader, Evt2Decoder, Evt3Decoder, Evt21Decoder, MAX_PACKET_BYTES, TextDecoder,
+};
 use crate::write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
 
 /// Encodes events in a format of the core and writes them; :func:`davis_rs.open_writer` is made of it.
@@ -227,6 +229,7 @@ impl PyEventFileReader {
             }
             "aedat4" => EventReader::new(file, Aedat4Decoder::new(max_packet_bytes)),
             "evt2" => EventReader::new(file, Evt2Decoder::new()),
+            "evt21" => EventReader::new(file, Evt21Decoder::new()),
             "evt3" => EventReader::new(file, Evt3Decoder::new()),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
         };

@@ -14,6 +14,7 @@ mod effects;
 mod engine;
 mod evt3;
 mod files;
+mod filter;
 mod functions;
 mod interpolation;
 mod recordings;
@@ -70,6 +71,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(effects::check_effects, m)?)?;
     m.add_class::<files::PyEventFileWriter>()?;
     m.add_class::<files::PyEventFileReader>()?;
+    m.add_class::<filter::PyEventFilter>()?;
     m.add_class::<recordings::PyAedat4Recording>()?;
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;

@@ -1,4 +1,4 @@
-//! What EVT 2.0 and EVT 3.0 share: the text before the words, and times whose high part goes round.
+//! What EVT 2.0, EVT 2.1 and EVT 3.0 share: the text before the words, and times whose high part goes round.
 
 use super::reader::{Decode, DecoderState};
 use crate::error::{Error, Result};
@@ -10,7 +10,7 @@ const LONGEST: usize = 1 << 16;
 /// Reads length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input:
 /// however it ends).
 fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
-    let mut header = Header { length: 0, size: None, start_us: 0 };
+    let mut header = Header { length: 0, size: None, start_us: 0, legacy: false };
     let (mut width, mut height) = (None, None);
     loop {
         let rest = &bytes[header.length..];
@@ -45,6 +45,7 @@ fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
                 match key.trim() {
                     "width" => width = value.trim().parse().ok(),
                     "height" => height = value.trim().parse().ok(),
+                    "endianness" => header.legacy = value.trim() == "legacy",
                     _ => {}
                 }
             }
@@ -59,6 +60,8 @@ struct Header {
     size: Option<(u32, u32)>,
     /// What all times have to be added to: faery takes the first time off.
     start_us: i64,
+    /// Of EVT 2.1: both halves of a word are swapped.
+    legacy: bool,
 }
 
 /// How far a decoder is past the header.
@@ -68,7 +71,7 @@ pub(super) struct Preamble(Option<Header>);
 impl Preamble {
     /// Returns the preamble of a stream that has no header.
     pub(super) fn none() -> Self {
-        Self(Some(Header { length: 0, size: None, start_us: 0 }))
+        Self(Some(Header { length: 0, size: None, start_us: 0, legacy: false }))
     }
 
     /// Returns how many of the bytes lie before the words; None until all of the header is there.
@@ -89,6 +92,11 @@ impl Preamble {
         self.0.as_ref()?.size
     }
 
+    /// Returns whether the words are of a camera of an early kind.
+    fn legacy(&self) -> bool {
+        self.0.as_ref().is_some_and(|header| header.legacy)
+    }
+
     /// Returns what is added to all times.
     pub(super) fn start_us(&self) -> i64 {
         self.0.as_ref().map_or(0, |header| header.start_us)
@@ -97,6 +105,9 @@ impl Preamble {
 
 /// Words of one of the formats, and the state that they change.
 pub trait Words: Default + Send + Sync {
+    /// Takes what the header says of the order of bytes, before any words.
+    fn begin(&mut self, _legacy: bool) {}
+
     /// Decodes whole words, adds `start_us` to their times, and returns how many bytes they have.
     fn decode(&mut self, bytes: &[u8], start_us: i64, events: &mut Vec<Event>) -> usize;
 
@@ -134,6 +145,7 @@ impl<W: Words> EvtDecoder<W> {
 impl<W: Words> Decode for EvtDecoder<W> {
     fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize> {
         let Some(used) = self.preamble.pass(bytes)? else { return Ok(0) };
+        self.words.begin(self.preamble.legacy());
         Ok(used + self.words.decode(&bytes[used..], self.preamble.start_us(), events))
     }
 
@@ -206,9 +218,9 @@ mod tests {
             (b"% evt 2.0\n\x00\x80", None, 0),
             (b"\x00\x80", None, 0),
         ] {
-            let found = header(text, false).unwrap().unwrap();
-            assert_eq!((found.size, found.start_us), (size, start_us));
-            assert_eq!(found.length, text.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1));
+            let decoded = header(text, false).unwrap().unwrap();
+            assert_eq!((decoded.size, decoded.start_us), (size, start_us));
+            assert_eq!(decoded.length, text.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1));
         }
         assert!(header(b"% evt 2.0\n% geo", false).unwrap().is_none());
         assert!(header(b"% evt 2.0\n% geo", true).is_err());

@@ -3,6 +3,7 @@
 mod aedat4;
 mod evt;
 mod evt2;
+mod evt21;
 mod evt3;
 mod reader;
 #[cfg(test)]
@@ -14,5 +15,6 @@ pub use aedat4::{
 };
 pub use evt2::Evt2Decoder;
 pub use evt3::Evt3Decoder;
+pub use evt21::Evt21Decoder;
 pub use reader::{Block, Decode, DecoderState, EventReader};
 pub use text::TextDecoder;

@@ -78,6 +78,8 @@ pub(crate) struct Rays<'a, const FULL: bool> {
     pub(crate) count: usize,
     /// Their numbers in the tile, where they do not lie side by side.
     pub(crate) picked: Option<&'a [u32; MOST]>,
+    /// The first one's number in the tile, where they lie side by side.
+    pub(crate) first: usize,
     pub(crate) x: &'a [f32; MOST],
     pub(crate) y: &'a [f32; MOST],
 }

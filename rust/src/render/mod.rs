@@ -28,7 +28,7 @@
 //!   ([`ray_tracer`](visibility::ray_tracer)).
 //!
 //! What is rendered is a [`scene`]; the [`renderer`] is what the user sees; [`tile`] and [`samples`] join the steps for
-//! whole images and for single pixels.
+//! whole images and for single pixels; [`tile_hits`] is what rays and taps have in common.
 //!
 //! What must not break: the same view gives the same bits in any batch, on any number of threads and on every
 //! processor.
@@ -47,6 +47,7 @@ mod renderer;
 mod samples;
 mod scene;
 mod tile;
+mod tile_hits;
 mod time;
 mod visibility;
 

@@ -319,6 +319,25 @@ impl Renderer {
                 work(of, row * rays.columns + column, (scratch, &mut before), &mut image, band);
             }
         };
+        let do_views = |views: &[View], bands: &mut [T]| {
+            let mut scratch = self.scratch.take();
+            self.with_views(ways, rays, views, |of| {
+                for row in 0..rays.rows {
+                    for (view, of) in of.iter().enumerate() {
+                        do_band(of, row, &mut scratch, &mut bands[view * rays.rows + row]);
+                    }
+                }
+            });
+            self.scratch.give(scratch);
+        };
+        if self.threads() == Some(1) {
+            // The caller's own: to hand a small image to another thread and to wait for it may take longer than to do it.
+            let together = self.together();
+            for (views, bands) in views.chunks(together).zip(bands.chunks_mut(together * rays.rows)) {
+                do_views(views, bands);
+            }
+            return Ok(());
+        }
         self.install(|| {
             let threads = rayon::current_num_threads();
             if views.len() < 4 * threads && threads > 1 {
@@ -336,17 +355,10 @@ impl Renderer {
             // Two chunks a thread at least: one that is slowed down by others then leaves some of its views to the
             // rest.
             let together = self.together().min(views.len().div_ceil(2 * threads)).max(1);
-            views.par_chunks(together).zip(bands.par_chunks_mut(together * rays.rows)).for_each(|(views, bands)| {
-                let mut scratch = self.scratch.take();
-                self.with_views(ways, rays, views, |of| {
-                    for row in 0..rays.rows {
-                        for (view, of) in of.iter().enumerate() {
-                            do_band(of, row, &mut scratch, &mut bands[view * rays.rows + row]);
-                        }
-                    }
-                });
-                self.scratch.give(scratch);
-            });
+            views
+                .par_chunks(together)
+                .zip(bands.par_chunks_mut(together * rays.rows))
+                .for_each(|(views, bands)| do_views(views, bands));
         })
     }
 

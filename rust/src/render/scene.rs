@@ -104,8 +104,8 @@ pub(crate) struct Surface {
     /// In the tables that the scene was made of.
     pub(crate) number: u32,
     pub(crate) plane: [f64; 4],
-    pub(crate) u: [f64; 4],
-    pub(crate) v: [f64; 4],
+    /// Affine maps of a point to the texture coordinates; None where the texture is the same everywhere.
+    uv: Option<Box<[[f64; 4]; 2]>>,
     /// None where the shading normal is the plane's.
     pub(crate) normal: Option<Box<[[f64; 4]; 3]>>,
     pub(crate) texture: u32,
@@ -114,7 +114,14 @@ pub(crate) struct Surface {
     /// Of the front and the back; None where no light is baked.
     pub(crate) light_maps: Option<Box<[SideMap; 2]>>,
     /// From the front.
-    pub(crate) emission: Option<Emission>,
+    pub(crate) emission: Option<Box<Emission>>,
+}
+
+impl Surface {
+    /// Returns the affine maps of a point to the texture coordinates u and v.
+    pub(crate) fn uv(&self) -> &[[f64; 4]; 2] {
+        self.uv.as_deref().unwrap_or(&[[0.0; 4]; 2])
+    }
 }
 
 /// What stands still in one frame: triangles side by side, and the BVH over them.
@@ -213,6 +220,7 @@ impl Scene {
         let (bvh, order) = Bvh::new(own, parallel);
         let first = self.corners.len();
         let corners = |at: &u32| tables.corners[members[*at as usize]].map(|corner| sub(corner, centre));
+        let textures = &self.textures;
         let surface = |at: &u32| {
             let i = members[*at as usize];
             let moved = |map: [f64; 4]| [map[0], map[1], map[2], map[3] + dot([map[0], map[1], map[2]], centre)];
@@ -222,8 +230,8 @@ impl Scene {
                 #[allow(clippy::cast_possible_truncation, reason = "there are fewer triangles than 2^32")]
                 number: i as u32,
                 plane,
-                u: moved(tables.u_maps[i]),
-                v: moved(tables.v_maps[i]),
+                uv: (!textures[tables.textures[i] as usize].is_constant())
+                    .then(|| Box::new([moved(tables.u_maps[i]), moved(tables.v_maps[i])])),
                 normal: normal.map(Box::new),
                 texture: tables.textures[i],
                 two_sided: tables.two_sided[i],
@@ -232,7 +240,7 @@ impl Scene {
                 light_maps: light_maps.get(i).map(|sides| {
                     Box::new(sides.clone().map(|side| SideMap { u: moved(side.u), v: moved(side.v), ..side }))
                 }),
-                emission: tables.emissions.get(i).copied().flatten(),
+                emission: tables.emissions.get(i).copied().flatten().map(Box::new),
             }
         };
         if parallel {

@@ -15,9 +15,11 @@ use super::light::cast::Caster;
 use super::light::lights::Surroundings;
 use super::light::patch::Patch;
 use super::light::shader::Shader;
-use super::lines::envelope::Taps;
 use super::lines::pattern::LinePattern;
+use super::lines::shadows::{HiddenLengths, TileTaps};
+use super::lines::taps::Taps;
 use super::samples::Pixels;
+use super::tile_hits::TileHits;
 use super::time::tracks::Sight;
 use super::visibility::beam::Beam;
 use super::visibility::bins::{Bins, Entry, Seen};
@@ -50,13 +52,20 @@ pub(crate) struct TileScratch {
     rays: TileRays,
     beam: Beam,
     pub(crate) nearest: Nearest,
+    taps: Taps,
+    hidden_lengths: HiddenLengths,
+    shading: Shading,
+}
+
+/// Room for shading, and its results.
+#[derive(Debug, Default)]
+struct Shading {
     caster: Caster,
     sorted: Vec<Sorted>,
     visible: Vec<u32>,
     picked: Picked,
     luma: Vec<f32>,
     rate: Vec<f32>,
-    taps: Taps,
 }
 
 /// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
@@ -91,16 +100,18 @@ pub(crate) fn luma<'a, const RATE: bool>(
     if of.ways.beams {
         let mut beam = std::mem::take(&mut scratch.beam);
         beam.find(of.lit.scene, of.lit.view, &part, &mut scratch.nearest, &mut scratch.list);
-        shade::<RATE>(of, &beam.seen, &part, scratch, before);
+        let TileScratch { list, nearest, shading, .. } = scratch;
+        shade::<RATE, _>(of, (&beam.seen, list), &part, nearest, shading, before);
         scratch.beam = beam;
     } else {
         find(of.bins, tile, &part, scratch);
-        shade::<RATE>(of, &of.bins.seen, &part, scratch, before);
+        let TileScratch { list, nearest, shading, .. } = scratch;
+        shade::<RATE, _>(of, (&of.bins.seen, list), &part, nearest, shading, before);
     }
     scratch.rays = buffer;
-    image.luma = mean(&scratch.luma);
+    image.luma = mean(&scratch.shading.luma);
     if RATE {
-        image.rate = mean(&scratch.rate);
+        image.rate = mean(&scratch.shading.rate);
     }
 }
 
@@ -110,8 +121,9 @@ pub(crate) fn luma<'a, const RATE: bool>(
 pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
     find(of.bins, number, &part, scratch);
-    shade::<false>(of, &of.bins.seen, &part, scratch, &mut vec![]);
-    found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
+    let TileScratch { list, nearest, shading, .. } = scratch;
+    shade::<false, _>(of, (&of.bins.seen, list), &part, nearest, shading, &mut vec![]);
+    found.extend(shading.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
 /// Computes luma of a tile's pixels by the lines that pass through them: of their area, not of single rays. The rays of
@@ -125,18 +137,14 @@ pub(crate) fn lines<'a>(
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
+    let TileScratch { list, taps, hidden_lengths, shading, .. } = scratch;
     let around = of.rays.tile(tile);
-    let mut taps = std::mem::take(&mut scratch.taps);
-    of.bins.of_tile(tile, around, &mut scratch.list);
-    taps.find(pattern, (&of.bins.seen, &scratch.list), around, of.rays.pitch());
+    of.bins.of_tile(tile, around, list);
+    taps.find(pattern, (&of.bins.seen, list), around, of.rays.pitch());
     let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
-    scratch.nearest.take(&part, &taps.index, scratch.list.len());
-    shade::<false>(of, &of.bins.seen, &part, scratch, before);
-    image.luma = [0.0; PIXELS];
-    for ((&luma, &weight), &pixel) in scratch.luma.iter().zip(&taps.weight).zip(&taps.pixel) {
-        image.luma[pixel as usize] += weight * luma;
-    }
-    scratch.taps = taps;
+    let mut hits = TileTaps { taps, pattern, part: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
+    shade::<false, _>(of, (&of.bins.seen, list), &part, &mut hits, shading, before);
+    image.luma = taps.add_up(pattern, &shading.luma);
 }
 
 /// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of
@@ -145,13 +153,13 @@ pub(crate) fn lines<'a>(
 pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
     let part = pixels.part();
     find(of.bins, number, &part, scratch);
-    shade::<true>(of, &of.bins.seen, &part, scratch, &mut vec![]);
-    let nearest = &scratch.nearest;
-    let seen = |index: u32| &of.bins.seen[scratch.list[index as usize].seen as usize];
+    let TileScratch { list, nearest, shading, .. } = scratch;
+    shade::<true, _>(of, (&of.bins.seen, list), &part, nearest, shading, &mut vec![]);
+    let seen = |index: u32| &of.bins.seen[list[index as usize].seen as usize];
     for ray in 0..pixels.count() * of.rays.rays() {
-        let (luma, rate) = (scratch.luma[ray], scratch.rate[ray]);
+        let (luma, rate) = (shading.luma[ray], shading.rate[ray]);
         let index = match nearest.only[0] {
-            _ if scratch.list.is_empty() => NOTHING,
+            _ if list.is_empty() => NOTHING,
             NOTHING => nearest.index[ray],
             only => only,
         };
@@ -178,29 +186,28 @@ fn find(bins: &Bins, number: usize, part: &Part, scratch: &mut TileScratch) {
 /// tile before, and then those of this one.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn shade<'a, const RATE: bool>(
+fn shade<'a, const RATE: bool, Hits: TileHits>(
     of: &TileView<'a>,
-    all: &[Seen],
+    (all, list): (&[Seen], &[Entry]),
     part: &Part,
-    scratch: &mut TileScratch,
+    hits: &mut Hits,
+    shading: &mut Shading,
     before: &mut Shaders<'a>,
 ) {
     let Part { x, y, around, .. } = *part;
-    let TileScratch { list, nearest, caster, sorted, visible, picked, luma, rate, .. } = scratch;
+    let Shading { caster, sorted, visible, picked, luma, rate } = shading;
     luma.clear();
     luma.resize(x.len(), of.background.0);
     rate.clear();
     rate.resize(if RATE { x.len() } else { 0 }, of.background.1);
     visible.clear();
     if !list.is_empty() {
-        visible.extend((0..).take(list.len()).filter(|&index| nearest.sees(index)));
+        visible.extend((0..).take(list.len()).filter(|&index| hits.sees(index)));
     }
     if let Some(sky) = &of.lit.scene.sky {
         let (pose, [factor, factor_rate]) = (&of.lit.view.poses[0], of.lit.view.factors[sky.light as usize]);
-        let per_block = x.len() / part.blocks.len();
         for ray in 0..x.len() {
-            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.index[ray] == NOTHING;
-            if nothing {
+            if list.is_empty() || hits.hit(ray).is_none() {
                 let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
                 luma[ray] += single([factor])[0] * one;
                 if RATE {
@@ -236,21 +243,24 @@ fn shade<'a, const RATE: bool>(
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
         for (sorted, &index) in sorted.iter_mut().zip(run) {
-            sorted.of_triangle(nearest, index, !by_rays);
+            hits.sort(index, !by_rays, sorted);
         }
         if of.lit.scene.shadows && caster.shadow.falls() {
             caster.clear();
-            for (sorted, &index) in sorted.iter().zip(run) {
-                caster.fall_on(&of.lit, seen(index), &sorted.scattered);
+            let by_lines = !by_rays && run.iter().all(|&index| hits.cast(&of.lit, caster, seen(index), index));
+            if !by_lines {
+                for (sorted, &index) in sorted.iter().zip(run) {
+                    caster.fall_on(&of.lit, seen(index), &sorted.scattered);
+                }
+                caster.cast(&of.lit, x, y);
             }
-            caster.cast(&of.lit, x, y);
         }
         for (number, ((shader, &index), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
                 shaded::<RATE>(shader, &row.rays(x, y, picked), caster, number, (&mut one, &mut one_rate));
-                row.put(&one, nearest, index, luma);
+                row.put(&one, hits.indices(), index, luma);
                 if RATE {
-                    row.put(&one_rate, nearest, index, rate);
+                    row.put(&one_rate, hits.indices(), index, rate);
                 }
             }
             for numbers in sorted.scattered.chunks(MOST) {

@@ -82,8 +82,8 @@ impl<W: Write> EventWriter<W> {
     /// written; [`Error::Io`] if the sink refuses.
     pub fn write(&mut self, events: &[Event]) -> Result<()> {
         self.limits.check(events, self.last_us)?;
-        for part in events.chunks(AT_ONCE) {
-            self.encoder.encode(part, &mut self.buffer);
+        for chunk in events.chunks(AT_ONCE) {
+            self.encoder.encode(chunk, &mut self.buffer);
             self.drain()?;
         }
         self.last_us = events.last().map_or(self.last_us, |event| event.t);

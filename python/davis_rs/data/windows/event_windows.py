@@ -15,7 +15,7 @@ from ..._util.argument_error import ArgumentError
 from ..._util.close_names import names_checked
 from ..._util.untrusted import MAX_PACKET_BYTES
 from ...geometry.pose import GroundTruth, Pose
-from ...io.dataset.reader import StampedImage
+from ...io.dataset.text_folder import StampedImage
 from ...io.files.random_access import RandomAccess
 from ...sensor.imu import IMU_DTYPE
 from .cuts import CountCuts, Cuts, FrameCuts, TimeCuts, positive, windows_that_fit

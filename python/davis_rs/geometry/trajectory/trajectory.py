@@ -52,10 +52,12 @@ class Trajectory(ABC):
 
     Attributes:
         start_time_ns: t = 0 on the clock of the file or the path that this one was made from, nanoseconds.
+        steady: velocity in world axes and body rate are the same at all times.
     """
 
     duration_s: float
     start_time_ns: int = 0
+    steady: bool = False
 
     @abstractmethod
     def positions(self, t_s: npt.ArrayLike) -> FloatArray:
@@ -130,6 +132,8 @@ class Trajectory(ABC):
         t = np.asarray(t_s, np.float64)
         if t.ndim != 1:
             raise ValueError(f"times must have shape (n,), got {t.shape}")
+        if t.size and t.min() >= 0.0 and t.max() <= self.duration_s:
+            return t  # nearly always, and much cheaper
         outside = ~((t >= -TIME_TOLERANCE_S) & (t <= self.duration_s + TIME_TOLERANCE_S))
         if outside.any():
             raise ValueError(
@@ -350,6 +354,8 @@ class SegmentTrajectory(Trajectory):
         ValueError: for a duration that is not finite and > 0.
     """
 
+    steady = True
+
     def __init__(self, start: PoseLike, end: PoseLike, duration_s: float) -> None:
         self.duration_s = _checked_duration(duration_s)
         self.start, self.end = start, end = as_pose(start, "start"), as_pose(end, "end")
@@ -362,6 +368,7 @@ class SegmentTrajectory(Trajectory):
         sine = float(np.linalg.norm(across)) if turned else 0.0
         self._tangent = across / sine if sine > 0 else across
         self._phi_rate = np.arctan2(sine, abs(cosine)) / self.duration_s
+        self._body_rate = body_rates(start.quaternion, self._tangent * self._phi_rate)
 
     def positions(self, t_s: npt.ArrayLike) -> FloatArray:
         return self.start.position + self.times(t_s)[:, None] * self._velocity
@@ -372,11 +379,10 @@ class SegmentTrajectory(Trajectory):
         return q
 
     def velocities(self, t_s: npt.ArrayLike) -> FloatArray:
-        return np.tile(self._velocity, (len(self.times(t_s)), 1))
+        return np.repeat(self._velocity[None], len(self.times(t_s)), 0)
 
     def angular_rates(self, t_s: npt.ArrayLike) -> FloatArray:
-        rate = body_rates(self.start.quaternion, self._tangent * self._phi_rate)
-        return np.tile(rate, (len(self.times(t_s)), 1))
+        return np.repeat(self._body_rate[None], len(self.times(t_s)), 0)
 
     def accelerations(self, t_s: npt.ArrayLike) -> FloatArray:
         return np.zeros((len(self.times(t_s)), 3))

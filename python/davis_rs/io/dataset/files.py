@@ -46,7 +46,13 @@ DISPLACEMENTS = ImageSeries("displacement.txt", "displacement", ".exr")
 DISPLACEMENT_PNGS = ImageSeries("displacement_png.txt", "displacement_png", ".png")
 MASKS = ImageSeries("masks.txt", "masks", ".png")
 NORMAL_MAPS = ImageSeries("normals.txt", "normals", ".exr")
-IMAGE_SERIES = (FRAMES, DEPTH_MAPS, LUMA_MAPS, FLOW_MAPS, DISPLACEMENTS, DISPLACEMENT_PNGS, MASKS, NORMAL_MAPS)
+DISPARITIES = ImageSeries("disparity.txt", "disparity", ".png")
+OCCLUSIONS = ImageSeries("occlusion.txt", "occlusion", ".png")
+"""The last two belong to a rig's folder."""
+IMAGE_SERIES = (
+    *(FRAMES, DEPTH_MAPS, LUMA_MAPS, FLOW_MAPS, DISPLACEMENTS, DISPLACEMENT_PNGS, MASKS, NORMAL_MAPS),
+    *(DISPARITIES, OCCLUSIONS),
+)
 VELOCITY, SHAPE_NAMES = "velocity.txt", "shapes.json"
 EVENT_TRUTH = {"h5": "event_truth.h5", "npz": "event_truth.npz"}
 EVENTS, GROUND_TRUTH, INERTIAL = "events.txt", "groundtruth.txt", "imu.txt"
@@ -70,6 +76,7 @@ EVENT_FILES = {
     "dsec": "events.h5",
     "e2vid": "events.e2vid.h5",
     "parquet": "events.parquet",
+    "aedat2": "events.aedat",
 }
 """The event file of a folder, by its format; the first one that is there is read."""
 

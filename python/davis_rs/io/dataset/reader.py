@@ -6,14 +6,12 @@ import io
 import json
 import warnings
 from functools import cached_property
-from pathlib import Path, PurePosixPath
-from typing import NamedTuple
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
-from ..._util.array_types import UncheckedArray
 from ..._util.budget import Budget
 from ..._util.html_table import html_picture, html_table
 from ..._util.untrusted import decoding, read_charged, read_text
@@ -41,25 +39,13 @@ from .files import (
     RIG,
     SHAPE_NAMES,
     VELOCITY,
-    ImageSeries,
     event_file,
     unfinished_told,
 )
-from .text_folder import TextFolder, parse_stamp
-
-_PIXEL_BYTES = 8
-"""Of a value of an image: as it is decoded, and in an array."""
-
+from .text_folder import PIXEL_BYTES, StampedImage, TextFolder
 
 _THUMBNAIL_PX = 360
 """The longest side of the frame that a notebook shows."""
-
-
-class StampedImage(NamedTuple):
-    """Holds one image of a series: its time in microseconds and its file."""
-
-    t_us: int
-    path: Path
 
 
 class Dataset(TextFolder):
@@ -245,19 +231,6 @@ class Dataset(TextFolder):
         """Return intensity frame ``index``: uint8 (H, W)."""
         return self._read_png(self.frames[index].path, "L", "an 8-bit")
 
-    def _read_png(self, path: Path, mode: str, what: str) -> UncheckedArray:
-        """Return a grey image of a mode of Pillow."""
-        from PIL import Image
-
-        budget = Budget(path)
-        data = read_charged(path, budget)
-        with decoding(path), Image.open(io.BytesIO(data)) as image:
-            budget.take(_PIXEL_BYTES * image.width * image.height, f"an image of {image.width} x {image.height} pixels")
-            actual, pixels = image.mode, np.array(image)
-        if actual != mode:
-            raise DecodeError(f"{path}: expected {what} grey image, found mode {actual}")
-        return pixels
-
     def read_depth(self, index: int) -> npt.NDArray[np.float32]:
         """Return depth map ``index``: z along the optical axis in metres, float32 (H, W), inf where nothing is hit."""
         return _read_exr(self.depth_maps[index].path, "Z")
@@ -290,16 +263,6 @@ class Dataset(TextFolder):
             raise DecodeError(f"{path}: luma must be finite and >= 0, found {luma[y, x]} at pixel ({x}, {y})")
         return luma
 
-    def _series(self, series: ImageSeries) -> list[StampedImage]:
-        path = self.path / series.list_name
-        images = []
-        for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}"):
-            name = PurePosixPath(words[1])
-            if "\0" in words[1] or name.is_absolute() or ".." in name.parts:
-                raise DecodeError(f"{path}, line {number}: expected a file of this folder, found {words[1][:60]!r}")
-            images.append(StampedImage(parse_stamp(words[0], path, number), self.path / name))
-        return images
-
 
 def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:
     """Return channels of an image, float32: (H, W) of one, (H, W, k) of several."""
@@ -315,7 +278,7 @@ def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:
         if (high < low).any():
             raise DecodeError(f"{path}: an image must have pixels, found a window of {low} to {high}")
         width, height = (high - low + 1).tolist()
-        budget.take(_PIXEL_BYTES * width * height * count, f"{count} channels of {width} x {height} pixels")
+        budget.take(PIXEL_BYTES * width * height * count, f"{count} channels of {width} x {height} pixels")
         with OpenEXR.File(io.BytesIO(data)) as file:
             channels = dict(file.channels())
             pixels = [np.asarray(channels[name].pixels) for name in names if name in channels]

@@ -3,34 +3,39 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from ..._util.array_types import JsonObject
 from ..._util.close_names import names_checked
 from ...geometry.pose import GroundTruth, Pose
 from ...sensor.imu import ImuArray, kalibr_imu
 from ...sensor.rig import Rig, StereoTruth, kalibr_rig_chain, read_rig_file, rig_yaml, stereo_truth
+from .disparity_png import decode_disparity, encode_disparity, encode_grey
 from .files import (
+    DISPARITIES,
     GROUND_TRUTH,
     KALIBR_CAMERA_CHAIN,
     META,
     META_PART,
+    OCCLUSIONS,
     RIG,
     append_lines,
     as_json,
     claim_folder,
     pose_line,
+    stamp,
     stamped_line,
     write_file,
 )
 from .reader import Dataset
-from .text_folder import TextFolder
+from .text_folder import StampedImage, TextFolder
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -80,7 +85,7 @@ class RigFolder:
                   for number, each in enumerate(rig.imus)}  # fmt: skip
         self.path, self._truth, self._samples = path, truth, samples
         self._meta = as_json(meta or {})
-        self._posed, self._sampled = 0, [0] * len(samples)
+        self._posed, self._sampled, self._pairs = 0, [0] * len(samples), 0
         self._hold = claim_folder(path, overwrite=overwrite)
         self._open = True
         for name, text in texts.items():
@@ -106,6 +111,17 @@ class RigFolder:
                 append_lines(self.path / f"imu{number}.txt", "".join(lines))
                 self._sampled[number] = sampled
 
+    def write_stereo(self, index: int, t_us: int, truth: StereoTruth) -> None:
+        """Write disparity and occlusion of the first two cameras at their depth map ``index``, at ``t_us`` of cam0's
+        clock."""
+        occluded = np.where(truth.occluded, np.uint8(255), np.uint8(0))
+        for series, png in ((DISPARITIES, encode_disparity(truth.disparity)), (OCCLUSIONS, encode_grey(occluded))):
+            name = series.image_name(index)
+            (self.path / series.folder).mkdir(exist_ok=True)
+            write_file(self.path / name, png)
+            append_lines(self.path / series.list_name, f"{stamp(t_us)} {name}\n")
+        self._pairs += 1
+
     def finish(self, meta: Mapping[str, object], *, interrupted: bool) -> None:
         """Write ``meta.json`` for the last time.
 
@@ -113,7 +129,7 @@ class RigFolder:
             meta: what is known at the end, such as ``counts`` and ``duration_us``.
             interrupted: the rig ends before its time.
         """
-        counts = {"poses": self._posed, "imu_samples": sum(self._sampled)}
+        counts = {"poses": self._posed, "imu_samples": sum(self._sampled), "disparities": self._pairs}
         known: JsonObject = as_json(meta)
         known["counts"] = {**known.get("counts", {}), **counts}
         self._open = False
@@ -175,6 +191,48 @@ class RigDataset(TextFolder):
         """Return the samples of each IMU by the rig's clock, ``IMU_DTYPE``."""
         return [self._imu_samples(f"imu{number}.txt") for number in range(len(self.rig.imus))]
 
+    @cached_property
+    def disparities(self) -> list[StampedImage]:
+        """Return the disparity maps of cam0 with cam1, stamped by cam0's clock."""
+        return self._series(DISPARITIES)
+
+    @cached_property
+    def occlusions(self) -> list[StampedImage]:
+        """Return the masks of what cam0 sees and cam1 does not, stamped by cam0's clock."""
+        return self._series(OCCLUSIONS)
+
+    def read_disparity(self, index: int) -> npt.NDArray[np.float32]:
+        """Return disparity map ``index``: pixels of the rectified pair, to 1/256, float32 (H, W), NaN for none."""
+        return decode_disparity(self._read_png(self.disparities[index].path, "I;16", "a 16-bit").astype(np.uint16))
+
+    def read_occlusion(self, index: int) -> npt.NDArray[np.bool_]:
+        """Return occlusion mask ``index``: (H, W), True where cam1 does not see the point."""
+        return self._read_png(self.occlusions[index].path, "L", "an 8-bit") > 0
+
+    def pairs(self, left: int = 0, right: int = 1) -> Iterator[tuple[int, int, StereoTruth]]:
+        """Yield (index, t_us, truth) of each depth map of the left camera for which the right one has its own.
+
+        ``t_us`` is by the left camera's clock.
+
+        Raises:
+            ValueError: as :meth:`stereo_truth`.
+        """
+        for index, depth_map in enumerate(self.cameras[left].depth_maps):
+            if self._depth_of_instant(depth_map.t_us, left, right) is not None:
+                yield index, depth_map.t_us, self.stereo_truth(index, left, right)
+
+    def _depth_of_instant(self, t_us: int, left: int, right: int) -> int | None:
+        """Return which depth map the right camera has of an instant of the left one's clock."""
+        stamps = [each.t_us for each in self.cameras[right].depth_maps]
+        stamp_us = self._stamp_of_right(t_us, left, right)
+        return stamps.index(stamp_us) if stamp_us in stamps else None
+
+    def _stamp_of_right(self, t_us: int, left: int, right: int) -> int:
+        """Return what the right camera's clock shows when the left one's shows ``t_us``."""
+        clocks = [self.rig.cameras[number].clock for number in (left, right)]
+        at_us = round((t_us - clocks[0].offset_s * 1e6) / clocks[0].pace)
+        return int(clocks[1].stamps_us([at_us])[0])
+
     def stereo_truth(self, index: int, left: int = 0, right: int = 1) -> StereoTruth:
         """Return disparity, occlusion and consistency of a pair at depth map ``index`` of the left camera.
 
@@ -189,12 +247,10 @@ class RigDataset(TextFolder):
             if number not in self.cameras:
                 raise ValueError(f"{self.path} has no cam{number}")
         t_us = self.cameras[left].depth_maps[index].t_us
-        clocks = [self.rig.cameras[number].clock for number in (left, right)]
-        at_us = round((t_us - clocks[0].offset_s * 1e6) / clocks[0].pace)
-        stamp_us = int(clocks[1].stamps_us([at_us])[0])
-        stamps = [each.t_us for each in self.cameras[right].depth_maps]
-        if stamp_us not in stamps:
+        other = self._depth_of_instant(t_us, left, right)
+        if other is None:
+            stamp_us = self._stamp_of_right(t_us, left, right)
             raise ValueError(f"cam{right} has no depth map of the instant at which cam{left} has one, {stamp_us} us by "
                              "its clock: a disparity needs both")  # fmt: skip
-        depths = (self.cameras[left].read_depth(index), self.cameras[right].read_depth(stamps.index(stamp_us)))
+        depths = self.cameras[left].read_depth(index), self.cameras[right].read_depth(other)
         return stereo_truth(self.rig, *depths, left, right)

@@ -1,23 +1,36 @@
-"""Reads what the folders of a camera and of a rig have in common: ``meta.json``, and texts of stamped lines."""
+"""Reads what the folders of a camera and of a rig have in common: ``meta.json``, stamped lines, stamped images."""
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
 from collections.abc import Iterator
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
-from ..._util.array_types import JsonObject
-from ..._util.untrusted import read_text
+from ..._util.array_types import JsonObject, UncheckedArray
+from ..._util.budget import Budget
+from ..._util.untrusted import decoding, read_charged, read_text
 from ...geometry.pose import GroundTruth
 from ...sensor.imu import IMU_DTYPE, ImuArray
-from .files import GROUND_TRUTH, META
+from .files import GROUND_TRUTH, META, ImageSeries
+
+PIXEL_BYTES = 8
+"""Of a value of an image: as it is decoded, and in an array."""
+
+
+class StampedImage(NamedTuple):
+    """Holds one image of a series: its time in microseconds and its file."""
+
+    t_us: int
+    path: Path
 
 
 class TextFolder:
@@ -74,6 +87,29 @@ class TextFolder:
                 raise DecodeError(f"{path}, line {number}: {what} must be finite")
             rows.append(row)
         return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
+
+    def _series(self, series: ImageSeries) -> list[StampedImage]:
+        path = self.path / series.list_name
+        images = []
+        for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}"):
+            name = PurePosixPath(words[1])
+            if "\0" in words[1] or name.is_absolute() or ".." in name.parts:
+                raise DecodeError(f"{path}, line {number}: expected a file of this folder, found {words[1][:60]!r}")
+            images.append(StampedImage(parse_stamp(words[0], path, number), self.path / name))
+        return images
+
+    def _read_png(self, path: Path, mode: str, what: str) -> UncheckedArray:
+        """Return a grey image of a mode of Pillow."""
+        from PIL import Image
+
+        budget = Budget(path)
+        data = read_charged(path, budget)
+        with decoding(path), Image.open(io.BytesIO(data)) as image:
+            budget.take(PIXEL_BYTES * image.width * image.height, f"an image of {image.width} x {image.height} pixels")
+            actual, pixels = image.mode, np.array(image)
+        if actual != mode:
+            raise DecodeError(f"{path}: expected {what} grey image, found mode {actual}")
+        return pixels
 
     def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:
         """Yield the numbered lines of a text file, in words; none where it is missing. '#' starts a comment line."""

@@ -16,6 +16,7 @@ from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean
 from ..._util.untrusted import MAX_PACKET_BYTES, guarded
 from ...events.arrays import EventArray
+from ...events.filters import EventFilters, Filter
 from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
 from ..formats.destination import Target
 from ..formats.interface import EventReader, EventWriter, Roi, WriteReport, check_slice
@@ -40,10 +41,12 @@ class ConversionReport(WriteReport):
     Attributes:
         parts: how many frames, samples and so on were written, by the names of the parts.
         left_out: what the source has and the target does not hold, empty where nothing is lost.
+        filtered_out: how many events did not pass the filters.
     """
 
     parts: dict[str, int]
     left_out: str
+    filtered_out: int = 0
 
 
 def convert(
@@ -56,6 +59,7 @@ def convert(
     stop_us: int | None = None,
     roi: Roi | None = None,
     parts: Sequence[str] | None = None,
+    filters: Sequence[Filter] = (),
     from_zero: bool = False,
     backward: Breach = "refuse",
     outside: Breach = "refuse",
@@ -85,6 +89,7 @@ def convert(
         roi: only events with x0 <= x < x1 and y0 <= y < y1, as (x0, y0, x1, y1). Other parts stay whole.
         parts: which parts to convert next to the events, by the names camera, frames, depth, flow, imu and poses; all
             if not given, and () for events alone.
+        filters: only events that pass these, of :mod:`davis_rs.filters`, one after the other.
         from_zero: take the time of the first event, frame or sample off all times.
         backward, outside, max_packet_bytes: see :func:`davis_rs.open_reader`; how many events were dropped is a
             ``UserWarning``.
@@ -114,9 +119,9 @@ def convert(
             wanted = [part for part in PARTS if (parts is None or part.name in parts) and hasattr(reader, part.read)]
             held = [part for part in wanted if part.name in FORMATS[writer.format].holds]
             items = heapq.merge(*(_items(reader, part, start_us, stop_us) for part in held), key=lambda item: item.t_us)
-            written = _write_all(
-                writer, reader.iter(start_us=start_us, stop_us=stop_us, roi=roi), items, reader, from_zero, progress
-            )
+            passing = EventFilters(filters, sensor)
+            packets = map(passing.take, reader.iter(start_us=start_us, stop_us=stop_us, roi=roi))
+            written = _write_all(writer, filter(len, packets), items, reader, from_zero, progress)
         report = writer.finish()
         dropped = reader.check
         if dropped.dropped_backward or dropped.dropped_outside:
@@ -131,7 +136,7 @@ def convert(
         if left_out:
             warnings.warn(f"{report.path} ({report.format}) cannot hold, and leaves out: {left_out}", LeftOutWarning, 2)
         values = {field.name: getattr(report, field.name) for field in fields(WriteReport)}
-        return ConversionReport(**values, parts=written, left_out=left_out)
+        return ConversionReport(**values, parts=written, left_out=left_out, filtered_out=passing.taken - passing.passed)
 
 
 class _Item(NamedTuple):

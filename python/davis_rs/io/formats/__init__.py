@@ -23,18 +23,19 @@ of pyarrow, h5py or rosbags; two shared cores) and which hands every event over 
 - ROS 1, 232 lines: rosbags reads an index, within bounds of ours; a bag without an index is ours alone.
 """
 
+from .aedat2 import AEDAT2
 from .aedat4 import Aedat4Format
 from .bag import BagFormat
 from .destination import Destination, Limits
 from .dsec import DsecFormat
 from .e2vid import E2vidFormat
-from .evt import EVT2, EVT3
+from .evt import EVT2, EVT3, EVT21
 from .interface import EventReader, EventWriter, Format, TruncatedFileWarning, WriteReport
 from .mvsec import MvsecFormat
 from .npy import NpyFormat
 from .npz import NpzFormat
 from .parquet import ParquetFormat
-from .recorded import AEDAT2, AEDAT3, CAMERA_BYTES
+from .recorded import AEDAT3, CAMERA_BYTES
 from .registry import FORMATS, register
 from .ros2 import Ros2Format
 from .text import TextFormat
@@ -54,6 +55,7 @@ __all__ = [
 register(
     EVT3,
     EVT2,
+    EVT21,
     Aedat4Format(),
     NpyFormat(),
     NpzFormat(),

@@ -1,4 +1,4 @@
-"""Writes and reads EVT 2.0 and EVT 3.0, Prophesee's ``.raw`` files: words of 32 and of 16 bits."""
+"""Writes and reads EVT 2.0 and EVT 3.0, and reads EVT 2.1, Prophesee's ``.raw`` files: words of 32, 16 and 64 bits."""
 
 from __future__ import annotations
 
@@ -16,19 +16,22 @@ class EvtFormat(Format):
     """Without options. Sensors have at most 2048 x 2048 pixels.
 
     Args:
-        version: 2 or 3.
+        version: as headers write it, such as ``3.0``.
         latest_us: the latest time that is written.
+        writable: whether it is written too.
 
-    Source: Prophesee, EVT 2.0 and EVT 3.0 formats, in Metavision's documentation.
+    Source: Prophesee, EVT 2.0, EVT 2.1 and EVT 3.0 formats, in Metavision's documentation.
     """
 
     suffixes = (".raw",)
     writer = CoreWriter
 
-    def __init__(self, version: int, latest_us: int) -> None:
-        self.name = f"evt{version}"
+    def __init__(self, version: str, latest_us: int, *, writable: bool = True) -> None:
+        number = version.replace(".", "").removesuffix("0")
+        self.name, self.writable = f"evt{number}", writable
         self.limits = Limits(latest_us, 2048, 2048)
-        self._header = re.compile(rb"^%% (evt %d\.|format EVT%d[;\n\r])" % (version, version), re.MULTILINE)
+        header = rb"^%% (evt %s(?!\d)|format EVT%s[;\n\r])" % (re.escape(version).encode(), number.encode())
+        self._header = re.compile(header, re.MULTILINE)
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(b"%") and self._header.search(head) is not None
@@ -37,5 +40,6 @@ class EvtFormat(Format):
         return CoreReader(path, format=self.name, limits=self.limits, rules=rules)
 
 
-EVT3 = EvtFormat(3, 2**40 - 1)
-EVT2 = EvtFormat(2, 2**34 - 1)
+EVT3 = EvtFormat("3.0", 2**40 - 1)
+EVT2 = EvtFormat("2.0", 2**34 - 1)
+EVT21 = EvtFormat("2.1", 2**34 - 1, writable=False)

@@ -23,7 +23,7 @@ from .blocks import BLOCK, Blocks, Place, equal_blocks
 from .destination import Destination, Target
 from .hdf5_chunks import Rows
 from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
-from .hdf5_disk import Hdf5File
+from .hdf5_flushed_file import Hdf5File
 from .hdf5_links import find_inside
 from .interface import EventReader, EventWriter, Format, warn_truncated
 from .reading import ANY_SIZE, ReadRules

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..._util.array_types import AnyArray
 from ..._util.extras import from_extra
-from .hdf5_disk import Hdf5File
+from .hdf5_flushed_file import Hdf5File
 
 CHUNK = 1 << 16
 """Rows of a chunk of events."""

@@ -29,7 +29,7 @@ from .parts import (
 )
 
 if TYPE_CHECKING:
-    from .hdf5_disk import Hdf5File
+    from .hdf5_flushed_file import Hdf5File
 
 CALIBRATION = "calib"
 """The group of the calibration, named as M3ED names it."""

@@ -15,8 +15,9 @@ from ..._core import DecodeError
 from ..._util.untrusted import above_limit, decoding
 from ...events.arrays import EVENT_DTYPE, EventArray, as_events
 from .blocks import BLOCK, Blocks, Place, equal_blocks
+from .byte_writer import ByteWriter
 from .destination import Destination, naming
-from .interface import EventReader, EventWriter, Format, warn_truncated
+from .interface import EventReader, Format, warn_truncated
 from .reading import ReadRules
 
 _LONGEST_HEADER = 10_000
@@ -34,22 +35,13 @@ def npy_header(count: int) -> bytes:
     return MAGIC + b"\x01\x00" + length.to_bytes(2, "little") + text.ljust(length - 1).encode() + b"\n"
 
 
-class NpyWriter(EventWriter):
+class NpyWriter(ByteWriter):
     """Appends events, and puts their number into the header after each packet: NumPy then reads all that was written,
     also when the process was killed."""
 
     def __init__(self, destination: Destination) -> None:
-        super().__init__(destination)
-        self._owned = not destination.is_stream
         self._count = 0
-        with naming(self.path):
-            self._file = self._open(destination)
-            if not self._file.seekable():
-                raise ValueError(
-                    f"{self.format} states the number of events at its beginning, but {self.path} is not seekable"
-                )
-            self._start = self._file.tell()
-            self._begin()
+        super().__init__(destination)
 
     def _open(self, destination: Destination) -> BinaryIO:
         target = destination.target
@@ -58,7 +50,14 @@ class NpyWriter(EventWriter):
         return target
 
     def _begin(self) -> None:
-        """Write what stands before the first event."""
+        if not self._file.seekable():
+            raise ValueError(
+                f"{self.format} states the number of events at its beginning, but {self.path} is not seekable"
+            )
+        self._start = self._file.tell()
+        self._put_beginning()
+
+    def _put_beginning(self) -> None:
         self._put(npy_header(0))
 
     def _encode(self, packet: EventArray) -> None:
@@ -67,37 +66,15 @@ class NpyWriter(EventWriter):
             self._count += len(packet)
             self._patch(self._start, npy_header(self._count))
 
-    def _flush(self) -> None:
-        if not self._owned:
-            self._file.flush()
-
-    def _close(self) -> int:
-        with naming(self.path):
-            self._flush()
-            size = self._file.tell() - self._start
-            if self._owned:
-                self._file.close()
-            return size
-
-    def _abandon(self) -> None:
-        if self._owned:
-            self._file.close()
-
-    def _put(self, data: bytes | memoryview) -> None:
-        """Write all of ``data``; the system may take it in parts."""
-        rest = memoryview(data)
-        while len(rest):
-            taken = self._file.write(rest)
-            if taken is None:
-                raise BlockingIOError(f"{self.path} would block")
-            rest = rest[taken:]
-
     def _patch(self, position: int, data: bytes) -> None:
         """Replace bytes that are there."""
         end = self._file.tell()
         self._file.seek(position)
         self._put(data)
         self._file.seek(end)
+
+    def _size(self) -> int:
+        return self._file.tell() - self._start
 
 
 class NpyReader(EventReader):

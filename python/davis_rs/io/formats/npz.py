@@ -50,11 +50,11 @@ class NpzWriter(NpyWriter):
         self._part = destination.claim_part()
         return self._part.part.open("r+b", buffering=0)
 
-    def _begin(self) -> None:
+    def _put_beginning(self) -> None:
         self._archive = self._start
         self._put(_local_header(0, 0))
         self._start = self._file.tell()
-        super()._begin()
+        super()._put_beginning()
 
     def _encode(self, packet: EventArray) -> None:
         super()._encode(packet)

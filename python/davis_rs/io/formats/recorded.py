@@ -1,4 +1,4 @@
-"""Reads recordings of cameras as event files: AEDAT 2.0 and 3.1, and a camera's own bytes, which are only read."""
+"""Reads recordings of cameras as event files: AEDAT 3.1 and a camera's own bytes; AEDAT 2.0 is in ``aedat2``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..._core import DecodeError
 from ...events.arrays import EventArray
-from ..recordings import aedat2, aedat3, camera_bytes
+from ..recordings import aedat3, camera_bytes
 from ..recordings.recording_file import RecordingFile, Remarks
 from .blocks import Blocks, Place, blocks_of, refuse
 from .interface import EventReader, Format, warn_truncated
@@ -118,7 +118,7 @@ class RecordedReader(RecordedParts, EventReader):
 
 
 class RecordedFormat(Format):
-    """Describes a format that only cameras' software writes.
+    """Describes a format of cameras' software, which is only read unless a subclass has a writer.
 
     Args:
         name: as ``format=`` and messages name it.
@@ -142,6 +142,5 @@ class RecordedFormat(Format):
         return RecordedReader(recording, format=self.name, rules=rules)
 
 
-AEDAT2 = RecordedFormat("aedat2", aedat2.Aedat2File, aedat2.MAGIC, (".aedat",))
 AEDAT3 = RecordedFormat("aedat3", aedat3.Aedat3File, aedat3.MAGIC, (".aedat",))
 CAMERA_BYTES = RecordedFormat("camera", camera_bytes.CameraBytesFile, camera_bytes.MAGIC)

@@ -1,4 +1,4 @@
-"""Reads AEDAT 2.0, jAER's format: records of address and time, eight bytes each, big-endian, after lines of text.
+"""Reads and encodes AEDAT 2.0, jAER's format: lines of text, then records of address and time, of eight bytes each.
 
 An address with bit 31 clear is an event (y in bits 22-30, x 12-21, polarity 11) or, with bit 10, an external input.
 With bit 31 set it is a sample of a frame or, with bits 10 and 11 too, a word of an inertial sample. Of events both
@@ -19,12 +19,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.argument_error import ArgumentError
 from ..._util.array_types import IntegerArray
 from ...events.arrays import EventArray
 from ...events.decoded import TriggerKind
 from .aedat2_frames import Samples, assemble
 from .recording import event_array, imu_array, known_chip, size_of, trigger_array
-from .recording_file import EMPTY, KINDS, Piece, RecordingFile, Remarks
+from .recording_file import EMPTY, RECORDED_KINDS, Piece, RecordingFile, Remarks
 
 MAGIC = b"#!AER-DAT2.0"
 
@@ -49,6 +50,51 @@ _PREFERENCES = {
 }
 """For each sensor: the name of its full scale in jAER's preferences, the possible ones, jAER's default, and the
 unit."""
+
+
+_JAER_CLASSES = {
+    (128, 128): "Davis128",
+    (240, 180): "DAVIS240C",
+    (346, 260): "Davis346B",
+    (640, 480): "Davis640",
+}
+"""By size of the sensor, the camera that jAER knows it by: its class in eu.seebetter.ini.chips.davis."""
+
+
+def jaer_class(width: int, height: int) -> str:
+    """Return the name of jAER's camera of a size.
+
+    Raises:
+        ArgumentError: for a size that no DAVIS has.
+    """
+    if (width, height) not in _JAER_CLASSES:
+        known = ", ".join(f"{wide}x{high}" for wide, high in _JAER_CLASSES)
+        raise ArgumentError(
+            "{size} {}x{}: aedat2 names a camera in place of a size, and there is one of {}", width, height, known
+        )
+    return _JAER_CLASSES[width, height]
+
+
+def header_of(width: int, height: int) -> bytes:
+    """Return the lines that a file of a sensor begins with, as jAER wants them: each ends with CR and LF."""
+    lines = [
+        MAGIC.decode(),
+        "# This is a raw AE data file - do not edit",
+        "# Data format is int32 address, int32 timestamp (8 bytes total), repeated for each event",
+        "# Timestamps tick is 1 us",
+        f"# AEChip: eu.seebetter.ini.chips.davis.{jaer_class(width, height)}",
+        "# Written by davis_rs",
+    ]
+    return "".join(f"{line}\r\n" for line in lines).encode() + _LAST_LINE
+
+
+def records_of(events: EventArray, width: int, height: int) -> npt.NDArray[np.void]:
+    """Return the records (n,) of events on a sensor, with times from 0 to 2^31 - 1."""
+    records = np.empty(len(events), _RECORD)
+    x, y = width - 1 - events["x"].astype(np.uint32), height - 1 - events["y"].astype(np.uint32)
+    records["address"] = y << 22 | x << 12 | events["p"].astype(np.uint32) << 11
+    records["t"] = events["t"]
+    return records
 
 
 class Aedat2File(RecordingFile):
@@ -81,7 +127,7 @@ class Aedat2File(RecordingFile):
         self.accelerometer_range_g = _full_scale("accelerometer", accelerometer_range_g, header, self._scale_notes)
         self.gyroscope_range_deg_s = _full_scale("gyroscope", gyroscope_range_deg_s, header, self._scale_notes)
 
-    def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+    def pieces(self, kinds: Collection[str] = RECORDED_KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         remarks = Remarks() if remarks is None else remarks
         imu = _ImuWords(self.accelerometer_range_g or 0, self.gyroscope_range_deg_s or 0)
         samples = [Samples(*np.zeros((5, 0), np.int64))]

@@ -20,7 +20,7 @@ from ..._util.budget import Budget
 from ...events.arrays import EventArray
 from ...events.decoded import Decoded, Frame, TriggerKind
 from .recording import event_array, grey, imu_array, known_chip, size_of, trigger_array
-from .recording_file import EMPTY, KINDS, Piece, RecordingFile, Remarks
+from .recording_file import EMPTY, RECORDED_KINDS, Piece, RecordingFile, Remarks
 
 MAGIC = b"#!AER-DAT3.1"
 
@@ -74,10 +74,10 @@ class Aedat3File(RecordingFile):
         super().__init__(path, known, size_of(known) if known else None, started=_started(header))
         self._start = end + len(_END)
 
-    def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+    def pieces(self, kinds: Collection[str] = RECORDED_KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         remarks = Remarks() if remarks is None else remarks
         wanted = {kind for kind, what in _HOLD.items() if what in kinds}
-        everything = set(kinds) == set(KINDS)
+        everything = set(kinds) == set(RECORDED_KINDS)
         left_out, budget = _LeftOut(), Budget(self.path)
         with self.path.open("rb") as file:
             total = file.seek(0, 2)

@@ -12,7 +12,7 @@ from ..._core import Aedat4Recording, DecodeError
 from ..._util.untrusted import MAX_PACKET_BYTES
 from ...events.decoded import Decoded
 from .recording import known_chip, size_of
-from .recording_file import KINDS, Piece, RecordingFile, Remarks
+from .recording_file import RECORDED_KINDS, Piece, RecordingFile, Remarks
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 
@@ -37,7 +37,7 @@ class Aedat4File(RecordingFile):
         known = known_chip(chip, core.source)
         super().__init__(path, known, core.size or (size_of(known) if known else None))
 
-    def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+    def pieces(self, kinds: Collection[str] = RECORDED_KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         if set(kinds) == {"events"} and not self.has_events:
             raise DecodeError(f"{self.path}: the file has no stream of events (EVTS)")
         remarks = Remarks() if remarks is None else remarks
@@ -47,7 +47,7 @@ class Aedat4File(RecordingFile):
             others += parts["other_packets"]
             decoded = Decoded(parts["events"], parts["imu"], parts["frames"], parts["triggers"])
             yield Piece(decoded, min(core.bytes / total, 1.0))
-        if others and set(kinds) == set(KINDS):
+        if others and set(kinds) == set(RECORDED_KINDS):
             remarks.notes.append(f"{others} packets of other streams left out; read is the first of each kind")
         if core.cut is not None:
             remarks.cut.append(core.cut)

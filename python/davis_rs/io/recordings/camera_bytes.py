@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from ...usb.raw_file import HEADER_BYTES, MAGIC, RawRecording
-from .recording_file import EMPTY, KINDS, Piece, RecordingFile, Remarks
+from .recording_file import EMPTY, RECORDED_KINDS, Piece, RecordingFile, Remarks
 
 __all__ = ["MAGIC", "CameraBytesFile"]
 
@@ -24,7 +24,7 @@ class CameraBytesFile(RecordingFile):
             raise ValueError(f"{path} is of a {device.chip}: leave out chip={chip!r}")
         super().__init__(path, device.chip, (device.width, device.height), started=self.raw.started)
 
-    def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+    def pieces(self, kinds: Collection[str] = RECORDED_KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         remarks = Remarks() if remarks is None else remarks
         decoder, done = self.raw.decoder(), HEADER_BYTES
         total = self.path.stat().st_size

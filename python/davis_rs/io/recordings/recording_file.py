@@ -14,7 +14,7 @@ import numpy as np
 from ...events.arrays import EVENT_DTYPE, EventArray
 from ...events.decoded import IMU_DTYPE, TRIGGER_DTYPE, Decoded
 
-KINDS = ("events", "imu", "frames", "triggers")
+RECORDED_KINDS = ("events", "imu", "frames", "triggers")
 """What a recording may hold."""
 
 
@@ -71,7 +71,7 @@ class RecordingFile(ABC):
         self.gyroscope_range_deg_s: int | None = None
 
     @abstractmethod
-    def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+    def pieces(self, kinds: Collection[str] = RECORDED_KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         """Yield the recording from its beginning, in bounded memory unless the format's module says otherwise.
 
         Args:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -208,29 +209,32 @@ class _Job:
 
     def reflected(self, light: Irradiance, direct: list[SampledLight]) -> Gathered:
         """A function that gathers what surfaces reflect of direct light and of all bounces but the last."""
-        gather = partial(light.gathered, reflected=self._reflected(direct))
+        reflected = None
+        if direct:
+            maps = self._direct_maps(direct, direct)
+            reflected = Reflected(maps.layouts, maps.texels)
+        gather = partial(light.gathered, reflected=reflected)
         bounced: SampledLight | None = None
         for bounce in range(1, light.most_bounces):
             if bounced is None:
                 bounced, change = self.bounced(light, gather, COARSE_SAMPLES, max(self._error, _COARSE_ERROR)), np.inf
+                maps = self._direct_maps(direct, [*direct, bounced])
             else:
                 told = self._told(f"bounce {bounce}")
                 told(0, len(bounced.values))
                 more = bounced.with_light(partial(_at_spots, light, partial(gather, samples=COARSE_SAMPLES)))
                 was, now = (part.values.sum() for part in (bounced, more))
                 bounced, change = more, (now - was) / now if now > 0 else 0.0
-            gather = partial(light.gathered, reflected=self._reflected([*direct, bounced]))
+            gather = partial(light.gathered, reflected=maps.with_bounces(self._lattice, bounced))
             if change < _SETTLED * self._error:
                 break
         return gather
 
-    def _reflected(self, parts: list[SampledLight]) -> Reflected | None:
-        """What surfaces reflect of all parts of the light that falls on them; None without any."""
-        if not parts:
-            return None
-        divisions = np.max([part.divisions() for part in parts], axis=0)
+    def _direct_maps(self, direct: list[SampledLight], divided: list[SampledLight]) -> _DirectMaps:
+        """Maps of direct light, as finely divided as any of ``divided``."""
+        divisions = np.max([part.divisions() for part in divided], axis=0)
         layouts = layouts_of(self.of_sides(divisions))
-        return Reflected(layouts, texels_of(self._lattice, parts, divisions, layouts))
+        return _DirectMaps(divisions, layouts, texels_of(self._lattice, direct, divisions, layouts))
 
     def of_sides(self, divisions: IntArray) -> IntArray:
         """Divisions (t, 2) of fronts and backs, -1 for backs that do not reflect, from those of the lattice's sides."""
@@ -318,6 +322,24 @@ class _Job:
         spacing, finest = (share * self._diagonal * wider for share in distances)
         # Once its middle is known, an edge errs by a quarter of what it did before.
         return RefinementRule(spacing, finest, tolerance, 4 * MOST_POINTS // (3 + self.count))
+
+
+@dataclass(frozen=True)
+class _DirectMaps:
+    """Maps of direct light, to which light that bounces is added as often as it does, always at the same points.
+
+    Attributes:
+        divisions: of the lattice's sides, for both.
+        layouts: of the maps.
+        texels: of direct light.
+    """
+
+    divisions: IntArray
+    layouts: IntArray
+    texels: npt.NDArray[np.float32]
+
+    def with_bounces(self, lattice: SurfaceLattice, bounced: SampledLight) -> Reflected:
+        return Reflected(self.layouts, texels_of(lattice, [bounced], self.divisions, self.layouts, self.texels))
 
 
 def _unless_buried(light: Irradiance, places: FloatArray, normals: FloatArray, values: FloatArray) -> FloatArray:

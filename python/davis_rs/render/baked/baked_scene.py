@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..._mitsuba.types import Mitsuba, MitsubaObject, MitsubaScene, MitsubaShape
 from ..._mitsuba.variants import SCALAR, versions
 from ..._util.progress import progress, say
+from ...geometry.trajectory.steered import SteeredPath
 from ...scene.scene import Scene
 from ..diffuse_materials import is_two_sided
 from ..motion.scene_motion import SceneMotion
@@ -125,6 +126,13 @@ def check_baking(loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, *, by_n
         paths_of(loaded.integrator())
     with obstacles.collect():
         check_lights(loaded, mi)
+    for name, path in motion.objects.items():
+        with obstacles.collect():
+            if isinstance(path, SteeredPath):
+                rule = "moves as a caller decides: its light cannot be computed in advance"
+                raise Unsuitable(
+                    rule, "give it a path (scene.objects), or light that needs no bake", f"object {name!r}"
+                )
     for shape in small_lamps(loaded):
         with obstacles.collect():
             if shape.id() in motion.objects:

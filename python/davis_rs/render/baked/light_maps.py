@@ -130,9 +130,14 @@ def looked_up(texels: npt.NDArray[np.float32], layouts: IntArray, weight: FloatA
 
 
 def texels_of(
-    lattice: SurfaceLattice, parts: Sequence[SampledLight], divisions: IntArray, layouts: IntArray
+    lattice: SurfaceLattice,
+    parts: Sequence[SampledLight],
+    divisions: IntArray,
+    layouts: IntArray,
+    others: npt.NDArray[np.float32] | None = None,
 ) -> npt.NDArray[np.float32]:
-    texels = np.zeros((texel_count(layouts), 3), np.float32)
+    """Return the texels (n, 3) of maps of the sum of all parts, and of ``others``, texels of the same layouts."""
+    texels = np.zeros((texel_count(layouts), 3), np.float32) if others is None else others.copy()
     sides = side_of(lattice)
     for part in parts:
         for faces, grids in part.grids(divisions):

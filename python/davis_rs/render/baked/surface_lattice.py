@@ -137,12 +137,15 @@ class SampledLight:
 
     def middle_of(self, a: IntArray, b: IntArray) -> IntArray:
         """The point in the middle of each edge, -1 where it was not divided or has an end of -1."""
+        middles = np.full(a.shape, -1)
+        known = (a >= 0) & (b >= 0)
+        if not len(self.edges) or not known.any():
+            return middles
+        a, b = a[known], b[known]
         keys = _keys(np.minimum(a, b), np.maximum(a, b))
-        if not len(self.edges):
-            return np.full(keys.shape, -1)
         at = np.searchsorted(self.edges, keys).clip(max=len(self.edges) - 1)
-        found = (self.edges[at] == keys) & (a >= 0) & (b >= 0)
-        return np.where(found, self.middles[at], -1)
+        middles[known] = np.where(self.edges[at] == keys, self.middles[at], -1)
+        return middles
 
     def divisions(self) -> IntArray:
         """Return how often (f) each side is divided anywhere, its edges included."""
@@ -290,10 +293,10 @@ def _finer_ids(light: SampledLight, ids: IntArray) -> IntArray:
 
 
 def _beyond_third_edge(values: FloatArray) -> FloatArray:
+    """Fill the places of grids beyond the third edge, in place, as :meth:`SampledLight.grids` has them."""
     n = values.shape[1] - 1
     i = np.arange(1, n + 1)
     j = n + 1 - i
-    values = values.copy()
     values[:, i, j] = values[:, i, j - 1] + values[:, i - 1, j] - values[:, i - 1, j - 1]
     return values
 

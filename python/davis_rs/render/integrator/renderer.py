@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from ..._mitsuba.types import DrJit, JitFloat, JitIndex, Mitsuba, MitsubaHit, MitsubaScene
 from ..._mitsuba.variants import FAST, variant
+from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS, LumaFrames
 from ...geometry.camera import Camera
 from ...geometry.trajectory.views import Views
@@ -39,10 +40,12 @@ class IntegratorRenderer(SceneRenderer):
         seed: int,
         reason: str,
         motion: SceneMotion = STILL,
+        weights: Weights = LUMA_WEIGHTS,
     ) -> None:
         super().__init__(
             scene, camera, rays_per_pixel=rays_per_pixel, blur=blur, seed=seed, reason=reason, motion=motion
         )
+        self._weights = weights
         self._camera_rays = CameraRays(camera)
         self._camera_rays.prepare(rays_per_pixel)
 
@@ -105,7 +108,7 @@ class IntegratorRenderer(SceneRenderer):
             sampler = frame_sampler()(dr.opaque(mi.UInt32, self._seed), number)
             colour, valid, *_ = self._integrator.sample(self._scene, sampler, ray, None, True)
             del valid  # a ray that hits nothing has the background's colour
-            luma = colour[0] * LUMA_WEIGHTS[0] + colour[1] * LUMA_WEIGHTS[1] + colour[2] * LUMA_WEIGHTS[2]
+            luma = colour[0] * self._weights[0] + colour[1] * self._weights[1] + colour[2] * self._weights[2]
             # The rays of a pixel are neighbours, and are summed in order.
             return np.array((dr.block_sum(luma, rays) / rays).numpy(), np.float32)
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..._mitsuba.types import MitsubaHit, MitsubaScene
 from ..._mitsuba.variants import SCALAR, variant
+from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS, LumaFrames
 from ...geometry.camera import Camera
 from ...geometry.trajectory.views import Views
@@ -37,10 +38,12 @@ class ScalarRenderer(SceneRenderer):
         seed: int,
         reason: str,
         motion: SceneMotion = STILL,
+        weights: Weights = LUMA_WEIGHTS,
     ) -> None:
         super().__init__(
             scene, camera, rays_per_pixel=rays_per_pixel, blur=blur, seed=seed, reason=reason, motion=motion
         )
+        self._weights = weights
         with variant(SCALAR) as (mi, _):
             self._sampler = mi.load_dict({"type": "independent"})
         self._unit_rays = functools.lru_cache(maxsize=4)(self._make_unit_rays)
@@ -87,7 +90,7 @@ class ScalarRenderer(SceneRenderer):
         with variant(SCALAR) as (mi, _):
             scene, sampler, sample = self._scene, self._sampler, self._integrator.sample
             make_ray, make_vector = mi.RayDifferential3f, mi.Vector3f
-            red, green, blue = LUMA_WEIGHTS
+            red, green, blue = self._weights
             origins = [mi.Point3f(*position) for position in views.positions.tolist()]
             seeds, views_of = (self._seed + pixel * rays).tolist(), view.tolist()
             last = None

@@ -8,10 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ...geometry.pose import FloatArray
+from ..._util.argument_checks import check_number
+from ..._util.argument_error import ArgumentError
+from ...geometry.pose import FloatArray, Pose, PoseLike, as_pose
+from ...geometry.trajectory.steered import SteeredPath
 from ...geometry.trajectory.trajectory import TIME_TOLERANCE_S, Trajectory
 from ...geometry.trajectory.views import Views
 from ...scene.light_profile import LightProfile
+from ...scene.steered_profile import SteeredProfile
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,14 @@ class SceneState:
         return SceneState(tuple(pose.scaled(factor) for pose in self.objects), self.factors, self.rates)
 
 
+@dataclass(frozen=True, eq=False)
+class Steering:
+    """Holds what a caller moves and dims in a step: poses of objects and factors of lights, by their ids."""
+
+    objects: Mapping[str, Pose]
+    lights: Mapping[str, float]
+
+
 class SceneMotion:
     """Holds the trajectories of a scene's objects and the profiles of its lights, by their ids.
 
@@ -54,7 +66,13 @@ class SceneMotion:
         bends_s: npt.ArrayLike = (),
     ) -> None:
         self.bends_s = np.asarray(bends_s, np.float64)
-        self.objects, self.lights = dict(objects), dict(lights)
+        # What a caller moves starts anew for each simulation of a scene.
+        self._paths = {name: SteeredPath() for name, path in objects.items() if isinstance(path, SteeredPath)}
+        self._strengths = {
+            name: SteeredProfile() for name, light in lights.items() if isinstance(light, SteeredProfile)
+        }
+        self.objects: dict[str, Trajectory] = {**objects, **self._paths}
+        self.lights: dict[str, LightProfile] = {**lights, **self._strengths}
         self.boxes = [np.asarray(boxes[name], np.float64) for name in self.objects]
 
     def __bool__(self) -> bool:
@@ -66,6 +84,48 @@ class SceneMotion:
         if np.size(instants) < 2:
             return self
         return SceneMotion(self.objects, self.lights, dict(zip(self.objects, self.boxes, strict=True)), instants)
+
+    def restart(self) -> None:
+        """Put all that a caller moves where the scene has it."""
+        for path in self._paths.values():
+            path.restart()
+        for light in self._strengths.values():
+            light.restart()
+
+    def steered(self, objects: Mapping[str, PoseLike], lights: Mapping[str, float]) -> Steering:
+        """Check what a caller wants to move and dim.
+
+        Raises:
+            ArgumentError: for an object or a light that is not the caller's, what is no pose, or a factor that is not
+                finite and >= 0.
+        """
+        for name in objects:
+            if name not in self._paths:
+                _refuse("object", name, f"scene.with_movable({name!r})")
+        for name in lights:
+            if name not in self._strengths:
+                _refuse("light", name, f"scene.with_movable(lights=[{name!r}])")
+        poses = {name: as_pose(pose, f"objects[{name!r}]") for name, pose in objects.items()}
+        for name, factor in lights.items():
+            check_number(f"lights[{name!r}]", factor, 0)
+        return Steering(poses, {name: float(factor) for name, factor in lights.items()})
+
+    def steer(self, steering: Steering, start_us: int, end_us: int, *, seen_from_us: float) -> None:
+        """Move and dim what :meth:`steered` has checked over (start_us, end_us], or put it there if ``end_us`` is 0.
+
+        Args:
+            seen_from_us: nobody looks at an earlier instant any more.
+        """
+        for name, pose in steering.objects.items():
+            if end_us == 0:
+                self._paths[name].put(pose)
+            else:
+                self._paths[name].move(start_us, end_us, pose, seen_from_us=seen_from_us)
+        for name, factor in steering.lights.items():
+            if end_us == 0:
+                self._strengths[name].put(factor)
+            else:
+                self._strengths[name].change(start_us, end_us, factor, seen_from_us=seen_from_us)
 
     def at(self, t_s: FloatArray) -> SceneState:
         """Return the state of the scene at times (n,) of the sequence, seconds.
@@ -101,6 +161,10 @@ def pose_arrays(cameras: Sequence[Views]) -> tuple[FloatArray, FloatArray, Float
 
     These are positions (n, f, 3), rotations (n, f, 3, 3), velocities (n, f, 3) and angular rates (n, f, 3).
     """
+    if len(cameras) == 1:
+        camera = cameras[0]
+        arrays = camera.positions, camera.rotations, camera.velocities, camera.angular_rates
+        return arrays[0].ravel(), arrays[1].ravel(), arrays[2].ravel(), arrays[3].ravel()
     positions, rotations, velocities, angular_rates = (
         np.stack([getattr(camera, name) for camera in cameras], 1).ravel()
         for name in ("positions", "rotations", "velocities", "angular_rates")
@@ -121,6 +185,13 @@ def seen_from(cameras: Views, objects: Views) -> Views:
         to_object @ cameras.rotations,
         np.einsum("nij,nj->ni", to_object, velocities),
         cameras.angular_rates - np.einsum("nji,nj->ni", cameras.rotations, turning),
+    )
+
+
+def _refuse(kind: str, name: str, call: str) -> None:
+    """Refuse to move or dim what the scene does by itself."""
+    raise ArgumentError(
+        "{} {!r} follows the scene: {} makes it the caller's, before the simulator is made", kind, name, call
     )
 
 

@@ -7,19 +7,18 @@ import numpy.typing as npt
 
 from ..._core import PixelRays, SceneRenderer
 from ..._mitsuba.variants import SCALAR
-from ..._util.argument_error import ArgumentError
 from ...events.luma import LumaFrames
 from ...geometry.camera import Camera
-from ...geometry.lattice import rank1_lattice
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.views import Views
 from ..base import Indices, Renderer
 from ..edges.edge_tracks import EdgeTracks
 from ..motion.scene_motion import STILL, SceneMotion, pose_arrays, seen_from
-from ..rays.camera_rays import pixel_corners, pixel_rays, ray_table, table_bytes
+from ..rays.camera_rays import pixel_rays, ray_table, table_bytes
 from ..rays.shadow_rays import END, STEP
 from ..scene_cache import cached
 from ..scene_tables.scene_table import SceneTable
+from .estimators import ESTIMATORS, ViewArrays
 
 _KINDS = {"spot": "point", "lamp": "point"}
 
@@ -27,14 +26,6 @@ _PIXELS_PER_LAUNCH = 1 << 21
 
 _MOST_ACROSS = 65535
 """The largest width of an image that the core takes."""
-
-PIXELS = ("rays", "lines")
-"""What luma of a pixel is made of: a mean over rays, or its area by lines."""
-
-LINES = {8: 4, 32: 8, 64: 16}
-"""How many lines a pixel has in place of so many rays: they are shaded at about as many taps."""
-
-ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 class NativeRenderer(Renderer):
@@ -46,12 +37,13 @@ class NativeRenderer(Renderer):
 
     Args:
         pixel: ``rays``, or ``lines``: luma is the integral over a pixel's area along lines, on which the nearest
-            surface is known from edge to edge, so that it does not jump while an edge passes. Shadows are those of the
-            taps. Rates are differences then, and hold at edges too.
+            surface and the shadows of points of light are known from edge to edge, so that it does not jump while an
+            edge passes. Rates are differences then, and hold at edges too.
         threads: number of threads; None for all processors.
 
     Raises:
-        ValueError: for lines in place of another number of rays than :data:`LINES` has, or with a distorting lens.
+        ValueError: for lines in place of another number of rays than ``LINES`` of :mod:`.estimators` has, or with a
+            distorting lens.
 
     Attributes:
         baked: the baked light; None without any.
@@ -76,16 +68,7 @@ class NativeRenderer(Renderer):
         if table.baked is not None:
             motion = motion.with_bends(table.baked.maps.instants)
         super().__init__(camera, rays_per_pixel=rays_per_pixel, blur=blur, motion=motion)
-        rank1_lattice(rays_per_pixel)  # refuses bad numbers
-        self.pixel = pixel
-        self._lines: int | None = None
-        if pixel == "lines":
-            pixel_corners(camera)  # refuses distortion
-            if rays_per_pixel not in LINES:
-                raise ArgumentError(
-                    "{pixel:lines} takes {rays_per_pixel} {}, got {}", ", ".join(map(str, LINES)), rays_per_pixel
-                )
-            self._lines = LINES[rays_per_pixel]
+        self.pixel, self._estimator = pixel, ESTIMATORS[pixel](camera, rays_per_pixel)
         self.reason, self.baked, self.table = table.description, table.baked, table
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._profiles = [columns.get(light.name) for light in table.lights]
@@ -106,32 +89,23 @@ class NativeRenderer(Renderer):
         Raises:
             ValueError: for lines.
         """
-        self._known_rays()
+        self._estimator.known_rays()
         return NativeRenderer(
             self.table, self.camera, rays_per_pixel=self.rays_per_pixel, blur=False, motion=self.motion
         )
 
     def _luma(self, views: Views) -> LumaFrames:
-        if self._lines is not None:
-            luma = self._core.line_luma(pixel_corners(self.camera), self._lines, self._arrays(views))
-            return luma.reshape(self._shape(views))
-        luma, _ = self._core.luma(pixel_rays(self.camera, self.rays_per_pixel), self._arrays(views))
-        return luma.reshape(self._shape(views))
+        return self._estimator.luma(self._core, self._arrays(views)).reshape(self._shape(views))
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
-        if self._lines is not None:
+        both = self._estimator.luma_and_rate(self._core, self._arrays(views))
+        if both is None:
             return super()._luma_and_rate(views)
-        luma, rate = self._core.luma(pixel_rays(self.camera, self.rays_per_pixel), self._arrays(views), rate=True)
-        assert rate is not None
+        luma, rate = both
         return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        if self._lines is not None:
-            if rays != self.rays_per_pixel:
-                raise ValueError(f"lines take the place of {self.rays_per_pixel} rays a pixel, got {rays}")
-            view, pixel = view.astype(np.uint32), pixel.astype(np.uint32)
-            return self._core.line_samples(pixel_corners(self.camera), self._lines, self._arrays(views), view, pixel)
-        return self._core.samples(pixel_rays(self.camera, rays), self._arrays(views), view, pixel)
+        return self._estimator.samples(self._core, self._arrays(views), view, pixel, rays)
 
     def gradients(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
@@ -149,7 +123,7 @@ class NativeRenderer(Renderer):
             order of :attr:`table`.
         """
         gradients = self._core.gradients(
-            self._known_rays(),
+            self._estimator.known_rays(),
             self._arrays(views),
             view,
             np.ascontiguousarray(pixel).ravel(),
@@ -173,7 +147,7 @@ class NativeRenderer(Renderer):
         textures = self.table.textures
         steps = np.array([weights.sum() for weights in textures.group_weights], np.float64)
         counts, texels, values = self._core.texel_gradients(
-            self._known_rays(),
+            self._estimator.known_rays(),
             self._arrays(views),
             view,
             np.ascontiguousarray(pixel).ravel(),
@@ -192,7 +166,7 @@ class NativeRenderer(Renderer):
             n mod 64 is flipped for each light n that something hides); and luma.
         """
         shape = len(pixel), self.rays_per_pixel
-        triangle, hidden, luma = self._core.ray_hits(self._known_rays(), self._arrays(views), view, pixel)
+        triangle, hidden, luma = self._core.ray_hits(self._estimator.known_rays(), self._arrays(views), view, pixel)
         return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
 
     def ray_luma(self, views: Views, rays: FloatArray) -> FloatArray:
@@ -211,10 +185,10 @@ class NativeRenderer(Renderer):
         return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        if self._lines is not None:
-            return None  # their luma does not jump
+        if not self._estimator.jumps:
+            return None
         spans = self._core.edge_tracks(
-            self._known_rays(),
+            self._estimator.known_rays(),
             self._arrays(views),
             t_us.ravel(),
             reach=self.reach_px,
@@ -257,16 +231,6 @@ class NativeRenderer(Renderer):
         back = np.einsum("mi,mij->m", self.table.planes[triangle, :3], along) > 0
         shapes = np.repeat(np.arange(len(self.table.counts)), self.table.counts)[triangle]
         return np.where(missed, -1, shapes), back & ~missed
-
-    def _known_rays(self) -> PixelRays:
-        """Return the rays, for what is known of single rays alone.
-
-        Raises:
-            ValueError: for lines.
-        """
-        if self._lines is not None:
-            raise ArgumentError("what single rays see and derivatives need {pixel:rays}, got {pixel:lines}")
-        return pixel_rays(self.camera, self.rays_per_pixel)
 
     def _shape(self, views: Views) -> tuple[int, int, int]:
         return len(views), self.camera.height, self.camera.width

@@ -24,6 +24,9 @@ from ..._mitsuba.types import (
     MitsubaShape,
     MitsubaValue,
 )
+from ..._util.memory_forecast import MeshForecast
+from ..._util.progress import say
+from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.lattice import rank1_lattice
 from ..baked.baked_scene import BakedLight
@@ -87,7 +90,8 @@ class SceneTable:
         counts: how many records each of these shapes has.
         corners: float64 (n, 3, 3), the triangles' corners, metres.
         planes: float64 (n, 4): unit normal and offset, n . p + offset = 0.
-        u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1).
+        u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1); 0
+            where a texture has one texel.
         normal_maps: float64 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
         textures: the textures, and which one each record has.
         two_sided: uint32 (n), 1 where the back of the surface reflects too.
@@ -100,6 +104,7 @@ class SceneTable:
 
     Raises:
         Unsuitable: with all that is not a diffuse triangle or a direct light.
+        ValueError: for more triangles than there is memory for.
     """
 
     def __init__(
@@ -113,6 +118,7 @@ class SceneTable:
         baked: bool = False,
         view: ClosestView | None = None,
         obstacles: Obstacles | None = None,
+        weights: Weights = LUMA_WEIGHTS,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
@@ -129,7 +135,7 @@ class SceneTable:
         for shape in small_lamps(scene) if baked else ():
             with obstacles.collect():
                 self.lights += _area_light_points(shape, mi, colours)
-        self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
+        self.textures = TextureTable(mi, [np.asarray(weights) * colour for colour in colours])
         self.names = [str(shape.id()) for shape in scene.shapes()]
         self.counts: list[int] = []
         surfaces: list[Added] = []
@@ -146,12 +152,25 @@ class SceneTable:
             self.counts.append(faces)
             surfaces.append(added)
         obstacles.refuse()
+        self._forecast_memory()
         self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
         self._add_triangles(list(zip(scene.shapes(), surfaces, strict=True)), mi, baked=baked)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
         self.baked: BakedLight | None = None
+
+    def _forecast_memory(self) -> None:
+        """Say how much memory the tables will take if it is much, and refuse more than there is before it is taken."""
+        forecast = MeshForecast(
+            sum(self.counts),
+            textured=bool((self.textures.sizes[:, 1:3] > 1).any()),
+            smooth=any(shape.has_vertex_normals() for shape in self.scene.shapes()),
+            sharp_lights=sum(light.kind != "constant" for light in self.lights) if self.shadows else 0,
+        )
+        forecast.refuse()
+        if line := forecast.line():
+            say(line)
 
     def _add_triangles(self, shapes: Sequence[tuple[MitsubaShape, Added]], mi: Mitsuba, *, baked: bool) -> None:
         """Compute what each triangle has, a part of a mesh at a time.
@@ -161,9 +180,10 @@ class SceneTable:
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
-        self._mesh_uv = np.empty((count, 4)), np.empty((count, 4))
+        # Where a texture is the same everywhere nothing is written, and zeros that nobody writes take no memory.
+        self._mesh_uv = np.zeros((count, 4)), np.zeros((count, 4))
         smooth, smooth_parts = False, list[tuple[slice, FloatArray]]()
-        for shape, added in shapes:
+        for (shape, added), (_, width, height, _) in zip(shapes, self.textures.sizes.tolist(), strict=True):
             # Which side is the front matters only where the back is another, or the front alone emits.
             turned = None if not added.two_sided or (baked and shape.is_emitter()) else False
             for part in MeshTriangles.parts(shape, added.uv):
@@ -171,8 +191,9 @@ class SceneTable:
                 side, rows = -1.0 if turned else 1.0, slice(first, first + part.count)
                 first = rows.stop
                 self.corners[rows], self.planes[rows] = part.corners, part.planes() * side
-                for table, maps in zip(self._mesh_uv, part.texture_maps(), strict=True):
-                    table[rows] = maps
+                if (width, height) != (1, 1):
+                    for table, maps in zip(self._mesh_uv, part.texture_maps(), strict=True):
+                        table[rows] = maps
                 if part.vertex_normals is not None:
                     maps, is_smooth = part.normal_maps()
                     smooth |= is_smooth

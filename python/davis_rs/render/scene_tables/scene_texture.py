@@ -107,19 +107,38 @@ class TextureTable:
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
         """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode."""
-        return self._framed(self.texels(group))
+        weights = self.group_weights[group]
+
+        def luma(number: int) -> npt.NDArray[np.float32]:
+            texels = self._texels[number]
+            image = np.empty(texels.shape[:2], np.float32)
+            for start, piece in texels.pieces():
+                image.ravel()[start : start + len(piece)] = piece @ weights
+            return image
+
+        return self._framed(luma, np.float32)
 
     @property
     def of_framed(self) -> npt.NDArray[np.int64]:
         """The number in :meth:`texels` of each texel of :meth:`framed`."""
-        return self._framed(np.arange(self._count))
 
-    def _framed(self, texels: npt.NDArray[_Number]) -> npt.NDArray[_Number]:
-        images = []
-        for first, width, height, wrap in self.sizes.tolist():
-            image = texels[first : first + width * height].reshape(height, width)
-            images.append(np.pad(image, 1, mode="wrap" if WRAP_MODES[wrap] == "repeat" else "edge").ravel())
-        return np.concatenate(images)
+        def numbers(number: int) -> IntArray:
+            first, width, height, _ = self._sizes[number]
+            return np.arange(first, first + width * height).reshape(height, width)
+
+        return self._framed(numbers, np.int64)
+
+    def _framed(self, image_of: Callable[[int], npt.NDArray[_Number]], dtype: type[_Number]) -> npt.NDArray[_Number]:
+        """Put the images of all textures one after the other, each in its border. There is no second copy of all."""
+        layout = self.framed_sizes
+        framed = np.empty(int(sum((width + 2) * (height + 2) for _, width, height, _ in self._sizes)), dtype)
+        for number, (first, width, height, wrap) in enumerate(layout.tolist()):
+            image = framed[first : first + (width + 2) * (height + 2)].reshape(height + 2, width + 2)
+            image[1:-1, 1:-1] = image_of(number)
+            before, after = (-2, 1) if WRAP_MODES[wrap] == "repeat" else (1, -2)
+            image[0, 1:-1], image[-1, 1:-1] = image[before, 1:-1], image[after, 1:-1]
+            image[:, 0], image[:, -1] = image[:, before], image[:, after]
+        return framed
 
     @property
     def framed_sizes(self) -> npt.NDArray[np.int32]:

@@ -60,6 +60,7 @@ class SceneSurfaces:
 
     Attributes:
         names: the ids of the scene's shapes; shape number 1 is the first.
+        motion: what moves in the scene.
 
     Raises:
         ValueError: for a shape that is not made of triangles, more than 65,535 shapes, or a scene that cannot be
@@ -71,7 +72,7 @@ class SceneSurfaces:
         self.camera = camera
         with variant(SCALAR) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
-            loaded, self._motion, _, _ = triangulated(scene, camera, loaded, mi)
+            loaded, self.motion, _, _ = triangulated(scene, camera, loaded, mi)
             shapes = list(loaded.shapes())
             if len(shapes) > _MOST_SHAPES:
                 raise ValueError(f"a map of shapes has {_MOST_SHAPES} at most, scene {scene.name!r} has {len(shapes)}")
@@ -83,7 +84,7 @@ class SceneSurfaces:
                     )
             meshes = [MeshTriangles(shape) for shape in shapes]
             self.names = tuple(str(shape.id()) for shape in shapes)
-        moving = list(self._motion.objects)
+        moving = list(self.motion.objects)
         numbers = [moving.index(name) + 1 if name in moving else 0 for name in self.names]
         counts = [mesh.count for mesh in meshes]
         # One more for rays that hit nothing.
@@ -197,7 +198,7 @@ class SceneSurfaces:
 
     def _cameras(self, views: Views) -> list[Views]:
         """Return the cameras in the world, and in the frame of each moving object."""
-        return [views, *(seen_from(views, poses) for poses in self._motion.at(views.t_s).objects)]
+        return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
 
     @cached_property
     def _centres(self) -> FloatArray:

@@ -97,11 +97,9 @@ class GltfMeshes:
         if any(abs(weight) > ROUNDING for weight in weights):
             raise file.error(f"meshes[{index}]", "is deformed by morph targets, which are not read: apply them")
         if index not in self._known:
-            primitives = (
-                self._primitive(primitive, f"meshes[{index}].primitives[{number}]")
-                for number, primitive in enumerate(mesh.primitives or [])
-            )
-            self._known[index] = [primitive for primitive in primitives if len(primitive.corners)]
+            named = {f"meshes[{index}].primitives[{i}]": given for i, given in enumerate(mesh.primitives or [])}
+            read = (self._primitive(given, name) for name, given in named.items() if self._has_surface(given, name))
+            self._known[index] = [primitive for primitive in read if len(primitive.corners)]
         each = sum(len(primitive.corners) for primitive in self._known[index])
         charge_triangles(file.budget, count * each, 2 * (3 + 3 + 2 + 3), f"{where}: {count} of its mesh")
         self._triangles += count * each
@@ -110,13 +108,20 @@ class GltfMeshes:
             raise file.error(where, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
         return self._known[index]
 
+    def _mode(self, item: Item, where: str) -> int:
+        return 4 if item.mode is None else self._file.whole(item.mode, f"{where}.mode", "of a kind of primitives", 6)
+
+    def _has_surface(self, item: Item, where: str) -> bool:
+        """Return whether there is something to see, and note points and lines, which are left out."""
+        what = _WITHOUT_SURFACE.get(self._mode(item, where))
+        if what is not None:
+            self._repairs.add(f"parts made of {what}, which have no surface, left out", 1, where)
+        return what is None
+
     def _primitive(self, item: Item, where: str) -> Primitive:
         file = self._file
         file.budget.check_time("reading its meshes")
-        mode = 4 if item.mode is None else file.whole(item.mode, f"{where}.mode", "of a kind of primitives", 6)
-        if mode in _WITHOUT_SURFACE:
-            what = _WITHOUT_SURFACE[mode]
-            raise file.error(where, f"is made of {what}, which have no surface: remove them, or make triangles of them")
+        mode = self._mode(item, where)
         given = item.attributes if isinstance(item.attributes, dict) else {}
         attributes = {name: value for name, value in given.items() if value is not None}
         if "POSITION" not in attributes:

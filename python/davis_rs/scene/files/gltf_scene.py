@@ -15,17 +15,19 @@ from ..._util.untrusted import decoding
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray, Pose
 from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
+from ..default_paths import CAMERA
 from ..lost_looks import LostLook, lost_looks, shown
 from ..mesh_part import MeshPart
 from ..parts import DIRECT
 from ..repairs import Repairs
 from ..scene import Scene
 from ..texture_file import EncodedTexture
+from .default_view import default_view
 from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
 from .gltf_mesh import GltfMeshes, Primitive, joined
 from .gltf_nodes import Node, NodeTree
-from .mesh_scene import CAMERA, Axis, around, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
+from .mesh_scene import Axis, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .rounding import ROUNDING
 
 LUMENS_PER_WATT = 683.0
@@ -100,17 +102,19 @@ class _GltfScene:
             raise self.file.error("scene", "it has no area: all its vertices lie on a point or a line along an axis")
         lights = self._lights()
         camera, start, trajectory, of_camera = self._camera()
+        view = None
         if camera is None:
-            centre = (low + high) / 2
-            camera, trajectory = CAMERA, around(centre, float(np.linalg.norm(corners - centre, axis=1).max()))
+            view = default_view(corners.reshape(-1, 3, 3))
+            camera, trajectory, of_camera = CAMERA, view.trajectory, of_camera.format(view.note)
         self.repairs.warn()
         for name in map(str, self.file.document.extensionsUsed or []):
             if unknown(name):
                 self._lose("what unknown extensions say", plain(name)[1:-1])
-        described = lights or usual_light()
+        described = lights or usual_light(view)
         x, y, z = (f"{side:.3g}" for side in high - low)
         size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
-        shining = "no lights, so a sun and a sky"
+        size += "" if view is None else view.unit_question(high - low)
+        shining = f"no lights, so a {' and a '.join(usual_light(view))}"
         if lights:
             shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"
         file_name = self.file.path.name
@@ -268,7 +272,7 @@ class _GltfScene:
         unused = f"; not taken: the camera{'s' if len(others) > 1 else ''} {shown(others)}" if others else ""
         if taken is None:
             which = "no camera that is perspective" if others else "no camera"
-            return None, None, None, f"{which}, so one that goes around{unused}"
+            return None, None, None, f"{which}, so {{}}{unused}"
         node, camera = usable[0]
         lens = self._lens(camera.perspective, f"cameras[{node.item.camera}]")
         duration_s = self.tree.duration_s
@@ -276,7 +280,7 @@ class _GltfScene:
         start = trajectory.pose(0.0)
         size = f"the camera {node.name}, {lens.width} x {lens.height} px"
         if duration_s == 0:
-            return lens, start, None, f"{size}, at rest: give a trajectory{unused}"
+            return lens, start, None, f"{size}, at rest{unused}"
         if not self.tree.moves(node.index):
             trajectory = SegmentTrajectory(start, start, duration_s)
             return lens, start, trajectory, f"{size}, at rest for {duration_s:.4g} s{unused}"

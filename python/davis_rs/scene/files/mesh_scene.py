@@ -12,9 +12,8 @@ import numpy as np
 from ..._mitsuba.types import MitsubaShape, MitsubaValue, SceneDictionary
 from ..._util.argument_error import ArgumentError
 from ..._util.budget import Budget
-from ...geometry.camera import PRESETS
-from ...geometry.pose import FloatArray, Pose, hamilton
-from ...geometry.trajectory.trajectory import CallableTrajectory
+from ...geometry.pose import FloatArray
+from ..default_paths import CAMERA, direction
 from ..lost_looks import lost_looks
 from ..mesh_part import MeshPart
 from ..meshes import Mesh, shape
@@ -22,6 +21,7 @@ from ..parts import DIRECT, look_at
 from ..scene import Scene
 from ..texture_file import EncodedTexture
 from ..textures import Texture
+from .default_view import DefaultView, default_view
 from .obj_file import read_obj
 from .ply_file import read_ply
 
@@ -33,25 +33,22 @@ READERS = {".obj": read_obj, ".ply": read_ply}
 USUAL_UP: dict[str, Axis] = {".obj": "y", ".ply": "z"}
 """The axis that points up by default, as Blender exports them."""
 
-CAMERA = PRESETS["ideal"]
-"""The camera of a file that has none."""
-_FILLED = 0.6
-"""Fraction of the image's height that a ball around the mesh fills."""
-
-_ELEVATION_RAD, _TURN_S = np.radians(30.0), 10.0
-
 _SUN, _SKY = 2.0, 0.3
 """Irradiance of the sun; radiance of the light from all sides, which is the background's luma too."""
+_LAMP_ABOVE, _LAMP_LUMA = 0.5, 0.5
+"""Of the lamp in a room: how far it hangs above the camera, as a fraction of the free distance there, and the luma of a
+white wall at twice that distance."""
 
 
 def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
     """Make a scene of an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from
-    all around.
+    all around, or from within if it is a room.
 
     Surfaces are diffuse, opaque, and seen from both sides. A shape's id is ``mesh``, or ``mesh_MATERIAL`` where faces
     use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30 degrees above its middle, so far
-    away that a ball around the mesh fills 60 % of the image's height. The sun stands behind the camera's start, to its
-    left and above.
+    away that a ball around the mesh fills 60 % of the image's height. Surfaces that lie far off do not decide. The sun
+    stands behind the camera's start, to its left and above. In a room the camera turns once in 10 s at eye height,
+    where there is most space, and a lamp hangs above it in place of the sun.
 
     Args:
         up: the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY, as Blender exports them.
@@ -73,18 +70,18 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     parts = [_in_world(part, up, scale) for part in READERS[suffix](path, Budget(path))]
     corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
     low, high = corners.min(0), corners.max(0)
-    centre = (low + high) / 2
-    radius = float(np.linalg.norm(corners - centre, axis=1).max())
+    view = default_view(corners.reshape(-1, 3, 3))
     shapes = dict(zip(_shape_ids(parts), parts, strict=True))
     x, y, z = (f"{side:.3g}" for side in high - low)
     return Scene(
         name=path.stem,
-        source=lambda: _source(shapes),
+        source=lambda: _source(shapes, usual_light(view)),
         file=path,
         files=tuple(dict.fromkeys(file for part in parts for file in part.files)),
         camera=CAMERA,
-        trajectory=around(centre, radius),
-        note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up",
+        trajectory=view.trajectory,
+        note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up"
+        f"{view.unit_question(high - low)}; the camera: {view.note}",
         lost_looks=lost_looks(shapes),
     )
 
@@ -122,23 +119,30 @@ def _shape_ids(parts: list[MeshPart]) -> list[str]:
     return [f"mesh_{name}" if alike[name] == 1 else f"mesh_{name}_{index}" for index, name in enumerate(names)]
 
 
-def _source(parts: dict[str, MeshPart]) -> SceneDictionary:
+def _source(parts: dict[str, MeshPart], light: SceneDictionary) -> SceneDictionary:
     return {
         "type": "scene",
         "integrator": DIRECT,
-        **usual_light(),
+        **light,
         **{name: mitsuba_shape(part) for name, part in parts.items()},
     }
 
 
-def usual_light() -> SceneDictionary:
-    """Return a sun behind the start of :func:`around`, to its left and above, and light from all sides."""
-    right, down, forward = look_at(_direction(0.0), np.zeros(3)).T
-    direction = (forward + 0.6 * down + 0.6 * right).tolist()
-    return {
-        "sun": {"type": "directional", "direction": direction, "irradiance": _SUN},
-        "sky": {"type": "constant", "radiance": _SKY},
-    }
+def usual_light(view: DefaultView | None) -> SceneDictionary:
+    """Return a sun behind the start of the path around, to its left and above, and light from all sides; in a room,
+    into which no sun shines, a lamp above the camera in its place.
+
+    Args:
+        view: of a camera in the world that the file did not give; None where it did.
+    """
+    sky: SceneDictionary = {"type": "constant", "radiance": _SKY}
+    if view is not None and view.room_centre is not None:
+        position = view.room_centre + np.array([0.0, 0.0, _LAMP_ABOVE * view.room_radius])
+        intensity = np.pi * _LAMP_LUMA * (2 * view.room_radius) ** 2
+        return {"lamp": {"type": "point", "position": position.tolist(), "intensity": float(intensity)}, "sky": sky}
+    right, down, forward = look_at(direction(0.0), np.zeros(3)).T
+    towards = (forward + 0.6 * down + 0.6 * right).tolist()
+    return {"sun": {"type": "directional", "direction": towards, "irradiance": _SUN}, "sky": sky}
 
 
 def mitsuba_shape(part: MeshPart) -> MitsubaShape:
@@ -146,10 +150,13 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
     import mitsuba as mi
 
     given, uv = part.reflectance, part.uv
-    # Of a large texture there is only this tensor, which Mitsuba copies.
-    reflectance: Texture | FloatArray | MitsubaValue = (
-        mi.TensorXf(given.linear()) if isinstance(given, EncodedTexture) else given
-    )
+    reflectance: Texture | FloatArray | MitsubaValue = given
+    if isinstance(given, EncodedTexture):
+        if (given.tint == 1.0).all():
+            reflectance = mi.Bitmap(given.texels, mi.Bitmap.PixelFormat.RGB)
+            reflectance.set_srgb_gamma(True)
+        else:  # of a large texture there is only this tensor, which Mitsuba copies
+            reflectance = mi.TensorXf(given.linear())
     if part.colours is not None:
         reflectance, uv = colours_as_texture(part.colours)
     flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0
@@ -181,43 +188,3 @@ def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
     x = (column[:, None] * 2 + [0.5, 1.5, 0.5]) / (2 * columns)
     y = (row[:, None] * 2 + [0.5, 0.5, 1.5]) / (2 * rows)
     return texels.reshape(2 * rows, 2 * columns, 3), np.stack([x, 1 - y], 2)
-
-
-def _direction(angle_rad: float) -> FloatArray:
-    """Return the unit vector from the mesh to the camera, turned by an angle from its start in front (-y)."""
-    out, rise = np.cos(_ELEVATION_RAD), np.sin(_ELEVATION_RAD)
-    return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
-
-
-def around(centre: FloatArray, radius: float) -> CallableTrajectory:
-    """Make a path once around a ball, which fills :data:`_FILLED` of the image's height, looking at its centre."""
-    # The rim of a ball is seen at the angle whose sine is radius / distance.
-    distance = radius * np.hypot(1.0, 2 * CAMERA.fy / (_FILLED * CAMERA.height))
-    rate = 2 * np.pi / _TURN_S
-    axes = look_at(_direction(0.0), np.zeros(3))
-    start = Pose.from_matrix(np.block([[axes, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
-
-    def positions(t: FloatArray) -> FloatArray:
-        return centre + distance * np.stack([_direction(float(angle)) for angle in rate * t])
-
-    def velocities(t: FloatArray) -> FloatArray:
-        speed = rate * distance * np.cos(_ELEVATION_RAD)
-        return speed * np.stack([np.cos(rate * t), np.sin(rate * t), 0 * t], 1)
-
-    def quaternions(t: FloatArray) -> FloatArray:
-        turn = np.stack([0 * t, 0 * t, np.sin(rate * t / 2), np.cos(rate * t / 2)], 1)
-        return hamilton(turn, np.broadcast_to(start.quaternion, turn.shape))
-
-    return CallableTrajectory(
-        duration_s=_TURN_S,
-        position=positions,
-        velocity=velocities,
-        quaternion=quaternions,
-        angular_rate=lambda t: np.tile(rate * axes[2], (len(t), 1)),
-        description={
-            "path": "a circle around a mesh, looking at its centre",
-            "centre_m": centre.tolist(),
-            "distance_m": float(distance),
-            "elevation_deg": float(np.degrees(_ELEVATION_RAD)),
-        },
-    )

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import inspect
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, is_dataclass
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import log_intensity
-from ..._util.close_names import did_you_mean
+from ..._util.named_entry import load_entry
 from ...events.arrays import EVENT_DTYPE, EventArray, as_events
 
 _METHODS = ("luma", "log_intensity", "events")
@@ -153,52 +150,21 @@ class CustomEffects:
 def load_custom_effect(entry: str) -> object:
     """Load the object that ``MODULE:NAME`` or ``FILE.py:NAME`` stands for.
 
-    The working directory's modules are found as well. A class or a function is called without arguments.
+    A class or a function is called without arguments.
 
     Raises:
         ValueError: if there is no such module or name.
         OSError: if there is no such file.
     """
-    where, colon, name = entry.rpartition(":")
-    if not colon or not where or not name.isidentifier():
-        raise ValueError(f"a custom effect must be MODULE:NAME or FILE.py:NAME, got {entry!r}")
-    if where.endswith(".py"):
-        file = Path(where).resolve(strict=True)
-        spec = importlib.util.spec_from_file_location(f"custom_effects.{file.stem}", file)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[module.__name__] = module  # where inspect and dataclasses look for the module of a class
-        spec.loader.exec_module(module)
-    else:
-        module = _import(where, entry)
-    if not hasattr(module, name):
-        names = [one for one in vars(module) if not one.startswith("_")]
-        raise ValueError(f"custom effect {entry!r}: {where} has no {name}{did_you_mean(name, names)}")
-    entity = getattr(module, name)
+    entity = load_entry(entry, "custom effect")
     if isinstance(entity, type) or inspect.isfunction(entity):
         try:
             inspect.signature(entity).bind()
         except TypeError as error:
+            name = entry.rpartition(":")[2]
             raise ValueError(f"custom effect {entry!r}: {name}() is called without arguments: {error}") from None
         return entity()
     return entity
-
-
-def _import(name: str, entry: str) -> ModuleType:
-    folder = str(Path.cwd())
-    added = folder not in sys.path
-    if added:
-        sys.path.append(folder)
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{name}.".startswith(f"{error.name}."):
-            raise
-        raise ValueError(f"custom effect {entry!r}: there is no module {error.name!r}") from None
-    finally:
-        if added:
-            sys.path.remove(folder)
 
 
 def _frame(

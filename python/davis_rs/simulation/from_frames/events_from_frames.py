@@ -49,8 +49,8 @@ def events_from_frames(
         {settings}
 
     Returns:
-        One packet a frame, which ends at it. Stamps are those of the frames. The first has no events; ``luma`` is
-        what the pixels saw, and ``pose`` is None.
+        One packet a frame, which ends at it; with ``image_rate_hz`` one an image. Stamps are those of the frames. The
+        first has no events; ``luma`` is what the pixels saw, and ``pose`` is None.
 
     Warns:
         FrameValuesWarning: where the values of integers come in larger steps than their type has, which is then taken

@@ -25,7 +25,8 @@ from ..settings import FrameSettings
 from .event_forecast import EventForecast
 from .frame_source import FrameSource, StampedFrame
 from .frame_values import FrameValues, FrameValuesWarning
-from .interpolation import SensorFrame
+from .images_between import ImagesBetween
+from .interpolation import LumaFrame, SensorFrame
 from .quantisation import QuantisationCount
 from .resolved_frames import check_times, resolve_frames
 
@@ -71,6 +72,7 @@ class FrameRun:
         effects: of the pixels and the readout.
         resolved: all that is decided.
         left_out: effects of the sensor that frames cannot have.
+        frames: how many were taken so far.
         quantisation: events that rounding may have made.
         interpolation: what lies between frames.
         memory: what the run is forecast to take.
@@ -86,6 +88,7 @@ class FrameRun:
         self.source = source
         check_times(settings)
         self._taken = self._frames_between()
+        self.frames = 0
         first = next(self._taken, None)
         if first is None:
             raise ValueError(f"{source.name}: there are no frames{self._between_words()}")
@@ -102,7 +105,7 @@ class FrameRun:
         self.contrast_threshold_off = resolved.contrast_threshold_off
         self._optics = Optics(self.camera, self.effects) if self.effects.optical else None
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
-        plain = self._optics is None and self.size == (resolved.area.width, resolved.area.height)
+        plain = self._optics is None and not resolved.area.resized
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
         refractory = self.effects.refractory_period_us
         self._forecast = EventForecast(
@@ -136,6 +139,8 @@ class FrameRun:
     def packets(self) -> Iterator[Packet]:
         """Yield one packet a frame: it ends at the frame's instant, and ``luma`` is what the pixels saw there.
 
+        With an ``image_rate_hz`` packets end at the instants of these images in place of the frames'.
+
         The first has no events: it sets the references. Where a readout still holds events at the end, one more brings
         them.
 
@@ -153,21 +158,41 @@ class FrameRun:
         self._warn_of_other_steps()
 
     def _packets(self) -> Iterator[Packet]:
+        rate_hz = self.settings.image_rate_hz
+        images = None if rate_hz is None else ImagesBetween(rate_hz, self.log_eps)
         pending: list[EventArray] = []
+        of_frame: list[EventArray] = []
         before: SensorFrame | None = None
         for sample in self.interpolation.samples(self._sensor_frames()):
-            pending.append(self._engine.push(sample.t_us, sample.luma, sample.rate))
+            events = self._engine.push(sample.t_us, sample.luma, sample.rate)
+            pending.append(events)
+            of_frame.append(events)
             frame = sample.frame
+            if before is None:
+                self._end_us = sample.t_us
+            if images is not None:
+                for t_us, luma in images.until(sample):
+                    yield self._packet(pending, t_us, luma)
             if frame is None:
                 continue
-            events = concatenate_events(pending)
-            pending.clear()
+            self.frames += 1
             if before is not None:
-                self.quantisation.add(events, before.luma, frame.luma)
-            start_us, self._end_us = frame.t_us if before is None else self._end_us, frame.t_us
+                self.quantisation.add(concatenate_events(of_frame), before.luma, frame.luma)
+            of_frame.clear()
             before = frame
-            yield Packet(start_us, frame.t_us, events, None, frame.luma)
+            if images is None:
+                yield self._packet(pending, frame.t_us, frame.luma)
+        if images is not None and before is not None and self._end_us < before.t_us:
+            yield self._packet(pending, before.t_us, None)
         yield from self.flush()
+
+    def _packet(self, pending: list[EventArray], end_us: int, luma: LumaFrame | None) -> Packet:
+        """Return the packet from the last one's end to ``end_us``; what comes later stays in ``pending``."""
+        events = concatenate_events(pending)
+        count = int(np.searchsorted(events["t"], end_us, side="right"))
+        pending[:] = [events[count:]] if count < len(events) else []
+        start_us, self._end_us = self._end_us, end_us
+        return Packet(start_us, end_us, events[:count], None, luma)
 
     def flush(self) -> Iterator[Packet]:
         """Yield what a readout still holds after the last frame: a packet, if there is any."""
@@ -210,7 +235,7 @@ class FrameRun:
             "white_level": self.light.white,
             "value_step": self._values.encoding.step,
             "value_step_of_all_frames": self._values.shown().step,
-            "part": {**self.resolved.area._asdict(), "size": list(self.size)},
+            "part": self.resolved.area.describe(),
         }
 
     @property
@@ -247,6 +272,12 @@ class FrameRun:
             )
         if line := self.memory.line():
             yield line
+        area = self.resolved.area
+        if area.image[0] > area.width or area.image[1] > area.height:
+            yield (
+                f"{area.width} x {area.height} pixels of each frame are enlarged to {area.image[0]} x {area.image[1]}: "
+                "that adds no detail"
+            )
         if self.left_out:
             names = ", ".join(self.left_out)
             yield f"of the sensor's effects {names} is left out: the intensity frames are what came in"
@@ -326,7 +357,7 @@ class FrameRun:
             if t_us == last_us:
                 raise ValueError(f"{frame.where}: it falls on the same microsecond as the frame before it ({t_us} us)")
             last_us = t_us
-            luma = self.resolved.area.reduce(self.light.luma(self.resolved.area.cut(frame.image), frame.where))
+            luma = self.resolved.area.fit(self.light.luma(self.resolved.area.cut(frame.image), frame.where))
             if self._optics is not None:
                 luma = self._optics.frames(luma[None])[0]
             seen = SensorFrame(t_us, luma, frame.where)

@@ -4,16 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.named_entry import load_entry
 from .interpolation import Interpolation, LumaFrame, Sample, SensorFrame, with_rates
 from .optical_flow import FlowFinder, FlowPair, displacement
 
 Interpolator = Callable[[LumaFrame, LumaFrame, npt.NDArray[np.float64]], Iterable[npt.ArrayLike]]
 """interpolator(before, after, shares) -> frames: linear luma (H, W), float32, at each share of the way from one to the
 other, in (0, 1) and increasing."""
+
+
+def load_interpolator(entry: str) -> Interpolator:
+    """Load the interpolator that ``MODULE:FUNCTION`` or ``FILE.py:FUNCTION`` stands for.
+
+    A class is called without arguments, and its object is the interpolator: so a network is loaded once.
+
+    Raises:
+        ValueError: if there is none, or it cannot be called.
+        OSError: if there is no such file.
+    """
+    entity: Any = load_entry(entry, "interpolator")
+    if isinstance(entity, type):
+        entity = entity()
+    if not callable(entity):
+        raise ValueError(f"interpolator {entry!r} must be a function or a class of callables, got {entity!r}")
+    loaded: Interpolator = entity
+    return loaded
+
 
 CUBIC_UP_TO_PX = 1.0
 """Up to this displacement between two frames ``auto`` takes cubics: flow adds errors of its own there, and gains little

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..._util.argument_checks import check_type
+from ..._util.argument_error import ArgumentError
 from ..._util.folder_report import FolderReport
 from ..._util.progress import Progress, doing, progress, say
 from ..._util.stop_requests import stop_requests
@@ -51,6 +52,7 @@ def frames_to_folder(
     overwrite: bool = False,
     meta: Mapping[str, object] | None = None,
     quiet: bool = False,
+    on_packet: Callable[[Packet, tuple[int, int]], object] | None = None,
     **settings: Unpack[FrameFolderKeywords],
 ) -> FramesReport:
     """Turn a video, a folder of images or an array of frames into a dataset folder of events.
@@ -68,6 +70,7 @@ def frames_to_folder(
         path, overwrite: see :class:`~davis_rs.DatasetWriter`.
         meta: more for meta.json.
         quiet: no progress bar, and nothing said of how the frames are taken.
+        on_packet: is called with each packet that was written and the (width, height) of the sensor: for showing it.
         {settings}
 
     Raises:
@@ -82,6 +85,8 @@ def frames_to_folder(
     FORMATS[given.events_format].require_libraries()  # before frames are read
     source = frames if isinstance(frames, FrameSource) else open_frames(frames)
     with progress("frames", source.count or 0, unit="frames", show=not quiet, forecast="") as bar:
+        if given.image_rate_hz is not None and given.images_every != 1:
+            raise ArgumentError("only one of {image_rate_hz} and {images_every} may be given")
         run = FrameRun(source, only(FrameSettings, given), from_zero=True)
         packets = run.packets()
         bar.begin()
@@ -104,7 +109,10 @@ def frames_to_folder(
             ) as writer,
         ):
             try:
-                _write_all(writer, chain(first, packets), run, given.images_every, bar, stop_requested, counted)
+                _write_all(
+                    writer, _told(chain(first, packets), on_packet, run.size), run, given.images_every, bar,
+                    stop_requested, counted,
+                )  # fmt: skip
             except Exception as error:
                 # What came before is a dataset of its own: it is closed as one that was cut short.
                 with suppress(OSError, ValueError):  # a writer that failed is closed already
@@ -127,11 +135,22 @@ def frames_to_folder(
     )
 
 
+def _told(
+    packets: Iterator[Packet], on_packet: Callable[[Packet, tuple[int, int]], object] | None, size: tuple[int, int]
+) -> Iterator[Packet]:
+    """Yield packets, and tell of each once it has been written."""
+    for packet in packets:
+        yield packet
+        if on_packet is not None:
+            on_packet(packet, size)
+
+
 @dataclass
 class _Counted:
     """Says how much of a run was written."""
 
     frames: int = 0
+    images: int = 0
     events: int = 0
     end_us: int = 0
     interrupted: bool = False
@@ -148,15 +167,16 @@ def _write_all(
 ) -> None:
     """Write packets until they or the user end it."""
     for packet in packets:
-        of_frame = packet.luma is not None  # the last may bring late events alone
-        kept = of_frame and images_every > 0 and counted.frames % images_every == 0
+        # The last may bring late events alone.
+        kept = packet.luma is not None and images_every > 0 and counted.images % images_every == 0
         writer.write(packet if kept else replace(packet, luma=None))
-        counted.frames += of_frame
+        counted.images += packet.luma is not None
+        counted.frames = run.frames
         counted.events += len(packet.events)
         counted.end_us = packet.end_us
         bar.total = max(bar.total, counted.frames)
         bar.to(counted.frames, f"{counted.events:,} events")
-        if stop_requested() and counted.frames > 1:  # with the first frame alone the dataset could not be checked
+        if stop_requested() and counted.images > 1:  # with the first frame alone the dataset could not be checked
             for late in run.flush():
                 writer.write(late)
                 counted.events += len(late.events)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ..._util.argument_checks import parse_size
 from ..._util.argument_error import ArgumentError
 from ..._util.memory_forecast import MemoryForecast, frames_forecast
 from ...geometry.camera import Camera
@@ -13,9 +14,9 @@ from ...sensor.effects.effects import effects_of
 from ...sensor.parameters import SensorParameters
 from ...sensor.presets import sensor_parameters
 from ..settings import LOG_EPS, FrameSettings, camera_of_size, first_given
-from .frame_part import FramePart, frame_part
+from .frame_part import FramePart, fitted, frame_part
 from .frame_source import Encoding, FrameArray
-from .frames_between import Auto, FramesBetween
+from .frames_between import Auto, FramesBetween, load_interpolator
 from .interpolation import Cubic, Interpolation, Linear
 from .light import Light
 from .quantisation import dark_level
@@ -31,7 +32,7 @@ class ResolvedFrames:
 
     Attributes:
         settings: those that were given, the sensor's file read.
-        area: which rectangle of the frames is taken, and the size that it is reduced to.
+        area: which rectangle of the frames is taken, and where it comes to lie on the sensor.
         camera: the lens, None where that is not known.
         contrast_threshold, contrast_threshold_off: C_on and C_off in natural-log units.
         start_phase: where references lie at the first frame.
@@ -69,9 +70,14 @@ class ResolvedFrames:
         """Make what interpolates light between two frames.
 
         Raises:
+            ValueError: for an interpolator that is not there, or where two are named.
             ImportError: for what needs OpenCV, without it.
         """
         chosen, step_px = self.settings.interpolation, self.settings.max_displacement_px
+        if self.settings.interpolator is not None:
+            if chosen != "auto":
+                raise ArgumentError("only one of {interpolation} and {interpolator} may be given")
+            chosen = load_interpolator(self.settings.interpolator)
         if chosen == "linear":
             return Linear()
         if chosen == "cubic":
@@ -136,16 +142,24 @@ def _light_of(encoding: Encoding, settings: FrameSettings) -> Light:
 
 def _area(first: FrameArray, sensor: SensorParameters, settings: FrameSettings) -> FramePart:
     height, width = first.shape[:2]
-    area = frame_part(width, height, crop=settings.crop, roi=settings.roi, size=settings.size)
-    (width, height), own = area.size, (sensor.width, sensor.height)
-    if own[0] is None or own[1] is None or area.size == own:
+    own = None if sensor.width is None or sensor.height is None else (sensor.width, sensor.height)
+    if settings.fit is not None:
+        size = parse_size(settings.size) or own
+        if size is None:
+            raise ArgumentError("{fit} needs the size of the sensor: give {size}, or a {sensor} that has one")
+        area = frame_part(width, height, crop=settings.crop, roi=settings.roi, size=None)
+        area = fitted(area, size, settings.fit)
+    else:
+        area = frame_part(width, height, crop=settings.crop, roi=settings.roi, size=settings.size)
+    (width, height) = area.size
+    if own is None or area.size == own:
         return area
-    advice = (
-        "frames are not enlarged; a sensor file without width and height takes any size"
-        if width < own[0] or height < own[1]
-        else f"size={own[0]}x{own[1]} reduces them"
-    )
-    raise ValueError(f"the sensor has {own[0]} x {own[1]} pixels, the frames give {width} x {height}: {advice}")
+    if settings.fit is not None:
+        raise ArgumentError("{size} {}x{} is not the sensor's, which has {} x {} pixels", width, height, *own)
+    sizes = f"the sensor has {own[0]} x {own[1]} pixels, the frames give {width} x {height}"
+    if width < own[0] or height < own[1]:
+        raise ArgumentError("{}: {fit} crop, pad or scale enlarges them", sizes)
+    raise ArgumentError("{}: {size:{}} reduces them, or {fit} crop, pad or scale", sizes, f"{own[0]}x{own[1]}")
 
 
 def _effects(sensor: SensorParameters, lux_per_luma: float, settings: FrameSettings) -> tuple[Effects, tuple[str, ...]]:

@@ -20,12 +20,12 @@ from ..._util.quantities import events_a_second
 from ..._util.stop_requests import stop_requests
 from ...geometry.pose import describe_pose
 from ...io.dataset.event_truth_file import require_event_truth
-from ...io.dataset.rig_folder import RigFolder, camera_folder
+from ...io.dataset.rig_folder import RigDataset, RigFolder, camera_folder
 from ...io.formats import FORMATS
 from ...render.scene_cache import shared_scenes
 from ...scene.scene import Scene, check_scene
 from ...sensor.imu import ImuArray, simulate_imu
-from ...sensor.rig import Rig, load_rig
+from ...sensor.rig import Rig, load_rig, rectify
 from ...sensor.rig.rig import member_seed
 from ..folder import Inertial, PreparedRun, advice, prepare_run
 from ..settings import FolderSettings, complete, make_motion_capture, takes_settings
@@ -163,6 +163,8 @@ def simulate_rig_to_folder(
             interrupted = any(writer.interrupted for writer in writers.values())
             end_us = max(ends_us.values()) if interrupted else round(body.duration_s * 1e6)
             folder.write_until(end_us)
+            if {0, 1} <= writers.keys():
+                _write_stereo(folder, rig, quiet=quiet)
             events = {camera: writer.events for camera, writer in writers.items()}
             totals = {"counts": {"events": sum(events.values())}, "duration_us": end_us}
             folder.finish(totals, interrupted=interrupted)
@@ -176,6 +178,19 @@ def simulate_rig_to_folder(
         missed_events=sum(run.simulator.missed_events for run in runs.values()),
         camera_events=events,
     )
+
+
+def _write_stereo(folder: RigFolder, rig: Rig, *, quiet: bool) -> None:
+    """Write disparity and occlusion of the first two cameras, from the depth maps that both have written."""
+    try:
+        rectify(rig)
+    except ArgumentError as error:
+        if not quiet:
+            say(f"no disparity is written: {error}")
+        return
+    doing("writing disparities")
+    for index, t_us, truth in RigDataset(folder.path).pairs():
+        folder.write_stereo(index, t_us, truth)
 
 
 def _inertial(rig: Rig, camera: int, scene: Scene, samples: Sequence[ImuArray]) -> Inertial | None:

@@ -15,6 +15,9 @@ from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, F
 
 _LIGHT, _PART, _BETWEEN = "light", "which part", "between frames"
 
+FITS = ("crop", "pad", "scale")
+"""How frames may be brought to a sensor of another size or shape."""
+
 INTERPOLATIONS = ("auto", "linear", "cubic", "flow")
 """How light may run between two frames."""
 
@@ -120,6 +123,16 @@ class _PartSettings(Settings):
             group=_PART,
         ),
     )
+    fit: str | None = declare(
+        None,
+        Declared(
+            "bring that part to the sensor's size, or to size, also where that is larger or has another shape: crop "
+            "cuts off what goes beyond it, pad puts black around, scale stretches",
+            default_help="a size that does not fit is an error",
+            choices=FITS,
+            group=_PART,
+        ),
+    )
     camera: Camera | str | os.PathLike[str] | None = declare(
         None,
         Declared(
@@ -146,6 +159,16 @@ class _BetweenSettings(Settings):
             group=_BETWEEN,
         ),
     )
+    interpolator: str | None = declare(
+        None,
+        Declared(
+            "an interpolator of your own, in Python, in the place of flow (docs/events_from_video.md): "
+            "MODULE:FUNCTION or FILE.py:FUNCTION; a class is called without arguments, and gives it",
+            default_help="none",
+            metavar="MODULE:FUNCTION",
+            group=_BETWEEN,
+        ),
+    )
     max_displacement_px: float = declare(
         0.5,
         Declared(
@@ -154,6 +177,19 @@ class _BetweenSettings(Settings):
             low=0.01,
             high=100,
             metavar="PX",
+            group=_BETWEEN,
+        ),
+    )
+    image_rate_hz: float | None = declare(
+        None,
+        Declared(
+            "intensity frames at this rate, made from the light between frames: slow motion next to the events",
+            default_help="the frames themselves",
+            unit="Hz",
+            low=0,
+            high=1e6,
+            above_low=True,
+            metavar="HZ",
             group=_BETWEEN,
         ),
     )

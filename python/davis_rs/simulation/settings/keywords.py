@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypedDict
 
+from ...events.colour import ColourFilter
 from ...geometry.camera import Camera
 from ...sampling.rules import TimeSampling
 from ...sensor.effects import Effect, EffectsLike
@@ -41,6 +42,7 @@ class ViewKeywords(PixelKeywords, total=False):
     matte: bool
     renderer: str
     pixel: str
+    colour_filter: ColourFilter | str | None
     bake_error: float
     blur: bool | None
 
@@ -139,6 +141,7 @@ class _PartKeywords(TypedDict, total=False):
     crop: tuple[int, int] | str | None
     roi: str | None
     size: tuple[int, int] | str | None
+    fit: str | None
     camera: Camera | str | os.PathLike[str] | None
 
 
@@ -146,7 +149,9 @@ class _BetweenKeywords(TypedDict, total=False):
     """Names the keyword arguments of :class:`_BetweenSettings`."""
 
     interpolation: str | Callable[..., Any]
+    interpolator: str | None
     max_displacement_px: float
+    image_rate_hz: float | None
 
 
 class FrameKeywords(EngineKeywords, PixelKeywords, _BetweenKeywords, _PartKeywords, _LightKeywords, total=False):

@@ -11,9 +11,12 @@ from dataclasses import dataclass, replace
 
 from ..._util.argument_error import ArgumentError
 from ..._util.memory_forecast import MemoryForecast, simulation_forecast
+from ...events.colour import ColourFilter, Weights, as_colour_filter, filter_numbers
+from ...events.luma import LUMA_WEIGHTS
 from ...geometry.camera import Camera
 from ...render.base import Renderer
 from ...render.choice import make_renderer
+from ...render.mosaic import MosaicRenderer
 from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ...sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ...sampling.tolerance import Tolerance
@@ -48,6 +51,7 @@ class ViewedScene:
         contrast_threshold, contrast_threshold_off: C_on and C_off in natural-log units.
         log_eps: dark level in units of luma.
         start_phase: where references lie at the first frame.
+        colour_filter: before the pixels; None for a sensor without colour.
     """
 
     scene: Scene
@@ -57,6 +61,7 @@ class ViewedScene:
     contrast_threshold_off: float
     log_eps: float
     start_phase: str
+    colour_filter: ColourFilter | None
 
     @property
     def sensor_effects(self) -> Effects:
@@ -158,7 +163,9 @@ def view_scene(scene: Scene, settings: ViewSettings) -> ViewedScene:
     log_eps = first_given(settings.log_eps, sensor.dark_luma(scene.lux_per_luma), LOG_EPS)
     on = first_given(settings.contrast_threshold, sensor.contrast_threshold, scene.contrast_threshold)
     off = first_given(settings.contrast_threshold_off, sensor.contrast_threshold_off, on)
-    return ViewedScene(scene, camera, sensor, on, off, log_eps, settings.start_phase or sensor.start_phase)
+    filters = sensor.colour_filter() if settings.colour_filter is None else as_colour_filter(settings.colour_filter)
+    start_phase = settings.start_phase or sensor.start_phase
+    return ViewedScene(scene, camera, sensor, on, off, log_eps, start_phase, filters)
 
 
 def fixed_sensor(
@@ -200,19 +207,27 @@ def renderer_of(
         ValueError, OSError: as :func:`~davis_rs.render.choice.make_renderer`.
     """
     accuracy = settings.accuracy if isinstance(settings, SamplingSettings) else DEFAULT_ACCURACY
-    return make_renderer(
-        view.scene,
-        view.camera,
-        rays_per_pixel=None if isinstance(settings.rays_per_pixel, str) else settings.rays_per_pixel,
-        lattice_rays_per_pixel=ACCURACY[accuracy].rays_per_pixel,
-        seed=settings.seed,
-        kind=settings.renderer,
-        blur=settings.blur,
-        bake_error=settings.bake_error,
-        pixel=settings.pixel,
-        edges=edges,
-        threads=threads,
-    )
+
+    def of_weights(weights: Weights) -> Renderer:
+        return make_renderer(
+            view.scene,
+            view.camera,
+            rays_per_pixel=None if isinstance(settings.rays_per_pixel, str) else settings.rays_per_pixel,
+            lattice_rays_per_pixel=ACCURACY[accuracy].rays_per_pixel,
+            seed=settings.seed,
+            kind=settings.renderer,
+            blur=settings.blur,
+            bake_error=settings.bake_error,
+            pixel=settings.pixel,
+            edges=edges,
+            threads=threads,
+            weights=weights,
+        )
+
+    if view.colour_filter is None:
+        return of_weights(LUMA_WEIGHTS)
+    channels = [of_weights(weights) for weights in view.colour_filter.weights]
+    return MosaicRenderer(channels, filter_numbers(view.colour_filter.pattern, view.camera.width, view.camera.height))
 
 
 @dataclass(frozen=True)

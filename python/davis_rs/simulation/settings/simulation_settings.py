@@ -12,11 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ...events.colour import PATTERNS, ColourFilter
 from ...geometry.camera import PRESETS, Camera
 from ...io.dataset.files import EVENT_FILES
 from ...render.baked.bake import BAKE_ERROR
 from ...render.choice import AUTOMATIC, KINDS, RENDERERS
-from ...render.native.renderer import PIXELS
+from ...render.native.estimators import ESTIMATORS
 from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ...sampling.rules import TimeSampling
 from ...sensor.effects import Effect, EffectsLike
@@ -193,8 +194,19 @@ class ViewSettings(PixelSettings):
         Declared(
             "what luma of a pixel is made of: rays, the mean over them; lines, its area by lines through it, without "
             "jumps at edges (the native renderer without distortion; for 8, 32 or 64 rays per pixel)",
-            choices=PIXELS,
+            choices=tuple(ESTIMATORS),
             group=_ACCURACY,
+        ),
+    )
+    colour_filter: ColourFilter | str | None = declare(
+        None,
+        Declared(
+            "Bayer pattern of colour filters before the pixels, each of which then sees its own colour "
+            "(docs/colour.md); none: none, whatever the sensor has",
+            default_help="the sensor's",
+            choices=("none", *PATTERNS),
+            group=_ACCURACY,
+            text=str,
         ),
     )
     bake_error: float = declare(

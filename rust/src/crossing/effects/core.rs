@@ -218,7 +218,7 @@ impl<S: Sample> Pixels<S> for EffectCore {
         }
     }
 
-    fn made(&self) -> u64 {
+    fn event_count(&self) -> u64 {
         self.bands.iter().map(|band| band.events.made().len() as u64).sum()
     }
 

@@ -102,8 +102,8 @@ impl<R: Read> Aedat4Recording<R> {
 
     fn advance(&mut self) -> Result<Aedat4Piece> {
         let (mut piece, limit, before) = (Aedat4Piece::default(), self.packets.limit, self.buffer.len());
-        let mut part = self.input.by_ref().take(AT_ONCE.max(before) as u64);
-        part.read_to_end(&mut self.buffer).map_err(Error::io("reading a recording"))?;
+        let mut next_bytes = self.input.by_ref().take(AT_ONCE.max(before) as u64);
+        next_bytes.read_to_end(&mut self.buffer).map_err(Error::io("reading a recording"))?;
         self.at_end = self.buffer.len() == before;
         let used = self.packets.push(&self.buffer, &self.wanted, |packet| piece.take(packet, limit))?;
         self.buffer.drain(..used);

@@ -7,36 +7,23 @@
 
 use std::ops::Range;
 
-use super::bvh_builder::{self, Item, build};
+use super::bvh_builder::{Item, build};
+pub(crate) use super::bvh_node::{Boxes, Node, WIDTH, below, index};
 use super::vector::{Bounds, largest};
 use crate::prefetch::prefetch;
-
-/// Boxes side by side in a node, which are tested together.
-pub(crate) const WIDTH: usize = 8;
-
-/// Up to [`WIDTH`] boxes: their lowest and highest x, y and z.
-#[derive(Clone, Debug)]
-pub(crate) struct Boxes {
-    pub(crate) low: [[f32; WIDTH]; 3],
-    pub(crate) high: [[f32; WIDTH]; 3],
-}
-
-#[derive(Clone, Debug)]
-pub(crate) struct Node {
-    pub(crate) boxes: Boxes,
-    /// The number of a box's node, or its first triangle.
-    pub(crate) first: [u32; WIDTH],
-    /// How many triangles it has; 0 where it has a node of its own.
-    pub(crate) count: [u32; WIDTH],
-    /// How many boxes there are.
-    pub(crate) used: usize,
-}
 
 /// A part of space that boxes are tested for.
 pub(crate) trait Region {
     /// Returns which boxes it may meet; those that do not touch it may be among them where they lie within float32's
     /// rounding.
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
+
+    /// Looks closer at a box of triangles, by its lane, that it may meet.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    fn meets_leaf(&self, _boxes: &Boxes, _lane: usize) -> bool {
+        true
+    }
 }
 
 /// A part of space that is looked through from front to back.
@@ -83,15 +70,13 @@ impl Bvh {
         if items.is_empty() {
             return (bvh, vec![]);
         }
-        let root = build(&mut items, parallel);
-        bvh.reach = largest(root.bounds.low).max(largest(root.bounds.high));
-        bvh.collapse(vec![&root]);
+        let (nodes, around) = build(&mut items, parallel);
+        (bvh.nodes, bvh.reach) = (nodes, largest(around.low).max(largest(around.high)));
         let order = bvh.number_by_visits();
         (bvh, order.into_iter().map(|at| items[at].number).collect())
     }
 
-    /// Numbers triangles in the order in which a visit finds them; returns their indices in the order of the binary
-    /// tree.
+    /// Numbers triangles in the order in which a visit finds them; returns their indices in the builder's order.
     fn number_by_visits(&mut self) -> Vec<usize> {
         let mut order = vec![];
         let mut stack = vec![0];
@@ -110,34 +95,6 @@ impl Bvh {
         order
     }
 
-    /// Collapses the binary tree into a wide node, largest area first, and does the same below it. Returns the node's
-    /// index.
-    fn collapse(&mut self, mut members: Vec<&bvh_builder::Node>) -> u32 {
-        while members.len() < WIDTH {
-            let open = members.iter().enumerate().filter_map(|(at, member)| Some((at, member.children.as_deref()?)));
-            let area = |(at, _): &(usize, _)| members[*at].bounds.half_area();
-            let Some((largest, [first, second])) = open.max_by(|a, b| area(a).total_cmp(&area(b))) else { break };
-            members[largest] = first;
-            members.insert(largest + 1, second);
-        }
-        let number = self.nodes.len();
-        let boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
-        self.nodes.push(Node { boxes, first: [0; WIDTH], count: [0; WIDTH], used: members.len() });
-        for (lane, &member) in members.iter().enumerate() {
-            let (first, count) = match member.children.as_deref() {
-                Some([first, second]) => (self.collapse(vec![first, second]), 0),
-                None => (index(member.range.start), index(member.range.len())),
-            };
-            let wide = &mut self.nodes[number];
-            (wide.first[lane], wide.count[lane]) = (first, count);
-            for axis in 0..3 {
-                wide.boxes.low[axis][lane] = below(member.bounds.low[axis]);
-                wide.boxes.high[axis][lane] = -below(-member.bounds.high[axis]);
-            }
-        }
-        index(number)
-    }
-
     /// Calls `leaf` with the triangles of every leaf whose box, and those around it, may meet the region, until it says
     /// that this is enough by `false`.
     #[inline(always)]
@@ -149,15 +106,18 @@ impl Bvh {
         }
         while let Some(at) = stack.pop() {
             let node = &self.nodes[at as usize];
-            let meets = region.meets(&node.boxes);
-            for lane in (0..node.used).rev() {
-                if !meets[lane] {
-                    continue;
-                }
+            // As bits, so that what is not met costs nothing; boxes that are not there lie nowhere.
+            let mut met = region.meets(&node.boxes).iter().rev().fold(0u32, |bits, &met| bits << 1 | u32::from(met));
+            met &= (1 << node.used) - 1;
+            while met != 0 {
+                let lane = met.ilog2() as usize;
+                met &= !(1 << lane);
                 let first = node.first[lane];
                 if node.count[lane] == 0 {
                     stack.push(first);
-                } else if !leaf(first as usize..(first + node.count[lane]) as usize) {
+                } else if region.meets_leaf(&node.boxes, lane)
+                    && !leaf(first as usize..(first + node.count[lane]) as usize)
+                {
                     return;
                 }
             }
@@ -198,18 +158,6 @@ impl Bvh {
             }
         }
     }
-}
-
-/// Returns the largest float32 at or below a number.
-#[allow(clippy::cast_possible_truncation, reason = "what is rounded up is taken down again")]
-pub(crate) fn below(x: f64) -> f32 {
-    let single = x as f32;
-    if f64::from(single) > x { single.next_down() } else { single }
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "scenes have fewer than 2^31 triangles")]
-pub(crate) fn index(n: usize) -> u32 {
-    n as u32
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Builds a binary BVH over triangles by the surface area heuristic, on all threads.
+//! Builds a BVH over triangles by the surface area heuristic, on all threads.
 //!
 //! Triangles are kept as [`Item`]s that are moved into the order of the tree, so that every pass over a node's
 //! triangles reads memory in sequence.
@@ -22,6 +22,7 @@
 
 use std::ops::Range;
 
+use super::bvh_node::{Boxes, Node, WIDTH, below, index};
 use super::vector::{Bounds, Vector};
 
 /// Triangles in a leaf, at most; unless they all lie at one point.
@@ -43,35 +44,113 @@ pub(super) struct Item {
     pub(super) number: u32,
 }
 
-/// A node of the binary tree.
-pub(super) struct Node {
-    pub(super) bounds: Bounds,
-    /// The indices of its triangles in the order of the tree.
-    pub(super) range: Range<usize>,
-    /// None for a leaf.
-    pub(super) children: Option<Box<[Node; 2]>>,
+/// Triangles that follow each other in the order of the tree: a node of the binary tree that wide nodes are made of.
+#[derive(Clone, Debug)]
+struct Member {
+    bounds: Bounds,
+    range: Range<usize>,
+    /// Whether it is known to have no children.
+    is_leaf: bool,
 }
 
-/// Builds the tree, on the threads of this pool where they may be used, and puts the items into its order.
-pub(super) fn build(items: &mut [Item], parallel: bool) -> Node {
+/// Wide nodes of a subtree, the topmost first; `first` counts from the first of these.
+pub(super) type Nodes = Vec<Node>;
+
+/// Builds the tree, on the threads of this pool where they may be used, and puts the items into its order. Returns the
+/// nodes, and what all items lie in.
+///
+/// There must be items.
+pub(super) fn build(items: &mut [Item], parallel: bool) -> (Nodes, Bounds) {
     let mut spare = items.to_vec();
-    subtree(items, &mut spare, 0, if parallel { ALONE } else { usize::MAX })
+    let all = Member { bounds: around(items), range: 0..items.len(), is_leaf: false };
+    let bounds = all.bounds;
+    (subtree(vec![all], items, &mut spare, if parallel { ALONE } else { usize::MAX }), bounds)
 }
 
-/// Builds the tree over some items, which begin at an index in the order of all; `spare` is a buffer for as many. Nodes
-/// of fewer than `alone` items are built by one thread.
-fn subtree(items: &mut [Item], spare: &mut [Item], first: usize, alone: usize) -> Node {
-    let bounds = around(items);
-    let range = first..first + items.len();
-    let children = split(&bounds, items, spare).map(|middle| {
-        let (left, right) = items.split_at_mut(middle);
-        let (left_spare, right_spare) = spare.split_at_mut(middle);
-        let mut left = || subtree(left, left_spare, first, alone);
-        let mut right = || subtree(right, right_spare, first + middle, alone);
-        let (left, right) = if range.len() >= alone { rayon::join(left, right) } else { (left(), right()) };
-        Box::new([left, right])
-    });
-    Node { bounds, range, children }
+/// Builds the wide node over some members, and all below it. `items` are those of the members, `spare` is a buffer for
+/// as many. Nodes of fewer than `alone` items are built by one thread.
+///
+/// The member with the largest surface is split until there are [`WIDTH`]. Only then is it known what lies below, so
+/// the binary tree never is in memory as a whole.
+fn subtree(mut members: Vec<Member>, items: &mut [Item], spare: &mut [Item], alone: usize) -> Nodes {
+    let start = members[0].range.start;
+    while members.len() < WIDTH {
+        let open = members.iter().enumerate().filter(|(_, member)| !member.is_leaf);
+        let area = |(_, member): &(usize, &Member)| member.bounds.half_area();
+        let Some((largest, member)) = open.max_by(|a, b| area(a).total_cmp(&area(b))) else { break };
+        let (range, own) = (member.range.clone(), member.range.start - start..member.range.end - start);
+        match split(&member.bounds, &mut items[own.clone()], &mut spare[own.clone()]) {
+            None => members[largest].is_leaf = true,
+            Some(count) => {
+                let middle = range.start + count;
+                let (left, right) = items[own].split_at(count);
+                let new = |range: Range<usize>, items: &[Item]| Member { bounds: around(items), range, is_leaf: false };
+                members[largest] = new(range.start..middle, left);
+                members.insert(largest + 1, new(middle..range.end, right));
+            }
+        }
+    }
+    let boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
+    let mut node = Node { boxes, first: [0; WIDTH], count: [0; WIDTH], used: members.len() };
+    for (lane, member) in members.iter().enumerate() {
+        for axis in 0..3 {
+            node.boxes.low[axis][lane] = below(member.bounds.low[axis]);
+            node.boxes.high[axis][lane] = -below(-member.bounds.high[axis]);
+        }
+    }
+    let mut nodes = vec![node];
+    for (lane, child) in children(&members, items, spare, alone).into_iter().enumerate() {
+        let first = index(nodes.len());
+        match child {
+            Child::Leaf(range) => {
+                (nodes[0].first[lane], nodes[0].count[lane]) = (index(range.start), index(range.len()));
+            }
+            Child::Nodes(child) => {
+                nodes[0].first[lane] = first;
+                nodes.extend(child.into_iter().map(|mut node| {
+                    for lane in 0..node.used {
+                        node.first[lane] += if node.count[lane] == 0 { first } else { 0 };
+                    }
+                    node
+                }));
+            }
+        }
+    }
+    nodes
+}
+
+/// What lies below a member of a wide node.
+enum Child {
+    Leaf(Range<usize>),
+    Nodes(Nodes),
+}
+
+/// Builds what lies below the members of a wide node.
+fn children(members: &[Member], items: &mut [Item], spare: &mut [Item], alone: usize) -> Vec<Child> {
+    let [member] = members else {
+        let middle = members.len() / 2;
+        let (first, second) = members.split_at(middle);
+        let (count, cut) = (items.len(), second[0].range.start - first[0].range.start);
+        let ((left, right), (left_spare, right_spare)) = (items.split_at_mut(cut), spare.split_at_mut(cut));
+        let mut left = || children(first, left, left_spare, alone);
+        let mut right = || children(second, right, right_spare, alone);
+        let (mut all, right) = if count >= alone { rayon::join(left, right) } else { (left(), right()) };
+        all.extend(right);
+        return all;
+    };
+    if member.is_leaf {
+        return vec![Child::Leaf(member.range.clone())];
+    }
+    vec![match split(&member.bounds, items, spare) {
+        None => Child::Leaf(member.range.clone()),
+        Some(count) => {
+            let (start, end) = (member.range.start, member.range.end);
+            let (left, right) = items.split_at(count);
+            let left = Member { bounds: around(left), range: start..start + count, is_leaf: false };
+            let right = Member { bounds: around(right), range: start + count..end, is_leaf: false };
+            Child::Nodes(subtree(vec![left, right], items, spare, alone))
+        }
+    }]
 }
 
 fn around(items: &[Item]) -> Bounds {

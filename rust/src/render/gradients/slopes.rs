@@ -79,7 +79,7 @@ pub(crate) fn shade(
         parts.clear();
         parts.resize(lights.len(), 0.0);
     }
-    if let (Some(emission), true) = (surface.emission, hit.in_front) {
+    if let (Some(emission), true) = (&surface.emission, hit.in_front) {
         let [factor, rate] = view.factors[emission.light as usize];
         found.luma += emission.luma * factor;
         found.rate += emission.luma * rate;
@@ -103,7 +103,7 @@ pub(crate) fn shade(
         }
         let reflected = match reflectance {
             Some((group, known)) if group == light.group => known,
-            _ => looked_up(texture, &scene.texels[light.group], [&surface.u, &surface.v], hit.point),
+            _ => looked_up(texture, &scene.texels[light.group], surface.uv().each_ref(), hit.point),
         };
         reflectance = Some((light.group, reflected));
         let seen = falls.times(&reflected);

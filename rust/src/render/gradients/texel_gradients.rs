@@ -114,7 +114,7 @@ impl Renderer {
             }
             let surface = hit.surface;
             let texture = &scene.textures[surface.texture as usize];
-            for (texel, part) in taps(texture, [&surface.u, &surface.v], hit.point) {
+            for (texel, part) in taps(texture, surface.uv().each_ref(), hit.point) {
                 if part != 0.0 {
                     #[allow(clippy::cast_possible_truncation, reason = "texels are numbered below 2^31")]
                     seen.push((texel as u32, weights[number] * per_ray * by_reflectance * part));

@@ -199,9 +199,9 @@ impl Lamp {
     /// Returns the light of a point of the lamp at a place with a normal; its way begins at `origin`.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(crate) fn arriving(&self, place: &[f32; 3], normal: &[f32; 3], origin: &[f32; 3], at: [f32; 2]) -> Arriving {
+    pub(crate) fn arriving(&self, receiver: &[f32; 3], normal: &[f32; 3], origin: &[f32; 3], at: [f32; 2]) -> Arriving {
         let Some((point, facing)) = self.point(at) else { return Arriving::NONE };
-        let away = [0, 1, 2].map(|i| point[i] - place[i]);
+        let away = [0, 1, 2].map(|i| point[i] - receiver[i]);
         let (own, its) = (dots(*normal, away), -dots(facing, away));
         let squared = dots(away, away);
         let lit = own > 0.0 && its > 0.0 && squared > 0.0;
@@ -362,9 +362,9 @@ pub(crate) enum Sharp {
 
 impl Sharp {
     /// Returns the light at a place with a normal, by a point of it; its way begins at `origin`.
-    pub(crate) fn arriving(&self, place: &[f32; 3], normal: &[f32; 3], origin: &[f32; 3], at: [f32; 2]) -> Arriving {
+    pub(crate) fn arriving(&self, receiver: &[f32; 3], normal: &[f32; 3], origin: &[f32; 3], at: [f32; 2]) -> Arriving {
         match self {
-            Self::Lamp(lamp) => lamp.arriving(place, normal, origin, at),
+            Self::Lamp(lamp) => lamp.arriving(receiver, normal, origin, at),
             Self::Directional { towards, irradiance } => {
                 let cosine = dots(*normal, *towards);
                 let weight = if cosine > 0.0 { cosine / PI } else { 0.0 };
@@ -372,7 +372,7 @@ impl Sharp {
                 Arriving { towards: *towards, end, light: irradiance.map(|x| x * weight) }
             }
             Self::Point { position, intensity, beam } => {
-                let away = [0, 1, 2].map(|i| position[i] - place[i]);
+                let away = [0, 1, 2].map(|i| position[i] - receiver[i]);
                 let squared = dots(away, away);
                 let distance = squared.sqrt();
                 let cosine = dots(*normal, away) / distance;

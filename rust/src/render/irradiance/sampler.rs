@@ -70,15 +70,15 @@ struct Scratch {
 /// A point that rays begin at: where it is, its normal with two vectors across it, and where its rays begin.
 #[derive(Clone, Copy, Debug)]
 struct Start {
-    place: [f32; 3],
+    position: [f32; 3],
     normal: [f32; 3],
     across: [[f32; 3]; 2],
     origin: [f32; 3],
 }
 
 impl Start {
-    fn new(place: [f32; 3], normal: [f32; 3], off: [f32; 3], step: f32) -> Self {
-        Self { place, normal, across: across(normal), origin: [0, 1, 2].map(|i| place[i] + step * off[i]) }
+    fn new(position: [f32; 3], normal: [f32; 3], off: [f32; 3], step: f32) -> Self {
+        Self { position, normal, across: across(normal), origin: [0, 1, 2].map(|i| position[i] + step * off[i]) }
     }
 }
 
@@ -124,7 +124,7 @@ impl IrradianceSampler {
     pub fn of_lamps(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
         self.summed(&lattice, places, &lights.lamps, |lamp, start, at| {
-            lamp.arriving(&start.place, &start.normal, &start.origin, at)
+            lamp.arriving(&start.position, &start.normal, &start.origin, at)
         })
     }
 
@@ -157,7 +157,7 @@ impl IrradianceSampler {
     pub fn of_sharp(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
         self.summed(&lattice, places, &lights.sharp, |light, start, at| {
-            light.arriving(&start.place, &start.normal, &start.origin, at)
+            light.arriving(&start.position, &start.normal, &start.origin, at)
         })
     }
 
@@ -285,7 +285,7 @@ impl IrradianceSampler {
 }
 
 /// Computes something at each place, on all threads.
-fn each<T: Send>(places: &[Place], of: impl Fn(&Place, &mut Scratch) -> T + Sync) -> Result<Vec<T>> {
+fn each<T: Send>(places: &[Place], compute: impl Fn(&Place, &mut Scratch) -> T + Sync) -> Result<Vec<T>> {
     let wrong = |place: &&Place| {
         let numbers = place.position.iter().chain(&place.normal).chain(&place.shift);
         !numbers.clone().all(|x| x.is_finite()) || place.shift.iter().any(|x| !(0.0..1.0).contains(x))
@@ -294,7 +294,7 @@ fn each<T: Send>(places: &[Place], of: impl Fn(&Place, &mut Scratch) -> T + Sync
         return Err(Error::Argument(format!("places are finite, and their shifts lie in 0..1, got {place:?}")));
     }
     Ok(SHARED.pool()?.install(|| {
-        places.par_iter().with_min_len(4).map_init(Scratch::default, |scratch, place| of(place, scratch)).collect()
+        places.par_iter().with_min_len(4).map_init(Scratch::default, |scratch, place| compute(place, scratch)).collect()
     }))
 }
 
@@ -431,9 +431,9 @@ fn gather(
             falling = light.at(hit.triangle, side, hit.weights);
         }
         if !lights.sharp.is_empty() && reflectance != [0.0; 4] {
-            let place = [0, 1, 2].map(|i| start.origin[i] + hit.distance * along[i]);
+            let position = [0, 1, 2].map(|i| start.origin[i] + hit.distance * along[i]);
             let facing = scene.surfaces.shading_normal(hit.triangle, side, hit.weights);
-            let there = Start::new(place, facing, normal, scene.step());
+            let there = Start::new(position, facing, normal, scene.step());
             let turn = R2.map(|step| (f64::from(lattice.numbers[at]) * step).fract());
             let more = sharp_light(&scene.tracer, lights, &there, single(turn), shadow, light);
             for i in 0..4 {
@@ -460,7 +460,7 @@ fn sharp_light(
 ) -> Colour {
     begin(shadow, light, there);
     for sharp in &lights.sharp {
-        push(shadow, light, &sharp.arriving(&there.place, &there.normal, &there.origin, at));
+        push(shadow, light, &sharp.arriving(&there.position, &there.normal, &there.origin, at));
     }
     tracer.any(shadow);
     end(shadow, light)
@@ -528,9 +528,9 @@ fn trace(
         }
         let (side, normal) = scene.surfaces.side(hit.triangle, along);
         let reflectance = scene.surfaces.reflectance(hit.triangle, side, hit.weights);
-        let place = [0, 1, 2].map(|i| from.origin[i] + hit.distance * along[i]);
+        let position = [0, 1, 2].map(|i| from.origin[i] + hit.distance * along[i]);
         let facing = scene.surfaces.shading_normal(hit.triangle, side, hit.weights);
-        from = Start::new(place, facing, normal, scene.step());
+        from = Start::new(position, facing, normal, scene.step());
         for i in 0..4 {
             weight[i] *= reflectance[i];
         }
@@ -539,14 +539,14 @@ fn trace(
         }
         begin(shadow, light, &from);
         for lamp in &lights.lamps {
-            push(shadow, light, &lamp.arriving(&from.place, &from.normal, &from.origin, draws.point()));
+            push(shadow, light, &lamp.arriving(&from.position, &from.normal, &from.origin, draws.point()));
         }
         if let Some(sky) = &lights.sky {
             push(shadow, light, &along_cosine(sky, &from, draws.point()));
             push(shadow, light, &along_radiance(sky, &from, draws.point()));
         }
         for sharp in &lights.sharp {
-            push(shadow, light, &sharp.arriving(&from.place, &from.normal, &from.origin, draws.point()));
+            push(shadow, light, &sharp.arriving(&from.position, &from.normal, &from.origin, draws.point()));
         }
         any(&scene.tracer, shadow);
         let arrived = end(shadow, light);
@@ -607,13 +607,14 @@ mod tests {
         Place { position, normal, shift: [0.3, 0.7] }
     }
 
-    fn close(found: Vector, expected: Vector, tolerance: f64) {
+    fn close(light: Vector, expected: Vector, tolerance: f64) {
         for i in 0..3 {
-            assert!((found[i] - expected[i]).abs() <= tolerance * expected[i].abs(), "{found:?} {expected:?}");
+            assert!((light[i] - expected[i]).abs() <= tolerance * expected[i].abs(), "{light:?} {expected:?}");
         }
     }
 
     const UP: Vector = [0.0, 0.0, 1.0];
+    const TURNED: [Vector; 3] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]];
 
     /// A lamp of 2 x 2 that faces down, 1 above the origin, by its form factor (Howell, B-4): 4 x 0.13853.
     fn ceiling(first: usize) -> (Vec<[Vector; 3]>, AreaLamp) {
@@ -668,7 +669,7 @@ mod tests {
         let map =
             |texels: Vec<[f32; 3]>, to_map| SkyLight::Map(EnvironmentMap { width: 8, height: 65, texels, to_map });
         let same = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let turned = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]; // its pole is the world's z
+        let turned = TURNED; // its pole is the world's z
         let row = |y: usize| [0.5 * (1.0 + libm::cosf(std::f32::consts::PI * y as f32 / 64.0)); 3];
         let graded: Vec<[f32; 3]> = (0..65 * 8).map(|i| row(i / 8)).collect();
         let sky = |sky| GroupLight { sky: Some(sky), ..GroupLight::default() };
@@ -717,6 +718,9 @@ mod tests {
         // The sun passes by the ceiling; from below it lights no front.
         close(of(3), ONE.map(|x| 0.8 * x / std::f64::consts::PI), 1e-5);
         assert_eq!(of(4), [0.0; 3]);
+        // In a scene of another size a metre is still a metre.
+        let wide = scene(&[squares[0], [[0.0, 0.0, 50.0], UP, [0.0, 1.0, 0.0]]], 0.0, &groups);
+        close(wide.of_sharp(0, &[place(at, UP)], 16).unwrap()[0], full, 1e-4);
         let aside = [place([0.0, 1.875, -2.0], UP), place([0.0, 9.0, -2.0], UP), place([0.0, 0.0, 2.0], UP)];
         let beams = sampler.of_sharp(2, &aside, 16).unwrap();
         let (angle, distance_squared) = ((0.75f64).atan(), 6.25 + 1.875f64.powi(2));
@@ -768,6 +772,97 @@ mod tests {
         assert_eq!(lampless.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
         let unlit = scene(&squares, 0.0, &groups);
         assert_eq!(unlit.is_lit(0, &there, 64, 0, rule).unwrap(), [false; 5]);
+    }
+
+    /// A room of squares that lie across each other, a lamp, a sharp light and a sky with a pattern.
+    fn cluttered_room() -> IrradianceSampler {
+        let mut squares = vec![[[-2.0, -2.0, 1.9], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]];
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / f64::from(1 << 23) - 1.0
+        };
+        for _ in 0..300 {
+            let mut vector = |scale: f64| [0, 1, 2].map(|_| scale * random());
+            squares.push([vector(2.0), vector(0.5), vector(0.5)]);
+        }
+        let lamps = vec![AreaLamp { first: 0, count: 2, radiance: ONE }];
+        let sharp = vec![SharpLight::Point { position: [0.4, -0.3, 1.5], intensity: ONE, beam: None }];
+        let (texels, to_map) = ((0..32).map(|texel| [0.1 + (texel % 7) as f32; 3]).collect(), TURNED);
+        let sky = Some(SkyLight::Map(EnvironmentMap { width: 8, height: 4, texels, to_map }));
+        scene(&squares, 0.5, &[GroupLight { lamps, sky, sharp }])
+    }
+
+    /// FNV-1a of the bits.
+    fn hash(values: &[[f64; 3]]) -> u64 {
+        let bytes = values.iter().flatten().flat_map(|value| value.to_le_bytes());
+        bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+    }
+
+    /// All kinds of light have the bits that they had on another processor: they were found in a build without AVX, and
+    /// each processor runs the best level that it has.
+    #[test]
+    fn bits_are_those_of_other_processors() {
+        let sampler = cluttered_room();
+        let there: Vec<Place> = (0..24)
+            .map(|i| {
+                let at = [0, 1, 2].map(|axis| ((i * [5, 7, 11][axis]) % 24) as f64 / 8.0 - 1.5);
+                Place {
+                    position: at,
+                    normal: [[0.0, 0.0, 1.0], [0.6, 0.0, -0.8]][i % 2],
+                    shift: [0.3, 0.01 * i as f64],
+                }
+            })
+            .collect();
+        let layouts: Vec<[[i64; 2]; 2]> = (0..602).map(|i| [[16 * i, 2]; 2]).collect();
+        let texels: Vec<[f32; 3]> = (0..16 * 602).map(|i| [(i % 13) as f32, (i % 5) as f32, 1.0]).collect();
+        let reflected = ReflectedLight::new(&layouts, &texels).unwrap();
+        let rule = PathRule { bounces: 5, roulette: 2 };
+        let seen = [
+            hash(&sampler.of_lamps(0, &there, 100).unwrap()),
+            hash(&sampler.of_sky(0, &there, 100).unwrap()),
+            hash(&sampler.of_sharp(0, &there, 100).unwrap()),
+            hash(&sampler.gathered(0, &there, 100, Some(&reflected)).unwrap()),
+            hash(&sampler.traced(0, &there, 100, 7, rule).unwrap()),
+        ];
+        assert_eq!(seen, [0; 5]);
+    }
+
+    /// Rays hit the same, with the same bits, in code of the lowest processor level, which is what the compiler makes of
+    /// the tracer itself, and of the highest one.
+    #[test]
+    fn rays_hit_the_same_at_every_processor_level() {
+        let sampler = cluttered_room();
+        let lattice = Lattice::new(1000);
+        for origin in [[0.0; 3], [0.1, -0.2, 0.3], [-0.9, 0.9, 0.5]] {
+            let mut fans: [Fan; 2] = std::array::from_fn(|_| {
+                let mut fan = Fan::default();
+                fan.origin = origin;
+                fan.resize(lattice.len());
+                for at in 0..lattice.len() {
+                    let local = cosine_direction(lattice.shifted(at, [0.2, 0.4]));
+                    for axis in 0..3 {
+                        fan.directions[axis][at] = local[axis];
+                    }
+                    fan.ends[at] = if at % 2 == 0 { f32::INFINITY } else { 0.3 };
+                }
+                fan
+            });
+            let [plain, best] = &mut fans;
+            sampler.tracer.closest(plain);
+            sampler.tracer.any(plain);
+            closest(&sampler.tracer, best);
+            any(&sampler.tracer, best);
+            assert!(plain.blocked.contains(&true) && plain.blocked.contains(&false));
+            assert_eq!(plain.blocked, best.blocked);
+            let bits = |fan: &Fan| -> Vec<_> {
+                fan.hits
+                    .iter()
+                    .map(|hit| (hit.triangle, hit.distance.to_bits(), hit.weights.map(f32::to_bits)))
+                    .collect()
+            };
+            assert_eq!(bits(plain), bits(best));
+        }
     }
 
     #[test]

@@ -25,6 +25,11 @@ pub(super) struct Affine {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Affine {
+    pub(super) const ZERO: Self = {
+        let slope = Changing { now: Linear([0.0; 3]), rate: Linear([0.0; 3]) };
+        Self { slope, offset: 0.0, offset_rate: 0.0 }
+    };
+
     #[inline(always)]
     pub(super) fn at<const RATE: bool>(&self, x: f32, y: f32, depth: f32, depth_rate: f32) -> (f32, f32) {
         let slope = self.slope.now.at(x, y);

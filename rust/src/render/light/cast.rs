@@ -40,6 +40,10 @@ pub(crate) struct Caster {
     numbers: Vec<u32>,
     /// Of each light, and each of the tile's rays that were looked at, 1 where it sees a point that is hidden.
     hidden: Vec<Vec<u32>>,
+    /// Of each light, and each of the tile's taps, how much of it is not hidden.
+    fractions: Vec<Vec<f32>>,
+    /// Whether the fractions are those of what is shaded next.
+    by_fractions: bool,
     stack: Vec<u32>,
 }
 
@@ -60,6 +64,18 @@ impl Caster {
         self.receivers.clear();
         self.normals.clear();
         self.sides.clear();
+        self.by_fractions = false;
+    }
+
+    /// Begins to say how much of each light reaches taps, of so many: returns what throws shadows, and the fractions,
+    /// by light.
+    pub(crate) fn fractions(&mut self, lights: usize, taps: usize) -> (&Shadow, &mut [Vec<f32>]) {
+        self.by_fractions = true;
+        self.fractions.resize_with(self.fractions.len().max(lights), Vec::new);
+        for of_light in &mut self.fractions {
+            of_light.resize(taps.next_multiple_of(MOST) + MOST, 0.0);
+        }
+        (&self.shadow, &mut self.fractions)
     }
 
     /// Adds a triangle, and its rays that do not lie side by side.
@@ -121,6 +137,14 @@ impl Caster {
     ) {
         if self.shadow.is_dark(light) {
             (*value, *rate) = (Lanes::ZERO, Lanes::ZERO);
+            return;
+        }
+        if self.by_fractions {
+            let fractions = &self.fractions[light][rays.first..][..MOST];
+            for i in 0..rays.count() {
+                value[i] *= fractions[i];
+                rate[i] *= fractions[i];
+            }
             return;
         }
         let mut hidden = [0; MOST];

@@ -76,6 +76,19 @@ impl Cone {
     }
 }
 
+impl Cone {
+    /// Returns functions as [`Self::hides_place`] has them, a x + b y + c z + d, of which none is negative where it hides
+    /// a point.
+    pub(crate) fn limits(&self, farthest: f32) -> [[f64; 4]; 5] {
+        let [a, b, c] = self.edges.map(|edge| edge.map(f64::from));
+        let height = self.height.map(f64::from);
+        // Nothing is too far from the sun.
+        let reach = if farthest.is_finite() { height } else { [0.0; 4] };
+        let offset = if farthest.is_finite() { f64::from(farthest) } else { 1.0 };
+        [a, b, c, height.map(|value| -value), [reach[0], reach[1], reach[2], reach[3] + offset]]
+    }
+}
+
 fn with(vector: Vector, offset: f64) -> [f64; 4] {
     [vector[0], vector[1], vector[2], offset]
 }
@@ -112,6 +125,11 @@ impl Gathered {
 
     pub(crate) fn is_empty(&self) -> bool {
         self.triangles.is_empty()
+    }
+
+    /// Returns the cone behind the triangle at an index.
+    pub(crate) fn cone(&self, at: usize) -> Cone {
+        self.packets[at / WIDTH].cone(at % WIDTH)
     }
 
     /// Adds the cone in one lane of a packet.

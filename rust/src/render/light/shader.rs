@@ -91,6 +91,11 @@ impl<'a> Shader<'a> {
             let rows = maps.map(|map| Map::new(&map, pose));
             std::array::from_fn(|i| turned_map(&rows, pose, i))
         });
+        let [u, v] = if texture.is_constant() {
+            [Affine::ZERO; 2]
+        } else {
+            surface.uv().map(|map| coordinate(&map, pose, texture.wrap))
+        };
         // The normal n points at the camera where n . p + d > 0 at its position p.
         let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
         let dark = smooth.is_none() && facing < 0.0 && !surface.two_sided;
@@ -104,8 +109,8 @@ impl<'a> Shader<'a> {
                     (plane.normal[i] * plane.height_rate / plane.height - plane.normal_rate[i]) / plane.height
                 }))),
             },
-            u: coordinate(&surface.u, pose, texture.wrap),
-            v: coordinate(&surface.v, pose, texture.wrap),
+            u,
+            v,
             smooth,
             light_map: surface.light_maps.as_deref().map(|[front, back]| {
                 LightMap::new(if facing > 0.0 || !surface.two_sided { front } else { back }, pose)
@@ -115,7 +120,7 @@ impl<'a> Shader<'a> {
             lit: vec![],
             dark,
         };
-        if let (Some(emission), true) = (surface.emission, facing > 0.0) {
+        if let (Some(emission), true) = (&surface.emission, facing > 0.0) {
             shader.emitted = emitted(emission.luma, view.factors[emission.light as usize]);
         }
         if !dark {

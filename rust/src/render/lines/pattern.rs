@@ -6,7 +6,7 @@
 //! What must not break: all pixels have the same pattern, so that neighbouring tiles continue each other's lines.
 
 use crate::error::{Error, Result};
-use crate::render::geometry::pixel_rays::{BLOCK, LANES, TILE};
+use crate::render::geometry::pixel_rays::{BLOCK, BLOCKS, LANES, PIXELS, TILE};
 
 /// How many lines a pixel has, in how many cells each is cut, by how many lines' distances one rises over a pixel, and
 /// what the taps' positions in their cells are made of: position i of line number n is (n * generator / lines + offset)
@@ -14,31 +14,57 @@ use crate::render::geometry::pixel_rays::{BLOCK, LANES, TILE};
 const KINDS: [(usize, usize, usize, usize, f32); 3] =
     [(4, 2, 1, 2, 0.234_375), (8, 4, 3, 2, 0.117_187_5), (16, 4, 3, 10, 0.054_687_5)];
 
-/// A part of a line in one cell of one pixel: columns from the tile's left edge, in pixels.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Piece {
-    pub(crate) left: f32,
-    pub(crate) right: f32,
-    /// Where its tap lies, as a fraction of what is seen.
-    pub(crate) phase: f32,
+/// Taps of pieces that are seen from end to end: columns and rows from the tile's corner, in pixels. [`LANES`] of no
+/// weight follow them, so that they can be copied as whole vectors.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct WholeTaps {
+    pub(crate) column: Vec<f32>,
+    pub(crate) row: Vec<f32>,
+    pub(crate) weight: Vec<f32>,
     /// By block and lane.
-    pub(crate) pixel: u32,
+    pub(crate) pixel: Vec<u8>,
 }
 
-/// A line through the tile, y = height + slope x, with its pieces from left to right.
-#[derive(Clone, Debug)]
-pub(crate) struct Line {
-    pub(crate) height: f32,
-    pub(crate) pieces: Vec<Piece>,
+impl WholeTaps {
+    fn pad(&mut self) {
+        for _ in 0..LANES {
+            self.push(0.0, 0.0, 0.0, 0);
+        }
+    }
+
+    fn push(&mut self, column: f32, row: f32, weight: f32, pixel: u8) {
+        self.column.push(column);
+        self.row.push(row);
+        self.weight.push(weight);
+        self.pixel.push(pixel);
+    }
 }
 
-/// The lines of a tile.
+/// The lines of a tile, y = height + slope x, from top to bottom. Lists of them end with lines of no length, so that
+/// their number is a multiple of [`LANES`].
 #[derive(Clone, Debug)]
 pub struct LinePattern {
     pub(crate) slope: f32,
     /// The area that a line stands for, per length, in pixels.
     pub(crate) weight: f32,
-    pub(crate) lines: Vec<Line>,
+    pub(crate) heights: Vec<f32>,
+    /// Where each line enters the tile and leaves it: columns.
+    pub(crate) lefts: Vec<f32>,
+    pub(crate) rights: Vec<f32>,
+    /// Where each piece begins: a line in one cell of one pixel. Those of a line follow each other from left to right.
+    starts: Vec<f32>,
+    /// Where the tap of each piece lies, as a fraction of what is seen.
+    phases: Vec<f32>,
+    /// Of the pieces.
+    pub(crate) taps: WholeTaps,
+    /// Where the pieces of each cell of each line begin; of each line its end too.
+    by_cell: Vec<u16>,
+    cells: f32,
+    per_line: usize,
+    /// The taps of a tile again, block by block, and in a block tap by tap, each of all of its pixels.
+    pub(crate) blocks: WholeTaps,
+    /// Where each piece's tap is in [`Self::blocks`].
+    pub(crate) in_blocks: Vec<u16>,
 }
 
 impl LinePattern {
@@ -51,19 +77,36 @@ impl LinePattern {
         let Some(&(count, cells, climb, generator, offset)) = KINDS.iter().find(|kind| kind.0 == lines) else {
             return Err(Error::Argument(format!("a pixel has 4, 8 or 16 lines, got {lines}")));
         };
-        Ok(Self::of(count, cells, climb, generator, offset))
+        Ok(Self::of_kind(count, cells, climb, generator, offset))
     }
 
     #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small numbers")]
     #[allow(clippy::cast_sign_loss, reason = "positions in the tile are not negative")]
-    fn of(count: usize, cells: usize, climb: usize, generator: usize, offset: f32) -> Self {
+    fn of_kind(count: usize, cells: usize, climb: usize, generator: usize, offset: f32) -> Self {
         let (per_pixel, slope) = (count as f64, climb as f64 / count as f64);
         let side = TILE as f64;
-        let mut lines = vec![];
+        let mut pixels = vec![];
+        let mut pattern = Self {
+            slope: slope as f32,
+            weight: (1.0 / per_pixel) as f32,
+            heights: vec![],
+            lefts: vec![],
+            rights: vec![],
+            starts: vec![],
+            phases: vec![],
+            taps: WholeTaps::default(),
+            by_cell: vec![],
+            cells: cells as f32,
+            per_line: TILE * cells + 1,
+            blocks: WholeTaps::default(),
+            in_blocks: vec![],
+        };
         for number in 0..TILE * (count + climb) {
             let height = (number as f64 + 0.5) / per_pixel - slope * side;
-            let mut pieces = vec![];
+            let (first, first_cell) = (pattern.starts.len(), pattern.by_cell.len());
+            let mut end = 0f32;
             for cell in 0..TILE * cells {
+                pattern.by_cell.push(pattern.starts.len() as u16);
                 let (left, right) = (cell as f64 / cells as f64, (cell + 1) as f64 / cells as f64);
                 let (low, high) = (height + slope * left, height + slope * right);
                 let border = high.floor();
@@ -80,41 +123,169 @@ impl LinePattern {
                     if (0.0..side).contains(&middle) {
                         let row = middle as usize;
                         let block = row / BLOCK * (TILE / BLOCK) + column / BLOCK;
-                        let pixel = block * LANES + row % BLOCK * BLOCK + column % BLOCK;
-                        pieces.push(Piece { left: cut[0] as f32, right: cut[1] as f32, phase, pixel: pixel as u32 });
+                        let pixel = (block * LANES + row % BLOCK * BLOCK + column % BLOCK) as u8;
+                        pattern.starts.push(cut[0] as f32);
+                        pattern.phases.push(phase);
+                        pixels.push(pixel);
+                        end = cut[1] as f32;
                     }
                 }
             }
-            if !pieces.is_empty() {
-                lines.push(Line { height: height as f32, pieces });
+            pattern.by_cell.push(pattern.starts.len() as u16);
+            if let Some(&start) = pattern.starts.get(first) {
+                pattern.heights.push(height as f32);
+                pattern.lefts.push(start);
+                pattern.rights.push(end);
+                let whole = Run { line: pattern.heights.len() - 1, left: start, right: end };
+                for piece in first..pattern.starts.len() {
+                    let (column, row, weight) = pattern.tap(piece, &whole);
+                    pattern.taps.push(column, row, weight, pixels[piece]);
+                }
+            } else {
+                pattern.by_cell.truncate(first_cell);
             }
         }
-        Self { slope: slope as f32, weight: (1.0 / per_pixel) as f32, lines }
+        pattern.arrange_blocks();
+        pattern.taps.pad();
+        let padded = pattern.heights.len().next_multiple_of(LANES);
+        for (values, fill) in [(&mut pattern.heights, 0.0), (&mut pattern.lefts, 0.0), (&mut pattern.rights, -1.0)] {
+            values.resize(padded, fill);
+        }
+        pattern
     }
+
+    /// Puts the taps of each pixel side by side with those of its block's other pixels.
+    #[allow(clippy::cast_possible_truncation, reason = "small numbers")]
+    fn arrange_blocks(&mut self) {
+        let mut of_pixels = vec![vec![]; PIXELS];
+        for (piece, &pixel) in self.taps.pixel.iter().enumerate() {
+            of_pixels[pixel as usize].push(piece);
+        }
+        self.in_blocks = vec![0; self.starts.len()];
+        for block in 0..BLOCKS {
+            let of_block = &of_pixels[block * LANES..(block + 1) * LANES];
+            for number in 0..of_block[0].len() {
+                for piece in of_block.iter().map(|pieces| pieces[number]) {
+                    self.in_blocks[piece] = self.blocks.pixel.len() as u16;
+                    let taps = &self.taps;
+                    self.blocks.push(taps.column[piece], taps.row[piece], taps.weight[piece], taps.pixel[piece]);
+                }
+            }
+        }
+    }
+
+    /// Returns how many lists of [`LANES`] lines there are.
+    pub(crate) fn lists(&self) -> usize {
+        self.heights.len() / LANES
+    }
+
+    /// Returns the pieces of a line: from the first one on, before the second one.
+    fn pieces_of(&self, line: usize) -> (usize, usize) {
+        let of_line = &self.by_cell[line * self.per_line..][..self.per_line];
+        (of_line[0] as usize, of_line[self.per_line - 1] as usize)
+    }
+
+    /// Returns the piece of a line that holds a column, of those before the end of the line.
+    #[inline]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "columns of a tile")]
+    fn piece_at(&self, line: usize, column: f32, end: usize) -> usize {
+        let cell = ((column * self.cells) as usize).min(self.per_line - 2);
+        let piece = self.by_cell[line * self.per_line + cell] as usize;
+        // A cell has two pieces where the line goes from one pixel to another in it.
+        (piece + usize::from(piece + 1 < end && self.starts[piece + 1] <= column)).min(end - 1)
+    }
+
+    /// Returns the pieces that a run has a length in: from the first one on, before the second one.
+    #[inline]
+    pub(crate) fn pieces_in(&self, run: &Run) -> (usize, usize) {
+        let (first, end) = self.pieces_of(run.line);
+        let from_start = run.left <= self.lefts[run.line];
+        let to_end = run.right >= self.rights[run.line];
+        let first = if from_start { first } else { self.piece_at(run.line, run.left, end) };
+        if to_end {
+            return (first, end);
+        }
+        let last = self.piece_at(run.line, run.right, end);
+        (first, last + usize::from(self.starts[last] < run.right))
+    }
+
+    /// Returns column, row and weight of the tap of a piece where a run of its line is seen.
+    #[inline]
+    pub(crate) fn tap(&self, piece: usize, run: &Run) -> (f32, f32, f32) {
+        let (_, end) = self.pieces_of(run.line);
+        let (left, right) = (self.starts[piece], if piece + 1 < end { self.starts[piece + 1] } else { run.right });
+        let (left, right) = (left.max(run.left), right.min(run.right));
+        let column = left + self.phases[piece] * (right - left);
+        (column, self.heights[run.line] + self.slope * column, self.weight * (right - left))
+    }
+}
+
+/// A line between two columns.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Run {
+    pub(crate) line: usize,
+    pub(crate) left: f32,
+    pub(crate) right: f32,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::geometry::pixel_rays::PIXELS;
 
-    /// In each pixel lengths add up to its area.
+    /// In each pixel lengths add up to its area, also where lines are cut anywhere.
     #[test]
     #[allow(clippy::cast_precision_loss, reason = "small numbers")]
     fn each_pixel_has_its_area() {
         for lines in [4, 8, 16] {
             let pattern = LinePattern::new(lines).unwrap();
-            let mut areas = [0.0; PIXELS];
-            for line in &pattern.lines {
-                for piece in &line.pieces {
-                    areas[piece.pixel as usize] += pattern.weight * (piece.right - piece.left);
-                    let y = line.height + pattern.slope * 0.5 * (piece.left + piece.right);
-                    assert!(y > 0.0 && y < TILE as f32 && piece.left < piece.right);
-                    assert!((0.0..1.0).contains(&piece.phase));
+            for cuts in 1..40 {
+                let mut areas = [0.0; PIXELS];
+                for (line, (&start, &end)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
+                    if end < start {
+                        continue;
+                    }
+                    let at =
+                        |cut: usize| if cut == cuts { end } else { start + (end - start) * cut as f32 / cuts as f32 };
+                    for cut in 0..cuts {
+                        let run = Run { line, left: at(cut), right: at(cut + 1) };
+                        let (first, last) = pattern.pieces_in(&run);
+                        for piece in first..last {
+                            let (column, row, weight) = pattern.tap(piece, &run);
+                            assert!(weight > 0.0 && run.left <= column && column <= run.right);
+                            let pixel = pattern.taps.pixel[piece] as usize;
+                            let (block, lane) = (pixel / LANES, pixel % LANES);
+                            let left = (block % 2 * BLOCK + lane % BLOCK) as f32;
+                            let top = (block / 2 * BLOCK + lane / BLOCK) as f32;
+                            assert!((left - 1e-5..=left + 1.0 + 1e-5).contains(&column), "{column} {left}");
+                            assert!((top - 1e-5..=top + 1.0 + 1e-5).contains(&row), "{row} {top}");
+                            areas[pixel] += weight;
+                        }
+                    }
                 }
+                assert!(areas.iter().all(|area| (area - 1.0).abs() < 1e-4), "{lines}, {cuts}: {areas:?}");
             }
-            assert!(areas.iter().all(|area| (area - 1.0).abs() < 1e-5), "{lines}: {areas:?}");
         }
         assert!(LinePattern::new(5).is_err());
+    }
+
+    /// Every pixel has its taps at the same positions in it, and they are arranged by blocks without a loss.
+    #[test]
+    #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+    fn every_pixel_has_the_same_taps() {
+        for lines in [4, 8, 16] {
+            let LinePattern { blocks, taps, in_blocks, .. } = LinePattern::new(lines).unwrap();
+            let per_pixel = in_blocks.len() / PIXELS;
+            assert_eq!(per_pixel * PIXELS, blocks.pixel.len());
+            for (piece, &at) in in_blocks.iter().enumerate() {
+                let at = at as usize;
+                assert_eq!((taps.column[piece], taps.row[piece]), (blocks.column[at], blocks.row[at]));
+                assert_eq!((taps.weight[piece], taps.pixel[piece]), (blocks.weight[at], blocks.pixel[at]));
+                let first = at / LANES * LANES;
+                assert_eq!(blocks.pixel[at] as usize, first / LANES / per_pixel * LANES + at % LANES);
+                assert!((blocks.column[at].fract() - blocks.column[first].fract()).abs() < 1e-5);
+                assert!((blocks.row[at].fract() - blocks.row[first].fract()).abs() < 1e-5);
+                assert!((blocks.weight[at] - blocks.weight[first]).abs() < 1e-6);
+            }
+        }
     }
 }

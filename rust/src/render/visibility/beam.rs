@@ -1,27 +1,31 @@
 //! Beams: finds the triangle that each of a tile's rays hits first by a walk through the BVH from front to back.
 //!
 //! All rays of a tile walk together. Where triangles are small, that costs less than to sort all of a view's triangles
-//! into its tiles ([`super::bins`]): what lies behind the first surface is never looked at. A triangle is decided at
-//! the corners of blocks, then at those of pixels, and then at the rays of the pixels that are left.
+//! into its tiles ([`super::bins`]): what lies behind the first surface is never looked at. A triangle is looked at by
+//! those rays alone that lie in its rectangle of the image ([`super::ray_cells`]).
 //!
 //! What must not break: a ray sees the same triangle, with the same bits, as by bins. So a triangle is tested by the
-//! same [`Seen`], and of equally near ones the first in the scene wins, which is the first that a visit to the BVH
-//! finds.
+//! same functions as [`Seen`] has, and of equally near ones the first in the scene wins, which is the first that a
+//! visit to the BVH finds.
 
 use std::ops::Range;
 
-use super::bins::{Cover, Entry, NEARER, Pyramid, Seen};
+use super::bins::{Entry, NEARER, Pyramid, Seen};
 use super::nearest::{NOTHING, Nearest, least};
-use super::set_up::set_up;
+use super::ray_cells::{RayCells, WORD};
+use super::set_up::{Pending, Projected, SetUp};
 use crate::prefetch::prefetch;
 use crate::render::geometry::bvh::{self, Leaves, WIDTH, Waiting};
-use crate::render::geometry::linear::Linear;
-use crate::render::geometry::pixel_rays::{BLOCKS, LANES, Part};
+use crate::render::geometry::linear::Rect;
+use crate::render::geometry::pixel_rays::{LANES, Part};
 use crate::render::geometry::view::{Pose, View};
 use crate::render::scene::Scene;
 
-/// Rays of a pixel that are tested together.
-const TOGETHER: usize = 8;
+/// Where more rays of a word may meet a triangle than this, all of the word are tested in vector code.
+const FEW: u32 = 6;
+
+/// After so many batches of triangles it is found out again how far rays look.
+const BETWEEN: usize = 4;
 
 /// The triangles that the rays of one tile see.
 #[derive(Debug, Default)]
@@ -30,9 +34,12 @@ pub(crate) struct Beam {
     pub(crate) seen: Vec<Seen>,
     /// All that any ray saw before it saw a nearer one.
     tested: Vec<Seen>,
-    pixels: Pixels,
-    /// Buffers of the walk.
-    set_up: Vec<Seen>,
+    cells: RayCells,
+    /// Of each ray the number in the scene of what it sees so far.
+    triangles: Vec<u32>,
+    pending: Pending,
+    /// Of the pending triangles, one after the other: the rays that may meet it, as bits.
+    met_by: Vec<u64>,
     waiting: Vec<Waiting>,
     /// Of each triangle that was tested its index among those that are seen.
     indices: Vec<u32>,
@@ -40,126 +47,96 @@ pub(crate) struct Beam {
     order: Vec<(u32, u32)>,
 }
 
-/// The rays of a tile pixel by pixel, and what they see so far.
-#[derive(Debug, Default)]
-struct Pixels {
-    /// Whether the tile's rays are here: they are brought when the first triangle is.
-    taken: bool,
-    /// Rays of a pixel; the last one stands for what is missing of a multiple of [`TOGETHER`].
-    rays: usize,
-    x: Vec<f32>,
-    y: Vec<f32>,
-    /// The index of what each ray sees among those that were tested, and its inverse depth.
-    index: Vec<u32>,
-    inverse_depth: Vec<f32>,
-    /// What the rays of each pixel lie in, by block: lowest and highest x, lowest and highest y.
-    around: Vec<[[f32; LANES]; 4]>,
-    /// Of each block the inverse depth behind which nothing is seen.
-    closed: [f32; BLOCKS],
+/// The rays of a tile, and what they see so far.
+struct Sights<'a> {
+    part: &'a Part<'a>,
+    words: usize,
+    /// Of each ray the index of what it sees among those that were tested, its number in the scene, and its inverse
+    /// depth.
+    index: &'a mut [u32],
+    triangles: &'a mut [u32],
+    inverse_depth: &'a mut [f32],
+    tested: &'a mut Vec<Seen>,
+    met_by: &'a mut [u64],
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Pixels {
-    /// Takes the rays of another tile.
+impl SetUp for Sights<'_> {
+    /// Lets a triangle be seen by the rays that meet it before what they saw so far.
     #[inline(always)]
-    fn take(&mut self, part: &Part) {
-        self.taken = true;
-        let rays = part.x.len() / (part.blocks.len() * LANES);
-        self.rays = rays.next_multiple_of(TOGETHER);
-        let count = part.blocks.len() * LANES * self.rays;
-        for values in [&mut self.x, &mut self.y, &mut self.inverse_depth] {
-            values.resize(count, 0.0);
-        }
-        self.inverse_depth.fill(0.0);
-        self.index.clear();
-        self.index.resize(count, NOTHING);
-        self.around.clear();
-        for block in 0..part.blocks.len() {
-            let mut around = [[f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]].repeat(2);
-            for (which, (from, to)) in [(part.x, &mut self.x), (part.y, &mut self.y)].into_iter().enumerate() {
-                for ray in 0..self.rays {
-                    let group = &from[(block * rays + ray.min(rays - 1)) * LANES..][..LANES];
-                    for pixel in 0..LANES {
-                        let value = group[pixel];
-                        to[(block * LANES + pixel) * self.rays + ray] = value;
-                        let (low, high) = (around[2 * which][pixel], around[2 * which + 1][pixel]);
-                        around[2 * which][pixel] = if value < low { value } else { low };
-                        around[2 * which + 1][pixel] = if value > high { value } else { high };
-                    }
-                }
-            }
-            self.around.push([around[0], around[1], around[2], around[3]]);
-        }
-    }
-
-    /// Lets a triangle be seen by the rays of a block that meet it before what they saw so far; says whether any does.
-    #[inline(always)]
-    fn look_at(&mut self, seen: &Seen, block: usize, tested: &[Seen]) -> bool {
+    fn look_at(&mut self, position: usize, seen: &Seen) {
         let mut any = false;
-        let mut left = may_meet(seen, &self.around[block]);
-        while left != 0 {
-            let pixel = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let first = (block * LANES + pixel) * self.rays;
-            for first in (first..first + self.rays).step_by(TOGETHER) {
-                any |= self.look_at_rays(seen, first, tested);
+        for word in 0..self.words {
+            let mut rays = self.met_by[position * self.words + word];
+            if rays == 0 {
+                continue;
+            }
+            if rays.count_ones() > FEW {
+                for first in (word * WORD..(word + 1) * WORD).step_by(LANES) {
+                    any |= self.test_all(seen, first);
+                }
+                continue;
+            }
+            while rays != 0 {
+                any |= self.test(seen, word * WORD + rays.trailing_zeros() as usize);
+                rays &= rays - 1;
             }
         }
         if any {
-            let rays = block * LANES * self.rays..(block + 1) * LANES * self.rays;
-            self.closed[block] = least(&self.inverse_depth[rays]);
+            self.tested.push(*seen);
         }
-        any
-    }
-
-    /// Does what [`Self::look_at`] does for [`TOGETHER`] rays. Of equally near triangles the first in the scene is
-    /// seen.
-    #[inline(always)]
-    #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-    #[allow(clippy::cast_possible_truncation, reason = "a tile's triangles are fewer than 2^32")]
-    fn look_at_rays(&mut self, seen: &Seen, first: usize, tested: &[Seen]) -> bool {
-        let (x, y) = (&self.x[first..first + TOGETHER], &self.y[first..first + TOGETHER]);
-        let depths = &mut self.inverse_depth[first..first + TOGETHER];
-        let indices = &mut self.index[first..first + TOGETHER];
-        let [a, b, c] = seen.edges;
-        let (mut inverse, mut reached) = ([0f32; TOGETHER], [0u32; TOGETHER]);
-        for i in 0..TOGETHER {
-            inverse[i] = seen.inverse_depth.at(x[i], y[i]);
-            let meets = (a.at(x[i], y[i]) >= 0.0) & (b.at(x[i], y[i]) >= 0.0) & (c.at(x[i], y[i]) >= 0.0);
-            reached[i] = u32::from(meets & (inverse[i] >= depths[i]) & (inverse[i] > 0.0));
-        }
-        let mut any = false;
-        for i in (0..TOGETHER).filter(|&i| reached[i] != 0) {
-            if inverse[i] > depths[i] || seen.triangle < tested[indices[i] as usize].triangle {
-                (indices[i], depths[i]) = (tested.len() as u32, inverse[i]);
-                any = true;
-            }
-        }
-        any
     }
 }
 
-/// Returns which pixels of a block a triangle may be seen by, as bits.
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+#[allow(clippy::cast_possible_truncation, reason = "a tile's triangles are fewer than 2^32")]
+impl Sights<'_> {
+    /// Lets a triangle be seen by a ray; says whether it is.
+    #[inline(always)]
+    fn test(&mut self, seen: &Seen, ray: usize) -> bool {
+        let (x, y) = (self.part.x[ray], self.part.y[ray]);
+        let [a, b, c] = seen.edges.map(|edge| edge.at(x, y));
+        let inverse = seen.inverse_depth.at(x, y);
+        let known = self.inverse_depth[ray];
+        let meets = (a >= 0.0) & (b >= 0.0) & (c >= 0.0);
+        let takes = meets & is_first(inverse, seen.triangle, known, self.triangles[ray]);
+        if takes {
+            self.inverse_depth[ray] = inverse;
+            (self.index[ray], self.triangles[ray]) = (self.tested.len() as u32, seen.triangle);
+        }
+        takes
+    }
+
+    /// Does what [`Self::test`] does for [`LANES`] rays.
+    #[inline(always)]
+    fn test_all(&mut self, seen: &Seen, first: usize) -> bool {
+        let rays = first..first + LANES;
+        let (x, y) = (&self.part.x[rays.clone()], &self.part.y[rays.clone()]);
+        let (known, triangles) = (&mut self.inverse_depth[rays.clone()], &mut self.triangles[rays.clone()]);
+        let (index, next) = (&mut self.index[rays], self.tested.len() as u32);
+        let [a, b, c] = seen.edges;
+        let mut any = 0;
+        for i in 0..LANES {
+            let inverse = seen.inverse_depth.at(x[i], y[i]);
+            let meets = (a.at(x[i], y[i]) >= 0.0) & (b.at(x[i], y[i]) >= 0.0) & (c.at(x[i], y[i]) >= 0.0);
+            let takes = meets & is_first(inverse, seen.triangle, known[i], triangles[i]);
+            known[i] = if takes { inverse } else { known[i] };
+            triangles[i] = if takes { seen.triangle } else { triangles[i] };
+            index[i] = if takes { next } else { index[i] };
+            any |= u32::from(takes);
+        }
+        any != 0
+    }
+}
+
+/// Returns whether a triangle lies before what a ray saw so far. Of equally near ones that is the first in the scene;
+/// what sees nothing yet has an inverse depth of 0.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn may_meet(seen: &Seen, [left, right, top, bottom]: &[[f32; LANES]; 4]) -> u32 {
-    let [a, b, c] = seen.edges;
-    let highest = |function: Linear| {
-        let x = if function.0[0] > 0.0 { right } else { left };
-        let y = if function.0[1] > 0.0 { bottom } else { top };
-        let mut found = [0f32; LANES];
-        for i in 0..LANES {
-            found[i] = function.at(x[i], y[i]);
-        }
-        found
-    };
-    let (a, b, c) = (highest(a), highest(b), highest(c));
-    let mut meets = [0u32; LANES];
-    for i in 0..LANES {
-        meets[i] = u32::from((a[i] >= 0.0) & (b[i] >= 0.0) & (c[i] >= 0.0)) << i;
-    }
-    meets.iter().fold(0, |all, bit| all | bit)
+fn is_first(inverse: f32, triangle: u32, known: f32, known_triangle: u32) -> bool {
+    (inverse > known) | ((inverse == known) & (inverse > 0.0) & (triangle < known_triangle))
 }
 
 /// A walk through the BVH of one frame.
@@ -168,41 +145,89 @@ struct Walk<'a> {
     pose: &'a Pose,
     /// The first triangle of the frame.
     first: usize,
-    part: &'a Part<'a>,
-    pixels: &'a mut Pixels,
-    set_up: &'a mut Vec<Seen>,
-    tested: &'a mut Vec<Seen>,
-    /// Triangles that are set up next, and how many they are: leaves have few, and vector code takes [`WIDTH`].
+    cells: &'a mut RayCells,
+    pending: &'a mut Pending,
+    sights: Sights<'a>,
+    /// Triangles that are projected next, and how many they are: leaves have few, and vector code takes [`WIDTH`].
     next: [u32; WIDTH],
     count: usize,
+    depth: Depth,
+}
+
+/// How far the rays of a tile look.
+#[derive(Clone, Copy)]
+struct Depth {
+    /// Rays before this one see something.
+    open: usize,
+    /// The inverse depth behind which nothing is seen, and the depth behind which no box is looked into.
+    closed: f32,
+    farthest: f32,
+    /// Batches until it is looked at again.
+    wait: usize,
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Depth {
+    /// Finds out how far rays look that have these inverse depths.
+    #[inline(always)]
+    fn look(&mut self, inverse_depth: &[f32]) {
+        while self.open < inverse_depth.len() && inverse_depth[self.open] > 0.0 {
+            self.open += 1;
+        }
+        if self.wait > 0 || self.open < inverse_depth.len() {
+            self.wait = self.wait.saturating_sub(1);
+            return;
+        }
+        self.wait = BETWEEN;
+        self.closed = least(inverse_depth);
+        // As near as a triangle may be taken to be, see `Seen`, and a rounding more.
+        self.farthest = NEARER * NEARER / self.closed;
+    }
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Walk<'_> {
-    /// Looks at the triangles that were gathered.
+    /// Looks at the triangles that were gathered from leaves.
     #[inline(always)]
     fn look(&mut self) {
-        self.set_up.clear();
-        set_up(self.scene, self.pose, &self.next[..self.count], self.part.around, self.set_up);
-        self.count = 0;
-        if self.set_up.is_empty() {
+        if self.count == 0 {
             return;
         }
-        if !self.pixels.taken {
-            self.pixels.take(self.part);
-        }
-        for seen in &*self.set_up {
-            let mut any = false;
-            for (block, part) in self.part.blocks.iter().enumerate() {
-                let hidden = seen.nearest_in(part) < self.pixels.closed[block];
-                if !hidden && !matches!(seen.covers(part), Cover::Nothing) {
-                    any |= self.pixels.look_at(seen, block, self.tested);
+        // The last one stands for what is missing.
+        let last = self.next[self.count - 1];
+        self.next[self.count..].fill(last);
+        let projected = Projected::new(self.scene, self.pose, &self.next);
+        let Rect { low, high } = self.sights.part.around;
+        for i in 0..self.count {
+            let apart = projected.low[0][i] > high[0]
+                || projected.high[0][i] < low[0]
+                || projected.low[1][i] > high[1]
+                || projected.high[1][i] < low[1];
+            if apart || projected.nearest[i] < self.depth.closed {
+                continue;
+            }
+            if self.sights.words == 0 {
+                self.cells.take(self.sights.part);
+                self.sights.words = self.cells.words;
+            }
+            let corner = |extent: &[[f32; WIDTH]; 2]| [extent[0][i], extent[1][i]];
+            let range = self.cells.range(corner(&projected.low), corner(&projected.high));
+            let met_by = &mut self.sights.met_by[self.pending.count * self.sights.words..];
+            if self.cells.rays_in(range, met_by) {
+                self.pending.add(&projected, i, self.next[i]);
+                if self.pending.count == WIDTH {
+                    self.set_up();
                 }
             }
-            if any {
-                self.tested.push(*seen);
-            }
         }
+        self.count = 0;
+    }
+
+    /// Looks at the triangles that rays may meet.
+    #[inline(always)]
+    fn set_up(&mut self) {
+        self.pending.set_up(self.scene, self.pose, &mut self.sights);
+        self.depth.look(self.sights.inverse_depth);
     }
 }
 
@@ -210,9 +235,7 @@ impl Walk<'_> {
 impl Leaves for Walk<'_> {
     #[inline(always)]
     fn farthest(&self) -> f32 {
-        let closed = self.pixels.closed[..self.part.blocks.len()].iter().fold(f32::INFINITY, |a, &b| a.min(b));
-        // As near as a triangle may be taken to be, see `Seen`, and a rounding more.
-        NEARER * NEARER / closed
+        self.depth.farthest
     }
 
     #[inline(always)]
@@ -248,46 +271,39 @@ impl Beam {
         nearest: &mut Nearest,
         list: &mut Vec<Entry>,
     ) {
-        (self.pixels.taken, self.pixels.closed) = (false, [0.0; BLOCKS]);
+        nearest.begin(part);
+        let rays = part.x.len();
         self.tested.clear();
-        let Self { tested, waiting, pixels, set_up, .. } = self;
+        self.triangles.clear();
+        self.triangles.resize(rays, NOTHING);
+        self.met_by.resize(WIDTH * rays / WORD, 0);
+        let mut depth = Depth { open: 0, closed: 0.0, farthest: f32::INFINITY, wait: 0 };
+        // Cells are made when the first triangle is met: many tiles have none.
+        let mut words = 0;
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
             let pyramid = Pyramid::new(part.around, pose, frame.bvh.reach);
-            let first = frame.triangles.start;
-            let (next, count) = ([0; WIDTH], 0);
-            let mut walk = Walk { scene, pose, first, part, pixels, set_up, tested, next, count };
+            let Self { tested, waiting, cells, triangles, pending, met_by, .. } = self;
+            let (index, inverse_depth) = (&mut *nearest.index, &mut *nearest.inverse_depth);
+            let sights = Sights { part, words, index, triangles, inverse_depth, tested, met_by };
+            let (first, next, count) = (frame.triangles.start, [0; WIDTH], 0);
+            let mut walk = Walk { scene, pose, first, cells, pending, sights, next, count, depth };
             frame.bvh.visit_from_front(waiting, &pyramid, &mut walk);
             walk.look();
+            walk.set_up();
+            (words, depth) = (walk.sights.words, walk.depth);
         }
-        nearest.begin(part);
-        self.list_seen(list);
-        if list.is_empty() {
-            nearest.end(0);
-            return;
-        }
-        let Self { pixels, indices, .. } = self;
-        let rays = nearest.length / LANES;
-        for (group, (to, depths)) in
-            nearest.index.chunks_exact_mut(LANES).zip(nearest.inverse_depth.chunks_exact_mut(LANES)).enumerate()
-        {
-            let (block, ray) = (group / rays, group % rays);
-            for pixel in 0..LANES {
-                let from = (block * LANES + pixel) * pixels.rays + ray;
-                let index = pixels.index[from];
-                to[pixel] = if index == NOTHING { NOTHING } else { indices[index as usize] };
-                depths[pixel] = pixels.inverse_depth[from];
-            }
+        self.list_seen(&nearest.index, list);
+        for index in nearest.index.iter_mut().filter(|index| **index != NOTHING) {
+            *index = self.indices[*index as usize];
         }
         nearest.end(list.len());
     }
 
-    /// Lists the triangles that are seen by any ray, in the order of the scene.
-    fn list_seen(&mut self, list: &mut Vec<Entry>) {
+    /// Lists the triangles that are seen by any ray, in the order of the scene, given what each ray sees.
+    fn list_seen(&mut self, rays: &[u32], list: &mut Vec<Entry>) {
         self.indices.clear();
         self.indices.resize(self.tested.len(), NOTHING);
         self.order.clear();
-        // Where nothing was tested, the rays are those of another tile.
-        let rays = if self.tested.is_empty() { &[] } else { self.pixels.index.as_slice() };
         for &index in rays.iter().filter(|&&index| index != NOTHING) {
             if self.indices[index as usize] == NOTHING {
                 self.indices[index as usize] = 0;

@@ -100,7 +100,8 @@ pub(crate) struct Bins {
     pub(crate) seen: Vec<Seen>,
     /// Of each tile the inverse depth behind which nothing is seen.
     hidden: Vec<f32>,
-    found: Vec<(u32, Entry)>,
+    /// Tiles and their entries, in the order in which they were found.
+    entered: Vec<(u32, Entry)>,
     /// Where each tile's entries begin.
     starts: Vec<u32>,
     entries: Vec<Entry>,
@@ -118,7 +119,7 @@ impl Bins {
                 return;
             }
             let Some(seen) = Seen::new(scene, pose, triangle, corners) else { return };
-            let found = bins.found.len();
+            let before = bins.entered.len();
             for row in rows {
                 for column in columns.clone() {
                     let tile = row * rays.columns + column;
@@ -127,7 +128,7 @@ impl Bins {
                     }
                 }
             }
-            if bins.found.len() > found {
+            if bins.entered.len() > before {
                 bins.seen.push(seen);
             }
         });
@@ -156,7 +157,7 @@ impl Bins {
 
     fn clear(&mut self, tiles: usize) {
         self.seen.clear();
-        self.found.clear();
+        self.entered.clear();
         self.hidden.clear();
         self.hidden.resize(tiles, 0.0);
     }
@@ -203,7 +204,7 @@ impl Bins {
         if covers {
             self.hidden[tile] = self.hidden[tile].max(seen.inverse_depth.lowest(part));
         }
-        self.found.push((tile as u32, Entry { seen: self.seen.len() as u32, covers }));
+        self.entered.push((tile as u32, Entry { seen: self.seen.len() as u32, covers }));
         true
     }
 
@@ -212,15 +213,15 @@ impl Bins {
     fn sort(&mut self, tiles: usize) {
         self.starts.clear();
         self.starts.resize(tiles + 2, 0);
-        for (tile, _) in &self.found {
+        for (tile, _) in &self.entered {
             self.starts[*tile as usize + 2] += 1;
         }
         for tile in 0..tiles {
             self.starts[tile + 2] += self.starts[tile + 1];
         }
         self.entries.clear();
-        self.entries.resize(self.found.len(), Entry { seen: 0, covers: false });
-        for &(tile, entry) in &self.found {
+        self.entries.resize(self.entered.len(), Entry { seen: 0, covers: false });
+        for &(tile, entry) in &self.entered {
             let end = &mut self.starts[tile as usize + 1];
             self.entries[*end as usize] = entry;
             *end += 1;
@@ -238,16 +239,16 @@ pub(super) fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
         return None;
     }
     for i in 0..3 {
-        let (one, other) = (corners[i], corners[(i + 1) % 3]);
-        let inverse = 1.0 / one[2];
+        let (corner, next) = (corners[i], corners[(i + 1) % 3]);
+        let inverse = 1.0 / corner[2];
         for axis in 0..2 {
             if before[i] {
-                let at = one[axis] * inverse;
+                let at = corner[axis] * inverse;
                 low[axis] = low[axis].min(at);
                 high[axis] = high[axis].max(at);
             }
             if before[i] != before[(i + 1) % 3] {
-                let there = one[axis] * other[2] - other[axis] * one[2];
+                let there = corner[axis] * next[2] - next[axis] * corner[2];
                 let side = if before[i] { -there } else { there };
                 if side >= 0.0 {
                     high[axis] = f64::INFINITY;

@@ -5,6 +5,7 @@ pub(super) mod beam;
 pub(super) mod bins;
 pub(super) mod first_hit;
 pub(super) mod nearest;
+mod ray_cells;
 pub(super) mod ray_tracer;
 mod set_up;
 pub(super) mod sorted;

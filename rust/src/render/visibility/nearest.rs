@@ -99,14 +99,6 @@ impl Nearest {
         self.see_nothing(part.x.len());
     }
 
-    /// Takes what each ray sees, as others found it: indices in a list of so many triangles, or [`NOTHING`]; no inverse
-    /// depths.
-    pub(crate) fn take(&mut self, part: &Part, indices: &[u32], list: usize) {
-        self.begin(part);
-        self.index.copy_from_slice(indices);
-        self.end(list);
-    }
-
     /// Sorts rays whose indices in a list of triangles were found by others.
     pub(super) fn end(&mut self, list: usize) {
         self.counts.clear();
@@ -221,11 +213,6 @@ impl Nearest {
         let sorted = &self.sorted[block];
         let end = (!sorted.is_empty()).then(|| self.ends[index as usize][block])?;
         sorted.get((end - self.counts[index as usize][block]) as usize..end as usize)
-    }
-
-    /// Returns whether any ray sees the triangle at an index in the list.
-    pub(crate) fn sees(&self, index: u32) -> bool {
-        self.only.contains(&index) || self.counts[index as usize] != [0; BLOCKS]
     }
 
     /// Finds what of a tile's list a block may see.

@@ -257,9 +257,9 @@ fn smallest(mut values: [f32; PACKET]) -> f32 {
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn within(first: &mut f32, last: &mut f32, low: f32, high: f32, per_step: f32) {
-    let (one, other) = (low * per_step, high * per_step);
-    let near = if one < other { one } else { other };
-    let far = if one < other { other } else { one };
+    let (to_low, to_high) = (low * per_step, high * per_step);
+    let near = if to_low < to_high { to_low } else { to_high };
+    let far = if to_low < to_high { to_high } else { to_low };
     *first = if near > *first { near } else { *first };
     *last = if far < *last { far } else { *last };
 }
@@ -271,7 +271,7 @@ fn within(first: &mut f32, last: &mut f32, low: f32, high: f32, per_step: f32) {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::similar_names, reason = "coordinates of three corners")]
 fn meets<const N: usize>([a, b, c]: &[[f32; 3]; 3], shear: &[[f32; N]; 3]) -> Option<[[f32; N]; 3]> {
-    let mut found = [[-1f32; N], [0f32; N], [0f32; N]];
+    let mut met = [[-1f32; N], [0f32; N], [0f32; N]];
     let mut edges = [[0f32; N]; 3];
     let mut at_edge = 0u32;
     for ray in 0..N {
@@ -314,10 +314,10 @@ fn meets<const N: usize>([a, b, c]: &[[f32; 3]; 3], shear: &[[f32; N]; 3]) -> Op
         let (u, v, w) = (edges[0][ray], edges[1][ray], edges[2][ray]);
         let per_sum = 1.0 / (u + v + w);
         let distance = (u * a[2] + v * b[2] + w * c[2]) * per_sum * shear[2][ray];
-        found[0][ray] = if passes[ray] == 0 { distance } else { -1.0 };
-        (found[1][ray], found[2][ray]) = (v * per_sum, w * per_sum);
+        met[0][ray] = if passes[ray] == 0 { distance } else { -1.0 };
+        (met[1][ray], met[2][ray]) = (v * per_sum, w * per_sum);
     }
-    Some(found)
+    Some(met)
 }
 
 /// Rounds to float32, but never to 0.

@@ -63,6 +63,18 @@ impl Sorted {
         }
     }
 
+    /// Takes rays that lie side by side; without `rows` all of them are scattered.
+    #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 rays")]
+    pub(crate) fn of_range(&mut self, range: Range<usize>, rows: bool) {
+        self.rows.clear();
+        self.scattered.clear();
+        if rows {
+            self.add_rows(range, true);
+        } else {
+            self.scattered.extend(range.start as u32..range.end as u32);
+        }
+    }
+
     fn add_rows(&mut self, range: Range<usize>, all: bool) {
         let firsts = range.clone().step_by(MOST);
         self.rows.extend(firsts.map(|first| Row { range: first..range.end.min(first + MOST), all }));
@@ -109,16 +121,16 @@ impl Row {
         // Of rays that follow those of the row nothing is worked out.
         let (x, y) = (&x[self.range.start..], &y[self.range.start..]);
         if let (Some(x), Some(y)) = (x.first_chunk(), y.first_chunk()) {
-            return Portion::new(count, None, x, y);
+            return Portion::new(count, None, self.range.start, x, y);
         }
         buffer.x[..x.len()].copy_from_slice(x);
         buffer.y[..y.len()].copy_from_slice(y);
-        Portion::new(count, None, &buffer.x, &buffer.y)
+        Portion::new(count, None, self.range.start, &buffer.x, &buffer.y)
     }
 
     /// Puts values where they belong: those of the rays that see the triangle, by the triangles that all see.
     #[inline(always)]
-    pub(crate) fn put(&self, values: &Lanes, nearest: &Nearest, index: u32, out: &mut [f32]) {
+    pub(crate) fn put(&self, values: &Lanes, indices: &[u32], index: u32, out: &mut [f32]) {
         let out = &mut out[self.range.clone()];
         if self.all {
             match out.first_chunk_mut() {
@@ -127,7 +139,7 @@ impl Row {
             }
             return;
         }
-        for ((out, &seen), &value) in out.iter_mut().zip(&nearest.index[self.range.clone()]).zip(values.iter()) {
+        for ((out, &seen), &value) in out.iter_mut().zip(&indices[self.range.clone()]).zip(values.iter()) {
             *out = if seen == index { value } else { *out };
         }
     }
@@ -136,8 +148,18 @@ impl Row {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl<'a> Portion<'a> {
     #[inline(always)]
-    fn new(count: usize, picked: Option<&'a [u32; MOST]>, x: &'a [f32; MOST], y: &'a [f32; MOST]) -> Self {
-        if count == MOST { Self::Full(Rays { count, picked, x, y }) } else { Self::Fewer(Rays { count, picked, x, y }) }
+    fn new(
+        count: usize,
+        picked: Option<&'a [u32; MOST]>,
+        first: usize,
+        x: &'a [f32; MOST],
+        y: &'a [f32; MOST],
+    ) -> Self {
+        if count == MOST {
+            Self::Full(Rays { count, picked, first, x, y })
+        } else {
+            Self::Fewer(Rays { count, picked, first, x, y })
+        }
     }
 
     /// Gathers up to [`MOST`] rays by their numbers; the last one stands for what is missing.
@@ -148,7 +170,7 @@ impl<'a> Portion<'a> {
         padded[..numbers.len()].copy_from_slice(numbers);
         let count = numbers.len().next_multiple_of(STEP).min(MOST);
         (*some_x, *some_y) = (gathered(x, padded, count), gathered(y, padded, count));
-        Self::new(count, Some(padded), some_x, some_y)
+        Self::new(count, Some(padded), 0, some_x, some_y)
     }
 }
 

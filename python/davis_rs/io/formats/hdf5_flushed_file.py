@@ -31,7 +31,7 @@ class Disk:
         self.path = path
         self.error: OSError | None = None
         with naming(path):
-            self._descriptor = os.open(path, os.O_RDWR)
+            self._descriptor = os.open(path, os.O_RDWR | getattr(os, "O_BINARY", 0))
         self._position = 0
         self._size = 0  # what HDF5 believes
         self._flushed = 0  # bytes that a reader may be looking at
@@ -55,14 +55,17 @@ class Disk:
         return size
 
     def read(self, size: int) -> bytes:
-        data = os.pread(self._descriptor, size, self._position)
+        # Not pread, which Windows lacks; calls come one at a time.
+        os.lseek(self._descriptor, self._position, os.SEEK_SET)
+        data = os.read(self._descriptor, size)
         self._position += len(data)
         return data
 
     def readinto(self, buffer: Any) -> int:
-        count = os.preadv(self._descriptor, [buffer], self._position)
-        self._position += count
-        return count
+        view = memoryview(buffer).cast("B")
+        data = self.read(len(view))
+        view[: len(data)] = data
+        return len(data)
 
     def truncate(self, size: int | None = None) -> int:
         self._size = self._position if size is None else size
@@ -111,7 +114,8 @@ class Disk:
 
             def put(rest: memoryview = rest, offset: int = offset) -> None:
                 nonlocal count
-                count = os.pwrite(self._descriptor, rest, offset)
+                os.lseek(self._descriptor, offset, os.SEEK_SET)
+                count = os.write(self._descriptor, rest)
 
             self._do(put)
             rest, offset = rest[count:], offset + count

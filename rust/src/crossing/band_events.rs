@@ -1,4 +1,4 @@
-//! The events that a band has made of a frame, as 8 bytes each, and what their pixels were before.
+//! The events of a band in one frame, as 8 bytes each, and what their pixels were before.
 //!
 //! An event's time since the interval's start, its polarity and its pixel fit into a [`Key`] unless the interval is
 //! longer than half an hour. Next to each key stands what the event changed in its pixel's record. So a push can be
@@ -26,13 +26,13 @@ impl Key {
     /// The event at a tick below [`LONG`].
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(crate) fn new(tick: i64, place: Place, on: bool) -> Self {
-        Self(tick.cast_unsigned() << TICK | u64::from(on) << (TICK - 1) | place.0)
+    pub(crate) fn new(tick: i64, address: PixelAddress, on: bool) -> Self {
+        Self(tick.cast_unsigned() << TICK | u64::from(on) << (TICK - 1) | address.0)
     }
 }
 
 impl Stamped for Key {
-    const PLACE: u64 = (1 << TICK) - 1;
+    const ADDRESS: u64 = (1 << TICK) - 1;
 
     #[inline]
     fn tick(self, _: i64) -> i64 {
@@ -40,16 +40,16 @@ impl Stamped for Key {
     }
 
     #[inline]
-    fn event(self, start_us: i64, place: u64) -> Event {
-        Event::from_words(start_us + self.tick(start_us), self.0 & place)
+    fn event(self, start_us: i64, address: u64) -> Event {
+        Event::from_words(start_us + self.tick(start_us), self.0 & address)
     }
 }
 
 /// x and y of a pixel, in one number.
 #[derive(Clone, Copy)]
-pub(crate) struct Place(u64);
+pub(crate) struct PixelAddress(u64);
 
-/// Where the pixels of a share lie on the sensor.
+/// Where the pixels of a band lie on the sensor.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
     first_pixel: f64,
@@ -64,21 +64,21 @@ impl Grid {
         Self { first_pixel: first_pixel as f64, width, rows_per_pixel: 1.0 / width }
     }
 
-    /// The place of a pixel, by its number in the share.
+    /// Returns the address of a pixel, by its number in the band.
     ///
     /// In floats, because vector units cannot divide integers. The row's number is half a pixel or more away from where it
     /// would be rounded wrongly.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(crate) fn place(self, in_share: u32) -> Place {
-        let pixel = self.first_pixel + f64::from(in_share);
+    pub(crate) fn address(self, in_band: u32) -> PixelAddress {
+        let pixel = self.first_pixel + f64::from(in_band);
         let y = ((pixel + 0.5) * self.rows_per_pixel - 0.5 + ROUND) - ROUND;
-        Place(integer(pixel + y * (65_536.0 - self.width)).cast_unsigned())
+        PixelAddress(integer(pixel + y * (65_536.0 - self.width)).cast_unsigned())
     }
 }
 
 /// The events of a band.
-pub(crate) struct Made<R: Record> {
+pub(crate) struct BandEvents<R: Record> {
     keys: Room<Key>,
     /// Of long intervals.
     long: Room<Event>,
@@ -86,13 +86,13 @@ pub(crate) struct Made<R: Record> {
     is_long: bool,
 }
 
-impl<R: Record> Default for Made<R> {
+impl<R: Record> Default for BandEvents<R> {
     fn default() -> Self {
         Self { keys: Room::default(), long: Room::default(), old: Room::default(), is_long: false }
     }
 }
 
-impl<R: Record> Made<R> {
+impl<R: Record> BandEvents<R> {
     /// Drops the last frame's events and sets the allowance for the next frame, of `pixels` pixels.
     pub(crate) fn begin(&mut self, allowance: Allowance, pixels: usize, ticks: i64) {
         self.keys.begin(allowance, pixels);
@@ -131,11 +131,11 @@ impl<R: Record> Made<R> {
     }
 
     /// Takes an event, for which room was made, at a tick after `start_us`.
-    pub(crate) fn push(&mut self, start_us: i64, tick: i64, place: Place, on: bool, old: R::Old) {
+    pub(crate) fn push(&mut self, start_us: i64, tick: i64, address: PixelAddress, on: bool, old: R::Old) {
         if self.is_long {
-            self.long.push(Key::new(0, place, on).event(start_us + tick, Key::PLACE));
+            self.long.push(Key::new(0, address, on).event(start_us + tick, Key::ADDRESS));
         } else {
-            self.keys.push(Key::new(tick, place, on));
+            self.keys.push(Key::new(tick, address, on));
         }
         self.old.push(old);
     }
@@ -156,7 +156,7 @@ impl<R: Record> Made<R> {
     /// Puts back what all these events changed, and drops them. The records begin at pixel `first_pixel`.
     #[cold]
     pub(crate) fn undo(&mut self, records: &mut [R], first_pixel: usize, size: SensorSize) {
-        let of_key = |key: &Key| key.event(0, Key::PLACE).pixel(size);
+        let of_key = |key: &Key| key.event(0, Key::ADDRESS).pixel(size);
         let pixels: Box<dyn Iterator<Item = usize>> = if self.is_long {
             Box::new(self.long.made().iter().rev().map(|event| event.pixel(size)))
         } else {
@@ -188,8 +188,8 @@ mod tests {
             let pixel = [pixel, row, row + usize::from(width) - 1, size.pixels() - 1][usize::from(edge)];
             let (x, y) = size.xy(pixel);
             for first in [0, pixel / 2, pixel] {
-                let key = Key::new(tick, Grid::new(first, size).place(u32::try_from(pixel - first).unwrap()), on);
-                prop_assert_eq!(key.event(9, Key::PLACE), Event::new(9 + tick, x, y, on));
+                let key = Key::new(tick, Grid::new(first, size).address(u32::try_from(pixel - first).unwrap()), on);
+                prop_assert_eq!(key.event(9, Key::ADDRESS), Event::new(9 + tick, x, y, on));
                 prop_assert_eq!(key.tick(9), tick);
             }
         }

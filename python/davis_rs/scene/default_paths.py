@@ -1,0 +1,138 @@
+"""Makes camera paths for scenes that have none: around an object, in a room, and a small one for a camera at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.camera import PRESETS
+from ..geometry.pose import FloatArray, Pose, hamilton
+from ..geometry.trajectory.trajectory import CallableTrajectory
+from .parts import look_at
+
+CAMERA = PRESETS["ideal"]
+"""The camera of a file that has none."""
+_FILLED = 0.6
+"""Fraction of the image's height that a ball around the mesh fills."""
+_ELEVATION_RAD, _TURN_S = np.radians(30.0), 10.0
+_FREE, _MOST_M = 0.5, 0.5
+"""The circle's radius in a room: as a fraction of the free distance, and in metres at most."""
+_TILT_RAD = np.radians(10.0)
+"""How far down the camera looks in a room, because things stand on the floor."""
+_SWAY, _SWAY_S = 0.05, 2.0
+"""The radius of the small motion as a fraction of the depth, and how long a round takes."""
+
+
+def direction(angle_rad: float, elevation_rad: float = _ELEVATION_RAD) -> FloatArray:
+    """Return the unit vector from a circle's centre to the camera, turned by an angle from its start in front (-y)."""
+    out, rise = np.cos(elevation_rad), np.sin(elevation_rad)
+    return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
+
+
+def around(centre: FloatArray, radius: float) -> CallableTrajectory:
+    """Make a path once around a ball, which fills 60 % of the image's height, looking at its centre."""
+    # The rim of a ball is seen at the angle whose sine is radius / distance.
+    distance = radius * np.hypot(1.0, 2 * CAMERA.fy / (_FILLED * CAMERA.height))
+    axes = look_at(direction(0.0), np.zeros(3))
+    return _circle(
+        centre,
+        distance,
+        _ELEVATION_RAD,
+        0.0,
+        axes,
+        {
+            "path": "a circle around a mesh, looking at its centre",
+            "centre_m": centre.tolist(),
+            "distance_m": float(distance),
+            "elevation_deg": float(np.degrees(_ELEVATION_RAD)),
+        },
+    )
+
+
+def within(centre: FloatArray, free_m: float, start_rad: float) -> CallableTrajectory:
+    """Make a path once around a small level circle, looking out from its centre and 10 degrees down.
+
+    Args:
+        centre: (3), metres.
+        free_m: how far the nearest surface is.
+        start_rad: the direction of the first look, from -y towards x.
+    """
+    distance = min(_FREE * free_m, _MOST_M)
+    axes = look_at(np.zeros(3), direction(0.0, -_TILT_RAD))
+    return _circle(
+        centre,
+        distance,
+        0.0,
+        start_rad,
+        axes,
+        {
+            "path": "a level circle in a room, looking out and 10 degrees down",
+            "centre_m": centre.tolist(),
+            "distance_m": float(distance),
+            "start_deg": float(np.degrees(start_rad)),
+        },
+    )
+
+
+def sway(start: Pose, depth_m: float) -> CallableTrajectory:
+    """Make a path of 2 s once around a small circle across the view, from a pose and back, without turning.
+
+    Args:
+        start: the pose at the start and at the end.
+        depth_m: how far away things are; the circle's radius is 5 % of it, so that the image moves by some 30 px/s at
+            a focal length of 200 px.
+    """
+    radius, rate = _SWAY * depth_m, 2 * np.pi / _SWAY_S
+    right, down, _ = start.rotation.T
+
+    def positions(t: FloatArray) -> FloatArray:
+        aside, along = np.sin(rate * t)[:, None], (1 - np.cos(rate * t))[:, None]
+        return start.position + radius * (aside * right + along * down)
+
+    def velocities(t: FloatArray) -> FloatArray:
+        return radius * rate * (np.cos(rate * t)[:, None] * right + np.sin(rate * t)[:, None] * down)
+
+    return CallableTrajectory(
+        duration_s=_SWAY_S,
+        position=positions,
+        velocity=velocities,
+        quaternion=lambda t: np.tile(start.quaternion, (len(t), 1)),
+        angular_rate=lambda t: np.zeros((len(t), 3)),
+        description={"path": "a small circle across the view of a camera at rest", "radius_m": float(radius)},
+    )
+
+
+def _circle(
+    centre: FloatArray,
+    distance: float,
+    elevation_rad: float,
+    start_rad: float,
+    axes: FloatArray,
+    description: dict[str, object],
+) -> CallableTrajectory:
+    """Make a path around a centre, with the camera's axes (3, 3) at the angle 0, turning with it."""
+    rate = 2 * np.pi / _TURN_S
+    at_zero = Pose.from_matrix(np.block([[axes, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
+
+    def angles(t: FloatArray) -> FloatArray:
+        return start_rad + rate * t
+
+    def positions(t: FloatArray) -> FloatArray:
+        return centre + distance * np.stack([direction(float(angle), elevation_rad) for angle in angles(t)])
+
+    def velocities(t: FloatArray) -> FloatArray:
+        speed = rate * distance * np.cos(elevation_rad)
+        return speed * np.stack([np.cos(angles(t)), np.sin(angles(t)), 0 * t], 1)
+
+    def quaternions(t: FloatArray) -> FloatArray:
+        half = angles(t) / 2
+        turn = np.stack([0 * t, 0 * t, np.sin(half), np.cos(half)], 1)
+        return hamilton(turn, np.broadcast_to(at_zero.quaternion, turn.shape))
+
+    return CallableTrajectory(
+        duration_s=_TURN_S,
+        position=positions,
+        velocity=velocities,
+        quaternion=quaternions,
+        angular_rate=lambda t: np.tile(rate * axes[2], (len(t), 1)),
+        description=description,
+    )

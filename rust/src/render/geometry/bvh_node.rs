@@ -1,0 +1,34 @@
+//! A node of the BVH: boxes side by side, rounded outwards to float32.
+
+/// Boxes side by side in a node, which are tested together.
+pub(crate) const WIDTH: usize = 8;
+
+/// Up to [`WIDTH`] boxes: their lowest and highest x, y and z.
+#[derive(Clone, Debug)]
+pub(crate) struct Boxes {
+    pub(crate) low: [[f32; WIDTH]; 3],
+    pub(crate) high: [[f32; WIDTH]; 3],
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Node {
+    pub(crate) boxes: Boxes,
+    /// The number of a box's node, or its first triangle.
+    pub(crate) first: [u32; WIDTH],
+    /// How many triangles it has; 0 where it has a node of its own.
+    pub(crate) count: [u32; WIDTH],
+    /// How many boxes there are.
+    pub(crate) used: usize,
+}
+
+/// Returns the largest float32 at or below a number.
+#[allow(clippy::cast_possible_truncation, reason = "what is rounded up is taken down again")]
+pub(crate) fn below(x: f64) -> f32 {
+    let single = x as f32;
+    if f64::from(single) > x { single.next_down() } else { single }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "scenes have fewer than 2^31 triangles")]
+pub(crate) fn index(n: usize) -> u32 {
+    n as u32
+}
