@@ -39,7 +39,7 @@ class ShotNoise(EngineEffect):
 
     The path of the noise is drawn from its exact law, given the light at the starts of cells of one to two time
     constants of the source follower. It is refined until what is not known is half a percent of its standard deviation.
-    Noise beyond 7 standard deviations is not looked for. :meth:`rate_hz` approximates how many events come of noise.
+    Noise beyond 6 standard deviations is not looked for. :meth:`rate_hz` approximates how many events come of noise.
 
     Args:
         rms: standard deviation of log intensity in the dark, 0..1e6; neutral where ``floor`` is 0, too.
