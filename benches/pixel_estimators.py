@@ -5,6 +5,9 @@ Processor time is the least of some rounds in which the estimators take turns, o
 1,024 rays a pixel: of log luma, in units of C, and of events. These come from the crossing engine, along lines between
 the frames; events match within half a pixel's motion. Jumps are pixels whose log luma has a second difference above
 0.05 C while the camera moves by 0.005 px a step.
+
+With --edges: an edge of contrast 5:1 at many angles, also that of the lines, moves in steps of 0.005 px; the largest
+change of log luma in one step, in C, next to that of the edge's own motion.
 """
 
 from __future__ import annotations
@@ -117,6 +120,44 @@ def scene_of(name: str) -> Scene:
     return replace(scene, camera=camera)
 
 
+def edge(degrees: float) -> Scene:
+    """A half plane before one that is five times as bright, and a camera that moves across its edge by one pixel."""
+    turn = np.radians(degrees)
+    along, across = np.array([np.cos(turn), 0.0, np.sin(turn)]), np.array([-np.sin(turn), 0.0, np.cos(turn)])
+
+    def source() -> dict[str, object]:
+        return {
+            "type": "scene",
+            "integrator": {"type": "direct"},
+            "light": {"type": "constant", "radiance": 1.0},
+            "wall": meshes.shape(meshes.quad([-9.0, 2.0, -9.0], [18.0, 0.0, 0.0], [0.0, 0.0, 18.0]), 0.8),
+            "half": meshes.shape(meshes.quad(np.array([0.013, 1.0, 0.007]) - 4 * along, 8 * along, 8 * across), 0.16),
+        }
+
+    level = [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+    path = SegmentTrajectory(Pose([0.0, 0.0, 0.0], level), Pose(across / 100.0, level), 1.0)
+    camera = Camera(48, 40, 100.0, 100.0, 23.5, 19.5)
+    return Scene("edge", source, camera=camera, trajectory=path, shadows=False)
+
+
+def print_edges() -> None:
+    """Print a table of the largest changes of luma while an edge moves, by its angle."""
+    print("| angle, degrees | " + " | ".join(f"{name}, C" for name, _, _ in ESTIMATORS) + " | the edge's motion, C |")
+    print("|---|" + "---|" * (len(ESTIMATORS) + 1))
+    parallel = [float(np.degrees(np.arctan(rise))) for rise in (-3 / 8, -3 / 16)]
+    for degrees in sorted([*np.arange(0.0, 180.0, 7.5).tolist(), 5.0, 9.9, 19.9, *parallel]):
+        scene, steps = edge(degrees), round(1 / JUMP_PX)
+        views = Views.along(scene.path, np.linspace(0.0, 1.0, steps + 1))
+        row = [f"{degrees:.2f}"]
+        for _, pixel, rays in ESTIMATORS:
+            renderer = make_renderer(
+                scene, scene.own_camera, rays_per_pixel=rays, pixel=pixel, blur=False, kind="native", threads=1
+            )
+            row.append(f"{np.abs(np.diff(log_of(renderer.luma(views)), axis=0)).max() / C:.2f}")
+        # From dark to bright the edge covers at most sqrt(2) of a pixel's side, where luma is least.
+        print("| " + " | ".join([*row, f"{np.log1p(4 * np.sqrt(2) * JUMP_PX) / C:.2f}"]) + " |", flush=True)
+
+
 @dataclass
 class Case:
     """A scene with its estimators."""
@@ -190,7 +231,11 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="rounds of timing")
     parser.add_argument("--time-only", action="store_true", help="leave out errors and jumps")
+    parser.add_argument("--edges", action="store_true", help="only an edge at many angles")
     chosen = parser.parse_args()
+    if chosen.edges:
+        print_edges()
+        return
     if unknown := [name for name in chosen.scenes if name not in SCENES]:
         parser.error(f"no such scene: {', '.join(unknown)}; there are {', '.join(SCENES)}")
     print("| scene | estimator | ms a frame | 32 rays = 1 | rms of log luma, C | missing + spurious, % | jumps, % |")

@@ -51,6 +51,7 @@ struct Pixel {
     on: bool,
 }
 
+/// Longer ago than any period.
 const NEVER: i64 = i64::MIN;
 const FRESH: Pixel = Pixel { last_us: NEVER, period_us: 0, even: 0, on: true };
 
@@ -100,17 +101,14 @@ impl EventFilter {
         let since = |last_us: i64| event.t.saturating_sub(last_us);
         match self.rule {
             FilterRule::BackgroundActivity { window_us, neighbours } => {
-                let near = self.around(event).filter(|&pixel| {
-                    let last_us = self.pixels[pixel].last_us;
-                    last_us != NEVER && since(last_us) <= window_us
-                });
+                let near = self.around(event).filter(|&pixel| since(self.pixels[pixel].last_us) <= window_us);
                 let passes = near.take(neighbours.into()).count() == usize::from(neighbours);
                 self.pixels[index].last_us = event.t;
                 passes
             }
             FilterRule::Refractory { period_us } => {
                 let pixel = &mut self.pixels[index];
-                let passes = pixel.last_us == NEVER || since(pixel.last_us) >= period_us;
+                let passes = since(pixel.last_us) >= period_us;
                 if passes {
                     pixel.last_us = event.t;
                 }
@@ -119,11 +117,11 @@ impl EventFilter {
             FilterRule::Flicker { shortest_us, longest_us, tolerance_us, periods } => {
                 let pixel = &mut self.pixels[index];
                 let on = event.p == 1;
-                if pixel.last_us != NEVER && since(pixel.last_us) > longest_us {
+                if since(pixel.last_us) > longest_us {
                     (pixel.even, pixel.period_us) = (0, 0);
                 }
                 if on && !pixel.on {
-                    let period_us = if pixel.last_us == NEVER { 0 } else { since(pixel.last_us) };
+                    let period_us = since(pixel.last_us);
                     let in_range = (shortest_us..=longest_us).contains(&period_us);
                     let alike = pixel.even == 0 || (period_us - pixel.period_us).abs() <= tolerance_us;
                     pixel.even = match (in_range, alike) {
@@ -198,6 +196,13 @@ mod tests {
         assert_eq!(ons(&[10, 17, 24, 31]), [true; 4]); // too fast
         assert_eq!(ons(&[10, 23, 36, 49]), [true; 4]); // too slow
         assert_eq!(ons(&[10, 20, 30, 60, 70]), [true, true, false, true, true]); // it has stopped
+        // What lies outside of the range is no period to go on from.
+        let wide = FilterRule::Flicker { shortest_us: 8, longest_us: 12, tolerance_us: 5, periods: 2 };
+        let events: Vec<Event> = [10, 17, 27, 37].into_iter().flat_map(turn).collect();
+        assert_eq!(passes(wide, &events), [true, true, true, true, true, true, true, false]);
+        // It is over once a turn is late, before the next one comes.
+        let events: Vec<Event> = [10, 20, 30, 50].into_iter().flat_map(turn).collect();
+        assert_eq!(passes(rule, &events), [true, true, true, true, true, false, true, true]);
         // Events of one polarity have no period.
         let events = [10, 20, 30, 40].map(|t| Event::new(t, 0, 0, true));
         assert_eq!(passes(rule, &events), [true; 4]);

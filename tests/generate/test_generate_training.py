@@ -133,6 +133,9 @@ def test_random_planes_without_a_folder_have_built_in_textures(tmp_path: Path) -
     plan = load_sequence_plan(write_plan(tmp_path, scene={"kind": "random_planes", "planes": 2}))
     drawn = make_random_scene(plan.parameters(0)["scene"], 0.1, tmp_path)
     assert "built-in texture" in drawn.note
+    for named in ("random_planes", {"choice": ["random_planes"]}):  # the kind alone
+        plan = load_sequence_plan(write_plan(tmp_path, scene=named))
+        assert plan.parameters(0)["scene"].keys() == {"kind", "seed"}
 
 
 def test_images_stand_upright_and_unmirrored(tmp_path: Path) -> None:

@@ -290,6 +290,16 @@ def test_an_episode_may_begin_elsewhere() -> None:
         env.reset(options={"pose": 3})
 
 
+def test_the_marker_begins_in_the_middle() -> None:
+    """Whatever the phases of its swings; it never goes farther than it may."""
+    task = KeepCentred(reach_m=0.5)
+    for seed in range(5):
+        task.start(np.random.default_rng(seed))
+        assert np.array_equal(task.shift(0.0), np.zeros(3))
+        shifts = np.array([task.shift(t_s) for t_s in np.linspace(0, 60, 2000)])
+        assert 0.1 < np.abs(shifts).max() <= 0.5
+
+
 def test_the_marker_is_where_the_task_says() -> None:
     """The offset that it tells is that of what the depth map shows before the wall; it is lost out of the image."""
     env = small(body="velocity", observe=["depth"], size=64)

@@ -87,6 +87,7 @@ def test_the_stream_ends_with_all_that_came(monkeypatch: pytest.MonkeyPatch) -> 
 def test_only_this_machine_and_only_with_its_word_is_answered() -> None:
     with LiveView((4, 3), "<b>&", browser=False) as view:
         assert view.address.startswith("http://127.0.0.1:")
+        assert view._server.server_address[0] == "127.0.0.1"
         status, page = get(view.address)
         assert status == 200
         assert b"<title>&lt;b&gt;&amp;</title>" in page

@@ -35,6 +35,9 @@ def path(x: list[float], *, turn: list[float] | None = None, step_us: int = 1000
         (path([0, 0, 0], turn=[0, 1, 0]), [2000]),
         (path([0, 0, 0], turn=[0, np.pi, 2 * np.pi]), [2000]),  # the other quaternion of the same rotation
         (path([0, 1]), []),
+        (path([0, 1, 0, 0.05, 0, 1]), [2000, 4000]),  # it need not go far
+        (path([0, 1e-12, -1e-12], turn=[0, 1, 0]), [2000]),  # rounding is no motion
+        (path([0, 1, 0.0005, -0.0005, -1]), [2000]),  # one return, not two
     ],
 )
 def test_returns(truth: GroundTruth, expected: list[int]) -> None:

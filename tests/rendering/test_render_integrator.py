@@ -217,7 +217,13 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.geometry.trajectory.views import Views
 
 # Grey like diffuse 0.5, of a material that the integrator alone renders.
-grey = {"type": "principled", "base_color": {"type": "rgb", "value": 0.5}, "specular": 0.0, "roughness": 1.0}
+grey = {
+    "type": "principled",
+    "base_color": {"type": "rgb", "value": 0.5},
+    "specular": 0.0,
+    "roughness": 1.0,
+    "sheen": 1e-6,
+}
 floor = {"type": "rectangle", "bsdf": grey}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "light": light, "floor": floor})

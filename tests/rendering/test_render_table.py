@@ -537,17 +537,21 @@ def test_rays_that_miss_do_no_harm(kind: str, run_python: Callable[..., str]) ->
 
 FLOOR = rectangle(diffuse())
 UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
-    "mirror": (
-        {"shape": rectangle({"type": "conductor"})},
+    "rough glass": (
+        {"shape": rectangle({"type": "roughdielectric"})},
         DIRECT,
-        "'shape' has a conductor surface, not a diffuse one",
+        "'shape' has a roughdielectric surface, not a diffuse one",
     ),
-    "two mirrors alike": (
-        {"first": rectangle({"type": "conductor"}), "second": rectangle({"type": "conductor"})},
+    "two rough glasses alike": (
+        {"first": rectangle({"type": "roughdielectric"}), "second": rectangle({"type": "roughdielectric"})},
         DIRECT,
-        r"'first' \(likewise shape 'second'\) has a conductor surface, not a diffuse one",
+        r"'first' \(likewise shape 'second'\) has a roughdielectric surface, not a diffuse one",
     ),
-    "rough plastic": ({"shape": rectangle({"type": "roughplastic"})}, DIRECT, "not a diffuse one"),
+    "brushed metal": (
+        {"shape": rectangle({"type": "roughconductor", "alpha_u": 0.1, "alpha_v": 0.3})},
+        DIRECT,
+        "'shape' has a roughconductor surface, not a diffuse one",
+    ),
     "mirror on the back": (
         {"shape": rectangle({"type": "twosided", "front": diffuse(), "back": {"type": "conductor"}})},
         DIRECT,
@@ -606,14 +610,33 @@ def test_what_has_no_tables_falls_back(kind: str, name: str) -> None:
     assert np.isfinite(renderer.luma(Views.at_rest([POSE]))).all()
 
 
+def test_glossy_surfaces_are_the_native_renderers(kind: str) -> None:
+    """The table kernel knows diffuse surfaces alone; lines of pixels and derivatives do too."""
+    scene = make_scene({"light": point(), "shape": rectangle({"type": "conductor"}), "floor": FLOOR}, integrator=DIRECT)
+    if kind == "table":
+        with pytest.raises(ValueError, match="'shape' has a conductor surface, not a diffuse one"):
+            make_renderer(scene, CAMERA, kind=kind)
+        return
+    renderer = make_renderer(scene, CAMERA)
+    assert isinstance(renderer, NativeRenderer)
+    assert renderer.reason.startswith("diffuse and glossy triangles under point light")
+    with pytest.raises(ValueError, match="derivatives need a scene of diffuse surfaces, and this one has glossy ones"):
+        renderer.gradients(Views.at_rest([POSE]), np.zeros(1, np.uint32), np.zeros((1, 1), np.uint32), np.ones(1))
+    lines = make_renderer(scene, CAMERA, pixel="lines")
+    with pytest.raises(ValueError, match="lines through pixels need a scene of diffuse surfaces"):
+        lines.luma(Views.at_rest([POSE]))
+
+
 MANY_OBSTACLES = """<scene version="3.0.0"><integrator type="path"/>
-<bsdf type="dielectric" id="glass"/>
+<bsdf type="roughdielectric" id="glass"/>
 <shape type="sphere" id="ball"><ref id="glass"/></shape>
 <shape type="sphere" id="knob"><ref id="glass"/></shape>
-<shape type="disk"><transform name="to_world"><translate x="3" y="-1"/></transform><bsdf type="conductor"/></shape>
+<shape type="disk"><transform name="to_world"><translate x="3" y="-1"/></transform><bsdf type="roughconductor">
+<float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.3"/></bsdf></shape>
 <shape type="rectangle" id="floor"><bsdf type="twosided"><bsdf type="diffuse">
 <texture type="checkerboard" name="reflectance"/></bsdf><bsdf type="diffuse"/></bsdf></shape>
-<shape type="rectangle" id="coat"><bsdf type="twosided"><bsdf type="plastic"/></bsdf></shape>
+<shape type="rectangle" id="coat"><bsdf type="twosided"><bsdf type="principled">
+<float name="clearcoat" value="0.5"/></bsdf></bsdf></shape>
 <emitter type="projector" id="beamer"><texture type="checkerboard" name="irradiance"/></emitter>
 </scene>"""
 
@@ -624,11 +647,11 @@ def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
     file.write_text(MANY_OBSTACLES)
     scene = load_scene(file)
     told = {
-        "material 'glass' has a dielectric surface, not a diffuse one: give it a diffuse material",
-        "the mesh without an id around (3, -1, 0) has a conductor surface, not a diffuse one: give it a diffuse "
+        "material 'glass' has a roughdielectric surface, not a diffuse one: give it a diffuse material",
+        "the mesh without an id around (3, -1, 0) has a roughconductor surface, not a diffuse one: give it a diffuse "
         "material",
         "shape 'floor' has two different sides: give both the same diffuse material",
-        "shape 'coat' has a twosided(plastic) surface, not a diffuse one: --matte (matte=True) takes its diffuse "
+        "shape 'coat' has a twosided(principled) surface, not a diffuse one: --matte (matte=True) takes its diffuse "
         "colour alone, or give it a diffuse material",
         "light 'beamer', a Projector, is not baked: point, spot, directional, area and constant lights and "
         "environment maps are: give it as one of these",

@@ -96,6 +96,13 @@ def test_dsec_is_what_its_own_loader_reads(folder: Path, tmp_path: Path) -> None
     files = sorted((target / "disparity" / "event").iterdir())
     assert [each.stem for each in files] == ["000000", "000001", "000002", "000003"]
     disparity = cv2.imread(str(files[1]), cv2.IMREAD_ANYDEPTH).astype("float32") / 256
+    # Each pixel of the rectified camera has the disparity of the nearest pixel of the left one.
+    own = dataset.stereo_truth(1).disparity
+    at = np.rint(rectified.left_map).astype(int)
+    inside = (at >= 0).all(-1) & (at[..., 0] < LEFT.width) & (at[..., 1] < LEFT.height)
+    warped = np.where(inside, own[at[..., 1].clip(0, 47), at[..., 0].clip(0, 63)], np.nan)
+    assert np.abs(np.nan_to_num(warped) - disparity).max() <= 0.5 / 256 + 1e-6
+    assert np.abs(np.nan_to_num(own) - disparity).max() > 0.1
     calibration = yaml.safe_load((target / "calibration" / "cam_to_cam.yaml").read_text())
     to_depth = np.array(calibration["disparity_to_depth"]["cams_03"])
     depth = dataset.cameras[0].read_depth(1)

@@ -267,7 +267,7 @@ def test_no_events_are_no_work() -> None:
 
 def test_any_renderer_will_do() -> None:
     """A mirror, for Mitsuba's own integrator: its single pixels are those of its frames, so levels are found."""
-    renderer = make_renderer(mirror(), TINY, rays_per_pixel=4)
+    renderer = make_renderer(mirror(), TINY, rays_per_pixel=4, kind="integrator")
     assert "PathIntegrator" in renderer.name
     part = stretch(renderer, shift([0.2, 0.0, 0.0], 0.05), contrast_threshold=C_OFF)
     solved = 0

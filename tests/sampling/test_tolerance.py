@@ -337,7 +337,7 @@ def test_an_edge_to_nothing_is_sampled() -> None:
 
 def test_any_renderer_will_do() -> None:
     """A mirror, for Mitsuba's own integrator: the tolerance holds there too."""
-    renderer = make_renderer(mirror(), TINY, rays_per_pixel=4)
+    renderer = make_renderer(mirror(), TINY, rays_per_pixel=4, kind="integrator")
     assert "PathIntegrator" in renderer.name
     part = stretch(renderer, shift([0.15, 0.0, 0.0], 0.05))
     keyframes = list(Tolerance(0.1).keyframes(part))

@@ -48,6 +48,7 @@ def test_a_room_is_seen_from_within(without: tuple[tuple[int, int], ...]) -> Non
     assert (positions > [0.3, 0.3, 1.4]).all()
     assert (positions < [4.7, 3.7, 1.8]).all()
     assert view.room_radius > 0.8
+    assert np.allclose(np.linalg.norm(positions - view.room_centre, axis=1), 0.5)
     # Around its free middle, out of reach of the table.
     assert np.linalg.norm(positions[:, :2] - [0.7, 0.6], axis=1).min() > 0.7
 
@@ -57,7 +58,25 @@ def test_it_looks_to_where_there_is_most_to_see() -> None:
     view = default_view(box([0, 0, 0], [9, 3, 2.6], inward=True))
     forward = view.trajectory.pose(0.0).rotation[:, 2]
     assert abs(forward[0]) > 0.98
+    assert forward[0] * (4.5 - view.trajectory.pose(0.0).position[0]) > 0
     assert forward[2] == pytest.approx(-np.sin(np.radians(10)))
+
+
+def test_walls_may_have_two_sides() -> None:
+    walls = np.concatenate([box([0, 0, 0], [5, 4, 2.6], inward=inward) for inward in (True, False)])
+    assert default_view(walls).room_centre is not None
+
+
+def test_the_largest_of_two_rooms_is_taken() -> None:
+    """A closet next to a hall; in a narrow one the circle takes half of what is free."""
+    closet = box([0, 0, 0], [1.2, 1.2, 2.6], inward=True)
+    for hall in (box([1.3, 0, 0], [6, 4, 2.6], inward=True), box([-6, 0, 0], [-0.1, 0.9, 2.6], inward=True)):
+        view = default_view(np.concatenate([closet, hall]))
+        assert view.room_centre is not None
+        assert (view.room_centre > hall.reshape(-1, 3).min(0)).all()
+        assert (view.room_centre < hall.reshape(-1, 3).max(0)).all()
+        radius = np.linalg.norm(view.trajectory.pose(0.0).position - view.room_centre)
+        assert radius == pytest.approx(min(0.5, view.room_radius / 2))
 
 
 @pytest.mark.parametrize(
@@ -144,6 +163,18 @@ def test_a_camera_at_rest_gets_a_small_motion(tmp_path: Path, capsys: pytest.Cap
     assert sum(len(packet.events) for packet in davis_rs.simulate(moving, duration_s=0.05)) > 20
     assert main(["simulate", str(path), "-o", str(tmp_path / "out"), "--duration", "0.02"]) == 0
     assert "has a camera, but no path: it goes once around a small circle" in capsys.readouterr().err
+
+
+def test_little_things_near_the_camera_do_not_make_the_motion_small(tmp_path: Path) -> None:
+    near = (
+        '<shape type="rectangle"><transform name="to_world"><scale value="0.05"/><translate z="2"/></transform></shape>'
+    )
+    path = tmp_path / "board.xml"
+    path.write_text(SCENE.replace("</scene>", f"{near}</scene>"))
+    scene = load_scene(path)
+    assert scene.start is not None
+    half_way = with_default_motion(scene).path.pose(1.0).position - scene.start.position
+    assert np.linalg.norm(half_way) == pytest.approx(2 * 0.05 * 4.0)
 
 
 def test_a_camera_that_sees_nothing_is_refused(tmp_path: Path) -> None:

@@ -65,7 +65,8 @@ SCENES = {
         "native",
         "",
     ),
-    "glass": (xml(shape("sphere", '<bsdf type="dielectric"/>')), "integrator", "has a dielectric surface"),
+    "glass": (xml(shape("sphere", '<bsdf type="dielectric"/>')), "native", ""),
+    "frosted": (xml(shape("sphere", '<bsdf type="roughdielectric"/>')), "integrator", "has a roughdielectric surface"),
     "variable": (xml(shape("sphere", '<float name="radius" value="$r"/>')), "refused", "-D r=VALUE"),
     "absent": (xml(shape("obj", '<string name="filename" value="nowhere.obj"/>')), "missing files", "nowhere.obj"),
 }
@@ -125,7 +126,7 @@ def test_outcomes_are_counted(surveyed: str) -> None:
     counts = surveyed.partition("\noutcome\n")[2].partition("\n\n")[0]
     found = {line.split(maxsplit=1)[1]: line.split(maxsplit=1)[0] for line in counts.splitlines()}
     assert found == {
-        "XML: native": "6",
+        "XML: native": "7",
         "XML: integrator": "1",
         "XML: refused": "1",
         "XML: missing files": "1",

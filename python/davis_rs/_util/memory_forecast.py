@@ -59,13 +59,7 @@ class MemoryForecast:
 
     def line(self, available: int | None = None) -> str:
         """Return what is to be said of a run that takes much of the memory; "" of others."""
-        available = available_bytes() if available is None else available
-        if available is None or self.bytes <= TOLD_ABOVE * available:
-            return ""
-        size = f"{self.width} x {self.height} pixels"
-        return (
-            f"{size} will take about {readable_bytes(self.bytes)} of memory; {readable_bytes(available)} are available"
-        )
+        return _told(f"{self.width} x {self.height} pixels", self.bytes, available)
 
     def workers(self, most: int, available: int | None = None) -> int:
         """Return how many of ``most`` processes can make such runs at the same time; at least 1."""
@@ -111,21 +105,29 @@ class MeshForecast:
         available = available_bytes() if available is None else available
         if available is None or self.bytes <= available:
             return
-        raise ArgumentError(
-            "a scene of {} triangles needs about {} of memory, and {} are available: {} triangles would fit",
-            f"{self.triangles:,}",
-            readable_bytes(self.bytes),
-            readable_bytes(available),
-            f"{available * self.triangles // self.bytes:,}",
+        fits = available * self.triangles // self.bytes
+        raise ValueError(
+            f"a scene of {self.triangles:,} triangles needs about {readable_bytes(self.bytes)} of memory, and "
+            f"{readable_bytes(available)} are available: {fits:,} triangles would fit"
         )
 
     def line(self, available: int | None = None) -> str:
         """Return what is to be said of a scene that takes much of the memory; "" of others."""
-        available = available_bytes() if available is None else available
-        if available is None or self.bytes <= TOLD_ABOVE * available:
-            return ""
-        takes, left = readable_bytes(self.bytes), readable_bytes(available)
-        return f"the scene's {self.triangles:,} triangles will take about {takes} of memory; {left} are available"
+        return _told(f"the scene's {self.triangles:,} triangles", self.bytes, available)
+
+
+def _told(what: str, taken: int, available: int | None) -> str:
+    """Return what is to be said of something that takes much of the memory; "" of what does not.
+
+    Args:
+        what: takes it.
+        taken: bytes.
+        available: bytes; None asks the system.
+    """
+    available = available_bytes() if available is None else available
+    if available is None or taken <= TOLD_ABOVE * available:
+        return ""
+    return f"{what} will take about {readable_bytes(taken)} of memory; {readable_bytes(available)} are available"
 
 
 def simulation_forecast(
@@ -186,8 +188,6 @@ _LUMA, _RATES, _FRAMES = 50, 28, 20
 _EVENTS, _REFINED = 30, 230
 _TRUTH = 640
 _OF_FRAMES, _FRAMES_AT_ONCE, _FLOW = 155, 8, 2400
-
-
 _TRIANGLE, _TEXTURED, _SMOOTH, _CONE = 410, 140, 210, 64
 
 

@@ -31,7 +31,7 @@ class ColourFilter:
     filter.
 
     Args:
-        pattern: one of :data:`PATTERNS`.
+        pattern: one of ``PATTERNS``.
         red, green, blue: of each filter, the weights of linear red, green and blue, >= 0 and not all 0. A sum of 1
             makes white 1. By default a filter passes its own colour alone.
 
@@ -85,7 +85,7 @@ def demosaic(image: npt.ArrayLike, pattern: str = "RGGB") -> npt.NDArray[np.floa
 
     Args:
         image: (H, W), H and W at least 2: luma of a packet, or a frame.
-        pattern: one of :data:`PATTERNS`.
+        pattern: one of ``PATTERNS``.
 
     Raises:
         ValueError: for another pattern, or an image of another shape.

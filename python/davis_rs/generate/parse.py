@@ -89,7 +89,12 @@ def motion(value: object, where: Where) -> object:
 
 
 def scene(value: object, where: Where) -> object:
-    """Parse a scene: a name or a file, a mapping with the kind of one that is drawn, or a choice of such."""
+    """Parse a scene: a name or a file, a mapping with the kind of one that is drawn, or a choice of such.
+
+    The name of a kind alone stands for the mapping without other keys.
+    """
+    if isinstance(value, str) and value in RANDOM_SCENES:
+        value = {"kind": value}
     if isinstance(value, dict) and "choice" in value:
         return _distribution(value, where, scene, "a scene")
     if isinstance(value, dict) and "kind" in value:

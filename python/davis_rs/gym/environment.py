@@ -104,7 +104,7 @@ class EventCameraEnv(gymnasium.Env[dict[str, Any], npt.NDArray[Any]]):
         given: dict[str, Any] = dict(settings)
         decided = [name for name in ("frame_rate_hz", "depth_rate_hz", "seed") if name in given]
         if decided:
-            raise ArgumentError("{} is not a setting of an environment: observe and reset decide it", decided[0])
+            raise ValueError(f"{decided[0]} is not a setting of an environment: observe and reset decide it")
         given["frame_rate_hz"] = 1e6 / step_us if "frame" in observe else 0.0
         given["depth_rate_hz"] = 1e6 / step_us if "depth" in observe else 0.0
         self._simulator = Simulator(scene, **given)

@@ -2,11 +2,11 @@
 
 ``base`` is the interface (:class:`~davis_rs.render.base.Renderer`), ``choice`` takes the first renderer that can
 render a scene. A renderer refuses a scene with all ``obstacles``, each with its remedy. ``diffuse_materials`` knows
-which materials are diffuse, or may be taken so. ``scene_cache`` keeps what was made of a scene.
+which materials are diffuse, or may be taken so, and ``finishes`` how glossy ones reflect. ``scene_cache`` keeps what was made of a scene.
 
 - ``native`` (the Rust core) and ``table`` (Dr.Jit, with derivatives) take the same ``scene_tables``: diffuse
-  triangles under direct light, without noise. ``auto`` prefers the native one, because it is faster and needs no
-  LLVM.
+  triangles under direct light, without noise; the native one also glossy ones. ``auto`` prefers it, because it is
+  faster and needs no LLVM.
 - ``baked`` computes light beforehand, which the native renderer looks up.
 - ``integrator``: Mitsuba's own, for every scene, with noise.
 - What they share: ``rays``, ``motion`` (what moves and flickers), ``edges`` (pixels that an occlusion edge passes),

@@ -103,9 +103,15 @@ class _Tables(NamedTuple):
 
 
 class NoiseFreeKind(RendererKind):
-    """Describes a renderer of diffuse triangles whose light is computed, not drawn at random."""
+    """Describes a renderer of triangles whose light is computed, not drawn at random.
+
+    Attributes:
+        baked: light of lamps and of other surfaces is computed once.
+        glossy: surfaces may have a finish, not diffuse ones alone.
+    """
 
     baked: ClassVar[bool] = False
+    glossy: ClassVar[bool] = True
 
     def why_not(self, scene: Scene) -> tuple[Obstacle, ...]:
         """Return the obstacles for ``auto`` to take this renderer; renders and bakes nothing."""
@@ -126,7 +132,7 @@ class NoiseFreeKind(RendererKind):
                 raise
             # Its other variants may have the plugin.
             raise Unsuitable(f"{mi.variant()} cannot load it") from error
-        replaced = simplify_materials(loaded, mi, matte=scene.matte)
+        replaced, finishes = simplify_materials(loaded, mi, matte=scene.matte, glossy=self.glossy)
         loaded, motion, view, made = triangulated(scene, camera, loaded, mi)
         obstacles = Obstacles()
         if self.baked:
@@ -142,6 +148,7 @@ class NoiseFreeKind(RendererKind):
             view=view,
             obstacles=obstacles,
             weights=weights,
+            finishes=finishes,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
         return _Tables(loaded, replaced, motion, table, view, for_view, made.description + _ramps_told(table.textures))
@@ -172,6 +179,7 @@ class TableKind(NoiseFreeKind):
     """Describes the table kernel: the same scenes on Dr.Jit, with derivatives."""
 
     name, label = "table", "table kernel"
+    glossy = False
     summary = "the same, on LLVM"
 
     def make(self, request: _Request) -> Renderer:
@@ -221,7 +229,7 @@ class IntegratorKind(RendererKind):
         variant_name, why_variant = default_variant()
         with variant(variant_name) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
-            replaced = simplify_materials(loaded, mi, matte=scene.matte)
+            replaced = simplify_materials(loaded, mi, matte=scene.matte).replaced
             motion = scene_motion(scene, loaded, mi)
             blur, seed = request.blur, request.seed
             renderer: Renderer

@@ -1,4 +1,4 @@
-"""Finds materials that are diffuse in fact, and replaces others by their diffuse colour where the user wishes it.
+"""Finds materials that are diffuse or glossy in fact; others become their diffuse colour where the user wishes it.
 
 Mitsuba wraps materials (two sides, opacity, bumps). Where a wrapper changes nothing, the material inside is taken, so
 that the renderers of diffuse scenes know it. Materials with a diffuse colour and more (highlights, a coat) may be
@@ -24,6 +24,7 @@ from .._mitsuba.types import (
     MitsubaTexture,
     MitsubaValue,
 )
+from .finishes import Finish, read_finish
 from .obstacles import plugin_name, shape_name
 
 _COLOURS = {
@@ -48,32 +49,47 @@ class _Diffuse(NamedTuple):
         colour: its reflectance, Mitsuba's own object.
         two_sided: seen from both sides.
         lost: the plugins whose effect it leaves out; empty where it looks the same.
+        finish: how it reflects besides that colour; None where it is diffuse.
     """
 
     colour: MitsubaTexture
     two_sided: bool
     lost: tuple[str, ...]
+    finish: Finish | None = None
 
 
-def simplify_materials(scene: MitsubaScene, mi: Mitsuba, *, matte: bool) -> tuple[str, ...]:
-    """Give a loaded scene's shapes diffuse materials where theirs are diffuse in fact, or where ``matte`` asks for it.
+class Simplified(NamedTuple):
+    """Tells what became of a scene's materials.
+
+    Attributes:
+        replaced: the names of the materials that ``matte`` replaced, each with its plugin.
+        finishes: for those that stand for glossy materials, how they reflect; their reflectance is the base colour.
+    """
+
+    replaced: tuple[str, ...]
+    finishes: dict[MitsubaBsdf, Finish]
+
+
+def simplify_materials(scene: MitsubaScene, mi: Mitsuba, *, matte: bool, glossy: bool = False) -> Simplified:
+    """Give a loaded scene's shapes diffuse materials where theirs are diffuse in fact, or where it is asked for.
 
     Args:
         scene: loaded under the variant in force; it is changed.
         matte: replace materials that have a diffuse colour by that colour alone.
-
-    Returns:
-        The names of the materials that ``matte`` replaced, each with its plugin.
+        glossy: replace glossy materials that have a finish by their base colours, and tell the finishes.
     """
     replaced = dict[str, None]()
     known: dict[MitsubaBsdf, _Diffuse | None] = {}
     made: dict[MitsubaBsdf, MitsubaBsdf] = {}
+    finishes: dict[MitsubaBsdf, Finish] = {}
     for shape in scene.shapes():
         bsdf = shape.bsdf()
         if bsdf is None or is_plain(bsdf):
             continue
         if bsdf not in known:
-            known[bsdf] = _diffuse_within(bsdf, mi)
+            known[bsdf] = _diffuse_within(bsdf, mi, glossy=glossy and not matte)
+            if known[bsdf] is None and glossy and matte:  # metal and glass have no diffuse colour
+                known[bsdf] = _diffuse_within(bsdf, mi, glossy=True)
         diffuse = known[bsdf]
         if diffuse is None or (diffuse.lost and not matte):
             continue
@@ -82,8 +98,10 @@ def simplify_materials(scene: MitsubaScene, mi: Mitsuba, *, matte: bool) -> tupl
         if bsdf not in made:
             plain = {"type": "diffuse", "reflectance": diffuse.colour}
             made[bsdf] = mi.load_dict({"type": "twosided", "nested": plain} if diffuse.two_sided else plain)
+            if diffuse.finish is not None:
+                finishes[made[bsdf]] = diffuse.finish
         shape.set_bsdf(made[bsdf])
-    return tuple(replaced)
+    return Simplified(tuple(replaced), finishes)
 
 
 def surface_remedy(bsdf: MitsubaBsdf, mi: Mitsuba) -> str:
@@ -124,31 +142,40 @@ def is_plain(bsdf: MitsubaBsdf) -> bool:
     return bool(bsdf.class_name() == "SmoothDiffuse")
 
 
-def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba) -> _Diffuse | None:
-    """Return the diffuse material that a material is or contains; None where there is none."""
+def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> _Diffuse | None:
+    """Return the diffuse material that a material is or contains; None where there is none.
+
+    Args:
+        glossy: a glossy material that has a finish is its base colour with it.
+    """
     kind, inside = bsdf.class_name(), children(bsdf)
     if kind == "SmoothDiffuse":
         return _Diffuse(inside["reflectance"], False, ())
+    if glossy and (finished := read_finish(bsdf, inside, mi)) is not None:
+        return _Diffuse(finished[0], False, (), finished[1])
     if kind in _COLOURS:
         plugin, colour = _COLOURS[kind]
         passing = (_constant(inside[name], mi) for name in _TRANSMITTED if name in inside)
         opaque = all(value is not None and not value.any() for value in passing)
         return _Diffuse(inside[colour], kind == "PrincipledThin", (plugin,)) if opaque else None
     if kind == "TwoSidedBRDF":
-        front, back = (_diffuse_within(inside[side], mi) for side in ("brdf_0", "brdf_1"))
-        if front is None or back is None or not _same_colour(front.colour, back.colour, mi):
+        front, back = (_diffuse_within(inside[side], mi, glossy=glossy) for side in ("brdf_0", "brdf_1"))
+        if front is None or back is None or front.finish != back.finish:
+            return None
+        if not _same_colour(front.colour, back.colour, mi):
             return None
         return front._replace(two_sided=True, lost=tuple(dict.fromkeys(front.lost + back.lost)))
     if kind == "MaskBSDF":
         value = _constant(inside["opacity"], mi)
-        return _diffuse_within(inside["nested_bsdf"], mi) if value is not None and (value == 1).all() else None
+        opaque = value is not None and (value == 1).all()
+        return _diffuse_within(inside["nested_bsdf"], mi, glossy=glossy) if opaque else None
     if kind == "BlendBSDF":
         value = _constant(inside["weight"], mi)
         if value is None or not ((value == 0).all() or (value == 1).all()):
             return None
-        return _diffuse_within(inside[f"bsdf_{int(value.flat[0])}"], mi)
+        return _diffuse_within(inside[f"bsdf_{int(value.flat[0])}"], mi, glossy=glossy)
     if kind in _BUMPS:
-        nested = _diffuse_within(inside["nested_bsdf"], mi)
+        nested = _diffuse_within(inside["nested_bsdf"], mi, glossy=glossy)
         if nested is None or _is_flat(kind, inside, mi):
             return nested
         return nested._replace(lost=(_BUMPS[kind], *nested.lost))

@@ -169,6 +169,22 @@ impl<W: Words> Decode for EvtDecoder<W> {
     }
 }
 
+/// The high part of EVT 2.0's and 2.1's times, in units of 64 us: bits 33..6 go round. It is all the state that these
+/// decoders have.
+pub(super) type Evt2Time = HighTime<{ 1 << 28 }>;
+
+impl Evt2Time {
+    /// Returns what [`Words::state`] does.
+    pub(super) fn decoder_state(self) -> DecoderState {
+        [self.state(), 0, 0, 0, 0]
+    }
+
+    /// Returns the one of a decoder's state.
+    pub(super) fn of_decoder_state([high, ..]: DecoderState) -> Result<Self> {
+        Self::of_state(high, 1 << 55)
+    }
+}
+
 /// The high part of a time, rounds included: a counter that goes round at `ROUND`. It has none before its first value.
 #[derive(Clone, Copy, Default)]
 pub(super) struct HighTime<const ROUND: i64>(Option<i64>);

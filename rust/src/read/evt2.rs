@@ -1,6 +1,6 @@
 //! EVT 2.0 to events; the words are described in `write::evt2`.
 
-use super::evt::{EvtDecoder, HighTime, Words};
+use super::evt::{Evt2Time, EvtDecoder, Words};
 use super::reader::DecoderState;
 use crate::error::Result;
 use crate::event::Event;
@@ -12,8 +12,7 @@ pub type Evt2Decoder = EvtDecoder<Evt2Words>;
 /// What the words of EVT 2.0 change.
 #[derive(Default)]
 pub struct Evt2Words {
-    /// Time in units of 64 us: its bits 33..6 go round.
-    high: HighTime<{ 1 << 28 }>,
+    high: Evt2Time,
 }
 
 impl Words for Evt2Words {
@@ -40,11 +39,11 @@ impl Words for Evt2Words {
     }
 
     fn state(&self) -> DecoderState {
-        [self.high.state(), 0, 0, 0, 0]
+        self.high.decoder_state()
     }
 
-    fn resume(&mut self, [high, ..]: DecoderState) -> Result<()> {
-        self.high = HighTime::of_state(high, 1 << 55)?;
+    fn resume(&mut self, state: DecoderState) -> Result<()> {
+        self.high = Evt2Time::of_decoder_state(state)?;
         Ok(())
     }
 }

@@ -7,7 +7,7 @@
 //!
 //! Source: Prophesee, EVT 2.1 format, in Metavision's documentation; `OpenEB`, `evt21_event_types.h`.
 
-use super::evt::{EvtDecoder, HighTime, Words};
+use super::evt::{Evt2Time, EvtDecoder, Words};
 use super::reader::DecoderState;
 use crate::error::Result;
 use crate::event::Event;
@@ -19,8 +19,7 @@ pub type Evt21Decoder = EvtDecoder<Evt21Words>;
 /// What the words of EVT 2.1 change.
 #[derive(Default)]
 pub struct Evt21Words {
-    /// Time in units of 64 us: its bits 33..6 go round.
-    high: HighTime<{ 1 << 28 }>,
+    high: Evt2Time,
     halves_swapped: bool,
 }
 
@@ -57,11 +56,11 @@ impl Words for Evt21Words {
     }
 
     fn state(&self) -> DecoderState {
-        [self.high.state(), 0, 0, 0, 0]
+        self.high.decoder_state()
     }
 
-    fn resume(&mut self, [high, ..]: DecoderState) -> Result<()> {
-        self.high = HighTime::of_state(high, 1 << 55)?;
+    fn resume(&mut self, state: DecoderState) -> Result<()> {
+        self.high = Evt2Time::of_decoder_state(state)?;
         Ok(())
     }
 }
@@ -69,6 +68,7 @@ impl Words for Evt21Words {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::read::Decode;
     use crate::read::testing::{any_split_decodes_alike, read};
     use proptest::prelude::*;
 
@@ -96,6 +96,7 @@ mod tests {
             time(64 * 7),
             row(64 * 7 + 5, 32, 9, true, 1 << 31 | 0b101),
             row(64 * 7 + 6, 0, 719, false, 0),
+            row(64 * 7 + 7, 2047, 1500, false, 1),
             row(64 * 7 + 63, 1247, 719, false, 1 << 31),
             0xa << 60, // a trigger
             time(0),   // goes round
@@ -106,13 +107,26 @@ mod tests {
             Event::new(t + 5, 32, 9, true),
             Event::new(t + 5, 34, 9, true),
             Event::new(t + 5, 63, 9, true),
+            Event::new(t + 7, 2047, 1500, false),
             Event::new(t + 63, 1278, 719, false),
         ];
-        let events = read(&file("% evt 2.1\n% end\n", &words[..6]), Evt21Decoder::new()).unwrap();
+        let events = read(&file("% evt 2.1\n% end\n", &words[..7]), Evt21Decoder::new()).unwrap();
         assert_eq!(events, expected);
-        let late = [time((1 << 34) - 64), row(0, 1, 1, true, 1), words[6], words[7]];
+        let late = [time((1 << 34) - 64), row(0, 1, 1, true, 1), words[7], words[8]];
         let events = read(&file("", &late), Evt21Decoder::new()).unwrap();
         assert_eq!(events, [Event::new((1 << 34) - 64, 1, 1, true), Event::new((1 << 34) + 2, 3, 4, false)]);
+    }
+
+    #[test]
+    fn a_decoder_goes_on_from_a_state_in_the_second_round() {
+        let words = [time(1 << 33), row(1, 1, 1, true, 1), time(0), row(2, 3, 4, false, 1)];
+        let mut decoder = Evt21Decoder::of_words();
+        let mut events = vec![];
+        decoder.decode(&file("", &words[..3]), &mut events).unwrap();
+        let mut later = Evt21Decoder::of_words();
+        later.resume(24, decoder.state()).unwrap();
+        later.decode(&file("", &words[3..]), &mut events).unwrap();
+        assert_eq!(events, [Event::new((1 << 33) + 1, 1, 1, true), Event::new((1 << 34) + 2, 3, 4, false)]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The renderer: linear luma of diffuse triangles under direct or baked light, as a camera's rays see them.
+//! The renderer: linear luma of diffuse and glossy triangles under direct or baked light, as a camera's rays see them.
 //!
 //! ```text
 //! view -> bins: which triangles each tile of the image may see
@@ -21,6 +21,7 @@
 //!   [`sky`](light::sky). [`shadows`](light::shadows) finds what lies between a [`patch`](light::patch) and a light, as
 //!   [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden points; [`any_hit`](light::any_hit)
 //!   asks the BVH for a few points at a time.
+//! - [`gloss`]: surfaces that are not diffuse, by rays of their own.
 //! - [`time`]: [`edges`](time::edges) finds when edges pass rays, [`tracks`](time::tracks) the luma meanwhile.
 //! - [`lines`]: a pixel's integral over its area, by taps on lines instead of rays.
 //! - [`gradients`]: derivatives of single pixels in float64.
@@ -38,6 +39,7 @@
 #![allow(clippy::float_cmp, reason = "ties are exact")]
 
 mod geometry;
+mod gloss;
 mod gradients;
 mod irradiance;
 mod lanes;
@@ -53,6 +55,10 @@ mod visibility;
 
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
+#[cfg(feature = "python")]
+pub use gloss::finish::{Distribution, Finish, Fresnel, PASSING, Under};
+#[cfg(feature = "python")]
+pub use gloss::tables::GlossTables;
 #[cfg(feature = "python")]
 pub use gradients::pixel_gradients::{BEFORE_LIGHTS, RayHit};
 pub use irradiance::{

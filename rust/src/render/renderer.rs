@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::geometry::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
 use super::geometry::view::View;
+use super::gloss::pattern::Pattern;
 use super::light::cone::FrameCones;
 use super::light::lights::{SeenLight, Surroundings, background, seen_lights};
 use super::light::shadows::{moving_cones, still_cones};
@@ -164,6 +165,7 @@ impl Renderer {
         luma: &mut [f32],
     ) -> Result<()> {
         check_corners(corners)?;
+        self.check_diffuse("lines through pixels")?;
         let views = &self.centred(views)?;
         check_length(views.len() * corners.pixels(), luma.len())?;
         self.each_tile(Ways { beams: false, ..self.ways }, corners, views, bands(corners, luma), {
@@ -188,6 +190,7 @@ impl Renderer {
         luma: &mut [f32],
     ) -> Result<()> {
         check_corners(corners)?;
+        self.check_diffuse("lines through pixels")?;
         self.each_pixel(corners, views, pixels, luma, |view, samples, found| {
             let lights = seen_lights(&self.scene, view);
             let (mut buffers, mut scratch) = (self.view_buffers.take(), self.scratch.take());
@@ -282,6 +285,14 @@ impl Renderer {
             put(rays, tile, &depths, depth);
             put(rays, tile, &hit, triangles);
         })
+    }
+
+    /// Refuses a scene with glossy surfaces, for what knows diffuse ones alone.
+    pub(crate) fn check_diffuse(&self, what: &str) -> Result<()> {
+        if self.scene.gloss.is_none() {
+            return Ok(());
+        }
+        Err(Error::Argument(format!("{what} need a scene of diffuse surfaces, and this one has glossy ones")))
     }
 
     pub(crate) fn centred(&self, views: &[View]) -> Result<Vec<View>> {
@@ -407,6 +418,7 @@ impl Renderer {
             background: background(&self.scene, view),
             bins,
             ways: Ways { beams: false, ..self.ways },
+            pattern: self.scene.gloss.as_ref().map(|_| Pattern::new(rays.rays())),
         }
     }
 
@@ -769,6 +781,90 @@ mod tests {
                 assert!(seen == other, "luma of {count} by {beams} and {receivers}");
             }
         }
+    }
+
+    /// Returns rays of a sensor, by their positions in a pixel.
+    fn grid(width: usize, height: usize, positions: &[[f32; 2]]) -> PixelRays {
+        let along = |count: usize, axis: usize| -> Vec<f32> {
+            let of_ray = |at: &[f32; 2]| {
+                let at = at[axis];
+                (0..count).map(move |i| (i as f32 + at) / 10.0 - 1.0)
+            };
+            positions.iter().flat_map(of_ray).collect()
+        };
+        PixelRays::grid(width, height, positions.len(), &along(width, 0), &along(height, 1)).unwrap()
+    }
+
+    fn line_views(numbers: &mut Numbers) -> Vec<View> {
+        let turned = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]];
+        let level = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        [(level, [0.0, 0.0, -2.0]), (turned, [-1.5, 0.1, -1.5]), (level, [0.1, 0.2, 0.3])]
+            .into_iter()
+            .map(|(rotation, position)| {
+                let pose = Pose { position, rotation, velocity: [0.3; 3], angular_rate: [0.2; 3] };
+                let other = Pose { position: numbers.vector(1.0), ..pose };
+                View { poses: vec![pose, other], factors: vec![[1.0, 0.3], [0.7, 0.0], [1.0, -0.2]] }
+            })
+            .collect()
+    }
+
+    /// Luma by lines is that of 987 rays, with the edges of triangles and of their shadows, on a body that moves too.
+    #[test]
+    fn lines_are_the_area() {
+        let (width, height) = (21, 13);
+        let lattice: Vec<[f32; 2]> =
+            (0..987).map(|ray| [(ray as f32 + 0.5) / 987.0, ((ray * 610 % 987) as f32 + 0.5) / 987.0]).collect();
+        let (rays, corners) = (grid(width, height, &lattice), grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]));
+        for (count, shadows, most, typical) in
+            [(1, false, 0.5, 0.02), (3, true, 0.15, 0.0005), (40, false, 0.5, 0.02), (40, true, 0.5, 0.02)]
+        {
+            let mut numbers = Numbers(11);
+            let mut tables = SceneTables { shadows, ..tables(&mut numbers, count) };
+            if count == 1 {
+                add_slanted_wall(&mut tables, &mut numbers);
+            }
+            let renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+            let views = line_views(&mut numbers);
+            let size = width * height * views.len();
+            let (mut truth, mut luma) = (vec![0f32; size], vec![0f32; size]);
+            renderer.luma(&rays, &views, &mut truth, None).unwrap();
+            renderer.line_luma(&corners, &LinePattern::new(16).unwrap(), &views, &mut luma).unwrap();
+            let mean = truth.iter().sum::<f32>() / size as f32;
+            let mut wrong: Vec<f32> = truth.iter().zip(&luma).map(|(a, b)| (a - b).abs() / mean).collect();
+            wrong.sort_unstable_by(f32::total_cmp);
+            let (largest, usual) = (wrong[size - 1], wrong[size * 9 / 10]);
+            assert!(largest < most && usual < typical, "{count} {shadows}: {largest} {usual}");
+            let pixels: Vec<(u32, u32)> = (0..60).map(|i| (i % 3, i * 37 % (width * height) as u32)).collect();
+            let mut single = vec![0f32; pixels.len()];
+            renderer.line_samples(&corners, &LinePattern::new(16).unwrap(), &views, &pixels, &mut single).unwrap();
+            let in_frame = pixels.iter().map(|&(view, pixel)| luma[view as usize * width * height + pixel as usize]);
+            assert!(single.iter().copied().eq(in_frame));
+        }
+    }
+
+    /// Luma by lines has the same bits on every processor: these.
+    #[test]
+    fn lines_have_the_same_bits_everywhere() {
+        let (width, height) = (37, 21);
+        let corners = grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]);
+        let mut numbers = Numbers(3);
+        let mut tables = tables(&mut numbers, 90);
+        add_hard_triangles(&mut tables, &mut numbers);
+        let renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+        let views = line_views(&mut numbers);
+        let hashes = [4, 8, 16].map(|lines| {
+            let mut luma = vec![0f32; width * height * views.len()];
+            renderer.line_luma(&corners, &LinePattern::new(lines).unwrap(), &views, &mut luma).unwrap();
+            assert!(luma.iter().all(|value| value.is_finite()) && luma.iter().any(|&value| value > 0.0));
+            // FNV-1a.
+            luma.iter()
+                .flat_map(|value| value.to_bits().to_le_bytes())
+                .fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+        });
+        assert_eq!(
+            hashes.map(|hash| format!("{hash:016x}")),
+            ["67b779535e23b37b", "afc3c54170d050a8", "0d01077debd60b57"]
+        );
     }
 
     /// What rays see is what they meet first in float64, whichever way: no ray passes a triangle that it meets well

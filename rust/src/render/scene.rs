@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use super::geometry::bvh::Bvh;
 use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::geometry::view::View;
+use super::gloss::tables::{Gloss, GlossTables, Owner};
 use super::light::beam::Beam;
 use super::light::light_map::{Emission, LightMapTables, SideMap};
 use super::light::sky::Sky;
@@ -87,6 +88,8 @@ pub struct SceneTables<'a> {
     pub lights: Vec<Light>,
     /// What rays see that hit nothing, in addition to the lights' backgrounds.
     pub sky: Option<Sky>,
+    /// Surfaces that are not diffuse.
+    pub gloss: GlossTables,
     /// Whether point and directional lights throw shadows.
     pub shadows: bool,
     /// The middle of what stands still: shadows are offset by the distance from it, see `step`.
@@ -146,6 +149,8 @@ pub struct Scene {
     pub(crate) irradiance: Vec<Vec<u64>>,
     pub(crate) lights: Vec<Light>,
     pub(crate) sky: Option<Sky>,
+    /// None where all surfaces are diffuse.
+    pub(crate) gloss: Option<Gloss>,
     pub(crate) shadows: bool,
     pub(crate) step: f64,
     /// How many times farther from the surface than from the light an occluder may lie.
@@ -173,6 +178,7 @@ impl Scene {
             irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map)).collect(),
             lights: tables.lights.clone(),
             sky: tables.sky.clone(),
+            gloss: None,
             shadows: tables.shadows,
             step: tables.step,
             #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
@@ -197,6 +203,7 @@ impl Scene {
         } else {
             SHARED.pool()?.install(|| push_frames(true));
         }
+        scene.gloss = Gloss::new(&tables.gloss, || scene.owner_of_gloss(tables.corners.len()))?;
         Ok(scene)
     }
 
@@ -251,6 +258,27 @@ impl Scene {
             self.surfaces.extend(order.iter().map(surface));
         }
         self.frames.push(Frame { centre, triangles: first..self.corners.len(), bvh });
+    }
+
+    fn owner_of_gloss(&self, triangles: usize) -> Owner<'_> {
+        Owner {
+            triangles,
+            texels: self.texels.first().map_or(0, Vec::len),
+            groups: self.texels.len(),
+            lights: self.lights.len(),
+            numbers: self.surfaces.iter().map(|surface| surface.number).collect(),
+            corners: &self.corners,
+            emitted: self
+                .surfaces
+                .iter()
+                .map(|surface| surface.emission.as_ref().map_or(0.0, |own| own.luma))
+                .collect(),
+        }
+    }
+
+    /// Returns whether a triangle of the scene is shaded by [`gloss`](super::gloss), not as a diffuse one.
+    pub(crate) fn is_glossy(&self, triangle: u32) -> bool {
+        self.gloss.as_ref().is_some_and(|gloss| gloss.finish(triangle).is_some())
     }
 
     /// Returns a view with the camera where it is in the frames less their centres.

@@ -10,6 +10,9 @@ use multiversion::multiversion;
 
 use super::geometry::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays, TileRays};
 use super::geometry::vector::single;
+use super::gloss::number::{Number, Rated};
+use super::gloss::pattern::Pattern;
+use super::gloss::tracer::{Tracer, TracerScratch};
 use super::lanes::{Lanes, MOST};
 use super::light::cast::Caster;
 use super::light::lights::Surroundings;
@@ -34,6 +37,8 @@ pub(crate) struct TileView<'a> {
     pub(crate) background: (f32, f32),
     pub(crate) bins: &'a Bins,
     pub(crate) ways: Ways,
+    /// Of a pixel's rays on glossy surfaces; None where all are diffuse.
+    pub(crate) pattern: Option<Pattern>,
 }
 
 /// In which way tiles are done. It changes the time, and no bit.
@@ -66,6 +71,16 @@ struct Shading {
     picked: Picked,
     luma: Vec<f32>,
     rate: Vec<f32>,
+    tracer: TracerScratch,
+}
+
+/// In which order rays lie.
+#[derive(Clone, Copy, Debug)]
+enum Order {
+    /// Of each block the first rays of its pixels, then the second ones, and so on.
+    Blocks,
+    /// All rays of a pixel, then those of the next.
+    Pixels,
 }
 
 /// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
@@ -101,12 +116,12 @@ pub(crate) fn luma<'a, const RATE: bool>(
         let mut beam = std::mem::take(&mut scratch.beam);
         beam.find(of.lit.scene, of.lit.view, &part, &mut scratch.nearest, &mut scratch.list);
         let TileScratch { list, nearest, shading, .. } = scratch;
-        shade::<RATE, _>(of, (&beam.seen, list), &part, nearest, shading, before);
+        shade::<RATE, _>(of, (&beam.seen, list), (&part, Order::Blocks), nearest, shading, before);
         scratch.beam = beam;
     } else {
         find(of.bins, tile, &part, scratch);
         let TileScratch { list, nearest, shading, .. } = scratch;
-        shade::<RATE, _>(of, (&of.bins.seen, list), &part, nearest, shading, before);
+        shade::<RATE, _>(of, (&of.bins.seen, list), (&part, Order::Blocks), nearest, shading, before);
     }
     scratch.rays = buffer;
     image.luma = mean(&scratch.shading.luma);
@@ -122,7 +137,7 @@ pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
     let part = pixels.part();
     find(of.bins, number, &part, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
-    shade::<false, _>(of, (&of.bins.seen, list), &part, nearest, shading, &mut vec![]);
+    shade::<false, _>(of, (&of.bins.seen, list), (&part, Order::Pixels), nearest, shading, &mut vec![]);
     found.extend(shading.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
@@ -142,8 +157,8 @@ pub(crate) fn lines<'a>(
     of.bins.of_tile(tile, around, list);
     taps.find(pattern, (&of.bins.seen, list), around, of.rays.pitch());
     let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
-    let mut hits = TileTaps { taps, pattern, part: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
-    shade::<false, _>(of, (&of.bins.seen, list), &part, &mut hits, shading, before);
+    let mut hits = TileTaps { taps, pattern, tile_rect: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
+    shade::<false, _>(of, (&of.bins.seen, list), (&part, Order::Pixels), &mut hits, shading, before);
     image.luma = taps.add_up(pattern, &shading.luma);
 }
 
@@ -154,7 +169,7 @@ pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mu
     let part = pixels.part();
     find(of.bins, number, &part, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
-    shade::<true, _>(of, (&of.bins.seen, list), &part, nearest, shading, &mut vec![]);
+    shade::<true, _>(of, (&of.bins.seen, list), (&part, Order::Pixels), nearest, shading, &mut vec![]);
     let seen = |index: u32| &of.bins.seen[list[index as usize].seen as usize];
     for ray in 0..pixels.count() * of.rays.rays() {
         let (luma, rate) = (shading.luma[ray], shading.rate[ray]);
@@ -189,13 +204,13 @@ fn find(bins: &Bins, number: usize, part: &Part, scratch: &mut TileScratch) {
 fn shade<'a, const RATE: bool, Hits: TileHits>(
     of: &TileView<'a>,
     (all, list): (&[Seen], &[Entry]),
-    part: &Part,
+    (part, order): (&Part, Order),
     hits: &mut Hits,
     shading: &mut Shading,
     before: &mut Shaders<'a>,
 ) {
     let Part { x, y, around, .. } = *part;
-    let Shading { caster, sorted, visible, picked, luma, rate } = shading;
+    let Shading { caster, sorted, visible, picked, luma, rate, tracer } = shading;
     luma.clear();
     luma.resize(x.len(), of.background.0);
     rate.clear();
@@ -229,8 +244,9 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
             caster.shadow.by_rays(&of.lit, |light| shaders.iter().any(|one| one.lit_by(light)));
         } else if of.lit.scene.shadows {
             // Neighbours in space follow each other in the list: what shadows them is searched for together.
-            let mut patch = Patch::new(&of.lit, seen(visible[first]), around);
-            while at < visible.len() {
+            let own = if Hits::ALONE { &hits.around(visible[first]) } else { around };
+            let mut patch = Patch::new(&of.lit, seen(visible[first]), own);
+            while !Hits::ALONE && at < visible.len() {
                 let other = Patch::new(&of.lit, seen(visible[at]), around);
                 let Some(both) = patch.with(&other) else { break };
                 patch = both;
@@ -276,6 +292,37 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
         }
     }
     *before = shaders;
+    if visible.iter().any(|&index| of.lit.scene.is_glossy(seen(index).triangle)) {
+        let per_block = x.len() / part.blocks.len();
+        let number = |ray: usize| match order {
+            Order::Blocks => ray % per_block / LANES,
+            Order::Pixels => ray % of.rays.rays(),
+        };
+        let triangle = |ray: usize| hits.hit(ray).map(|index| seen(index).triangle);
+        let rays = (0..x.len()).filter_map(|ray| Some((ray, triangle(ray)?, [x[ray], y[ray]], number(ray))));
+        if RATE {
+            gloss::<Rated>(of, rays, tracer, |ray, value| (luma[ray], rate[ray]) = value);
+        } else {
+            gloss::<f64>(of, rays, tracer, |ray, value| luma[ray] = value.0);
+        }
+    }
+}
+
+/// Computes luma, and its rate, of those rays that see glossy triangles: of each ray its number in the tile, its
+/// triangle, its direction and its number in the pixel.
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn gloss<N: Number>(
+    of: &TileView,
+    rays: impl Iterator<Item = (usize, u32, [f32; 2], usize)>,
+    scratch: &mut TracerScratch,
+    mut put: impl FnMut(usize, (f32, f32)),
+) {
+    let (Some(gloss), Some(pattern)) = (&of.lit.scene.gloss, &of.pattern) else { return };
+    let mut tracer = Tracer { lit: &of.lit, gloss, pattern, scratch };
+    for (ray, triangle, at, number) in rays.filter(|ray| gloss.finish(ray.1).is_some()) {
+        let luma: N = tracer.luma(triangle, at.map(f64::from), number);
+        put(ray, (luma.value() as f32, luma.rate() as f32));
+    }
 }
 
 /// Returns the shaders of triangles; those of the tile before are taken where they are known.

@@ -5,6 +5,7 @@
 //!
 //! What must not break: each ray or tap is in the rows or the scattered ones of exactly one triangle.
 
+use super::geometry::linear::Rect;
 use super::geometry::pixel_rays::BLOCKS;
 use super::light::cast::Caster;
 use super::light::lights::Surroundings;
@@ -14,6 +15,13 @@ use super::visibility::sorted::Sorted;
 
 /// What the rays of a tile hit, as indices in the tile's list of triangles.
 pub(crate) trait TileHits {
+    /// Whether what throws shadows is searched for each triangle alone, around what is seen of it; else for several
+    /// together.
+    const ALONE: bool;
+
+    /// Returns what the rays that see the triangle at an index lie in, where it is alone; else [`Rect::NONE`].
+    fn around(&self, index: u32) -> Rect;
+
     /// Returns whether any ray sees the triangle at an index.
     fn sees(&self, index: u32) -> bool;
 
@@ -32,6 +40,12 @@ pub(crate) trait TileHits {
 }
 
 impl TileHits for Nearest {
+    const ALONE: bool = false;
+
+    fn around(&self, _: u32) -> Rect {
+        Rect::NONE
+    }
+
     fn sees(&self, index: u32) -> bool {
         self.only.contains(&index) || self.counts[index as usize] != [0; BLOCKS]
     }

@@ -92,7 +92,7 @@ def convert_rig(
       ``disparity/event/000000.png`` (16 bits, 256 steps a pixel, 0 for none, in the rectified left camera),
       ``disparity/timestamps.txt`` (microseconds) and ``calibration/cam_to_cam.yaml``. ``ms_to_idx`` reaches one
       millisecond beyond the sequence's end, so that windows up to it can be read.
-    - ``mvsec``: one HDF5 file, with ``davis/left`` and ``davis/right`` as :mod:`davis_rs.io.formats.mvsec` has them.
+    - ``mvsec``: one HDF5 file, with ``davis/left`` and ``davis/right`` as ``io/formats/mvsec.py`` has them.
     - ``bag``: one bag of ROS 1 with MVSEC's topics: ``/davis/left/events`` and so on.
 
     The target gets its name when it is whole. Stamps are those of each camera's own clock.

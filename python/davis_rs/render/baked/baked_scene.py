@@ -24,10 +24,12 @@ from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
 from .irradiance import Surfaces
 from .light_maps import LightMaps, check_maps
 from .lights import (
+    ColouredLight,
     SkyMap,
     background_luma,
     check_lights,
     check_strengths,
+    coloured_light,
     emissions,
     irradiance_of,
     light_groups,
@@ -62,6 +64,7 @@ class BakedLight:
         sky: what such a ray sees in addition; None where there is no environment map.
         content: a hash of the scene's surfaces, materials and lights.
         cached: whether it is in the cache now.
+        coloured: what glossy surfaces reflect of the lights; None where all are diffuse.
     """
 
     maps: LightMaps
@@ -73,6 +76,7 @@ class BakedLight:
     sky: SkyMap | None
     content: str
     cached: bool
+    coloured: ColouredLight | None
 
     @property
     def description(self) -> str:
@@ -208,6 +212,7 @@ def baked_light(
         sky_map(loaded, mi, names),
         content,
         cache.holds(key),
+        coloured_light(loaded, mi, surfaces.counts, names) if surfaces.looks else None,
     )
 
 
@@ -220,7 +225,7 @@ def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
 
 def _content(scene: MitsubaScene, mi: Mitsuba, surfaces: Surfaces, poses: FloatArray) -> str:
     """A hash of surfaces, materials and lights, and of how they move."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(surfaces.looks)
     for array in (surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, poses):
         digest.update(repr(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -55,6 +55,7 @@ class Surfaces:
         texture_of: uint32 (t), the texture of each.
         sizes: int32 (textures, 4): first texel, width, height and wrap mode of each texture.
         reflectances: float32 (texels, 3).
+        looks: a hash of how surfaces look that these do not tell.
     """
 
     corners: FloatArray
@@ -67,6 +68,7 @@ class Surfaces:
     texture_of: npt.NDArray[np.uint32]
     sizes: npt.NDArray[np.int32]
     reflectances: npt.NDArray[np.float32]
+    looks: bytes = b""
 
     @property
     def diagonal(self) -> float:

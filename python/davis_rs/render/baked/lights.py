@@ -41,7 +41,7 @@ SMALL_LAMP = 4 / 512
 """A lamp is small below this share of the scene's diagonal: light maps, whose finest points are 1 / 512 apart, would
 blur its shadows."""
 
-_LARGEST_SKY = 4096
+_LARGEST_SKY, _LARGEST_REFLECTED_SKY = 4096, 2048
 _PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
 
 
@@ -210,6 +210,45 @@ def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> SkyMap | 
             texels = (environment.seen(_octahedral_directions(side)) @ LUMA_WEIGHTS).astype(np.float32)
             return SkyMap(group_of(name, names), side, texels.reshape(side + 2, side + 2))
     return None
+
+
+@dataclass(frozen=True)
+class ColouredLight:
+    """What lights look like themselves in glossy surfaces, red, green and blue.
+
+    Attributes:
+        emitted: float64 (t, 3), radiance that each triangle emits from its front.
+        backgrounds: float64 (k, 3), radiance of a ray that hits nothing, by each group of lights.
+        sky: an environment map, whose texels (side, side, 3) have no frame and whose side is a power of two.
+    """
+
+    emitted: FloatArray
+    backgrounds: FloatArray
+    sky: SkyMap | None
+
+
+def coloured_light(scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str]) -> ColouredLight:
+    """Find what glossy surfaces reflect of the lights themselves, also of those that the integrator hides.
+
+    Args:
+        counts: of the triangles of the scene's shapes.
+        names: of the groups, see :func:`light_groups`.
+    """
+    emitted = np.zeros((len(counts), 3))
+    for number, shape in enumerate(scene.shapes()):
+        if shape.is_emitter():
+            emitted[number] = _rgb(mi.traverse(shape.emitter())["radiance.value"])
+    backgrounds, sky = np.zeros((len(names), 3)), None
+    for name, emitter in named_emitters(scene):
+        if emitter.class_name() == "ConstantBackgroundEmitter":
+            backgrounds[group_of(name, names)] += _rgb(mi.traverse(emitter)["radiance.value"])
+        elif emitter.class_name() == "EnvironmentMapEmitter":
+            environment = Environment.of(emitter, mi)
+            side = min(2 ** int(np.ceil(np.log2(2 * len(environment.texels)))), _LARGEST_REFLECTED_SKY)
+            inside = _octahedral_directions(side).reshape(side + 2, side + 2, 3)[1:-1, 1:-1]
+            texels = environment.seen(inside.reshape(-1, 3)).astype(np.float32)
+            sky = SkyMap(group_of(name, names), side, texels.reshape(side, side, 3))
+    return ColouredLight(np.repeat(emitted, counts, axis=0), backgrounds, sky)
 
 
 def _octahedral_directions(side: int) -> FloatArray:

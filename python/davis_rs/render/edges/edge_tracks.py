@@ -74,7 +74,7 @@ def composed_tracks(tracks: EdgeTracks, camera: Camera, reach: int, composed: Co
     asked = squares * span_us + since_us
     after = np.searchsorted(keys, asked)
     before = np.maximum(after - 1, 0)
-    share = np.where(keys[after] == asked, 1.0, (asked - keys[before]) / np.maximum(keys[after] - keys[before], 1))
+    fraction = np.where(keys[after] == asked, 1.0, (asked - keys[before]) / np.maximum(keys[after] - keys[before], 1))
     low, high = tracks.luma[before].astype(np.float64), tracks.luma[after]
-    luma = composed((low + share * (high - low)).astype(np.float32), pixel)
+    luma = composed((low + fraction * (high - low)).astype(np.float32), pixel)
     return tracks._replace(pixel=pixel, t_us=since_us + first_us, luma=luma)

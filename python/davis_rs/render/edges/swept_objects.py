@@ -77,8 +77,8 @@ def _relative(camera: Camera, path: Trajectory, trajectory: Trajectory, start_s:
     # Seen from a frame that turns by an angle a, a straight path bends by a^2 / 8 of its distance: f a^2 / 8 pixels.
     turn = _turn(held(trajectory, np.linspace(start_s, end_s, 9)))
     steps = int(np.clip(np.ceil(turn * np.sqrt(max(camera.fx, camera.fy) / (8 * _BEND_PX))), 1, _MOST_STEPS))
-    share = np.linspace(0.0, 1.0, steps + 1)
-    own = seen_from(Views.along(path, share), held(trajectory, start_s + share * (end_s - start_s)))
+    fraction = np.linspace(0.0, 1.0, steps + 1)
+    own = seen_from(Views.along(path, fraction), held(trajectory, start_s + fraction * (end_s - start_s)))
     matrices = np.tile(np.eye(4), (len(own), 1, 1))
     matrices[:, :3, :3], matrices[:, :3, 3] = own.rotations, own.positions
     return [Pose.from_matrix(matrix) for matrix in matrices]

@@ -101,10 +101,20 @@ class SceneMotion:
         """
         for name in objects:
             if name not in self._paths:
-                _refuse("object", name, f"scene.with_movable({name!r})")
+                raise ArgumentError(
+                    "of {objects}, {!r} follows the scene: scene.with_movable({!r}) makes it the caller's, before the "
+                    "simulator is made",
+                    name,
+                    name,
+                )
         for name in lights:
             if name not in self._strengths:
-                _refuse("light", name, f"scene.with_movable(lights=[{name!r}])")
+                raise ArgumentError(
+                    "of {lights}, {!r} follows the scene: scene.with_movable(lights=[{!r}]) makes it the caller's, "
+                    "before the simulator is made",
+                    name,
+                    name,
+                )
         poses = {name: as_pose(pose, f"objects[{name!r}]") for name, pose in objects.items()}
         for name, factor in lights.items():
             check_number(f"lights[{name!r}]", factor, 0)
@@ -185,13 +195,6 @@ def seen_from(cameras: Views, objects: Views) -> Views:
         to_object @ cameras.rotations,
         np.einsum("nij,nj->ni", to_object, velocities),
         cameras.angular_rates - np.einsum("nji,nj->ni", cameras.rotations, turning),
-    )
-
-
-def _refuse(kind: str, name: str, call: str) -> None:
-    """Refuse to move or dim what the scene does by itself."""
-    raise ArgumentError(
-        "{} {!r} follows the scene: {} makes it the caller's, before the simulator is made", kind, name, call
     )
 
 

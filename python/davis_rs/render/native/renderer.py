@@ -285,6 +285,7 @@ def _core_of(table: SceneTable, threads: int | None) -> SceneRenderer:
         light_maps=_light_maps(table),
         emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
         sky=_sky(table),
+        gloss=table.core_gloss(),
         shadows=table.shadows,
         centre=table.centre.tolist(),
         step=STEP,

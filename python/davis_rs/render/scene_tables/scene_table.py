@@ -8,7 +8,7 @@ one buffer for each light colour, so that a red light sees the red of a texture.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -18,6 +18,7 @@ import numpy.typing as npt
 from ..._mitsuba.types import (
     JitFloat,
     Mitsuba,
+    MitsubaBsdf,
     MitsubaEmitter,
     MitsubaIntegrator,
     MitsubaScene,
@@ -34,8 +35,10 @@ from ..baked.irradiance import Surfaces
 from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, small_lamps, textured_lamp
 from ..closest_view import ClosestView
+from ..finishes import Finish
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
+from .gloss_table import CoreGloss, gloss_table
 from .mesh_triangles import MeshTriangles, flat_normal_maps
 from .scene_texture import Added, TextureTable
 
@@ -82,6 +85,7 @@ class SceneTable:
         view: how close the camera comes, for textures with hard edges; without it they have a fixed number of texels.
         obstacles: those found before. Where there are any, the scene is only searched for more, because tables of
             millions of triangles take gigabytes.
+        finishes: for materials that stand for glossy ones, how these reflect.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -99,6 +103,7 @@ class SceneTable:
         moving: the ids of the shapes that move.
         centre: (3,), the middle of what stands still, see :mod:`shadow_rays`.
         lights: the lights.
+        gloss: how glossy surfaces reflect, their textures being their base colours; None where all are diffuse.
         baked: the baked light; None before :meth:`bake`.
         emission_lights: uint32 (n), the number of its light for each triangle that emits.
 
@@ -119,6 +124,7 @@ class SceneTable:
         view: ClosestView | None = None,
         obstacles: Obstacles | None = None,
         weights: Weights = LUMA_WEIGHTS,
+        finishes: Mapping[MitsubaBsdf, Finish] | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
@@ -153,6 +159,7 @@ class SceneTable:
             surfaces.append(added)
         obstacles.refuse()
         self._forecast_memory()
+        self.gloss = None if not finishes else gloss_table(scene, finishes, self.counts, baked=baked)
         self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
@@ -213,18 +220,25 @@ class SceneTable:
         else:
             at_corners = np.einsum("tij,tkj->tki", maps[..., :3], self.corners) + maps[:, None, :, 3]
         length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
+        normals = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
+        corners, reflectances, looks = self.corners, self.textures.reflectances, b""
+        if self.gloss is not None:
+            looks = self.gloss.digest
+            reflectances = self.gloss.albedos(reflectances, self.textures.sizes, self.textures.texture_of)
+            corners, normals = self.gloss.without_clear(corners, normals)
         at_points = np.concatenate([self.corners, np.ones((*self.corners.shape[:2], 1))], -1)
         return Surfaces(
-            corners=self.corners,
+            corners=corners,
             fronts=self.planes[:, :3],
-            normals=np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0),
+            normals=normals,
             two_sided=self.two_sided == 1,
             counts=self.counts,
             frames=self.frames.astype(np.int64),
             uv=np.stack([np.einsum("tkj,tj->tk", at_points, maps) for maps in (self.u_maps, self.v_maps)], -1),
             texture_of=self.textures.texture_of,
             sizes=self.textures.sizes,
-            reflectances=self.textures.reflectances,
+            reflectances=reflectances,
+            looks=looks,
         )
 
     def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
@@ -267,6 +281,36 @@ class SceneTable:
         assert self.baked is not None
         return map_coordinates(self.corners, self.baked.maps.divisions)
 
+    def core_gloss(self) -> CoreGloss | None:
+        """What the core takes of glossy surfaces; None where all are diffuse."""
+        if self.gloss is None:
+            return None
+        weights = np.asarray(LUMA_WEIGHTS)
+        colours = np.array(self.textures.group_weights).reshape(-1, 3) / weights
+        backgrounds = np.zeros((len(self.lights), 3))
+        emitted, sky = np.zeros(0), None
+        for number, light in enumerate(self.lights):
+            if light.kind == "constant":
+                backgrounds[number] = colours[light.group]
+        if self.baked is not None and self.baked.coloured is not None:
+            coloured = self.baked.coloured
+            groups = slice(self._first_baked, self._first_baked + len(coloured.backgrounds))
+            backgrounds[groups] = coloured.backgrounds
+            emitted = coloured.emitted.ravel()
+            if coloured.sky is not None:
+                texels = np.ascontiguousarray(coloured.sky.texels)
+                sky = self.light_of_group(coloured.sky.group), coloured.sky.side, texels.ravel()
+        return (
+            [finish.core for finish in self.gloss.finishes],
+            self.gloss.finish_of,
+            np.ascontiguousarray(self.textures.framed_rgb()).ravel(),
+            colours.tolist(),
+            backgrounds.tolist(),
+            emitted,
+            sky,
+            self.gloss.longest,
+        )
+
     def uv_maps(self, precision: type[_Float]) -> tuple[npt.NDArray[_Float], npt.NDArray[_Float]]:
         """Return :attr:`u_maps` and :attr:`v_maps`, computed in this precision from maps that were rounded to it."""
         u, v = (maps.astype(precision, copy=False) for maps in self._mesh_uv)
@@ -281,11 +325,12 @@ class SceneTable:
     @property
     def description(self) -> str:
         """What the scene is made of, for messages."""
+        surfaces = "diffuse triangles" if self.gloss is None else "diffuse and glossy triangles"
         if self.baked is not None:
-            return f"diffuse triangles under {self.baked.description}"
+            return f"{surfaces} under {self.baked.description}"
         kinds = sorted({light.kind for light in self.lights})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
-        return f"diffuse triangles under {lights}, {'with' if self.shadows else 'without'} shadows"
+        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows"
 
     @property
     def background_luma(self) -> float:

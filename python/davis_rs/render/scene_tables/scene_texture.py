@@ -118,6 +118,10 @@ class TextureTable:
 
         return self._framed(luma, np.float32)
 
+    def framed_rgb(self) -> npt.NDArray[np.float32]:
+        """Return :attr:`reflectances` (texels, 3) with the borders of :meth:`framed`."""
+        return np.stack([self._framed(channel) for channel in self.reflectances.T], axis=-1)
+
     @property
     def of_framed(self) -> npt.NDArray[np.int64]:
         """The number in :meth:`texels` of each texel of :meth:`framed`."""

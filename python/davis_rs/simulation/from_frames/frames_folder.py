@@ -171,7 +171,8 @@ def _write_all(
         kept = packet.luma is not None and images_every > 0 and counted.images % images_every == 0
         writer.write(packet if kept else replace(packet, luma=None))
         counted.images += packet.luma is not None
-        counted.frames = run.frames
+        # Packets are made ahead of their writing, so only those that end at frames tell how many were written.
+        counted.frames = counted.images if run.settings.image_rate_hz is None else run.frames
         counted.events += len(packet.events)
         counted.end_us = packet.end_us
         bar.total = max(bar.total, counted.frames)

@@ -7,12 +7,14 @@ use pyo3::prelude::*;
 
 use super::pixel_rays::PyPixelRays;
 use super::scene_tables::{
-    EmissionTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, light_map_tables, numbered, sky_map,
+    EmissionTuple, GlossTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, gloss_tables, light_map_tables,
+    numbered, sky_map,
 };
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{column, grouped, groups, lists, matrices, numbers};
 use crate::render::{
-    BEFORE_LIGHTS, EdgeTracks, LightMapTables, LinePattern, RayHit, Renderer, Scene, SceneTables, TrackSettings,
+    BEFORE_LIGHTS, EdgeTracks, GlossTables, LightMapTables, LinePattern, RayHit, Renderer, Scene, SceneTables,
+    TrackSettings,
 };
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
@@ -46,6 +48,16 @@ use crate::render::{
 ///         (t); None where none does.
 ///     sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
 ///         (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
+///     gloss: surfaces that are not diffuse; None where all are. The finishes, each (roughness, ``ggx`` or
+///         ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base colour
+///         tints the lobe, what is below); uint32 (t), the finish of each triangle, 2^32 - 1 for none; float32
+///         (texels, 3), all texels in the layout of ``texels``; for each light colour what strength 1 is in red, green
+///         and blue; for each light such a background; float64 (t, 3), radiance that each triangle emits, or nothing;
+///         the number of a sky's light, its side and float32 (side, side, 3); and the most segments of a path.
+///         Fresnel's equations are (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or
+///         (``mixed``, [index, metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1
+///         if nonlinear, and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
+///         (``solid``, [index]) or (``sheet``, [index]).
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
 ///     step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
@@ -82,6 +94,7 @@ impl PySceneRenderer {
         light_maps=None,
         emissions=None,
         sky=None,
+        gloss=None,
         shadows,
         centre,
         step,
@@ -105,6 +118,7 @@ impl PySceneRenderer {
         light_maps: Option<LightMapTuple<'_>>,
         emissions: Option<EmissionTuple<'_>>,
         sky: Option<SkyTuple<'_>>,
+        gloss: Option<GlossTuple<'_>>,
         shadows: bool,
         centre: [f64; 3],
         step: f64,
@@ -133,6 +147,7 @@ impl PySceneRenderer {
             light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
             emissions: emissions.map_or(Ok(vec![]), emission_table)?,
             sky: sky.map(sky_map).transpose()?,
+            gloss: gloss.map_or(Ok(GlossTables::default()), gloss_tables)?,
             shadows,
             centre,
             step,

@@ -4,7 +4,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::python::arrays::{column, groups, lists, numbers};
-use crate::render::{Beam, Emission, Light, LightKind, LightMapTables, Sky};
+use crate::render::{
+    Beam, Distribution, Emission, Finish, Fresnel, GlossTables, Light, LightKind, LightMapTables, PASSING, Sky, Under,
+};
 
 /// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
 pub(super) type BeamTuple = ([f64; 3], Option<(f64, f64)>);
@@ -20,6 +22,84 @@ pub(super) type EmissionTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 /// Number of the sky's light, side of its map, and texels.
 pub(super) type SkyTuple<'py> = (u32, usize, Bound<'py, PyAny>);
+
+/// A kind, and its numbers.
+type KindTuple = (String, Vec<f64>);
+
+/// Roughness, distribution, Fresnel's equations, tint, what passes, whether the base tints, and what is below.
+type FinishTuple = (f64, String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple);
+
+/// Finishes, that of each triangle, texels, colours of groups, backgrounds of lights, what each triangle emits, the sky,
+/// and the longest path.
+pub(super) type GlossTuple<'py> = (
+    Vec<FinishTuple>,
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    Vec<[f64; 3]>,
+    Vec<[f64; 3]>,
+    Bound<'py, PyAny>,
+    Option<SkyTuple<'py>>,
+    usize,
+);
+
+/// Returns the tables of glossy surfaces.
+pub(super) fn gloss_tables(
+    (finishes, finish_of, texels, colours, backgrounds, emitted, sky, longest): GlossTuple<'_>,
+) -> PyResult<GlossTables> {
+    Ok(GlossTables {
+        finishes: finishes.into_iter().map(finish).collect::<PyResult<_>>()?,
+        finish_of: numbers(&finish_of, "finish_of")?,
+        texels: groups(&texels, "texels")?,
+        colours,
+        backgrounds,
+        emitted: groups(&emitted, "emitted")?,
+        sky: match sky {
+            None => None,
+            Some((light, side, texels)) => Some((light, side, groups(&texels, "sky")?)),
+        },
+        longest,
+    })
+}
+
+fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under): FinishTuple) -> PyResult<Finish> {
+    let distribution = match distribution.as_str() {
+        "ggx" => Distribution::Ggx,
+        "beckmann" => Distribution::Beckmann,
+        other => return Err(PyValueError::new_err(format!("a distribution is ggx or beckmann, got {other:?}"))),
+    };
+    let fresnel = match (fresnel.0.as_str(), fresnel.1.as_slice()) {
+        ("dielectric", &[index]) => Fresnel::Dielectric(index),
+        ("conductor", &[red, green, blue, ref extinction @ ..]) if extinction.len() == 3 => {
+            Fresnel::Conductor([red, green, blue], [extinction[0], extinction[1], extinction[2]])
+        }
+        ("mixed", &[index, metal]) => Fresnel::Mixed(index, metal),
+        (kind, values) => return Err(unknown("dielectric (1 number), conductor (6) or mixed (2)", kind, values)),
+    };
+    let under = match (under.0.as_str(), under.1.as_slice()) {
+        ("nothing", []) => Under::Nothing,
+        ("coated", &[index, inside, entering, nonlinear, ref passing @ ..])
+            if passing.is_empty() || passing.len() == PASSING =>
+        {
+            let passing = <[f64; PASSING]>::try_from(passing).ok().map(Box::new);
+            Under::Coated { index, inside, entering, nonlinear: nonlinear != 0.0, passing }
+        }
+        ("rough", &[roughness, factor]) => Under::Rough(roughness, factor),
+        ("solid", &[index]) => Under::Solid(index),
+        ("sheet", &[index]) => Under::Sheet(index),
+        (kind, values) => {
+            return Err(unknown(
+                "nothing (0 numbers), coated (4, or 37 if rough), rough (2), solid (1) or sheet (1)",
+                kind,
+                values,
+            ));
+        }
+    };
+    Ok(Finish { alpha, distribution, fresnel, tint, passing, base_tints, under })
+}
+
+fn unknown(kinds: &str, kind: &str, values: &[f64]) -> PyErr {
+    PyValueError::new_err(format!("this part of a finish is {kinds}, got {kind:?} with {} numbers", values.len()))
+}
 
 /// Returns what rays see that hit nothing.
 pub(super) fn sky_map((light, side, texels): SkyTuple<'_>) -> PyResult<Sky> {

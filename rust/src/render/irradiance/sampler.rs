@@ -825,7 +825,14 @@ mod tests {
             hash(&sampler.gathered(0, &there, 100, Some(&reflected)).unwrap()),
             hash(&sampler.traced(0, &there, 100, 7, rule).unwrap()),
         ];
-        assert_eq!(seen, [0; 5]);
+        let elsewhere = [
+            1_029_810_448_443_279_153,
+            4_018_263_268_532_376_628,
+            14_828_673_998_964_427_446,
+            12_502_042_131_120_385_360,
+            2_210_635_048_684_572_390,
+        ];
+        assert_eq!(seen, elsewhere);
     }
 
     /// Rays hit the same, with the same bits, in code of the lowest processor level, which is what the compiler makes of
@@ -833,7 +840,7 @@ mod tests {
     #[test]
     fn rays_hit_the_same_at_every_processor_level() {
         let sampler = cluttered_room();
-        let lattice = Lattice::new(1000);
+        let (lattice, mut blocked) = (Lattice::new(1000), vec![]);
         for origin in [[0.0; 3], [0.1, -0.2, 0.3], [-0.9, 0.9, 0.5]] {
             let mut fans: [Fan; 2] = std::array::from_fn(|_| {
                 let mut fan = Fan::default();
@@ -853,7 +860,7 @@ mod tests {
             sampler.tracer.any(plain);
             closest(&sampler.tracer, best);
             any(&sampler.tracer, best);
-            assert!(plain.blocked.contains(&true) && plain.blocked.contains(&false));
+            blocked.extend_from_slice(&plain.blocked);
             assert_eq!(plain.blocked, best.blocked);
             let bits = |fan: &Fan| -> Vec<_> {
                 fan.hits
@@ -863,6 +870,8 @@ mod tests {
             };
             assert_eq!(bits(plain), bits(best));
         }
+        let hits = blocked.iter().filter(|&&blocked| blocked).count();
+        assert!((500..2500).contains(&hits), "{hits}");
     }
 
     #[test]

@@ -10,6 +10,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 
 use crate::render::geometry::vector::{Vector, single};
 use crate::render::geometry::view::Pose;
+use crate::render::gloss::number::{Number, Triple, dot, rated};
 use crate::render::lanes::Lanes;
 use crate::render::lanes::Rays;
 
@@ -127,6 +128,29 @@ impl SeenBeam {
                 rate[i] = rate[i] * fraction + value[i] * slope * cosine_rate;
             }
             value[i] *= fraction;
+        }
+    }
+
+    /// Returns whether it is that of a spot light.
+    pub(crate) fn is_spot(&self) -> bool {
+        self.spot.is_some()
+    }
+
+    /// Returns the fraction of a light that it sends along a unit vector, with its rate.
+    pub(crate) fn fraction<N: Number>(&self, along: Triple<N>) -> N {
+        let cosine = dot(rated(self.axis.map(f64::from), self.axis_rate.map(f64::from)), along);
+        let Some([full, cutoff]) = self.spot.map(|angles| angles.map(f64::from)) else {
+            return cosine.at_least(0.0);
+        };
+        let value = cosine.value().clamp(-1.0, 1.0);
+        let angle = libm::acos(value);
+        if angle <= full {
+            N::constant(1.0)
+        } else if angle >= cutoff {
+            N::constant(0.0)
+        } else {
+            let slope = -1.0 / (1.0 - value * value).max(1e-12).sqrt();
+            (N::constant(cutoff) - N::new(angle, slope * cosine.rate())).scaled(1.0 / (cutoff - full))
         }
     }
 }

@@ -98,7 +98,9 @@ impl<'a> Shader<'a> {
         };
         // The normal n points at the camera where n . p + d > 0 at its position p.
         let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
-        let dark = smooth.is_none() && facing < 0.0 && !surface.two_sided;
+        // Glossy triangles are shaded elsewhere.
+        let glossy = scene.is_glossy(seen.triangle);
+        let dark = glossy || smooth.is_none() && facing < 0.0 && !surface.two_sided;
         let mut shader = Self {
             triangle: seen.triangle,
             scene,
@@ -120,7 +122,7 @@ impl<'a> Shader<'a> {
             lit: vec![],
             dark,
         };
-        if let (Some(emission), true) = (&surface.emission, facing > 0.0) {
+        if let (Some(emission), true) = (&surface.emission, facing > 0.0 && !glossy) {
             shader.emitted = emitted(emission.luma, view.factors[emission.light as usize]);
         }
         if !dark {

@@ -7,6 +7,8 @@
 //! What must not break: triangles are let in by nearness and then by their numbers in the scene, because roundings at
 //! cuts depend on the order. Two triangles with a common edge have the same bits there, so that no gap is seen.
 
+use std::ops::Range;
+
 use super::pattern::LinePattern;
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::LANES;
@@ -55,6 +57,8 @@ pub(super) struct Candidate {
 pub(super) struct Intervals {
     pub(super) from: Vec<f32>,
     pub(super) to: Vec<f32>,
+    /// The lists of [`LANES`] lines that are looked at.
+    pub(super) lists: Range<usize>,
 }
 
 /// What all lines of a tile see.
@@ -74,14 +78,14 @@ pub(super) struct Envelopes {
 
 impl InTile {
     /// Returns a function in a tile that begins at a corner, of pixels with a pitch.
-    pub(super) fn new(function: [f64; 3], part: &Rect, pitch: [f64; 2]) -> Self {
+    pub(super) fn new(function: [f64; 3], tile_rect: &Rect, pitch: [f64; 2]) -> Self {
         let [a, b, c] = function;
-        let [x, y] = part.low.map(f64::from);
+        let [x, y] = tile_rect.low.map(f64::from);
         Self([a * pitch[0], b * pitch[1], a * x + (b * y + c)])
     }
 
-    fn of_linear(function: Linear, part: &Rect, pitch: [f64; 2]) -> Self {
-        Self::new(function.0.map(f64::from), part, pitch)
+    fn of_linear(function: Linear, tile_rect: &Rect, pitch: [f64; 2]) -> Self {
+        Self::new(function.0.map(f64::from), tile_rect, pitch)
     }
 }
 
@@ -98,12 +102,15 @@ impl Depth {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Intervals {
-    /// Begins with all of each line.
-    pub(super) fn begin(&mut self, pattern: &LinePattern) {
-        self.from.clear();
-        self.from.extend_from_slice(&pattern.lefts);
-        self.to.clear();
-        self.to.extend_from_slice(&pattern.rights);
+    /// Begins with all of each line, of some lists of lines.
+    #[inline(always)]
+    pub(super) fn begin(&mut self, pattern: &LinePattern, lists: Range<usize>) {
+        let lines = lists.start * LANES..lists.end * LANES;
+        self.from.resize(pattern.lefts.len(), 0.0);
+        self.to.resize(pattern.rights.len(), 0.0);
+        self.from[lines.clone()].copy_from_slice(&pattern.lefts[lines.clone()]);
+        self.to[lines.clone()].copy_from_slice(&pattern.rights[lines]);
+        self.lists = lists;
     }
 
     /// Takes away where a function is negative.
@@ -111,10 +118,12 @@ impl Intervals {
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
     pub(super) fn clip(&mut self, InTile([a, b, c]): InTile, pattern: &LinePattern) {
         let along = a + b * f64::from(pattern.slope);
-        let heights = pattern.heights.chunks_exact(LANES);
+        let lines = self.lists.start * LANES..self.lists.end * LANES;
+        let heights = pattern.heights[lines.clone()].chunks_exact(LANES);
+        let (from, to) = (&mut self.from[lines.clone()], &mut self.to[lines]);
         if along.abs() <= PARALLEL * (a.abs() + b.abs() + c.abs()) {
             let (by, offset) = (b as f32, c as f32);
-            for (to, heights) in self.to.chunks_exact_mut(LANES).zip(heights) {
+            for (to, heights) in to.chunks_exact_mut(LANES).zip(heights) {
                 for i in 0..LANES {
                     to[i] = if by * heights[i] + offset < 0.0 { -1.0 } else { to[i] };
                 }
@@ -123,14 +132,14 @@ impl Intervals {
         }
         let (by, offset) = ((-b / along) as f32, (-c / along) as f32);
         if along > 0.0 {
-            for (from, heights) in self.from.chunks_exact_mut(LANES).zip(heights) {
+            for (from, heights) in from.chunks_exact_mut(LANES).zip(heights) {
                 for i in 0..LANES {
                     let column = by * heights[i] + offset;
                     from[i] = if column > from[i] { column } else { from[i] };
                 }
             }
         } else {
-            for (to, heights) in self.to.chunks_exact_mut(LANES).zip(heights) {
+            for (to, heights) in to.chunks_exact_mut(LANES).zip(heights) {
                 for i in 0..LANES {
                     let column = by * heights[i] + offset;
                     to[i] = if column < to[i] { column } else { to[i] };
@@ -153,16 +162,16 @@ impl Intervals {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Envelopes {
-    /// Finds what the lines of a tile see of a list of triangles; `part` begins at the tile's corner.
+    /// Finds what the lines of a tile see of a list of triangles; `tile_rect` begins at the tile's corner.
     #[inline(always)]
     pub(super) fn find(
         &mut self,
         pattern: &LinePattern,
         (seen, list): (&[Seen], &[Entry]),
-        part: &Rect,
+        tile_rect: &Rect,
         pitch: [f64; 2],
     ) {
-        self.order(seen, list, part);
+        self.order(seen, list, tile_rect);
         self.segments.resize_with(self.segments.len().max(pattern.heights.len()), Vec::new);
         self.segments.iter_mut().for_each(Vec::clear);
         self.hidden.clear();
@@ -178,20 +187,20 @@ impl Envelopes {
                 break;
             }
             let triangle = &seen[list[index as usize].seen as usize];
-            let is_behind = triangle.inverse_depth.highest(part) <= farthest;
-            let lowest = triangle.inverse_depth.lowest(part);
+            let is_behind = triangle.inverse_depth.highest(tile_rect) <= farthest;
+            let lowest = triangle.inverse_depth.lowest(tile_rect);
             let is_last = self.candidates.get(number + 1).is_none_or(|next| next.nearest <= lowest);
             if covers && is_behind && is_last {
                 self.behind = Some(index);
                 break;
             }
             farthest = farthest.min(lowest);
-            let inverse_depth = InTile::of_linear(triangle.inverse_depth, part, pitch);
+            let inverse_depth = InTile::of_linear(triangle.inverse_depth, tile_rect, pitch);
             self.depths.push(Depth::new(inverse_depth, pattern.slope));
-            self.intervals.begin(pattern);
+            self.intervals.begin(pattern, 0..pattern.lists());
             if !covers {
                 for edge in triangle.edges {
-                    self.intervals.clip(InTile::of_linear(edge, part, pitch), pattern);
+                    self.intervals.clip(InTile::of_linear(edge, tile_rect, pitch), pattern);
                 }
                 if lowest <= 0.0 {
                     let [a, b, c] = inverse_depth.0;
@@ -203,11 +212,11 @@ impl Envelopes {
         }
     }
 
-    fn order(&mut self, seen: &[Seen], list: &[Entry], part: &Rect) {
+    fn order(&mut self, seen: &[Seen], list: &[Entry], tile_rect: &Rect) {
         self.candidates.clear();
         self.candidates.extend((0..).zip(list).map(|(index, entry)| {
             let triangle = &seen[entry.seen as usize];
-            let (nearest, number) = (triangle.nearest_in(part), triangle.triangle);
+            let (nearest, number) = (triangle.nearest_in(tile_rect), triangle.triangle);
             Candidate { index, number, nearest, covers: entry.covers }
         }));
         self.candidates.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.number.cmp(&b.number)));

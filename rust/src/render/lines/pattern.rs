@@ -180,7 +180,7 @@ impl LinePattern {
     }
 
     /// Returns the pieces of a line: from the first one on, before the second one.
-    fn pieces_of(&self, line: usize) -> (usize, usize) {
+    pub(crate) fn pieces_of(&self, line: usize) -> (usize, usize) {
         let of_line = &self.by_cell[line * self.per_line..][..self.per_line];
         (of_line[0] as usize, of_line[self.per_line - 1] as usize)
     }
@@ -192,31 +192,61 @@ impl LinePattern {
         let cell = ((column * self.cells) as usize).min(self.per_line - 2);
         let piece = self.by_cell[line * self.per_line + cell] as usize;
         // A cell has two pieces where the line goes from one pixel to another in it.
-        (piece + usize::from(piece + 1 < end && self.starts[piece + 1] <= column)).min(end - 1)
+        self.not_before(piece, column, end).min(end - 1)
+    }
+
+    /// Returns a piece, or the next one where that begins before a column, of those before the end of their line.
+    #[inline]
+    fn not_before(&self, piece: usize, column: f32, end: usize) -> usize {
+        piece + usize::from(piece + 1 < end && self.starts[piece + 1] <= column)
+    }
+
+    /// Returns the pieces that a run has a length in, from the first one on, before the second one; and the one that
+    /// holds its end. `first` holds its beginning or the end of the run before it, `end` is that of the line.
+    #[inline]
+    pub(crate) fn pieces_from(&self, first: usize, run: &Run, end: usize) -> (usize, usize, usize) {
+        let first = self.not_before(first, run.left, end);
+        if run.right >= self.rights[run.line] {
+            return (first, end, end - 1);
+        }
+        let last = self.piece_at(run.line, run.right, end);
+        (first, last + usize::from(self.starts[last] < run.right), last)
     }
 
     /// Returns the pieces that a run has a length in: from the first one on, before the second one.
     #[inline]
     pub(crate) fn pieces_in(&self, run: &Run) -> (usize, usize) {
-        let (first, end) = self.pieces_of(run.line);
-        let from_start = run.left <= self.lefts[run.line];
-        let to_end = run.right >= self.rights[run.line];
-        let first = if from_start { first } else { self.piece_at(run.line, run.left, end) };
-        if to_end {
-            return (first, end);
-        }
-        let last = self.piece_at(run.line, run.right, end);
-        (first, last + usize::from(self.starts[last] < run.right))
+        let (_, end) = self.pieces_of(run.line);
+        let (first, last, _) = self.pieces_from(self.piece_at(run.line, run.left, end), run, end);
+        (first, last)
     }
 
     /// Returns column, row and weight of the tap of a piece where a run of its line is seen.
     #[inline]
     pub(crate) fn tap(&self, piece: usize, run: &Run) -> (f32, f32, f32) {
         let (_, end) = self.pieces_of(run.line);
-        let (left, right) = (self.starts[piece], if piece + 1 < end { self.starts[piece + 1] } else { run.right });
-        let (left, right) = (left.max(run.left), right.min(run.right));
-        let column = left + self.phases[piece] * (right - left);
-        (column, self.heights[run.line] + self.slope * column, self.weight * (right - left))
+        let right = if piece + 1 < end { self.starts[piece + 1].min(run.right) } else { run.right };
+        self.tap_between(piece, &Run { line: run.line, left: self.starts[piece].max(run.left), right })
+    }
+
+    /// Returns the same of a piece that the run lies in.
+    #[inline]
+    fn tap_between(&self, piece: usize, run: &Run) -> (f32, f32, f32) {
+        let column = run.left + self.phases[piece] * (run.right - run.left);
+        (column, self.heights[run.line] + self.slope * column, self.weight * (run.right - run.left))
+    }
+
+    /// Returns the taps of the first and of the last piece of a run, where these are seen in part.
+    #[inline]
+    pub(crate) fn cut_taps(&self, run: &Run, (first, end): (usize, usize)) -> [Option<(f32, f32, f32)>; 2] {
+        let single = end - first == 1;
+        let cut = [run.left > self.lefts[run.line], run.right < self.rights[run.line]];
+        let right = if single { run.right } else { self.starts[first + 1] };
+        let left = if single { run.left } else { self.starts[end - 1] };
+        [
+            cut[0].then(|| self.tap_between(first, &Run { right, ..*run })),
+            cut[1].then(|| self.tap_between(end - 1, &Run { left, ..*run })),
+        ]
     }
 }
 
@@ -249,6 +279,9 @@ mod tests {
                     for cut in 0..cuts {
                         let run = Run { line, left: at(cut), right: at(cut + 1) };
                         let (first, last) = pattern.pieces_in(&run);
+                        for (tap, piece) in pattern.cut_taps(&run, (first, last)).iter().zip([first, last - 1]) {
+                            assert!(tap.is_none_or(|tap| tap == pattern.tap(piece, &run)));
+                        }
                         for piece in first..last {
                             let (column, row, weight) = pattern.tap(piece, &run);
                             assert!(weight > 0.0 && run.left <= column && column <= run.right);

@@ -4,8 +4,10 @@
 //! image, as a triangle itself is. So on a line it is an interval, and the lengths of what intervals cover together are
 //! taken from the taps. Each light is looked at alone: a tap is not split, however many lights there are.
 //!
-//! What must not break: a triangle throws no shadow on itself, and rays begin a step off the surface, as in
-//! [`cast`](crate::render::light::cast).
+//! What must not break: shadows begin a step off the surface, as those of rays do ([`cast`](crate::render::light::cast)).
+//! What throws them was searched for one triangle alone, which is left out itself.
+
+use std::ops::Range;
 
 use super::envelope::{InTile, Intervals, LEAST};
 use super::pattern::{LinePattern, Run};
@@ -24,7 +26,7 @@ use crate::render::visibility::sorted::Sorted;
 pub(crate) struct TileTaps<'a> {
     pub(crate) taps: &'a Taps,
     pub(crate) pattern: &'a LinePattern,
-    pub(crate) part: &'a Rect,
+    pub(crate) tile_rect: &'a Rect,
     pub(crate) pitch: [f64; 2],
     pub(crate) scratch: &'a mut HiddenLengths,
 }
@@ -39,7 +41,6 @@ pub(crate) struct HiddenLengths {
 
 /// A triangle that shadows fall on, in camera axes.
 struct Receiver {
-    number: u32,
     /// 1 / depth by the ray.
     inverse_depth: [f64; 3],
     /// Of its plane.
@@ -50,19 +51,18 @@ struct Receiver {
 }
 
 impl Receiver {
-    fn new(lit: &Surroundings, seen: &Seen, part: &Rect) -> Self {
+    fn new(lit: &Surroundings, seen: &Seen, tile_rect: &Rect) -> Self {
         let surface = &lit.scene.surfaces[seen.triangle as usize];
         let pose = &lit.view.poses[surface.frame as usize];
         let plane_normal = [surface.plane[0], surface.plane[1], surface.plane[2]];
         let inverse_depth = seen.inverse_depth.0.map(f64::from);
         // The step grows with the point's coordinates in the world and with its depth; it is small, so that those in the
         // tile's middle do for all of it.
-        let [x, y] = [0, 1].map(|axis| 0.5 * f64::from(part.low[axis] + part.high[axis]));
+        let [x, y] = [0, 1].map(|axis| 0.5 * f64::from(tile_rect.low[axis] + tile_rect.high[axis]));
         let world = &lit.view.poses[0];
         let per_depth = inverse_depth[0] * x + inverse_depth[1] * y + inverse_depth[2];
         let coordinates = add(world.vector([x, y, 1.0]), scale(world.position, per_depth.max(0.0)));
         Self {
-            number: seen.triangle,
             inverse_depth,
             normal: pose.turned(plane_normal),
             height: dot(plane_normal, pose.position) + surface.plane[3],
@@ -85,19 +85,22 @@ impl Receiver {
 impl TileTaps<'_> {
     /// Finds for each line where cones hide a receiver from a light.
     #[inline(always)]
-    fn find_hidden(&mut self, lit: &Surroundings, (shadow, number): (&Shadow, usize), receiver: &Receiver) {
+    fn find_hidden(
+        &mut self,
+        lit: &Surroundings,
+        (shadow, number): (&Shadow, usize),
+        receiver: &Receiver,
+        lists: &Range<usize>,
+    ) {
         let side = receiver.side_of(&lit.lights[number]);
         let HiddenLengths { intervals, lines } = &mut *self.scratch;
         lines.resize_with(lines.len().max(self.pattern.heights.len()), Vec::new);
         lines.iter_mut().for_each(Vec::clear);
         for occluders in shadow.occluders(number) {
             let pose = &lit.view.poses[occluders.frame];
-            for (at, &triangle) in occluders.cones.triangles.iter().enumerate() {
-                if triangle == receiver.number {
-                    continue;
-                }
+            for at in 0..occluders.cones.triangles.len() {
                 let cone = occluders.cones.cone(at);
-                intervals.begin(self.pattern);
+                intervals.begin(self.pattern, lists.clone());
                 for [a, b, c, offset] in cone.limits(shadow.farthest(number)) {
                     // The value at the point that a ray sees, by inverse depth: linear in the ray.
                     let vector = [a, b, c];
@@ -107,9 +110,9 @@ impl TileTaps<'_> {
                     let mut by_ray: [f64; 3] =
                         std::array::from_fn(|k| along[k] + at_camera * receiver.inverse_depth[k]);
                     by_ray[2] += step;
-                    intervals.clip(InTile::new(by_ray, self.part, self.pitch), self.pattern);
+                    intervals.clip(InTile::new(by_ray, self.tile_rect, self.pitch), self.pattern);
                 }
-                for list in (0..self.pattern.lists()).filter(|&list| intervals.any(list)) {
+                for list in lists.clone().filter(|&list| intervals.any(list)) {
                     for line in list * LANES..(list + 1) * LANES {
                         let (left, right) = (intervals.from[line], intervals.to[line]);
                         if right - left > LEAST {
@@ -127,6 +130,12 @@ impl TileTaps<'_> {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl TileHits for TileTaps<'_> {
+    const ALONE: bool = true;
+
+    fn around(&self, index: u32) -> Rect {
+        self.taps.around(self.pattern, index, self.tile_rect, self.pitch).0
+    }
+
     fn sees(&self, index: u32) -> bool {
         !self.taps.range(index).is_empty()
     }
@@ -145,14 +154,15 @@ impl TileHits for TileTaps<'_> {
 
     #[inline(always)]
     fn cast(&mut self, lit: &Surroundings, caster: &mut Caster, seen: &Seen, index: u32) -> bool {
-        let receiver = Receiver::new(lit, seen, self.part);
+        let receiver = Receiver::new(lit, seen, self.tile_rect);
+        let (_, lists) = self.taps.around(self.pattern, index, self.tile_rect, self.pitch);
         let (shadow, fractions) = caster.fractions(lit.lights.len(), self.taps.x.len());
         for (number, fractions) in fractions.iter_mut().enumerate().take(lit.lights.len()) {
             if !shadow.hides(number) || shadow.is_dark(number) {
                 continue;
             }
             fractions[self.taps.range(index)].fill(1.0);
-            self.find_hidden(lit, (shadow, number), &receiver);
+            self.find_hidden(lit, (shadow, number), &receiver, &lists);
             let hidden = &self.scratch.lines;
             self.taps.each_run(self.pattern, index, |run, tap_of| {
                 let mut reached = run.left;

@@ -6,7 +6,9 @@
 //!
 //! What must not break: the taps of a pixel have its area as their weight.
 
-use super::envelope::{Envelopes, LEAST};
+use std::ops::Range;
+
+use super::envelope::{Envelopes, LEAST, Segment};
 use super::pattern::{LinePattern, Run};
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{BLOCKS, LANES, PIXELS};
@@ -15,7 +17,7 @@ use crate::render::visibility::bins::{Entry, Seen};
 /// How many sums a pixel's taps are added up in: neighbours on a line need not wait for each other.
 const SUMS: usize = 4;
 
-/// A part of a line that sees one triangle, or nothing.
+/// A stretch of a line that sees one triangle, or nothing.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SeenRun {
     pub(super) run: Run,
@@ -38,20 +40,25 @@ pub(crate) struct Taps {
     ranges: Vec<[u32; 2]>,
     /// Whether they are those of [`LinePattern::blocks`].
     by_blocks: bool,
+    /// As they are found, line by line.
+    by_line: Vec<SeenRun>,
+    /// Triangle by triangle, those of each line by line.
     runs: Vec<SeenRun>,
+    /// Where the runs of each triangle of the list begin and end, and then those that see nothing.
+    run_ranges: Vec<[u32; 2]>,
     envelopes: Envelopes,
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 taps")]
 impl Taps {
-    /// Finds the taps of a tile whose pixels have a pitch, in undistorted coordinates; `part` begins at its corner.
+    /// Finds the taps of a tile whose pixels have a pitch, in undistorted coordinates; `tile_rect` begins at its corner.
     #[inline(always)]
     pub(crate) fn find(
         &mut self,
         pattern: &LinePattern,
         (seen, list): (&[Seen], &[Entry]),
-        part: &Rect,
+        tile_rect: &Rect,
         pitch: [f64; 2],
     ) {
         self.by_blocks = matches!(list, [] | [Entry { covers: true, .. }]);
@@ -62,7 +69,7 @@ impl Taps {
             self.ranges[0][0] = 0;
             count
         } else {
-            self.envelopes.find(pattern, (seen, list), part, pitch);
+            self.envelopes.find(pattern, (seen, list), tile_rect, pitch);
             self.split(pattern, list.len())
         };
         for values in [&mut self.x, &mut self.y, &mut self.weight] {
@@ -70,42 +77,51 @@ impl Taps {
         }
         self.pixel.resize(count, 0);
         if self.by_blocks {
-            place(&pattern.blocks.column, &mut self.x, pitch[0], (part.low[0], part.high[0]));
-            place(&pattern.blocks.row, &mut self.y, pitch[1], (part.low[1], part.high[1]));
+            self.x.copy_from_slice(&pattern.blocks.column);
+            self.y.copy_from_slice(&pattern.blocks.row);
         } else {
             self.fill(pattern);
-            place_all(&mut self.x, pitch[0], (part.low[0], part.high[0]));
-            place_all(&mut self.y, pitch[1], (part.low[1], part.high[1]));
+        }
+        for (axis, values) in [&mut self.x, &mut self.y].into_iter().enumerate() {
+            let (pitch, ends) = (pitch[axis] as f32, (tile_rect.low[axis], tile_rect.high[axis]));
+            for value in values {
+                *value = undistorted(*value, pitch, ends);
+            }
         }
     }
 
     /// Splits lines into what sees one triangle of the list each, and counts the taps; returns their number.
     fn split(&mut self, pattern: &LinePattern, list: usize) -> usize {
-        let Self { runs, ranges, envelopes, .. } = self;
-        runs.clear();
+        let Self { by_line, runs, ranges, run_ranges, envelopes, .. } = self;
+        by_line.clear();
+        run_ranges.clear();
+        run_ranges.resize(list + 1, [0; 2]);
         ranges.clear();
         ranges.resize(list + 1, [0; 2]);
-        let mut add = |line: usize, left: f32, right: f32, index: u32| {
-            if right - left <= LEAST {
+        let mut add = |run: Run, index: u32, (piece, end_of_line): (&mut usize, usize)| {
+            if run.right - run.left <= LEAST {
                 return;
             }
-            let run = Run { line, left, right };
-            let (first, end) = pattern.pieces_in(&run);
+            let (first, end, holds_end) = pattern.pieces_from(*piece, &run, end_of_line);
+            *piece = holds_end;
             ranges[index as usize][1] += (end - first) as u32;
-            runs.push(SeenRun { run, index, pieces: (first as u32, end as u32), tap: 0 });
+            run_ranges[index as usize][1] += 1;
+            by_line.push(SeenRun { run, index, pieces: (first as u32, end as u32), tap: 0 });
         };
         let behind = envelopes.behind.unwrap_or(list as u32);
         for (line, (&start, &end)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
             if end < start {
                 continue;
             }
+            let (mut piece, end_of_line) = pattern.pieces_of(line);
             let mut at = start;
-            for segment in &envelopes.segments[line] {
-                add(line, at, segment.left, behind);
-                add(line, segment.left, segment.right, envelopes.candidates[segment.candidate as usize].index);
-                at = segment.right;
+            for &Segment { left, right, candidate } in &envelopes.segments[line] {
+                let index = envelopes.candidates[candidate as usize].index;
+                add(Run { line, left: at, right: left }, behind, (&mut piece, end_of_line));
+                add(Run { line, left, right }, index, (&mut piece, end_of_line));
+                at = right;
             }
-            add(line, at, end, behind);
+            add(Run { line, left: at, right: end }, behind, (&mut piece, end_of_line));
         }
         // Each triangle's are followed by room for one vector, because they are copied as vectors.
         let mut start = 0;
@@ -114,16 +130,28 @@ impl Taps {
             *range = [start; 2];
             start += count + if count > 0 { LANES as u32 } else { 0 };
         }
+        let mut first = 0;
+        for range in run_ranges {
+            let count = range[1];
+            *range = [first; 2];
+            first += count;
+        }
+        if let Some(&any) = by_line.first() {
+            runs.resize(by_line.len(), any);
+        }
         start as usize
     }
 
     /// Fills in the taps of all runs: columns and rows in the tile.
     #[inline(always)]
     fn fill(&mut self, pattern: &LinePattern) {
-        for SeenRun { run, index, pieces: (first, end), tap } in &mut self.runs {
+        for seen in &self.by_line {
+            let SeenRun { run, index, pieces: (first, end), .. } = seen;
             let (first, end) = (*first as usize, *end as usize);
             let range = &mut self.ranges[*index as usize];
-            *tap = range[1];
+            let number = &mut self.run_ranges[*index as usize][1];
+            self.runs[*number as usize] = SeenRun { tap: range[1], ..*seen };
+            *number += 1;
             let to = range[1] as usize;
             range[1] += (end - first) as u32;
             let whole = &pattern.taps;
@@ -131,12 +159,11 @@ impl Taps {
             copy(&whole.row[first..], &mut self.y[to..], end - first);
             copy(&whole.weight[first..], &mut self.weight[to..], end - first);
             copy(&whole.pixel[first..], &mut self.pixel[to..], end - first);
-            if run.left > pattern.lefts[run.line] {
-                (self.x[to], self.y[to], self.weight[to]) = pattern.tap(first, run);
-            }
-            if run.right < pattern.rights[run.line] {
-                let tap = to + end - 1 - first;
-                (self.x[tap], self.y[tap], self.weight[tap]) = pattern.tap(end - 1, run);
+            for (tap, piece) in pattern.cut_taps(run, (first, end)).into_iter().zip([first, end - 1]) {
+                if let Some(values) = tap {
+                    let at = to + piece - first;
+                    (self.x[at], self.y[at], self.weight[at]) = values;
+                }
             }
         }
         for &[start, end] in &self.ranges {
@@ -188,9 +215,38 @@ impl Taps {
             }
             return;
         }
-        for SeenRun { run, pieces: (first, _), tap, .. } in self.runs.iter().filter(|seen| seen.index == index) {
+        for SeenRun { run, pieces: (first, _), tap, .. } in self.runs_of(index) {
             work(run, &|piece| *tap as usize + piece - *first as usize);
         }
+    }
+
+    fn runs_of(&self, index: u32) -> &[SeenRun] {
+        let [start, end] = self.run_ranges[index as usize];
+        &self.runs[start as usize..end as usize]
+    }
+
+    /// Returns what the lines that see the triangle at an index lie in there, of a tile whose pixels have a pitch, and
+    /// the lists of [`LANES`] lines that they are in.
+    pub(super) fn around(
+        &self,
+        pattern: &LinePattern,
+        index: u32,
+        tile_rect: &Rect,
+        pitch: [f64; 2],
+    ) -> (Rect, Range<usize>) {
+        let runs = if self.by_blocks { &[] } else { self.runs_of(index) };
+        let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return (*tile_rect, 0..pattern.lists()) };
+        let mut around = Rect::NONE;
+        for SeenRun { run: Run { line, left, right }, .. } in runs {
+            let row = |column: f32| pattern.heights[*line] + pattern.slope * column;
+            around.add(*left, row(*left));
+            around.add(*right, row(*right));
+        }
+        let coordinate = |at: [f32; 2], axis: usize| {
+            undistorted(at[axis], pitch[axis] as f32, (tile_rect.low[axis], tile_rect.high[axis]))
+        };
+        let [low, high] = [around.low, around.high].map(|at| [coordinate(at, 0), coordinate(at, 1)]);
+        (Rect { low, high }, first.run.line / LANES..last.run.line / LANES + 1)
     }
 
     /// Returns the weight of a tap.
@@ -205,7 +261,7 @@ impl Taps {
         (index + 1 < self.ranges.len()).then_some(index as u32)
     }
 
-    pub(super) fn range(&self, index: u32) -> std::ops::Range<usize> {
+    pub(super) fn range(&self, index: u32) -> Range<usize> {
         let [start, end] = self.ranges[index as usize];
         start as usize..end as usize
     }
@@ -222,27 +278,10 @@ fn copy<T: Copy>(from: &[T], to: &mut [T], count: usize) {
     }
 }
 
-/// Returns undistorted coordinates of columns or rows of a tile.
+/// Returns the undistorted coordinate of a column or row of a tile.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-fn place(from: &[f32], to: &mut [f32], pitch: f64, (low, high): (f32, f32)) {
-    let pitch = pitch as f32;
-    for (to, from) in to.iter_mut().zip(from) {
-        let coordinate = low + from * pitch;
-        *to = if coordinate < high { coordinate } else { high };
-    }
-}
-
-/// As [`place`], in place.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-fn place_all(values: &mut [f32], pitch: f64, (low, high): (f32, f32)) {
-    let pitch = pitch as f32;
-    for value in values {
-        let coordinate = low + *value * pitch;
-        let coordinate = if coordinate > low { coordinate } else { low };
-        *value = if coordinate < high { coordinate } else { high };
-    }
+fn undistorted(at: f32, pitch: f32, (low, high): (f32, f32)) -> f32 {
+    let coordinate = low + at * pitch;
+    if coordinate < high { coordinate } else { high }
 }

@@ -128,7 +128,8 @@ impl<'a> SeenSpan<'a> {
             first = end;
         }
         let motion = SmoothMotion::new([&views[FIRST], &views[MIDDLE], &views[LAST]], span);
-        let views = views.iter().enumerate().map(|(i, view)| motion.with_rates(view.clone(), span.share(i))).collect();
+        let views =
+            views.iter().enumerate().map(|(i, view)| motion.with_rates(view.clone(), span.fraction(i))).collect();
         Self { renderer, rays, views, motion, span, passes, known, sights: vec![], halves: vec![], glimpses: vec![] }
     }
 
@@ -210,12 +211,12 @@ impl<'a> SeenSpan<'a> {
     fn glimpse(&mut self, number: u32) {
         let Some(quarters) = self.pixel(number).quarters(&self.span) else { return };
         let first = self.glimpses.len();
-        for (ray, share) in quarters.iter().flat_map(|piece| piece.unseen.iter().copied()) {
+        for (ray, fraction) in quarters.iter().flat_map(|piece| piece.unseen.iter().copied()) {
             let mut sights = vec![];
-            let _ = self.renderer.sights(self.rays, &self.motion.at(share), &[number], &mut sights);
-            self.glimpses.push(Glimpse { ray, share, sight: sights[ray as usize] });
+            let _ = self.renderer.sights(self.rays, &self.motion.at(fraction), &[number], &mut sights);
+            self.glimpses.push(Glimpse { ray, fraction, sight: sights[ray as usize] });
         }
-        self.glimpses[first..].sort_unstable_by(|a, b| a.ray.cmp(&b.ray).then(a.share.total_cmp(&b.share)));
+        self.glimpses[first..].sort_unstable_by(|a, b| a.ray.cmp(&b.ray).then(a.fraction.total_cmp(&b.fraction)));
         self.known[number as usize].glimpses = [first as u32, self.glimpses.len() as u32];
     }
 

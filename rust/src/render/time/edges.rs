@@ -23,7 +23,7 @@ const FLAT: f64 = 1e-3;
 /// A bend is measured half way; nowhere is it taken to be more than this many times larger.
 const BEND_SAFETY: f64 = 1.5;
 
-/// Whether a sum of three float32 products is 0 or more is uncertain below this share of their magnitudes.
+/// Whether a sum of three float32 products is 0 or more is uncertain below this fraction of their magnitudes.
 const UNCERTAIN: f32 = 1e-6;
 
 /// An edge of the scene's triangles.
@@ -91,13 +91,13 @@ fn curve(values: [Vector; 3], middle: f64) -> Curve<Vector> {
     })
 }
 
-fn at(curve: &Curve<Vector>, share: f64) -> Vector {
-    let rest = 1.0 - share;
-    let weights = [rest * rest, 2.0 * share * rest, share * share];
+fn at(curve: &Curve<Vector>, fraction: f64) -> Vector {
+    let rest = 1.0 - fraction;
+    let weights = [rest * rest, 2.0 * fraction * rest, fraction * fraction];
     std::array::from_fn(|i| weights[0] * curve[0][i] + weights[1] * curve[1][i] + weights[2] * curve[2][i])
 }
 
-/// The roots of a polynomial of the second degree in 0 < share <= 1.
+/// The roots of a polynomial of the second degree in 0 < fraction <= 1.
 fn roots(values: Curve<f64>) -> impl Iterator<Item = f64> {
     let [first, middle, last] = values;
     let (square, half, constant) = (first - 2.0 * middle + last, middle - first, first);
@@ -109,7 +109,7 @@ fn roots(values: Curve<f64>) -> impl Iterator<Item = f64> {
         let sum = -(half + discriminant.sqrt().copysign(half));
         [sum / square, constant / sum]
     };
-    found.into_iter().filter(|share| *share > 0.0 && *share <= 1.0)
+    found.into_iter().filter(|fraction| *fraction > 0.0 && *fraction <= 1.0)
 }
 
 /// An edge as it moves before the camera, in camera axes.
@@ -167,12 +167,12 @@ impl MovingEdge {
     /// When it passes a ray, and its inverse depth there.
     fn passes(&self, x: f32, y: f32) -> impl Iterator<Item = (f64, f64)> {
         let ray = [f64::from(x), f64::from(y), 1.0];
-        roots(self.normal.map(|n| dot(n, ray))).filter_map(move |share| {
-            let [a, b] = [&self.ends[0], &self.ends[1]].map(|end| at(end, share));
+        roots(self.normal.map(|n| dot(n, ray))).filter_map(move |fraction| {
+            let [a, b] = [&self.ends[0], &self.ends[1]].map(|end| at(end, fraction));
             // The ray is of + of b, and meets the edge between them where both shares are positive.
             let normal = cross(a, b);
             let (of_a, of_b) = (dot(cross(ray, b), normal), dot(cross(a, ray), normal));
-            (of_a >= 0.0 && of_b >= 0.0).then(|| (share, (of_a + of_b) / dot(normal, normal)))
+            (of_a >= 0.0 && of_b >= 0.0).then(|| (fraction, (of_a + of_b) / dot(normal, normal)))
         })
     }
 }
@@ -184,7 +184,7 @@ pub(crate) struct Pass {
     pub(crate) pixel: u32,
     pub(crate) ray: u32,
     /// When, from 0 to 1 of the time that is looked at.
-    pub(crate) share: f64,
+    pub(crate) fraction: f64,
     /// 1 / z of the edge there.
     pub(crate) inverse_depth: f64,
 }
@@ -258,7 +258,7 @@ impl Edges {
                 self::of_tile(&moving[*edge as usize], rays, tile, &part, &mut found);
             }
         }
-        found.sort_unstable_by(|a, b| (a.pixel, a.ray).cmp(&(b.pixel, b.ray)).then(a.share.total_cmp(&b.share)));
+        found.sort_unstable_by(|a, b| (a.pixel, a.ray).cmp(&(b.pixel, b.ray)).then(a.fraction.total_cmp(&b.fraction)));
         found
     }
 }
@@ -292,7 +292,7 @@ fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, part: &Part, found:
                 #[allow(clippy::cast_possible_truncation, reason = "sides are u16, rays are few")]
                 let (pixel, ray) = ((row * rays.width + column) as u32, ray as u32);
                 let passes = edge.passes(x[lane], y[lane]);
-                found.extend(passes.map(|(share, inverse_depth)| Pass { pixel, ray, share, inverse_depth }));
+                found.extend(passes.map(|(fraction, inverse_depth)| Pass { pixel, ray, fraction, inverse_depth }));
             }
         }
     }
@@ -364,7 +364,7 @@ mod tests {
                 PixelRays::new(SIDE, SIDE, 1, &table).unwrap()
             };
             let renderer = Renderer::new(Scene::new(&scene(&places)).unwrap(), Some(1)).unwrap();
-            let at = |share: f64| renderer.centred(&[view(speed * share, turn * share)]).unwrap().remove(0);
+            let at = |fraction: f64| renderer.centred(&[view(speed * fraction, turn * fraction)]).unwrap().remove(0);
             let passes = Edges::of_scene(renderer.scene()).passes(&rays, [&at(0.0), &at(middle), &at(1.0)], middle);
             prop_assert!(passes.is_sorted_by(|a, b| (a.pixel, a.ray) <= (b.pixel, b.ray)));
             let all: Vec<u32> = (0..(SIDE * SIDE) as u32).collect();
@@ -384,7 +384,7 @@ mod tests {
                     if (before - after).abs() > 0.5 {
                         let near = passes.iter().filter(|pass| {
                             pass.pixel as usize == pixel
-                                && (pass.share * STEPS as f64 - step as f64 - 0.5).abs() < 0.51
+                                && (pass.fraction * STEPS as f64 - step as f64 - 0.5).abs() < 0.51
                                 && (1.0 / pass.inverse_depth - f64::from(before.min(after))).abs() < 0.1
                         });
                         prop_assert!(near.count() > 0, "pixel {pixel}, step {step}: {before} to {after}");

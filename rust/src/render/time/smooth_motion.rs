@@ -25,9 +25,9 @@ impl<'a> SmoothMotion<'a> {
         Self { views, middle: span.middle(), length_s }
     }
 
-    /// The view at a share of the span.
-    pub(crate) fn at(&self, share: f64) -> View {
-        let weights = self.weights(share);
+    /// The view at a fraction of the span.
+    pub(crate) fn at(&self, fraction: f64) -> View {
+        let weights = self.weights(fraction);
         let mut view = self.views[1].clone();
         for (frame, pose) in view.poses.iter_mut().enumerate() {
             pose.position = std::array::from_fn(|i| self.mixed(weights, |view| view.poses[frame].position[i]));
@@ -36,12 +36,12 @@ impl<'a> SmoothMotion<'a> {
         for (light, factor) in view.factors.iter_mut().enumerate() {
             factor[0] = self.mixed(weights, |view| view.factors[light][0]);
         }
-        self.with_rates(view, share)
+        self.with_rates(view, fraction)
     }
 
-    /// A view at a share of the span, with the rates that there are.
-    pub(crate) fn with_rates(&self, mut view: View, share: f64) -> View {
-        let weights = self.slopes(share);
+    /// A view at a fraction of the span, with the rates that there are.
+    pub(crate) fn with_rates(&self, mut view: View, fraction: f64) -> View {
+        let weights = self.slopes(fraction);
         for (frame, pose) in view.poses.iter_mut().enumerate() {
             pose.velocity = std::array::from_fn(|i| self.mixed(weights, |view| view.poses[frame].position[i]));
             pose.angular_rate = angular_rate(pose, self.rotation(weights, frame));
@@ -62,22 +62,22 @@ impl<'a> SmoothMotion<'a> {
         weights.iter().zip(self.views).map(|(weight, view)| weight * of(view)).sum()
     }
 
-    fn weights(&self, share: f64) -> [f64; 3] {
+    fn weights(&self, fraction: f64) -> [f64; 3] {
         let middle = self.middle;
         [
-            (share - middle) * (share - 1.0) / middle,
-            share * (share - 1.0) / (middle * (middle - 1.0)),
-            share * (share - middle) / (1.0 - middle),
+            (fraction - middle) * (fraction - 1.0) / middle,
+            fraction * (fraction - 1.0) / (middle * (middle - 1.0)),
+            fraction * (fraction - middle) / (1.0 - middle),
         ]
     }
 
     /// What the weights change by in a second.
-    fn slopes(&self, share: f64) -> [f64; 3] {
+    fn slopes(&self, fraction: f64) -> [f64; 3] {
         let middle = self.middle;
         let in_share = [
-            (2.0 * share - middle - 1.0) / middle,
-            (2.0 * share - 1.0) / (middle * (middle - 1.0)),
-            (2.0 * share - middle) / (1.0 - middle),
+            (2.0 * fraction - middle - 1.0) / middle,
+            (2.0 * fraction - 1.0) / (middle * (middle - 1.0)),
+            (2.0 * fraction - middle) / (1.0 - middle),
         ];
         in_share.map(|slope| slope / self.length_s)
     }

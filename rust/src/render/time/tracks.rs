@@ -23,27 +23,27 @@ pub(crate) struct Sight {
 /// Of how many instants of each span the rays of pixels are rendered, at the most.
 pub(crate) const INSTANTS: usize = 5;
 
-/// How closely an edge must lie to the nearer of two surfaces, as a share of inverse depth, to belong to it.
+/// How closely an edge must lie to the nearer of two surfaces, as a fraction of inverse depth, to belong to it.
 const OWN: f64 = 0.02;
 
 /// Error of even change that is left where its middle becomes a sample: a quarter of the bend for a smooth pixel.
 const REMAINS: f32 = 1.0 / 3.0;
 
-/// How far a ray's luma is taken to run along the line that its rate tells, as a share of what it was seen to be. Where a
+/// How far a ray's luma is taken to run along the line that its rate tells, as a fraction of what it was seen to be. Where a
 /// texture is fine a rate holds for a short way only, and a line would leave what any texture has.
 const BELIEVED: f64 = 0.25;
 
 /// A microsecond, in seconds.
 const TICK_S: f64 = 1e-6;
 
-/// Jumps of less than this share of what is tolerated, together, are drawn out over the time around them.
+/// Jumps of less than this fraction of what is tolerated, together, are drawn out over the time around them.
 const SIGNIFICANT: f32 = 0.1;
 
 /// What one ray does between two instants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Course {
     Even,
-    /// It jumps at this share of the span.
+    /// It jumps at this fraction of the span.
     Jump(f64),
     /// Edges pass it so often that it may be either, or more.
     Unknown,
@@ -62,7 +62,7 @@ impl Course {
         let mut own = passes.clone().filter(|pass| (pass.inverse_depth - nearer).abs() <= OWN * nearer);
         let visible = passes.filter(|pass| pass.inverse_depth >= farther * (1.0 - OWN)).count();
         match (own.next(), own.next()) {
-            (Some(pass), None) if visible == 1 => Self::Jump(pass.share),
+            (Some(pass), None) if visible == 1 => Self::Jump(pass.fraction),
             (None, _) if visible == 0 => Self::Even, // a crease, or a seam
             _ => Self::Unknown,
         }
@@ -74,7 +74,7 @@ impl Course {
 pub(crate) struct Glimpse {
     pub(crate) ray: u32,
     /// When, from 0 to 1 of the span.
-    pub(crate) share: f64,
+    pub(crate) fraction: f64,
     pub(crate) sight: Sight,
 }
 
@@ -97,30 +97,30 @@ pub(crate) struct Span {
 }
 
 impl Span {
-    /// The share of an instant.
-    pub(crate) fn share(&self, instant: usize) -> f64 {
+    /// The fraction of an instant.
+    pub(crate) fn fraction(&self, instant: usize) -> f64 {
         #[allow(clippy::cast_precision_loss, reason = "spans are short")]
         let [at, length] =
             [self.t_us[instant] - self.t_us[0], self.t_us[INSTANTS - 1] - self.t_us[0]].map(|t| t as f64);
         at / length
     }
 
-    /// The share of the middle.
+    /// The fraction of the middle.
     pub(crate) fn middle(&self) -> f64 {
-        self.share(INSTANTS / 2)
+        self.fraction(INSTANTS / 2)
     }
 
-    /// A share in microseconds.
-    fn at_us(&self, share: f64) -> f64 {
+    /// A fraction in microseconds.
+    fn at_us(&self, fraction: f64) -> f64 {
         #[allow(clippy::cast_precision_loss, reason = "microseconds are exact up to 2^53")]
         let [start, length] = [self.t_us[0], self.t_us[INSTANTS - 1] - self.t_us[0]].map(|t| t as f64);
-        start + share * length
+        start + fraction * length
     }
 
-    /// The first microsecond at which what happens at a share of the span has happened.
-    fn after(&self, share: f64) -> i64 {
+    /// The first microsecond at which what happens at a fraction of the span has happened.
+    fn after(&self, fraction: f64) -> i64 {
         #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "spans are short")]
-        let ticks = (share * (self.t_us[INSTANTS - 1] - self.t_us[0]) as f64).ceil() as i64;
+        let ticks = (fraction * (self.t_us[INSTANTS - 1] - self.t_us[0]) as f64).ceil() as i64;
         self.t_us[0] + ticks
     }
 }
@@ -171,17 +171,17 @@ impl Piece {
         span: &Span,
         rays: f64,
     ) {
-        let within = passes.iter().copied().filter(|pass| first < pass.share && pass.share <= last);
-        let seen_us = [first, last].map(|share| span.at_us(share));
+        let within = passes.iter().copied().filter(|pass| first < pass.fraction && pass.fraction <= last);
+        let seen_us = [first, last].map(|fraction| span.at_us(fraction));
         let change = (f64::from(after.luma) - f64::from(before.luma)) / rays;
         let jump = match Course::of(before, after, within.clone()) {
-            Course::Jump(share) => Some(share),
-            Course::Unknown if before.triangle != after.triangle => within.map(|pass| pass.share).next(),
+            Course::Jump(fraction) => Some(fraction),
+            Course::Unknown if before.triangle != after.triangle => within.map(|pass| pass.fraction).next(),
             Course::Unknown | Course::Even => None,
         };
         let even = Jump { seen_us, after_us: i64::MAX, change, rates: [change / (seen_us[1] - seen_us[0]); 2] };
-        self.jumps.push(jump.map_or(even, |share| {
-            let at_us = span.at_us(share);
+        self.jumps.push(jump.map_or(even, |fraction| {
+            let at_us = span.at_us(fraction);
             let mut rate = |sight: &Sight, over_us: f64| {
                 let rate = f64::from(sight.rate) * TICK_S / rays;
                 let drift = (rate * over_us).abs();
@@ -192,7 +192,7 @@ impl Piece {
                 0.0
             };
             let rates = [rate(before, at_us - seen_us[0]), rate(after, seen_us[1] - at_us)];
-            Jump { seen_us, after_us: span.after(share), change, rates }
+            Jump { seen_us, after_us: span.after(fraction), change, rates }
         }));
     }
 }
@@ -205,7 +205,7 @@ fn taken<'a, T>(rest: &mut &'a [T], condition: impl Fn(&T) -> bool) -> &'a [T] {
     first
 }
 
-/// A ray that jumps between two times at which it was seen, its luma as a share of its pixel's.
+/// A ray that jumps between two times at which it was seen, its luma as a fraction of its pixel's.
 #[derive(Clone, Copy, Debug)]
 struct Jump {
     seen_us: [f64; 2],
@@ -244,7 +244,7 @@ impl Pixel<'_> {
     }
 
     fn piece(&self, ends: [usize; 2], span: &Span) -> Piece {
-        let [first, last] = ends.map(|instant| span.share(instant));
+        let [first, last] = ends.map(|instant| span.fraction(instant));
         let [before, after] = ends.map(|instant| self.sights(instant));
         #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel, and spans are short")]
         let (rays, length_us) = (before.len() as f64, (span.t_us[ends[1]] - span.t_us[ends[0]]) as f64);
@@ -253,18 +253,18 @@ impl Pixel<'_> {
         for (ray, (before, after)) in (0..).zip(before.iter().zip(after)) {
             let own_passes = taken(&mut passes, |pass| pass.ray == ray);
             let own_glimpses = taken(&mut glimpses, |glimpse| glimpse.ray == ray);
-            let within = |share: f64| first < share && share <= last;
+            let within = |fraction: f64| first < fraction && fraction <= last;
             let mut from = (first, before);
-            for glimpse in own_glimpses.iter().filter(|glimpse| within(glimpse.share)) {
-                piece.add_seen(from, (glimpse.share, &glimpse.sight), own_passes, span, rays);
-                from = (glimpse.share, &glimpse.sight);
+            for glimpse in own_glimpses.iter().filter(|glimpse| within(glimpse.fraction)) {
+                piece.add_seen(from, (glimpse.fraction, &glimpse.sight), own_passes, span, rays);
+                from = (glimpse.fraction, &glimpse.sight);
             }
             if from.0 > first {
                 piece.add_seen(from, (last, after), own_passes, span, rays);
                 continue;
             }
             let change = (f64::from(after.luma) - f64::from(before.luma)) / rays;
-            let passes = own_passes.iter().copied().filter(|pass| within(pass.share));
+            let passes = own_passes.iter().copied().filter(|pass| within(pass.fraction));
             match if own_passes.is_empty() { Course::Even } else { Course::of(before, after, passes.clone()) } {
                 Course::Even => {
                     let told = [before, after].map(|sight| f64::from(sight.rate) * TICK_S / rays * length_us);
@@ -278,12 +278,12 @@ impl Pixel<'_> {
                     let seen = piece.unseen.len();
                     for pass in passes.filter(|pass| pass.inverse_depth >= farther * (1.0 - OWN)) {
                         // What lasts for less than a microsecond need not be looked at.
-                        if let Some(share) = earlier
-                            && span.after(share) < span.after(pass.share)
+                        if let Some(fraction) = earlier
+                            && span.after(fraction) < span.after(pass.fraction)
                         {
-                            piece.unseen.push((ray, f64::midpoint(share, pass.share)));
+                            piece.unseen.push((ray, f64::midpoint(fraction, pass.fraction)));
                         }
-                        earlier = Some(pass.share);
+                        earlier = Some(pass.fraction);
                     }
                     if piece.unseen.len() == seen {
                         piece.add_seen(from, (last, after), own_passes, span, rays);
@@ -313,34 +313,40 @@ impl Pixel<'_> {
             return true;
         }
         // Half of the difference of both changes is how far the middle lies off the line.
-        let share = span.middle();
+        let fraction = span.middle();
         #[allow(clippy::cast_possible_truncation, reason = "an estimate")]
-        let bend = ((1.0 - share) * halves[0].even - share * halves[1].even).abs() as f32;
+        let bend = ((1.0 - fraction) * halves[0].even - fraction * halves[1].even).abs() as f32;
         REMAINS * bend > tolerated
     }
 
     /// Samples between the span's ends, increasing in time, between which luma changes evenly; and whether its rays do
     /// what neither edges nor their rates tell. The pieces are all of the span.
-    pub(crate) fn samples(&self, pieces: &[Piece], span: &Span, tolerated: Tolerated, found: &mut Vec<Sample>) -> bool {
+    pub(crate) fn samples(
+        &self,
+        pieces: &[Piece],
+        span: &Span,
+        tolerated: Tolerated,
+        sampled: &mut Vec<Sample>,
+    ) -> bool {
         let mut unknown = false;
         for piece in pieces {
             unknown |= piece.doubt > f64::from(tolerated.luma(self.luma(piece.ends[1])));
-            self.samples_of(piece, span, tolerated, found);
+            self.samples_of(piece, span, tolerated, sampled);
             if piece.ends[1] != INSTANTS - 1 {
-                found.push((span.t_us[piece.ends[1]], self.luma(piece.ends[1])));
+                sampled.push((span.t_us[piece.ends[1]], self.luma(piece.ends[1])));
             }
         }
         unknown
     }
 
-    fn samples_of(&self, piece: &Piece, span: &Span, tolerated: Tolerated, found: &mut Vec<Sample>) {
+    fn samples_of(&self, piece: &Piece, span: &Span, tolerated: Tolerated, sampled: &mut Vec<Sample>) {
         let ends = piece.ends.map(|instant| span.t_us[instant]);
         let luma = self.luma(piece.ends[0]);
         #[allow(clippy::cast_precision_loss, reason = "spans are short")]
         let at = |t_us: i64| {
-            let share = (t_us - ends[0]) as f64 / (ends[1] - ends[0]) as f64;
+            let fraction = (t_us - ends[0]) as f64 / (ends[1] - ends[0]) as f64;
             let jumped: f64 = piece.jumps.iter().map(|jump| jump.at(t_us)).sum();
-            f64::from(luma) + share * piece.even + jumped
+            f64::from(luma) + fraction * piece.even + jumped
         };
         let significant = f64::from(SIGNIFICANT * tolerated.luma(luma));
         let (mut last_us, mut left_out) = (ends[0], 0.0);
@@ -353,7 +359,7 @@ impl Pixel<'_> {
                 for (t_us, luma) in [(after_us - 1, before), (after_us, after)] {
                     if t_us > last_us && t_us < ends[1] {
                         #[allow(clippy::cast_possible_truncation, reason = "luma is float32")]
-                        found.push((t_us, luma.max(0.0) as f32));
+                        sampled.push((t_us, luma.max(0.0) as f32));
                         last_us = t_us;
                     }
                 }
@@ -380,8 +386,8 @@ mod tests {
         }
     }
 
-    fn pass(ray: u32, share: f64, inverse_depth: f64) -> Pass {
-        Pass { pixel: 0, ray, share, inverse_depth }
+    fn pass(ray: u32, fraction: f64, inverse_depth: f64) -> Pass {
+        Pass { pixel: 0, ray, fraction, inverse_depth }
     }
 
     fn samples(sights: [Option<&[Sight]>; INSTANTS], passes: &[Pass]) -> (Vec<Sample>, bool, bool) {
@@ -394,21 +400,21 @@ mod tests {
         glimpses: &[Glimpse],
     ) -> (Vec<Sample>, bool, bool) {
         let pixel = Pixel { sights, passes, glimpses };
-        let mut found = vec![];
+        let mut sampled = vec![];
         let halves = pixel.halves(&SPAN);
         let quarters = pixel.quarters(&SPAN);
         let pieces = quarters.as_ref().map_or(halves.as_slice(), <[Piece; 4]>::as_slice);
-        let unknown = pixel.samples(pieces, &SPAN, TOLERATED, &mut found);
-        (found, unknown, pixel.wants_more(&halves, &SPAN, TOLERATED))
+        let unknown = pixel.samples(pieces, &SPAN, TOLERATED, &mut sampled);
+        (sampled, unknown, pixel.wants_more(&halves, &SPAN, TOLERATED))
     }
 
     #[test]
     fn a_ray_that_an_edge_passes_jumps() {
         let near = [sight(1.0, 0), sight(0.5, 1)];
         let after = [sight(0.5, 1), sight(0.5, 1)];
-        let (found, unknown, more) =
+        let (sampled, unknown, more) =
             samples([Some(&near), None, Some(&after), None, Some(&after)], &[pass(0, 0.3, 1.0), pass(1, 0.9, 0.2)]);
-        assert_eq!(found, [(1011, 0.75), (1012, 0.5), (1020, 0.5)]);
+        assert_eq!(sampled, [(1011, 0.75), (1012, 0.5), (1020, 0.5)]);
         assert!(!unknown && !more);
     }
 
@@ -416,8 +422,8 @@ mod tests {
     fn even_change_is_a_line_and_bends_ask_for_more() {
         let ramp: Vec<[Sight; 1]> =
             [0.25, 0.5, 0.75, 2.0].map(|luma| [Sight { rate: 0.25 / 20e-6, ..sight(luma, 0) }]).to_vec();
-        let (found, unknown, more) = samples([Some(&ramp[0]), None, Some(&ramp[1]), None, Some(&ramp[2])], &[]);
-        assert_eq!((found, unknown, more), (vec![(1020, 0.5)], false, false));
+        let (sampled, unknown, more) = samples([Some(&ramp[0]), None, Some(&ramp[1]), None, Some(&ramp[2])], &[]);
+        assert_eq!((sampled, unknown, more), (vec![(1020, 0.5)], false, false));
         let (_, _, more) = samples([Some(&ramp[0]), None, Some(&ramp[1]), None, Some(&ramp[3])], &[]);
         assert!(more);
     }
@@ -432,24 +438,30 @@ mod tests {
         let pixel = Pixel { sights: walls, passes: &passes, glimpses: &[] };
         let unseen = pixel.quarters(&SPAN).unwrap().map(|piece| piece.unseen);
         assert_eq!(unseen, [vec![], vec![], vec![(0, f64::midpoint(0.55, 0.6))], vec![]]);
-        let glimpses = [Glimpse { ray: 0, share: 0.575, sight: sight(0.0, 0) }];
-        let (found, unknown, more) = samples_with(walls, &passes, &glimpses);
-        assert_eq!(found, [(1010, 1.0), (1020, 1.0), (1021, 1.0), (1022, 0.0), (1023, 0.0), (1024, 1.0), (1030, 1.0)]);
+        let glimpses = [Glimpse { ray: 0, fraction: 0.575, sight: sight(0.0, 0) }];
+        let (sampled, unknown, more) = samples_with(walls, &passes, &glimpses);
+        assert_eq!(
+            sampled,
+            [(1010, 1.0), (1020, 1.0), (1021, 1.0), (1022, 0.0), (1023, 0.0), (1024, 1.0), (1030, 1.0)]
+        );
         assert!(!unknown && !more);
         // What lasts for less than a microsecond is passed over.
         let short = [pass(0, 0.551, 1.0), pass(0, 0.552, 1.0)];
-        let (found, _, more) = samples([walls[0], None, walls[2], None, walls[4]], &short);
-        assert_eq!((found, more), (vec![(1020, 1.0)], false));
+        let (sampled, _, more) = samples([walls[0], None, walls[2], None, walls[4]], &short);
+        assert_eq!((sampled, more), (vec![(1020, 1.0)], false));
         // Seen on its way, it is known.
         let wire = [sight(0.0, 0)];
         let apart = [pass(0, 0.55, 1.0), pass(0, 0.8, 1.0)];
-        let (found, unknown, _) = samples([Some(&wall), Some(&wall), Some(&wall), Some(&wire), Some(&wall)], &apart);
+        let (sampled, unknown, _) = samples([Some(&wall), Some(&wall), Some(&wall), Some(&wire), Some(&wall)], &apart);
         assert!(!unknown);
-        assert_eq!(found, [(1010, 1.0), (1020, 1.0), (1021, 1.0), (1022, 0.0), (1030, 0.0), (1031, 0.0), (1032, 1.0)]);
+        assert_eq!(
+            sampled,
+            [(1010, 1.0), (1020, 1.0), (1021, 1.0), (1022, 0.0), (1030, 0.0), (1031, 0.0), (1032, 1.0)]
+        );
         // Behind the wall nothing is seen of it.
         let behind = [pass(0, 0.55, 0.1), pass(0, 0.6, 0.1)];
-        let (found, unknown, more) = samples([Some(&wall), None, Some(&wall), None, Some(&wall)], &behind);
-        assert_eq!((found, unknown, more), (vec![(1020, 1.0)], false, false));
+        let (sampled, unknown, more) = samples([Some(&wall), None, Some(&wall), None, Some(&wall)], &behind);
+        assert_eq!((sampled, unknown, more), (vec![(1020, 1.0)], false, false));
     }
 
     /// Whose edge it is, and whether others are seen, is told by depth, to 2 %.
@@ -478,11 +490,11 @@ mod tests {
         let before = [sight(1.0, 0)];
         for (rate, believed) in [(0.1 / 12e-6, true), (1.0 / 12e-6, false), (-1.0 / 12e-6, false)] {
             let (after, last) = ([Sight { rate, ..sight(0.5, 1) }], [sight(0.5, 1)]);
-            let (found, unknown, more) =
+            let (sampled, unknown, more) =
                 samples([Some(&before), None, Some(&after), None, Some(&last)], &[pass(0, 0.2, 1.0)]);
             assert_eq!((unknown, more), (!believed, !believed));
             let jumped = if believed { 0.4 } else { 0.5 };
-            assert!((found[1].1 - jumped).abs() < 1e-6 && found[1].0 == 1008, "{found:?}");
+            assert!((sampled[1].1 - jumped).abs() < 1e-6 && sampled[1].0 == 1008, "{sampled:?}");
         }
     }
 
@@ -491,7 +503,7 @@ mod tests {
         let before = [sight(1.0, 0), sight(1.0, 0)];
         let after = [sight(0.0, 1), sight(0.0, 1)];
         let passes = [pass(0, 0.51, 1.0), pass(1, 0.52, 1.0)];
-        let (found, _, _) = samples([Some(&before), None, Some(&before), None, Some(&after)], &passes);
-        assert_eq!(found, [(1020, 1.0), (1021, 0.0)]);
+        let (sampled, _, _) = samples([Some(&before), None, Some(&before), None, Some(&after)], &passes);
+        assert_eq!(sampled, [(1020, 1.0), (1021, 0.0)]);
     }
 }

@@ -6,7 +6,11 @@
 //! What must not break: the candidates for a spot of the image include every triangle that one of its rays may hit
 //! first.
 
-use crate::render::geometry::bvh::{Boxes, Region, WIDTH};
+use std::ops::Range;
+
+use multiversion::multiversion;
+
+use crate::render::geometry::bvh::{Ahead, Boxes, Bvh, Leaves, Region, WIDTH, Waiting, below};
 use crate::render::geometry::vector::{Vector, cross, dot, scale, sub};
 use crate::render::geometry::view::View;
 use crate::render::scene::Scene;
@@ -161,8 +165,11 @@ impl Reaching {
     }
 }
 
-impl Region for Reaching {
-    fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Reaching {
+    /// Returns where the ray is first within each box, and where last before its end.
+    #[inline(always)]
+    fn within(&self, boxes: &Boxes) -> ([f64; WIDTH], [f64; WIDTH]) {
         let (mut first, mut last) = ([0f64; WIDTH], [self.end; WIDTH]);
         for axis in 0..3 {
             let (origin, per) = (self.origin[axis], self.per_direction[axis]);
@@ -174,8 +181,85 @@ impl Region for Reaching {
                 last[i] = if far < last[i] { far } else { last[i] };
             }
         }
+        (first, last)
+    }
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Region for Reaching {
+    #[inline(always)]
+    fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
+        let (first, last) = self.within(boxes);
         std::array::from_fn(|i| first[i] <= last[i] * (1.0 + ROUNDING))
     }
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Ahead for Reaching {
+    #[inline(always)]
+    fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH] {
+        let (first, last) = self.within(boxes);
+        std::array::from_fn(|i| if first[i] <= last[i] * (1.0 + ROUNDING) { below(first[i]) } else { f32::INFINITY })
+    }
+}
+
+/// Looks for the triangle that a ray meets first in one frame.
+struct Looking<'a> {
+    scene: &'a Scene,
+    /// The frame's first triangle.
+    first: usize,
+    ray: &'a Ray,
+    but: u32,
+    after: f64,
+    nearest: Option<u32>,
+    distance: f64,
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Leaves for Looking<'_> {
+    #[inline(always)]
+    fn farthest(&self) -> f32 {
+        -below(-self.distance)
+    }
+
+    #[inline(always)]
+    fn expect(&self, _: Range<usize>) {}
+
+    #[inline(always)]
+    fn look_at(&mut self, leaf: Range<usize>) {
+        for triangle in self.first + leaf.start..self.first + leaf.end {
+            let (corners, plane) = (&self.scene.corners[triangle], &self.scene.surfaces[triangle].plane);
+            let Some(distance) = meets(corners, plane, self.ray) else { continue };
+            if triangle != self.but as usize && distance > self.after && distance < self.distance {
+                #[allow(clippy::cast_possible_truncation, reason = "a scene has fewer than 2^30 triangles")]
+                let number = triangle as u32;
+                (self.nearest, self.distance) = (Some(number), distance);
+            }
+        }
+    }
+}
+
+/// Finds the triangles that rays of any direction meet first.
+#[derive(Debug, Default)]
+pub(crate) struct FirstHits(Vec<Waiting>);
+
+impl FirstHits {
+    /// Returns the triangle that a ray meets first, but one, farther away than `after`; `rays` are the ray in each of the
+    /// scene's frames.
+    pub(crate) fn nearest(&mut self, scene: &Scene, rays: &[Ray], after: f64, but: u32) -> Option<u32> {
+        let (mut nearest, mut distance) = (None, f64::INFINITY);
+        for (frame, ray) in scene.frames.iter().zip(rays) {
+            let mut looking = Looking { scene, first: frame.triangles.start, ray, but, after, nearest, distance };
+            look(&mut looking, &frame.bvh, &mut self.0);
+            (nearest, distance) = (looking.nearest, looking.distance);
+        }
+        nearest
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn look(looking: &mut Looking, bvh: &Bvh, waiting: &mut Vec<Waiting>) {
+    bvh.visit_from_front(waiting, &Reaching::new(looking.ray, f64::INFINITY), looking);
 }
 
 /// Returns where a ray meets a triangle; None where it passes it.
@@ -191,6 +275,7 @@ fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
 }
 
 /// Returns whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
     for (frame, ray) in scene.frames.iter().zip(rays) {
         let (first, mut blocked) = (frame.triangles.start, false);

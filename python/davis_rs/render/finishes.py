@@ -1,0 +1,351 @@
+"""Reads how glossy materials reflect, as the native renderer knows it: one lobe over a diffuse colour, or glass.
+
+Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric and thindielectric become a
+:class:`Finish` and a base colour. docs/light.md says what is approximate.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
+
+FloatArray = npt.NDArray[np.float64]
+_Rgb = tuple[float, float, float]
+_Kind = tuple[str, tuple[float, ...]]
+
+CoreFinish = tuple[float, str, tuple[str, list[float]], list[float], list[float], bool, tuple[str, list[float]]]
+"""What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
+
+_COSINES, _WEIGHTS = (np.polynomial.legendre.leggauss(64)[0] + 1) / 2, np.polynomial.legendre.leggauss(64)[1] / 2
+"""For means over directions: nodes in 0..1, and their weights, whose sum is 1."""
+
+_ROUND = 1e-3
+"""A principled material is never smoother than this."""
+
+_PASSING_NODES = 33
+"""Cosines at which it is known what passes a rough coat."""
+
+_UNUSED = ("anisotropic", "clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
+"""Parts of ``principled`` that a finish does not have: they must be 0."""
+
+
+@dataclass(frozen=True)
+class Finish:
+    """How a surface reflects, besides its base colour.
+
+    Attributes:
+        alpha: roughness of the microfacets; 0 is a mirror.
+        distribution: of the microfacets, ``ggx`` or ``beckmann``.
+        fresnel: ``dielectric`` (index), ``conductor`` (index and extinction, three channels each) or ``mixed`` (index,
+            fraction of metal).
+        tint: factor on the lobe, RGB.
+        passing: factor on light that passes through, RGB.
+        base_tints: the base colour is a factor on the lobe.
+        under: what is below: ``nothing``, ``coated`` (index, reflected inside, entering, 1 if nonlinear; for a rough
+            coat the fractions that pass it follow, at :data:`_PASSING_NODES` cosines from 0 to 1), ``rough``
+            (roughness, factor), ``solid`` (index) or ``sheet`` (index).
+    """
+
+    alpha: float
+    distribution: str
+    fresnel: _Kind
+    tint: _Rgb = (1.0, 1.0, 1.0)
+    passing: _Rgb = (1.0, 1.0, 1.0)
+    base_tints: bool = False
+    under: _Kind = ("nothing", ())
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether light passes through."""
+        return self.under[0] in ("solid", "sheet")
+
+    @property
+    def core(self) -> CoreFinish:
+        """It, as the core takes it."""
+        (fresnel, numbers), (under, below) = self.fresnel, self.under
+        tints = list(self.tint), list(self.passing)
+        return self.alpha, self.distribution, (fresnel, list(numbers)), *tints, self.base_tints, (under, list(below))
+
+    def albedo(self, base: FloatArray) -> FloatArray:
+        """Return how much of light from all sides is reflected (n, 3), for base colours (n, 3); 0 where it is clear.
+
+        Light that bounces is baked as if surfaces were diffuse with this reflectance, so that no energy is lost.
+        """
+        if self.is_clear:
+            return np.zeros_like(base)
+        kind, values = self.fresnel
+        if kind == "dielectric":
+            lobe = np.full_like(base, self._lobe(lambda c: dielectric(c, values[0])))
+        elif kind == "conductor":
+            metal = [self._lobe(functools.partial(_conductor, eta=values[i], k=values[3 + i])) for i in range(3)]
+            lobe = np.broadcast_to(np.array(metal), base.shape)
+        else:
+            index, metallic = values
+            plain = self._lobe(lambda c: dielectric(c, index))
+            whole, grazing = self._lobe(np.ones_like), self._lobe(lambda c: (1 - c) ** 5)
+            lobe = (1 - metallic) * plain + metallic * (base * whole + (1 - base) * grazing)
+        lobe = lobe * np.array(self.tint) * (base if self.base_tints else 1.0)
+        return np.minimum(lobe + self._below(base), 1.0)
+
+    def _lobe(self, reflected: Callable[[FloatArray], FloatArray]) -> float:
+        """Return the mean of what the lobe reflects, less what rough microfacets hide from each other."""
+        if self.alpha == 0:
+            return _mean(reflected)
+        facets, hidden, weights = _facets_seen(self.alpha, self.distribution)
+        return float((reflected(facets) * hidden * weights).sum())
+
+    def _below(self, base: FloatArray) -> FloatArray:
+        kind, values = self.under
+        if kind == "coated":
+            index, inside, entering, nonlinear = values[:4]
+            return base * (entering / index) ** 2 / (1 - (base * inside if nonlinear else inside))
+        if kind == "rough":
+            return base * values[1] * _rough_albedo(values[0])
+        return np.zeros_like(base)
+
+
+def dielectric(cosine: FloatArray, index: float) -> FloatArray:
+    """Return what a dielectric reflects at cosines, unpolarised; ``index`` is relative to the side of the light."""
+    squared = 1 - (1 - cosine**2) / index**2
+    inside = np.sqrt(np.maximum(squared, 0.0))
+    across = (cosine - index * inside) / (cosine + index * inside)
+    along = (index * cosine - inside) / (index * cosine + inside)
+    return np.where(squared > 0, (across**2 + along**2) / 2, 1.0)
+
+
+def read_finish(
+    bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
+) -> tuple[MitsubaTexture, Finish] | None:
+    """Return the base colour and the finish of a glossy material; None of one that has no finish.
+
+    Args:
+        inside: the objects inside it, by name.
+        mi: Mitsuba, under the variant that loaded it.
+    """
+    reader = _READERS.get(bsdf.class_name())
+    return None if reader is None else reader(bsdf, inside, mi)
+
+
+def constant_of(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
+    """Return the value of a texture that is the same everywhere; None of any other texture."""
+    parameters = mi.traverse(texture)
+    for key in ("value", "data"):
+        if key in parameters:
+            values = np.array(parameters[key], np.float64)
+            return None if np.ptp(values) > 0 and key == "data" else values
+    return None
+
+
+_Read = tuple[MitsubaTexture, Finish] | None
+
+
+def _plastic(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    parameters = mi.traverse(bsdf)
+    tint = _tint(inside, "specular_reflectance", mi)
+    if tint is None:
+        return None
+    index = float(parameters["eta"])
+    base = inside["diffuse_reflectance"]
+    nonlinear = float(_word(bsdf, "nonlinear") in ("1", "true"))
+    fresnel = "dielectric", (index,)
+    if bsdf.class_name() == "SmoothPlastic":
+        entering = 1 - _mean(lambda c: dielectric(c, index))
+        coat = index, float(_word(bsdf, "fdr_int")), entering, nonlinear
+        return base, Finish(0.0, "ggx", fresnel, tint, under=("coated", coat))
+    reflected, passing = _rough_coat(float(parameters["alpha"]), _distribution(bsdf), index, mi)
+    entering = _mean(lambda c: np.interp(c, np.linspace(0, 1, _PASSING_NODES), passing))
+    rough = index, reflected, entering, nonlinear, *passing
+    finish = Finish(float(parameters["alpha"]), _distribution(bsdf), fresnel, tint, under=("coated", rough))
+    return base, finish
+
+
+def _rough_coat(alpha: float, distribution: str, index: float, mi: Mitsuba) -> tuple[float, list[float]]:
+    """Return how much a rough coat reflects inside, and how much passes it at cosines from 0 to 1.
+
+    Mitsuba computes both but does not tell them, so they are found by what its own material does over grey.
+    """
+    coat = {"type": "roughplastic", "diffuse_reflectance": 0.5, "distribution": distribution, "alpha": alpha}
+    coat |= {"int_ior": index, "ext_ior": 1.0}
+    kinds = [mi.load_dict({**coat, "nonlinear": nonlinear}) for nonlinear in (False, True)]
+    context = mi.BSDFContext()
+    context.component = 1  # the base
+
+    def base(bsdf: MitsubaBsdf, cosine: float) -> float:
+        """Return its reflectance for light and viewer at this cosine."""
+        sine = float(np.sqrt(1 - cosine**2))
+        interaction = mi.SurfaceInteraction3f()
+        interaction.wi = mi.Vector3f(sine, 0.0, cosine)
+        value = bsdf.eval(context, interaction, mi.Vector3f(-sine, 0.0, cosine))
+        return float(np.array(value).reshape(-1)[0]) * np.pi / cosine
+
+    # They differ by (1 - reflected / 2) / (1 - reflected).
+    ratio = base(kinds[0], 1.0) / base(kinds[1], 1.0)
+    reflected = (ratio - 1) / (ratio - 0.5)
+    cosines = np.maximum(np.linspace(0, 1, _PASSING_NODES), 1e-3).tolist()
+    passing = [float(np.sqrt(base(kinds[0], cosine) / 0.5 * index**2 * (1 - reflected))) for cosine in cosines]
+    return reflected, passing
+
+
+def _metal(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    rough, alpha = bsdf.class_name() == "RoughConductor", 0.0
+    if rough:
+        # Brushed metal has another roughness across than along.
+        value = constant_of(inside["alpha"], mi) if "alpha" in inside else None
+        if value is None:
+            return None
+        alpha = float(value.flat[0])
+    eta, k = (constant_of(inside[name], mi) for name in ("eta", "k"))
+    if eta is None or k is None:
+        return None
+    numbers = (*_rgb(eta), *_rgb(k))
+    base = inside.get("specular_reflectance")
+    finish = Finish(alpha, _distribution(bsdf) if rough else "ggx", ("conductor", numbers), base_tints=base is not None)
+    return _white(mi) if base is None else base, finish
+
+
+def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    parameters = mi.traverse(bsdf)
+    for name in _UNUSED:
+        if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any()):
+            return None
+    metallic, roughness = (constant_of(inside[name], mi) for name in ("metallic", "roughness"))
+    if metallic is None or roughness is None:
+        return None
+    metal, rough = float(metallic.flat[0]), float(roughness.flat[0])
+    if "eta" in parameters:
+        index = float(parameters["eta"])
+    else:
+        root = np.sqrt(0.08 * float(parameters["specular"]))
+        index = float((1 + root) / (1 - root))
+    # Without a difference of the index nothing is reflected; the core asks for one.
+    index = max(index, 1 + 1e-6)
+    finish = Finish(max(rough * rough, _ROUND), "ggx", ("mixed", (index, metal)), under=("rough", (rough, 1 - metal)))
+    return inside["base_color"], finish
+
+
+def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    index = float(mi.traverse(bsdf)["eta"])
+    kind = "sheet" if bsdf.class_name() == "ThinDielectric" else "solid"
+    tint, passing = (_tint(inside, name, mi) for name in ("specular_reflectance", "specular_transmittance"))
+    if tint is None or passing is None or index == 1:
+        return None
+    return _white(mi), Finish(0.0, "ggx", ("dielectric", (index,)), tint, passing, under=(kind, (index,)))
+
+
+_READERS: dict[str, Callable[[MitsubaBsdf, dict[str, MitsubaObject], Mitsuba], _Read]] = {
+    "SmoothPlastic": _plastic,
+    "RoughPlastic": _plastic,
+    "SmoothConductor": _metal,
+    "RoughConductor": _metal,
+    "Principled": _principled,
+    "SmoothDielectric": _glass,
+    "ThinDielectric": _glass,
+}
+
+
+def _tint(inside: dict[str, MitsubaObject], name: str, mi: Mitsuba) -> _Rgb | None:
+    """Return a colour that a material may have; None where it differs from place to place."""
+    if name not in inside:
+        return 1.0, 1.0, 1.0
+    value = constant_of(inside[name], mi)
+    return None if value is None else _rgb(value)
+
+
+def _rgb(value: FloatArray) -> _Rgb:
+    red, green, blue = np.broadcast_to(value.reshape(-1), (3,)).tolist()
+    return red, green, blue
+
+
+def _white(mi: Mitsuba) -> MitsubaTexture:
+    return mi.load_dict({"type": "uniform", "value": 1.0})
+
+
+def _distribution(bsdf: MitsubaBsdf) -> str:
+    return _word(bsdf, "distribution")
+
+
+def _word(bsdf: MitsubaBsdf, name: str) -> str:
+    """Return what a material says of itself; Mitsuba has no other way to ask."""
+    named = re.search(rf"\b{name} = ([\w.]+)", str(bsdf))
+    return named[1] if named else ""
+
+
+def _mean(reflected: Callable[[FloatArray], FloatArray]) -> float:
+    """Return the mean over directions that follow the cosine."""
+    return float((reflected(_COSINES) * 2 * _COSINES * _WEIGHTS).sum())
+
+
+@functools.cache
+def _facets_seen(alpha: float, distribution: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return microfacets that viewers of all directions see: the cosine to each, how much of what it reflects is not
+    hidden by others, and its weight.
+
+    They are those of GGX (Heitz 2018); for Beckmann's distribution they have other weights.
+    """
+    number = np.arange(256)
+    radius, angle = np.sqrt((number + 0.5) / 256), 2 * np.pi * (number * 0.618033988749895 % 1)
+    across, up = radius * np.cos(angle), radius * np.sin(angle)
+    out = _COSINES[:, None]
+    sine = np.sqrt(1 - out**2)
+    length = np.sqrt((alpha * sine) ** 2 + out**2)
+    x, z = alpha * sine / length, out / length
+    most, fraction = np.sqrt(1 - across**2), (1 + z) / 2
+    up = most * (1 - fraction) + up * fraction
+    along = np.sqrt(np.maximum(1 - across**2 - up**2, 0.0))
+    # The disk's axes: level, upwards, and towards the viewer.
+    normal = np.stack([alpha * (-up * z + along * x), alpha * across + 0 * z, up * x + along * z])
+    normal /= np.linalg.norm(normal, axis=0)
+    facet = sine * normal[0] + out * normal[2]
+    into = 2 * facet * normal[2] - out
+    above = into > 0
+    into = np.where(above, into, 1.0)
+    weights = 2 * out * _WEIGHTS[:, None] / 256 * above
+    if distribution == "ggx":
+        return facet, _seen_of_ggx(into, alpha), weights
+    squared = normal[2] ** 2
+    dense = np.exp(-(1 - squared) / squared / alpha**2) / (np.pi * alpha**2 * squared**2)
+    dense_of_ggx = alpha**2 / np.pi / (1 - squared * (1 - alpha**2)) ** 2
+    weights = weights * dense / dense_of_ggx * _seen_of_beckmann(out, alpha) / _seen_of_ggx(out, alpha)
+    return facet, _seen_of_beckmann(into, alpha), weights
+
+
+def _seen_of_ggx(cosine: FloatArray, alpha: float) -> FloatArray:
+    """Return the fraction of microfacets that are seen at cosines (Walter et al. 2007, equation 34)."""
+    return 2 / (1 + np.sqrt(1 + alpha**2 * (1 - cosine**2) / cosine**2))
+
+
+def _seen_of_beckmann(cosine: FloatArray, alpha: float) -> FloatArray:
+    """Return the same of Beckmann's (equation 27)."""
+    a = 1 / (alpha * np.sqrt(np.maximum(1 - cosine**2, 1e-12)) / cosine)
+    return np.where(a < 1.6, (3.535 * a + 2.181 * a**2) / (1 + 2.276 * a + 2.577 * a**2), 1.0)
+
+
+@functools.cache
+def _rough_albedo(roughness: float) -> float:
+    """Return the albedo of Burley's diffuse base, for a white one."""
+    light, viewer = (_COSINES[:, None, None], _COSINES[None, :, None])
+    azimuth = np.cos(np.pi * (np.arange(16) + 0.5) / 16)
+    sines = np.sqrt(1 - light**2) * np.sqrt(1 - viewer**2)
+    returned = roughness * (1 + light * viewer + sines * azimuth)
+    into, out = (1 - light) ** 5, (1 - viewer) ** 5
+    value = (1 - into / 2) * (1 - out / 2) + returned * (into + out + into * out * (returned - 1))
+    weights = 4 * light * viewer * _WEIGHTS[:, None, None] * _WEIGHTS[None, :, None] / 16
+    return float((value * weights).sum())
+
+
+def _conductor(cosine: FloatArray, eta: float, k: float) -> FloatArray:
+    squared, sine = cosine**2, 1 - cosine**2
+    rest = eta**2 - k**2 - sine
+    length = np.sqrt(rest**2 + 4 * eta**2 * k**2)
+    real = np.sqrt(np.maximum((length + rest) / 2, 0.0))
+    even, odd = length + squared, 2 * cosine * real
+    across = (even - odd) / (even + odd)
+    even, odd = squared * length + sine**2, odd * sine
+    return across * (1 + (even - odd) / (even + odd)) / 2

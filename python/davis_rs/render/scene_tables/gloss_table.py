@@ -1,0 +1,118 @@
+"""Which of a scene's triangles are glossy, how they reflect, and what stands for them where light is baked."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._mitsuba.types import MitsubaBsdf, MitsubaIntegrator, MitsubaScene
+from ..baked.lights import paths_of
+from ..finishes import CoreFinish, Finish
+
+FloatArray = npt.NDArray[np.float64]
+_Texels = npt.NDArray[np.float32]
+
+CoreGloss = tuple[
+    list[CoreFinish],
+    npt.NDArray[np.uint32],
+    _Texels,
+    list[list[float]],
+    list[list[float]],
+    FloatArray,
+    tuple[int, int, _Texels] | None,
+    int,
+]
+"""What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
+
+DIFFUSE = 2**32 - 1
+"""The finish of a triangle that is diffuse."""
+
+_ENDLESS = 1 << 16
+"""Segments of paths of any length; the core ends them earlier."""
+
+
+@dataclass(frozen=True)
+class GlossTable:
+    """The glossy triangles of a scene.
+
+    Attributes:
+        finishes: how they reflect.
+        finish_of: uint32 (n), the finish of each triangle, :data:`DIFFUSE` for none.
+        longest: segments that a path of light has at most.
+    """
+
+    finishes: list[Finish]
+    finish_of: npt.NDArray[np.uint32]
+    longest: int
+
+    @property
+    def digest(self) -> bytes:
+        """A hash of all of it."""
+        return hashlib.sha256(repr(self.finishes).encode() + self.finish_of.tobytes()).digest()
+
+    def albedos(
+        self, reflectances: _Texels, sizes: npt.NDArray[np.int32], texture_of: npt.NDArray[np.uint32]
+    ) -> _Texels:
+        """Return the reflectances of texels (n, 3) with those of glossy surfaces replaced by their albedo.
+
+        Args:
+            sizes: (textures, 4), first texel, width, height and wrap mode.
+            texture_of: (t), the texture of each triangle: no two shapes have the same.
+        """
+        albedos = reflectances.copy()
+        numbers, first = np.unique(texture_of, return_index=True)
+        for texture, finish in zip(numbers.tolist(), self.finish_of[first].tolist(), strict=True):
+            if finish != DIFFUSE:
+                start, width, height, _ = sizes[texture].tolist()
+                texels = slice(start, start + width * height)
+                albedos[texels] = self.finishes[finish].albedo(reflectances[texels].astype(np.float64))
+        return albedos
+
+    def without_clear(self, corners: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return corners and their normals (t, 3, 3) with all of glass in one point, where no ray hits it.
+
+        Light that is baked passes through glass, as if there were none.
+        """
+        clear = np.flatnonzero(np.append([finish.is_clear for finish in self.finishes], False)[self._numbers])
+        if len(clear) in (0, len(corners)):
+            return corners, normals
+        corners, normals = corners.copy(), normals.copy()
+        corners[clear], normals[clear] = corners[clear[0], 0], (0.0, 0.0, 1.0)
+        return corners, normals
+
+    @property
+    def _numbers(self) -> npt.NDArray[np.int64]:
+        """The finish of each triangle, the number after the last for none."""
+        return np.minimum(self.finish_of.astype(np.int64), len(self.finishes))
+
+
+def gloss_table(
+    scene: MitsubaScene, finishes: Mapping[MitsubaBsdf, Finish], counts: Sequence[int], *, baked: bool
+) -> GlossTable | None:
+    """Find the glossy triangles of a scene; None where there are none.
+
+    Args:
+        finishes: by the materials of shapes.
+        counts: how many triangles each shape has.
+    """
+    numbers = dict[Finish, int]()
+    of_shapes = []
+    for shape in scene.shapes():
+        finish = finishes.get(shape.bsdf())
+        of_shapes.append(DIFFUSE if finish is None else numbers.setdefault(finish, len(numbers)))
+    if not numbers:
+        return None
+    finish_of = np.repeat(np.array(of_shapes, np.uint32), counts)
+    return GlossTable(list(numbers), finish_of, _longest(scene.integrator(), baked=baked))
+
+
+def _longest(integrator: MitsubaIntegrator, *, baked: bool) -> int:
+    """Return how many segments a path has at most; under direct light alone what is reflected is seen if it shines."""
+    if not baked and (integrator is None or integrator.class_name() != "DirectIntegrator"):
+        return _ENDLESS  # asked for by name
+    depth = paths_of(integrator).max_depth
+    return _ENDLESS if depth < 0 else depth

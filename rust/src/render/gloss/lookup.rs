@@ -1,0 +1,54 @@
+//! Bilinear lookup in textures and light maps at single points, with rates.
+//!
+//! It is [`texture`](crate::render::light::texture)'s rule, for paths that are followed one by one.
+//!
+//! What must not break: what is not finite leads to no texel outside of the texture.
+
+use super::number::{Number, Triple, constant, dot};
+use crate::render::light::texture::{Texture, Wrap};
+
+/// Looks up a texture at a point, by the affine maps to its coordinates; `texel` gives each texel of the buffer.
+pub(crate) fn looked_up<N: Number, const CHANNELS: usize>(
+    texture: &Texture,
+    wrap: Wrap,
+    maps: [&[f64; 4]; 2],
+    point: Triple<N>,
+    texel: impl Fn(usize) -> [f64; CHANNELS],
+) -> [N; CHANNELS] {
+    if texture.is_constant() {
+        return texel(texture.first).map(N::constant);
+    }
+    let coordinates = maps.map(|map| dot(constant([map[0], map[1], map[2]]), point) + N::constant(map[3]));
+    let (column, x) = before(folded(coordinates[0], wrap), texture.width);
+    let (row, y) = before(folded(coordinates[1], wrap), texture.height);
+    let stride = texture.width as usize + 2;
+    let first = texture.first + row * stride + column;
+    let [a, b, c, d] = [0, 1, stride, stride + 1].map(|offset| texel(first + offset));
+    std::array::from_fn(|i| {
+        let upper = N::constant(a[i]) + x.scaled(b[i] - a[i]);
+        let lower = N::constant(c[i]) + x.scaled(d[i] - c[i]);
+        upper + (lower - upper) * y
+    })
+}
+
+/// Folds a coordinate back into the texture.
+fn folded<N: Number>(coordinate: N, wrap: Wrap) -> N {
+    let value = coordinate.value();
+    match wrap {
+        Wrap::Repeat => coordinate - N::constant(value.floor()),
+        Wrap::Clamp => coordinate.at_least(0.0).at_most(1.0),
+        Wrap::Mirror => {
+            let period = coordinate - N::constant(2.0 * (value * 0.5).floor());
+            if period.value() < 1.0 { period } else { N::constant(2.0) - period }
+        }
+    }
+}
+
+/// Returns the texel at or before a coordinate, counted from the frame around the texture, and how far it is past it.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the texture")]
+fn before<N: Number>(inside: N, size: u32) -> (usize, N) {
+    let along = inside.scaled(f64::from(size)) - N::constant(0.5);
+    let whole = along.value().floor();
+    let number = (whole + 1.0).max(0.0).min(f64::from(size));
+    (number as usize, along - N::constant(whole))
+}

@@ -1,0 +1,234 @@
+//! Numbers with or without a rate: shading of glossy surfaces is written once, and serves for luma and for its rate.
+//!
+//! A [`Rated`] carries its derivative by time along (forward-mode differentiation), so rates are those of the very
+//! steps that compute luma, for the same surfaces and the same shadows.
+//!
+//! What must not break: values of [`Rated`] have the bits of the same steps in float64.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use crate::render::geometry::vector::Vector;
+
+/// A float64, or one that carries its rate.
+pub(crate) trait Number:
+    Copy
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + std::fmt::Debug
+{
+    /// Whether it carries a rate.
+    const RATED: bool;
+
+    fn new(value: f64, rate: f64) -> Self;
+    fn value(self) -> f64;
+    fn rate(self) -> f64;
+    fn sqrt(self) -> Self;
+    fn exp(self) -> Self;
+
+    fn constant(value: f64) -> Self {
+        Self::new(value, 0.0)
+    }
+
+    fn scaled(self, by: f64) -> Self {
+        self * Self::constant(by)
+    }
+
+    fn squared(self) -> Self {
+        self * self
+    }
+
+    /// Returns the larger of it and a constant, which has no rate.
+    fn at_least(self, least: f64) -> Self {
+        if self.value() > least { self } else { Self::constant(least) }
+    }
+
+    fn at_most(self, most: f64) -> Self {
+        if self.value() < most { self } else { Self::constant(most) }
+    }
+}
+
+impl Number for f64 {
+    const RATED: bool = false;
+
+    fn new(value: f64, _: f64) -> Self {
+        value
+    }
+
+    fn value(self) -> f64 {
+        self
+    }
+
+    fn rate(self) -> f64 {
+        0.0
+    }
+
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
+
+    fn exp(self) -> Self {
+        libm::exp(self)
+    }
+}
+
+/// A value and its rate per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Rated {
+    value: f64,
+    rate: f64,
+}
+
+impl Add for Rated {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { value: self.value + other.value, rate: self.rate + other.rate }
+    }
+}
+
+impl Sub for Rated {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self { value: self.value - other.value, rate: self.rate - other.rate }
+    }
+}
+
+impl Mul for Rated {
+    type Output = Self;
+
+    fn mul(self, other: Self) -> Self {
+        Self { value: self.value * other.value, rate: self.rate * other.value + self.value * other.rate }
+    }
+}
+
+impl Div for Rated {
+    type Output = Self;
+
+    fn div(self, other: Self) -> Self {
+        let value = self.value / other.value;
+        Self { value, rate: (self.rate - value * other.rate) / other.value }
+    }
+}
+
+impl Neg for Rated {
+    type Output = Self;
+
+    fn neg(self) -> Self {
+        Self { value: -self.value, rate: -self.rate }
+    }
+}
+
+impl Number for Rated {
+    const RATED: bool = true;
+
+    fn new(value: f64, rate: f64) -> Self {
+        Self { value, rate }
+    }
+
+    fn value(self) -> f64 {
+        self.value
+    }
+
+    fn rate(self) -> f64 {
+        self.rate
+    }
+
+    fn sqrt(self) -> Self {
+        let value = self.value.sqrt();
+        Self { value, rate: if value > 0.0 { 0.5 * self.rate / value } else { 0.0 } }
+    }
+
+    fn exp(self) -> Self {
+        let value = libm::exp(self.value);
+        Self { value, rate: value * self.rate }
+    }
+}
+
+/// A vector, or a colour (red, green, blue).
+pub(crate) type Triple<N> = [N; 3];
+
+pub(crate) fn constant<N: Number>(vector: Vector) -> Triple<N> {
+    vector.map(N::constant)
+}
+
+/// Joins a vector and its rate.
+pub(crate) fn rated<N: Number>(vector: Vector, rate: Vector) -> Triple<N> {
+    std::array::from_fn(|i| N::new(vector[i], rate[i]))
+}
+
+pub(crate) fn values<N: Number>(triple: Triple<N>) -> Vector {
+    triple.map(N::value)
+}
+
+pub(crate) fn dot<N: Number>(a: Triple<N>, b: Triple<N>) -> N {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub(crate) fn cross<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+pub(crate) fn add<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
+    std::array::from_fn(|i| a[i] + b[i])
+}
+
+pub(crate) fn sub<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
+/// Returns the product of two colours, channel by channel.
+pub(crate) fn times<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
+    std::array::from_fn(|i| a[i] * b[i])
+}
+
+pub(crate) fn scale<N: Number>(a: Triple<N>, by: N) -> Triple<N> {
+    a.map(|component| component * by)
+}
+
+pub(crate) fn negated<N: Number>(a: Triple<N>) -> Triple<N> {
+    a.map(|component| -component)
+}
+
+/// Returns a vector of length 1; one without length stays as it is.
+pub(crate) fn unit<N: Number>(a: Triple<N>) -> Triple<N> {
+    let squared = dot(a, a);
+    if squared.value() > 0.0 { scale(a, N::constant(1.0) / squared.sqrt()) } else { a }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Takes every operation through one formula.
+    fn formula<N: Number>(x: N, y: N) -> N {
+        let root = (x * y + x.squared()).sqrt();
+        ((-x).exp() - y / root).scaled(3.0) + x.at_least(0.5) * y.at_most(0.5) + N::constant(2.0)
+    }
+
+    #[test]
+    fn rates_are_derivatives_and_values_keep_their_bits() {
+        for (x, y) in [(0.3, 0.2), (0.7, 0.9), (1.4, 0.1), (2.0, 3.0)] {
+            let (dx, dy, h) = (0.6, -1.1, 1e-6);
+            let both = formula(Rated::new(x, dx), Rated::new(y, dy));
+            assert_eq!(both.value().to_bits(), formula(x, y).to_bits());
+            let difference = (formula(x + h * dx, y + h * dy) - formula(x - h * dx, y - h * dy)) / (2.0 * h);
+            assert!((both.rate() - difference).abs() < 1e-6 * (1.0 + difference.abs()), "{both:?} {difference}");
+        }
+        assert_eq!(Rated::new(0.0, 3.0).sqrt(), Rated::new(0.0, 0.0));
+    }
+
+    #[test]
+    fn vectors_follow_their_definitions() {
+        let (a, b) = ([1.0, 2.0, 2.0], [0.5, -1.0, 3.0]);
+        assert_eq!(dot(a, b), 4.5);
+        assert_eq!(cross(a, b), [8.0, -2.0, -2.0]);
+        assert_eq!(unit(a).map(|x| 3.0 * x), a);
+        assert_eq!(unit([0.0; 3]), [0.0; 3]);
+        assert_eq!((add(a, b), sub(a, b)), ([1.5, 1.0, 5.0], [0.5, 3.0, -1.0]));
+        assert_eq!((times(a, b), scale(a, 2.0), negated(b)), ([0.5, -2.0, 6.0], [2.0, 4.0, 4.0], [-0.5, 1.0, -3.0]));
+    }
+}

@@ -1,0 +1,86 @@
+//! Patterns: which directions of a lobe, and which points of the lamps, each of a pixel's rays follows.
+//!
+//! The rays of a pixel share one pattern, so that few directions a ray are many a pixel. It is the same for every pixel
+//! and at every time, so that reflections have no noise.
+//!
+//! What must not break: a pattern depends on the number of rays a pixel alone, so single pixels have the bits of
+//! frames.
+
+/// How many directions, and as many points of lamps, a pixel has at least.
+const LEAST: usize = 16;
+
+/// Per golden ratio: a Fibonacci lattice has this second coordinate.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+
+/// A point of the unit disk, for a lobe, and one of the unit square, for the lamps.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PatternPoint {
+    pub(crate) disk: [f64; 2],
+    pub(crate) square: [f64; 2],
+}
+
+/// The points that the rays of a pixel follow.
+#[derive(Clone, Debug)]
+pub(crate) struct Pattern {
+    points: Vec<PatternPoint>,
+    rays: usize,
+}
+
+impl Pattern {
+    /// Makes that of pixels with so many rays.
+    #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+    pub(crate) fn new(rays: usize) -> Self {
+        let rays = rays.max(1);
+        let count = rays * LEAST.div_ceil(rays);
+        let point = |number: usize| {
+            let square = [(number as f64 + 0.5) / count as f64, (number as f64 * GOLDEN).fract()];
+            let (radius, angle) = (square[0].sqrt(), std::f64::consts::TAU * square[1]);
+            PatternPoint { disk: [radius * libm::cos(angle), radius * libm::sin(angle)], square }
+        };
+        Self { points: (0..count).map(point).collect(), rays }
+    }
+
+    /// Returns how many points a pixel has.
+    pub(crate) fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Returns the points of one of a pixel's rays.
+    pub(crate) fn of_ray(&self, ray: usize) -> impl ExactSizeIterator<Item = &PatternPoint> {
+        self.points[ray % self.rays..].iter().step_by(self.rays)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::cast_precision_loss, reason = "small numbers")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rays_of_a_pixel_share_all_points() {
+        for (rays, count) in [(1, 16), (2, 16), (5, 20), (8, 16), (16, 16), (20, 20), (64, 64)] {
+            let pattern = Pattern::new(rays);
+            assert_eq!(pattern.len(), count);
+            let mut taken: Vec<f64> =
+                (0..rays).flat_map(|ray| pattern.of_ray(ray).map(|point| point.square[0])).collect();
+            taken.sort_by(f64::total_cmp);
+            let all: Vec<f64> = (0..count).map(|i| (i as f64 + 0.5) / count as f64).collect();
+            assert_eq!(taken, all);
+            assert!((0..rays).all(|ray| pattern.of_ray(ray).len() == count / rays));
+        }
+    }
+
+    #[test]
+    fn points_lie_evenly_on_the_disk() {
+        let pattern = Pattern::new(64);
+        let (mut mean, mut squared) = ([0.0; 2], [0.0; 2]);
+        for point in &pattern.points {
+            for k in 0..2 {
+                mean[k] += point.disk[k] / 64.0;
+                squared[k] += point.disk[k] * point.disk[k] / 64.0;
+            }
+        }
+        assert!(mean.iter().all(|x| x.abs() < 0.02), "{mean:?}");
+        assert!(squared.iter().all(|x| (x - 0.25).abs() < 0.01), "{squared:?}");
+    }
+}

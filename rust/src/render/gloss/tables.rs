@@ -1,0 +1,131 @@
+//! What the renderer knows of glossy surfaces: tables that are checked once.
+//!
+//! What must not break: a scene without glossy surfaces has none of this, and is rendered as if it did not exist.
+
+use super::finish::Finish;
+use super::lamps::Lamps;
+use super::sky_levels::SkyLevels;
+use crate::error::{Error, Result};
+use crate::render::geometry::vector::Vector;
+
+/// The number of its finish of a triangle that is diffuse.
+pub const DIFFUSE: u32 = u32::MAX;
+
+/// The glossy surfaces of a scene, and all of the scene in colour, because what they reflect is coloured.
+#[derive(Clone, Debug, Default)]
+pub struct GlossTables {
+    /// How they reflect.
+    pub finishes: Vec<Finish>,
+    /// The finish of each triangle, [`DIFFUSE`] for none.
+    pub finish_of: Vec<u32>,
+    /// The texels of all textures as red, green and blue, in the layout of the scene's.
+    pub texels: Vec<[f32; 3]>,
+    /// For each group of lights: what a strength of 1 is in red, green and blue.
+    pub colours: Vec<[f64; 3]>,
+    /// For each light: radiance of what a ray sees that hits nothing, for a strength of 1.
+    pub backgrounds: Vec<[f64; 3]>,
+    /// Radiance that each triangle emits from its front, for a factor of 1; empty where none does.
+    pub emitted: Vec<[f64; 3]>,
+    /// The number of its light, the side and the texels (side^2) of an environment map on an octahedral map.
+    pub sky: Option<(u32, usize, Vec<[f32; 3]>)>,
+    /// How many segments a path of light has at most, from the camera on.
+    pub longest: usize,
+}
+
+/// The same, ready to be rendered; triangles in the order of the scene's.
+#[derive(Debug)]
+pub(crate) struct Gloss {
+    finishes: Vec<Finish>,
+    finish_of: Vec<u32>,
+    pub(crate) texels: Vec<[f32; 3]>,
+    pub(crate) colours: Vec<[f64; 3]>,
+    pub(crate) backgrounds: Vec<[f64; 3]>,
+    emitted: Vec<[f64; 3]>,
+    pub(crate) sky: Option<SkyLevels>,
+    pub(crate) lamps: Lamps,
+    pub(crate) longest: usize,
+}
+
+/// What the tables are checked against: the scene that they belong to.
+pub(crate) struct Owner<'a> {
+    /// How many triangles its tables have.
+    pub(crate) triangles: usize,
+    /// How many texels they have, and in how many colours.
+    pub(crate) texels: usize,
+    pub(crate) groups: usize,
+    pub(crate) lights: usize,
+    /// The triangles that can be seen, in their order: their number in the tables, corners, and luma that they emit.
+    pub(crate) numbers: Vec<u32>,
+    pub(crate) corners: &'a [[Vector; 3]],
+    pub(crate) emitted: Vec<f64>,
+}
+
+impl Gloss {
+    /// Checks the tables of a scene; None where they are empty.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for tables that do not belong together.
+    pub(crate) fn new<'a>(tables: &GlossTables, owner: impl FnOnce() -> Owner<'a>) -> Result<Option<Self>> {
+        if tables.finish_of.is_empty() {
+            return Ok(None);
+        }
+        let owner = owner();
+        for (name, expected, length) in [
+            ("finish_of", owner.triangles, tables.finish_of.len()),
+            ("texels", owner.texels, tables.texels.len()),
+            ("colours", owner.groups, tables.colours.len()),
+            ("backgrounds", owner.lights, tables.backgrounds.len()),
+            ("emitted", if tables.emitted.is_empty() { 0 } else { owner.triangles }, tables.emitted.len()),
+        ] {
+            if expected != length {
+                return Err(Error::Argument(format!("glossy surfaces need {expected} {name}, got {length}")));
+            }
+        }
+        let finish = |&number: &u32| number == DIFFUSE || (number as usize) < tables.finishes.len();
+        if let Some(number) = tables.finish_of.iter().find(|number| !finish(number)) {
+            return Err(Error::Argument(format!("a triangle has finish {number} of {}", tables.finishes.len())));
+        }
+        tables.finishes.iter().try_for_each(Finish::check)?;
+        let light = [&tables.colours, &tables.backgrounds, &tables.emitted];
+        let wrong = light.into_iter().flatten().flatten().find(|x| !(x.is_finite() && **x >= 0.0));
+        if wrong.is_some() || tables.texels.iter().flatten().any(|x| !x.is_finite()) {
+            return Err(Error::Argument(
+                "colours of lights and texels must be finite, and of lights not negative".to_owned(),
+            ));
+        }
+        let sky = match &tables.sky {
+            Some((light, ..)) if *light as usize >= owner.lights => {
+                return Err(Error::Argument(format!("a sky has light {light} of {}", owner.lights)));
+            }
+            Some((light, side, texels)) => Some(SkyLevels::new(*light, *side, texels)?),
+            None => None,
+        };
+        let numbers = || owner.numbers.iter().map(|&number| number as usize);
+        Ok(Some(Self {
+            finishes: tables.finishes.clone(),
+            finish_of: numbers().map(|number| tables.finish_of[number]).collect(),
+            texels: tables.texels.clone(),
+            colours: tables.colours.clone(),
+            backgrounds: tables.backgrounds.clone(),
+            emitted: if tables.emitted.is_empty() {
+                vec![]
+            } else {
+                numbers().map(|number| tables.emitted[number]).collect()
+            },
+            sky,
+            lamps: Lamps::new(owner.corners, |number| owner.emitted[number]),
+            longest: tables.longest,
+        }))
+    }
+
+    /// Returns the finish of a triangle of the scene; None of a diffuse one.
+    pub(crate) fn finish(&self, triangle: u32) -> Option<&Finish> {
+        self.finishes.get(self.finish_of[triangle as usize] as usize)
+    }
+
+    /// Returns what a triangle emits from its front.
+    pub(crate) fn emitted(&self, triangle: u32) -> [f64; 3] {
+        self.emitted.get(triangle as usize).copied().unwrap_or_default()
+    }
+}

@@ -1,0 +1,422 @@
+//! Oracles of glossy surfaces: a mirror shows what a mirrored camera sees, a thin sheet what lies behind it, and rates
+//! are differences in time.
+
+use super::finish::{Distribution, Finish, Fresnel, Under};
+use super::tables::{DIFFUSE, GlossTables};
+use crate::render::geometry::vector::{cross, dot, sub};
+use crate::render::visibility::first_hit::{FirstHits, Ray};
+use crate::render::{Emission, Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
+
+const SIZE: usize = 16;
+
+/// A mirror of all light.
+const MIRROR: Finish = Finish {
+    alpha: 0.0,
+    distribution: Distribution::Ggx,
+    fresnel: Fresnel::Conductor([0.0; 3], [1.0; 3]),
+    tint: [1.0; 3],
+    passing: [1.0; 3],
+    base_tints: false,
+    under: Under::Nothing,
+};
+
+/// Adds a parallelogram of two triangles, whose front is where its sides turn left.
+fn add(tables: &mut SceneTables, [corner, u, v]: [[f64; 3]; 3], look: (f64, u32, u32)) {
+    let (reflectance, finish, frame) = look;
+    let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let length = normal.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let normal = normal.map(|x| x / length);
+    let at = |a: f64, b: f64| -> [f64; 3] { std::array::from_fn(|i| corner[i] + a * u[i] + b * v[i]) };
+    let first = tables.texels.first().map_or(0, Vec::len);
+    // Two texels next to each other, in their frame.
+    tables.layouts.push([first as i64, 2, 1, 1]);
+    let (low, high) = (0.6 * reflectance, reflectance);
+    let row = [low, low, high, high];
+    for texels in &mut tables.texels {
+        texels.extend([row, row, row].iter().flatten().map(|&x| x as f32));
+    }
+    tables.gloss.texels.extend([row, row, row].iter().flatten().map(|&x| [x as f32; 3]));
+    let along: f64 = u.iter().map(|x| x * x).sum();
+    for corners in [[at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0)], [at(0.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]] {
+        let offset = -(0..3).map(|i| normal[i] * corner[i]).sum::<f64>();
+        tables.corners.to_mut().push(corners);
+        tables.planes.to_mut().push([normal[0], normal[1], normal[2], offset]);
+        let start = (0..3).map(|i| u[i] * corner[i]).sum::<f64>() / along;
+        tables.u_maps.to_mut().push([u[0] / along, u[1] / along, u[2] / along, -start]);
+        tables.v_maps.to_mut().push([0.0, 0.0, 0.0, 0.5]);
+        tables.textures.push(tables.layouts.len() as u32 - 1);
+        tables.two_sided.push(true);
+        tables.frames.push(frame);
+        tables.emissions.push(None);
+        tables.gloss.finish_of.push(finish);
+        tables.gloss.emitted.push([0.0; 3]);
+    }
+}
+
+/// Returns a floor, a post that moves (frame 1) and a wall, under a lamp in a place, a sun and light from all sides.
+fn room(mirror: Option<Finish>) -> SceneTables<'static> {
+    let mut tables = SceneTables {
+        frame_count: 2,
+        texels: vec![vec![]],
+        lights: vec![
+            light(LightKind::Point([1.0, 2.5, -1.0]), 6.0),
+            light(LightKind::Directional([0.36, -0.8, 0.48]), 1.5),
+            Light { background: 1.0, ..light(LightKind::Constant, 0.2) },
+        ],
+        shadows: true,
+        step: 1000.0 / f64::from(1 << 24),
+        end: 0.001,
+        ..SceneTables::default()
+    };
+    tables.gloss.colours = vec![[1.0; 3]];
+    tables.gloss.backgrounds = vec![[0.0; 3], [0.0; 3], [1.0; 3]];
+    tables.gloss.longest = 12;
+    add(&mut tables, [[-3.0, 0.0, -3.0], [0.0, 0.0, 5.9], [6.0, 0.0, 0.0]], (0.7, DIFFUSE, 0));
+    add(&mut tables, [[-0.3, 0.0, 0.2], [0.0, 1.0, 0.0], [0.5, 0.0, 0.3]], (0.5, DIFFUSE, 1));
+    add(&mut tables, [[-2.0, 0.0, -2.5], [0.0, 2.0, 0.0], [0.4, 0.0, 2.0]], (0.3, DIFFUSE, 0));
+    if let Some(finish) = mirror {
+        tables.gloss.finishes = vec![finish];
+        add(&mut tables, [[-9.0, -9.0, 3.0], [0.0, 18.0, 0.0], [18.0, 0.0, 0.0]], (1.0, 0, 0));
+    }
+    tables
+}
+
+fn light(kind: LightKind, strength: f64) -> Light {
+    Light { kind, group: 0, strength, background: 0.0, beam: None }
+}
+
+/// Returns a camera, the same in both frames but for the body's own motion.
+fn view(position: [f64; 3], rotation: [[f64; 3]; 3], velocity: [f64; 3], turning: [f64; 3]) -> View {
+    let world = Pose { position, rotation, velocity, angular_rate: turning };
+    let body = Pose { velocity: [velocity[0] - 0.3, velocity[1], velocity[2] + 0.2], ..world };
+    View { poses: vec![world, body], factors: vec![[1.0, 0.4], [0.8, 0.0], [1.0, -0.2]] }
+}
+
+/// Returns a view a little later, as far as its velocities tell.
+fn later(view: &View, dt: f64) -> View {
+    let pose = |pose: &Pose| {
+        let [x, y, z] = pose.angular_rate.map(|rate| rate * dt);
+        let small = [[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]];
+        let rotation =
+            std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| pose.rotation[i][k] * small[k][j]).sum()));
+        Pose { position: std::array::from_fn(|i| pose.position[i] + dt * pose.velocity[i]), rotation, ..*pose }
+    };
+    View {
+        poses: view.poses.iter().map(pose).collect(),
+        factors: view.factors.iter().map(|[factor, rate]| [factor + dt * rate, *rate]).collect(),
+    }
+}
+
+/// Of a camera that looks along z, with y upwards.
+const LEVEL: [[f64; 3]; 3] = [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]];
+
+fn rays(mirrored: bool, each: usize) -> PixelRays {
+    let side = if mirrored { -1.0 } else { 1.0 };
+    let table: Vec<f32> = (0..each)
+        .flat_map(|ray| (0..SIZE * SIZE).map(move |pixel| (ray, pixel)))
+        .flat_map(|(ray, pixel)| {
+            let at = |number: usize, shift: usize| {
+                (number as f32 + 0.37 + (ray * shift % each) as f32 / each as f32) / SIZE as f32 - 0.5
+            };
+            [side * at(pixel % SIZE, 1), at(pixel / SIZE, 3)]
+        })
+        .collect();
+    PixelRays::new(SIZE, SIZE, each, &table).unwrap()
+}
+
+fn luma(renderer: &Renderer, rays: &PixelRays, view: &View) -> (Vec<f32>, Vec<f32>) {
+    let (mut luma, mut rate) = (vec![0.0; SIZE * SIZE], vec![0.0; SIZE * SIZE]);
+    renderer.luma(rays, std::slice::from_ref(view), &mut luma, Some(&mut rate)).unwrap();
+    let mut without = vec![0.0; SIZE * SIZE];
+    renderer.luma(rays, std::slice::from_ref(view), &mut without, None).unwrap();
+    assert!(luma.iter().zip(&without).all(|(a, b)| a.to_bits() == b.to_bits()));
+    (luma, rate)
+}
+
+fn renderer(tables: &SceneTables) -> Renderer {
+    Renderer::new(Scene::new(tables).unwrap(), Some(1)).unwrap()
+}
+
+/// Counts pixels that are off by more than a share of the brightest.
+fn off(one: &[f32], other: &[f32], share: f32) -> usize {
+    let most = one.iter().fold(0f32, |most, x| most.max(x.abs()));
+    assert!(most > 0.0);
+    one.iter().zip(other).filter(|(a, b)| a.is_nan() || b.is_nan() || (**a - **b).abs() > share * most).count()
+}
+
+/// A mirror at z = 3 shows what a camera sees that is mirrored at it, and that moves so.
+#[test]
+fn a_mirror_shows_what_a_mirrored_camera_sees() {
+    let here = view([0.4, 0.9, 2.0], LEVEL, [0.2, 0.1, -0.3], [0.05, -0.1, 0.2]);
+    // With its image turned from left to right, the axes of the mirrored camera are right-handed.
+    let turned = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]];
+    let there = view([0.4, 0.9, 4.0], turned, [0.2, 0.1, 0.3], [0.05, 0.1, -0.2]);
+    let (shown, rate) = luma(&renderer(&room(Some(MIRROR))), &rays(false, 1), &here);
+    let (seen, seen_rate) = luma(&renderer(&room(None)), &rays(true, 1), &there);
+    assert!(off(&seen, &shown, 1e-4) <= 3, "{}", off(&seen, &shown, 1e-4));
+    assert!(off(&seen_rate, &rate, 1e-3) <= 3, "{}", off(&seen_rate, &rate, 1e-3));
+    // It shows shadows, textures and the sky.
+    assert!(seen.iter().any(|&x| x > 0.4) && seen.iter().any(|&x| x > 0.0 && x < 0.07), "{seen:?}");
+}
+
+/// A thin sheet lets through what it does not reflect.
+#[test]
+fn a_sheet_shows_what_lies_behind_it() {
+    let sheet = Finish {
+        fresnel: Fresnel::Dielectric(1.5),
+        tint: [0.0; 3],
+        passing: [0.5; 3],
+        under: Under::Sheet(1.5),
+        ..MIRROR
+    };
+    let there =
+        view([0.4, 0.9, 4.0], [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]], [0.1, 0.2, -0.4], [0.0; 3]);
+    let tables = SceneTables { shadows: false, ..room(Some(sheet)) };
+    let (shown, rate) = luma(&renderer(&tables), &rays(false, 1), &there);
+    let (seen, seen_rate) = luma(&renderer(&SceneTables { shadows: false, ..room(None) }), &rays(false, 1), &there);
+    for pixel in 0..SIZE * SIZE {
+        let at = |number: usize| (number as f64 + 0.37) / SIZE as f64 - 0.5;
+        let (x, y) = (at(pixel % SIZE), at(pixel / SIZE));
+        let cosine = 1.0 / (x * x + y * y + 1.0).sqrt();
+        let sine = (1.0 - cosine * cosine).sqrt() / 1.5;
+        let inside = (1.0 - sine * sine).sqrt();
+        let across = (cosine - 1.5 * inside) / (cosine + 1.5 * inside);
+        let along = (1.5 * cosine - inside) / (1.5 * cosine + inside);
+        let once = 0.5 * (across * across + along * along);
+        let passed = 0.5 * (1.0 - 2.0 * once / (1.0 + once));
+        let expected = [f64::from(seen[pixel]) * passed, f64::from(seen_rate[pixel]) * passed];
+        let found = [shown[pixel], rate[pixel]].map(f64::from);
+        assert!(
+            (0..2).all(|k| (found[k] - expected[k]).abs() < 2e-4 * (1.0 + expected[k].abs())),
+            "{found:?} {expected:?}"
+        );
+    }
+}
+
+/// Rates of rough, coated and clear surfaces are differences in time, and single pixels have the bits of frames.
+#[test]
+fn rates_are_differences_in_time() {
+    let coated = Under::Coated { index: 1.5, inside: 0.6, entering: 0.9, nonlinear: true, passing: None };
+    let rough = Finish { alpha: 0.2, fresnel: Fresnel::Mixed(1.5, 0.3), under: Under::Rough(0.45, 0.7), ..MIRROR };
+    let finishes = [
+        MIRROR,
+        rough.clone(),
+        Finish {
+            distribution: Distribution::Beckmann,
+            fresnel: Fresnel::Dielectric(1.5),
+            under: coated,
+            ..rough.clone()
+        },
+        Finish { fresnel: Fresnel::Conductor([0.2, 0.9, 1.1], [3.9, 2.4, 2.1]), base_tints: true, ..rough },
+        Finish { fresnel: Fresnel::Dielectric(1.5), under: Under::Solid(1.5), ..MIRROR },
+    ];
+    for finish in finishes {
+        let mut tables = room(Some(finish.clone()));
+        let texels = (0..64 * 64).map(|i| [1.0 + 0.01 * (i % 64) as f32, 1.0, 0.5 + 0.002 * (i / 64) as f32]).collect();
+        tables.gloss.sky = Some((1, 64, texels));
+        // A lamp behind the camera.
+        add(&mut tables, [[-0.6, 0.5, -0.9], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]], (0.0, DIFFUSE, 0));
+        let lamp = tables.corners.len() - 2;
+        for triangle in lamp..lamp + 2 {
+            tables.emissions[triangle] = Some(Emission { light: 0, luma: 3.0 });
+            tables.gloss.emitted[triangle] = [3.0; 3];
+        }
+        let (renderer, rays) = (renderer(&tables), rays(false, 3));
+        let here = view([0.4, 0.9, 1.6], LEVEL, [0.2, 0.1, -0.3], [0.05, -0.1, 0.2]);
+        let dt = 1e-3;
+        let (shown, rate) = luma(&renderer, &rays, &here);
+        let [before, after] = [-dt, dt].map(|dt| luma(&renderer, &rays, &later(&here, dt)).0);
+        let difference: Vec<f32> =
+            before.iter().zip(&after).map(|(a, b)| (f64::from(b - a) / (2.0 * dt)) as f32).collect();
+        // Where edges and shadows pass in between, differences are none of surfaces.
+        let wrong = off(&difference, &rate, 0.02);
+        assert!(wrong < SIZE * SIZE / 4, "{finish:?}: {wrong}");
+        let pixels: Vec<(u32, u32)> = (0..(SIZE * SIZE) as u32).step_by(5).map(|pixel| (0, pixel)).collect();
+        let mut samples = vec![0.0; pixels.len()];
+        renderer.samples(&rays, std::slice::from_ref(&here), &pixels, &mut samples).unwrap();
+        let same = |(&(_, pixel), sample): (&(u32, u32), &f32)| sample.to_bits() == shown[pixel as usize].to_bits();
+        assert!(pixels.iter().zip(&samples).all(same));
+    }
+}
+
+/// Within light from all sides, a box of glass is not seen, and what neither absorbs nor shades has the light's luma.
+#[test]
+fn nothing_is_lost_in_a_furnace() {
+    for under in [Under::Solid(1.5), Under::Sheet(1.3)] {
+        let glass = Finish { fresnel: Fresnel::Dielectric(1.5), under: under.clone(), ..MIRROR };
+        let mut tables = room(None);
+        tables.gloss.finishes = vec![glass];
+        tables.gloss.longest = 100;
+        tables.frames = tables.frames.iter().map(|_| 1).collect();
+        for lights in &mut tables.lights[..2] {
+            lights.strength = 0.0;
+        }
+        tables.lights[2].strength = 1.0;
+        // A box in front of the camera, seen alone.
+        for sides in BOX {
+            add(&mut tables, sides, (1.0, 0, 0));
+        }
+        // No ray meets two sides at once.
+        let mut here = view([0.013, 0.007, -0.5], LEVEL, [0.0; 3], [0.0; 3]);
+        // The other surfaces are far away.
+        here.poses[1].position = [0.0, 1e4, 1e6];
+        here.factors = vec![[1.0, 0.0]; 3];
+        let (shown, rate) = luma(&renderer(&tables), &rays(false, 1), &here);
+        assert!(shown.iter().all(|x| (x - 1.0).abs() < 0.02), "{under:?} {shown:?}");
+        assert!(rate.iter().all(|x| x.abs() < 1e-6));
+        if under == Under::Solid(1.5) {
+            // Within the glass light is as many times denser as the square of its index.
+            here.poses[0].position = [0.013, 0.007, 1.5];
+            let (inside, _) = luma(&renderer(&tables), &rays(false, 1), &here);
+            assert!(inside.iter().all(|x| (x - 2.25).abs() < 0.03), "{inside:?}");
+        }
+    }
+}
+
+/// The sides of a box, which look outwards.
+const BOX: [[[f64; 3]; 3]; 6] = [
+    [[-0.5, -0.5, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]],
+    [[-0.5, -0.5, 2.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    [[-0.5, -0.5, 1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]],
+    [[0.5, -0.5, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    [[-0.5, -0.5, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+    [[-0.5, 0.5, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]],
+];
+
+/// Lamps all around are as bright as a background of the same light: neither way to them counts twice.
+#[test]
+fn lamps_all_around_are_a_background() {
+    for alpha in [0.1, 0.4, 0.8] {
+        let finish = Finish { alpha, ..MIRROR };
+        let mut tables = room(None);
+        tables.gloss.finishes = vec![finish];
+        tables.frames = tables.frames.iter().map(|_| 1).collect();
+        tables.shadows = false;
+        for light in &mut tables.lights[..2] {
+            light.strength = 0.0;
+        }
+        tables.lights[2].strength = 1.0;
+        add(&mut tables, [[-0.2, -0.2, 1.8], [0.0, 0.4, 0.1], [0.4, 0.0, 0.0]], (1.0, 0, 0));
+        let mut here = view([0.1, 0.05, 1.3], LEVEL, [0.0; 3], [0.0; 3]);
+        here.poses[1].position = [0.0, 1e4, 1e6];
+        here.factors = vec![[1.0, 0.0]; 3];
+        let even = luma(&renderer(&tables), &rays(false, 16), &here).0;
+        tables.lights[2].strength = 0.0;
+        for [corner, u, v] in BOX {
+            add(&mut tables, [corner, v, u], (0.0, DIFFUSE, 0));
+            for triangle in tables.corners.len() - 2..tables.corners.len() {
+                tables.emissions[triangle] = Some(Emission { light: 0, luma: 1.0 });
+                tables.gloss.emitted[triangle] = [1.0; 3];
+            }
+        }
+        let lamps = luma(&renderer(&tables), &rays(false, 16), &here).0;
+        let mean = |luma: &[f32]| luma.iter().sum::<f32>() / luma.len() as f32;
+        assert!((mean(&lamps) / mean(&even) - 1.0).abs() < 0.02, "{alpha}: {} {}", mean(&lamps), mean(&even));
+        // From behind they are dark.
+        for plane in tables.planes.to_mut().iter_mut().rev().take(2 * BOX.len()) {
+            *plane = plane.map(|x| -x);
+        }
+        let behind = luma(&renderer(&tables), &rays(false, 16), &here).0;
+        assert!(behind.iter().all(|&x| x == 0.0), "{behind:?}");
+    }
+}
+
+/// Few directions a ray see a lamp as many do: neither a sharp lobe nor a small lamp is missed.
+#[test]
+fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
+    for (alpha, side, tolerated) in [(0.05, 2.0, 0.06), (0.3, 0.1, 0.03), (0.3, 2.0, 0.05), (0.7, 1.0, 0.05)] {
+        let finish = Finish { alpha, ..MIRROR };
+        let mut tables = room(Some(finish));
+        for light in &mut tables.lights {
+            light.strength = 0.0;
+        }
+        tables.shadows = false;
+        add(&mut tables, [[-0.4, 1.2, 0.0], [side, 0.0, 0.0], [0.0, side, 0.0]], (0.0, DIFFUSE, 0));
+        let lamp = tables.corners.len() - 2;
+        for triangle in lamp..lamp + 2 {
+            tables.emissions[triangle] = Some(Emission { light: 0, luma: 2.0 });
+            tables.gloss.emitted[triangle] = [2.0; 3];
+        }
+        let renderer = renderer(&tables);
+        let here = view([0.4, 0.9, 2.2], LEVEL, [0.0; 3], [0.0; 3]);
+        let here = View { factors: vec![[1.0, 0.0]; 3], ..here };
+        let mean = |each: usize| -> f64 {
+            luma(&renderer, &rays(false, each), &here).0.iter().map(|&x| f64::from(x)).sum::<f64>()
+                / (SIZE * SIZE) as f64
+        };
+        let (few, many) = (mean(4), mean(32));
+        assert!(many > 0.0 && (few / many - 1.0).abs() < tolerated, "{alpha} {side}: {few} {many}");
+    }
+}
+
+#[test]
+fn tables_that_do_not_belong_together_are_refused() {
+    let good = room(Some(MIRROR));
+    assert!(Scene::new(&good).is_ok());
+    let wrong: [fn(&mut GlossTables); 13] = [
+        |gloss| gloss.finish_of.truncate(3),
+        |gloss| gloss.finish_of[0] = 1,
+        |gloss| gloss.texels.truncate(3),
+        |gloss| gloss.texels[0] = [f32::NAN; 3],
+        |gloss| gloss.colours.clear(),
+        |gloss| gloss.colours[0] = [-1.0; 3],
+        |gloss| gloss.backgrounds.truncate(2),
+        |gloss| gloss.emitted.truncate(2),
+        |gloss| gloss.sky = Some((3, 1, vec![[1.0; 3]])),
+        |gloss| gloss.finishes[0].alpha = -0.1,
+        |gloss| gloss.finishes[0].under = Under::Solid(1.0),
+        |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed(1.5, 1.1),
+        |gloss| gloss.finishes[0].tint = [f64::INFINITY; 3],
+    ];
+    for (number, change) in wrong.iter().enumerate() {
+        let mut tables = good.clone();
+        change(&mut tables.gloss);
+        assert!(Scene::new(&tables).is_err(), "{number}");
+    }
+}
+
+/// Returns where a ray meets a triangle (Moller and Trumbore 1997).
+fn distance([a, b, c]: [[f64; 3]; 3], ray: &Ray) -> Option<f64> {
+    let (u, v, from) = (sub(b, a), sub(c, a), sub(ray.origin, a));
+    let (p, q) = (cross(ray.direction, v), cross(from, u));
+    let volume = dot(u, p);
+    let [second, third] = [dot(from, p) / volume, dot(ray.direction, q) / volume];
+    let along = dot(v, q) / volume;
+    (second >= 0.0 && third >= 0.0 && second + third <= 1.0 && along > 0.0).then_some(along)
+}
+
+/// The first triangle that a ray meets, and the first but that one or but what is nearer, as a search of all has it.
+#[test]
+fn rays_meet_what_a_search_of_all_finds() {
+    let mut state = 7u64;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / f64::from(1 << 23) - 1.0
+    };
+    let mut tables = room(None);
+    for number in 0..400 {
+        let [corner, u, v]: [[f64; 3]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| next()));
+        add(&mut tables, [corner, u.map(|x| 0.4 * x), v.map(|x| 0.4 * x)], (1.0, DIFFUSE, number % 2));
+    }
+    let scene = Scene::new(&tables).unwrap();
+    let (mut hits, mut met) = (FirstHits::default(), 0);
+    for _ in 0..200 {
+        let [origin, direction]: [[f64; 3]; 2] = std::array::from_fn(|_| std::array::from_fn(|_| next()));
+        let rays: Vec<Ray> =
+            scene.frames.iter().map(|frame| Ray { origin: sub(origin, frame.centre), direction }).collect();
+        let mut all: Vec<(f64, u32)> = vec![];
+        for (frame, ray) in scene.frames.iter().zip(&rays) {
+            let found = frame.triangles.clone().filter_map(|i| Some((distance(scene.corners[i], ray)?, i as u32)));
+            all.extend(found);
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let number = |at: usize| all.get(at).map(|hit| hit.1);
+        assert_eq!(hits.nearest(&scene, &rays, 0.0, u32::MAX), number(0));
+        if let [first, second, ..] = all[..] {
+            met += 1;
+            assert_eq!(hits.nearest(&scene, &rays, 0.0, first.1), Some(second.1));
+            assert_eq!(hits.nearest(&scene, &rays, f64::midpoint(first.0, second.0), u32::MAX), Some(second.1));
+        }
+    }
+    assert!(met > 100, "{met}");
+}

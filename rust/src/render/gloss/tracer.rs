@@ -1,0 +1,513 @@
+//! Paths of light to glossy surfaces, followed backwards from the camera: mirror rays, refracted ones, directions of a
+//! lobe, and rays to points of the lamps.
+//!
+//! No path is drawn at random. A ray of the camera that hits a glossy surface follows its points of the pixel's
+//! [`Pattern`]. What these rays hit is shaded by its lights and its light maps as it would be for the camera. A rough
+//! surface that is seen in another one follows one direction, or counts as diffuse.
+//!
+//! Points and directions are in camera axes, with their rates where [`Number`] has them. Triangles are met in the frame
+//! of each body.
+//!
+//! What must not break: a path depends on its view, its ray and the ray's number in the pixel alone. Rates are those of
+//! the same surfaces and shadows.
+
+use super::finish::{Cosines, Finish, Under, dielectric, lobe_density, lobe_ray};
+use super::lookup::looked_up;
+use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
+use super::pattern::{Pattern, PatternPoint};
+use super::tables::Gloss;
+use crate::render::geometry::vector::{self, Vector, cross, largest};
+use crate::render::geometry::view::Pose;
+use crate::render::light::lights::{SeenKind, SeenLight, Surroundings};
+use crate::render::light::texture::{Wrap, parted};
+use crate::render::scene::Surface;
+use crate::render::visibility::first_hit::{FirstHits, Ray, is_blocked};
+
+/// Luma of red, green and blue (BT.601), as Python's `LUMA_WEIGHTS`.
+const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
+
+/// Paths end where they count for less than this.
+const FAINT: f64 = 1e-3;
+
+/// Paths have at most so many segments.
+const LONGEST: usize = 12;
+
+/// On paths of so many segments, surfaces of at least this roughness count as diffuse.
+const AS_DIFFUSE: (usize, f64) = (3, 0.2);
+
+/// Light along a lobe that is weaker than this, relative to the lamp, needs no shadow ray.
+const NO_SHADOW: f64 = 1e-5;
+
+/// Rays begin this far from the surface, relative to its coordinates: what is nearer lies on it.
+const NEAREST: f64 = 1e-10;
+
+/// Room for the tracer's work.
+#[derive(Debug, Default)]
+pub(crate) struct TracerScratch {
+    rays: Vec<Ray>,
+    hits: FirstHits,
+    stack: Vec<u32>,
+}
+
+/// What follows paths through one view of a scene.
+pub(crate) struct Tracer<'a> {
+    pub(crate) lit: &'a Surroundings<'a>,
+    pub(crate) gloss: &'a Gloss,
+    pub(crate) pattern: &'a Pattern,
+    pub(crate) scratch: &'a mut TracerScratch,
+}
+
+/// A place on a triangle that a ray meets.
+#[derive(Clone, Copy, Debug)]
+struct Hit<N> {
+    triangle: u32,
+    /// In camera axes.
+    point: Triple<N>,
+    /// In the triangle's frame.
+    in_frame: Triple<N>,
+    /// The way to it.
+    distance: N,
+    /// The plane's unit normal on the side that the ray meets, in camera axes.
+    plane: Triple<N>,
+    /// Whether the ray meets the front.
+    front: bool,
+}
+
+/// What is known of a path up to a surface.
+#[derive(Clone, Copy, Debug)]
+struct Path {
+    /// Segments so far, that of the camera among them.
+    segments: usize,
+    /// How much what it meets counts.
+    weight: f64,
+    /// The number of the camera's ray in its pixel.
+    ray: usize,
+}
+
+/// The surface at a hit, as light falls on it.
+#[derive(Clone, Copy, Debug)]
+struct Spot<'a, N> {
+    hit: Hit<N>,
+    finish: Option<&'a Finish>,
+    base: Triple<N>,
+    /// The shading normal on the viewer's side.
+    normal: Triple<N>,
+    viewer: Triple<N>,
+    /// The cosine between these two.
+    out: N,
+}
+
+impl<N: Number> Spot<'_, N> {
+    /// Returns the reflectance for light from all sides.
+    fn evenly(&self, path: &Path) -> Triple<N> {
+        match self.finish {
+            None => self.base,
+            Some(finish) if path.is_diffuse(finish) => {
+                add(finish.below_evenly(self.base, self.out), finish.reflected(self.base, self.out))
+            }
+            Some(finish) => finish.below_evenly(self.base, self.out),
+        }
+    }
+
+    /// Returns the luminance towards the viewer for light of strength 1 that falls along a unit vector; the lobe's where
+    /// it is wanted.
+    fn reflected(&self, towards: Triple<N>, with_lobe: bool) -> Triple<N> {
+        let into = dot(self.normal, towards);
+        let diffuse = into.scaled(std::f64::consts::FRAC_1_PI);
+        let Some(finish) = self.finish else { return scale(self.base, diffuse) };
+        let cosines = Cosines::new(self.normal, self.viewer, towards);
+        let below = scale(finish.below(self.base, &cosines), diffuse);
+        if !with_lobe || finish.is_mirror() { below } else { add(below, finish.lobe(self.base, &cosines)) }
+    }
+
+    /// Returns whether a direction leads away from the surface.
+    fn sees(&self, towards: Triple<N>) -> bool {
+        dot(self.normal, towards).value() > 0.0 && dot(self.hit.plane, towards).value() > 0.0
+    }
+
+    /// Returns the viewer's direction mirrored, above the surface.
+    fn mirrored(&self) -> Triple<N> {
+        let about = |normal: Triple<N>| sub(scale(normal, dot(normal, self.viewer).scaled(2.0)), self.viewer);
+        let towards = about(self.normal);
+        if dot(self.hit.plane, towards).value() > 0.0 { towards } else { about(self.hit.plane) }
+    }
+}
+
+impl Path {
+    /// Returns whether a rough surface counts as diffuse on it.
+    fn is_diffuse(&self, finish: &Finish) -> bool {
+        self.segments >= AS_DIFFUSE.0 && finish.alpha >= AS_DIFFUSE.1
+    }
+
+    fn faded<N: Number>(&self, by: Triple<N>) -> Self {
+        Self { weight: self.weight * largest(values(by)), ..*self }
+    }
+}
+
+impl Tracer<'_> {
+    /// Returns the luma that a ray (x, y, 1) of the camera sees on a glossy triangle; `ray` is its number in its pixel.
+    pub(crate) fn luma<N: Number>(&mut self, triangle: u32, [x, y]: [f64; 2], ray: usize) -> N {
+        let direction: Triple<N> = constant(unit([x, y, 1.0]));
+        let hit = self.hit_on(triangle, constant([0.0; 3]), direction);
+        let mut radiance = self.shaded(&hit, negated(direction), &Path { segments: 1, weight: 1.0, ray });
+        if hit.front {
+            radiance = add(radiance, self.emitted(triangle));
+        }
+        dot(radiance, constant(LUMA))
+    }
+
+    /// Returns the radiance of a surface towards a viewer, without its own light.
+    fn shaded<N: Number>(&mut self, hit: &Hit<N>, viewer: Triple<N>, path: &Path) -> Triple<N> {
+        let gloss = self.gloss;
+        let surface = &self.lit.scene.surfaces[hit.triangle as usize];
+        let finish = gloss.finish(hit.triangle);
+        let normal = self.normal(hit, surface, viewer);
+        let texture = &self.lit.scene.textures[surface.texture as usize];
+        let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
+            gloss.texels[at].map(f64::from)
+        });
+        let spot = Spot { hit: *hit, finish, base, normal, viewer, out: dot(normal, viewer) };
+        match finish {
+            Some(Finish { under: Under::Solid(index), .. }) => self.through_solid(&spot, *index, path),
+            Some(Finish { under: Under::Sheet(index), .. }) => self.through_sheet(&spot, *index, path),
+            _ if !hit.front && !surface.two_sided => [N::constant(0.0); 3],
+            None => self.lit_by_all(&spot, surface, path),
+            Some(finish) => {
+                let light = self.lit_by_all(&spot, surface, path);
+                if path.is_diffuse(finish) { light } else { add(light, self.image(&spot, finish, path)) }
+            }
+        }
+    }
+
+    /// Returns what a surface reflects of lights that have their own terms: all but images, and lamps in lobes.
+    fn lit_by_all<N: Number>(&mut self, spot: &Spot<N>, surface: &Surface, path: &Path) -> Triple<N> {
+        let (lit, gloss) = (self.lit, self.gloss);
+        let (mut sum, mut evenly) = ([N::constant(0.0); 3], [N::constant(0.0); 3]);
+        for light in lit.lights {
+            let strength = N::new(light.strength, light.strength_rate);
+            let colour = scale(constant(gloss.colours[light.group]), strength);
+            match light.kind {
+                SeenKind::Visible => {}
+                SeenKind::Constant => evenly = add(evenly, colour),
+                SeenKind::Baked(_) if light.strength == 0.0 && light.strength_rate == 0.0 => {}
+                SeenKind::Baked(number) => {
+                    if let Some([front, back]) = surface.light_maps.as_deref() {
+                        let side = if spot.hit.front || !surface.two_sided { front } else { back };
+                        let texels = &lit.scene.irradiance[number];
+                        let [value] =
+                            looked_up(&side.texture, Wrap::Clamp, [&side.u, &side.v], spot.hit.in_frame, |at| {
+                                [f64::from(parted(texels[at])[0])]
+                            });
+                        evenly = add(evenly, scale(colour, value.at_least(0.0)));
+                    }
+                }
+                SeenKind::Directional(towards, rate) => {
+                    let towards = rated(towards, rate);
+                    if spot.sees(towards) && !self.is_hidden(spot, values(towards), f64::INFINITY) {
+                        sum = add(sum, times(colour, spot.reflected(towards, true)));
+                    }
+                }
+                SeenKind::Point(position, rate) => {
+                    let reflected = self.lit_from_position(spot, light, rated(position, rate));
+                    sum = add(sum, times(colour, reflected));
+                }
+            }
+        }
+        add(sum, times(spot.evenly(path), evenly))
+    }
+
+    /// Returns what a surface reflects of a light at a position, for a strength of 1.
+    fn lit_from_position<N: Number>(&mut self, spot: &Spot<N>, light: &SeenLight, position: Triple<N>) -> Triple<N> {
+        let way = sub(position, spot.hit.point);
+        let towards = unit(way);
+        if !spot.sees(towards) {
+            return [N::constant(0.0); 3];
+        }
+        let fraction = light.beam.map_or(N::constant(1.0), |beam| beam.fraction(negated(towards)));
+        if fraction.value() == 0.0 && fraction.rate() == 0.0 || self.is_hidden(spot, values(way), self.to_lamps()) {
+            return [N::constant(0.0); 3];
+        }
+        // In a lobe, a lamp of many places is looked at as the triangles that it is made of.
+        let with_lobe = light.beam.is_none_or(|beam| beam.is_spot());
+        scale(spot.reflected(towards, with_lobe), fraction / dot(way, way))
+    }
+
+    /// Returns the image of the surroundings in a mirror or along a lobe, and what it reflects of lamps.
+    fn image<N: Number>(&mut self, spot: &Spot<N>, finish: &Finish, path: &Path) -> Triple<N> {
+        let pattern = self.pattern;
+        let points = pattern.of_ray(path.ray);
+        let count = if path.segments == 1 { points.len() } else { 1 };
+        #[allow(clippy::cast_precision_loss, reason = "a small number")]
+        let each = 1.0 / count as f64;
+        let mut sum = [N::constant(0.0); 3];
+        if finish.is_mirror() {
+            let reflected = finish.reflected(spot.base, spot.out);
+            sum = self.arriving(spot, spot.mirrored(), reflected, None, path);
+            if finish.under == Under::Nothing {
+                return sum;
+            }
+        }
+        for point in points.take(count) {
+            if !finish.is_mirror() {
+                sum = add(sum, self.along_ray_of_lobe(spot, finish, point, each, path));
+            }
+            if !self.gloss.lamps.is_empty() && path.segments < self.longest() {
+                sum = add(sum, scale(self.lit_by_lamp(spot, finish, point), N::constant(each)));
+            }
+        }
+        sum
+    }
+
+    /// Returns what a direction of a lobe brings, with the weight of one of a few.
+    fn along_ray_of_lobe<N: Number>(
+        &mut self,
+        spot: &Spot<N>,
+        finish: &Finish,
+        point: &PatternPoint,
+        each: f64,
+        path: &Path,
+    ) -> Triple<N> {
+        match lobe_ray(finish.alpha, spot.normal, spot.viewer, point.disk) {
+            Some(ray) if spot.sees(ray.towards) => {
+                let lobe = finish.lobe(spot.base, &ray.cosines);
+                let weight = scale(lobe, N::constant(each) / ray.density);
+                self.arriving(spot, ray.towards, weight, Some(ray.density), path)
+            }
+            _ => [N::constant(0.0); 3],
+        }
+    }
+
+    /// Returns what a rough surface reflects of a point on the lamps.
+    fn lit_by_lamp<N: Number>(&mut self, spot: &Spot<N>, finish: &Finish, point: &PatternPoint) -> Triple<N> {
+        let dark = [N::constant(0.0); 3];
+        let (lit, lamps) = (self.lit, &self.gloss.lamps);
+        let (triangle, place) = lamps.point(&lit.scene.corners, point.square);
+        let surface = &lit.scene.surfaces[triangle as usize];
+        let pose = &lit.view.poses[surface.frame as usize];
+        let seen = pose.turned(vector::sub(place, pose.position));
+        let way = sub(rated(seen, vector::add(pose.turning(seen), pose.drift())), spot.hit.point);
+        let towards = unit(way);
+        let facing = -dot(from_frame(pose, constant(normal_of(surface))), towards);
+        if triangle == spot.hit.triangle || !spot.sees(towards) || facing.value() <= 0.0 {
+            return dark;
+        }
+        let cosines = Cosines::new(spot.normal, spot.viewer, towards);
+        let by_lamps = dot(way, way).scaled(lamps.density(triangle)) / facing;
+        let weight = N::constant(1.0) / (by_lamps + lobe_density(finish.alpha, &cosines));
+        let mut reflected = if finish.is_mirror() { dark } else { scale(finish.lobe(spot.base, &cosines), weight) };
+        if self.lamps_are_baked() {
+            // Baked light counts as light from all sides, which is not what a coat lets through from one.
+            let more = sub(finish.below(spot.base, &cosines), finish.below_evenly(spot.base, spot.out));
+            let weight = cosines.into.scaled(std::f64::consts::FRAC_1_PI) / by_lamps;
+            reflected = add(reflected, scale(more, weight));
+        }
+        if largest(values(reflected)) < NO_SHADOW || self.is_hidden(spot, values(way), self.to_lamps()) {
+            return dark;
+        }
+        times(reflected, self.emitted(triangle))
+    }
+
+    /// Returns whether the light of all lamps is in the maps, none of them being a few places that shine.
+    fn lamps_are_baked(&self) -> bool {
+        self.lit.lights.iter().all(|light| light.beam.is_none_or(|beam| beam.is_spot()))
+    }
+
+    /// Returns what a glass surface reflects and lets through.
+    fn through_solid<N: Number>(&mut self, spot: &Spot<N>, index: f64, path: &Path) -> Triple<N> {
+        let Some(finish) = spot.finish else { return spot.base };
+        let index = if spot.hit.front { index } else { 1.0 / index };
+        let reflected = dielectric(spot.out, index);
+        let image = scale(constant(finish.tint), reflected);
+        let mut sum = self.arriving(spot, spot.mirrored(), image, None, path);
+        if reflected.value() < 1.0 {
+            let one = N::constant(1.0);
+            let inside = (one - (one - spot.out.squared()).scaled(1.0 / (index * index))).sqrt();
+            let along = spot.out.scaled(1.0 / index) - inside;
+            let towards = sub(scale(spot.normal, along), scale(spot.viewer, N::constant(1.0 / index)));
+            let passed = scale(constant(finish.passing), (one - reflected).scaled(1.0 / (index * index)));
+            sum = add(sum, self.arriving(spot, towards, passed, None, path));
+        }
+        sum
+    }
+
+    /// Returns what a thin sheet reflects and lets through, with all reflections between its sides.
+    fn through_sheet<N: Number>(&mut self, spot: &Spot<N>, index: f64, path: &Path) -> Triple<N> {
+        let Some(finish) = spot.finish else { return spot.base };
+        let once = dielectric(spot.out, index);
+        let reflected = once.scaled(2.0) / (N::constant(1.0) + once);
+        let image = scale(constant(finish.tint), reflected);
+        let passed = scale(constant(finish.passing), N::constant(1.0) - reflected);
+        let behind = self.arriving(spot, negated(spot.viewer), passed, None, path);
+        add(self.arriving(spot, spot.mirrored(), image, None, path), behind)
+    }
+
+    /// Returns the light that arrives at a surface from a direction, times its weight there; `density` is that of a
+    /// lobe's directions, None where there is only one.
+    fn arriving<N: Number>(
+        &mut self,
+        spot: &Spot<N>,
+        towards: Triple<N>,
+        weight: Triple<N>,
+        density: Option<N>,
+        path: &Path,
+    ) -> Triple<N> {
+        let path = Path { segments: path.segments + 1, ..path.faded(weight) };
+        if path.segments > self.longest() || path.weight < FAINT {
+            return [N::constant(0.0); 3];
+        }
+        let light = match self.nearest(spot, towards) {
+            None => self.background(towards, density),
+            Some(triangle) => {
+                let hit = self.hit_on(triangle, spot.hit.point, towards);
+                let mut light = [N::constant(0.0); 3];
+                if hit.front {
+                    let mut emitted = self.emitted(triangle);
+                    let points = self.gloss.lamps.density(triangle);
+                    if let Some(density) = density.filter(|_| points > 0.0) {
+                        let facing = -dot(hit.plane, towards);
+                        let by_lamps = hit.distance.squared().scaled(points) / facing;
+                        emitted = scale(emitted, density / (density + by_lamps));
+                    }
+                    light = emitted;
+                }
+                if path.segments < self.longest() {
+                    light = add(light, self.shaded(&hit, negated(towards), &path));
+                }
+                light
+            }
+        };
+        times(weight, light)
+    }
+
+    /// Returns the radiance of what a ray sees that hits nothing.
+    fn background<N: Number>(&self, towards: Triple<N>, density: Option<N>) -> Triple<N> {
+        let (lit, gloss) = (self.lit, self.gloss);
+        let mut sum = [N::constant(0.0); 3];
+        for (number, background) in gloss.backgrounds.iter().enumerate() {
+            if *background != [0.0; 3] {
+                let strength = lit.scene.lights[number].strength;
+                sum = add(sum, scale(constant(*background), self.factor::<N>(number).scaled(strength)));
+            }
+        }
+        if let Some(sky) = &gloss.sky {
+            #[allow(clippy::cast_precision_loss, reason = "a small number")]
+            let angle = density
+                .map_or(N::constant(0.0), |density| N::constant(1.0) / density.scaled(self.pattern.len() as f64));
+            let towards = into_frame(&lit.view.poses[0], towards);
+            sum = add(sum, scale(sky.along(towards, angle), self.factor(sky.light as usize)));
+        }
+        sum
+    }
+
+    fn emitted<N: Number>(&self, triangle: u32) -> Triple<N> {
+        match &self.lit.scene.surfaces[triangle as usize].emission {
+            None => [N::constant(0.0); 3],
+            Some(emission) => scale(constant(self.gloss.emitted(triangle)), self.factor(emission.light as usize)),
+        }
+    }
+
+    /// Returns the factor on the strength of a light.
+    fn factor<N: Number>(&self, light: usize) -> N {
+        let [factor, rate] = self.lit.view.factors[light];
+        N::new(factor, rate)
+    }
+
+    fn longest(&self) -> usize {
+        self.gloss.longest.min(LONGEST)
+    }
+
+    /// Returns where on the way to a light shadow rays end.
+    fn to_lamps(&self) -> f64 {
+        let farthest = f64::from(self.lit.scene.farthest);
+        farthest / (1.0 + farthest)
+    }
+
+    fn hit_on<N: Number>(&self, triangle: u32, origin: Triple<N>, direction: Triple<N>) -> Hit<N> {
+        let surface = &self.lit.scene.surfaces[triangle as usize];
+        let pose = &self.lit.view.poses[surface.frame as usize];
+        let normal = constant(normal_of(surface));
+        let (start, along) = (point_in_frame(pose, origin), into_frame(pose, direction));
+        let height = dot(normal, start) + N::constant(surface.plane[3]);
+        let approach = dot(normal, along);
+        let distance = -height / approach;
+        let front = approach.value() < 0.0;
+        let plane = from_frame(pose, normal);
+        Hit {
+            triangle,
+            point: add(origin, scale(direction, distance)),
+            in_frame: add(start, scale(along, distance)),
+            distance,
+            plane: if front { plane } else { negated(plane) },
+            front,
+        }
+    }
+
+    /// Returns the unit shading normal on the viewer's side; the plane's, where the shading normal turns away.
+    fn normal<N: Number>(&self, hit: &Hit<N>, surface: &Surface, viewer: Triple<N>) -> Triple<N> {
+        let Some(maps) = surface.normal.as_deref() else { return hit.plane };
+        let pose = &self.lit.view.poses[surface.frame as usize];
+        let normal = unit(from_frame(pose, maps.each_ref().map(|map| at_map(map, hit.in_frame))));
+        let normal = if hit.front { normal } else { negated(normal) };
+        if dot(normal, viewer).value() > 1e-6 { normal } else { hit.plane }
+    }
+
+    /// Returns the triangle that a ray from a surface meets first.
+    fn nearest<N: Number>(&mut self, spot: &Spot<N>, towards: Triple<N>) -> Option<u32> {
+        let origin = values(spot.hit.point);
+        self.set_rays(origin, values(towards));
+        let TracerScratch { rays, hits, .. } = &mut *self.scratch;
+        let after = NEAREST * (largest(rays[0].origin) + largest(origin));
+        hits.nearest(self.lit.scene, rays, after, spot.hit.triangle)
+    }
+
+    /// Returns whether anything hides a light from a surface, along a vector of which `end` is the way to it.
+    fn is_hidden<N: Number>(&mut self, spot: &Spot<N>, along: Vector, end: f64) -> bool {
+        let scene = self.lit.scene;
+        if !scene.shadows {
+            return false;
+        }
+        let (point, plane) = (values(spot.hit.point), values(spot.hit.plane));
+        let in_world = self.lit.view.poses[0].point(point);
+        let step = scene.step * (largest(in_world) + largest(point));
+        self.set_rays(vector::add(point, vector::scale(plane, step)), along);
+        let TracerScratch { rays, stack, .. } = &mut *self.scratch;
+        is_blocked(scene, rays, end, spot.hit.triangle, stack)
+    }
+
+    /// Brings a ray into all frames.
+    fn set_rays(&mut self, origin: Vector, direction: Vector) {
+        let poses = self.lit.view.poses.iter();
+        self.scratch.rays.clear();
+        let ray = |pose: &Pose| Ray { origin: pose.point(origin), direction: pose.vector(direction) };
+        self.scratch.rays.extend(poses.map(ray));
+    }
+}
+
+fn normal_of(surface: &Surface) -> Vector {
+    [surface.plane[0], surface.plane[1], surface.plane[2]]
+}
+
+/// Returns an affine map at a point.
+fn at_map<N: Number>(map: &[f64; 4], point: Triple<N>) -> N {
+    dot(constant([map[0], map[1], map[2]]), point) + N::constant(map[3])
+}
+
+/// Returns a vector of camera axes in a frame.
+fn into_frame<N: Number>(pose: &Pose, vector: Triple<N>) -> Triple<N> {
+    let turning = if N::RATED { pose.vector(cross(pose.angular_rate, values(vector))) } else { [0.0; 3] };
+    std::array::from_fn(|i| dot(constant(pose.rotation[i]), vector) + N::new(0.0, turning[i]))
+}
+
+/// Returns a point of camera axes in a frame.
+fn point_in_frame<N: Number>(pose: &Pose, point: Triple<N>) -> Triple<N> {
+    add(into_frame(pose, point), rated(pose.position, pose.velocity))
+}
+
+/// Returns a vector of a frame in camera axes.
+fn from_frame<N: Number>(pose: &Pose, vector: Triple<N>) -> Triple<N> {
+    let rows = &pose.rotation;
+    let turned = std::array::from_fn(|i| {
+        vector[0].scaled(rows[0][i]) + vector[1].scaled(rows[1][i]) + vector[2].scaled(rows[2][i])
+    });
+    if N::RATED { add(turned, rated([0.0; 3], pose.turning(values(turned)))) } else { turned }
+}

@@ -1,0 +1,184 @@
+"""Glossy surfaces: what the native renderer computes in closed form, next to what Mitsuba computes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from davis_rs import Camera, Pose, Scene
+from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.diffuse_materials import children, simplify_materials
+from davis_rs.render.finishes import Finish, dielectric, read_finish
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.native.renderer import NativeRenderer
+
+CAMERA = Camera(16, 12, 16.0, 16.0, 7.5, 5.5)
+POSE = Pose([0.2, -0.4, 1.8], [1.0, 0.0, 0.0, 0.0])
+VIEWS = Views.at_rest([POSE])
+DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+POINT = {"type": "point", "position": [0.4, -0.5, 2.5], "intensity": {"type": "rgb", "value": [9.0, 6.0, 3.0]}}
+SUN = {"type": "directional", "direction": [0.3, 0.2, -1.0], "irradiance": 2.0}
+SPOT = {
+    "type": "spot",
+    "to_world": np.array([[1.0, 0, 0, 0.3], [0, -1.0, 0, 0], [0, 0, -1.0, 2.0], [0, 0, 0, 1]]),
+    "intensity": 8.0,
+}
+TEXELS = np.random.RandomState(3).random_sample((5, 8, 3)).astype(np.float32)
+COLOUR = {"type": "bitmap", "raw": True, "data": TEXELS}
+
+ROUGH: dict[str, tuple[dict[str, Any], float]] = {
+    "plastic": ({"type": "plastic", "diffuse_reflectance": COLOUR}, 2e-4),
+    "nonlinear plastic": (
+        {"type": "plastic", "diffuse_reflectance": COLOUR, "nonlinear": True, "int_ior": 1.8},
+        2e-4,
+    ),
+    "roughplastic": (
+        {"type": "roughplastic", "diffuse_reflectance": COLOUR, "alpha": 0.2, "specular_reflectance": 0.7},
+        1e-3,
+    ),
+    "roughplastic, ggx": ({"type": "roughplastic", "alpha": 0.3, "distribution": "ggx", "nonlinear": True}, 1e-3),
+    "copper, beckmann": ({"type": "roughconductor", "material": "Cu", "alpha": 0.25}, 2e-4),
+    "gold, ggx": ({"type": "roughconductor", "material": "Au", "alpha": 0.15, "distribution": "ggx"}, 2e-4),
+    "tinted metal": ({"type": "roughconductor", "material": "Al", "alpha": 0.4, "specular_reflectance": COLOUR}, 2e-4),
+    "principled": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "specular": 0.8}, 2e-4),
+    "principled metal": ({"type": "principled", "base_color": COLOUR, "roughness": 0.4, "metallic": 0.7}, 2e-4),
+    "principled of an index": ({"type": "principled", "roughness": 0.3, "eta": 1.33}, 2e-4),
+}
+
+
+def scene_of(bsdf: dict[str, Any], integrator: dict[str, Any] = DIRECT, **lights: Any) -> Scene:
+    floor = {"type": "rectangle", "to_world": np.diag([3.0, 3.0, 1.0, 1.0]), "bsdf": bsdf}
+    parts = {"type": "scene", "integrator": integrator, **lights, "floor": floor}
+    return Scene("gloss", lambda: dict(parts))
+
+
+def native(scene: Scene, **settings: Any) -> NativeRenderer:
+    renderer = make_renderer(scene, CAMERA, rays_per_pixel=2, **settings)
+    assert isinstance(renderer, NativeRenderer)
+    assert "glossy" in renderer.reason
+    return renderer
+
+
+def mitsubas(scene: Scene, rays: int = 2) -> npt.NDArray[np.float32]:
+    with variant(FAST) as (mi, _):
+        loaded = load_scene_source(scene.source(), mi)
+    return IntegratorRenderer(loaded, CAMERA, rays_per_pixel=rays, blur=False, seed=0, reason="").luma(VIEWS)
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("lights", [{"lamp": POINT}, {"sun": SUN}, {"lamp": SPOT}], ids=["point", "sun", "spot"])
+@pytest.mark.parametrize(("bsdf", "tolerance"), ROUGH.values(), ids=ROUGH)
+def test_sharp_lights_have_mitsubas_closed_form(bsdf: dict[str, Any], tolerance: float, lights: dict[str, Any]) -> None:
+    """Highlight and base, pixel by pixel: both renderers follow the same rays, and draw nothing at random."""
+    theirs, ours = mitsubas(scene_of(bsdf, **lights)), native(scene_of(bsdf, **lights)).luma(VIEWS)
+    np.testing.assert_allclose(ours, theirs, rtol=tolerance, atol=tolerance * theirs.max() * 0.01)
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        {"type": "conductor", "material": "Au"},
+        {"type": "conductor", "specular_reflectance": COLOUR},
+        {"type": "thindielectric"},
+    ],
+    ids=["gold", "tinted mirror", "thin glass"],
+)
+def test_even_light_is_mirrored_as_by_mitsuba(bsdf: dict[str, Any]) -> None:
+    """Under light of one radiance from all sides no path tracer has noise."""
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": [0.9, 0.6, 0.3]}}
+    scene = scene_of(bsdf, {"type": "path", "max_depth": 4}, sky=sky)
+    np.testing.assert_allclose(native(scene, bake_error=0.1).luma(VIEWS), mitsubas(scene), rtol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["roughplastic", "gold, ggx", "principled metal"])
+def test_rates_are_differences(name: str) -> None:
+    """dY/dt along a moving camera, under a lamp and its image."""
+    scene = scene_of(ROUGH[name][0], lamp=POINT, sun=SUN)
+    renderer, dt = native(scene), 1e-4
+    moving = replace(VIEWS, velocities=np.array([[0.3, -0.2, 0.4]]), angular_rates=np.array([[0.2, 0.1, -0.5]]))
+    luma, rate = renderer.luma_and_rate(moving)
+    np.testing.assert_array_equal(luma, renderer.luma(moving))
+    before, after = (renderer.luma(moving.moved(np.array([t]))).astype(np.float64) for t in (-dt, dt))
+    np.testing.assert_allclose(rate, (after - before) / (2 * dt), atol=0.01 * np.abs(rate).max())
+
+
+def test_two_sides_and_one() -> None:
+    """A one-sided metal is black from behind; a two-sided one is not."""
+    behind = Views.at_rest([Pose([0.2, -0.4, -1.8], [0.0, 0.0, 0.0, 1.0])])
+    lamp = {**POINT, "position": [0.4, -0.5, -2.5]}
+    metal = {"type": "roughconductor", "alpha": 0.5}
+    assert not native(scene_of(metal, lamp=lamp)).luma(behind).any()
+    assert native(scene_of({"type": "twosided", "nested": metal}, lamp=lamp)).luma(behind).all()
+
+
+def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
+    squares = {"type": "checkerboard"}
+    unknown = [
+        {"type": "principled", "clearcoat": 0.3},
+        {"type": "principled", "roughness": squares},
+        {"type": "roughconductor", "alpha": squares},
+        {"type": "plastic", "specular_reflectance": squares},
+        {"type": "dielectric", "specular_transmittance": squares},
+        {"type": "roughdielectric"},
+    ]
+    with variant(SCALAR) as (mi, _):
+        for bsdf in unknown:
+            made = mi.load_dict(bsdf)
+            assert read_finish(made, children(made), mi) is None, bsdf
+
+
+def test_two_sides_of_one_finish_are_one() -> None:
+    with variant(SCALAR) as (mi, _):
+        same = {"type": "twosided", "a": {"type": "plastic"}, "b": {"type": "plastic"}}
+        other = {"type": "twosided", "a": {"type": "plastic"}, "b": {"type": "plastic", "int_ior": 1.7}}
+        for bsdf, finishes in ((same, 1), (other, 0)):
+            scene = mi.load_dict({"type": "scene", "floor": {"type": "rectangle", "bsdf": bsdf}})
+            assert len(simplify_materials(scene, mi, matte=False, glossy=True).finishes) == finishes
+
+
+@pytest.mark.parametrize(
+    ("bsdf", "name"),
+    [
+        ({"type": "plastic", "nonlinear": True}, "plastic"),
+        ({"type": "roughplastic", "alpha": 0.05}, "roughplastic"),
+        ({"type": "conductor", "material": "Cu"}, "conductor"),
+        ({"type": "principled", "metallic": 1.0, "roughness": 0.2}, "metal"),
+        ({"type": "principled", "roughness": 0.7}, "principled"),
+        ({"type": "principled", "metallic": 1.0, "roughness": 0.8}, "metal"),
+        ({"type": "roughconductor", "material": "Au", "alpha": 0.4}, "conductor"),
+    ],
+)
+def test_the_albedo_of_bakes_is_mitsubas(bsdf: dict[str, Any], name: str) -> None:
+    """What is reflected of light from all sides, as the mean over the directions that Mitsuba samples."""
+    with variant(SCALAR) as (mi, _):
+        made = mi.load_dict(bsdf)
+        read = read_finish(made, children(made), mi)
+        assert read is not None
+        base = np.full((1, 3), 1.0 if name == "conductor" else 0.5)
+        ours = read[1].albedo(base)[0]
+        draws = np.random.RandomState(0).random_sample((4000, 4))
+        sums = np.zeros(3)
+        for first, *rest in draws.tolist():
+            interaction = mi.SurfaceInteraction3f()
+            cosine = np.sqrt(first)
+            interaction.wi = mi.Vector3f(float(np.sqrt(1 - first)), 0.0, float(cosine))
+            _, weight = made.sample(mi.BSDFContext(), interaction, rest[0], mi.Point2f(rest[1], rest[2]))
+            sums += np.array(weight, np.float64)
+    np.testing.assert_allclose(ours, sums / len(draws), rtol=0.03)
+
+
+def test_fresnels_equations() -> None:
+    """At normal incidence ((n - 1) / (n + 1))^2, at grazing incidence all, at Brewster's angle no parallel part."""
+    assert dielectric(np.ones(1), 1.5)[0] == pytest.approx(0.04)
+    assert dielectric(np.zeros(1), 1.5)[0] == pytest.approx(1.0)
+    brewster = np.cos(np.arctan(1.5))
+    assert dielectric(np.array([brewster]), 1.5)[0] == pytest.approx(0.5 * ((1.5**2 - 1) / (1.5**2 + 1)) ** 2)
+    assert dielectric(np.array([0.6]), 1 / 1.5)[0] == 1.0  # total reflection
+    assert not Finish(0.0, "ggx", ("dielectric", (1.5,)), under=("solid", (1.5,))).albedo(np.ones((2, 3))).any()
