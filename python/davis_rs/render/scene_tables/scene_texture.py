@@ -107,20 +107,23 @@ class TextureTable:
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
         """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode."""
-        weights = self.group_weights[group]
+        return self._framed_products(self.group_weights[group])
 
-        def luma(number: int) -> npt.NDArray[np.float32]:
+    def framed_rgb(self) -> npt.NDArray[np.float32]:
+        """Return :attr:`reflectances` (texels, 3) with the borders of :meth:`framed`."""
+        return np.stack([self._framed_products(channel) for channel in np.eye(3)], axis=-1)
+
+    def _framed_products(self, weights: FloatArray) -> npt.NDArray[np.float32]:
+        """Return weighted sums of red, green and blue, with borders."""
+
+        def image_of(number: int) -> npt.NDArray[np.float32]:
             texels = self._texels[number]
             image = np.empty(texels.shape[:2], np.float32)
             for start, piece in texels.pieces():
                 image.ravel()[start : start + len(piece)] = piece @ weights
             return image
 
-        return self._framed(luma, np.float32)
-
-    def framed_rgb(self) -> npt.NDArray[np.float32]:
-        """Return :attr:`reflectances` (texels, 3) with the borders of :meth:`framed`."""
-        return np.stack([self._framed(channel) for channel in self.reflectances.T], axis=-1)
+        return self._framed(image_of, np.float32)
 
     @property
     def of_framed(self) -> npt.NDArray[np.int64]:
