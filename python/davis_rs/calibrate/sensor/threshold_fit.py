@@ -358,12 +358,14 @@ class _Regression:
         n = len(groups)
         sigma = _JACKKNIFE * np.sqrt((n - 1) / n * ((table - table.mean(axis=0)) ** 2).sum(axis=0))
         # What is known beforehand is the same for all groups; its error is that of the solution.
-        for k, known in ((_OTHERS + _BLACK, self.black_known), (_OTHERS + _LEAK, self.leak_known)):
+        lags = [_OTHERS + _LAG, *range(_OTHERS + _LAG_BY_LIGHT, len(whole_right))]
+        for k, known in ((_BLACK, self.black_known), (_LEAK, self.leak_known), (_LEAD, self.noise_known)):
             if known is not None:
                 unit = np.zeros(len(whole_right))
-                unit[k] = 1 / max(known.sigma, 1e-6)
+                unit[_OTHERS + k] = 1 / max(known.sigma, 1e-6)
                 moved = self.solved(whole_normal, whole_right + unit) - self.solved(whole_normal, whole_right)
                 sigma[:2] = np.hypot(sigma[:2], [moved[:2].mean(), moved[2:4].mean()])
+                sigma[5:] = np.hypot(sigma[5:], moved[lags])
         preferred = self.share**2 * (1 - np.average(self.surroundings, weights=self.pixel_weight))
         curvature = (_CURVATURE + _NOISY_CURVATURE * self.noise**2) / max(self.pairs.straight_share, 0.01) ** 2
         sigma[:2] = np.hypot(sigma[:2], estimate[:2] * math.hypot(curvature, preferred))
