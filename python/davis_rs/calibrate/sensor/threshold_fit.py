@@ -28,6 +28,8 @@ _LAG_SIGMA_S = 0.01
 _NOISE_SHARE, _LEAST_NOISE = 0.3, 0.06
 """What noise of quiet pixels says of that of the others is so uncertain; noise that makes too few events to be seen is
 about so large compared with a threshold, at most."""
+_LEAD_ERROR = 0.1
+"""In standard deviations of the noise: what :func:`lead` errs by. A lag is told no better than a signal takes for that."""
 _CURVATURE, _NOISY_CURVATURE = 0.0012, 0.1
 """Where a signal turns often compared with thresholds, curves between events err, and pixels with low thresholds are
 preferred. Thresholds of simulated streams err by up to this share over the square of the share of samples around which
@@ -373,6 +375,8 @@ class _Regression:
         sigma[2] = math.hypot(sigma[2], _PARITY)
         sigma[4] = math.hypot(sigma[4], curvature * self.usual)
         sigma[5:] = np.hypot(sigma[5:], math.hypot(_LAG_SHARE, 3 * curvature) * estimate[5:])
+        rate_hz = math.sqrt(np.average((self.pairs.rate**2).mean(axis=0), weights=self.weight))
+        sigma[5] = math.hypot(sigma[5], _LEAD_ERROR * max(float(self.others[_LEAD]), 0.0) / max(rate_hz, 1.0))
         on, off, parity, mismatch2, black, lag, *by_light = (
             Measured(float(a), float(b)) for a, b in zip(estimate, sigma, strict=True)
         )
