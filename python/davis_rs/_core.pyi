@@ -1238,10 +1238,10 @@ def fill_events(
 
 @final
 class IrradianceSampler:
-    """Computes irradiance at places on diffuse surfaces, by rays.
+    """Computes irradiance at points of diffuse surfaces, by rays.
 
-    The light at a place is a function of the scene, the place, its shift and the samples. It has the same bits in any
-    batch of places, on any number of threads and on every processor. Arrays are flat; t is the number of triangles.
+    The light at a point is a function of the scene, the point, its shift and the samples. It has the same bits in any
+    batch of points, on any number of threads and on every processor. Arrays are flat; t is the number of triangles.
 
     Args:
         corners: float64 (t, 3, 3), in the world, metres.
@@ -1289,14 +1289,14 @@ class IrradianceSampler:
     def of_lamps(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
         """Compute direct light of the lamps of a group.
 
         Args:
             group: its number.
-            places: positions (n, 3) in metres, unit normals (n, 3), and by how much the lattice of samples is shifted
+            points: positions (n, 3) in metres, unit normals (n, 3), and by how much the lattice of samples is shifted
                 (n, 2), 0..1; three flat float64 arrays.
             samples: points on each lamp, 1..2^20.
 
@@ -1304,24 +1304,24 @@ class IrradianceSampler:
             Irradiance / pi, float64, flat (n, 3): red, green and blue.
 
         Raises:
-            ValueError: for a group that is not there, or places that are not finite.
+            ValueError: for a group that is not there, or points that are not finite.
         """
 
     def of_sky(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`, by ``samples`` rays."""
+        """Compute direct light of the sky of a ``group`` at ``points``, as :meth:`of_lamps`, by ``samples`` rays."""
 
     def of_sharp(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute direct light of points, directions and small lamps of a ``group`` at ``places``, as :meth:`of_lamps`.
+        """Compute direct light of points, directions and small lamps of a ``group`` at ``points``, as :meth:`of_lamps`.
 
         ``samples`` are taken of each light.
         """
@@ -1329,14 +1329,14 @@ class IrradianceSampler:
     def gathered(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
         reflected: ReflectedLight | None,
     ) -> npt.NDArray[np.float64]:
         """Gather light that other surfaces reflect, by rays that follow the cosine.
 
         Args:
-            group, places: as in :meth:`of_lamps`.
+            group, points: as in :meth:`of_lamps`.
             samples: rays.
             reflected: light that falls on surfaces, None for none; that of the group's points, directions and small
                 lamps comes on top.
@@ -1351,7 +1351,7 @@ class IrradianceSampler:
     def traced(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
         seed: int,
         bounces: int,
@@ -1360,7 +1360,7 @@ class IrradianceSampler:
         """Compute what :meth:`gathered` does by paths, with all lights of the group.
 
         Args:
-            group, places: as in :meth:`of_lamps`.
+            group, points: as in :meth:`of_lamps`.
             samples: paths.
             seed: of their draws.
             bounces: how often light bounces at most.
@@ -1376,7 +1376,7 @@ class IrradianceSampler:
     def is_lit(
         self,
         group: int,
-        places: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
         seed: int,
         bounces: int,
@@ -1385,7 +1385,7 @@ class IrradianceSampler:
         """Find whether any of some paths meets light, however little.
 
         Args:
-            group, places, samples, seed, bounces, roulette: as in :meth:`traced`.
+            group, points, samples, seed, bounces, roulette: as in :meth:`traced`.
 
         Returns:
             bool (n).

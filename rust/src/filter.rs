@@ -222,13 +222,13 @@ mod tests {
     proptest! {
         #[test]
         fn background_activity_is_its_rule(events in streams(), window_us in 0i64..12, neighbours in 1u8..4) {
-            let found = passes(FilterRule::BackgroundActivity { window_us, neighbours }, &events);
+            let passed = passes(FilterRule::BackgroundActivity { window_us, neighbours }, &events);
             for (n, event) in events.iter().enumerate() {
                 let near: std::collections::BTreeSet<_> = events[..n].iter().filter(|other| {
                     let (dx, dy) = (other.x.abs_diff(event.x), other.y.abs_diff(event.y));
                     dx.max(dy) == 1 && event.t - other.t <= window_us
                 }).map(|other| (other.x, other.y)).collect();
-                prop_assert_eq!(found[n], near.len() >= usize::from(neighbours));
+                prop_assert_eq!(passed[n], near.len() >= usize::from(neighbours));
             }
         }
 

@@ -21,7 +21,7 @@ use super::cubic::Cubic;
 use super::decision::Verdict;
 use super::frame::SparseSamples;
 use super::line::Line;
-use super::marks::{MarkingPart, mark};
+use super::marks::{MarkingSlice, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
 use super::record::Record;
@@ -56,7 +56,7 @@ pub(crate) struct BandSlice<'a, S, R: Record> {
     /// Takes the new frame, and becomes `last` once the push is done.
     pub(crate) next: &'a mut [S],
     pub(crate) marks: &'a mut [f32],
-    pub(crate) marking: MarkingPart<'a>,
+    pub(crate) marking: MarkingSlice<'a>,
     pub(crate) new: &'a [S],
     /// Rates of change at the interval's start and end.
     pub(crate) rates: Option<(&'a [S], &'a [S])>,
@@ -163,7 +163,7 @@ impl<S: Sample> Band<S> {
         }
         let grid = Grid::new(slice.first_pixel, size);
         let since = at.start_us - slice.zero_us;
-        let outcome = self.candidates.finish::<R>(&self.samples, grid, since, slice.marking.ground);
+        let outcome = self.candidates.finish::<R>(&self.samples, grid, since, slice.marking.dark_level);
         if outcome.is_full {
             return Err(Stop::Narrow);
         }
@@ -285,7 +285,7 @@ impl<S: Sample> Band<S> {
         };
         if moved {
             slice.records[in_band] = R::new(reference, last_event_us, slice.zero_us).ok_or(Stop::Narrow)?;
-            slice.marks[in_band] = mark::<S>(reference, c, slice.marking.ground);
+            slice.marks[in_band] = mark::<S>(reference, c, slice.marking.dark_level);
         }
         Ok(())
     }

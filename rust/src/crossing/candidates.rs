@@ -14,7 +14,7 @@ use super::decision::{Decisions, References, Verdict, decide};
 use super::line_candidates::Lines;
 use super::parameters::{CrossingParameters, Interpolation};
 use super::record::Record;
-use super::sample::{Ground, Sample};
+use super::sample::{DarkLevel, Sample};
 use super::scan::{MOST_NOTED, NotedSamples};
 use super::steps::StepArrays;
 
@@ -140,10 +140,10 @@ impl<S: Sample> Candidates<S> {
         samples: &NotedSamples<S>,
         grid: Grid,
         since: i64,
-        ground: Ground,
+        dark_level: DarkLevel,
     ) -> Outcome {
         let n = samples.count;
-        S::marks(&self.after[..n], ground, &mut self.marks[..n]);
+        S::marks(&self.after[..n], dark_level, &mut self.marks[..n]);
         let decided = Decided { pixel: &samples.pixel[..n], verdict: &self.verdict[..n], tick: &self.tick[..n] };
         finish::<R>(&decided, grid, since, &self.words[..n], (&mut self.words_after[..n], &mut self.keys[..n]))
     }

@@ -24,7 +24,7 @@ use super::marks::Marking;
 use super::parameters::CrossingParameters;
 use super::record::{NEVER, Narrow, Record, Wide};
 use super::room::{Allowance, Stop, Tally};
-use super::sample::{Ground, Sample};
+use super::sample::{DarkLevel, Sample};
 use super::scan::TILE;
 use super::state::EngineState;
 use crate::event::{Event, SensorSize};
@@ -97,13 +97,13 @@ impl<R: Record> Kept<R> {
     }
 
     /// The marks of all pixels, a tile at a time: an array of all levels would be as large as the records.
-    fn marks<S: Sample>(&self, ground: Ground, p: &CrossingParameters, marks: &mut [f32]) {
+    fn marks<S: Sample>(&self, dark_level: DarkLevel, p: &CrossingParameters, marks: &mut [f32]) {
         let mut values = [0.0; TILE];
         for (tile, (records, marks)) in self.records.chunks(TILE).zip(marks.chunks_mut(TILE)).enumerate() {
             for (j, (value, record)) in values.iter_mut().zip(records).enumerate() {
                 *value = record.level().value(p.thresholds(tile * TILE + j));
             }
-            S::marks(&values[..records.len()], ground, marks);
+            S::marks(&values[..records.len()], dark_level, marks);
         }
     }
 
@@ -148,8 +148,8 @@ impl<S: Sample> Core<S> {
         pool: Option<&rayon::ThreadPool>,
     ) -> Self {
         let (first, zero_us) = (frame.samples, frame.t_us - 1);
-        let mut room = vec![0.0; first.len()];
-        let logs = S::logs_in(first, p.log_eps, &mut room);
+        let mut buffer = vec![0.0; first.len()];
+        let logs = S::logs_in(first, p.log_eps, &mut buffer);
         let bands = pool.map_or(1, |pool| BANDS_PER_THREAD * pool.current_num_threads());
         let levels = logs.iter().enumerate().map(|(i, &log)| p.first_reference(log, i, seed));
         let mut core = Self {
@@ -203,8 +203,8 @@ impl<S: Sample> Core<S> {
     fn reset_marks(&mut self, p: &CrossingParameters) {
         let Self { marks, marking, records, .. } = self;
         match records {
-            Records::Narrow(kept) => kept.marks::<S>(marking.ground(), p, marks),
-            Records::Wide(kept) => kept.marks::<S>(marking.ground(), p, marks),
+            Records::Narrow(kept) => kept.marks::<S>(marking.dark_level(), p, marks),
+            Records::Wide(kept) => kept.marks::<S>(marking.dark_level(), p, marks),
         }
     }
 

@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use super::level::{Level, Thresholds};
 use super::parameters::CrossingParameters;
-use super::sample::{Ground, Reach, Sample};
+use super::sample::{DarkLevel, Reach, Sample};
 
 /// How far samples may lie from their marks.
 pub(crate) enum Reaches {
@@ -23,19 +23,19 @@ pub(crate) enum Reaches {
 /// How marks are made and compared: what depends on parameters alone.
 pub(crate) struct Marking {
     reaches: Reaches,
-    ground: Ground,
+    dark_level: DarkLevel,
 }
 
 /// [`Marking`] of some pixels.
 #[derive(Clone, Copy)]
-pub(crate) struct MarkingPart<'a> {
-    pub(crate) reaches: ReachesPart<'a>,
-    pub(crate) ground: Ground,
+pub(crate) struct MarkingSlice<'a> {
+    pub(crate) reaches: ReachesSlice<'a>,
+    pub(crate) dark_level: DarkLevel,
 }
 
 /// [`Reaches`] of some pixels.
 #[derive(Clone, Copy)]
-pub(crate) enum ReachesPart<'a> {
+pub(crate) enum ReachesSlice<'a> {
     Same(Reach),
     Each(&'a [f32], &'a [f32]),
 }
@@ -53,38 +53,38 @@ impl Marking {
             Reaches::Same(reach) => reach.down,
             Reaches::Each(_, down) => down.iter().copied().fold(f32::INFINITY, f32::min),
         };
-        Self { reaches, ground: S::ground(p.log_eps, least_down) }
+        Self { reaches, dark_level: S::dark_level(p.log_eps, least_down) }
     }
 
     /// That of some pixels.
-    pub(crate) fn of(&self, pixels: Range<usize>) -> MarkingPart<'_> {
+    pub(crate) fn of(&self, pixels: Range<usize>) -> MarkingSlice<'_> {
         let reaches = match &self.reaches {
-            Reaches::Same(reach) => ReachesPart::Same(*reach),
-            Reaches::Each(up, down) => ReachesPart::Each(&up[pixels.clone()], &down[pixels]),
+            Reaches::Same(reach) => ReachesSlice::Same(*reach),
+            Reaches::Each(up, down) => ReachesSlice::Each(&up[pixels.clone()], &down[pixels]),
         };
-        MarkingPart { reaches, ground: self.ground }
+        MarkingSlice { reaches, dark_level: self.dark_level }
     }
 
-    pub(crate) fn ground(&self) -> Ground {
-        self.ground
+    pub(crate) fn dark_level(&self) -> DarkLevel {
+        self.dark_level
     }
 }
 
-impl MarkingPart<'_> {
+impl MarkingSlice<'_> {
     /// That of some of these pixels.
-    pub(crate) fn of(&self, pixels: Range<usize>) -> MarkingPart<'_> {
+    pub(crate) fn of(&self, pixels: Range<usize>) -> MarkingSlice<'_> {
         let reaches = match self.reaches {
-            ReachesPart::Same(reach) => ReachesPart::Same(reach),
-            ReachesPart::Each(up, down) => ReachesPart::Each(&up[pixels.clone()], &down[pixels]),
+            ReachesSlice::Same(reach) => ReachesSlice::Same(reach),
+            ReachesSlice::Each(up, down) => ReachesSlice::Each(&up[pixels.clone()], &down[pixels]),
         };
-        MarkingPart { reaches, ground: self.ground }
+        MarkingSlice { reaches, dark_level: self.dark_level }
     }
 }
 
 /// The mark of a reference.
-pub(crate) fn mark<S: Sample>(reference: Level, c: Thresholds, ground: Ground) -> f32 {
+pub(crate) fn mark<S: Sample>(reference: Level, c: Thresholds, dark_level: DarkLevel) -> f32 {
     let mut mark = [0.0];
-    S::marks(&[reference.value(c)], ground, &mut mark);
+    S::marks(&[reference.value(c)], dark_level, &mut mark);
     mark[0]
 }
 
@@ -104,7 +104,7 @@ mod tests {
         let mark = |off: Vec<f64>| {
             let reference = Level { base: -60.0, on: 0, off: 0 };
             let c = Thresholds { on: 0.15, off: off[0] };
-            mark::<f32>(reference, c, Marking::new::<f32>(&p(off), 2).ground())
+            mark::<f32>(reference, c, Marking::new::<f32>(&p(off), 2).dark_level())
         };
         assert!(mark(vec![1.0, 1.0]) > 0.0);
         assert!(mark(vec![1.0, 80.0]).is_nan() && mark(vec![80.0, 1.0]).is_nan());

@@ -27,10 +27,10 @@ pub(crate) struct Reach {
     pub(crate) down: f32,
 }
 
-/// What else marks are compared by, the same for all pixels.
+/// The dark level by which marks are compared, the same for all pixels.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Ground {
-    /// The dark level, that is added to luma.
+pub(crate) struct DarkLevel {
+    /// What is added to luma.
     dark: f32,
     /// A pixel whose mark would be less has none.
     least_mark: f64,
@@ -50,20 +50,20 @@ pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'st
     /// Log intensity of each sample.
     fn logs(samples: &[Self], log_eps: f64, logs: &mut [f64]);
 
-    /// The same, in `room` or wherever it is already.
-    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, room: &'a mut [f64]) -> &'a [f64];
+    /// The same, in `buffer` or wherever it is already.
+    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, buffer: &'a mut [f64]) -> &'a [f64];
 
     /// What goes with this dark level, where no pixel's reach down is less than `least_down`.
-    fn ground(log_eps: f64, least_down: f32) -> Ground;
+    fn dark_level(log_eps: f64, least_down: f32) -> DarkLevel;
 
     /// How far samples may lie from their mark, where these are the thresholds.
     fn reach(c: Thresholds) -> Reach;
 
     /// The marks of references, which are given within 1e-9. NaN where every sample is worth a look.
-    fn marks(references: &[f64], ground: Ground, marks: &mut [f32]);
+    fn marks(references: &[f64], dark_level: DarkLevel, marks: &mut [f32]);
 
     /// Has the sample surely reached no level? False for what is no valid sample.
-    fn is_within(self, mark: f32, reach: Reach, ground: Ground) -> bool;
+    fn is_within(self, mark: f32, reach: Reach, dark_level: DarkLevel) -> bool;
 
     /// Change of log intensity per second, from the sample and its own rate of change.
     fn log_rate(self, rate: Self, log_eps: f64) -> f64;
@@ -92,18 +92,18 @@ impl Sample for f32 {
         log_intensities(samples, log_eps, logs);
     }
 
-    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, room: &'a mut [f64]) -> &'a [f64] {
-        let logs = &mut room[..samples.len()];
+    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, buffer: &'a mut [f64]) -> &'a [f64] {
+        let logs = &mut buffer[..samples.len()];
         log_intensities(samples, log_eps, logs);
         logs
     }
 
-    fn ground(log_eps: f64, least_down: f32) -> Ground {
+    fn dark_level(log_eps: f64, least_down: f32) -> DarkLevel {
         #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
         let dark = log_eps as f32;
         // Next to a dark level like this, what underflows is too small to matter. Without one, nothing may underflow.
         let least_mark = if dark >= 1e-30 { 0.0 } else { 1e-36 / f64::from(least_down) };
-        Ground { dark, least_mark }
+        DarkLevel { dark, least_mark }
     }
 
     #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
@@ -114,15 +114,15 @@ impl Sample for f32 {
         Reach { up, down }
     }
 
-    fn marks(references: &[f64], ground: Ground, marks: &mut [f32]) {
-        luma_marks(references, ground.least_mark, marks);
+    fn marks(references: &[f64], dark_level: DarkLevel, marks: &mut [f32]) {
+        luma_marks(references, dark_level.least_mark, marks);
     }
 
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes the scan's vector code")]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-    fn is_within(self, mark: f32, reach: Reach, ground: Ground) -> bool {
-        let light = self + ground.dark;
+    fn is_within(self, mark: f32, reach: Reach, dark_level: DarkLevel) -> bool {
+        let light = self + dark_level.dark;
         (self >= 0.0) & (light < mark * reach.up) & (light > mark * reach.down)
     }
 
@@ -154,8 +154,8 @@ impl Sample for f64 {
         samples
     }
 
-    fn ground(_: f64, _: f32) -> Ground {
-        Ground { dark: 0.0, least_mark: 0.0 }
+    fn dark_level(_: f64, _: f32) -> DarkLevel {
+        DarkLevel { dark: 0.0, least_mark: 0.0 }
     }
 
     #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
@@ -164,7 +164,7 @@ impl Sample for f64 {
         Reach { up: inward(c.on), down: -inward(c.off) }
     }
 
-    fn marks(references: &[f64], _: Ground, marks: &mut [f32]) {
+    fn marks(references: &[f64], _: DarkLevel, marks: &mut [f32]) {
         log_marks(references, marks);
     }
 
@@ -172,7 +172,7 @@ impl Sample for f64 {
     #[allow(clippy::inline_always, reason = "becomes the scan's vector code")]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
     #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
-    fn is_within(self, mark: f32, reach: Reach, _: Ground) -> bool {
+    fn is_within(self, mark: f32, reach: Reach, _: DarkLevel) -> bool {
         let change = self as f32 - mark;
         let inward = mark.abs() * INWARD;
         (change < reach.up - inward) & (change > reach.down + inward)
@@ -233,9 +233,9 @@ mod tests {
     /// Is the sample within reach of the mark of this reference?
     fn is_within<S: Sample>(sample: S, reference: f64, c: Thresholds, log_eps: f64) -> bool {
         let (mut mark, reach) = ([0.0], S::reach(c));
-        let ground = S::ground(log_eps, reach.down);
-        S::marks(&[reference], ground, &mut mark);
-        sample.is_within(mark[0], reach, ground)
+        let dark_level = S::dark_level(log_eps, reach.down);
+        S::marks(&[reference], dark_level, &mut mark);
+        sample.is_within(mark[0], reach, dark_level)
     }
 
     /// Dark levels as they are, and as far as they may go.

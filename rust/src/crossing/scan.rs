@@ -14,8 +14,8 @@
 
 use multiversion::multiversion;
 
-use super::marks::{MarkingPart, ReachesPart};
-use super::sample::{Ground, Reach, Sample};
+use super::marks::{MarkingSlice, ReachesSlice};
+use super::sample::{DarkLevel, Reach, Sample};
 
 /// Pixels scanned at a time.
 pub(crate) const TILE: usize = 512;
@@ -54,7 +54,7 @@ pub(crate) struct Tile<'a, S> {
     /// Takes the new samples.
     pub(crate) next: &'a mut [S],
     pub(crate) marks: &'a [f32],
-    pub(crate) marking: MarkingPart<'a>,
+    pub(crate) marking: MarkingSlice<'a>,
     /// Rates of change at the interval's start and end, where they are known: an extremum between makes a pixel worth a
     /// look wherever its samples lie.
     pub(crate) rates: Option<(&'a [S], &'a [S])>,
@@ -85,11 +85,11 @@ impl<S: Sample> NotedSamples<S> {
         let n = tile.new.len();
         let noted = &mut self.noted[..n];
         match tile.marking.reaches {
-            ReachesPart::Same(reach) => {
-                note(tile.new, tile.marks, tile.next, reach, tile.marking.ground, noted);
+            ReachesSlice::Same(reach) => {
+                note(tile.new, tile.marks, tile.next, reach, tile.marking.dark_level, noted);
             }
-            ReachesPart::Each(up, down) => {
-                note_each(tile.new, tile.marks, tile.next, (up, down), tile.marking.ground, noted);
+            ReachesSlice::Each(up, down) => {
+                note_each(tile.new, tile.marks, tile.next, (up, down), tile.marking.dark_level, noted);
             }
         }
         if let Some(rates) = tile.rates {
@@ -113,12 +113,12 @@ impl<S: Sample> NotedSamples<S> {
 
 /// Stores the new samples, and notes (by a 1) those that are not within reach of their marks.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-fn note<S: Sample>(new: &[S], marks: &[f32], next: &mut [S], reach: Reach, ground: Ground, noted: &mut [u8]) {
+fn note<S: Sample>(new: &[S], marks: &[f32], next: &mut [S], reach: Reach, dark_level: DarkLevel, noted: &mut [u8]) {
     let n = new.len();
     let (marks, next, noted) = (&marks[..n], &mut next[..n], &mut noted[..n]);
     for i in 0..n {
         next[i] = new[i];
-        noted[i] = u8::from(!new[i].is_within(marks[i], reach, ground));
+        noted[i] = u8::from(!new[i].is_within(marks[i], reach, dark_level));
     }
 }
 
@@ -129,14 +129,14 @@ fn note_each<S: Sample>(
     marks: &[f32],
     next: &mut [S],
     (up, down): (&[f32], &[f32]),
-    ground: Ground,
+    dark_level: DarkLevel,
     noted: &mut [u8],
 ) {
     let n = new.len();
     let (marks, next, noted, up, down) = (&marks[..n], &mut next[..n], &mut noted[..n], &up[..n], &down[..n]);
     for i in 0..n {
         next[i] = new[i];
-        noted[i] = u8::from(!new[i].is_within(marks[i], Reach { up: up[i], down: down[i] }, ground));
+        noted[i] = u8::from(!new[i].is_within(marks[i], Reach { up: up[i], down: down[i] }, dark_level));
     }
 }
 

@@ -63,13 +63,13 @@ impl PyAedat4Recording {
         let imu: Vec<ImuSample> = piece.imu.iter().map(sample).collect();
         let triggers: Vec<Trigger> = piece.triggers.iter().filter_map(trigger).collect();
         let frames = piece.frames.into_iter().map(|frame| python_frame(py, frame)).collect::<PyResult<Vec<_>>>()?;
-        let parts = PyDict::new(py);
-        parts.set_item("events", piece.events.into_pyarray(py))?;
-        parts.set_item("imu", imu.into_pyarray(py))?;
-        parts.set_item("frames", PyList::new(py, frames)?)?;
-        parts.set_item("triggers", triggers.into_pyarray(py))?;
-        parts.set_item("other_packets", piece.other_packets)?;
-        Ok(Some(parts))
+        let piece_dict = PyDict::new(py);
+        piece_dict.set_item("events", piece.events.into_pyarray(py))?;
+        piece_dict.set_item("imu", imu.into_pyarray(py))?;
+        piece_dict.set_item("frames", PyList::new(py, frames)?)?;
+        piece_dict.set_item("triggers", triggers.into_pyarray(py))?;
+        piece_dict.set_item("other_packets", piece.other_packets)?;
+        Ok(Some(piece_dict))
     }
 
     /// The sensor's (width, height), where the header says.

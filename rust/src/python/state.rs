@@ -105,13 +105,13 @@ fn readout_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<ReadoutState> {
 }
 
 /// Returns a dictionary within the state, or None.
-fn part<'py, T>(
+fn nested<'py, T>(
     dict: &Bound<'py, PyDict>,
     name: &str,
-    of: impl FnOnce(&Bound<'py, PyDict>) -> PyResult<T>,
+    read: impl FnOnce(&Bound<'py, PyDict>) -> PyResult<T>,
 ) -> PyResult<Option<T>> {
-    let part: Option<Bound<'_, PyDict>> = item(dict, name)?.extract()?;
-    part.map(|part| of(&part)).transpose()
+    let nested: Option<Bound<'_, PyDict>> = item(dict, name)?.extract()?;
+    nested.map(|nested| read(&nested)).transpose()
 }
 
 pub(super) fn from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EngineState> {
@@ -140,8 +140,8 @@ pub(super) fn from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EngineState> {
         on: values(dict, "on")?,
         off: values(dict, "off")?,
         last_event_us: values(dict, "last_event_us")?,
-        effect_state: part(dict, "effect_state", effect_state_from_dict)?,
-        readout: part(dict, "readout", readout_from_dict)?,
+        effect_state: nested(dict, "effect_state", effect_state_from_dict)?,
+        readout: nested(dict, "readout", readout_from_dict)?,
     })
 }
 

@@ -211,13 +211,13 @@ impl<const ROUND: i64> HighTime<ROUND> {
 
     /// Returns the one that a number in a decoder's state stands for, which must lie below `end`.
     pub(super) fn of_state(state: i64, end: i64) -> Result<Self> {
-        let next: i64 = part(state, end)?;
+        let next: i64 = state_number(state, end)?;
         Ok(Self((next > 0).then(|| next - 1)))
     }
 }
 
 /// Returns a number of a decoder's state, which must lie in `0..end`.
-pub(super) fn part<T: TryFrom<i64>>(value: i64, end: i64) -> Result<T> {
+pub(super) fn state_number<T: TryFrom<i64>>(value: i64, end: i64) -> Result<T> {
     let number = (0..end).contains(&value).then(|| T::try_from(value).ok()).flatten();
     number.ok_or_else(|| Error::Argument(format!("a decoder's state must lie in 0..{end}: got {value}")))
 }

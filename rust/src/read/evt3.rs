@@ -1,6 +1,6 @@
 //! EVT 3.0 to events; the words are described in `write::evt3`.
 
-use super::evt::{EvtDecoder, HighTime, Words, part};
+use super::evt::{EvtDecoder, HighTime, Words, state_number};
 use super::reader::DecoderState;
 use crate::error::Result;
 use crate::event::Event;
@@ -80,9 +80,9 @@ impl Words for Evt3Words {
 
     fn resume(&mut self, [high, low, y, base_x, base_on]: DecoderState) -> Result<()> {
         self.high = HighTime::of_state(high, 1 << 49)?;
-        self.low = part(low, 1 << 12)?;
-        (self.y, self.base_x) = (part(y, 1 << 16)?, part(base_x, 1 << 16)?);
-        self.base_on = part::<i64>(base_on, 2)? == 1;
+        self.low = state_number(low, 1 << 12)?;
+        (self.y, self.base_x) = (state_number(y, 1 << 16)?, state_number(base_x, 1 << 16)?);
+        self.base_on = state_number::<i64>(base_on, 2)? == 1;
         Ok(())
     }
 }

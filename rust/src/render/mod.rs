@@ -62,8 +62,8 @@ pub use gloss::tables::GlossTables;
 #[cfg(feature = "python")]
 pub use gradients::pixel_gradients::{BEFORE_LIGHTS, RayHit};
 pub use irradiance::{
-    AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, Place, ReflectedLight, SharpLight, SkyLight,
-    SurfaceTables,
+    AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, ReflectedLight, SharpLight, SkyLight,
+    SurfacePoint, SurfaceTables,
 };
 pub use light::beam::Beam;
 pub use light::light_map::{Emission, LightMapTables};

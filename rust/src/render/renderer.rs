@@ -20,7 +20,7 @@ use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
 use super::tile::{self, Shaders, TileImage, TileScratch, TileView, Ways};
 use super::time::edges::Edges;
-use super::time::tracks::Sight;
+use super::time::tracks::RaySample;
 use super::visibility::bins::Bins;
 use super::visibility::nearest::NOTHING;
 use crate::error::{Error, Result};
@@ -218,11 +218,11 @@ impl Renderer {
         self.each_pixel(rays, views, pixels, hits, |view, samples, found| {
             let mut seen = vec![];
             self.each_of(rays, view, samples, |of, tile, some, scratch| {
-                tile::sights(of, tile, some, scratch, &mut seen);
+                tile::ray_samples(of, tile, some, scratch, &mut seen);
             });
-            found.extend(seen.iter().map(|sight| match sight.triangle {
+            found.extend(seen.iter().map(|ray_sample| match ray_sample.triangle {
                 NOTHING => (f32::INFINITY, NO_TRIANGLE),
-                triangle => (1.0 / sight.inverse_depth, self.scene.surfaces[triangle as usize].number),
+                triangle => (1.0 / ray_sample.inverse_depth, self.scene.surfaces[triangle as usize].number),
             }));
         })
     }
@@ -424,17 +424,17 @@ impl Renderer {
 
     /// Returns what each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were
     /// found.
-    pub(crate) fn sights(
+    pub(crate) fn ray_samples(
         &self,
         rays: &PixelRays,
         view: &View,
         pixels: &[u32],
-        found: &mut Vec<Sight>,
+        found: &mut Vec<RaySample>,
     ) -> impl Iterator<Item = usize> + use<> {
         let of_view: Vec<(u32, u32)> = pixels.iter().map(|&pixel| (0, pixel)).collect();
         let order = samples::sorted(rays, 1, &of_view);
         found.reserve(pixels.len() * rays.rays);
-        self.each_of(rays, view, &order, |of, tile, some, scratch| tile::sights(of, tile, some, scratch, found));
+        self.each_of(rays, view, &order, |of, tile, some, scratch| tile::ray_samples(of, tile, some, scratch, found));
         order.into_iter().map(|sample| sample.index)
     }
 
@@ -452,7 +452,7 @@ impl Renderer {
         let ViewBuffers { bins, cones } = &mut buffers;
         if in_one_spot(rays, samples) {
             pixels.gather(rays, samples);
-            bins.fill_part(&self.scene, view, pixels.around());
+            bins.fill_rect(&self.scene, view, pixels.around());
             let of = self.tile_view(rays, view, &lights, bins, cones);
             work(&of, 0, &pixels, &mut scratch);
         } else {

@@ -23,7 +23,7 @@ use super::lines::shadows::{HiddenLengths, TileTaps};
 use super::lines::taps::Taps;
 use super::samples::Pixels;
 use super::tile_hits::TileHits;
-use super::time::tracks::Sight;
+use super::time::tracks::RaySample;
 use super::visibility::beam::Beam;
 use super::visibility::bins::{Bins, Entry, Seen};
 use super::visibility::nearest::{NOTHING, Nearest};
@@ -165,7 +165,13 @@ pub(crate) fn lines<'a>(
 /// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of
 /// [`samples`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
+pub(crate) fn ray_samples(
+    of: &TileView,
+    number: usize,
+    pixels: &Pixels,
+    scratch: &mut TileScratch,
+    found: &mut Vec<RaySample>,
+) {
     let part = pixels.part();
     find(of.bins, number, &part, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
@@ -179,10 +185,10 @@ pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mu
             only => only,
         };
         found.push(if index == NOTHING {
-            Sight { luma, rate, triangle: NOTHING, inverse_depth: 0.0 }
+            RaySample { luma, rate, triangle: NOTHING, inverse_depth: 0.0 }
         } else {
             let Seen { triangle, inverse_depth, .. } = seen(index);
-            Sight { luma, rate, triangle: *triangle, inverse_depth: inverse_depth.at(part.x[ray], part.y[ray]) }
+            RaySample { luma, rate, triangle: *triangle, inverse_depth: inverse_depth.at(part.x[ray], part.y[ray]) }
         });
     }
 }

@@ -7,8 +7,8 @@ use pyo3::prelude::*;
 use super::scene_tables::{BeamTuple, beam_of};
 use crate::python::arrays::{column, grouped, groups, matrices, numbers};
 use crate::render::{
-    AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, Place, ReflectedLight, SharpLight, SkyLight,
-    SurfaceTables,
+    AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, ReflectedLight, SharpLight, SkyLight,
+    SurfacePoint, SurfaceTables,
 };
 
 /// First triangle, number of triangles, and radiance of a lamp.
@@ -54,22 +54,22 @@ fn group_light((lamps, constant, map, points, directions, small): GroupTuple<'_>
     })
 }
 
-/// Places, and by how much the lattice of samples is shifted at each.
-type Places<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
+/// Points, and by how much the lattice of samples is shifted at each.
+type SurfacePoints<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
 
-fn places_of((positions, normals, shifts): Places<'_>) -> PyResult<Vec<Place>> {
+fn points_of((positions, normals, shifts): SurfacePoints<'_>) -> PyResult<Vec<SurfacePoint>> {
     let positions = groups::<f64, 3>(&positions, "positions")?;
     let (normals, shifts) = (groups::<f64, 3>(&normals, "normals")?, groups::<f64, 2>(&shifts, "shifts")?);
     if normals.len() != positions.len() || shifts.len() != positions.len() {
         return Err(PyValueError::new_err(format!(
-            "{} places need as many normals and shifts, got {} and {}",
+            "{} points need as many normals and shifts, got {} and {}",
             positions.len(),
             normals.len(),
             shifts.len()
         )));
     }
-    let place = |((position, normal), shift)| Place { position, normal, shift };
-    Ok(positions.into_iter().zip(normals).zip(shifts).map(place).collect())
+    let point = |((position, normal), shift)| SurfacePoint { position, normal, shift };
+    Ok(positions.into_iter().zip(normals).zip(shifts).map(point).collect())
 }
 
 /// Light that falls on the surfaces of a scene, for :meth:`IrradianceSampler.gathered`.
@@ -95,10 +95,10 @@ impl PyReflectedLight {
     }
 }
 
-/// Computes irradiance at places on diffuse surfaces, by rays.
+/// Computes irradiance at points of diffuse surfaces, by rays.
 ///
-/// The light at a place is a function of the scene, the place, its shift and the samples. It has the same bits in any
-/// batch of places, on any number of threads and on every processor. Arrays are flat; t is the number of triangles.
+/// The light at a point is a function of the scene, the point, its shift and the samples. It has the same bits in any
+/// batch of points, on any number of threads and on every processor. Arrays are flat; t is the number of triangles.
 ///
 /// Args:
 ///     corners: float64 (t, 3, 3), in the world, metres.
@@ -165,7 +165,7 @@ impl PyIrradianceSampler {
     ///
     /// Args:
     ///     group: its number.
-    ///     places: positions (n, 3) in metres, unit normals (n, 3), and by how much the lattice of samples is shifted
+    ///     points: positions (n, 3) in metres, unit normals (n, 3), and by how much the lattice of samples is shifted
     ///         (n, 2), 0..1; three flat float64 arrays.
     ///     samples: points on each lamp, 1..2^20.
     ///
@@ -173,30 +173,48 @@ impl PyIrradianceSampler {
     ///     Irradiance / pi, float64, flat (n, 3): red, green and blue.
     ///
     /// Raises:
-    ///     ValueError: for a group that is not there, or places that are not finite.
-    fn of_lamps<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
-        let places = places_of(places)?;
-        Ok(flat(py, py.detach(|| self.0.of_lamps(group, &places, samples))?))
+    ///     ValueError: for a group that is not there, or points that are not finite.
+    fn of_lamps<'py>(
+        &self,
+        py: Python<'py>,
+        group: usize,
+        points: SurfacePoints<'py>,
+        samples: usize,
+    ) -> PyResult<Flat<'py>> {
+        let points = points_of(points)?;
+        Ok(flat(py, py.detach(|| self.0.of_lamps(group, &points, samples))?))
     }
 
-    /// Compute direct light of the sky of a ``group`` at ``places``, as :meth:`of_lamps`, by ``samples`` rays.
-    fn of_sky<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
-        let places = places_of(places)?;
-        Ok(flat(py, py.detach(|| self.0.of_sky(group, &places, samples))?))
+    /// Compute direct light of the sky of a ``group`` at ``points``, as :meth:`of_lamps`, by ``samples`` rays.
+    fn of_sky<'py>(
+        &self,
+        py: Python<'py>,
+        group: usize,
+        points: SurfacePoints<'py>,
+        samples: usize,
+    ) -> PyResult<Flat<'py>> {
+        let points = points_of(points)?;
+        Ok(flat(py, py.detach(|| self.0.of_sky(group, &points, samples))?))
     }
 
-    /// Compute direct light of points, directions and small lamps of a ``group`` at ``places``, as :meth:`of_lamps`.
+    /// Compute direct light of points, directions and small lamps of a ``group`` at ``points``, as :meth:`of_lamps`.
     ///
     /// ``samples`` are taken of each light.
-    fn of_sharp<'py>(&self, py: Python<'py>, group: usize, places: Places<'py>, samples: usize) -> PyResult<Flat<'py>> {
-        let places = places_of(places)?;
-        Ok(flat(py, py.detach(|| self.0.of_sharp(group, &places, samples))?))
+    fn of_sharp<'py>(
+        &self,
+        py: Python<'py>,
+        group: usize,
+        points: SurfacePoints<'py>,
+        samples: usize,
+    ) -> PyResult<Flat<'py>> {
+        let points = points_of(points)?;
+        Ok(flat(py, py.detach(|| self.0.of_sharp(group, &points, samples))?))
     }
 
     /// Gather light that other surfaces reflect, by rays that follow the cosine.
     ///
     /// Args:
-    ///     group, places: as in :meth:`of_lamps`.
+    ///     group, points: as in :meth:`of_lamps`.
     ///     samples: rays.
     ///     reflected: light that falls on surfaces, None for none; that of the group's points, directions and small
     ///         lamps comes on top.
@@ -210,19 +228,19 @@ impl PyIrradianceSampler {
         &self,
         py: Python<'py>,
         group: usize,
-        places: Places<'py>,
+        points: SurfacePoints<'py>,
         samples: usize,
         reflected: Option<PyRef<'py, PyReflectedLight>>,
     ) -> PyResult<Flat<'py>> {
-        let places = places_of(places)?;
+        let points = points_of(points)?;
         let reflected = reflected.as_ref().map(|light| &light.0);
-        Ok(flat(py, py.detach(|| self.0.gathered(group, &places, samples, reflected))?))
+        Ok(flat(py, py.detach(|| self.0.gathered(group, &points, samples, reflected))?))
     }
 
     /// Compute what :meth:`gathered` does by paths, with all lights of the group.
     ///
     /// Args:
-    ///     group, places: as in :meth:`of_lamps`.
+    ///     group, points: as in :meth:`of_lamps`.
     ///     samples: paths.
     ///     seed: of their draws.
     ///     bounces: how often light bounces at most.
@@ -238,20 +256,20 @@ impl PyIrradianceSampler {
         &self,
         py: Python<'py>,
         group: usize,
-        places: Places<'py>,
+        points: SurfacePoints<'py>,
         samples: usize,
         seed: u64,
         bounces: u32,
         roulette: u32,
     ) -> PyResult<Flat<'py>> {
-        let (places, rule) = (places_of(places)?, PathRule { bounces, roulette });
-        Ok(flat(py, py.detach(|| self.0.traced(group, &places, samples, seed, rule))?))
+        let (points, rule) = (points_of(points)?, PathRule { bounces, roulette });
+        Ok(flat(py, py.detach(|| self.0.traced(group, &points, samples, seed, rule))?))
     }
 
     /// Find whether any of some paths meets light, however little.
     ///
     /// Args:
-    ///     group, places, samples, seed, bounces, roulette: as in :meth:`traced`.
+    ///     group, points, samples, seed, bounces, roulette: as in :meth:`traced`.
     ///
     /// Returns:
     ///     bool (n).
@@ -260,13 +278,13 @@ impl PyIrradianceSampler {
         &self,
         py: Python<'py>,
         group: usize,
-        places: Places<'py>,
+        points: SurfacePoints<'py>,
         samples: usize,
         seed: u64,
         bounces: u32,
         roulette: u32,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
-        let (places, rule) = (places_of(places)?, PathRule { bounces, roulette });
-        Ok(py.detach(|| self.0.is_lit(group, &places, samples, seed, rule))?.into_pyarray(py))
+        let (points, rule) = (points_of(points)?, PathRule { bounces, roulette });
+        Ok(py.detach(|| self.0.is_lit(group, &points, samples, seed, rule))?.into_pyarray(py))
     }
 }

@@ -361,9 +361,9 @@ impl PySceneRenderer {
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
         let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
-        let mut found = vec![(0f32, 0u32); pixels.len()];
-        py.detach(|| self.0.hits(&rays.0, &views, &pixels, &mut found))?;
-        let (depth, triangles): (Vec<f32>, Vec<u32>) = found.into_iter().unzip();
+        let mut hits = vec![(0f32, 0u32); pixels.len()];
+        py.detach(|| self.0.hits(&rays.0, &views, &pixels, &mut hits))?;
+        let (depth, triangles): (Vec<f32>, Vec<u32>) = hits.into_iter().unzip();
         Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
     }
 
@@ -436,8 +436,8 @@ impl PySceneRenderer {
         let pixel = numbers::<u32>(pixel, "pixel")?;
         let weights = numbers::<f64>(weights, "weights")?;
         let steps = numbers::<f64>(steps, "steps")?;
-        let found = py.detach(|| self.0.texel_gradients(&rays.0, &views, &view, &pixel, &weights, &steps))?;
-        Ok((found.counts.into_pyarray(py), found.texels.into_pyarray(py), found.values.into_pyarray(py)))
+        let gradients = py.detach(|| self.0.texel_gradients(&rays.0, &views, &view, &pixel, &weights, &steps))?;
+        Ok((gradients.counts.into_pyarray(py), gradients.texels.into_pyarray(py), gradients.values.into_pyarray(py)))
     }
 
     /// Find what each ray of single pixels sees, in float64.

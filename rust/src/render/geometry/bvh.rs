@@ -195,22 +195,22 @@ mod tests {
             prop_assert_eq!(sorted, (0..index(bounds.len())).collect::<Vec<_>>());
             let probe = probe.map(f64::from);
             let holds = |b: &Bounds| (0..3).all(|i| b.low[i] <= probe[i] && probe[i] <= b.high[i]);
-            let mut found = vec![];
+            let mut visited = vec![];
             bvh.visit(&mut vec![], &Probe(probe), |range| {
-                found.extend(order[range].iter().copied().filter(|&i| holds(&bounds[i as usize])));
+                visited.extend(order[range].iter().copied().filter(|&i| holds(&bounds[i as usize])));
                 true
             });
             // What a visit finds first has the lower number.
-            let indices: Vec<usize> = found.iter().map(|one| order.iter().position(|i| i == one).unwrap()).collect();
+            let indices: Vec<usize> = visited.iter().map(|item| order.iter().position(|i| i == item).unwrap()).collect();
             prop_assert!(indices.is_sorted());
-            found.sort_unstable();
+            visited.sort_unstable();
             let expected: Vec<u32> = (0..index(bounds.len())).filter(|&i| holds(&bounds[i as usize])).collect();
-            prop_assert_eq!(found, expected);
+            prop_assert_eq!(visited, expected);
             // From front to back, every box is looked into that is not farther than what is looked for.
-            let mut ahead = Along { found: vec![], farthest: probe[0] as f32 };
+            let mut ahead = Along { visited: vec![], farthest: probe[0] as f32 };
             bvh.visit_from_front(&mut vec![], &ahead.clone(), &mut ahead);
             let near: Vec<u32> = (0..index(bounds.len())).filter(|&i| bounds[i as usize].low[0] <= probe[0]).collect();
-            let mut looked_at: Vec<u32> = ahead.found.iter().map(|&i| order[i]).collect();
+            let mut looked_at: Vec<u32> = ahead.visited.iter().map(|&i| order[i]).collect();
             looked_at.sort_unstable();
             looked_at.retain(|i| near.contains(i));
             prop_assert_eq!(looked_at, near);
@@ -220,7 +220,7 @@ mod tests {
     /// Boxes along x, the lowest first.
     #[derive(Clone)]
     struct Along {
-        found: Vec<usize>,
+        visited: Vec<usize>,
         farthest: f32,
     }
 
@@ -238,7 +238,7 @@ mod tests {
         fn expect(&self, _: Range<usize>) {}
 
         fn look_at(&mut self, leaf: Range<usize>) {
-            self.found.extend(leaf);
+            self.visited.extend(leaf);
         }
     }
 

@@ -58,15 +58,15 @@ impl Linear {
     }
 
     #[inline(always)]
-    pub(crate) fn highest(self, part: &Rect) -> f32 {
+    pub(crate) fn highest(self, rect: &Rect) -> f32 {
         let [a, b, _] = self.0;
-        self.at(if a > 0.0 { part.high[0] } else { part.low[0] }, if b > 0.0 { part.high[1] } else { part.low[1] })
+        self.at(if a > 0.0 { rect.high[0] } else { rect.low[0] }, if b > 0.0 { rect.high[1] } else { rect.low[1] })
     }
 
     #[inline(always)]
-    pub(crate) fn lowest(self, part: &Rect) -> f32 {
+    pub(crate) fn lowest(self, rect: &Rect) -> f32 {
         let [a, b, _] = self.0;
-        self.at(if a > 0.0 { part.low[0] } else { part.high[0] }, if b > 0.0 { part.low[1] } else { part.high[1] })
+        self.at(if a > 0.0 { rect.low[0] } else { rect.high[0] }, if b > 0.0 { rect.low[1] } else { rect.high[1] })
     }
 }
 
@@ -76,18 +76,18 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// No point of a part lies outside of the bounds, not by one rounding.
+        /// No point of a rectangle lies outside of the bounds, not by one rounding.
         #[test]
         fn corners_bound_every_point(
             c in prop::array::uniform3(-1e3f32..1e3), x in prop::array::uniform2(-2f32..2.0),
             y in prop::array::uniform2(-2f32..2.0), s in 0f32..=1.0, t in 0f32..=1.0,
         ) {
-            let mut part = Rect::NONE;
-            part.add(x[0], y[0]);
-            part.add(x[1], y[1]);
+            let mut rect = Rect::NONE;
+            rect.add(x[0], y[0]);
+            rect.add(x[1], y[1]);
             let inside = |low: f32, high: f32, s: f32| (low + (high - low) * s).clamp(low, high);
-            let value = Linear(c).at(inside(part.low[0], part.high[0], s), inside(part.low[1], part.high[1], t));
-            prop_assert!(Linear(c).lowest(&part) <= value && value <= Linear(c).highest(&part));
+            let value = Linear(c).at(inside(rect.low[0], rect.high[0], s), inside(rect.low[1], rect.high[1], t));
+            prop_assert!(Linear(c).lowest(&rect) <= value && value <= Linear(c).highest(&rect));
         }
     }
 }

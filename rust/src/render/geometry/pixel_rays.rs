@@ -185,13 +185,13 @@ impl PixelRays {
         let mut new = Self::empty(width, height, rays, Coordinates::Grid { x: vec![], y: vec![] });
         // What the columns and rows of blocks lie in.
         let around = |values: &[f32], count: usize| -> Vec<[f32; 2]> {
-            let mut found = vec![[f32::INFINITY, f32::NEG_INFINITY]; count.next_multiple_of(TILE) / BLOCK];
+            let mut intervals = vec![[f32::INFINITY, f32::NEG_INFINITY]; count.next_multiple_of(TILE) / BLOCK];
             for ray in values.chunks_exact(count.next_multiple_of(TILE)) {
-                for ([low, high], values) in found.iter_mut().zip(ray.chunks_exact(BLOCK)) {
+                for ([low, high], values) in intervals.iter_mut().zip(ray.chunks_exact(BLOCK)) {
                     (*low, *high) = values.iter().fold((*low, *high), |(low, high), &v| (low.min(v), high.max(v)));
                 }
             }
-            found
+            intervals
         };
         let (across, down) = (around(&x, width), around(&y, height));
         for tile in 0..new.tiles.len() {

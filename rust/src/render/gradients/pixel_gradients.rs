@@ -171,8 +171,8 @@ impl Renderer {
                 gradient[2 + k] += weight * by_position[k];
                 gradient[5 + k] += weight * by_turn[k];
             }
-            for (sum, part) in gradient[BEFORE_LIGHTS..].iter_mut().zip(&shaded.by_light) {
-                *sum += weight * part;
+            for (sum, of_light) in gradient[BEFORE_LIGHTS..].iter_mut().zip(&shaded.by_light) {
+                *sum += weight * of_light;
             }
         });
     }

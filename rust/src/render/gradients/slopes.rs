@@ -71,19 +71,19 @@ pub(crate) fn shade(
     lights: &[FramedLight],
     hit: &Hit,
     stack: &mut Vec<u32>,
-    found: &mut Shaded,
+    irradiance: &mut Shaded,
 ) {
     let surface = hit.surface;
-    (found.luma, found.slope, found.rate, found.hidden) = (0.0, [0.0; 3], 0.0, 0);
-    for parts in [&mut found.by_light, &mut found.falls] {
+    (irradiance.luma, irradiance.slope, irradiance.rate, irradiance.hidden) = (0.0, [0.0; 3], 0.0, 0);
+    for parts in [&mut irradiance.by_light, &mut irradiance.falls] {
         parts.clear();
         parts.resize(lights.len(), 0.0);
     }
     if let (Some(emission), true) = (&surface.emission, hit.in_front) {
         let [factor, rate] = view.factors[emission.light as usize];
-        found.luma += emission.luma * factor;
-        found.rate += emission.luma * rate;
-        found.by_light[emission.light as usize] += emission.luma * factor;
+        irradiance.luma += emission.luma * factor;
+        irradiance.rate += emission.luma * rate;
+        irradiance.by_light[emission.light as usize] += emission.luma * factor;
     }
     let normal = Normal::of(hit);
     if !normal.in_front && !surface.two_sided {
@@ -98,7 +98,7 @@ pub(crate) fn shade(
         }
         let Some((falls, falls_rate)) = falling(scene, light, hit, &normal) else { continue };
         if is_hidden(scene, view, light, hit, stack) {
-            found.hidden ^= 1 << (number % 64);
+            irradiance.hidden ^= 1 << (number % 64);
             continue;
         }
         let reflected = match reflectance {
@@ -107,11 +107,11 @@ pub(crate) fn shade(
         };
         reflectance = Some((light.group, reflected));
         let seen = falls.times(&reflected);
-        found.luma += strength * seen.value;
-        found.slope = add(found.slope, scale(seen.slope, strength));
-        found.rate += strength_rate * seen.value + strength * reflected.value * falls_rate;
-        found.by_light[number] += strength * seen.value;
-        found.falls[number] = strength * falls.value;
+        irradiance.luma += strength * seen.value;
+        irradiance.slope = add(irradiance.slope, scale(seen.slope, strength));
+        irradiance.rate += strength_rate * seen.value + strength * reflected.value * falls_rate;
+        irradiance.by_light[number] += strength * seen.value;
+        irradiance.falls[number] = strength * falls.value;
     }
 }
 
@@ -157,9 +157,9 @@ fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Op
         FramedKind::Baked(texels) => {
             let [front, back] = hit.surface.light_maps.as_deref()?;
             let SideMap { u, v, texture } = if hit.in_front || !hit.surface.two_sided { front } else { back };
-            let found = looked_up(texture, &scene.irradiance[texels], [u, v], hit.point);
+            let irradiance = looked_up(texture, &scene.irradiance[texels], [u, v], hit.point);
             // Beyond a triangle's third edge a map may fall below 0, and rounding leads there.
-            (found.value > 0.0).then_some((found, 0.0))
+            (irradiance.value > 0.0).then_some((irradiance, 0.0))
         }
         FramedKind::Directional(towards, rate) => {
             let cosine = normal.along(towards);

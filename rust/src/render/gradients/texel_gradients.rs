@@ -26,10 +26,10 @@ pub struct TexelGradients {
 }
 
 impl TexelGradients {
-    fn join(mut self, other: Self) -> Self {
-        self.counts.extend(other.counts);
-        self.texels.extend(other.texels);
-        self.values.extend(other.values);
+    fn join(mut self, b: Self) -> Self {
+        self.counts.extend(b.counts);
+        self.texels.extend(b.texels);
+        self.values.extend(b.values);
         self
     }
 }
@@ -62,12 +62,12 @@ impl Renderer {
                 steps.len()
             )));
         }
-        let mut found = vec![];
+        let mut gradients = vec![];
         self.install(|| {
             let of_view = of_view.par_chunks(PIXELS_OF_THREAD);
             let pixels = pixels.par_chunks(PIXELS_OF_THREAD * weights.len());
             let of_chunk = |(of_view, pixels): (&[u32], &[u32])| {
-                let (mut buffers, mut seen, mut found) = (RayBuffers::default(), vec![], TexelGradients::default());
+                let (mut buffers, mut seen, mut gradients) = (RayBuffers::default(), vec![], TexelGradients::default());
                 let mut lit: Option<Lit> = None;
                 for (&view, pixels) in of_view.iter().zip(pixels.chunks_exact(weights.len())) {
                     let lit = match lit.take() {
@@ -75,19 +75,19 @@ impl Renderer {
                         _ => lit.insert(Lit::new(&self.scene, views, view)),
                     };
                     self.collect(rays, lit, pixels, weights, steps, &mut buffers, &mut seen);
-                    let before = found.texels.len();
-                    for same in seen.chunk_by(|one, other| one.0 == other.0) {
-                        found.texels.push(same[0].0);
-                        found.values.push(same.iter().map(|one| one.1).sum());
+                    let before = gradients.texels.len();
+                    for same in seen.chunk_by(|a, b| a.0 == b.0) {
+                        gradients.texels.push(same[0].0);
+                        gradients.values.push(same.iter().map(|a| a.1).sum());
                     }
                     #[allow(clippy::cast_possible_truncation, reason = "1024 rays of a few pixels see fewer")]
-                    found.counts.push((found.texels.len() - before) as u32);
+                    gradients.counts.push((gradients.texels.len() - before) as u32);
                 }
-                found
+                gradients
             };
-            of_view.zip(pixels).map(of_chunk).collect_into_vec(&mut found);
+            of_view.zip(pixels).map(of_chunk).collect_into_vec(&mut gradients);
         })?;
-        Ok(found.into_iter().fold(TexelGradients::default(), TexelGradients::join))
+        Ok(gradients.into_iter().fold(TexelGradients::default(), TexelGradients::join))
     }
 
     /// Collects what pixels, each times its weight, see of texels: sorted, a texel as often as rays see it.
@@ -115,10 +115,10 @@ impl Renderer {
             }
             let surface = hit.surface;
             let texture = &scene.textures[surface.texture as usize];
-            for (texel, part) in taps(texture, surface.uv().each_ref(), hit.point) {
-                if part != 0.0 {
+            for (texel, fraction) in taps(texture, surface.uv().each_ref(), hit.point) {
+                if fraction != 0.0 {
                     #[allow(clippy::cast_possible_truncation, reason = "texels are numbered below 2^31")]
-                    seen.push((texel as u32, weights[number] * per_ray * by_reflectance * part));
+                    seen.push((texel as u32, weights[number] * per_ray * by_reflectance * fraction));
                 }
             }
         });

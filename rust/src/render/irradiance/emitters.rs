@@ -84,7 +84,7 @@ pub struct GroupLight {
     pub sharp: Vec<SharpLight>,
 }
 
-/// Light that comes to a place if nothing is in its way.
+/// Light that comes to a point if nothing is in its way.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arriving {
     /// From where, of any length.
@@ -151,7 +151,7 @@ impl Lamp {
         let shape = if let Some([corner, first, second]) = parallelogram(corners, normals) {
             LampShape::Parallelogram(
                 [edge([0.0; 3], first), edge([0.0; 3], second)],
-                tracer.place(corner),
+                tracer.scaled(corner),
                 single(normals[0]),
             )
         } else {
@@ -162,7 +162,7 @@ impl Lamp {
                     .map(|((&[a, b, c], &normal), own)| {
                         sum += own;
                         LampTriangle {
-                            corner: tracer.place(a),
+                            corner: tracer.scaled(a),
                             edges: [edge(a, b), edge(a, c)],
                             normal: single(normal),
                             up_to: single([sum / area])[0],
@@ -196,7 +196,7 @@ impl Lamp {
         }
     }
 
-    /// Returns the light of a point of the lamp at a place with a normal; its way begins at `origin`.
+    /// Returns the light of a point of the lamp at a point with a normal; its way begins at `origin`.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn arriving(&self, receiver: &[f32; 3], normal: &[f32; 3], origin: &[f32; 3], at: [f32; 2]) -> Arriving {
@@ -361,7 +361,7 @@ pub(crate) enum Sharp {
 }
 
 impl Sharp {
-    /// Returns the light at a place with a normal, by a point of it; its way begins at `origin`.
+    /// Returns the light at a point with a normal, by a point of it; its way begins at `origin`.
     pub(crate) fn arriving(&self, receiver: &[f32; 3], normal: &[f32; 3], origin: &[f32; 3], at: [f32; 2]) -> Arriving {
         match self {
             Self::Lamp(lamp) => lamp.arriving(receiver, normal, origin, at),
@@ -388,7 +388,7 @@ impl Sharp {
     }
 }
 
-/// Returns what part of its light a beam sends to a place, from which the light lies in the direction `away`.
+/// Returns what part of its light a beam sends to a point, from which the light lies in the direction `away`.
 fn factor(beam: &Beam, away: [f32; 3], distance: f32) -> f32 {
     let cosine = |axis: Vector| -dots(single(axis), away) / distance;
     match *beam {
@@ -434,7 +434,7 @@ impl Lights {
                         return Err(Error::Argument("a light has a finite position and a valid beam".to_owned()));
                     }
                     Sharp::Point {
-                        position: tracer.place(*position),
+                        position: tracer.scaled(*position),
                         intensity: colour(intensity.map(|x| x * squared)),
                         beam: *beam,
                     }

@@ -1,6 +1,6 @@
 //! Points in the unit square at which light is sampled, and the directions that they stand for.
 //!
-//! The points are a rank-1 lattice, shifted for each place (Cranley and Patterson, 1976). They are folded by the baker's
+//! The points are a rank-1 lattice, shifted for each point (Cranley and Patterson, 1976). They are folded by the baker's
 //! transform, so that a point which leaves the square on one side does not jump to the other (Hickernell, "Obtaining
 //! O(N^(-2+e)) convergence for lattice quadrature rules", 2002).
 //!

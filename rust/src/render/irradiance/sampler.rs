@@ -1,8 +1,8 @@
-//! Samples light at places: direct light of lamps and the sky, and light that surfaces reflect.
+//! Samples light at points of surfaces: direct light of lamps and the sky, and light that surfaces reflect.
 //!
-//! Places are shared among threads. The rays of one place begin at one point, so they are traced together.
+//! Points are shared among threads. The rays of a point share their origin, so they are traced together.
 //!
-//! What must not break: the samples of a place are added up in the order of the [`Lattice`].
+//! What must not break: the samples of a point are added up in the order of the [`Lattice`].
 
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -31,7 +31,7 @@ const MOST_LIKELY_ON: f32 = 0.95;
 
 /// Where light is asked for.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct SurfacePoint {
     /// Metres.
     pub position: [f64; 3],
     /// The unit normal.
@@ -57,7 +57,7 @@ pub struct IrradianceSampler {
     groups: Vec<Lights>,
 }
 
-/// Room for what is computed at a place.
+/// Room for what is computed at a point.
 #[derive(Debug, Default)]
 struct Scratch {
     fan: Fan,
@@ -116,30 +116,30 @@ impl IrradianceSampler {
         Ok(Self { groups: groups.iter().map(lights).collect::<Result<_>>()?, surfaces, tracer })
     }
 
-    /// Returns irradiance / pi (red, green, blue) at each place from so many points on each lamp of a group.
+    /// Returns irradiance / pi (red, green, blue) at each point from so many points on each lamp of a group.
     ///
     /// # Errors
     ///
     /// [`Error::Argument`] for a group that is not there, or no samples.
-    pub fn of_lamps(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
+    pub fn of_lamps(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        self.summed(&lattice, places, &lights.lamps, |lamp, start, at| {
+        self.summed(&lattice, points, &lights.lamps, |lamp, start, at| {
             lamp.arriving(&start.position, &start.normal, &start.origin, at)
         })
     }
 
-    /// Returns irradiance / pi at each place from the group's sky, by so many directions that follow the cosine, and as
+    /// Returns irradiance / pi at each point from the group's sky, by so many directions that follow the cosine, and as
     /// many that follow the sky's radiance if it is a map. Both are weighted by the balance heuristic (Veach and Guibas,
     /// "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
     ///
     /// # Errors
     ///
     /// As [`IrradianceSampler::of_lamps`].
-    pub fn of_sky(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
+    pub fn of_sky(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        let Some(sky) = &lights.sky else { return Ok(vec![[0.0; 3]; places.len()]) };
-        each(places, |place, scratch| {
-            let (start, shift) = (self.start(place), shift_of(place));
+        let Some(sky) = &lights.sky else { return Ok(vec![[0.0; 3]; points.len()]) };
+        each(points, |point, scratch| {
+            let (start, shift) = (self.start(point), shift_of(point));
             let mut sum = direct(&self.tracer, &start, &lattice, shift, scratch, |at| along_cosine(sky, &start, at));
             if matches!(sky, Sky::Map(_)) {
                 let arriving = |at| along_radiance(sky, &start, at);
@@ -149,19 +149,19 @@ impl IrradianceSampler {
         })
     }
 
-    /// Returns irradiance / pi at each place from the group's sharp lights.
+    /// Returns irradiance / pi at each point from the group's sharp lights.
     ///
     /// # Errors
     ///
     /// As [`IrradianceSampler::of_lamps`].
-    pub fn of_sharp(&self, group: usize, places: &[Place], samples: usize) -> Result<Vec<[f64; 3]>> {
+    pub fn of_sharp(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        self.summed(&lattice, places, &lights.sharp, |light, start, at| {
+        self.summed(&lattice, points, &lights.sharp, |light, start, at| {
             light.arriving(&start.position, &start.normal, &start.origin, at)
         })
     }
 
-    /// Returns irradiance / pi at each place of light that other surfaces reflect, by so many rays: of all that
+    /// Returns irradiance / pi at each point of light that other surfaces reflect, by so many rays: of all that
     /// `reflected` says falls on them, and of the group's sharp lights.
     ///
     /// # Errors
@@ -170,7 +170,7 @@ impl IrradianceSampler {
     pub fn gathered(
         &self,
         group: usize,
-        places: &[Place],
+        points: &[SurfacePoint],
         samples: usize,
         reflected: Option<&ReflectedLight>,
     ) -> Result<Vec<[f64; 3]>> {
@@ -179,9 +179,9 @@ impl IrradianceSampler {
             let (triangles, got) = (self.surfaces.len(), light.len());
             return Err(Error::Argument(format!("reflected light is that of {triangles} triangles, got {got}")));
         }
-        each(places, |place, scratch| {
-            let start = self.start(place);
-            let shift = shift_of(place);
+        each(points, |point, scratch| {
+            let start = self.start(point);
+            let shift = shift_of(point);
             let sum = gather(self, lights, &start, &lattice, shift, reflected, scratch);
             sum.map(|x| x / float(samples))
         })
@@ -195,18 +195,18 @@ impl IrradianceSampler {
     pub fn traced(
         &self,
         group: usize,
-        places: &[Place],
+        points: &[SurfacePoint],
         samples: usize,
         seed: u64,
         rule: PathRule,
     ) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        each(places, |place, scratch| {
-            let start = self.start(place);
+        each(points, |point, scratch| {
+            let start = self.start(point);
             let mut sum = [0.0; 3];
             for at in 0..lattice.len() {
-                let first = cosine_direction(lattice.shifted(at, shift_of(place)));
-                let mut draws = draws(seed, place, lattice.numbers[at]);
+                let first = cosine_direction(lattice.shifted(at, shift_of(point)));
+                let mut draws = draws(seed, point, lattice.numbers[at]);
                 trace(self, lights, &start, first, rule, &mut draws, scratch, |light| {
                     add_up(&mut sum, [0, 1, 2].map(|i| f64::from(light[i])));
                     true
@@ -225,18 +225,18 @@ impl IrradianceSampler {
     pub fn is_lit(
         &self,
         group: usize,
-        places: &[Place],
+        points: &[SurfacePoint],
         samples: usize,
         seed: u64,
         rule: PathRule,
     ) -> Result<Vec<bool>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        each(places, |place, scratch| {
-            let start = self.start(place);
+        each(points, |point, scratch| {
+            let start = self.start(point);
             let mut lit = false;
             for at in 0..lattice.len() {
-                let first = cosine_direction(lattice.shifted(at, shift_of(place)));
-                let mut draws = draws(seed, place, lattice.numbers[at]);
+                let first = cosine_direction(lattice.shifted(at, shift_of(point)));
+                let mut draws = draws(seed, point, lattice.numbers[at]);
                 trace(self, lights, &start, first, rule, &mut draws, scratch, |light| {
                     lit = light.iter().any(|&x| x > 0.0);
                     !lit
@@ -255,28 +255,28 @@ impl IrradianceSampler {
         })
     }
 
-    /// Adds up at each place the light of several lights, each by all points of a lattice.
+    /// Adds up at each point the light of several lights, each by all points of a lattice.
     fn summed<L: Sync>(
         &self,
         lattice: &Lattice,
-        places: &[Place],
+        points: &[SurfacePoint],
         lights: &[L],
         arriving: impl Fn(&L, &Start, [f32; 2]) -> Arriving + Sync,
     ) -> Result<Vec<[f64; 3]>> {
-        each(places, |place, scratch| {
-            let start = self.start(place);
+        each(points, |point, scratch| {
+            let start = self.start(point);
             let mut sum = [0.0; 3];
             for light in lights {
                 let arriving = |at| arriving(light, &start, at);
-                add_up(&mut sum, direct(&self.tracer, &start, lattice, shift_of(place), scratch, arriving));
+                add_up(&mut sum, direct(&self.tracer, &start, lattice, shift_of(point), scratch, arriving));
             }
             sum.map(|x| x / float(lattice.len()))
         })
     }
 
-    fn start(&self, place: &Place) -> Start {
-        let normal = single(place.normal);
-        Start::new(self.tracer.place(place.position), normal, normal, self.step())
+    fn start(&self, point: &SurfacePoint) -> Start {
+        let normal = single(point.normal);
+        Start::new(self.tracer.scaled(point.position), normal, normal, self.step())
     }
 
     fn step(&self) -> f32 {
@@ -284,17 +284,17 @@ impl IrradianceSampler {
     }
 }
 
-/// Computes something at each place, on all threads.
-fn each<T: Send>(places: &[Place], compute: impl Fn(&Place, &mut Scratch) -> T + Sync) -> Result<Vec<T>> {
-    let wrong = |place: &&Place| {
-        let numbers = place.position.iter().chain(&place.normal).chain(&place.shift);
-        !numbers.clone().all(|x| x.is_finite()) || place.shift.iter().any(|x| !(0.0..1.0).contains(x))
+/// Computes something at each point, on all threads.
+fn each<T: Send>(points: &[SurfacePoint], compute: impl Fn(&SurfacePoint, &mut Scratch) -> T + Sync) -> Result<Vec<T>> {
+    let wrong = |point: &&SurfacePoint| {
+        let numbers = point.position.iter().chain(&point.normal).chain(&point.shift);
+        !numbers.clone().all(|x| x.is_finite()) || point.shift.iter().any(|x| !(0.0..1.0).contains(x))
     };
-    if let Some(place) = places.iter().find(wrong) {
-        return Err(Error::Argument(format!("places are finite, and their shifts lie in 0..1, got {place:?}")));
+    if let Some(point) = points.iter().find(wrong) {
+        return Err(Error::Argument(format!("points are finite, and their shifts lie in 0..1, got {point:?}")));
     }
     Ok(SHARED.pool()?.install(|| {
-        places.par_iter().with_min_len(4).map_init(Scratch::default, |scratch, place| compute(place, scratch)).collect()
+        points.par_iter().with_min_len(4).map_init(Scratch::default, |scratch, point| compute(point, scratch)).collect()
     }))
 }
 
@@ -310,13 +310,13 @@ fn lattice(samples: usize) -> Result<Lattice> {
     Err(Error::Argument(format!("samples lie in 1..=2^20, got {samples}")))
 }
 
-fn shift_of(place: &Place) -> [f32; 2] {
-    single(place.shift).map(|x| x.min(BELOW_ONE))
+fn shift_of(point: &SurfacePoint) -> [f32; 2] {
+    single(point.shift).map(|x| x.min(BELOW_ONE))
 }
 
-/// Returns the draws of a path from a place.
-fn draws(seed: u64, place: &Place, path: u32) -> Draws {
-    let own = place.shift[0].to_bits() ^ place.shift[1].to_bits().rotate_left(32);
+/// Returns the draws of a path from a point.
+fn draws(seed: u64, point: &SurfacePoint, path: u32) -> Draws {
+    let own = point.shift[0].to_bits() ^ point.shift[1].to_bits().rotate_left(32);
     Draws { seed: seed ^ own, path, next: 0 }
 }
 
@@ -400,7 +400,7 @@ fn closest(tracer: &RayTracer, fan: &mut Fan) {
     tracer.closest(fan);
 }
 
-/// Returns the sum of what the rays of a place gather.
+/// Returns the sum of what the rays of a point gather.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn gather(
     scene: &IrradianceSampler,
@@ -497,7 +497,7 @@ fn end(shadow: &Fan, light: &[Colour]) -> Colour {
     sum
 }
 
-/// Follows a path from a place, and hands over the light that it finds at each of its hits, weighted by what the
+/// Follows a path from a point, and hands over the light that it finds at each of its hits, weighted by what the
 /// surfaces on its way reflect, until it ends or `go_on` says that this is enough by `false`.
 #[allow(clippy::too_many_arguments, reason = "a path, and where it begins")]
 fn trace(
@@ -603,8 +603,8 @@ mod tests {
         IrradianceSampler::new(&tables, groups).unwrap()
     }
 
-    fn place(position: Vector, normal: Vector) -> Place {
-        Place { position, normal, shift: [0.3, 0.7] }
+    fn point(position: Vector, normal: Vector) -> SurfacePoint {
+        SurfacePoint { position, normal, shift: [0.3, 0.7] }
     }
 
     fn close(light: Vector, expected: Vector, tolerance: f64) {
@@ -631,10 +631,10 @@ mod tests {
         let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
         let down = [0.0, 0.0, -1.0];
         let there =
-            [place([0.0; 3], UP), place([0.0; 3], down), place([0.0, 0.0, 1.5], UP), place([0.0, 0.0, 1.5], down)];
-        let found = sampler.of_lamps(0, &there, 4096).unwrap();
-        close(found[0], ONE.map(|x| 4.0 * corner * x), 1e-3);
-        assert_eq!(found[1..], [[0.0; 3]; 3]); // it faces away, or lies behind the lamp
+            [point([0.0; 3], UP), point([0.0; 3], down), point([0.0, 0.0, 1.5], UP), point([0.0, 0.0, 1.5], down)];
+        let irradiance = sampler.of_lamps(0, &there, 4096).unwrap();
+        close(irradiance[0], ONE.map(|x| 4.0 * corner * x), 1e-3);
+        assert_eq!(irradiance[1..], [[0.0; 3]; 3]); // it faces away, or lies behind the lamp
         // Half of it is hidden.
         squares.push([[0.0, -9.0, 0.5], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0]]);
         let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
@@ -654,10 +654,10 @@ mod tests {
         let groups = [vec![lamp(0, 4)], vec![lamp(0, 2), lamp(2, 2)]];
         let groups = groups.map(|lamps| GroupLight { lamps, ..GroupLight::default() });
         let sampler = scene(&squares, 0.0, &groups);
-        let there = [place([0.6, 0.0, 0.0], UP), place([-0.9, 0.5, 0.7], UP)];
-        let parts = sampler.of_lamps(1, &there, 4096).unwrap();
-        for (all, parts) in sampler.of_lamps(0, &there, 4096).unwrap().into_iter().zip(parts) {
-            close(all, parts, 0.01);
+        let there = [point([0.6, 0.0, 0.0], UP), point([-0.9, 0.5, 0.7], UP)];
+        let by_channel = sampler.of_lamps(1, &there, 4096).unwrap();
+        for (all, by_channel) in sampler.of_lamps(0, &there, 4096).unwrap().into_iter().zip(by_channel) {
+            close(all, by_channel, 0.01);
         }
     }
 
@@ -680,17 +680,17 @@ mod tests {
             GroupLight::default(),
         ];
         let sampler = scene(&wall, 0.0, &groups);
-        let there = [place([5.0, 0.0, 0.0], [1.0, 0.0, 0.0]), place([1.0, 0.0, 0.0], UP)];
+        let there = [point([5.0, 0.0, 0.0], [1.0, 0.0, 0.0]), point([1.0, 0.0, 0.0], UP)];
         for (group, samples) in [(0, 4096), (1, 4096)] {
-            let found = sampler.of_sky(group, &there, samples).unwrap();
-            close(found[0], ONE, 2e-3);
-            close(found[1], ONE.map(|x| 0.5 * x), 5e-3);
+            let irradiance = sampler.of_sky(group, &there, samples).unwrap();
+            close(irradiance[0], ONE, 2e-3);
+            close(irradiance[1], ONE.map(|x| 0.5 * x), 5e-3);
         }
-        // Radiance (1 + cos) / 2 around z: (1 + 2/3) / 2 for a place that looks up, and 1/2 for one on the wall.
-        let found = sampler.of_sky(2, &[place([5.0, 0.0, 0.0], UP), there[0]], 4096).unwrap();
-        close(found[1], [0.5; 3], 5e-3);
+        // Radiance (1 + cos) / 2 around z: (1 + 2/3) / 2 for a point that looks up, and 1/2 for one on the wall.
+        let irradiance = sampler.of_sky(2, &[point([5.0, 0.0, 0.0], UP), there[0]], 4096).unwrap();
+        close(irradiance[1], [0.5; 3], 5e-3);
         let blocked = (0.5 * (1.0 + 2.0 / 3.0)) / 2.0;
-        close(found[0], [blocked; 3], 1e-2);
+        close(irradiance[0], [blocked; 3], 1e-2);
         assert_eq!(sampler.of_sky(3, &there, 16).unwrap(), [[0.0; 3]; 2]);
     }
 
@@ -699,29 +699,29 @@ mod tests {
         let (squares, _) = ceiling(0);
         let at = [0.0, 0.0, -2.0];
         let spot = |full, cutoff| Some(Beam::Spot { axis: UP.map(|x| -x), full, cutoff });
-        let point = |beam| SharpLight::Point { position: [0.0, 0.0, 0.5], intensity: ONE, beam };
+        let lamp_at = |beam| SharpLight::Point { position: [0.0, 0.0, 0.5], intensity: ONE, beam };
         let group = |light| GroupLight { sharp: vec![light], ..GroupLight::default() };
         let slanted = [0.0, -0.6, -0.8];
         let groups = [
-            group(point(None)),
-            group(point(Some(Beam::Cosine([0.0, 0.6, -0.8])))),
-            group(point(spot(0.5, 1.0))),
+            group(lamp_at(None)),
+            group(lamp_at(Some(Beam::Cosine([0.0, 0.6, -0.8])))),
+            group(lamp_at(spot(0.5, 1.0))),
             group(SharpLight::Directional { along: slanted, irradiance: ONE }),
             group(SharpLight::Directional { along: UP, irradiance: ONE }),
         ];
         let sampler = scene(&squares, 0.0, &groups);
-        let of = |group| sampler.of_sharp(group, &[place(at, UP)], 16).unwrap()[0];
+        let irradiance_of = |group| sampler.of_sharp(group, &[point(at, UP)], 16).unwrap()[0];
         let full = ONE.map(|x| x / 6.25 / std::f64::consts::PI);
-        close(of(0), full, 1e-5);
-        close(of(1), full.map(|x| 0.8 * x), 1e-5);
-        close(of(2), full, 1e-5);
+        close(irradiance_of(0), full, 1e-5);
+        close(irradiance_of(1), full.map(|x| 0.8 * x), 1e-5);
+        close(irradiance_of(2), full, 1e-5);
         // The sun passes by the ceiling; from below it lights no front.
-        close(of(3), ONE.map(|x| 0.8 * x / std::f64::consts::PI), 1e-5);
-        assert_eq!(of(4), [0.0; 3]);
+        close(irradiance_of(3), ONE.map(|x| 0.8 * x / std::f64::consts::PI), 1e-5);
+        assert_eq!(irradiance_of(4), [0.0; 3]);
         // In a scene of another size a metre is still a metre.
         let wide = scene(&[squares[0], [[0.0, 0.0, 50.0], UP, [0.0, 1.0, 0.0]]], 0.0, &groups);
-        close(wide.of_sharp(0, &[place(at, UP)], 16).unwrap()[0], full, 1e-4);
-        let aside = [place([0.0, 1.875, -2.0], UP), place([0.0, 9.0, -2.0], UP), place([0.0, 0.0, 2.0], UP)];
+        close(wide.of_sharp(0, &[point(at, UP)], 16).unwrap()[0], full, 1e-4);
+        let aside = [point([0.0, 1.875, -2.0], UP), point([0.0, 9.0, -2.0], UP), point([0.0, 0.0, 2.0], UP)];
         let beams = sampler.of_sharp(2, &aside, 16).unwrap();
         let (angle, distance_squared) = ((0.75f64).atan(), 6.25 + 1.875f64.powi(2));
         let factor = (1.0 - angle) / 0.5 * 0.8 / distance_squared / std::f64::consts::PI;
@@ -748,21 +748,21 @@ mod tests {
         let lamps = (0..6).map(|i| AreaLamp { first: 2 * i, count: 2, radiance: ONE }).collect();
         let groups = [GroupLight { lamps, ..GroupLight::default() }];
         let sampler = scene(&squares, 0.5, &groups);
-        let there: Vec<Place> = (0..5).map(|i| place([0.3, f64::from(i) * 0.1, -1.0], UP)).collect();
+        let there: Vec<SurfacePoint> = (0..5).map(|i| point([0.3, f64::from(i) * 0.1, -1.0], UP)).collect();
         let layouts: Vec<[[i64; 2]; 2]> = (0..12).map(|i| [[16 * i, 2]; 2]).collect();
         let light = ReflectedLight::new(&layouts, &vec![[1.0, 0.5, 0.25]; 16 * 12]).unwrap();
-        for found in sampler.gathered(0, &there, 64, Some(&light)).unwrap() {
-            close(found, ONE.map(|x| 0.5 * x), 1e-5);
+        for irradiance in sampler.gathered(0, &there, 64, Some(&light)).unwrap() {
+            close(irradiance, ONE.map(|x| 0.5 * x), 1e-5);
         }
         assert_eq!(sampler.gathered(0, &there, 64, None).unwrap(), [[0.0; 3]; 5]);
         // What falls on each wall directly is ONE; of it, 1/2 + 1/4 + ... bounces.
-        for (bounces, share) in [(1, 0.5), (3, 0.875), (1000, 1.0)] {
+        for (bounces, fraction) in [(1, 0.5), (3, 0.875), (1000, 1.0)] {
             let rule = PathRule { bounces, roulette: 2 };
             let all = sampler.traced(0, &there, 1024, 7, rule).unwrap();
             let mean = [0, 1, 2].map(|i| all.iter().map(|one| one[i]).sum::<f64>() / 5.0);
-            close(mean, ONE.map(|x| share * x), 0.04);
+            close(mean, ONE.map(|x| fraction * x), 0.04);
         }
-        // The same place has the same bits alone; another seed has other paths.
+        // The same point has the same bits alone; another seed has other paths.
         let rule = PathRule { bounces: 5, roulette: 2 };
         let all = sampler.traced(0, &there, 64, 7, rule).unwrap();
         assert_eq!(sampler.traced(0, &there[3..4], 64, 7, rule).unwrap()[0], all[3]);
@@ -804,10 +804,10 @@ mod tests {
     #[test]
     fn bits_are_those_of_other_processors() {
         let sampler = cluttered_room();
-        let there: Vec<Place> = (0..24)
+        let there: Vec<SurfacePoint> = (0..24)
             .map(|i| {
                 let at = [0, 1, 2].map(|axis| ((i * [5, 7, 11][axis]) % 24) as f64 / 8.0 - 1.5);
-                Place {
+                SurfacePoint {
                     position: at,
                     normal: [[0.0, 0.0, 1.0], [0.6, 0.0, -0.8]][i % 2],
                     shift: [0.3, 0.01 * i as f64],
@@ -878,15 +878,15 @@ mod tests {
     fn what_is_wrong_is_refused() {
         let (squares, lamp) = ceiling(0);
         let sampler = scene(&squares, 0.5, &[GroupLight { lamps: vec![lamp], ..GroupLight::default() }]);
-        let there = [place([0.0; 3], UP)];
+        let there = [point([0.0; 3], UP)];
         for (group, samples, shift, message) in [
             (1, 16, 0.5, "there are 1 groups of lights, got number 1"),
             (0, 0, 0.5, "samples lie in 1..=2^20, got 0"),
             (0, (1 << 20) + 1, 0.5, "samples lie in"),
             (0, 16, 1.0, "shifts lie in 0..1"),
-            (0, 16, f64::NAN, "places are finite"),
+            (0, 16, f64::NAN, "points are finite"),
         ] {
-            let wrong = [Place { shift: [shift, 0.0], ..there[0] }];
+            let wrong = [SurfacePoint { shift: [shift, 0.0], ..there[0] }];
             let error = sampler.of_lamps(group, &wrong, samples).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }

@@ -88,7 +88,7 @@ impl ReflectedLight {
         self.layouts.len()
     }
 
-    /// Returns irradiance / pi at a place on a side of a triangle (0 front, 1 back).
+    /// Returns irradiance / pi at a point on a side of a triangle (0 front, 1 back).
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn at(&self, triangle: u32, side: usize, [second, third]: [f32; 2]) -> Colour {

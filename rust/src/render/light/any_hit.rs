@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use multiversion::multiversion;
 
-use super::cone::{Packet, Shaft, Source};
+use super::cone::{ConePacket, Shaft, Source};
 use crate::render::geometry::bvh::{Boxes, Bvh, Region, WIDTH, below, index};
 use crate::render::lanes::{Lanes, STEP};
 
@@ -39,20 +39,20 @@ impl Points {
         step: &Lanes,
         hidden: &[u32],
     ) -> Self {
-        let mut of = Self {
+        let mut points = Self {
             coordinates: [[0.0; STEP]; 3],
             own: [0; STEP],
             bounds: [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]],
             slack: 0.0,
             hidden: [0; STEP],
         };
-        of.own.copy_from_slice(&own[first..first + STEP]);
-        of.hidden.copy_from_slice(&hidden[first..first + STEP]);
+        points.own.copy_from_slice(&own[first..first + STEP]);
+        points.hidden.copy_from_slice(&hidden[first..first + STEP]);
         let (mut farthest, mut longest) = (0f32, 0f32);
         for axis in 0..3 {
-            of.coordinates[axis].copy_from_slice(&all[axis][first..first + STEP]);
-            let [low, high] = &mut of.bounds;
-            for value in of.coordinates[axis] {
+            points.coordinates[axis].copy_from_slice(&all[axis][first..first + STEP]);
+            let [low, high] = &mut points.bounds;
+            for value in points.coordinates[axis] {
                 low[axis] = if value < low[axis] { value } else { low[axis] };
                 high[axis] = if value > high[axis] { value } else { high[axis] };
             }
@@ -62,8 +62,8 @@ impl Points {
             farthest = farthest.max(depth[i]);
             longest = longest.max(step[i]);
         }
-        of.slack = 1.001 * longest + 2e-6 * farthest;
-        of
+        points.slack = 1.001 * longest + 2e-6 * farthest;
+        points
     }
 
     pub(crate) fn hidden(&self) -> &[u32; STEP] {
@@ -76,7 +76,7 @@ impl Points {
 
     /// Tests the triangles of a leaf; says whether any point is left that none hides.
     #[inline(always)]
-    fn test(&mut self, first: usize, packets: &[Packet], leaf: Range<usize>, farthest: f32) -> bool {
+    fn test(&mut self, first: usize, packets: &[ConePacket], leaf: Range<usize>, farthest: f32) -> bool {
         let [x, y, z] = &self.coordinates;
         for at in leaf {
             // Leaves have few triangles: to test each takes no longer than to find out which of them matter.
@@ -94,7 +94,7 @@ impl Points {
 pub(crate) struct Before<'a> {
     pub(crate) bvh: &'a Bvh,
     pub(crate) first: usize,
-    pub(crate) packets: &'a [Packet],
+    pub(crate) packets: &'a [ConePacket],
     pub(crate) source: Source,
     pub(crate) farthest: f32,
 }
@@ -168,8 +168,8 @@ impl Region for Ways {
             let (low, high) = (boxes.low[axis][lane] - self.slack, boxes.high[axis][lane] + self.slack);
             for i in 0..STEP {
                 let from = self.points[axis][i];
-                let (one, other) = ((low - from) * self.per_way[axis][i], (high - from) * self.per_way[axis][i]);
-                let (near, far) = if one < other { (one, other) } else { (other, one) };
+                let (at_low, at_high) = ((low - from) * self.per_way[axis][i], (high - from) * self.per_way[axis][i]);
+                let (near, far) = if at_low < at_high { (at_low, at_high) } else { (at_high, at_low) };
                 first[i] = if near > first[i] { near } else { first[i] };
                 last[i] = if far < last[i] { far } else { last[i] };
             }

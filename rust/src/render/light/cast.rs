@@ -79,15 +79,15 @@ impl Caster {
     }
 
     /// Adds a triangle, and its rays that do not lie side by side.
-    pub(crate) fn fall_on(&mut self, of: &Surroundings, seen: &Seen, scattered: &[u32]) {
-        let surface = &of.scene.surfaces[seen.triangle as usize];
-        let pose = &of.view.poses[surface.frame as usize];
+    pub(crate) fn fall_on(&mut self, surroundings: &Surroundings, seen: &Seen, scattered: &[u32]) {
+        let surface = &surroundings.scene.surfaces[seen.triangle as usize];
+        let pose = &surroundings.view.poses[surface.frame as usize];
         let normal = [surface.plane[0], surface.plane[1], surface.plane[2]];
         let height = dot(normal, pose.position) + surface.plane[3];
         let normal = pose.turned(normal);
-        (self.frames, self.lights) = (of.view.poses.len(), of.lights.len());
-        self.normals.extend(of.view.poses.iter().map(|pose| single(pose.vector(normal))));
-        self.sides.extend(of.lights.iter().map(|light| {
+        (self.frames, self.lights) = (surroundings.view.poses.len(), surroundings.lights.len());
+        self.normals.extend(surroundings.view.poses.iter().map(|pose| single(pose.vector(normal))));
+        self.sides.extend(surroundings.lights.iter().map(|light| {
             let side = match light.kind {
                 SeenKind::Point(position, _) => dot(normal, position) + height,
                 SeenKind::Directional(towards, _) => dot(normal, towards),
@@ -101,7 +101,7 @@ impl Caster {
     }
 
     /// Finds which of the rays that were added see points that are hidden from each light.
-    pub(crate) fn cast(&mut self, of: &Surroundings, x: &[f32], y: &[f32]) {
+    pub(crate) fn cast(&mut self, surroundings: &Surroundings, x: &[f32], y: &[f32]) {
         let (mut hidden, mut stack) = (std::mem::take(&mut self.hidden), std::mem::take(&mut self.stack));
         hidden.resize_with(self.lights, Vec::new);
         for of_light in &mut hidden {
@@ -113,7 +113,15 @@ impl Caster {
             while self.receivers[receiver].end < at * MOST + numbers.len() {
                 receiver += 1;
             }
-            look(self, of, at * MOST, numbers, first..receiver + 1, (x, y), (&mut hidden, &mut stack));
+            hide_scattered(
+                self,
+                surroundings,
+                at * MOST,
+                numbers,
+                first..receiver + 1,
+                (x, y),
+                (&mut hidden, &mut stack),
+            );
         }
         (self.hidden, self.stack) = (hidden, stack);
     }
@@ -185,20 +193,20 @@ fn hide<const FULL: bool>(
     for occluders in caster.shadow.occluders(light) {
         let off = caster.normals[receiver * caster.frames + occluders.frame].map(|component| side * component);
         let points = at.off_the_surface(&occluders.to_frame, n, |_| off);
-        test(occluders, caster.shadow.farthest(light), (&points, n), |_| own, hidden);
+        hide_points(occluders, caster.shadow.farthest(light), (&points, n), |_| own, hidden);
     }
 }
 
 /// Looks at rays of several receivers; the last ray stands for what is missing of [`MOST`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-fn look(
+fn hide_scattered(
     caster: &Caster,
-    of: &Surroundings,
+    surroundings: &Surroundings,
     first: usize,
     numbers: &[u32],
     receivers: std::ops::Range<usize>,
     (x, y): (&[f32], &[f32]),
-    (found, stack): (&mut [Vec<u32>], &mut Vec<u32>),
+    (hidden_of_lights, stack): (&mut [Vec<u32>], &mut Vec<u32>),
 ) {
     let n = numbers.len().next_multiple_of(STEP).min(MOST);
     let mut padded = [numbers.last().copied().unwrap_or_default(); MOST];
@@ -226,7 +234,7 @@ fn look(
         let depth = 1.0 / (inverse[0][i] * x[i] + (inverse[1][i] * y[i] + inverse[2][i]));
         at.set(i, &caster.shadow, [x[i] * depth, y[i] * depth, depth]);
     }
-    for (light, found) in found.iter_mut().enumerate() {
+    for (light, hidden_of_lights) in hidden_of_lights.iter_mut().enumerate() {
         let mut hidden = [0u32; MOST];
         let off = |frame: usize| {
             let mut off = [Lanes::ZERO; 3];
@@ -239,8 +247,8 @@ fn look(
             }
             off
         };
-        for (frame, before) in caster.shadow.before(of, light) {
-            let (to_frame, off) = (ToFrame::new(&of.view.poses[frame]), off(frame));
+        for (frame, before) in caster.shadow.before(surroundings, light) {
+            let (to_frame, off) = (ToFrame::new(&surroundings.view.poses[frame]), off(frame));
             let points = at.off_the_surface(&to_frame, n, |i| [off[0][i], off[1][i], off[2][i]]);
             for first in (0..n).step_by(STEP) {
                 let mut some = Points::new(first, &points, &own, &at.points[2], &at.step, &hidden);
@@ -251,10 +259,10 @@ fn look(
         for occluders in caster.shadow.occluders(light) {
             let off = off(occluders.frame);
             let points = at.off_the_surface(&occluders.to_frame, n, |i| [off[0][i], off[1][i], off[2][i]]);
-            test(occluders, caster.shadow.farthest(light), (&points, n), |i| own[i], &mut hidden);
+            hide_points(occluders, caster.shadow.farthest(light), (&points, n), |i| own[i], &mut hidden);
         }
         for (&ray, hidden) in numbers.iter().zip(hidden) {
-            found[ray as usize] = hidden;
+            hidden_of_lights[ray as usize] = hidden;
         }
     }
 }
@@ -270,8 +278,8 @@ impl At {
     #[inline(always)]
     fn set(&mut self, i: usize, shadow: &Shadow, point: [f32; 3]) {
         let q = shadow.world.point(point[0], point[1], point[2]);
-        let one = if q[0].abs() > q[1].abs() { q[0].abs() } else { q[1].abs() };
-        let most = if one > q[2].abs() { one } else { q[2].abs() };
+        let larger = if q[0].abs() > q[1].abs() { q[0].abs() } else { q[1].abs() };
+        let most = if larger > q[2].abs() { larger } else { q[2].abs() };
         (self.points[0][i], self.points[1][i], self.points[2][i]) = (point[0], point[1], point[2]);
         self.step[i] = shadow.step * (most + point[2]);
     }
@@ -293,7 +301,7 @@ impl At {
 /// Sets 1 for each of the first n points that occluders hide, but for what lies behind its own triangle alone.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn test(
+fn hide_points(
     occluders: &Occluders,
     farthest: f32,
     (points, n): (&[Lanes; 3], usize),
@@ -303,9 +311,9 @@ fn test(
     let [x, y, z] = points;
     let cones = &occluders.cones;
     let few = cones.triangles.len() <= FEW;
-    let part = if few { [[0.0; 3]; 2] } else { bounds(points, n) };
+    let region = if few { [[0.0; 3]; 2] } else { bounds(points, n) };
     for (packet, triangles) in cones.packets.iter().zip(cones.triangles.chunks(WIDTH)) {
-        let any = if few { [true; WIDTH] } else { packet.hides(&part, farthest).any };
+        let any = if few { [true; WIDTH] } else { packet.hides(&region, farthest).any };
         for (lane, &triangle) in triangles.iter().enumerate().filter(|(lane, _)| any[*lane]) {
             let cone = packet.cone(lane);
             for i in 0..n {
@@ -323,7 +331,7 @@ fn test(
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn bounds(points: &[Lanes; 3], n: usize) -> [[f32; 3]; 2] {
-    let mut part = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    let mut region = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
     for k in 0..3 {
         let (mut low, mut high) = ([f32::INFINITY; STEP], [f32::NEG_INFINITY; STEP]);
         for some in points[k][..n].chunks_exact(STEP) {
@@ -333,9 +341,9 @@ fn bounds(points: &[Lanes; 3], n: usize) -> [[f32; 3]; 2] {
             }
         }
         for i in 0..STEP {
-            part[0][k] = if low[i] < part[0][k] { low[i] } else { part[0][k] };
-            part[1][k] = if high[i] > part[1][k] { high[i] } else { part[1][k] };
+            region[0][k] = if low[i] < region[0][k] { low[i] } else { region[0][k] };
+            region[1][k] = if high[i] > region[1][k] { high[i] } else { region[1][k] };
         }
     }
-    part
+    region
 }

@@ -101,19 +101,19 @@ fn at(c: &[f32; 4], x: f32, y: f32, z: f32) -> f32 {
 
 /// The cones of [`WIDTH`] triangles: what of a box each of them hides is found for all together.
 #[derive(Clone, Debug)]
-pub(crate) struct Packet {
+pub(crate) struct ConePacket {
     /// The coefficients of the three edges and of the height.
     functions: [[[f32; WIDTH]; 4]; 4],
 }
 
 /// The cones of one frame's triangles behind each light, in the order of the seen lights; none for light from all
 /// sides.
-pub(crate) type FrameCones = Vec<Vec<Packet>>;
+pub(crate) type FrameCones = Vec<Vec<ConePacket>>;
 
 /// Cones that were picked out of packets, in packets again; and the triangles that they lie behind.
 #[derive(Debug, Default)]
 pub(crate) struct Gathered {
-    pub(crate) packets: Vec<Packet>,
+    pub(crate) packets: Vec<ConePacket>,
     pub(crate) triangles: Vec<u32>,
 }
 
@@ -134,10 +134,10 @@ impl Gathered {
 
     /// Adds the cone in one lane of a packet.
     #[inline]
-    pub(crate) fn push(&mut self, from: &Packet, lane: usize, triangle: u32) {
+    pub(crate) fn push(&mut self, from: &ConePacket, lane: usize, triangle: u32) {
         let to = self.triangles.len() % WIDTH;
         if to == 0 {
-            self.packets.push(Packet::NONE);
+            self.packets.push(ConePacket::NONE);
         }
         self.triangles.push(triangle);
         if let Some(packet) = self.packets.last_mut() {
@@ -158,7 +158,7 @@ pub(crate) struct Hides {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-impl Packet {
+impl ConePacket {
     /// Hides nothing.
     const NONE: Self = Self {
         functions: [
@@ -214,16 +214,16 @@ impl Packet {
 fn bounds(function: &[[f32; WIDTH]; 4], low: &[f32; 3], high: &[f32; 3]) -> [[f32; WIDTH]; 2] {
     let (mut least, mut most) = (function[3], function[3]);
     for axis in [2, 1, 0] {
-        let (mut one, mut other) = ([0f32; WIDTH], [0f32; WIDTH]);
+        let (mut at_low, mut at_high) = ([0f32; WIDTH], [0f32; WIDTH]);
         for i in 0..WIDTH {
-            (one[i], other[i]) = (function[axis][i] * low[axis], function[axis][i] * high[axis]);
+            (at_low[i], at_high[i]) = (function[axis][i] * low[axis], function[axis][i] * high[axis]);
         }
         // The value at the lower and at the higher corner, in whichever order they are.
         for i in 0..WIDTH {
-            least[i] += if one[i] < other[i] { one[i] } else { other[i] };
+            least[i] += if at_low[i] < at_high[i] { at_low[i] } else { at_high[i] };
         }
         for i in 0..WIDTH {
-            most[i] += if one[i] > other[i] { one[i] } else { other[i] };
+            most[i] += if at_low[i] > at_high[i] { at_low[i] } else { at_high[i] };
         }
     }
     [least, most]

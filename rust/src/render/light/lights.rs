@@ -80,8 +80,8 @@ pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
 /// Returns the luma of a ray that hits nothing, and its rate.
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
 pub(crate) fn background(scene: &Scene, view: &View) -> (f32, f32) {
-    let of = |which: usize| -> f64 {
+    let total = |which: usize| -> f64 {
         scene.lights.iter().zip(&view.factors).map(|(l, f)| l.strength * l.background * f[which]).sum()
     };
-    (of(0) as f32, of(1) as f32)
+    (total(0) as f32, total(1) as f32)
 }

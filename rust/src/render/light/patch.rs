@@ -25,32 +25,32 @@ pub(crate) struct Patch {
 
 impl Patch {
     /// Returns the patch of one triangle.
-    pub(crate) fn new(of: &Surroundings, seen: &Seen, part: &Rect) -> Self {
-        let Surroundings { scene, view, .. } = *of;
+    pub(crate) fn new(surroundings: &Surroundings, seen: &Seen, rect: &Rect) -> Self {
+        let Surroundings { scene, view, .. } = *surroundings;
         let frame = scene.surfaces[seen.triangle as usize].frame as usize;
         let pose = &view.poses[frame];
         let corners = &scene.corners[seen.triangle as usize];
         let whole = Bounds::of(corners);
         let (mut nearest, mut off) = (f64::INFINITY, 0.0f64);
         let mut points = [[0.0; 3]; 4];
-        for (point, [x, y]) in points.iter_mut().zip(part.corners()) {
+        for (point, [x, y]) in points.iter_mut().zip(rect.corners()) {
             let inverse = f64::from(seen.inverse_depth.at(x, y));
             if inverse <= 0.0 {
-                let bounds = whole.grown(off_by_the_farthest(seen, part, pose, corners) + 1e-6 * reach(&whole));
+                let bounds = whole.grown(off_by_the_farthest(seen, rect, pose, corners) + 1e-6 * reach(&whole));
                 return Self { frame, bounds, size: 0.0 };
             }
             let depth = 1.0 / inverse;
             let ray = [f64::from(x) * depth, f64::from(y) * depth, depth];
             *point = add(pose.vector(ray), pose.position);
             nearest = nearest.min(depth);
-            off = off.max(ROUNDING * parts(seen, x, y) * depth * largest(ray));
+            off = off.max(ROUNDING * magnitude(seen, x, y) * depth * largest(ray));
         }
         let seen = Bounds::of(&points);
         // Rounding may part them by a little where they touch.
         let slack = off + 1e-6 * (reach(&whole) + reach(&seen));
         let both = seen.grown(slack).within(&whole.grown(slack));
         let bounds = if (0..3).all(|i| both.low[i] <= both.high[i]) { both } else { whole.grown(slack) };
-        let [width, height] = [0, 1].map(|axis| f64::from(part.high[axis] - part.low[axis]) * nearest);
+        let [width, height] = [0, 1].map(|axis| f64::from(rect.high[axis] - rect.low[axis]) * nearest);
         Self { frame, bounds, size: width * height }
     }
 
@@ -74,18 +74,18 @@ fn reach(bounds: &Bounds) -> f64 {
 }
 
 /// Returns the sum of the magnitudes of what an inverse depth is the sum of: a ray's depth is rounded with them.
-fn parts(seen: &Seen, x: f32, y: f32) -> f64 {
+fn magnitude(seen: &Seen, x: f32, y: f32) -> f64 {
     let [a, b, c] = seen.inverse_depth.0;
     f64::from((a * x).abs() + (b * y).abs() + c.abs())
 }
 
 /// Returns how far off a point may be that a part of the image sees of a triangle, where the part reaches to the
 /// horizon of the triangle's plane: as far as if all of it were as far away as the farthest corner.
-fn off_by_the_farthest(seen: &Seen, part: &Rect, pose: &Pose, corners: &[Vector; 3]) -> f64 {
+fn off_by_the_farthest(seen: &Seen, rect: &Rect, pose: &Pose, corners: &[Vector; 3]) -> f64 {
     let depth = corners.iter().fold(0.0f64, |most, &corner| most.max(pose.turned(sub(corner, pose.position))[2]));
-    part.corners().iter().fold(0.0, |most: f64, &[x, y]| {
+    rect.corners().iter().fold(0.0, |most: f64, &[x, y]| {
         let ray = [f64::from(x) * depth, f64::from(y) * depth, depth];
-        most.max(ROUNDING * parts(seen, x, y) * depth * largest(ray))
+        most.max(ROUNDING * magnitude(seen, x, y) * depth * largest(ray))
     })
 }
 
@@ -151,26 +151,26 @@ mod tests {
             let view = View { poses: vec![pose], factors: vec![] };
             // Below the horizon, or with it inside; from far around the triangle.
             let at = if away > 100.0 { [-0.5 * size; 2] } else { [left, (below - pitch.tan()) as f32] };
-            let mut part = Rect::NONE;
-            part.add(at[0], at[1]);
-            part.add(at[0] + size, at[1] + size);
+            let mut rect = Rect::NONE;
+            rect.add(at[0], at[1]);
+            rect.add(at[0] + size, at[1] + size);
             let mut bins = Bins::default();
-            bins.fill_part(&scene, &view, &part);
+            bins.fill_rect(&scene, &view, &rect);
             let mut rays: Vec<[f32; 2]> =
                 (0..64).map(|i| [at[0] + size * ((i / 8) as f32 / 7.0), at[1] + size * ((i % 8) as f32 / 7.0)]).collect();
-            rays.extend(part.corners());
+            rays.extend(rect.corners());
             for corner in &scene.corners[0] {
                 let [x, y, z] = pose.turned(sub(*corner, position));
                 let [x, y] = [(x / z) as f32, (y / z) as f32];
                 let near = |x: f32| [x.next_down().next_down(), x.next_down(), x, x.next_up(), x.next_up().next_up()];
                 rays.extend(near(x).iter().flat_map(|&x| near(y).map(|y| [x, y])));
             }
-            let of = Surroundings { scene: &scene, view: &view, lights: &[], still: &vec![], moving: &[] };
+            let surroundings = Surroundings { scene: &scene, view: &view, lights: &[], still: &vec![], moving: &[] };
             let to_frame = ToFrame::new(&pose);
             for seen in &bins.seen {
-                let patch = Patch::new(&of, seen, &part).bounds;
+                let patch = Patch::new(&surroundings, seen, &rect).bounds;
                 for &[x, y] in &rays {
-                    let within = (part.low[0]..=part.high[0]).contains(&x) && (part.low[1]..=part.high[1]).contains(&y);
+                    let within = (rect.low[0]..=rect.high[0]).contains(&x) && (rect.low[1]..=rect.high[1]).contains(&y);
                     let inverse = seen.inverse_depth.at(x, y);
                     if !within || inverse <= 0.0 || seen.edges.iter().any(|edge| edge.at(x, y) < 0.0) {
                         continue;

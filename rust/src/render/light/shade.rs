@@ -38,22 +38,22 @@ impl Shader<'_> {
             let (mut light, mut light_rate) = (Lanes::ZERO, Lanes::ZERO);
             while at < self.lit.len() && self.lit[at].group == group {
                 let lit = &self.lit[at];
-                let (mut one, mut one_rate) = match (lit.falls, &self.light_map) {
+                let (mut added, mut added_rate) = match (lit.falls, &self.light_map) {
                     (Falls::Baked { texels, strength, rate }, Some(map)) => {
                         self.baked::<RATE, FULL>(map, texels, (strength, rate), rays, &depth, &depth_rate)
                     }
                     (falls, _) => falling::<RATE, FULL>(&falls, rays, &depth, &depth_rate, normal.as_ref()),
                 };
                 if let (Some(beam), Some(position)) = (&lit.beam, lit.falls.position()) {
-                    beam.take::<RATE, FULL>(position, rays, (&depth, &depth_rate), (&mut one, &mut one_rate));
+                    beam.take::<RATE, FULL>(position, rays, (&depth, &depth_rate), (&mut added, &mut added_rate));
                 }
                 if caster.hides(lit.light) {
-                    caster.take((receiver, lit.light), rays, &depth, (&mut one, &mut one_rate));
+                    caster.take((receiver, lit.light), rays, &depth, (&mut added, &mut added_rate));
                 }
                 for i in 0..n {
-                    light[i] += one[i];
+                    light[i] += added[i];
                     if RATE {
-                        light_rate[i] += one_rate[i];
+                        light_rate[i] += added_rate[i];
                     }
                 }
                 at += 1;

@@ -73,8 +73,8 @@ pub(crate) struct Shader<'a> {
 }
 
 impl<'a> Shader<'a> {
-    pub(crate) fn new(of: &Surroundings<'a>, seen: &Seen) -> Self {
-        let Surroundings { scene, view, lights, .. } = *of;
+    pub(crate) fn new(surroundings: &Surroundings<'a>, seen: &Seen) -> Self {
+        let Surroundings { scene, view, lights, .. } = *surroundings;
         let surface = &scene.surfaces[seen.triangle as usize];
         let pose = &view.poses[surface.frame as usize];
         let texture = &scene.textures[surface.texture as usize];

@@ -9,7 +9,7 @@
 use multiversion::multiversion;
 
 use super::any_hit::Before;
-use super::cone::{FrameCones, Gathered, Packet, Shaft, Source};
+use super::cone::{ConePacket, FrameCones, Gathered, Shaft, Source};
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::patch::Patch;
 use crate::render::geometry::bvh::{Bvh, WIDTH, below};
@@ -28,9 +28,9 @@ pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     let of_light = |kind: &LightKind| {
         let mut packets = vec![];
         match *kind {
-            LightKind::Point(position) => Packet::behind(still, &Source::Point(position), &mut packets),
+            LightKind::Point(position) => ConePacket::behind(still, &Source::Point(position), &mut packets),
             LightKind::Directional(along) => {
-                Packet::behind(still, &Source::Directional(along.map(|x| -x)), &mut packets);
+                ConePacket::behind(still, &Source::Directional(along.map(|x| -x)), &mut packets);
             }
             LightKind::Constant | LightKind::Baked(_) | LightKind::Visible => {}
         }
@@ -49,7 +49,7 @@ pub(crate) fn moving_cones(scene: &Scene, view: &View, lights: &[SeenLight], con
         cones.resize_with(lights.len(), Vec::new);
         for (light, cones) in lights.iter().zip(cones) {
             if let Some(source) = source(light, pose) {
-                Packet::behind(&scene.corners[frame.triangles.clone()], &source, cones);
+                ConePacket::behind(&scene.corners[frame.triangles.clone()], &source, cones);
             }
         }
     }
@@ -111,74 +111,75 @@ impl Shadow {
     /// Finds what may hide some of the lights from a patch of one triangle, or where `alone` is None, of several.
     pub(crate) fn search(
         &mut self,
-        of: &Surroundings,
+        surroundings: &Surroundings,
         patch: &Patch,
         alone: Option<u32>,
         falls: impl Fn(usize) -> bool,
     ) {
-        let (scene, view) = (of.scene, of.view);
-        self.begin(of);
+        let (scene, view) = (surroundings.scene, surroundings.view);
+        self.begin(surroundings);
         let corners = patch.corners(view);
         let depth = corners.iter().fold(0.0f64, |most, corner| most.max(corner[2]));
-        let part = |frame: usize| {
+        let region = |frame: usize| {
             if frame == patch.frame {
                 patch.bounds
             } else {
                 Bounds::of(&corners.map(|corner| view.poses[frame].point(corner)))
             }
         };
-        let reach = |part: &Bounds| largest(part.low).max(largest(part.high));
-        let step = 1.001 * scene.step * (reach(&part(0)) + depth);
+        let reach = |region: &Bounds| largest(region.low).max(largest(region.high));
+        let step = 1.001 * scene.step * (reach(&region(0)) + depth);
         for frame in 0..scene.frames.len() {
             if scene.frames[frame].triangles.is_empty() {
                 continue;
             }
-            let part = part(frame);
+            let region = region(frame);
             let around = scene.frames[frame].bvh.reach;
-            let grown = part.grown(step + 1e-6 * (reach(&part) + depth + around));
-            let part = [grown.low.map(below), grown.high.map(|x| -below(-x))];
-            for number in (0..of.lights.len()).filter(|&number| falls(number)) {
+            let grown = region.grown(step + 1e-6 * (reach(&region) + depth + around));
+            let region = [grown.low.map(below), grown.high.map(|x| -below(-x))];
+            for number in (0..surroundings.lights.len()).filter(|&number| falls(number)) {
                 if !self.lights[number].dark {
-                    self.search_frame(of, number, frame, &part, alone);
+                    self.search_frame(surroundings, number, frame, &region, alone);
                 }
             }
         }
     }
 
     /// Leaves the search for what hides points to [`Self::before`], once single points are known.
-    pub(crate) fn by_rays(&mut self, of: &Surroundings, falls: impl Fn(usize) -> bool) {
-        self.begin(of);
+    pub(crate) fn by_rays(&mut self, surroundings: &Surroundings, falls: impl Fn(usize) -> bool) {
+        self.begin(surroundings);
         for (number, shadow) in self.lights.iter_mut().enumerate().filter(|(number, _)| falls(*number)) {
-            let source = source(&of.lights[number], &of.view.poses[0]);
+            let source = source(&surroundings.lights[number], &surroundings.view.poses[0]);
             shadow.by_rays = source.is_some();
-            shadow.farthest = if matches!(source, Some(Source::Point(_))) { of.scene.farthest } else { f32::INFINITY };
+            shadow.farthest =
+                if matches!(source, Some(Source::Point(_))) { surroundings.scene.farthest } else { f32::INFINITY };
         }
     }
 
     /// Forgets what was found for another patch.
-    fn begin(&mut self, of: &Surroundings) {
-        self.lights.resize_with(of.lights.len(), LightShadow::default);
+    fn begin(&mut self, surroundings: &Surroundings) {
+        self.lights.resize_with(surroundings.lights.len(), LightShadow::default);
         for shadow in &mut self.lights {
             (shadow.dark, shadow.used, shadow.by_rays) = (false, 0, false);
         }
-        self.world = ToFrame::new(&of.view.poses[0]);
+        self.world = ToFrame::new(&surroundings.view.poses[0]);
         #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-        let step = of.scene.step as f32;
+        let step = surroundings.scene.step as f32;
         self.step = step;
     }
 
     /// Returns what the BVH of each frame has between points and a light, where it is to be asked for them.
     pub(crate) fn before<'a>(
         &self,
-        of: &'a Surroundings,
+        surroundings: &'a Surroundings,
         number: usize,
     ) -> impl Iterator<Item = (usize, Before<'a>)> + use<'a> {
         let LightShadow { by_rays, farthest, .. } = self.lights[number];
-        let frames = of.scene.frames.iter().zip(&of.view.poses).enumerate();
+        let frames = surroundings.scene.frames.iter().zip(&surroundings.view.poses).enumerate();
         frames.filter(move |(_, (frame, _))| by_rays && !frame.triangles.is_empty()).filter_map(
             move |(at, (frame, pose))| {
-                let source = source(&of.lights[number], pose)?;
-                let packets = if at == 0 { &of.still[number] } else { &of.moving[at - 1][number] };
+                let source = source(&surroundings.lights[number], pose)?;
+                let packets = if at == 0 { &surroundings.still[number] } else { &surroundings.moving[at - 1][number] };
                 let (bvh, first) = (&frame.bvh, frame.triangles.start);
                 Some((at, Before { bvh, first, packets, source, farthest }))
             },
@@ -187,28 +188,28 @@ impl Shadow {
 
     fn search_frame(
         &mut self,
-        of: &Surroundings,
+        surroundings: &Surroundings,
         number: usize,
         frame: usize,
-        part: &[[f32; 3]; 2],
+        region: &[[f32; 3]; 2],
         alone: Option<u32>,
     ) {
-        let pose = &of.view.poses[frame];
-        let Some(source) = source(&of.lights[number], pose) else { return };
+        let pose = &surroundings.view.poses[frame];
+        let Some(source) = source(&surroundings.lights[number], pose) else { return };
         let shadow = &mut self.lights[number];
-        shadow.farthest = if matches!(source, Source::Point(_)) { of.scene.farthest } else { f32::INFINITY };
+        shadow.farthest = if matches!(source, Source::Point(_)) { surroundings.scene.farthest } else { f32::INFINITY };
         if shadow.used == shadow.frames.len() {
             let to_frame = ToFrame::new(pose);
             shadow.frames.push(Occluders { frame, to_frame, cones: Gathered::default() });
         }
         let occluders = &mut shadow.frames[shadow.used];
         occluders.cones.clear();
-        let packets = if frame == 0 { &of.still[number] } else { &of.moving[frame - 1][number] };
-        let first = of.scene.frames[frame].triangles.start;
-        let found = Found { first, part, farthest: shadow.farthest, alone };
-        let bvh = &of.scene.frames[frame].bvh;
-        let shaft = Shaft::new(part, &source);
-        shadow.dark = search_leaves(bvh, &shaft, packets, &found, &mut self.stack, &mut occluders.cones);
+        let packets = if frame == 0 { &surroundings.still[number] } else { &surroundings.moving[frame - 1][number] };
+        let first = surroundings.scene.frames[frame].triangles.start;
+        let test = LeafTest { first, region, farthest: shadow.farthest, alone };
+        let bvh = &surroundings.scene.frames[frame].bvh;
+        let shaft = Shaft::new(region, &source);
+        shadow.dark = search_leaves(bvh, &shaft, packets, &test, &mut self.stack, &mut occluders.cones);
         if !occluders.cones.is_empty() {
             (occluders.frame, occluders.to_frame) = (frame, ToFrame::new(pose));
             shadow.used += 1;
@@ -248,40 +249,40 @@ impl Shadow {
 fn search_leaves(
     bvh: &Bvh,
     shaft: &Shaft,
-    packets: &[Packet],
-    found: &Found,
+    packets: &[ConePacket],
+    test: &LeafTest,
     stack: &mut Vec<u32>,
     cones: &mut Gathered,
 ) -> bool {
     let mut dark = false;
     bvh.visit(stack, shaft, |leaf| {
-        dark = found.add(packets, leaf, cones);
+        dark = test.add(packets, leaf, cones);
         !dark
     });
     dark
 }
 
 /// Finds a patch's occluders in leaves.
-struct Found<'a> {
+struct LeafTest<'a> {
     /// The first triangle of the frame.
     first: usize,
-    part: &'a [[f32; 3]; 2],
+    region: &'a [[f32; 3]; 2],
     farthest: f32,
     /// The patch's triangle, if it is of one.
     alone: Option<u32>,
 }
 
-impl Found<'_> {
+impl LeafTest<'_> {
     /// Adds the cones of a leaf that may hide some of the patch; says whether one of them hides it all.
     ///
     /// Several triangles may hide each other but not themselves, so there none is said to hide all.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     #[allow(clippy::cast_possible_truncation, reason = "scenes have fewer than 2^30 triangles")]
-    fn add(&self, packets: &[Packet], leaf: std::ops::Range<usize>, cones: &mut Gathered) -> bool {
+    fn add(&self, packets: &[ConePacket], leaf: std::ops::Range<usize>, cones: &mut Gathered) -> bool {
         for number in leaf.start / WIDTH..leaf.end.div_ceil(WIDTH) {
             let packet = &packets[number];
-            let hides = packet.hides(self.part, self.farthest);
+            let hides = packet.hides(self.region, self.farthest);
             let lanes =
                 leaf.start.max(number * WIDTH) - number * WIDTH..leaf.end.min((number + 1) * WIDTH) - number * WIDTH;
             for lane in lanes {

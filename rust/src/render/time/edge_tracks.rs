@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::edges::{Edges, Pass};
 use super::smooth_motion::SmoothMotion;
-use super::tracks::{Glimpse, INSTANTS, Piece, Pixel, Sight, Span, Tolerated};
+use super::tracks::{INSTANTS, InnerSample, Piece, Pixel, RaySample, Span, Tolerated};
 use crate::error::{Error, Result};
 use crate::render::geometry::pixel_rays::PixelRays;
 use crate::render::geometry::view::View;
@@ -94,11 +94,11 @@ struct Known {
     /// Where those that pass its rays begin and end.
     passes: [u32; 2],
     /// Where its rays begin at each instant at which they were rendered.
-    places: [u32; INSTANTS],
+    firsts: [u32; INSTANTS],
     /// The number of its halves.
     halves: u32,
-    /// Where its glimpses begin and end.
-    glimpses: [u32; 2],
+    /// Where its inner samples begin and end.
+    inner_samples: [u32; 2],
 }
 
 /// What is known of a span.
@@ -110,17 +110,19 @@ struct SeenSpan<'a> {
     span: Span,
     passes: Vec<Pass>,
     known: Vec<Known>,
-    sights: Vec<Sight>,
+    ray_samples: Vec<RaySample>,
     halves: Vec<[Piece; 2]>,
-    glimpses: Vec<Glimpse>,
+    inner_samples: Vec<InnerSample>,
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "there are fewer rays and pixels than 2^32")]
 impl<'a> SeenSpan<'a> {
     fn new(renderer: &'a Renderer, rays: &'a PixelRays, views: &'a [View], edges: &Edges, span: Span) -> Self {
         let passes = edges.passes(rays, [&views[FIRST], &views[MIDDLE], &views[LAST]], span.middle());
-        let mut known =
-            vec![Known { passes: [0; 2], places: [NONE; INSTANTS], halves: NONE, glimpses: [0; 2] }; rays.pixels()];
+        let mut known = vec![
+            Known { passes: [0; 2], firsts: [NONE; INSTANTS], halves: NONE, inner_samples: [0; 2] };
+            rays.pixels()
+        ];
         let mut first = 0;
         for of_pixel in passes.chunk_by(|a, b| a.pixel == b.pixel) {
             let end = first + of_pixel.len() as u32;
@@ -130,7 +132,18 @@ impl<'a> SeenSpan<'a> {
         let motion = SmoothMotion::new([&views[FIRST], &views[MIDDLE], &views[LAST]], span);
         let views =
             views.iter().enumerate().map(|(i, view)| motion.with_rates(view.clone(), span.fraction(i))).collect();
-        Self { renderer, rays, views, motion, span, passes, known, sights: vec![], halves: vec![], glimpses: vec![] }
+        Self {
+            renderer,
+            rays,
+            views,
+            motion,
+            span,
+            passes,
+            known,
+            ray_samples: vec![],
+            halves: vec![],
+            inner_samples: vec![],
+        }
     }
 
     fn tracks(mut self, settings: TrackSettings) -> EdgeTracks {
@@ -147,7 +160,7 @@ impl<'a> SeenSpan<'a> {
         let more: Vec<u32> = tracked.iter().copied().filter(wants_more).collect();
         self.see(&more, &BETWEEN);
         for &pixel in &more {
-            self.glimpse(pixel);
+            self.look_between(pixel);
         }
         let mut tracks = EdgeTracks { pixels, ..EdgeTracks::default() };
         let (mut samples, mut unknown) = (vec![], vec![]);
@@ -169,7 +182,7 @@ impl<'a> SeenSpan<'a> {
             tracks.sample_t_us.extend(samples.iter().map(|sample| sample.0));
             tracks.sample_luma.extend(samples.iter().map(|sample| sample.1));
         }
-        tracks.rendered = self.sights.len() / self.rays.rays() + self.glimpses.len();
+        tracks.rendered = self.ray_samples.len() / self.rays.rays() + self.inner_samples.len();
         tracks.unknown = self.grown(&unknown, settings.reach);
         tracks.unknown.retain(|pixel| tracks.pixels.binary_search(pixel).is_ok());
         tracks
@@ -194,39 +207,40 @@ impl<'a> SeenSpan<'a> {
     /// Renders the rays of pixels at some instants, where that was not done.
     fn see(&mut self, pixels: &[u32], instants: &[usize]) {
         for &instant in instants {
-            let unseen = |pixel: &u32| self.known[*pixel as usize].places[instant] == NONE;
+            let unseen = |pixel: &u32| self.known[*pixel as usize].firsts[instant] == NONE;
             let new: Vec<u32> = pixels.iter().copied().filter(unseen).collect();
             if new.is_empty() {
                 continue;
             }
-            let mut place = self.sights.len();
-            for number in self.renderer.sights(self.rays, &self.views[instant], &new, &mut self.sights) {
-                self.known[new[number] as usize].places[instant] = place as u32;
-                place += self.rays.rays();
+            let mut first = self.ray_samples.len();
+            for number in self.renderer.ray_samples(self.rays, &self.views[instant], &new, &mut self.ray_samples) {
+                self.known[new[number] as usize].firsts[instant] = first as u32;
+                first += self.rays.rays();
             }
         }
     }
 
     /// Looks at the rays of a pixel between edges that pass them.
-    fn glimpse(&mut self, number: u32) {
+    fn look_between(&mut self, number: u32) {
         let Some(quarters) = self.pixel(number).quarters(&self.span) else { return };
-        let first = self.glimpses.len();
+        let first = self.inner_samples.len();
         for (ray, fraction) in quarters.iter().flat_map(|piece| piece.unseen.iter().copied()) {
-            let mut sights = vec![];
-            let _ = self.renderer.sights(self.rays, &self.motion.at(fraction), &[number], &mut sights);
-            self.glimpses.push(Glimpse { ray, fraction, sight: sights[ray as usize] });
+            let mut ray_samples = vec![];
+            let _ = self.renderer.ray_samples(self.rays, &self.motion.at(fraction), &[number], &mut ray_samples);
+            self.inner_samples.push(InnerSample { ray, fraction, ray_sample: ray_samples[ray as usize] });
         }
-        self.glimpses[first..].sort_unstable_by(|a, b| a.ray.cmp(&b.ray).then(a.fraction.total_cmp(&b.fraction)));
-        self.known[number as usize].glimpses = [first as u32, self.glimpses.len() as u32];
+        self.inner_samples[first..].sort_unstable_by(|a, b| a.ray.cmp(&b.ray).then(a.fraction.total_cmp(&b.fraction)));
+        self.known[number as usize].inner_samples = [first as u32, self.inner_samples.len() as u32];
     }
 
     fn pixel(&self, number: u32) -> Pixel<'_> {
-        let Known { passes, places, glimpses, .. } = self.known[number as usize];
+        let Known { passes, firsts, inner_samples, .. } = self.known[number as usize];
         let rays = self.rays.rays();
         Pixel {
-            sights: places.map(|place| (place != NONE).then(|| &self.sights[place as usize..place as usize + rays])),
+            ray_samples: firsts
+                .map(|first| (first != NONE).then(|| &self.ray_samples[first as usize..first as usize + rays])),
             passes: &self.passes[passes[0] as usize..passes[1] as usize],
-            glimpses: &self.glimpses[glimpses[0] as usize..glimpses[1] as usize],
+            inner_samples: &self.inner_samples[inner_samples[0] as usize..inner_samples[1] as usize],
         }
     }
 
@@ -244,7 +258,7 @@ impl<'a> SeenSpan<'a> {
                 near[row * width..][columns.clone()].fill(true);
             }
         }
-        let found = near.iter().enumerate().filter(|(_, near)| **near);
-        found.map(|(pixel, _)| pixel as u32).collect()
+        let near_pixels = near.iter().enumerate().filter(|(_, near)| **near);
+        near_pixels.map(|(pixel, _)| pixel as u32).collect()
     }
 }

@@ -102,14 +102,14 @@ fn roots(values: Curve<f64>) -> impl Iterator<Item = f64> {
     let [first, middle, last] = values;
     let (square, half, constant) = (first - 2.0 * middle + last, middle - first, first);
     let discriminant = half * half - square * constant;
-    let found = if discriminant < 0.0 {
+    let passes = if discriminant < 0.0 {
         [f64::NAN; 2]
     } else {
         // Of the two usual forms each is used where it does not cancel.
         let sum = -(half + discriminant.sqrt().copysign(half));
         [sum / square, constant / sum]
     };
-    found.into_iter().filter(|fraction| *fraction > 0.0 && *fraction <= 1.0)
+    passes.into_iter().filter(|fraction| *fraction > 0.0 && *fraction <= 1.0)
 }
 
 /// An edge as it moves before the camera, in camera axes.
@@ -250,21 +250,21 @@ impl Edges {
             moving.push(edge);
         }
         tiles.sort_unstable();
-        let (mut found, mut room) = (vec![], TileRays::default());
+        let (mut passes, mut buffer) = (vec![], TileRays::default());
         for edges in tiles.chunk_by(|a, b| a.0 == b.0) {
             let tile = edges[0].0 as usize;
-            let part = rays.of_tile(tile, &mut room);
+            let part = rays.of_tile(tile, &mut buffer);
             for (_, edge) in edges {
-                self::of_tile(&moving[*edge as usize], rays, tile, &part, &mut found);
+                self::of_tile(&moving[*edge as usize], rays, tile, &part, &mut passes);
             }
         }
-        found.sort_unstable_by(|a, b| (a.pixel, a.ray).cmp(&(b.pixel, b.ray)).then(a.fraction.total_cmp(&b.fraction)));
-        found
+        passes.sort_unstable_by(|a, b| (a.pixel, a.ray).cmp(&(b.pixel, b.ray)).then(a.fraction.total_cmp(&b.fraction)));
+        passes
     }
 }
 
 /// The rays of a tile that an edge passes.
-fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, part: &Part, found: &mut Vec<Pass>) {
+fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, part: &Part, all: &mut Vec<Pass>) {
     let lines = edge.normal.map(|n| Linear(single(n)));
     let per_block = part.x.len() / part.blocks.len();
     for (block, around) in part.blocks.iter().enumerate() {
@@ -292,7 +292,7 @@ fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, part: &Part, found:
                 #[allow(clippy::cast_possible_truncation, reason = "sides are u16, rays are few")]
                 let (pixel, ray) = ((row * rays.width + column) as u32, ray as u32);
                 let passes = edge.passes(x[lane], y[lane]);
-                found.extend(passes.map(|(fraction, inverse_depth)| Pass { pixel, ray, fraction, inverse_depth }));
+                all.extend(passes.map(|(fraction, inverse_depth)| Pass { pixel, ray, fraction, inverse_depth }));
             }
         }
     }
@@ -369,11 +369,11 @@ mod tests {
             prop_assert!(passes.is_sorted_by(|a, b| (a.pixel, a.ray) <= (b.pixel, b.ray)));
             let all: Vec<u32> = (0..(SIDE * SIDE) as u32).collect();
             let seen: Vec<Vec<f32>> = (0..=STEPS).map(|step| {
-                let mut sights = vec![];
-                let order = renderer.sights(&rays, &at(step as f64 / STEPS as f64), &all, &mut sights);
+                let mut ray_samples = vec![];
+                let order = renderer.ray_samples(&rays, &at(step as f64 / STEPS as f64), &all, &mut ray_samples);
                 let mut depths = vec![0.0; all.len()];
-                for (pixel, sight) in order.zip(&sights) {
-                    depths[pixel] = 1.0 / sight.inverse_depth;
+                for (pixel, ray_sample) in order.zip(&ray_samples) {
+                    depths[pixel] = 1.0 / ray_sample.inverse_depth;
                 }
                 depths
             }).collect();
@@ -422,13 +422,13 @@ mod tests {
 
     #[test]
     fn an_edge_that_reaches_behind_the_camera_is_looked_for_everywhere() {
-        let of = |ends| {
+        let moving_edge = |ends| {
             let views = [view(0.0, 0.0), view(0.01, 0.0), view(0.02, 0.0)];
             MovingEdge::new(&Edge { frame: 0, ends, wings: None }, views.each_ref(), 0.5)
         };
-        let moving = of([[0.1, -1.0, 2.0], [0.1, 1.0, -0.5]]).unwrap();
+        let moving = moving_edge([[0.1, -1.0, 2.0], [0.1, 1.0, -0.5]]).unwrap();
         assert_eq!(moving.image, [[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]]);
-        assert!(of([[0.1, -1.0, -2.0], [0.1, 1.0, -0.5]]).is_none());
+        assert!(moving_edge([[0.1, -1.0, -2.0], [0.1, 1.0, -0.5]]).is_none());
     }
 
     #[test]
@@ -442,12 +442,12 @@ mod tests {
 
     #[test]
     fn roots_are_those_of_the_curve() {
-        let of = |values| roots(values).collect::<Vec<_>>();
-        assert_eq!(of([-1.0, 0.0, 1.0]), [0.5]); // a line
-        assert!(of([1.0, 1.0, 1.0]).is_empty());
-        assert!(of([0.0, 0.5, 1.0]).is_empty()); // at the very beginning: that belongs to the span before
-        assert_eq!(of([-1.0, -0.5, 0.0]), [1.0]);
-        let mut both = of([3.0, -5.0, 3.0]); // 16 s^2 - 16 s + 3
+        let roots_of = |values| roots(values).collect::<Vec<_>>();
+        assert_eq!(roots_of([-1.0, 0.0, 1.0]), [0.5]); // a line
+        assert!(roots_of([1.0, 1.0, 1.0]).is_empty());
+        assert!(roots_of([0.0, 0.5, 1.0]).is_empty()); // at the very beginning: that belongs to the span before
+        assert_eq!(roots_of([-1.0, -0.5, 0.0]), [1.0]);
+        let mut both = roots_of([3.0, -5.0, 3.0]); // 16 s^2 - 16 s + 3
         both.sort_by(f64::total_cmp);
         assert_eq!(both, [0.25, 0.75]);
     }

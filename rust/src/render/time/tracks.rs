@@ -10,7 +10,7 @@ use super::edges::Pass;
 
 /// What one ray sees.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Sight {
+pub(crate) struct RaySample {
     pub(crate) luma: f32,
     /// Its rate per second, along the surface.
     pub(crate) rate: f32,
@@ -51,8 +51,8 @@ enum Course {
 
 impl Course {
     /// What edges that pass make of a ray that sees this before and that after them.
-    fn of(before: &Sight, after: &Sight, passes: impl Iterator<Item = Pass> + Clone) -> Self {
-        let depths = [before, after].map(|sight| f64::from(sight.inverse_depth));
+    fn of(before: &RaySample, after: &RaySample, passes: impl Iterator<Item = Pass> + Clone) -> Self {
+        let depths = [before, after].map(|ray_sample| f64::from(ray_sample.inverse_depth));
         let (nearer, farther) = (depths[0].max(depths[1]), depths[0].min(depths[1]));
         if before.triangle == after.triangle {
             // What passes in front of a surface comes and goes.
@@ -71,22 +71,22 @@ impl Course {
 
 /// What a ray sees between two edges that pass it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Glimpse {
+pub(crate) struct InnerSample {
     pub(crate) ray: u32,
     /// When, from 0 to 1 of the span.
     pub(crate) fraction: f64,
-    pub(crate) sight: Sight,
+    pub(crate) ray_sample: RaySample,
 }
 
 /// A pixel in one span.
 #[derive(Debug)]
 pub(crate) struct Pixel<'a> {
     /// Its rays at the instants that were rendered, none where they were not; the first, middle and last always are.
-    pub(crate) sights: [Option<&'a [Sight]>; INSTANTS],
+    pub(crate) ray_samples: [Option<&'a [RaySample]>; INSTANTS],
     /// By ray and time; shares are those of the whole span.
     pub(crate) passes: &'a [Pass],
     /// By ray and time.
-    pub(crate) glimpses: &'a [Glimpse],
+    pub(crate) inner_samples: &'a [InnerSample],
 }
 
 /// When the instants are.
@@ -165,8 +165,8 @@ impl Piece {
     /// Adds what a ray does between two shares of the span at which it was seen, and which at most one edge comes between.
     fn add_seen(
         &mut self,
-        (first, before): (f64, &Sight),
-        (last, after): (f64, &Sight),
+        (first, before): (f64, &RaySample),
+        (last, after): (f64, &RaySample),
         passes: &[Pass],
         span: &Span,
         rays: f64,
@@ -182,10 +182,10 @@ impl Piece {
         let even = Jump { seen_us, after_us: i64::MAX, change, rates: [change / (seen_us[1] - seen_us[0]); 2] };
         self.jumps.push(jump.map_or(even, |fraction| {
             let at_us = span.at_us(fraction);
-            let mut rate = |sight: &Sight, over_us: f64| {
-                let rate = f64::from(sight.rate) * TICK_S / rays;
+            let mut rate = |ray_sample: &RaySample, over_us: f64| {
+                let rate = f64::from(ray_sample.rate) * TICK_S / rays;
                 let drift = (rate * over_us).abs();
-                if drift <= BELIEVED * f64::from(sight.luma) / rays {
+                if drift <= BELIEVED * f64::from(ray_sample.luma) / rays {
                     return rate;
                 }
                 self.doubt += drift;
@@ -231,33 +231,33 @@ impl Jump {
 }
 
 impl Pixel<'_> {
-    fn sights(&self, instant: usize) -> &[Sight] {
-        self.sights[instant].unwrap_or_default()
+    fn ray_samples(&self, instant: usize) -> &[RaySample] {
+        self.ray_samples[instant].unwrap_or_default()
     }
 
     /// Luma at an instant that was rendered: the same additions as in a frame.
     pub(crate) fn luma(&self, instant: usize) -> f32 {
-        let sights = self.sights(instant);
+        let ray_samples = self.ray_samples(instant);
         #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
-        let rays = sights.len() as f32;
-        sights.iter().fold(0.0, |sum, sight| sum + sight.luma) / rays
+        let rays = ray_samples.len() as f32;
+        ray_samples.iter().fold(0.0, |sum, ray_sample| sum + ray_sample.luma) / rays
     }
 
     fn piece(&self, ends: [usize; 2], span: &Span) -> Piece {
         let [first, last] = ends.map(|instant| span.fraction(instant));
-        let [before, after] = ends.map(|instant| self.sights(instant));
+        let [before, after] = ends.map(|instant| self.ray_samples(instant));
         #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel, and spans are short")]
         let (rays, length_us) = (before.len() as f64, (span.t_us[ends[1]] - span.t_us[ends[0]]) as f64);
         let mut piece = Piece { ends, even: 0.0, jumps: vec![], unseen: vec![], doubt: 0.0 };
-        let (mut passes, mut glimpses) = (self.passes, self.glimpses);
+        let (mut passes, mut inner_samples) = (self.passes, self.inner_samples);
         for (ray, (before, after)) in (0..).zip(before.iter().zip(after)) {
             let own_passes = taken(&mut passes, |pass| pass.ray == ray);
-            let own_glimpses = taken(&mut glimpses, |glimpse| glimpse.ray == ray);
+            let own_samples = taken(&mut inner_samples, |inner| inner.ray == ray);
             let within = |fraction: f64| first < fraction && fraction <= last;
             let mut from = (first, before);
-            for glimpse in own_glimpses.iter().filter(|glimpse| within(glimpse.fraction)) {
-                piece.add_seen(from, (glimpse.fraction, &glimpse.sight), own_passes, span, rays);
-                from = (glimpse.fraction, &glimpse.sight);
+            for inner in own_samples.iter().filter(|inner| within(inner.fraction)) {
+                piece.add_seen(from, (inner.fraction, &inner.ray_sample), own_passes, span, rays);
+                from = (inner.fraction, &inner.ray_sample);
             }
             if from.0 > first {
                 piece.add_seen(from, (last, after), own_passes, span, rays);
@@ -267,7 +267,7 @@ impl Pixel<'_> {
             let passes = own_passes.iter().copied().filter(|pass| within(pass.fraction));
             match if own_passes.is_empty() { Course::Even } else { Course::of(before, after, passes.clone()) } {
                 Course::Even => {
-                    let told = [before, after].map(|sight| f64::from(sight.rate) * TICK_S / rays * length_us);
+                    let told = [before, after].map(|ray_sample| f64::from(ray_sample.rate) * TICK_S / rays * length_us);
                     piece.even += change;
                     piece.doubt += (change - told[0].max(told[1])).max(told[0].min(told[1]) - change).max(0.0);
                 }
@@ -302,7 +302,7 @@ impl Pixel<'_> {
 
     /// What it does between all of the instants, where all were rendered.
     pub(crate) fn quarters(&self, span: &Span) -> Option<[Piece; INSTANTS - 1]> {
-        let rendered = self.sights.iter().all(Option::is_some);
+        let rendered = self.ray_samples.iter().all(Option::is_some);
         rendered.then(|| std::array::from_fn(|first| self.piece([first, first + 1], span)))
     }
 
@@ -377,8 +377,8 @@ mod tests {
     const SPAN: Span = Span { t_us: [1000, 1010, 1020, 1030, 1040] };
     const TOLERATED: Tolerated = Tolerated { log: 1e-3, log_eps: 1e-3 };
 
-    fn sight(luma: f32, triangle: u32) -> Sight {
-        Sight {
+    fn ray_sample(luma: f32, triangle: u32) -> RaySample {
+        RaySample {
             luma,
             rate: 0.0,
             triangle,
@@ -390,16 +390,16 @@ mod tests {
         Pass { pixel: 0, ray, fraction, inverse_depth }
     }
 
-    fn samples(sights: [Option<&[Sight]>; INSTANTS], passes: &[Pass]) -> (Vec<Sample>, bool, bool) {
-        samples_with(sights, passes, &[])
+    fn samples(ray_samples: [Option<&[RaySample]>; INSTANTS], passes: &[Pass]) -> (Vec<Sample>, bool, bool) {
+        samples_with(ray_samples, passes, &[])
     }
 
     fn samples_with(
-        sights: [Option<&[Sight]>; INSTANTS],
+        ray_samples: [Option<&[RaySample]>; INSTANTS],
         passes: &[Pass],
-        glimpses: &[Glimpse],
+        inner_samples: &[InnerSample],
     ) -> (Vec<Sample>, bool, bool) {
-        let pixel = Pixel { sights, passes, glimpses };
+        let pixel = Pixel { ray_samples, passes, inner_samples };
         let mut sampled = vec![];
         let halves = pixel.halves(&SPAN);
         let quarters = pixel.quarters(&SPAN);
@@ -410,8 +410,8 @@ mod tests {
 
     #[test]
     fn a_ray_that_an_edge_passes_jumps() {
-        let near = [sight(1.0, 0), sight(0.5, 1)];
-        let after = [sight(0.5, 1), sight(0.5, 1)];
+        let near = [ray_sample(1.0, 0), ray_sample(0.5, 1)];
+        let after = [ray_sample(0.5, 1), ray_sample(0.5, 1)];
         let (sampled, unknown, more) =
             samples([Some(&near), None, Some(&after), None, Some(&after)], &[pass(0, 0.3, 1.0), pass(1, 0.9, 0.2)]);
         assert_eq!(sampled, [(1011, 0.75), (1012, 0.5), (1020, 0.5)]);
@@ -420,8 +420,8 @@ mod tests {
 
     #[test]
     fn even_change_is_a_line_and_bends_ask_for_more() {
-        let ramp: Vec<[Sight; 1]> =
-            [0.25, 0.5, 0.75, 2.0].map(|luma| [Sight { rate: 0.25 / 20e-6, ..sight(luma, 0) }]).to_vec();
+        let ramp: Vec<[RaySample; 1]> =
+            [0.25, 0.5, 0.75, 2.0].map(|luma| [RaySample { rate: 0.25 / 20e-6, ..ray_sample(luma, 0) }]).to_vec();
         let (sampled, unknown, more) = samples([Some(&ramp[0]), None, Some(&ramp[1]), None, Some(&ramp[2])], &[]);
         assert_eq!((sampled, unknown, more), (vec![(1020, 0.5)], false, false));
         let (_, _, more) = samples([Some(&ramp[0]), None, Some(&ramp[1]), None, Some(&ramp[3])], &[]);
@@ -430,16 +430,16 @@ mod tests {
 
     #[test]
     fn what_comes_and_goes_between_two_instants_is_looked_at() {
-        let wall = [sight(1.0, 1)];
+        let wall = [ray_sample(1.0, 1)];
         let passes = [pass(0, 0.55, 1.0), pass(0, 0.6, 1.0)];
         let walls = [Some(wall.as_slice()); INSTANTS];
         let (_, _, more) = samples([walls[0], None, walls[2], None, walls[4]], &passes);
         assert!(more);
-        let pixel = Pixel { sights: walls, passes: &passes, glimpses: &[] };
+        let pixel = Pixel { ray_samples: walls, passes: &passes, inner_samples: &[] };
         let unseen = pixel.quarters(&SPAN).unwrap().map(|piece| piece.unseen);
         assert_eq!(unseen, [vec![], vec![], vec![(0, f64::midpoint(0.55, 0.6))], vec![]]);
-        let glimpses = [Glimpse { ray: 0, fraction: 0.575, sight: sight(0.0, 0) }];
-        let (sampled, unknown, more) = samples_with(walls, &passes, &glimpses);
+        let inner_samples = [InnerSample { ray: 0, fraction: 0.575, ray_sample: ray_sample(0.0, 0) }];
+        let (sampled, unknown, more) = samples_with(walls, &passes, &inner_samples);
         assert_eq!(
             sampled,
             [(1010, 1.0), (1020, 1.0), (1021, 1.0), (1022, 0.0), (1023, 0.0), (1024, 1.0), (1030, 1.0)]
@@ -450,7 +450,7 @@ mod tests {
         let (sampled, _, more) = samples([walls[0], None, walls[2], None, walls[4]], &short);
         assert_eq!((sampled, more), (vec![(1020, 1.0)], false));
         // Seen on its way, it is known.
-        let wire = [sight(0.0, 0)];
+        let wire = [ray_sample(0.0, 0)];
         let apart = [pass(0, 0.55, 1.0), pass(0, 0.8, 1.0)];
         let (sampled, unknown, _) = samples([Some(&wall), Some(&wall), Some(&wall), Some(&wire), Some(&wall)], &apart);
         assert!(!unknown);
@@ -467,7 +467,7 @@ mod tests {
     /// Whose edge it is, and whether others are seen, is told by depth, to 2 %.
     #[test]
     fn an_edge_belongs_to_the_surface_at_its_depth() {
-        let (near, far) = ([sight(1.0, 0)], [sight(0.5, 1)]);
+        let (near, far) = ([ray_sample(1.0, 0)], [ray_sample(0.5, 1)]);
         let of = |passes: &[Pass]| samples([Some(&near), None, Some(&far), None, Some(&far)], passes);
         let behind = of(&[pass(0, 0.1, 1.0), pass(0, 0.3, 0.45)]);
         assert_eq!(behind, (vec![(1003, 1.0), (1004, 0.5), (1020, 0.5)], false, false));
@@ -477,8 +477,8 @@ mod tests {
 
     #[test]
     fn a_bend_that_rates_tell_asks_for_more() {
-        let curve: Vec<[Sight; 1]> = [(0.25, 0.0), (0.35, 0.25), (0.75, 0.5)]
-            .map(|(luma, change)| [Sight { rate: change / 20e-6, ..sight(luma, 0) }])
+        let curve: Vec<[RaySample; 1]> = [(0.25, 0.0), (0.35, 0.25), (0.75, 0.5)]
+            .map(|(luma, change)| [RaySample { rate: change / 20e-6, ..ray_sample(luma, 0) }])
             .to_vec();
         let (_, unknown, more) = samples([Some(&curve[0]), None, Some(&curve[1]), None, Some(&curve[2])], &[]);
         assert!(more && !unknown);
@@ -487,9 +487,9 @@ mod tests {
     /// Where it comes onto a fine texture, its rate there tells nothing of what it saw before.
     #[test]
     fn a_ray_that_jumps_goes_no_way_that_is_not_believed() {
-        let before = [sight(1.0, 0)];
+        let before = [ray_sample(1.0, 0)];
         for (rate, believed) in [(0.1 / 12e-6, true), (1.0 / 12e-6, false), (-1.0 / 12e-6, false)] {
-            let (after, last) = ([Sight { rate, ..sight(0.5, 1) }], [sight(0.5, 1)]);
+            let (after, last) = ([RaySample { rate, ..ray_sample(0.5, 1) }], [ray_sample(0.5, 1)]);
             let (sampled, unknown, more) =
                 samples([Some(&before), None, Some(&after), None, Some(&last)], &[pass(0, 0.2, 1.0)]);
             assert_eq!((unknown, more), (!believed, !believed));
@@ -500,8 +500,8 @@ mod tests {
 
     #[test]
     fn steps_in_one_microsecond_are_one() {
-        let before = [sight(1.0, 0), sight(1.0, 0)];
-        let after = [sight(0.0, 1), sight(0.0, 1)];
+        let before = [ray_sample(1.0, 0), ray_sample(1.0, 0)];
+        let after = [ray_sample(0.0, 1), ray_sample(0.0, 1)];
         let passes = [pass(0, 0.51, 1.0), pass(1, 0.52, 1.0)];
         let (sampled, _, _) = samples([Some(&before), None, Some(&before), None, Some(&after)], &passes);
         assert_eq!(sampled, [(1020, 1.0), (1021, 0.0)]);

@@ -48,7 +48,7 @@ pub(crate) struct Beam {
 }
 
 /// The rays of a tile, and what they see so far.
-struct Sights<'a> {
+struct BeamHits<'a> {
     part: &'a Part<'a>,
     words: usize,
     /// Of each ray the index of what it sees among those that were tested, its number in the scene, and its inverse
@@ -61,7 +61,7 @@ struct Sights<'a> {
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl SetUp for Sights<'_> {
+impl SetUp for BeamHits<'_> {
     /// Lets a triangle be seen by the rays that meet it before what they saw so far.
     #[inline(always)]
     fn look_at(&mut self, position: usize, seen: &Seen) {
@@ -91,7 +91,7 @@ impl SetUp for Sights<'_> {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 #[allow(clippy::cast_possible_truncation, reason = "a tile's triangles are fewer than 2^32")]
-impl Sights<'_> {
+impl BeamHits<'_> {
     /// Lets a triangle be seen by a ray; says whether it is.
     #[inline(always)]
     fn test(&mut self, seen: &Seen, ray: usize) -> bool {
@@ -147,7 +147,7 @@ struct Walk<'a> {
     first: usize,
     cells: &'a mut RayCells,
     pending: &'a mut Pending,
-    sights: Sights<'a>,
+    hits: BeamHits<'a>,
     /// Triangles that are projected next, and how many they are: leaves have few, and vector code takes [`WIDTH`].
     next: [u32; WIDTH],
     count: usize,
@@ -197,7 +197,7 @@ impl Walk<'_> {
         let last = self.next[self.count - 1];
         self.next[self.count..].fill(last);
         let projected = Projected::new(self.scene, self.pose, &self.next);
-        let Rect { low, high } = self.sights.part.around;
+        let Rect { low, high } = self.hits.part.around;
         for i in 0..self.count {
             let apart = projected.low[0][i] > high[0]
                 || projected.high[0][i] < low[0]
@@ -206,13 +206,13 @@ impl Walk<'_> {
             if apart || projected.nearest[i] < self.depth.closed {
                 continue;
             }
-            if self.sights.words == 0 {
-                self.cells.take(self.sights.part);
-                self.sights.words = self.cells.words;
+            if self.hits.words == 0 {
+                self.cells.take(self.hits.part);
+                self.hits.words = self.cells.words;
             }
             let corner = |extent: &[[f32; WIDTH]; 2]| [extent[0][i], extent[1][i]];
             let range = self.cells.range(corner(&projected.low), corner(&projected.high));
-            let met_by = &mut self.sights.met_by[self.pending.count * self.sights.words..];
+            let met_by = &mut self.hits.met_by[self.pending.count * self.hits.words..];
             if self.cells.rays_in(range, met_by) {
                 self.pending.add(&projected, i, self.next[i]);
                 if self.pending.count == WIDTH {
@@ -226,8 +226,8 @@ impl Walk<'_> {
     /// Looks at the triangles that rays may meet.
     #[inline(always)]
     fn set_up(&mut self) {
-        self.pending.set_up(self.scene, self.pose, &mut self.sights);
-        self.depth.look(self.sights.inverse_depth);
+        self.pending.set_up(self.scene, self.pose, &mut self.hits);
+        self.depth.look(self.hits.inverse_depth);
     }
 }
 
@@ -284,13 +284,13 @@ impl Beam {
             let pyramid = Pyramid::new(part.around, pose, frame.bvh.reach);
             let Self { tested, waiting, cells, triangles, pending, met_by, .. } = self;
             let (index, inverse_depth) = (&mut *nearest.index, &mut *nearest.inverse_depth);
-            let sights = Sights { part, words, index, triangles, inverse_depth, tested, met_by };
+            let hits = BeamHits { part, words, index, triangles, inverse_depth, tested, met_by };
             let (first, next, count) = (frame.triangles.start, [0; WIDTH], 0);
-            let mut walk = Walk { scene, pose, first, cells, pending, sights, next, count, depth };
+            let mut walk = Walk { scene, pose, first, cells, pending, hits, next, count, depth };
             frame.bvh.visit_from_front(waiting, &pyramid, &mut walk);
             walk.look();
             walk.set_up();
-            (words, depth) = (walk.sights.words, walk.depth);
+            (words, depth) = (walk.hits.words, walk.depth);
         }
         self.list_seen(&nearest.index, list);
         for index in nearest.index.iter_mut().filter(|index| **index != NOTHING) {

@@ -78,18 +78,18 @@ impl Seen {
     }
 
     #[inline]
-    pub(crate) fn covers(&self, part: &Rect) -> Cover {
-        if self.edges.iter().any(|edge| edge.highest(part) < 0.0) {
+    pub(crate) fn covers(&self, rect: &Rect) -> Cover {
+        if self.edges.iter().any(|edge| edge.highest(rect) < 0.0) {
             return Cover::Nothing;
         }
-        let all = self.edges.iter().all(|edge| edge.lowest(part) >= 0.0) && self.inverse_depth.lowest(part) > 0.0;
+        let all = self.edges.iter().all(|edge| edge.lowest(rect) >= 0.0) && self.inverse_depth.lowest(rect) > 0.0;
         if all { Cover::Everything } else { Cover::Part }
     }
 
     /// Returns the largest inverse depth that it may have in a part of the image.
     #[inline]
-    pub(crate) fn nearest_in(&self, part: &Rect) -> f32 {
-        let nearest = self.inverse_depth.highest(part);
+    pub(crate) fn nearest_in(&self, rect: &Rect) -> f32 {
+        let nearest = self.inverse_depth.highest(rect);
         if nearest < self.nearest { nearest } else { self.nearest }
     }
 }
@@ -136,11 +136,11 @@ impl Bins {
     }
 
     /// Finds what one part of the image sees, as if it were the only tile, number 0.
-    pub(crate) fn fill_part(&mut self, scene: &Scene, view: &View, part: &Rect) {
+    pub(crate) fn fill_rect(&mut self, scene: &Scene, view: &View, rect: &Rect) {
         self.clear(1);
-        self.each(scene, view, part, |bins, pose, triangle, corners, extent| {
+        self.each(scene, view, rect, |bins, pose, triangle, corners, extent| {
             let Some(seen) = Seen::new(scene, pose, triangle, corners) else { return };
-            if bins.enter(&seen, extent, 0, part) {
+            if bins.enter(&seen, extent, 0, rect) {
                 bins.seen.push(seen);
             }
         });
@@ -148,11 +148,11 @@ impl Bins {
     }
 
     /// Lists a tile's triangles, without those that are hidden behind one that covers it.
-    pub(crate) fn of_tile(&self, tile: usize, part: &Rect, list: &mut Vec<Entry>) {
+    pub(crate) fn of_tile(&self, tile: usize, rect: &Rect, list: &mut Vec<Entry>) {
         list.clear();
         let entries = &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize];
         let hidden = self.hidden[tile];
-        list.extend(entries.iter().filter(|e| self.seen[e.seen as usize].nearest_in(part) >= hidden));
+        list.extend(entries.iter().filter(|e| self.seen[e.seen as usize].nearest_in(rect) >= hidden));
     }
 
     fn clear(&mut self, tiles: usize) {
@@ -168,12 +168,12 @@ impl Bins {
         &mut self,
         scene: &Scene,
         view: &View,
-        part: &Rect,
+        rect: &Rect,
         mut work: impl FnMut(&mut Self, &Pose, usize, &[Vector; 3], [[f32; 2]; 2]),
     ) {
         let mut stack = std::mem::take(&mut self.stack);
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
-            let pyramid = Pyramid::new(part, pose, frame.bvh.reach);
+            let pyramid = Pyramid::new(rect, pose, frame.bvh.reach);
             let first = frame.triangles.start;
             frame.bvh.visit(&mut stack, &pyramid, |leaf| {
                 for triangle in leaf {
@@ -191,18 +191,18 @@ impl Bins {
 
     /// Enters the next triangle to be seen into a tile, unless the tile does not see it; says whether it did.
     #[allow(clippy::cast_possible_truncation, reason = "a scene has fewer than 2^30 triangles, a sensor fewer tiles")]
-    fn enter(&mut self, seen: &Seen, [low, high]: [[f32; 2]; 2], tile: usize, part: &Rect) -> bool {
-        let apart = low[0] > part.high[0] || high[0] < part.low[0] || low[1] > part.high[1] || high[1] < part.low[1];
-        if apart || seen.nearest_in(part) < self.hidden[tile] {
+    fn enter(&mut self, seen: &Seen, [low, high]: [[f32; 2]; 2], tile: usize, rect: &Rect) -> bool {
+        let apart = low[0] > rect.high[0] || high[0] < rect.low[0] || low[1] > rect.high[1] || high[1] < rect.low[1];
+        if apart || seen.nearest_in(rect) < self.hidden[tile] {
             return false;
         }
-        let covers = match seen.covers(part) {
+        let covers = match seen.covers(rect) {
             Cover::Nothing => return false,
             Cover::Part => false,
             Cover::Everything => true,
         };
         if covers {
-            self.hidden[tile] = self.hidden[tile].max(seen.inverse_depth.lowest(part));
+            self.hidden[tile] = self.hidden[tile].max(seen.inverse_depth.lowest(rect));
         }
         self.entered.push((tile as u32, Entry { seen: self.seen.len() as u32, covers }));
         true
@@ -282,8 +282,8 @@ pub(super) struct Pyramid {
 
 impl Pyramid {
     /// Returns the pyramid for boxes none of whose coordinates is larger than `reach`.
-    pub(super) fn new(part: &Rect, pose: &Pose, reach: f64) -> Self {
-        let ([left, top], [right, bottom]) = (part.low.map(f64::from), part.high.map(f64::from));
+    pub(super) fn new(rect: &Rect, pose: &Pose, reach: f64) -> Self {
+        let ([left, top], [right, bottom]) = (rect.low.map(f64::from), rect.high.map(f64::from));
         let normals = [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];
         let mut margin = 0.0;
         let planes = normals.map(|normal| {

@@ -174,9 +174,9 @@ impl Reaching {
         for axis in 0..3 {
             let (origin, per) = (self.origin[axis], self.per_direction[axis]);
             for i in 0..WIDTH {
-                let one = (f64::from(boxes.low[axis][i]) - origin) * per;
-                let other = (f64::from(boxes.high[axis][i]) - origin) * per;
-                let (near, far) = if one < other { (one, other) } else { (other, one) };
+                let at_low = (f64::from(boxes.low[axis][i]) - origin) * per;
+                let at_high = (f64::from(boxes.high[axis][i]) - origin) * per;
+                let (near, far) = if at_low < at_high { (at_low, at_high) } else { (at_high, at_low) };
                 first[i] = if near > first[i] { near } else { first[i] };
                 last[i] = if far < last[i] { far } else { last[i] };
             }

@@ -71,13 +71,13 @@ impl Nearest {
         if list.len() > MANY {
             self.order(bins, list, around);
         }
-        for (block, part) in blocks.iter().enumerate() {
+        for (block, rect) in blocks.iter().enumerate() {
             let rays = block * length..(block + 1) * length;
             let (x, y) = (&x[rays.clone()], &y[rays]);
             if list.len() > MANY {
-                self.find_among_many(bins, list, (x, y), block, part);
+                self.find_among_many(bins, list, (x, y), block, rect);
             } else {
-                self.find_among_few(bins, list, (x, y), block, part);
+                self.find_among_few(bins, list, (x, y), block, rect);
             }
         }
     }
@@ -111,12 +111,12 @@ impl Nearest {
     }
 
     #[inline(always)]
-    fn find_among_few(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), block: usize, part: &Rect) {
-        self.candidates(bins, list, part);
-        if let [one] = self.list.as_slice()
-            && one.covers
+    fn find_among_few(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), block: usize, rect: &Rect) {
+        self.candidates(bins, list, rect);
+        if let [only] = self.list.as_slice()
+            && only.covers
         {
-            self.only[block] = one.index;
+            self.only[block] = only.index;
             return;
         }
         let rays = block * x.len()..(block + 1) * x.len();
@@ -151,7 +151,7 @@ impl Nearest {
 
     /// Looks at a block's triangles one by one, from front to back, until it is closed.
     #[inline(always)]
-    fn find_among_many(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), block: usize, part: &Rect) {
+    fn find_among_many(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), block: usize, rect: &Rect) {
         let rays = block * x.len()..(block + 1) * x.len();
         let mut out = (&mut self.index[rays.clone()], &mut self.inverse_depth[rays]);
         // The inverse depth behind which nothing is seen, as it was known last.
@@ -161,11 +161,11 @@ impl Nearest {
                 break;
             }
             let seen = &bins.seen[list[candidate.index as usize].seen as usize];
-            if closed > 0.0 && seen.nearest_in(part) < closed {
+            if closed > 0.0 && seen.nearest_in(rect) < closed {
                 continue;
             }
             let covers = candidate.covers
-                || match seen.covers(part) {
+                || match seen.covers(rect) {
                     Cover::Nothing => continue,
                     Cover::Part => false,
                     Cover::Everything => true,
@@ -216,21 +216,21 @@ impl Nearest {
     }
 
     /// Finds what of a tile's list a block may see.
-    fn candidates(&mut self, bins: &Bins, list: &[Entry], part: &Rect) {
+    fn candidates(&mut self, bins: &Bins, list: &[Entry], rect: &Rect) {
         self.list.clear();
         let mut hidden = 0f32;
         for (index, entry) in (0..).zip(list) {
             let seen = &bins.seen[entry.seen as usize];
             let covers = entry.covers
-                || match seen.covers(part) {
+                || match seen.covers(rect) {
                     Cover::Nothing => continue,
                     Cover::Part => false,
                     Cover::Everything => true,
                 };
             if covers {
-                hidden = hidden.max(seen.inverse_depth.lowest(part));
+                hidden = hidden.max(seen.inverse_depth.lowest(rect));
             }
-            self.list.push(Candidate { index, covers, nearest: seen.nearest_in(part) });
+            self.list.push(Candidate { index, covers, nearest: seen.nearest_in(rect) });
         }
         self.list.retain(|candidate| candidate.nearest >= hidden);
     }
@@ -240,7 +240,7 @@ impl Nearest {
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn count(indices: &[u32], index: u32) -> u32 {
-    indices.iter().map(|&one| u32::from(one == index)).sum()
+    indices.iter().map(|&member| u32::from(member == index)).sum()
 }
 
 /// Returns the least of some inverse depths, whose number is a multiple of [`LANES`].
@@ -264,10 +264,10 @@ pub(super) fn least(values: &[f32]) -> f32 {
 fn nearer(seen: &Seen, candidate: Candidate, x: &[f32], y: &[f32], out: &mut (&mut [u32], &mut [f32])) {
     let index = candidate.index;
     let rays = x.chunks_exact(LANES).zip(y.chunks_exact(LANES));
-    let found = out.0.chunks_exact_mut(LANES).zip(out.1.chunks_exact_mut(LANES));
+    let lanes = out.0.chunks_exact_mut(LANES).zip(out.1.chunks_exact_mut(LANES));
     let [a, b, c] = seen.edges;
     if candidate.covers {
-        for ((x, y), (indices, nearest)) in rays.zip(found) {
+        for ((x, y), (indices, nearest)) in rays.zip(lanes) {
             for i in 0..LANES {
                 let inverse = seen.inverse_depth.at(x[i], y[i]);
                 let takes = (inverse > nearest[i]) | ((inverse == nearest[i]) & (index < indices[i]));
@@ -277,7 +277,7 @@ fn nearer(seen: &Seen, candidate: Candidate, x: &[f32], y: &[f32], out: &mut (&m
         }
         return;
     }
-    for ((x, y), (indices, nearest)) in rays.zip(found) {
+    for ((x, y), (indices, nearest)) in rays.zip(lanes) {
         for i in 0..LANES {
             let inverse = seen.inverse_depth.at(x[i], y[i]);
             let meets = (a.at(x[i], y[i]) >= 0.0) & (b.at(x[i], y[i]) >= 0.0) & (c.at(x[i], y[i]) >= 0.0);

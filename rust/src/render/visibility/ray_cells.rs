@@ -119,19 +119,19 @@ mod tests {
             cells.take(&Part { x: &x, y: &y, around: &around, blocks: &[around] });
             let low = [corners[0].min(corners[1]), 0.02 * corners[2].min(corners[3])];
             let high = [corners[0].max(corners[1]), 0.02 * corners[2].max(corners[3])];
-            let mut found = vec![u64::MAX; x.len() / WORD];
-            let any = cells.rays_in(cells.range(low, high), &mut found);
-            prop_assert_eq!(any, found.iter().any(|&word| word != 0));
+            let mut words = vec![u64::MAX; x.len() / WORD];
+            let any = cells.rays_in(cells.range(low, high), &mut words);
+            prop_assert_eq!(any, words.iter().any(|&word| word != 0));
             for ray in 0..x.len() {
-                let is_found = found[ray / WORD] >> (ray % WORD) & 1 == 1;
+                let is_in_words = words[ray / WORD] >> (ray % WORD) & 1 == 1;
                 let inside = |axis: usize, value: f32, by: f32| low[axis] - by <= value && value <= high[axis] + by;
                 if inside(0, x[ray], 0.0) && inside(1, y[ray], 0.0) {
-                    prop_assert!(is_found);
+                    prop_assert!(is_in_words);
                 }
                 let size = |axis: usize| 2.0 * (around.high[axis] - around.low[axis]) / cells.cells as f32;
                 // What lies beyond all rays is taken to lie in the cells at the border.
                 let beyond = |axis: usize| low[axis] > around.high[axis] || high[axis] < around.low[axis];
-                if !beyond(0) && !beyond(1) && is_found {
+                if !beyond(0) && !beyond(1) && is_in_words {
                     prop_assert!(inside(0, x[ray], size(0)) && inside(1, y[ray], size(1)));
                 }
             }
@@ -146,12 +146,12 @@ mod tests {
         let mut cells = RayCells::default();
         cells.take(&Part { x: &x, y: &x, around: &around, blocks: &[around] });
         for (low, high) in [(0.0, 127.0), (f32::NEG_INFINITY, f32::INFINITY)] {
-            let mut found = [0; 2];
-            assert!(cells.rays_in(cells.range([low; 2], [high; 2]), &mut found));
-            assert_eq!(found, [u64::MAX; 2]);
+            let mut words = [0; 2];
+            assert!(cells.rays_in(cells.range([low; 2], [high; 2]), &mut words));
+            assert_eq!(words, [u64::MAX; 2]);
         }
-        let mut found = [7; 2];
-        assert!(!cells.rays_in(cells.range([10.0, 50.0], [20.0, 60.0]), &mut found));
-        assert_eq!(found, [0; 2]);
+        let mut words = [7; 2];
+        assert!(!cells.rays_in(cells.range([10.0, 50.0], [20.0, 60.0]), &mut words));
+        assert_eq!(words, [0; 2]);
     }
 }

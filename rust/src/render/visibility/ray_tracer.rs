@@ -97,7 +97,7 @@ struct Waiting {
 }
 
 /// Rays from one point that go the farthest along the same axis.
-struct Packet {
+struct RayPacket {
     origin: [f32; 3],
     /// The two other axes, and the one that they go along.
     axes: [usize; 3],
@@ -112,7 +112,7 @@ struct Packet {
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Packet {
+impl RayPacket {
     #[inline(always)]
     fn new(fan: &Fan, axis: usize, members: &[u32]) -> Self {
         let order = [(axis + 1) % 3, (axis + 2) % 3, axis];
@@ -359,7 +359,7 @@ impl RayTracer {
     }
 
     /// Returns a point of the scene, in metres, in the coordinates of the triangles.
-    pub(crate) fn place(&self, point: Vector) -> [f32; 3] {
+    pub(crate) fn scaled(&self, point: Vector) -> [f32; 3] {
         single(sub(point, self.centre).map(|x| x * self.scale))
     }
 
@@ -393,7 +393,7 @@ impl RayTracer {
 
     /// Traces the rays of a fan, and hands over each packet with the numbers of its rays.
     #[inline(always)]
-    fn trace(&self, fan: &mut Fan, any: bool, mut done: impl FnMut(&mut Fan, &[u32], &Packet)) {
+    fn trace(&self, fan: &mut Fan, any: bool, mut done: impl FnMut(&mut Fan, &[u32], &RayPacket)) {
         let mut sides = std::mem::take(&mut fan.sides);
         let mut stack = std::mem::take(&mut fan.stack);
         sides.iter_mut().for_each(Vec::clear);
@@ -407,7 +407,7 @@ impl RayTracer {
         }
         for (side, rays) in sides.iter().enumerate() {
             for members in rays.chunks(PACKET) {
-                let mut packet = Packet::new(fan, side / 2, members);
+                let mut packet = RayPacket::new(fan, side / 2, members);
                 self.walk(&mut packet, members.len(), any, &mut stack);
                 done(fan, members, &packet);
             }
@@ -417,7 +417,7 @@ impl RayTracer {
 
     /// Walks through the BVH with a packet, nearer boxes first.
     #[inline(always)]
-    fn walk(&self, packet: &mut Packet, rays: usize, any: bool, stack: &mut Vec<Waiting>) {
+    fn walk(&self, packet: &mut RayPacket, rays: usize, any: bool, stack: &mut Vec<Waiting>) {
         stack.clear();
         if !self.bvh.nodes.is_empty() {
             stack.push(Waiting { distance: 0.0, first: 0, count: 0, rays: (1 << rays) - 1 });
@@ -509,7 +509,7 @@ mod tests {
     }
 
     fn fan(tracer: &RayTracer, origin: Vector, directions: &[Vector], end: f32) -> Fan {
-        let mut fan = Fan { origin: tracer.place(origin), ..Fan::default() };
+        let mut fan = Fan { origin: tracer.scaled(origin), ..Fan::default() };
         fan.resize(directions.len());
         for (ray, direction) in directions.iter().enumerate() {
             for axis in 0..3 {
@@ -575,8 +575,8 @@ mod tests {
                     Found::Doubtful => continue,
                 };
                 prop_assert!(hit.triangle != NOTHING, "{number} at {distance} is missed");
-                let found = f64::from(hit.distance) / tracer.scale;
-                prop_assert!((found - distance).abs() < 1e-3 * (1.0 + distance), "{found} {distance}");
+                let hit_distance = f64::from(hit.distance) / tracer.scale;
+                prop_assert!((hit_distance - distance).abs() < 1e-3 * (1.0 + distance), "{hit_distance} {distance}");
                 if triangles[hit.triangle as usize] == triangles[number] {
                     let first = triangles.iter().position(|triangle| *triangle == triangles[number]).unwrap();
                     prop_assert_eq!(hit.triangle as usize, first);
@@ -588,11 +588,11 @@ mod tests {
                 }
                 // What ends before it hits nothing, what ends behind it does.
                 for (end, blocked) in [(0.98, false), (1.02, true)] {
-                    let mut part = fan(&tracer, origin, &[direction], hit.distance * end);
-                    tracer.any(&mut part);
-                    prop_assert_eq!(part.blocked[0], blocked);
-                    tracer.closest(&mut part);
-                    prop_assert_eq!(part.hits[0].triangle != NOTHING, blocked);
+                    let mut short_fan = fan(&tracer, origin, &[direction], hit.distance * end);
+                    tracer.any(&mut short_fan);
+                    prop_assert_eq!(short_fan.blocked[0], blocked);
+                    tracer.closest(&mut short_fan);
+                    prop_assert_eq!(short_fan.hits[0].triangle != NOTHING, blocked);
                 }
             }
         }
@@ -671,17 +671,17 @@ mod tests {
             let tracer = RayTracer::new(&[triangle], false);
             let reach = tracer.corners.iter().flatten().flatten().fold(0f32, |most, x| most.max(x.abs()));
             assert!((0.5..=1.0).contains(&reach), "{reach}");
-            let mut one = fan(&tracer, [0.0, 0.3 * size, 0.0], &[[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], f32::INFINITY);
-            tracer.closest(&mut one);
-            assert_eq!(one.hits.iter().map(|hit| hit.triangle).collect::<Vec<_>>(), [0, NOTHING]);
-            let distance = f64::from(one.hits[0].distance) / tracer.scale;
+            let mut fan = fan(&tracer, [0.0, 0.3 * size, 0.0], &[[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], f32::INFINITY);
+            tracer.closest(&mut fan);
+            assert_eq!(fan.hits.iter().map(|hit| hit.triangle).collect::<Vec<_>>(), [0, NOTHING]);
+            let distance = f64::from(fan.hits[0].distance) / tracer.scale;
             assert!((distance / size - 1.0).abs() < 1e-6, "{distance}");
             assert!((f64::from(tracer.diagonal) / (tracer.scale * size) - 5f64.sqrt()).abs() < 1e-5);
         }
         let tracer = RayTracer::new(&[[[f64::NAN; 3]; 3], [[1.0; 3]; 3]], false);
-        let mut one = fan(&tracer, [0.0; 3], &[[0.0, 0.0, 1.0]], f32::INFINITY);
-        tracer.closest(&mut one);
-        tracer.any(&mut one);
-        assert_eq!((one.hits[0].triangle, one.blocked[0]), (NOTHING, false));
+        let mut fan = fan(&tracer, [0.0; 3], &[[0.0, 0.0, 1.0]], f32::INFINITY);
+        tracer.closest(&mut fan);
+        tracer.any(&mut fan);
+        assert_eq!((fan.hits[0].triangle, fan.blocked[0]), (NOTHING, false));
     }
 }

@@ -85,9 +85,9 @@ impl Sorted {
     fn pick(&mut self, indices: &[u32], first: usize, index: u32) {
         let mut count = self.scattered.len();
         self.scattered.resize(count + indices.len(), 0);
-        for (ray, &one) in indices.iter().enumerate() {
+        for (ray, &member) in indices.iter().enumerate() {
             self.scattered[count] = (first + ray) as u32;
-            count += usize::from(one == index);
+            count += usize::from(member == index);
         }
         self.scattered.truncate(count);
     }
@@ -178,15 +178,15 @@ impl<'a> Portion<'a> {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn gathered(values: &[f32], numbers: &[u32; MOST], count: usize) -> Lanes {
     // Nothing refers to this, so values may be gathered while it is written.
-    let mut found = Lanes::ZERO;
+    let mut values_seen = Lanes::ZERO;
     for i in 0..count.min(MOST) {
         // What is not there cannot be asked for; said so, this becomes a gather without branches.
         let number = numbers[i] as usize;
-        found[i] = if number < values.len() { values[number] } else { 0.0 };
+        values_seen[i] = if number < values.len() { values[number] } else { 0.0 };
     }
     let mut lanes = Lanes::ZERO;
     for i in 0..count.min(MOST) {
-        lanes[i] = found[i];
+        lanes[i] = values_seen[i];
     }
     lanes
 }
