@@ -95,7 +95,7 @@ def camera_bytes(folder: Path) -> Path:
     return folder / "e.davis"
 
 
-KINDS: dict[str, Make] = {
+FILE_MAKERS: dict[str, Make] = {
     "text": written("e.txt"),
     "text with size": written("e.txt", size_line=True),
     "npy": written("e.npy"),
@@ -132,13 +132,13 @@ ONE_WAY = {
 }
 """Kinds that are only read from their beginning, and why."""
 
-every_kind = pytest.mark.parametrize("kind", KINDS)
+every_kind = pytest.mark.parametrize("kind", FILE_MAKERS)
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """One of each kind, in a folder of its own."""
-    return {kind: make(tmp_path_factory.mktemp("kind")) for kind, make in KINDS.items()}
+    return {kind: make(tmp_path_factory.mktemp("kind")) for kind, make in FILE_MAKERS.items()}
 
 
 def test_every_format_is_there(files: dict[str, Path]) -> None:

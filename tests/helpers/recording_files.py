@@ -134,7 +134,7 @@ class FlatBuffer:
         return bytes(self.out)
 
 
-KINDS = ("EVTS", "FRME", "IMUS", "TRIG")
+STREAM_TYPES = ("EVTS", "FRME", "IMUS", "TRIG")
 
 COMPRESSIONS = ("none", "lz4", "lz4 high", "zstd", "zstd high")
 
@@ -151,7 +151,7 @@ def compress(body: bytes, compression: int) -> bytes:
 
 
 def aedat4_xml(
-    kinds: Sequence[str] = KINDS, *, source: str = "DAVIS346_00000002", size: tuple[int, int] = (346, 260)
+    kinds: Sequence[str] = STREAM_TYPES, *, source: str = "DAVIS346_00000002", size: tuple[int, int] = (346, 260)
 ) -> str:
     info = f'<attr key="source">{source}</attr><attr key="sizeX">{size[0]}</attr><attr key="sizeY">{size[1]}</attr>'
     streams = "".join(

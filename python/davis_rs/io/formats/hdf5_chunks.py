@@ -66,18 +66,18 @@ class Rows:
         self._kept: UncheckedArray = np.zeros(0, self.dtype)
         self._charged = 0
         if any(number not in (_SHUFFLE, _FLETCHER) for number in self._filters):
-            self._places = list(
+            self._positions = list(
                 itertools.product(
                     *(range(0, side, step) for side, step in zip(dataset.shape[1:], dataset.chunks[1:], strict=True))
                 )
             )
             self._chunk_bytes = math.prod(dataset.chunks) * self.dtype.itemsize
-            self._charged = len(self._places) * self._chunk_bytes
+            self._charged = len(self._positions) * self._chunk_bytes
             budget.take(self._charged, f"a chunk of {dataset.name}")
 
     @property
     def chunk(self) -> int | None:
-        """Rows of a chunk, None where there are none."""
+        """Return the rows of a chunk, None where there are none."""
         chunks = self._dataset.chunks
         return None if chunks is None else int(chunks[0])
 
@@ -115,12 +115,12 @@ class Rows:
         if first != self._first:
             self._first, self._kept = -1, self._kept[:0]
             with decoding(self._path, f"{self._dataset.name}, the chunk at {first}"):
-                if len(self._places) == 1:
-                    self._kept = self._unpack((first, *self._places[0]))
+                if len(self._positions) == 1:
+                    self._kept = self._unpack((first, *self._positions[0]))
                 else:
                     shape = (min(self._dataset.chunks[0], len(self._dataset) - first), *self._dataset.shape[1:])
                     self._kept = np.empty(shape, self.dtype)
-                    for position in self._places:
+                    for position in self._positions:
                         columns = self._unpack((first, *position))
                         inside = (slice(o, o + n) for o, n in zip((0, *position), columns.shape, strict=True))
                         self._kept[tuple(inside)] = columns
