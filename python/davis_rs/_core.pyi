@@ -33,6 +33,7 @@ __all__ = [
     "count_events",
     "crc32",
     "crc32_combine",
+    "decode_ecf",
     "fill_events",
     "latest_times",
     "log_intensity",
@@ -645,6 +646,23 @@ def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, 
             lies outside of ``size`` (width, height), or has a polarity above 1.
     """
 
+def decode_ecf(bytes: npt.NDArray[np.uint8], most: int) -> npt.NDArray[np.void]:
+    """Decode a chunk of ECF, the compression of Metavision's HDF5 files; the GIL is released.
+
+    Args:
+        bytes: uint8, shape (n,), contiguous: the chunk.
+        most: events that it may have.
+
+    Returns:
+        :data:`davis_rs.EVENT_DTYPE`, with the times of the file.
+
+    Raises:
+        DecodeError: for more events, and for bytes that end too early, that go beyond the number of events, or that are
+            left over.
+
+    Source: `hdf5_ecf`, Prophesee's codec, HDF5's filter 0x8ECF.
+    """
+
 def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
     """Compute the CRC-32 of bytes that come in parts; the GIL is released.
 
@@ -799,14 +817,16 @@ class SceneRenderer:
         sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
             (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
         gloss: surfaces that are not diffuse; None where all are. The finishes, each (roughness, ``ggx`` or
-            ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base colour
-            tints the lobe, what is below); uint32 (t), the finish of each triangle, 2^32 - 1 for none; float32
-            (texels, 3), all texels in the layout of ``texels``; for each light colour what strength 1 is in red, green
-            and blue; for each light such a background; float64 (t, 3), radiance that each triangle emits, or nothing;
-            the number of a sky's light, its side and float32 (side, side, 3); and the most segments of a path.
-            Fresnel's equations are (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or
-            (``mixed``, [index, metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1
-            if nonlinear, and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
+            ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
+            colour tints the lobe, what is below, and the numbers of textures of roughness and of metal or None);
+            uint32 (t), the finish of each triangle, 2^32 - 1 for none; float32 (texels, 3), all texels in the
+            layout of ``texels``; for each light colour what strength 1 is in red, green and blue; for each light
+            such a background; float64 (t, 3), radiance that each triangle emits, or nothing; the number of a sky's
+            light, its side and float32 (side, side, 3); the most segments of a path; and layouts and float32 texels
+            of the textures of roughness and metal, as those of other textures. Fresnel's equations are
+            (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or (``mixed``, [index,
+            metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1 if nonlinear,
+            and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
             (``solid``, [index]) or (``sheet``, [index]).
         shadows: whether point and directional lights throw shadows.
         centre: (3), metres, the middle of the scene.
@@ -839,7 +859,18 @@ class SceneRenderer:
         emissions: tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32]] | None = None,
         sky: tuple[int, int, npt.NDArray[np.float32]] | None = None,
         gloss: tuple[
-            list[tuple[float, str, tuple[str, list[float]], list[float], list[float], bool, tuple[str, list[float]]]],
+            list[
+                tuple[
+                    float,
+                    str,
+                    tuple[str, list[float]],
+                    list[float],
+                    list[float],
+                    bool,
+                    tuple[str, list[float]],
+                    list[int | None],
+                ]
+            ],
             npt.NDArray[np.uint32],
             npt.NDArray[np.float32],
             list[list[float]],
@@ -847,6 +878,7 @@ class SceneRenderer:
             npt.NDArray[np.float64],
             tuple[int, int, npt.NDArray[np.float32]] | None,
             int,
+            tuple[list[list[int]], npt.NDArray[np.float32]],
         ]
         | None = None,
         shadows: bool,

@@ -116,7 +116,7 @@ def test_lights_without_a_name_shine(tmp_path: Path) -> None:
 
 def test_light_that_is_baked_nowhere_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Surfaces would be black, and nothing would say so."""
-    monkeypatch.setattr(bake._Job, "sampled", lambda self, lights: ([[] for _ in lights], [None for _ in lights]))
+    monkeypatch.setattr(bake._BakeJob, "sampled", lambda self, lights: ([[] for _ in lights], [None for _ in lights]))
     with pytest.raises(RuntimeError, match="baked at no point"):
         build(make_scene(floor=plate(0, 0, 0, (1, 1)), sky={"type": "constant"}))
 
@@ -684,3 +684,37 @@ def test_meshes_of_many_corners_are_baked_on_request_alone(monkeypatch: pytest.M
     monkeypatch.undo()
     monkeypatch.setattr(baked_scene, "MOST_POINTS", 3)
     assert make_renderer(scene, CAMERA, kind="baked").name == "native renderer"
+
+
+def test_what_writes_more_next_to_light_shows_the_light_of_what_is_inside() -> None:
+    """``moment`` and ``aov`` are as their first integrator, to any depth: its bounces and obstacles are theirs."""
+    parts = {"floor": plate(0, 0, 0, (1, 1)), "panel": lamp(), "side": plate(1, 0, 0.5, (0.5, 1))}
+    inside = PATH | {"max_depth": 2}
+    depths = {"type": "aov", "aovs": "depth:depth", "first": inside, "second": PATH}
+    own = luma_of(make_scene(inside, **parts), 0.5)
+    for wrapped in ({"type": "moment", "first": inside}, {"type": "moment", "first": depths}):
+        assert not why_not_noise_free(make_scene(wrapped, **parts))
+        np.testing.assert_array_equal(luma_of(make_scene(wrapped, **parts), 0.5), own)
+    for other, rule in (
+        ({"type": "depth"}, "DepthIntegrator"),
+        (DIRECT | {"hide_emitters": True}, "hidden"),
+    ):
+        obstacles = why_not_noise_free(make_scene({"type": "moment", "first": other}, **parts))
+        assert any(rule in obstacle.rule for obstacle in obstacles), other
+
+
+def test_volumetric_paths_without_media_are_paths() -> None:
+    """A light's or a camera's fog, or a solid's inside, is what they are for; without any there is none."""
+    parts = {"floor": plate(0, 0, 0, (1, 1)), "panel": lamp(), "side": plate(1, 0, 0.5, (0.5, 1))}
+    fog = {"type": "homogeneous"}
+    own = luma_of(make_scene(PATH | {"max_depth": 2}, **parts), 0.5)
+    for kind in ("volpath", "volpathmis"):
+        volumetric = {"type": kind, "max_depth": 2}
+        assert not why_not_noise_free(make_scene(volumetric, **parts))
+        np.testing.assert_array_equal(luma_of(make_scene(volumetric, **parts), 0.5), own)
+        for more in (
+            {"milk": plate(0, 1, 0, (1, 1)) | {"interior": fog}},
+            {"eye": {"type": "perspective", "fog": fog}},
+        ):
+            (obstacle,) = why_not_noise_free(make_scene(volumetric, **parts, **more))
+            assert "light is baked for its path" in obstacle.rule, (kind, more)

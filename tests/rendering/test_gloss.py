@@ -31,6 +31,8 @@ SPOT = {
 }
 TEXELS = np.random.RandomState(3).random_sample((5, 8, 3)).astype(np.float32)
 COLOUR = {"type": "bitmap", "raw": True, "data": TEXELS}
+ROUGHNESS = {"type": "bitmap", "raw": True, "wrap_mode": "mirror", "data": 0.25 + 0.5 * TEXELS[..., :1]}
+METAL = {"type": "bitmap", "raw": True, "wrap_mode": "mirror", "data": TEXELS[:3, :7, 1:2]}
 
 ROUGH: dict[str, tuple[dict[str, Any], float]] = {
     "plastic": ({"type": "plastic", "diffuse_reflectance": COLOUR}, 2e-4),
@@ -48,6 +50,14 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
     "tinted metal": ({"type": "roughconductor", "material": "Al", "alpha": 0.4, "specular_reflectance": COLOUR}, 2e-4),
     "principled": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "specular": 0.8}, 2e-4),
     "principled metal": ({"type": "principled", "base_color": COLOUR, "roughness": 0.4, "metallic": 0.7}, 2e-4),
+    "principled, textured": (
+        {"type": "principled", "base_color": COLOUR, "roughness": ROUGHNESS, "metallic": METAL},
+        2e-4,
+    ),
+    "principled, textured, one colour": (
+        {"type": "principled", "base_color": 0.4, "roughness": 0.5, "metallic": {**METAL, "wrap_mode": "clamp"}},
+        2e-4,
+    ),
     "principled of an index": ({"type": "principled", "roughness": 0.3, "eta": 1.33}, 2e-4),
 }
 
@@ -123,6 +133,10 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
     unknown = [
         {"type": "principled", "clearcoat": 0.3},
         {"type": "principled", "roughness": squares},
+        {"type": "principled", "base_color": COLOUR, "metallic": {**METAL, "to_uv": np.diag([2.0, 2.0, 1.0])}},
+        {"type": "principled", "base_color": squares, "metallic": METAL},
+        {"type": "principled", "roughness": {**ROUGHNESS, "filter_type": "nearest"}},
+        {"type": "principled", "roughness": {**ROUGHNESS, "data": 1.2 * TEXELS[..., :1]}},
         {"type": "roughconductor", "alpha": squares},
         {"type": "plastic", "specular_reflectance": squares},
         {"type": "dielectric", "specular_transmittance": squares},
@@ -130,7 +144,8 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
     ]
     with variant(SCALAR) as (mi, _):
         for bsdf in unknown:
-            made = mi.load_dict(bsdf)
+            scene = load_scene_source({"type": "scene", "floor": {"type": "rectangle", "bsdf": bsdf}}, mi)
+            (made,) = (shape.bsdf() for shape in scene.shapes())
             assert read_finish(made, children(made), mi) is None, bsdf
 
 

@@ -14,6 +14,7 @@ from davis_rs.geometry.pose import FloatArray
 from davis_rs.scene.default_motion import with_default_motion
 from davis_rs.scene.default_paths import around, sway, within
 from davis_rs.scene.files.default_view import default_view
+from davis_rs.scene.files.mesh_scene import usual_light
 from davis_rs.scene.load import load_scene
 
 SIDES = list(itertools.product(range(3), (-1, 1)))
@@ -51,6 +52,20 @@ def test_a_room_is_seen_from_within(without: tuple[tuple[int, int], ...]) -> Non
     assert np.allclose(np.linalg.norm(positions - view.room_centre, axis=1), 0.5)
     # Around its free middle, out of reach of the table.
     assert np.linalg.norm(positions[:, :2] - [0.7, 0.6], axis=1).min() > 0.7
+
+
+@pytest.mark.parametrize(("width", "height"), [(5.0, 2.6), (14.0, 2.6), (5.0, 9.0)], ids=["usual", "hall", "tower"])
+def test_the_lamp_of_a_room_hangs_in_it(width: float, height: float) -> None:
+    """Half-way to the ceiling or to the nearest wall: a wide and low room is not lit from above its ceiling."""
+    view = default_view(box([0, 0, 0], [width, width, height], inward=True))
+    assert view.room_centre is not None
+    cell = width / 20
+    assert view.room_above == pytest.approx(height - view.room_centre[2], abs=cell)
+    lamp = usual_light(view)["lamp"]["position"]
+    np.testing.assert_allclose(lamp[:2], view.room_centre[:2])
+    expected = min(view.room_radius, view.room_above) / 2
+    assert lamp[2] - view.room_centre[2] == pytest.approx(expected)
+    assert view.room_centre[2] < lamp[2] < height
 
 
 def test_it_looks_to_where_there_is_most_to_see() -> None:

@@ -20,7 +20,7 @@ from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.scene_tables.scene_table import SceneTable
-from davis_rs.render.scene_tables.scene_texture import WRAP_MODES
+from davis_rs.render.texels import WRAP_MODES
 from davis_rs.render.truth import lost_look_fractions
 from davis_rs.scene.files import gltf_mesh
 from davis_rs.scene.textures import from_srgb
@@ -376,7 +376,6 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
     nearest = "texels with hard edges (they are taken as bilinear)"
     wrapped = "the wrap mode clamp along v (repeat is taken both ways)"
     assert looks_of(scene) == {
-        "metal": ("glass",),
         "light of their own": ("glass",),
         "normal maps": ("glass",),
         "backs that cannot be seen (they are seen from both sides)": ("glass",),
@@ -406,8 +405,8 @@ def halves(**right: Any) -> Gltf:
 
 
 def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
-    """Half of the pixels see metal and nothing sees a lamp: in one line, which meta.json repeats."""
-    gltf = halves(metallicFactor=1.0)
+    """Half of the pixels see bumps and nothing sees a lamp: in one line, which meta.json repeats."""
+    gltf = halves(more={"normalTexture": {"index": 0}})
     gltf.node(
         mesh=quad(gltf, material=gltf.material("lamp", more={"emissiveFactor": [1, 1, 1]})), translation=[0, 0, 9]
     )
@@ -417,12 +416,12 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
         simulator = Simulator(scene, rays_per_pixel=1)
     (warning,) = caught
     assert str(warning.message) == (
-        f"{tmp_path / 'scene.glb'}: surfaces are diffuse and opaque here; these looks are lost, with their fraction of "
-        "the image along the camera path: metal of right (50 %); not in view: light of their own of lamp; fraction not "
-        "known: the range of the light (it shines without end) of bulb"
+        f"{tmp_path / 'scene.glb'}: these looks are lost, with their fraction of "
+        "the image along the camera path: normal maps of right (50 %); not in view: light of their own of lamp; "
+        "fraction not known: the range of the light (it shines without end) of bulb"
     )
     assert simulator.describe()["lost_looks"] == {
-        "metal of right": 0.5,
+        "normal maps of right": 0.5,
         "light of their own of lamp": 0.0,
         "the range of the light (it shines without end) of bulb": None,
     }
@@ -430,7 +429,7 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
 
 def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> None:
     """Where nothing says where the camera is, and where a shape is not made of triangles; the looks are told."""
-    scene = saved(halves(metallicFactor=1.0), tmp_path)
+    scene = saved(halves(more={"normalTexture": {"index": 0}}), tmp_path)
     (look,) = scene.lost_looks
     assert lost_look_fractions(scene, scene.own_camera) == {look: 0.5}
     assert lost_look_fractions(replace(scene, trajectory=None), scene.own_camera) == {look: 0.5}  # at its start
@@ -443,7 +442,7 @@ def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> Non
 
     changed = replace(scene, source=with_field)
     assert lost_look_fractions(changed, scene.own_camera) == {look: None}
-    with pytest.warns(LostLookWarning, match=r"fraction not known: metal of right$"):
+    with pytest.warns(LostLookWarning, match=r"fraction not known: normal maps of right$"):
         Simulator(changed, rays_per_pixel=1)
 
 
@@ -518,6 +517,110 @@ def test_diffuse_colours_of_specular_glossiness(tmp_path: Path) -> None:
     np.testing.assert_allclose(data, from_srgb(texels / 255) * [0.5, 0.25, 1.0], rtol=1e-6)
     np.testing.assert_allclose(shapes_of(scene)["mesh_paint"]["uv"], 2 * UV[FACES.ravel()], atol=1e-6)
     assert looks_of(scene) == {"gloss": ("paint",)}
+
+
+def metal_of(gltf: Gltf, folder: Path) -> tuple[dict[str, float], dict[str, Any], dict[str, tuple[str, ...]]]:
+    """Numbers and texels of the one shape's metal and roughness, and what is lost."""
+    scene = saved(gltf, folder)
+    with variant(SCALAR) as (mi, _):
+        (shape,) = load_scene_source(scene.source(), mi).shapes()
+        given = dict(mi.traverse(shape.bsdf()))
+    given = {name.removeprefix("brdf_0."): value for name, value in given.items() if "brdf_0" in name}
+    numbers = {
+        name[:-6]: float(value) for name, value in given.items() if name in ("metallic.value", "roughness.value")
+    }
+    texels = {name[:-5]: np.array(given[name]) for name in ("metallic.data", "roughness.data") if name in given}
+    return numbers, texels, looks_of(scene)
+
+
+def test_metal_by_its_numbers(tmp_path: Path) -> None:
+    """The factors, 1 where the file says nothing; without metal, or unlit, a surface is diffuse."""
+    unlit = {"extensions": {"KHR_materials_unlit": {}}}
+    cases: list[tuple[dict[str, Any], dict[str, float]]] = [
+        ({"metallicFactor": 0.75, "roughnessFactor": 0.25}, {"metallic": 0.75, "roughness": 0.25}),
+        ({"metallicFactor": None}, {"metallic": 1.0, "roughness": 1.0}),
+        ({"metallicFactor": 0.0, "roughnessFactor": 0.25}, {}),
+        ({"metallicFactor": 1.0, "more": unlit}, {}),
+    ]
+    for surface, expected in cases:
+        gltf = Gltf(extensionsUsed=["KHR_materials_unlit"])
+        gltf.node(mesh=quad(gltf, material=gltf.material(**surface)))
+        numbers, texels, lost = metal_of(gltf, tmp_path)
+        assert (numbers, texels) == (expected, {}), surface
+        assert lost == ({"being unlit": ("paint",)} if "more" in surface else {})
+    wrong: list[tuple[str, Any]] = [("metallicFactor", 1.5), ("roughnessFactor", "smooth")]
+    for name, value in wrong:
+        gltf = Gltf()
+        surface = {"metallicFactor": 1.0, name: value}
+        gltf.node(mesh=quad(gltf, material=gltf.material(**surface)))
+        with pytest.raises(DecodeError, match=rf"materials\[0\]: {name}"):
+            saved(gltf, tmp_path)
+
+
+def test_metal_by_its_texture(tmp_path: Path) -> None:
+    """Green is roughness and blue is metal, not in sRGB; where the base colour has no such coordinates it is the mean.
+
+    Without any blue there is no metal.
+    """
+    texels = np.random.default_rng(4).integers(0, 256, (4, 3, 3))
+    moved = {"extensions": {"KHR_texture_transform": {"offset": [0.5, 0]}}}
+
+    def metal(base: dict[str, Any] | None, texels: Any, moved: dict[str, Any]) -> Any:
+        gltf = Gltf(extensionsUsed=["KHR_texture_transform"])
+        own = gltf.texture({"bufferView": gltf.view(png(texels))}, {"wrapS": 33648, "wrapT": 33648}) | moved
+        surface = {"metallicFactor": 0.5, "roughnessFactor": 0.75, "metallicRoughnessTexture": own}
+        if base is not None:
+            surface["baseColorTexture"] = gltf.texture({"bufferView": gltf.view(png(np.full((2, 2, 3), 99)))}) | base
+        gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(**surface)))  # type: ignore[arg-type]
+        return metal_of(gltf, tmp_path)
+
+    numbers, data, lost = metal(moved, texels, moved)
+    assert not numbers
+    assert not lost
+    np.testing.assert_allclose(data["roughness"][..., 0], 0.75 * texels[..., 1] / 255, rtol=1e-6)
+    np.testing.assert_allclose(data["metallic"][..., 0], 0.5 * texels[..., 2] / 255, rtol=1e-6)
+    roughness, metallic = texels[..., 1:].reshape(-1, 2).mean(0) / 255 * [0.75, 0.5]
+    others: tuple[dict[str, Any] | None, ...] = (None, {})
+    for base in others:
+        numbers, data, lost = metal(base, texels, moved)
+        assert numbers == pytest.approx({"metallic": metallic, "roughness": roughness})
+        assert not data
+        assert lost == {"metal that differs from place to place (its mean is taken)": ("paint",)}
+    assert metal({}, texels * [1, 1, 0], {}) == ({}, {}, {})
+
+
+def test_mirrors_show_what_stands_before_them(tmp_path: Path) -> None:
+    """A camera before a mirror sees the wall behind itself, with the mirror's own shadow, under direct light alone."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf, material=gltf.material("mirror", metallicFactor=1.0, roughnessFactor=0.0)))
+    wall = gltf.mesh(5 * CORNERS, FACES, material=gltf.material("wall", baseColorFactor=[0.5, 0.5, 0.5, 1.0]))
+    gltf.node(mesh=wall, translation=[0, 0, 6])
+    gltf.light({"type": "directional", "intensity": 683.0}, rotation=[0, 1, 0, 0])  # along +z, onto the wall
+    with_camera(gltf)
+    scene = saved(gltf, tmp_path)
+    assert scene.start is not None
+    middle = [
+        make_renderer(shown, scene.own_camera, rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0, 70:110, 100:140]
+        for shown in (scene, replace(scene, reflections=False))
+    ]
+    # The shadow is 2 m wide, 9 m away in the mirror.
+    seen = np.pad(np.zeros((18, 18)), 11, constant_values=0.5 / np.pi)
+    edge = np.pad(np.zeros((18, 18), bool), 2, constant_values=True)
+    away = ~np.pad(edge, 9)
+    np.testing.assert_allclose(middle[0][away], seen[away], rtol=0.01)
+    assert not middle[1].any()
+
+
+def test_matte_metal_is_its_base_colour(tmp_path: Path) -> None:
+    """Bit for bit what a file without metal shows."""
+
+    def luma(metal: float, matte: bool) -> Any:
+        gltf = halves(metallicFactor=metal, baseColorFactor=[0.8, 0.4, 0.2, 1.0])
+        scene = replace(saved(gltf, tmp_path), matte=matte)
+        return make_renderer(scene, scene.own_camera, rays_per_pixel=1).luma(Views.along(scene.path, np.zeros(1)))
+
+    np.testing.assert_array_equal(luma(1.0, True), luma(0.0, False))
+    assert (luma(1.0, True) != luma(1.0, False)).any()
 
 
 def test_textures_of_webp(tmp_path: Path) -> None:

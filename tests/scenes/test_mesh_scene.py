@@ -22,7 +22,7 @@ from davis_rs._util.budget import Budget
 from davis_rs.events.luma import LUMA_WEIGHTS
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
-from davis_rs.render.scene_tables.scene_texture import bilinear
+from davis_rs.render.texels import bilinear
 from davis_rs.scene.files.mesh_scene import colours_as_texture
 from davis_rs.scene.files.obj_file import read_obj
 from davis_rs.scene.files.ply_file import read_ply

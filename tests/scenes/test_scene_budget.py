@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from davis_rs import DecodeError, SceneFileWarning, load_scene
 from davis_rs._util.budget import VARIABLE, Budget
@@ -99,6 +100,30 @@ def test_a_texture_that_several_shapes_show_is_decoded_once_and_charged_for_each
     assert len(decoded) == 1
     with pytest.raises(DecodeError, match="the material 'm10': a texture of 128 x 128 texels in linear light"):
         load_scene(textured(tmp_path, "obj", *["a.png"] * 30))
+
+
+@pytest.mark.parametrize(
+    ("budget", "shapes", "refused"),
+    [("530KiB", 1, ""), ("400KiB", 1, r"materials\[0\]: metallicRoughnessTexture"), ("750KiB", 2, "one more shape of")],
+)
+def test_textures_of_metal_are_charged_for_each_shape(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, budget: str, shapes: int, refused: str
+) -> None:
+    """Two images of 48 KiB as they are, and of 192 KiB each in linear light for each shape."""
+    monkeypatch.setenv(VARIABLE, f"bytes={budget}")
+    Image.fromarray(np.full((128, 128, 3), 9, np.uint8)).save(tmp_path / "a.png")
+    gltf = Gltf()
+    base, metal = (gltf.texture({"uri": "a.png"}) for _ in range(2))
+    paint = gltf.material(baseColorTexture=base, metallicFactor=1.0, metallicRoughnessTexture=metal)
+    for _ in range(shapes):
+        node = gltf.node(mesh=quad(gltf, uv=UV, material=paint))
+        gltf.animate(node, "translation", [0.0, 1.0], np.eye(3)[:2])
+    path = gltf.save(tmp_path / "scene.gltf")
+    if not refused:
+        assert len(load_scene(path).objects) == shapes
+        return
+    with pytest.raises(DecodeError, match=rf"{refused}.*: a texture of 128 x 128 texels in linear light"):
+        load_scene(path)
 
 
 @pytest.mark.parametrize("kind", ["obj", "ply", "gltf"])

@@ -8,19 +8,23 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
+from .texels import WRAP_MODES, bilinear_meaning
 
 FloatArray = npt.NDArray[np.float64]
 _Rgb = tuple[float, float, float]
 _Kind = tuple[str, tuple[float, ...]]
 
-CoreFinish = tuple[float, str, tuple[str, list[float]], list[float], list[float], bool, tuple[str, list[float]]]
+CoreFinish = tuple[
+    float, str, tuple[str, list[float]], list[float], list[float], bool, tuple[str, list[float]], list[int | None]
+]
 """What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
 
 _COSINES, _WEIGHTS = (np.polynomial.legendre.leggauss(64)[0] + 1) / 2, np.polynomial.legendre.leggauss(64)[1] / 2
@@ -29,11 +33,35 @@ _COSINES, _WEIGHTS = (np.polynomial.legendre.leggauss(64)[0] + 1) / 2, np.polyno
 _ROUND = 1e-3
 """A principled material is never smoother than this."""
 
+_LUMINANCE = np.array([[0.212671], [0.715160], [0.072169]])
+"""Of red, green and blue (3, 1), as Mitsuba makes one number of a colour."""
+
 _PASSING_NODES = 33
 """Cosines at which it is known what passes a rough coat."""
 
 _UNUSED = ("anisotropic", "clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
 """Parts of ``principled`` that a finish does not have: they must be 0."""
+
+
+@dataclass(frozen=True)
+class NumberTexels:
+    """Roughness or the fraction of metal from place to place, looked up at the texture coordinates of the base colour.
+
+    Attributes:
+        height, width: texels along each side.
+        wrap: index into :data:`~davis_rs.render.texels.WRAP_MODES`.
+        values: the texels, 0 to 1, as the bytes of float32 (height, width).
+    """
+
+    height: int
+    width: int
+    wrap: int
+    values: bytes = field(repr=False)
+
+    def framed(self) -> npt.NDArray[np.float32]:
+        """Return the texels (height + 2, width + 2) with a border of one that is filled by the wrap mode."""
+        texels = np.frombuffer(self.values, np.float32).reshape(self.height, self.width)
+        return np.pad(texels, 1, "wrap" if WRAP_MODES[self.wrap] == "repeat" else "edge")
 
 
 @dataclass(frozen=True)
@@ -51,6 +79,8 @@ class Finish:
         under: what is below: ``nothing``, ``coated`` (index, reflected inside, entering, 1 if nonlinear; for a rough
             coat the fractions that pass it follow, at :data:`_PASSING_NODES` cosines from 0 to 1), ``rough``
             (roughness, factor), ``solid`` (index) or ``sheet`` (index).
+        lobe: roughness and metal from place to place, of ``mixed`` over ``rough``, whose own numbers are then means;
+            None for what is the same everywhere.
     """
 
     alpha: float
@@ -60,18 +90,20 @@ class Finish:
     passing: _Rgb = (1.0, 1.0, 1.0)
     base_tints: bool = False
     under: _Kind = ("nothing", ())
+    lobe: tuple[NumberTexels | None, NumberTexels | None] = (None, None)
 
     @property
     def is_clear(self) -> bool:
         """Whether light passes through."""
         return self.under[0] in ("solid", "sheet")
 
-    @property
-    def core(self) -> CoreFinish:
-        """It, as the core takes it."""
+    def core(self, numbers_of: Mapping[NumberTexels, int]) -> CoreFinish:
+        """Return it as the core takes it, with the numbers of its textures of roughness and metal."""
         (fresnel, numbers), (under, below) = self.fresnel, self.under
         tints = list(self.tint), list(self.passing)
-        return self.alpha, self.distribution, (fresnel, list(numbers)), *tints, self.base_tints, (under, list(below))
+        kinds = (fresnel, list(numbers)), (under, list(below))
+        lobe = [None if texels is None else numbers_of[texels] for texels in self.lobe]
+        return self.alpha, self.distribution, kinds[0], *tints, self.base_tints, kinds[1], lobe
 
     def albedo(self, base: FloatArray) -> FloatArray:
         """Return how much of light from all sides is reflected (n, 3), for base colours (n, 3); 0 where it is clear.
@@ -215,10 +247,10 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     for name in _UNUSED:
         if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any()):
             return None
-    metallic, roughness = (constant_of(inside[name], mi) for name in ("metallic", "roughness"))
-    if metallic is None or roughness is None:
+    surface = _lobe(inside, mi)
+    if surface is None:
         return None
-    metal, rough = float(metallic.flat[0]), float(roughness.flat[0])
+    base, lobe, rough, metal = surface
     if "eta" in parameters:
         index = float(parameters["eta"])
     else:
@@ -226,8 +258,83 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
         index = float((1 + root) / (1 - root))
     # Without a difference of the index nothing is reflected; the core asks for one.
     index = max(index, 1 + 1e-6)
-    finish = Finish(max(rough * rough, _ROUND), "ggx", ("mixed", (index, metal)), under=("rough", (rough, 1 - metal)))
-    return inside["base_color"], finish
+    alpha, under = max(rough * rough, _ROUND), ("rough", (rough, 1 - metal))
+    return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe)
+
+
+def _lobe(
+    inside: dict[str, MitsubaObject], mi: Mitsuba
+) -> tuple[MitsubaTexture, tuple[NumberTexels | None, NumberTexels | None], float, float] | None:
+    """Return the base colour of a ``principled`` material, its roughness and metal from place to place, and their
+    means; None where their textures are not looked up at the same coordinates, or are none that are known."""
+    rough, metal = (_scalar(inside[name], mi) for name in ("roughness", "metallic"))
+    if rough is None or metal is None:
+        return None
+    base = inside["base_color"]
+    lobe = rough.texels, metal.texels
+    uv_maps = [number.uv_map for number in (rough, metal) if number.uv_map is not None]
+    if uv_maps:
+        colour = constant_of(base, mi)
+        if colour is None:
+            uv_maps.append(_uv_map(base, mi))
+        else:
+            # A texture of one texel has no coordinates, so it gets a second one.
+            texels = np.broadcast_to(_rgb(colour), (1, 2, 3)).astype(np.float32)
+            to_uv = mi.ScalarTransform3f(uv_maps[0].tolist())
+            base = mi.load_dict({"type": "bitmap", "raw": True, "data": mi.TensorXf(texels), "to_uv": to_uv})
+        if any(other is None or not np.array_equal(other, uv_maps[0]) for other in uv_maps):
+            return None
+    return base, lobe, rough.mean, metal.mean
+
+
+class _Scalar(NamedTuple):
+    """A texture of one number.
+
+    Attributes:
+        mean: of it.
+        texels: None where it is the same everywhere.
+        uv_map: (3, 3), the transform of its coordinates; None where it is the same everywhere.
+    """
+
+    mean: float
+    texels: NumberTexels | None = None
+    uv_map: FloatArray | None = None
+
+
+def _scalar(texture: MitsubaTexture, mi: Mitsuba) -> _Scalar | None:
+    """Read a texture of numbers from 0 to 1; None of one that is neither a constant nor a bilinear bitmap of them."""
+    value = constant_of(texture, mi)
+    if value is not None:
+        return _Scalar(float(value.flat[0]))
+    uv_map = _uv_map(texture, mi)
+    if uv_map is None:
+        return None
+    data = np.asarray(mi.traverse(texture)["data"])
+    uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
+    mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
+    meant = bilinear_meaning(data, mapped, np.array([[_number_at(texture, pair, mi)] for pair in uv.T]), _LUMINANCE)
+    if meant is None:
+        return None
+    texels, wrap = meant
+    values = np.concatenate([piece @ _LUMINANCE for _, piece in texels.pieces()]).astype(np.float32)
+    if not (values.min() >= 0 and values.max() <= 1):
+        return None
+    height, width = texels.shape[:2]
+    return _Scalar(float(values.mean()), NumberTexels(height, width, wrap, values.tobytes()), uv_map)
+
+
+def _number_at(texture: MitsubaTexture, uv: npt.NDArray[np.float32], mi: Mitsuba) -> float:
+    interaction = mi.SurfaceInteraction3f()
+    interaction.uv = mi.Point2f(*uv.tolist())
+    return float(np.array(texture.eval_1(interaction)).reshape(-1)[0])
+
+
+def _uv_map(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
+    """Return the transform (3, 3) of a bitmap's coordinates; None of another texture."""
+    parameters = mi.traverse(texture)
+    if "data" not in parameters or "to_uv" not in parameters:
+        return None
+    return np.array(parameters["to_uv"].matrix, np.float64).reshape(3, 3)
 
 
 def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from .._util.budget import Budget
 from ..geometry.pose import FloatArray
@@ -16,8 +17,25 @@ GREY = 0.5
 """Reflectance of surfaces without a material."""
 
 
+class MetalRoughness(NamedTuple):
+    """How a part reflects besides its base colour, as glTF says it: as a metal to some fraction, more or less rough.
+
+    Attributes:
+        metal: the fraction of metal, 0 to 1.
+        roughness: 0 to 1.
+        texels: uint8 (H, W, 3), looked up as the base colour: green / 255 is a factor on the roughness, blue / 255 one
+            on the metal; None where both are the same everywhere.
+        wrap: how the texels continue beyond their edges: repeat, clamp or mirror.
+    """
+
+    metal: float
+    roughness: float
+    texels: npt.NDArray[np.uint8] | None = None
+    wrap: str = "repeat"
+
+
 class MeshPart(NamedTuple):
-    """Triangles of one material.
+    """Holds triangles of one material.
 
     Attributes:
         corners: (m, 3, 3) positions of each triangle's three corners, in the file's own axes and unit.
@@ -29,6 +47,7 @@ class MeshPart(NamedTuple):
         files: other files that were read: of materials, of the texture.
         wrap: how the texture continues beyond its edges: repeat, clamp or mirror.
         lost: the kinds of its looks that are not shown.
+        metal: how it reflects besides its base colour; None where it is diffuse.
     """
 
     corners: FloatArray
@@ -40,6 +59,7 @@ class MeshPart(NamedTuple):
     files: tuple[Path, ...] = ()
     wrap: str = "repeat"
     lost: tuple[str, ...] = ()
+    metal: MetalRoughness | None = None
 
 
 def charge_triangles(budget: Budget, triangles: int, numbers: int, where: str) -> None:
@@ -51,12 +71,12 @@ def charge_triangles(budget: Budget, triangles: int, numbers: int, where: str) -
     budget.take(3 * 8 * numbers * triangles, f"{where}: {triangles} triangles of {numbers} numbers at a corner")
 
 
-def unit_normals(normals: FloatArray, corners: FloatArray, what: str, repairs: Repairs) -> FloatArray:
+def unit_normals(normals: FloatArray, corners: FloatArray, name: str, repairs: Repairs) -> FloatArray:
     """Return normals (m, 3, 3) of unit length; one without a direction is replaced by the normal of its triangle.
 
     Args:
         corners: (m, 3, 3), the positions of the normals.
-        what: the name in messages of what they belong to.
+        name: the name in messages of what they belong to.
         repairs: gets a note of those without a direction.
     """
     length = np.linalg.norm(normals, axis=2, keepdims=True)
@@ -69,11 +89,11 @@ def unit_normals(normals: FloatArray, corners: FloatArray, what: str, repairs: R
         own = np.divide(own, size, out=np.zeros_like(own), where=size > 0)
         own *= np.where(np.einsum("mij,mj->m", unit[rows], own) < 0, -1, 1)[:, None]  # the side of its other corners
         unit[rows] = np.where(useless[rows][..., None], own[:, None], unit[rows])
-        repairs.add("corners whose normal has no direction take that of their triangle", int(useless.sum()), what)
+        repairs.add("corners whose normal has no direction take that of their triangle", int(useless.sum()), name)
     return unit
 
 
-def check_finite(values: FloatArray, what: str, where: str) -> None:
+def check_finite(values: FloatArray, name: str, where: str) -> None:
     """Refuse numbers that are not finite, or too large for the renderer's float32.
 
     Raises:
@@ -83,4 +103,4 @@ def check_finite(values: FloatArray, what: str, where: str) -> None:
     if bad.any():
         index = int(bad.argmax())
         shown = ", ".join(f"{value:g}" for value in values[index])
-        raise ValueError(f"{where}: {what} {index + 1} must be finite, got ({shown})")
+        raise ValueError(f"{where}: {name} {index + 1} must be finite, got ({shown})")

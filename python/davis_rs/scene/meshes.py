@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .._mitsuba.types import MitsubaShape, MitsubaValue
+from .._mitsuba.types import MitsubaShape, MitsubaValue, SceneDictionary
 from ..geometry.pose import FloatArray
+from .mesh_part import MetalRoughness
 from .textures import Texture, bitmap, encoded_bitmap
 
 Window = tuple[float, float, float, float]
@@ -117,14 +118,16 @@ def shape(
     *,
     normals: FloatArray | None = None,
     wrap: str = "repeat",
+    metal: MetalRoughness | None = None,
 ) -> MitsubaShape:
-    """Make a diffuse Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
+    """Make a Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
 
     Args:
         reflectance: a texture (H, W, 3) or Mitsuba's tensor of one, a colour (3,) in linear RGB, or grey; or a
             ``mi.Bitmap`` of 8 bits in sRGB.
         normals: (n, 3) at the vertices of a smooth surface; None where every triangle is flat.
         wrap: what lies beyond a texture's edges: repeat, clamp or mirror.
+        metal: how it reflects besides its reflectance, which is the base colour then; None where it is diffuse.
     """
     import mitsuba as mi
 
@@ -134,9 +137,22 @@ def shape(
         colour = bitmap(mi.TensorXf(reflectance), wrap=wrap)
     else:
         colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
+    surface = {"type": "diffuse", "reflectance": colour} if metal is None else _metallic(colour, metal)
     properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": colour}})
+    properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": surface})
     return mitsuba_mesh(mesh, properties, normals)
+
+
+def _metallic(colour: SceneDictionary, metal: MetalRoughness) -> SceneDictionary:
+    """Describe a metallic-roughness material for Mitsuba."""
+    import mitsuba as mi
+
+    surface = {"type": "principled", "base_color": colour, "roughness": metal.roughness, "metallic": metal.metal}
+    if metal.texels is not None:
+        for name, channel, factor in (("roughness", 1, metal.roughness), ("metallic", 2, metal.metal)):
+            values = metal.texels[..., channel : channel + 1] * np.float32(factor / 255)
+            surface[name] = bitmap(mi.TensorXf(values), wrap=metal.wrap)
+    return surface
 
 
 def mitsuba_mesh(mesh: Mesh, properties: MitsubaValue, normals: FloatArray | None) -> MitsubaShape:

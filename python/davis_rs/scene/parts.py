@@ -12,6 +12,9 @@ from .textures import patchwork
 DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
 """An integrator of direct light that samples the lights, never the surfaces."""
 
+GLOSSY_DIRECT = {"type": "direct"}
+"""The same for scenes with glossy surfaces, which show lights and skies."""
+
 
 def rectangle(
     centre: list[float], axes: FloatArray, half: tuple[float, float], reflectance: SceneDictionary | float

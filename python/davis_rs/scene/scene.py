@@ -53,6 +53,8 @@ class Scene:
             and the native renderer show it so.
         matte: materials that have a diffuse colour and more (``principled``, ``plastic``, ``roughplastic``, bumps) are
             rendered by that colour alone. Those without one (metal, glass) stay what they are.
+        reflections: mirrors and metal show all surfaces. Otherwise Mitsuba's integrator ``direct`` shows lights and
+            skies alone in them.
         biases: of a sequence of the public dataset: the set of biases, a key of :data:`~davis_rs.BIAS_SETS`, that its
             recording was made with. ``sensor="recorded"`` takes the sensor that follows from it.
         variables: of the file, the values that were given for its variables; for records.
@@ -77,6 +79,7 @@ class Scene:
     lux_per_luma: float = 1000.0
     ambient: bool = False
     matte: bool = False
+    reflections: bool = False
     biases: str | None = None
     variables: Mapping[str, str] = field(default_factory=dict)
     note: str = ""

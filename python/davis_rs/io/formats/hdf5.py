@@ -19,7 +19,7 @@ from ..._util.budget import Budget
 from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
-from .blocks import BLOCK, Blocks, Place, equal_blocks
+from .blocks import BLOCK, BlockPosition, Blocks, equal_blocks
 from .destination import Destination, Target
 from .hdf5_chunks import Rows
 from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
@@ -217,7 +217,7 @@ class Hdf5Reader(EventReader):
         chunk = self._datasets[0].chunk
         return equal_blocks(self._count, BLOCK if chunk is None else max(chunk, BLOCK // 4))
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         return self._slice(int(position[0]), int(position[1]))
 
     def _place(self, t_us: int | None, default: int) -> int:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..._mitsuba.types import MitsubaBsdf, MitsubaIntegrator, MitsubaScene
-from ..baked.lights import paths_of
-from ..finishes import CoreFinish, Finish
+from ..._mitsuba.types import MitsubaBsdf, MitsubaScene
+from ..baked.lights import integrator_of, paths_of
+from ..finishes import CoreFinish, Finish, NumberTexels
 
 FloatArray = npt.NDArray[np.float64]
 _Texels = npt.NDArray[np.float32]
@@ -25,6 +25,7 @@ CoreGloss = tuple[
     FloatArray,
     tuple[int, int, _Texels] | None,
     int,
+    tuple[list[list[int]], _Texels],
 ]
 """What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
 
@@ -52,7 +53,28 @@ class GlossTable:
     @property
     def digest(self) -> bytes:
         """A hash of all of it."""
-        return hashlib.sha256(repr(self.finishes).encode() + self.finish_of.tobytes()).digest()
+        lobes = b"".join(texels.values for texels in self._lobes)
+        return hashlib.sha256(repr(self.finishes).encode() + lobes + self.finish_of.tobytes()).digest()
+
+    @property
+    def _lobes(self) -> dict[NumberTexels, int]:
+        """The textures of roughness and metal, each with its number."""
+        lobes = dict.fromkeys(texels for finish in self.finishes for texels in finish.lobe if texels is not None)
+        return {texels: number for number, texels in enumerate(lobes)}
+
+    def core_finishes(self) -> list[CoreFinish]:
+        """Return the finishes as the core takes them."""
+        lobes = self._lobes
+        return [finish.core(lobes) for finish in self.finishes]
+
+    def core_lobes(self) -> tuple[list[list[int]], _Texels]:
+        """Return the textures of roughness and metal as the core takes them: layouts, and all texels."""
+        layouts, framed, first = [], [np.zeros(0, np.float32)], 0
+        for texels in self._lobes:
+            layouts.append([first, texels.width, texels.height, texels.wrap])
+            framed.append(texels.framed().ravel())
+            first += len(framed[-1])
+        return layouts, np.concatenate(framed)
 
     def albedos(
         self, reflectances: _Texels, sizes: npt.NDArray[np.int32], texture_of: npt.NDArray[np.uint32]
@@ -91,13 +113,19 @@ class GlossTable:
 
 
 def gloss_table(
-    scene: MitsubaScene, finishes: Mapping[MitsubaBsdf, Finish], counts: Sequence[int], *, baked: bool
+    scene: MitsubaScene,
+    finishes: Mapping[MitsubaBsdf, Finish],
+    counts: Sequence[int],
+    *,
+    baked: bool,
+    reflections: bool = False,
 ) -> GlossTable | None:
     """Find the glossy triangles of a scene; None where there are none.
 
     Args:
         finishes: by the materials of shapes.
         counts: how many triangles each shape has.
+        reflections: mirrors show all surfaces, whatever the integrator says.
     """
     numbers = dict[Finish, int]()
     of_shapes = []
@@ -107,12 +135,14 @@ def gloss_table(
     if not numbers:
         return None
     finish_of = np.repeat(np.array(of_shapes, np.uint32), counts)
-    return GlossTable(list(numbers), finish_of, _longest(scene.integrator(), baked=baked))
+    longest = _ENDLESS if reflections else _longest(scene, baked=baked)
+    return GlossTable(list(numbers), finish_of, longest)
 
 
-def _longest(integrator: MitsubaIntegrator, *, baked: bool) -> int:
+def _longest(scene: MitsubaScene, *, baked: bool) -> int:
     """Return how many segments a path has at most; under direct light alone what is reflected is seen if it shines."""
+    integrator = integrator_of(scene)
     if not baked and (integrator is None or integrator.class_name() != "DirectIntegrator"):
         return _ENDLESS  # asked for by name
-    depth = paths_of(integrator).max_depth
+    depth = paths_of(scene).max_depth
     return _ENDLESS if depth < 0 else depth

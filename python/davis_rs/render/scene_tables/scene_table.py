@@ -33,7 +33,7 @@ from ...geometry.lattice import rank1_lattice
 from ..baked.baked_scene import BakedLight
 from ..baked.irradiance import Surfaces
 from ..baked.light_maps import map_coordinates
-from ..baked.lights import SHARP, area_light_name, small_lamps, textured_lamp
+from ..baked.lights import SHARP, area_light_name, integrator_of, small_lamps, textured_lamp
 from ..closest_view import ClosestView
 from ..finishes import Finish
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
@@ -86,6 +86,7 @@ class SceneTable:
         obstacles: those found before. Where there are any, the scene is only searched for more, because tables of
             millions of triangles take gigabytes.
         finishes: for materials that stand for glossy ones, how these reflect.
+        reflections: mirrors show all surfaces, whatever the integrator says.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -125,13 +126,14 @@ class SceneTable:
         obstacles: Obstacles | None = None,
         weights: Weights = LUMA_WEIGHTS,
         finishes: Mapping[MitsubaBsdf, Finish] | None = None,
+        reflections: bool = False,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
-        self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
+        self._hides_lights = bool(getattr(integrator_of(scene), "hide_emitters", False))
         obstacles = Obstacles() if obstacles is None else obstacles
         if not any_integrator and not baked:
             with obstacles.collect():
-                _check_integrator(scene.integrator())
+                _check_integrator(integrator_of(scene))
         colours: list[FloatArray] = []
         self.lights: list[Light] = []
         for emitter in scene.emitters():
@@ -159,7 +161,9 @@ class SceneTable:
             surfaces.append(added)
         obstacles.refuse()
         self._forecast_memory()
-        self.gloss = None if not finishes else gloss_table(scene, finishes, self.counts, baked=baked)
+        self.gloss = None
+        if finishes:
+            self.gloss = gloss_table(scene, finishes, self.counts, baked=baked, reflections=reflections)
         self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
@@ -301,7 +305,7 @@ class SceneTable:
                 texels = np.ascontiguousarray(coloured.sky.texels)
                 sky = self.light_of_group(coloured.sky.group), coloured.sky.side, texels.ravel()
         return (
-            [finish.core for finish in self.gloss.finishes],
+            self.gloss.core_finishes(),
             self.gloss.finish_of,
             np.ascontiguousarray(self.textures.framed_rgb()).ravel(),
             colours.tolist(),
@@ -309,6 +313,7 @@ class SceneTable:
             emitted,
             sky,
             self.gloss.longest,
+            self.gloss.core_lobes(),
         )
 
     def uv_maps(self, precision: type[_Float]) -> tuple[npt.NDArray[_Float], npt.NDArray[_Float]]:

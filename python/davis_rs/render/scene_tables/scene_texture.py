@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -11,9 +11,9 @@ import numpy.typing as npt
 from ..._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaParameters, MitsubaShape, MitsubaValue
 from ..._mitsuba.variants import FAST
 from ...scene.files.mesh_scene import colours_as_texture
-from ...scene.textures import from_srgb
 from ..diffuse_materials import is_plain, is_two_sided, reflectance_of, surface_kind, surface_name, surface_remedy
 from ..obstacles import Unsuitable, plugin_name
+from ..texels import WRAP_MODES, Texels, bilinear_meaning, decoded, rounding_texels, wrap_index
 from .mesh_triangles import MeshTriangles
 from .sharp_textures import RAMP_PX, Ramp, checkerboard, divide, vertex_colours
 
@@ -21,11 +21,6 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _Number = TypeVar("_Number", bound=np.generic)
-
-_TEXELS_AT_ONCE = 1 << 18
-"""How many texels are decoded and weighted at a time."""
-
-WRAP_MODES = ("repeat", "clamp", "mirror")
 
 
 class Added(NamedTuple):
@@ -107,23 +102,20 @@ class TextureTable:
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
         """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode."""
-        return self._framed_products(self.group_weights[group])
+        return self._framed(lambda number: self._products(number, self.group_weights[group]), np.float32)
 
     def framed_rgb(self) -> npt.NDArray[np.float32]:
         """Return :attr:`reflectances` (texels, 3) with the borders of :meth:`framed`."""
-        return np.stack([self._framed_products(channel) for channel in np.eye(3)], axis=-1)
+        return self._framed(lambda number: self._products(number, np.eye(3)), np.float32, (3,))
 
-    def _framed_products(self, weights: FloatArray) -> npt.NDArray[np.float32]:
-        """Return weighted sums of red, green and blue, with borders."""
-
-        def image_of(number: int) -> npt.NDArray[np.float32]:
-            texels = self._texels[number]
-            image = np.empty(texels.shape[:2], np.float32)
-            for start, piece in texels.pieces():
-                image.ravel()[start : start + len(piece)] = piece @ weights
-            return image
-
-        return self._framed(image_of, np.float32)
+    def _products(self, number: int, weights: FloatArray) -> npt.NDArray[np.float32]:
+        """Return weighted sums (H, W, ...) of the red, green and blue of a texture, by weights (3, ...)."""
+        texels = self._texels[number]
+        image = np.empty((*texels.shape[:2], *weights.shape[1:]), np.float32)
+        flat = image.reshape(-1, *weights.shape[1:])
+        for start, piece in texels.pieces():
+            flat[start : start + len(piece)] = piece @ weights
+        return image
 
     @property
     def of_framed(self) -> npt.NDArray[np.int64]:
@@ -135,12 +127,15 @@ class TextureTable:
 
         return self._framed(numbers, np.int64)
 
-    def _framed(self, image_of: Callable[[int], npt.NDArray[_Number]], dtype: type[_Number]) -> npt.NDArray[_Number]:
+    def _framed(
+        self, image_of: Callable[[int], npt.NDArray[_Number]], dtype: type[_Number], channels: tuple[int, ...] = ()
+    ) -> npt.NDArray[_Number]:
         """Put the images of all textures one after the other, each in its border. There is no second copy of all."""
         layout = self.framed_sizes
-        framed = np.empty(int(sum((width + 2) * (height + 2) for _, width, height, _ in self._sizes)), dtype)
+        count = int(sum((width + 2) * (height + 2) for _, width, height, _ in self._sizes))
+        framed = np.empty((count, *channels), dtype)
         for number, (first, width, height, wrap) in enumerate(layout.tolist()):
-            image = framed[first : first + (width + 2) * (height + 2)].reshape(height + 2, width + 2)
+            image = framed[first : first + (width + 2) * (height + 2)].reshape(height + 2, width + 2, *channels)
             image[1:-1, 1:-1] = image_of(number)
             before, after = (-2, 1) if WRAP_MODES[wrap] == "repeat" else (1, -2)
             image[0, 1:-1], image[-1, 1:-1] = image[before, 1:-1], image[after, 1:-1]
@@ -236,19 +231,14 @@ class TextureTable:
         uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
         own = _looked_up(mi, shape.bsdf(), uv)
         mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
-        # Mitsuba's coordinates are float32: far out on a fine texture they are wrong by a good part of a texel.
-        texels_off = np.abs(mapped).max(0) * max(data.shape[:2]) * 2.0**-22
-        for texels in _decoded(data):
-            tolerance = 1e-3 + texels.range * texels_off[:, None]
-            for wrap in range(len(WRAP_MODES)):
-                if (np.abs(bilinear(texels, mapped, wrap) - own) < tolerance).all():
-                    return texels, wrap
+        if (meant := bilinear_meaning(data, mapped, own)) is not None:
+            return meant
         height, width = data.shape[:2]
-        position = mapped * [[width], [height]]
+        position, texels_off = mapped * [[width], [height]], rounding_texels(data, mapped)
         # Next to an edge between texels the rounding of float32 decides.
         away = (np.abs(position - np.round(position)) > 1e-3 + texels_off).all(0)
         column, row = np.floor(position[:, away]).astype(np.int64)
-        for texels in _decoded(data) if away.any() else ():
+        for texels in decoded(data) if away.any() else ():
             for wrap in range(len(WRAP_MODES)):
                 found = texels[wrap_index(row, height, wrap), wrap_index(column, width, wrap)]
                 if (np.abs(found - own[away]) < 1e-3 + 1e-3 * texels.range).all():
@@ -274,85 +264,6 @@ def _looked_up(mi: Mitsuba, bsdf: MitsubaBsdf, uv: npt.NDArray[np.float32]) -> F
         return np.array(bsdf.eval_diffuse_reflectance(si), np.float64)
 
     return at(uv).T if mi.variant() == FAST else np.array([at(pair) for pair in uv.T.tolist()])
-
-
-def bilinear(texels: FloatArray | Texels, uv: FloatArray, wrap: int) -> FloatArray:
-    """Look up (n, 3) bilinearly from texels (H, W, 3) at uv (2, n); texel centres lie at (i + 0.5) / size."""
-    height, width = texels.shape[:2]
-    x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
-    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
-    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
-    columns = [wrap_index(x0 + i, width, wrap) for i in (0, 1)]
-    rows = [wrap_index(y0 + i, height, wrap) for i in (0, 1)]
-    top, bottom = (texels[row, columns[0]] * (1 - fx) + texels[row, columns[1]] * fx for row in rows)
-    return np.asarray(top * (1 - fy) + bottom * fy)
-
-
-def wrap_index(index: IntArray, n: int, wrap: int) -> IntArray:
-    """Return the texel that an index outside of 0..n-1 stands for."""
-    if WRAP_MODES[wrap] == "clamp":
-        return np.clip(index, 0, n - 1)
-    if WRAP_MODES[wrap] == "repeat":
-        return index % n
-    folded = index % (2 * n)
-    return np.minimum(folded, 2 * n - 1 - folded)
-
-
-class Texels:
-    """The texels of a bitmap as Mitsuba holds them; linear RGB in float64 where they are asked for.
-
-    They are decoded block by block, because all of them in float64 would be the largest copy of a texture.
-
-    Args:
-        data: (H, W) or (H, W, channels), of which the first three count.
-        light: the linear value that each integer of ``data`` stands for; None where ``data`` is linear itself.
-    """
-
-    def __init__(self, data: npt.NDArray[np.generic], light: FloatArray | None = None) -> None:
-        self._data = data.reshape(data.shape[0], data.shape[1], -1)[..., :3]
-        self._light = light
-        self.shape = (*data.shape[:2], 3)
-
-    def __getitem__(self, where: tuple[IntArray, IntArray]) -> FloatArray:
-        """Return the texels (..., 3) at rows and columns."""
-        return self._rgb(self._data[where])
-
-    def repeated(self, rows: int, columns: int) -> Texels:
-        """Return the same picture with each texel given ``rows`` times down and ``columns`` times across."""
-        return Texels(self._data.repeat(rows, axis=0).repeat(columns, axis=1), self._light)
-
-    def pieces(self) -> Iterator[tuple[int, FloatArray]]:
-        """Return all texels row by row, in pieces (n, 3), each with the number of its first texel."""
-        flat = self._data.reshape(-1, self._data.shape[2])
-        return (
-            (start, self._rgb(flat[start : start + _TEXELS_AT_ONCE])) for start in range(0, len(flat), _TEXELS_AT_ONCE)
-        )
-
-    @property
-    def range(self) -> float:
-        """How far apart the smallest and the largest value lie."""
-        low, high = (self._rgb(np.array([[value]]))[0, 0] for value in (self._data.min(), self._data.max()))
-        return float(high - low)
-
-    @property
-    def is_grey(self) -> bool:
-        """Whether none has a hue."""
-        return bool((self._data == self._data[..., :1]).all())
-
-    def _rgb(self, values: npt.NDArray[np.generic]) -> FloatArray:
-        linear = values.astype(np.float64) if self._light is None else self._light[values.astype(np.uint8, copy=False)]
-        return np.broadcast_to(linear, (*linear.shape[:-1], 3))
-
-
-def _decoded(data: npt.NDArray[np.generic]) -> Iterator[Texels]:
-    """Yield the possible meanings of a bitmap's data; 8-bit images, in sRGB unless raw, stay encoded until
-    looked up."""
-    if data.dtype != np.uint8:
-        yield Texels(data)
-        return
-    encoded = np.arange(256) / 255
-    yield Texels(data, from_srgb(encoded))
-    yield Texels(data, encoded)
 
 
 def _same_on_both_sides(parameters: MitsubaParameters) -> bool:

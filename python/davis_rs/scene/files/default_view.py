@@ -50,7 +50,7 @@ _LARGEST_ROOM_M, _LARGEST_M = 100.0, 1000.0
 
 
 class DefaultView(NamedTuple):
-    """A camera path through a world without a camera."""
+    """Holds a camera path through a world without a camera."""
 
     trajectory: Trajectory
     note: str
@@ -59,6 +59,8 @@ class DefaultView(NamedTuple):
     """The middle (3) of the camera's circle in a room, in metres; None around an object."""
     room_radius: float = 0.0
     """The level distance from there to what stands around, in metres."""
+    room_above: float = 0.0
+    """The free height above there, in metres."""
 
     def unit_question(self, size: FloatArray) -> str:
         """Ask about the unit of a world of a size (3) in metres that is unusual; "" for other sizes."""
@@ -79,12 +81,12 @@ def default_view(corners: FloatArray) -> DefaultView:
     kept = _near(points)
     low, high = points[kept].min(0), points[kept].max(0)
     stray = f", without {100 * (1 - kept.mean()):.2g} % of the surfaces, which lie far off" if not kept.all() else ""
-    grid = _Grid.of(points[kept], normals[kept], low, high)
+    grid = _VoxelGrid.of(points[kept], normals[kept], low, high)
     room = grid.room()
     if room is not None:
-        centre, radius, angle = room
+        centre, radius, angle, above = room
         note = f"one that turns in the room, {radius:.2g} m from what stands around it"
-        return DefaultView(within(centre, radius, angle), f"{note}{stray}", centre, radius)
+        return DefaultView(within(centre, radius, angle), f"{note}{stray}", centre, radius, above)
     # The ends of what is kept, not only the points on it, so that a small mesh fits exactly.
     inside = corners.reshape(-1, 3) if kept.all() else points[kept]
     low, high = inside.min(0), inside.max(0)
@@ -103,8 +105,8 @@ def _on_surfaces(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     weight = weight if weight[-1] > 0 else np.arange(1.0, len(corners) + 1)
     which = np.searchsorted(weight, random.random(_POINTS) * weight[-1]).clip(max=len(corners) - 1)
     u, v = np.sqrt(random.random(_POINTS)), random.random(_POINTS)
-    shares = np.stack([1 - u, u * (1 - v), u * v], 1)
-    points = np.einsum("nk,nkc->nc", shares, corners[which])
+    barycentric = np.stack([1 - u, u * (1 - v), u * v], 1)
+    points = np.einsum("nk,nkc->nc", barycentric, corners[which])
     return points, normal[which] / np.maximum(doubled[which], 1e-300)[:, None]
 
 
@@ -115,14 +117,14 @@ def _near(points: FloatArray) -> npt.NDArray[np.bool_]:
     return np.all((points >= low - margin) & (points <= high + margin), axis=1)
 
 
-class _Grid:
-    """Voxels of a world: which hold surfaces, and which way these face."""
+class _VoxelGrid:
+    """Holds the voxels of a world: which have surfaces, and which way these face."""
 
     def __init__(self, facing: FloatArray, filled: npt.NDArray[np.bool_], origin: FloatArray, cell: float) -> None:
         self.facing, self.filled, self.origin, self.cell = facing, filled, origin, cell
 
     @classmethod
-    def of(cls, points: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray) -> _Grid:
+    def of(cls, points: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray) -> _VoxelGrid:
         """Count points into cubes, with an empty cube around them all."""
         cell = float((high - low).max()) / _CELLS or 1.0
         shape = tuple(np.floor((high - low) / cell).astype(int) + 3)
@@ -133,9 +135,9 @@ class _Grid:
         facing = sums / np.maximum(points_in, 1)[:, None]
         return cls(facing.reshape(*shape, 3), points_in.reshape(shape) > 0, low - cell, cell)
 
-    def room(self) -> tuple[FloatArray, float, float] | None:
-        """Return where a camera stands in a room (3), how far it is from surfaces there, and the direction in the plane
-        in which it sees farthest, radians from -y; None where there is no room."""
+    def room(self) -> tuple[FloatArray, float, float, float] | None:
+        """Return where a camera stands in a room (3), how far it is from surfaces there, the direction in the plane in
+        which it sees farthest, radians from -y, and the free height above it; None where there is no room."""
         from scipy.ndimage import distance_transform_edt, label
 
         if self.cell * self.filled.shape[2] < _LEAST_HEIGHT_M:
@@ -176,7 +178,8 @@ class _Grid:
         angle = float(np.arctan2(farthest[0], -farthest[1]))
         # The distance to the middle of a filled cube, less what may lie nearer in it.
         radius = max(float(free.max()) - 1.0, 0.25) * self.cell
-        return self.origin + (best + 0.5) * self.cell, radius, angle
+        above = (self._free_steps(best, np.array([0, 0, 1])) - 0.5) * self.cell
+        return self.origin + (best + 0.5) * self.cell, radius, angle, above
 
     def _enclosed(self) -> npt.NDArray[np.bool_]:
         """Return which cubes are empty and lie in a room."""

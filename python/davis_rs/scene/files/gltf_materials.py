@@ -1,4 +1,4 @@
-"""Reads the materials of a glTF file as diffuse ones: base colours and their textures. What is lost, is noted.
+"""Reads the materials of a glTF file: base colours, metal and roughness, and their textures. What is lost, is noted.
 
 Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp and
 KHR_materials_pbrSpecularGlossiness.
@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import BACKS, BUMPS, METAL, OWN_LIGHT, TRANSPARENCY
+from ..lost_looks import BACKS, BUMPS, OWN_LIGHT, TRANSPARENCY
+from ..mesh_part import MetalRoughness
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .gltf_file import GltfFile, Item, plain
 from .rounding import ROUNDING
@@ -22,13 +23,14 @@ _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = {9728, 9984, 9986}
 _GLOSS = "KHR_materials_pbrSpecularGlossiness"
 _WEBP = "EXT_texture_webp"
+_MEAN_METAL = "metal that differs from place to place (its mean is taken)"
 _IMAGES = ("PNG", "JPEG", "WEBP")
 _UNTOLD = {_GLOSS, "KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_unlit"}
 """Extensions of materials that lose nothing, or whose loss is noted under another name."""
 
 
-class DiffuseMaterial(NamedTuple):
-    """A material, as its diffuse colour.
+class GltfMaterial(NamedTuple):
+    """A material: its base colour, and how it reflects besides.
 
     Attributes:
         name: its name in the file, or its number.
@@ -40,6 +42,7 @@ class DiffuseMaterial(NamedTuple):
         files: those that the texture was read from.
         transparent: whether alpha makes it transparent.
         lost: the kinds of its looks that are not shown.
+        metal: how it reflects besides; None where it is diffuse.
     """
 
     name: str
@@ -51,6 +54,7 @@ class DiffuseMaterial(NamedTuple):
     files: tuple[Path, ...]
     transparent: bool = False
     lost: tuple[str, ...] = ()
+    metal: MetalRoughness | None = None
 
 
 class GltfMaterials:
@@ -58,19 +62,19 @@ class GltfMaterials:
 
     def __init__(self, file: GltfFile) -> None:
         self._file = file
-        self._known: dict[int | None, DiffuseMaterial] = {}
+        self._known: dict[int | None, GltfMaterial] = {}
         self._images: dict[int, tuple[EncodedTexture, tuple[Path, ...]]] = {}
 
-    def __getitem__(self, index: int | None) -> DiffuseMaterial:
+    def __getitem__(self, index: int | None) -> GltfMaterial:
         """Return the material of this number; for None the material of surfaces without one."""
         if index not in self._known:
             self._known[index] = self._default() if index is None else self._read(index)
         return self._known[index]
 
-    def _default(self) -> DiffuseMaterial:
-        return DiffuseMaterial("material", np.ones(3), np.ones(3), None, np.eye(2, 3), "repeat", ())
+    def _default(self) -> GltfMaterial:
+        return GltfMaterial("material", np.ones(3), np.ones(3), None, np.eye(2, 3), "repeat", ())
 
-    def _read(self, index: int) -> DiffuseMaterial:
+    def _read(self, index: int) -> GltfMaterial:
         file, where = self._file, f"materials[{index}]"
         item = file.item("materials", index, "a primitive's material")
         name = plain(item.name)[1:-1] if isinstance(item.name, str) and item.name else f"material_{index}"
@@ -81,33 +85,82 @@ class GltfMaterials:
         transparent = item.alphaMode in ("MASK", "BLEND")
         opaque = factor[3] >= 1 - ROUNDING
         colour = factor[:3]
-        made = DiffuseMaterial(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent)
+        made = GltfMaterial(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent)
         if info is not None:
             made, solid = self._textured(made, info, f"{where}Texture", lost)
             opaque = opaque and solid
+        made = self._metallic(made, item, f"materials[{index}]", lost)
         if transparent and not opaque:
             lost[TRANSPARENCY] = None
         return made._replace(lost=tuple(lost))
 
     def _textured(
-        self, made: DiffuseMaterial, given: object, where: str, lost: dict[str, None]
-    ) -> tuple[DiffuseMaterial, bool]:
+        self, made: GltfMaterial, given: object, where: str, lost: dict[str, None]
+    ) -> tuple[GltfMaterial, bool]:
         """Return a material with its texture, and whether the texture is opaque everywhere."""
-        file, info = self._file, _dictionary(given)
-        texture = file.item("textures", info.get("index"), where)
+        image, files, wrap = self._texture(given, where, lost)
+        uv_set, transform = self._coordinates(given, where)
+        tinted = image.tinted(made.factor)
+        tinted.charge(self._file.budget, where)
+        textured = made._replace(reflectance=tinted, uv_set=uv_set, uv_transform=transform, wrap=wrap, files=files)
+        return textured, image.opaque
+
+    def _metallic(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
+        """Return a material with its metal and roughness, if it has any metal."""
+        file, surface = self._file, _dictionary(item.pbrMetallicRoughness)
+        if _GLOSS in _dictionary(item.extensions) or "KHR_materials_unlit" in _dictionary(item.extensions):
+            return made
+        factors = {}
+        for name in ("metallicFactor", "roughnessFactor"):
+            given = surface.get(name)
+            factors[name] = file.numbers(1.0 if given is None else given, f"{where}: {name}", 1, low=0, high=1)[0]
+        metal, rough = factors.values()
+        given, where = surface.get("metallicRoughnessTexture"), f"{where}: metallicRoughnessTexture"
+        if metal == 0:
+            return made
+        if given is None:
+            return made._replace(metal=MetalRoughness(metal, rough))
+        image, files, wrap = self._texture(given, where, lost)
+        if not image.texels[..., 2].any():
+            return made
+        made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
+        uv_set, transform = self._coordinates(given, where)
+        if made.uv_set != uv_set or not np.array_equal(made.uv_transform, transform):
+            lost[_MEAN_METAL] = None
+            roughness, metals = (float(image.texels[..., channel].mean()) / 255 for channel in (1, 2))
+            return made._replace(metal=MetalRoughness(metal * metals, rough * roughness))
+        image.charge(file.budget, where)
+        return made._replace(metal=MetalRoughness(metal, rough, image.texels, wrap))
+
+    def charge(self, material: GltfMaterial, where: str) -> None:
+        """Charge the file's budget for the textures of one more shape that shows a material.
+
+        Raises:
+            DecodeError: if the budget has not enough left.
+        """
+        if isinstance(material.reflectance, EncodedTexture):
+            material.reflectance.charge(self._file.budget, where)
+        if material.metal is not None and material.metal.texels is not None:
+            EncodedTexture(material.metal.texels, True, np.ones(3)).charge(self._file.budget, where)
+
+    def _texture(
+        self, given: object, where: str, lost: dict[str, None]
+    ) -> tuple[EncodedTexture, tuple[Path, ...], str]:
+        """Return the image of a texture, the files that it is from, and its wrap mode."""
+        texture = self._file.item("textures", _dictionary(given).get("index"), where)
         source = texture.source
         if source is None:
             source = _dictionary(_dictionary(texture.extensions).get(_WEBP)).get("source")
         if source is None:
-            raise file.error(where, "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures")
-        image, files = self._image(source, where)
-        uv_set = file.whole(info.get("texCoord") or 0, f"{where}.texCoord", "of texture coordinates", 15)
-        uv_set, transform = self._transform(info.get("extensions"), uv_set, where)
-        wrap = self._wrap(texture, lost)
-        tinted = image.tinted(made.factor)
-        tinted.charge(file.budget, where)
-        textured = made._replace(reflectance=tinted, uv_set=uv_set, uv_transform=transform, wrap=wrap, files=files)
-        return textured, image.opaque
+            message = "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures"
+            raise self._file.error(where, message)
+        return *self._image(source, where), self._wrap(texture, lost)
+
+    def _coordinates(self, given: object, where: str) -> tuple[int, FloatArray]:
+        """Return which texture coordinates a texture takes, and their transform (2, 3)."""
+        info = _dictionary(given)
+        uv_set = self._file.whole(info.get("texCoord") or 0, f"{where}.texCoord", "of texture coordinates", 15)
+        return self._transform(info.get("extensions"), uv_set, where)
 
     def _image(self, index: object, where: str) -> tuple[EncodedTexture, tuple[Path, ...]]:
         file, item = self._file, self._file.item("images", index, where)
@@ -155,14 +208,11 @@ class GltfMaterials:
 
     def _lost(self, item: Item) -> Iterator[str]:
         """Yield the kinds of looks of a material that are not shown."""
-        surface, extensions = item.pbrMetallicRoughness, _dictionary(item.extensions)
-        metallic = 1.0 if surface is None or surface.metallicFactor is None else surface.metallicFactor
+        extensions = _dictionary(item.extensions)
         if "KHR_materials_unlit" in extensions:
             yield "being unlit"
         elif _GLOSS in extensions:
             yield "gloss"
-        elif metallic != 0:
-            yield METAL
         if any(item.emissiveFactor or []):
             yield OWN_LIGHT
         if item.normalTexture is not None:

@@ -15,7 +15,7 @@ from ..lost_looks import TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles, unit_normals
 from ..repairs import Repairs
 from .gltf_file import DRACO, GltfFile, Item
-from .gltf_materials import DiffuseMaterial, GltfMaterials
+from .gltf_materials import GltfMaterial, GltfMaterials
 from .rounding import ROUNDING, within
 from .triangulation import cut_strip, distinct, has_area
 
@@ -28,7 +28,7 @@ _COLOURS_CUT = "colours of vertices beyond 0 to 1 (they are cut there)"
 
 
 class Primitive(NamedTuple):
-    """Triangles of one material, in their node's own axes, uv as in the file (v downwards).
+    """Holds triangles of one material, in their node's own axes, uv as in the file (v downwards).
 
     Attributes:
         corners: (m, 3, 3).
@@ -75,12 +75,12 @@ class Primitive(NamedTuple):
 
     @property
     def kind(self) -> tuple[int | None, bool, bool]:
-        """What primitives of one shape have in common."""
+        """Return what primitives of one shape have in common."""
         return self.material, self.normals is not None, self.colours is not None
 
 
 class GltfMeshes:
-    """The meshes of a file, each read on first use."""
+    """Reads the meshes of a file, each on first use."""
 
     def __init__(self, file: GltfFile, materials: GltfMaterials, repairs: Repairs) -> None:
         self._file, self._materials, self._repairs = file, materials, repairs
@@ -113,10 +113,10 @@ class GltfMeshes:
 
     def _has_surface(self, item: Item, where: str) -> bool:
         """Return whether there is something to see, and note points and lines, which are left out."""
-        what = _WITHOUT_SURFACE.get(self._mode(item, where))
-        if what is not None:
-            self._repairs.add(f"parts made of {what}, which have no surface, left out", 1, where)
-        return what is None
+        primitives = _WITHOUT_SURFACE.get(self._mode(item, where))
+        if primitives is not None:
+            self._repairs.add(f"parts made of {primitives}, which have no surface, left out", 1, where)
+        return primitives is None
 
     def _primitive(self, item: Item, where: str) -> Primitive:
         file = self._file
@@ -160,9 +160,7 @@ class GltfMeshes:
             lost,
         )
 
-    def _colours(
-        self, given: FloatArray | None, material: DiffuseMaterial
-    ) -> tuple[FloatArray | None, tuple[str, ...]]:
+    def _colours(self, given: FloatArray | None, material: GltfMaterial) -> tuple[FloatArray | None, tuple[str, ...]]:
         """Return the colours of vertices (v, 3), None where they are not shown; and the kinds of looks that are
         lost."""
         if given is None:
@@ -179,9 +177,7 @@ class GltfMeshes:
             return None, (*lost, _COLOURS_LOST)
         return colours, tuple(lost)
 
-    def _uv(
-        self, attributes: dict[str, object], material: DiffuseMaterial, count: int, where: str
-    ) -> FloatArray | None:
+    def _uv(self, attributes: dict[str, object], material: GltfMaterial, count: int, where: str) -> FloatArray | None:
         """Return the texture coordinates for the material's texture, transformed as the material says."""
         if material.uv_set is None:
             return None
@@ -222,13 +218,13 @@ class GltfMeshes:
         return distinct(order[np.stack([0 * first, first + 1, first + 2], 1)])
 
 
-def joined(primitives: list[Primitive], material: DiffuseMaterial) -> MeshPart:
+def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
     """Join primitives of one :attr:`Primitive.kind` to one part."""
     first = primitives[0]
 
     def together(name: str) -> FloatArray | None:
-        parts = [getattr(primitive, name) for primitive in primitives]
-        return None if parts[0] is None else np.concatenate(parts)
+        arrays = [getattr(primitive, name) for primitive in primitives]
+        return None if arrays[0] is None else np.concatenate(arrays)
 
     corners, uv = together("corners"), together("uv")
     assert corners is not None
@@ -242,4 +238,5 @@ def joined(primitives: list[Primitive], material: DiffuseMaterial) -> MeshPart:
         material.files,
         material.wrap,
         tuple(dict.fromkeys([*material.lost, *(what for primitive in primitives for what in primitive.lost)])),
+        material.metal,
     )

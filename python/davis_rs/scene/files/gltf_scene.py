@@ -18,10 +18,9 @@ from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..default_paths import CAMERA
 from ..lost_looks import LostLook, lost_looks, shown
 from ..mesh_part import MeshPart
-from ..parts import DIRECT
+from ..parts import DIRECT, GLOSSY_DIRECT
 from ..repairs import Repairs
 from ..scene import Scene
-from ..texture_file import EncodedTexture
 from .default_view import default_view
 from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
@@ -47,14 +46,15 @@ _FLIP = np.array([1.0, -1.0, -1.0])
 def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
     """Return a glTF 2.0 file (.gltf, .glb) as a scene.
 
-    Surfaces are diffuse, opaque and seen from both sides: base colours and their textures are taken, with
-    ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of
-    vertices. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela as one unit; a file without any gets those of
-    a mesh file. The first perspective camera gives the lens and the path: that of its animation, or one at rest where
-    other things move. A file without a camera gets the path around of a mesh file. Nodes that are animated are moving
-    objects with the ids ``NODE_MATERIAL``; all others are one shape for each material, ``mesh_MATERIAL``. Copies of a
-    mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not shown (metal, light of their own, transparency)
-    are in :attr:`Scene.lost_looks`, and a simulator warns of them.
+    Surfaces are opaque and seen from both sides, and diffuse where they have no metal: base colours and their textures
+    are taken, with ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the
+    colours of vertices. Those with metal reflect by the metallic-roughness model. Lights of ``KHR_lights_punctual``
+    shine, 683 lux or candela as one unit; a file without any gets those of a mesh file. The first perspective camera
+    gives the lens and the path: that of its animation, or one at rest where other things move. A file without a camera
+    gets the path around of a mesh file. Nodes that are animated are moving objects with the ids ``NODE_MATERIAL``; all
+    others are one shape for each material, ``mesh_MATERIAL``. Copies of a mesh (``EXT_mesh_gpu_instancing``) are all
+    there. Looks that are not shown (light of their own, transparency) are in :attr:`Scene.lost_looks`, and a simulator
+    warns of them.
 
     Args:
         up: the file's axis that points up; None: y, as glTF says.
@@ -118,11 +118,12 @@ class _GltfScene:
         if lights:
             shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"
         file_name = self.file.path.name
+        glossy = any(part.metal is not None for part in shapes.values())
         return Scene(
             name=self.file.path.stem,
             source=lambda: {
                 "type": "scene",
-                "integrator": DIRECT,
+                "integrator": GLOSSY_DIRECT if glossy else DIRECT,
                 **described,
                 **{name: mitsuba_shape(part) for name, part in shapes.items()},
             },
@@ -132,6 +133,7 @@ class _GltfScene:
             start=start,
             trajectory=trajectory,
             objects=objects,
+            reflections=True,
             lux_per_luma=WHITE_LUX if lights else 1000.0,
             note=f"{file_name} is {size}; {shining}; {of_camera}; {_counted(len(objects), 'moving object')}",
             lost_looks=(*lost_looks(shapes), *(LostLook(what, tuple(of)) for what, of in self.lost.items())),
@@ -158,7 +160,7 @@ class _GltfScene:
                 at_rest.setdefault(primitive.kind, []).append(primitive.placed(matrices))
         shapes: dict[str, MeshPart] = {}
         objects: dict[str, Trajectory] = {}
-        names = _Names()
+        names = _UniqueNames()
         for primitives in at_rest.values():
             part = self._part(primitives)
             shapes[names.unused(f"mesh_{part.material}")] = part
@@ -177,8 +179,8 @@ class _GltfScene:
     def _part(self, primitives: list[Primitive]) -> MeshPart:
         index = primitives[0].material
         material = self.materials[index]
-        if index in self.shown and isinstance(material.reflectance, EncodedTexture):
-            material.reflectance.charge(self.file.budget, f"one more shape of the material {material.name}")
+        if index in self.shown:
+            self.materials.charge(material, f"one more shape of the material {material.name}")
         self.shown.add(index)
         return joined(primitives, material)
 
@@ -198,7 +200,7 @@ class _GltfScene:
         if not isinstance(declared, list):
             raise self.file.error("KHR_lights_punctual.lights", "must be a list")
         lights: SceneDictionary = {}
-        names = _Names()
+        names = _UniqueNames()
         for node in self.tree.nodes.values():
             given = self._extension(node.item.extensions)
             if "light" not in given:
@@ -297,17 +299,17 @@ class _GltfScene:
         focal = _WIDTH / (2 * aspect * np.tan(angle / 2))
         return Camera(_WIDTH, height, focal, focal, (_WIDTH - 1) / 2, (height - 1) / 2)
 
-    def _lose(self, what: str, name: str) -> None:
-        """Note that the look ``what`` of ``name`` is not shown."""
-        self.lost.setdefault(what, {})[name] = None
+    def _lose(self, look: str, name: str) -> None:
+        """Note that the look ``look`` of ``name`` is not shown."""
+        self.lost.setdefault(look, {})[name] = None
 
 
-def _counted(number: int, what: str) -> str:
-    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+def _counted(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
-class _Names:
-    """The ids of shapes, or of lights: letters, digits and _, and no two alike."""
+class _UniqueNames:
+    """Makes the ids of shapes, or of lights: letters, digits and _, and no two alike."""
 
     def __init__(self) -> None:
         self._next: dict[str, int] = {}

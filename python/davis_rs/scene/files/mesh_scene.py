@@ -36,8 +36,8 @@ USUAL_UP: dict[str, Axis] = {".obj": "y", ".ply": "z"}
 _SUN, _SKY = 2.0, 0.3
 """Irradiance of the sun; radiance of the light from all sides, which is the background's luma too."""
 _LAMP_ABOVE, _LAMP_LUMA = 0.5, 0.5
-"""Of the lamp in a room: how far it hangs above the camera, as a fraction of the free distance there, and the luma of a
-white wall at twice that distance."""
+"""Of the lamp in a room: how far it hangs above the camera, as a fraction of the free distance there, to the sides or
+to the ceiling, whichever is less; and the luma of a white wall at twice the free distance to the sides."""
 
 
 def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
@@ -137,7 +137,8 @@ def usual_light(view: DefaultView | None) -> SceneDictionary:
     """
     sky: SceneDictionary = {"type": "constant", "radiance": _SKY}
     if view is not None and view.room_centre is not None:
-        position = view.room_centre + np.array([0.0, 0.0, _LAMP_ABOVE * view.room_radius])
+        above = _LAMP_ABOVE * min(view.room_radius, view.room_above)
+        position = view.room_centre + np.array([0.0, 0.0, above])
         intensity = np.pi * _LAMP_LUMA * (2 * view.room_radius) ** 2
         return {"lamp": {"type": "point", "position": position.tolist(), "intensity": float(intensity)}, "sky": sky}
     right, down, forward = look_at(direction(0.0), np.zeros(3)).T
@@ -163,7 +164,7 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
     count = 3 * len(part.corners)
     mesh = Mesh(part.corners.reshape(-1, 3), np.arange(count).reshape(-1, 3), flipped.reshape(-1, 2))
     normals = None if part.normals is None else part.normals.reshape(-1, 3)
-    return shape(mesh, reflectance, normals=normals, wrap=part.wrap)
+    return shape(mesh, reflectance, normals=normals, wrap=part.wrap, metal=part.metal)
 
 
 def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:

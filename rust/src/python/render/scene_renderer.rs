@@ -49,14 +49,16 @@ use crate::render::{
 ///     sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
 ///         (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
 ///     gloss: surfaces that are not diffuse; None where all are. The finishes, each (roughness, ``ggx`` or
-///         ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base colour
-///         tints the lobe, what is below); uint32 (t), the finish of each triangle, 2^32 - 1 for none; float32
-///         (texels, 3), all texels in the layout of ``texels``; for each light colour what strength 1 is in red, green
-///         and blue; for each light such a background; float64 (t, 3), radiance that each triangle emits, or nothing;
-///         the number of a sky's light, its side and float32 (side, side, 3); and the most segments of a path.
-///         Fresnel's equations are (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or
-///         (``mixed``, [index, metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1
-///         if nonlinear, and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
+///         ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
+///         colour tints the lobe, what is below, and the numbers of textures of roughness and of metal or None);
+///         uint32 (t), the finish of each triangle, 2^32 - 1 for none; float32 (texels, 3), all texels in the
+///         layout of ``texels``; for each light colour what strength 1 is in red, green and blue; for each light
+///         such a background; float64 (t, 3), radiance that each triangle emits, or nothing; the number of a sky's
+///         light, its side and float32 (side, side, 3); the most segments of a path; and layouts and float32 texels
+///         of the textures of roughness and metal, as those of other textures. Fresnel's equations are
+///         (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or (``mixed``, [index,
+///         metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1 if nonlinear,
+///         and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
 ///         (``solid``, [index]) or (``sheet``, [index]).
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
@@ -216,8 +218,8 @@ impl PySceneRenderer {
     /// Render luma of frames by lines through the pixels: of each pixel's area, not of single rays.
     ///
     /// Args:
-    ///     corners: of the sensor, without distortion, as by :meth:`PixelRays.grid`: two rays a pixel, through its
-    ///         upper left and its lower right corner.
+    ///     corners: of the sensor. By :meth:`PixelRays.grid` two rays a pixel, through its upper left and its lower
+    ///         right corner; else, behind a lens with distortion, four: through all of its corners, row by row.
     ///     lines: lines a pixel: 4, 8 or 16.
     ///     views: as in :meth:`luma`.
     ///

@@ -26,11 +26,12 @@ pub(super) type SkyTuple<'py> = (u32, usize, Bound<'py, PyAny>);
 /// A kind, and its numbers.
 type KindTuple = (String, Vec<f64>);
 
-/// Roughness, distribution, Fresnel's equations, tint, what passes, whether the base tints, and what is below.
-type FinishTuple = (f64, String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple);
+/// Roughness, distribution, Fresnel's equations, tint, what passes, whether the base tints, what is below, and the
+/// numbers of textures of roughness and of metal.
+type FinishTuple = (f64, String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple, [Option<u32>; 2]);
 
 /// Finishes, that of each triangle, texels, colours of groups, backgrounds of lights, what each triangle emits, the sky,
-/// and the longest path.
+/// the longest path, and layouts and texels of textures of roughness and metal.
 pub(super) type GlossTuple<'py> = (
     Vec<FinishTuple>,
     Bound<'py, PyAny>,
@@ -40,11 +41,12 @@ pub(super) type GlossTuple<'py> = (
     Bound<'py, PyAny>,
     Option<SkyTuple<'py>>,
     usize,
+    (Vec<[i64; 4]>, Bound<'py, PyAny>),
 );
 
 /// Returns the tables of glossy surfaces.
 pub(super) fn gloss_tables(
-    (finishes, finish_of, texels, colours, backgrounds, emitted, sky, longest): GlossTuple<'_>,
+    (finishes, finish_of, texels, colours, backgrounds, emitted, sky, longest, (lobe_layouts, lobes)): GlossTuple<'_>,
 ) -> PyResult<GlossTables> {
     Ok(GlossTables {
         finishes: finishes.into_iter().map(finish).collect::<PyResult<_>>()?,
@@ -58,10 +60,12 @@ pub(super) fn gloss_tables(
             Some((light, side, texels)) => Some((light, side, groups(&texels, "sky")?)),
         },
         longest,
+        lobe_layouts,
+        lobes: numbers(&lobes, "lobes")?,
     })
 }
 
-fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under): FinishTuple) -> PyResult<Finish> {
+fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under, lobe): FinishTuple) -> PyResult<Finish> {
     let distribution = match distribution.as_str() {
         "ggx" => Distribution::Ggx,
         "beckmann" => Distribution::Beckmann,
@@ -94,7 +98,7 @@ fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under): Fini
             ));
         }
     };
-    Ok(Finish { alpha, distribution, fresnel, tint, passing, base_tints, under })
+    Ok(Finish { alpha, distribution, fresnel, tint, passing, base_tints, under, lobe })
 }
 
 fn unknown(kinds: &str, kind: &str, values: &[f64]) -> PyErr {

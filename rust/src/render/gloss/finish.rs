@@ -33,6 +33,9 @@ pub enum Fresnel {
     Mixed(f64, f64),
 }
 
+/// A mix of a dielectric and a metal is never smoother than this, as Mitsuba's is not.
+const SMOOTHEST: f64 = 1e-3;
+
 /// At so many cosines it is known how much passes a rough coat.
 pub const PASSING: usize = 33;
 
@@ -79,6 +82,8 @@ pub struct Finish {
     pub base_tints: bool,
     /// What is below.
     pub under: Under,
+    /// The number of a texture of the roughness and of one of the metal, where they differ from place to place.
+    pub lobe: [Option<u32>; 2],
 }
 
 /// Cosines between directions at a surface: each to the normal or, `facet`, of both to the half vector.
@@ -121,13 +126,31 @@ impl Finish {
             Under::Rough(roughness, factor) => fraction(roughness) && fraction(factor),
             Under::Solid(eta) | Under::Sheet(eta) => index(eta),
         };
+        let mixed = matches!((&self.fresnel, &self.under), (Fresnel::Mixed(..), Under::Rough(..)));
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
-        if (0.0..=2.0).contains(&self.alpha) && fresnel && under && tints {
+        if (0.0..=2.0).contains(&self.alpha) && fresnel && under && tints && (mixed || self.lobe == [None; 2]) {
             return Ok(());
         }
         Err(Error::Argument(format!(
-            "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, got {self:?}"
+            "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, and a \
+             texture of roughness or metal only if it is a mix of both, got {self:?}"
         )))
+    }
+
+    /// Returns the finish of a place where textures say how rough the surface is, or how much of it is metal.
+    ///
+    /// Rates take both as constant.
+    pub(crate) fn with_lobe(&self, [rough, metal]: [Option<f64>; 2]) -> Self {
+        let (Fresnel::Mixed(index, own_metal), &Under::Rough(own_rough, _)) = (self.fresnel, &self.under) else {
+            return self.clone();
+        };
+        let (rough, metal) = (rough.unwrap_or(own_rough), metal.unwrap_or(own_metal));
+        Self {
+            alpha: (rough * rough).max(SMOOTHEST),
+            fresnel: Fresnel::Mixed(index, metal),
+            under: Under::Rough(rough, 1.0 - metal),
+            ..*self
+        }
     }
 
     pub(crate) fn is_mirror(&self) -> bool {
@@ -378,6 +401,7 @@ mod tests {
 
     fn metal(alpha: f64, distribution: Distribution) -> Finish {
         Finish {
+            lobe: [None; 2],
             alpha,
             distribution,
             fresnel: Fresnel::Conductor([0.2; 3], [3.9; 3]),

@@ -7,6 +7,7 @@ use super::lamps::Lamps;
 use super::sky_levels::SkyLevels;
 use crate::error::{Error, Result};
 use crate::render::geometry::vector::Vector;
+use crate::render::light::texture::{Texture, checked_layouts};
 
 /// The number of its finish of a triangle that is diffuse.
 pub const DIFFUSE: u32 = u32::MAX;
@@ -30,6 +31,10 @@ pub struct GlossTables {
     pub sky: Option<(u32, usize, Vec<[f32; 3]>)>,
     /// How many segments a path of light has at most, from the camera on.
     pub longest: usize,
+    /// Textures of roughness or metal, each in a frame of one texel, in the layout of the scene's textures.
+    pub lobe_layouts: Vec<[i64; 4]>,
+    /// Their texels.
+    pub lobes: Vec<f32>,
 }
 
 /// The same, ready to be rendered; triangles in the order of the scene's.
@@ -44,6 +49,8 @@ pub(crate) struct Gloss {
     pub(crate) sky: Option<SkyLevels>,
     pub(crate) lamps: Lamps,
     pub(crate) longest: usize,
+    lobe_textures: Vec<Texture>,
+    lobes: Vec<f32>,
 }
 
 /// What the tables are checked against: the scene that they belong to.
@@ -87,6 +94,14 @@ impl Gloss {
             return Err(Error::Argument(format!("a triangle has finish {number} of {}", tables.finishes.len())));
         }
         tables.finishes.iter().try_for_each(Finish::check)?;
+        let lobe_textures = checked_layouts(&tables.lobe_layouts, Some(tables.lobes.len()), 1)?;
+        let textured = |finish: &Finish| finish.lobe.iter().flatten().all(|&n| (n as usize) < lobe_textures.len());
+        if !tables.lobes.iter().all(|x| (0.0..=1.0).contains(x)) || !tables.finishes.iter().all(textured) {
+            return Err(Error::Argument(format!(
+                "textures of roughness and metal hold 0..1, and finishes have those of {}",
+                lobe_textures.len()
+            )));
+        }
         let light = [&tables.colours, &tables.backgrounds, &tables.emitted];
         let wrong = light.into_iter().flatten().flatten().find(|x| !(x.is_finite() && **x >= 0.0));
         if wrong.is_some() || tables.texels.iter().flatten().any(|x| !x.is_finite()) {
@@ -116,12 +131,19 @@ impl Gloss {
             sky,
             lamps: Lamps::new(owner.corners, |number| owner.emitted[number]),
             longest: tables.longest,
+            lobe_textures,
+            lobes: tables.lobes.clone(),
         }))
     }
 
     /// Returns the finish of a triangle of the scene; None of a diffuse one.
     pub(crate) fn finish(&self, triangle: u32) -> Option<&Finish> {
         self.finishes.get(self.finish_of[triangle as usize] as usize)
+    }
+
+    /// Returns a texture of roughness or metal, and the texels of all.
+    pub(crate) fn lobe(&self, number: u32) -> (&Texture, &[f32]) {
+        (&self.lobe_textures[number as usize], &self.lobes)
     }
 
     /// Returns what a triangle emits from its front.

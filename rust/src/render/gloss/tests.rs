@@ -18,6 +18,7 @@ const MIRROR: Finish = Finish {
     passing: [1.0; 3],
     base_tints: false,
     under: Under::Nothing,
+    lobe: [None; 2],
 };
 
 /// Adds a parallelogram of two triangles, whose front is where its sides turn left.
@@ -353,7 +354,7 @@ fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));
     assert!(Scene::new(&good).is_ok());
-    let wrong: [fn(&mut GlossTables); 13] = [
+    let wrong: [fn(&mut GlossTables); 17] = [
         |gloss| gloss.finish_of.truncate(3),
         |gloss| gloss.finish_of[0] = 1,
         |gloss| gloss.texels.truncate(3),
@@ -367,12 +368,50 @@ fn tables_that_do_not_belong_together_are_refused() {
         |gloss| gloss.finishes[0].under = Under::Solid(1.0),
         |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed(1.5, 1.1),
         |gloss| gloss.finishes[0].tint = [f64::INFINITY; 3],
+        |gloss| gloss.finishes[0].lobe = [None, Some(0)],
+        |gloss| gloss.lobes = vec![1.01; 9],
+        |gloss| gloss.lobe_layouts = vec![[0, 1, 1, 0]],
+        |gloss| {
+            gloss.finishes[0] = Finish { lobe: [Some(1), None], ..mixed(0.3, 0.5) };
+            (gloss.lobe_layouts, gloss.lobes) = (vec![[0, 1, 1, 0]], vec![0.5; 9]);
+        },
     ];
     for (number, change) in wrong.iter().enumerate() {
         let mut tables = good.clone();
         change(&mut tables.gloss);
         assert!(Scene::new(&tables).is_err(), "{number}");
     }
+}
+
+/// Returns a mix of metal and dielectric.
+fn mixed(roughness: f64, metal: f64) -> Finish {
+    let (fresnel, under) = (Fresnel::Mixed(1.5, metal), Under::Rough(roughness, 1.0 - metal));
+    Finish { alpha: roughness * roughness, fresnel, under, ..MIRROR }
+}
+
+/// A surface whose textures are the same everywhere is one without, and its own numbers do not matter; each texture
+/// changes its own number.
+#[test]
+fn textures_of_roughness_and_metal_stand_for_the_numbers_of_a_finish() {
+    let here = view([0.4, 0.9, 1.6], LEVEL, [0.2, 0.1, -0.3], [0.05, -0.1, 0.2]);
+    let shown = |finish: Finish, layouts: &[[i64; 4]], lobes: &[f32]| {
+        let mut tables = room(Some(finish));
+        (tables.gloss.lobe_layouts, tables.gloss.lobes) = (layouts.to_vec(), lobes.to_vec());
+        luma(&renderer(&tables), &rays(false, 2), &here)
+    };
+    let layouts = [[0, 2, 1, 0], [12, 1, 2, 1]];
+    let texels = [[0.5f32; 12], [0.25; 12]].concat();
+    for (lobe, roughness, metal) in
+        [([Some(0), Some(1)], 0.5, 0.25), ([Some(0), None], 0.5, 0.875), ([None, Some(0)], 0.75, 0.5)]
+    {
+        let own = shown(mixed(roughness, metal), &[], &[]);
+        assert_eq!(shown(Finish { lobe, ..mixed(0.75, 0.875) }, &layouts, &texels), own, "{lobe:?}");
+        assert_ne!(shown(mixed(0.75, 0.875), &[], &[]), own);
+    }
+    // A texture of no roughness is not a mirror.
+    let smooth = Finish { lobe: [Some(0), None], ..mixed(0.75, 0.875) };
+    let least = Finish { alpha: 1e-3, under: Under::Rough(0.0, 0.125), ..mixed(0.75, 0.875) };
+    assert_eq!(shown(smooth, &layouts, &[0.0; 24]), shown(least, &[], &[]));
 }
 
 /// Returns where a ray meets a triangle (Moller and Trumbore 1997).

@@ -11,6 +11,8 @@
 //! What must not break: a path depends on its view, its ray and the ray's number in the pixel alone. Rates are those of
 //! the same surfaces and shadows.
 
+use std::borrow::Cow;
+
 use super::finish::{Cosines, Finish, Under, dielectric, lobe_density, lobe_ray};
 use super::lookup::looked_up;
 use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
@@ -160,7 +162,8 @@ impl Tracer<'_> {
     fn shaded<N: Number>(&mut self, hit: &Hit<N>, viewer: Triple<N>, path: &Path) -> Triple<N> {
         let gloss = self.gloss;
         let surface = &self.lit.scene.surfaces[hit.triangle as usize];
-        let finish = gloss.finish(hit.triangle);
+        let own = gloss.finish(hit.triangle).map(|finish| self.finish_at(finish, surface, hit));
+        let finish = own.as_deref();
         let normal = self.normal(hit, surface, viewer);
         let texture = &self.lit.scene.textures[surface.texture as usize];
         let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
@@ -177,6 +180,19 @@ impl Tracer<'_> {
                 if path.is_diffuse(finish) { light } else { add(light, self.image(&spot, finish, path)) }
             }
         }
+    }
+
+    /// Returns a finish as it is at a place.
+    fn finish_at<'b, N: Number>(&self, finish: &'b Finish, surface: &Surface, hit: &Hit<N>) -> Cow<'b, Finish> {
+        if finish.lobe == [None; 2] {
+            return Cow::Borrowed(finish);
+        }
+        Cow::Owned(finish.with_lobe(finish.lobe.map(|number| {
+            let (texture, texels) = self.gloss.lobe(number?);
+            let maps = surface.uv().each_ref();
+            let [value]: [N; 1] = looked_up(texture, texture.wrap, maps, hit.in_frame, |at| [f64::from(texels[at])]);
+            Some(value.value().clamp(0.0, 1.0))
+        })))
     }
 
     /// Returns what a surface reflects of lights that have their own terms: all but images, and lamps in lobes.

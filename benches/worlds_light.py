@@ -1,0 +1,169 @@
+"""Compares the renderers without noise with Mitsuba's path tracer, on any worlds.
+
+    python benches/worlds_light.py WORLD ... [--samples 4096] [--width 96] [--error 0.03] [--direct-only]
+        [--pictures FILE] [--kept FOLDER]
+
+A world is a Mitsuba, glTF, OBJ or PLY file. It is seen from its own camera at the start of its path. Each gets a row
+for the renderer that ``auto`` takes, and a row for baked light where that is another one: meshes and glTF files name no
+integrator, so they get direct light, and the path tracer shows what that leaves out. A row says the root mean square of
+log luma against the path tracer, in units of C = 0.15, over pixels of surfaces where the reference's standard error is
+below 0.1 C; its median; the fraction of these pixels for which that is so; processor time a frame; and seconds to
+prepare, the bake included. With --pictures, a file has a row for each world: the pictures of both renderers, the path
+tracer's, and the difference of the last one from it (grey where there is none, white and black at 3 C). References are
+kept in a folder if one is named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+import davis_rs
+from davis_rs.geometry.camera import Camera
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+
+C = 0.15
+RUNS = 4
+SURE = 0.1 * C
+"""The reference's largest standard error of pixels that count."""
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def with_paths(scene: davis_rs.Scene) -> davis_rs.Scene:
+    """Return a scene under all bounces of light, if its file does not say itself which light it wants."""
+    if scene.file is not None and scene.file.suffix == ".xml":
+        return scene
+
+    def source() -> dict[str, Any]:
+        parts = scene.source()
+        assert isinstance(parts, dict)
+        return {**parts, "integrator": {"type": "path"}}
+
+    return replace(scene, source=source)
+
+
+def at_width(camera: Camera, width: int) -> Camera:
+    """Return a camera of fewer or more pixels with the same view."""
+    by = width / camera.width
+    height = max(1, round(camera.height * by))
+    cx, cy = ((centre + 0.5) * by - 0.5 for centre in (camera.cx, camera.cy))
+    return Camera(width=width, height=height, fx=camera.fx * by, fy=camera.fy * by, cx=cx, cy=cy)
+
+
+def first_view(scene: davis_rs.Scene) -> Views:
+    if scene.trajectory is None:
+        return Views.at_rest([davis_rs.start_pose(scene)])
+    return Views.along(scene.trajectory, np.zeros(1))
+
+
+def luma_of(renderer: Renderer, views: Views) -> FloatArray:
+    return renderer.luma(views)[0].astype(np.float64)
+
+
+def reference(scene: davis_rs.Scene, camera: Camera, samples: int, kept: Path | None) -> tuple[FloatArray, FloatArray]:
+    """Return the path tracer's mean luma (h, w) and its standard error."""
+    if kept is not None and kept.exists():
+        runs = np.load(kept)
+    else:
+        views, rays = first_view(scene), samples // RUNS
+        runs = np.array(
+            [
+                luma_of(make_renderer(scene, camera, kind="integrator", rays_per_pixel=rays, seed=k, blur=False), views)
+                for k in range(RUNS)
+            ]
+        )
+        if kept is not None:
+            np.save(kept, runs)
+    return runs.mean(0), runs.std(0, ddof=1) / np.sqrt(RUNS)
+
+
+def shown(luma: FloatArray, white: float) -> npt.NDArray[np.uint8]:
+    return np.asarray(255 * np.clip(luma / white, 0, 1) ** (1 / 2.2), np.uint8)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("worlds", type=Path, nargs="+", metavar="WORLD")
+    parser.add_argument("--samples", type=int, default=4096, help="of the reference, in all (if not given: 4096)")
+    parser.add_argument("--width", type=int, default=96, help="pixels of a row (if not given: 96)")
+    parser.add_argument(
+        "--rays", type=int, default=32, help="of the renderers without noise, a pixel (if not given: 32)"
+    )
+    parser.add_argument("--error", type=float, default=0.03, help="of baked light (if not given: 0.03)")
+    parser.add_argument("--direct-only", action="store_true", help="no row of baked light where auto takes another")
+    parser.add_argument("--pictures", type=Path, help="file for pictures")
+    parser.add_argument("--kept", type=Path, help="folder for references, which are used again")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    print(
+        "| world | renderer | rms log luma / C | median / C | of the pixels | reference's error / C | ms | prepared s |"
+    )
+    print("|---|---|---:|---:|---:|---:|---:|---:|", flush=True)
+    rows = []
+    for world in given.worlds:
+        scene = davis_rs.load_scene(world)
+        camera, views, paths = at_width(scene.own_camera, given.width), first_view(scene), with_paths(scene)
+        name = world.stem if world.stem not in ("scene", "model") else world.parent.name
+        kept = given.kept and given.kept / f"{name}_{given.width}_{given.samples}.npy"
+        if given.kept is not None:
+            given.kept.mkdir(parents=True, exist_ok=True)
+        true, error = reference(paths, camera, given.samples, kept)
+        floor = 1e-3 * np.median(true)
+        certain = error / (true + floor) < SURE
+        pictures, white, off = [], float(np.quantile(true, 0.98)), np.zeros_like(true)
+        for label, shown_scene, kind in (("auto", scene, "auto"), ("baked", paths, "baked")):
+            if kind == "baked" and (given.direct_only or paths is scene):
+                continue
+            start = time.perf_counter()
+            renderer = make_renderer(
+                shown_scene,
+                camera,
+                kind=kind,
+                rays_per_pixel=given.rays,
+                lattice_rays_per_pixel=given.rays,
+                bake_error=given.error,
+                blur=False,
+            )
+            luma = luma_of(renderer, views)
+            prepared, start = time.perf_counter() - start, time.process_time()
+            luma = luma_of(renderer, views)
+            spent = 1e3 * (time.process_time() - start)
+            off = np.log(luma + floor) - np.log(true + floor)
+            surfaces = np.isfinite(renderer.depth(views)[0])
+            sure = certain & surfaces & (true > floor)
+            rms, middle = np.sqrt(np.mean(off[sure] ** 2)) / C, np.median(np.abs(off[sure])) / C
+            err = np.sqrt(np.mean((error / (true + floor))[sure] ** 2)) / C
+            print(
+                f"| {name} | {label}: {renderer.reason.partition(' triangles under ')[2][:40] or renderer.name} |"
+                f" {rms:.2f} | {middle:.2f} | {sure.sum() / surfaces.sum():.0%} | {err:.3f} | {spent:.0f} |"
+                f" {prepared:.1f} |",
+                flush=True,
+            )
+            pictures.append(shown(luma, white))
+        gap = np.full((len(true), 4), 255, np.uint8)
+        difference = np.clip(128 + 127 * off / (3 * C), 0, 255).astype(np.uint8)
+        if len(pictures) == 1:
+            pictures *= 2
+        rows.append(np.concatenate([pictures[0], gap, pictures[1], gap, shown(true, white), gap, difference], axis=1))
+    if given.pictures is not None:
+        given.pictures.parent.mkdir(parents=True, exist_ok=True)
+        space = np.full((4, rows[0].shape[1]), 255, np.uint8)
+        sheet = np.concatenate([part for row in rows for part in (row, space)][:-1])
+        Image.fromarray(sheet).resize((2 * sheet.shape[1], 2 * sheet.shape[0]), Image.Resampling.NEAREST).save(
+            given.pictures, optimize=True
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""Defines the texels of bitmaps as Mitsuba holds them, and looks them up as it does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scene.textures import from_srgb
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_TEXELS_AT_ONCE = 1 << 18
+"""How many texels are decoded and weighted at a time."""
+
+WRAP_MODES = ("repeat", "clamp", "mirror")
+
+
+def bilinear(texels: FloatArray | Texels, uv: FloatArray, wrap: int) -> FloatArray:
+    """Look up (n, 3) bilinearly from texels (H, W, 3) at uv (2, n); texel centres lie at (i + 0.5) / size."""
+    height, width = texels.shape[:2]
+    x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
+    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
+    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+    columns = [wrap_index(x0 + i, width, wrap) for i in (0, 1)]
+    rows = [wrap_index(y0 + i, height, wrap) for i in (0, 1)]
+    top, bottom = (texels[row, columns[0]] * (1 - fx) + texels[row, columns[1]] * fx for row in rows)
+    return np.asarray(top * (1 - fy) + bottom * fy)
+
+
+def wrap_index(index: IntArray, n: int, wrap: int) -> IntArray:
+    """Return the texel that an index outside of 0..n-1 stands for."""
+    if WRAP_MODES[wrap] == "clamp":
+        return np.clip(index, 0, n - 1)
+    if WRAP_MODES[wrap] == "repeat":
+        return index % n
+    folded = index % (2 * n)
+    return np.minimum(folded, 2 * n - 1 - folded)
+
+
+class Texels:
+    """The texels of a bitmap as Mitsuba holds them; linear RGB in float64 where they are asked for.
+
+    They are decoded block by block, because all of them in float64 would be the largest copy of a texture.
+
+    Args:
+        data: (H, W) or (H, W, channels), of which the first three count.
+        light: the linear value that each integer of ``data`` stands for; None where ``data`` is linear itself.
+    """
+
+    def __init__(self, data: npt.NDArray[np.generic], light: FloatArray | None = None) -> None:
+        self._data = data.reshape(data.shape[0], data.shape[1], -1)[..., :3]
+        self._light = light
+        self.shape = (*data.shape[:2], 3)
+
+    def __getitem__(self, where: tuple[IntArray, IntArray]) -> FloatArray:
+        """Return the texels (..., 3) at rows and columns."""
+        return self._rgb(self._data[where])
+
+    def repeated(self, rows: int, columns: int) -> Texels:
+        """Return the same picture with each texel given ``rows`` times down and ``columns`` times across."""
+        return Texels(self._data.repeat(rows, axis=0).repeat(columns, axis=1), self._light)
+
+    def pieces(self) -> Iterator[tuple[int, FloatArray]]:
+        """Return all texels row by row, in pieces (n, 3), each with the number of its first texel."""
+        flat = self._data.reshape(-1, self._data.shape[2])
+        return (
+            (start, self._rgb(flat[start : start + _TEXELS_AT_ONCE])) for start in range(0, len(flat), _TEXELS_AT_ONCE)
+        )
+
+    @property
+    def range(self) -> float:
+        """How far apart the smallest and the largest value lie."""
+        low, high = (self._rgb(np.array([[value]]))[0, 0] for value in (self._data.min(), self._data.max()))
+        return float(high - low)
+
+    @property
+    def is_grey(self) -> bool:
+        """Whether none has a hue."""
+        return bool((self._data == self._data[..., :1]).all())
+
+    def _rgb(self, values: npt.NDArray[np.generic]) -> FloatArray:
+        linear = values.astype(np.float64) if self._light is None else self._light[values.astype(np.uint8, copy=False)]
+        return np.broadcast_to(linear, (*linear.shape[:-1], 3))
+
+
+def decoded(data: npt.NDArray[np.generic]) -> Iterator[Texels]:
+    """Yield the possible meanings of a bitmap's data; 8-bit images, in sRGB unless raw, stay encoded until
+    looked up."""
+    if data.dtype != np.uint8:
+        yield Texels(data)
+        return
+    encoded = np.arange(256) / 255
+    yield Texels(data, from_srgb(encoded))
+    yield Texels(data, encoded)
+
+
+def bilinear_meaning(
+    data: npt.NDArray[np.generic], uv: FloatArray, looked_up: FloatArray, weights: FloatArray | None = None
+) -> tuple[Texels, int] | None:
+    """Find the encoding and the wrap mode by which bilinear lookups of a bitmap agree with Mitsuba's own.
+
+    Mitsuba does not tell them, so each is tried.
+
+    Args:
+        uv: (2, n), after the texture's own transform.
+        looked_up: (n, k), what Mitsuba looks up there.
+        weights: (3, k), of red, green and blue in that; None where it is these three.
+
+    Returns:
+        None where no lookup agrees.
+    """
+    off = rounding_texels(data, uv)[:, None]
+    for texels in decoded(data):
+        for wrap in range(len(WRAP_MODES)):
+            values = bilinear(texels, uv, wrap)
+            values = values if weights is None else values @ weights
+            if (np.abs(values - looked_up) < 1e-3 + texels.range * off).all():
+                return texels, wrap
+    return None
+
+
+def rounding_texels(data: npt.NDArray[np.generic], uv: FloatArray) -> FloatArray:
+    """Return by how many texels Mitsuba may look beside: its coordinates are float32, and far out on a fine texture
+    they are wrong by a good part of a texel."""
+    return np.asarray(np.abs(uv).max(0) * max(data.shape[:2]) * 2.0**-22)
