@@ -223,15 +223,15 @@ class _Regression:
         uncertain = self.share**2 * (1 - self.shrink[:, self.pairs.own])
         spread = (uncertain * self.moves**2).sum(axis=0)
         order = np.argsort(self.middle)
-        places = np.empty(len(order), np.int64)
-        places[order] = np.arange(len(order)) * _BINS // len(order)
+        bins = np.empty(len(order), np.int64)
+        bins[order] = np.arange(len(order)) * _BINS // len(order)
         sigma = np.empty(_BINS)
         for k in range(_BINS):
-            here, known = residual[places == k], spread[places == k]
+            here, known = residual[bins == k], spread[bins == k]
             calm = known <= np.median(known)
             variance = (1.4826 * np.median(np.abs(here[calm]))) ** 2 - np.median(known[calm])
             sigma[k] = math.sqrt(max(variance, 1e-6))
-        self.sigma = sigma[places]
+        self.sigma = sigma[bins]
         scaled = np.abs(residual) / np.sqrt(self.sigma**2 + spread)
         biweight = np.maximum(1 - (scaled / _OUTLIER) ** 2, 0) ** 2
         robust = biweight if self.turn > 3 else 1 / np.maximum(1, scaled / 1.5)
@@ -384,8 +384,8 @@ class _Regression:
             raise NotIdentifiable(f"log intensity of frames follows events too loosely: C_on {on}, C_off {off}")
         mismatch = None
         if mismatch2.value > 3 * mismatch2.sigma and self.pairs.straight_share > _LEAST_STRAIGHT:
-            share = math.sqrt(mismatch2.value)
-            mismatch = Measured(share, mismatch2.sigma / (2 * share))
+            deviation = math.sqrt(mismatch2.value)
+            mismatch = Measured(deviation, mismatch2.sigma / (2 * deviation))
         return ThresholdFit(
             on, off, mismatch, parity, lag,
             Measured(by_light[0].value * self.usual, by_light[0].sigma * self.usual) if by_light else None,

@@ -51,9 +51,14 @@ class EcfRows:
         if filters != [_ECF]:
             raise DecodeError(f"{path}: {name} is compressed by HDF5's filters {filters}: expected ECF ({_ECF}) alone")
         self._path, self._dataset, self._rows = path, dataset, rows
-        self.chunk = int(dataset.chunks[0])
+        self._chunk = int(dataset.chunks[0])
         self._first, self._kept = -1, np.zeros(0, EVENT_DTYPE)
-        budget.take(self.chunk * EVENT_DTYPE.itemsize, f"a chunk of {name}")
+        budget.take(self._chunk * EVENT_DTYPE.itemsize, f"a chunk of {name}")
+
+    @property
+    def chunk(self) -> int:
+        """Events of a chunk."""
+        return self._chunk
 
     def read(self, start: int, end: int) -> EventArray:
         """Return events ``start`` to ``end``, an array of its own.
@@ -62,8 +67,8 @@ class EcfRows:
             DecodeError: for a chunk that is damaged.
         """
         events = np.empty(max(0, end - start), EVENT_DTYPE)
-        for first in range(start - start % self.chunk, end, self.chunk):
-            begin, stop = max(start, first), min(end, first + self.chunk)
+        for first in range(start - start % self._chunk, end, self._chunk):
+            begin, stop = max(start, first), min(end, first + self._chunk)
             events[begin - start : stop - start] = self._chunk_at(first)[begin - first : stop - first]
         return events
 
@@ -74,8 +79,8 @@ class EcfRows:
                 skipped, data = stored_chunk(self._path, self._dataset, (first,))
                 if skipped:
                     raise ValueError("it is not compressed, which Metavision does not write")
-                self._first, self._kept = -1, decode_ecf(np.frombuffer(data, np.uint8), self.chunk)
-            expected = min(self.chunk, self._rows - first)
+                self._first, self._kept = -1, decode_ecf(np.frombuffer(data, np.uint8), self._chunk)
+            expected = min(self._chunk, self._rows - first)
             if len(self._kept) < expected:
                 raise DecodeError(f"{self._path}: {where}: it has {len(self._kept)} events of {expected}")
             self._first = first
@@ -87,8 +92,8 @@ class EcfReader(Hdf5Reader):
 
     names = ("CD/events",)
 
-    def _rows_of(self, dataset: h5py.Dataset, rows: int, row: tuple[int | None, ...] = ()) -> EcfRows:
-        return EcfRows(self.path, dataset, rows, self.rules.max_packet_bytes, self._budget)
+    def _event_rows(self, dataset: h5py.Dataset) -> EcfRows:
+        return EcfRows(self.path, dataset, self._count, self.rules.max_packet_bytes, self._budget)
 
     def _fill(self, events: EventArray, start: int, end: int) -> None:
         (rows,) = self._datasets
@@ -109,7 +114,7 @@ class EcfReader(Hdf5Reader):
 
 
 class EcfFormat(Hdf5Format):
-    """Metavision's HDF5: events in ``CD/events``. It is only read.
+    """Describes Metavision's HDF5: events in ``CD/events``. It is only read.
 
     Source: Prophesee, HDF5 event files, in Metavision's documentation; `hdf5_ecf`, the codec of HDF5's filter 0x8ECF.
     """

@@ -8,7 +8,7 @@ from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -133,6 +133,15 @@ class Hdf5Writer(EventWriter):
             raise OSError(f"{self.path}: {error}") from error
 
 
+class EventRows(Protocol):
+    """Reads a dataset of events, or of one of their columns, of which the file has ``chunk`` rows in one piece."""
+
+    @property
+    def chunk(self) -> int | None: ...
+
+    def read(self, start: int, end: int) -> UncheckedArray: ...
+
+
 class Hdf5Reader(EventReader):
     """Reads columns of events; slices of time are found by bisection.
 
@@ -159,7 +168,7 @@ class Hdf5Reader(EventReader):
                 self._budget = Budget(path)
                 lengths = {dataset.name: len(dataset) for dataset in datasets}
                 self._count = min(lengths.values())
-                self._datasets = [self._rows_of(dataset, self._count, self.row) for dataset in datasets]
+                self._datasets = [self._event_rows(dataset) for dataset in datasets]
                 finished = self._file.attrs.get(COMPLETE, 1) != 0
                 if finished and len(set(lengths.values())) > 1:
                     raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
@@ -187,6 +196,10 @@ class Hdf5Reader(EventReader):
     def _rows_of(self, dataset: h5py.Dataset, rows: int, row: tuple[int | None, ...] = ()) -> Rows:
         """Return the rows of a dataset of the file, within its limits."""
         return Rows(self.path, dataset, rows, self.rules.max_packet_bytes, self._budget, row)
+
+    def _event_rows(self, dataset: h5py.Dataset) -> EventRows:
+        """Return the rows of a dataset of events."""
+        return self._rows_of(dataset, self._count, self.row)
 
     @abstractmethod
     def _times(self, values: UncheckedArray) -> npt.NDArray[np.int64]:

@@ -92,8 +92,8 @@ def event_rates_hz(
     """
     on, off, sigma, ratio = (np.asarray(value, np.float64)[..., None, None] for value in (on, off, sigma, ratio))
     if phase is None:
-        share = (_NODES + 1) / 2
-        signal = (share * (on + off)[..., 0] - off[..., 0])[..., None]
+        nodes = (_NODES + 1) / 2
+        signal = (nodes * (on + off)[..., 0] - off[..., 0])[..., None]
         weights = _WEIGHTS / 2
     else:
         given = np.asarray(phase, np.float64)[..., None, None]
