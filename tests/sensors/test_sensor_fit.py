@@ -303,7 +303,6 @@ def test_noise_that_dark_pixels_would_show_is_refuted() -> None:
     assert refuted_noise([stream], [np.array([200.0])], known) == {}
     assert "shot_noise_rms" in refuted_noise([stream], [lights], known)
     assert refuted_noise([stream], [None], known) == {}
-    assert "shot_noise_rms" in fit_sensor([recording], SensorFile(noisy)).refuted
 
 
 def test_a_bandwidth_that_is_found_leaves_the_noise_of_the_base() -> None:
