@@ -39,6 +39,8 @@ _LUX = 100.0
 """What the strip of constant light is said to see; any number does."""
 _SETTLED_US = 40_000_000
 """With noise a leak's first event comes early, because references begin anywhere below a level: that is left out."""
+_SHORTLY_SETTLED_US = 8_000_000
+"""The same where the leak is not asked for."""
 
 
 class HiddenSensor(NamedTuple):
@@ -205,12 +207,14 @@ def effects_of(sensor: HiddenSensor) -> Effects:
         threshold_mismatch=ThresholdMismatch(sensor.threshold_mismatch, column_parity=sensor.threshold_column_parity),
         refractory_period_us=sensor.refractory_us,
         leak_rate_hz=LeakRate(sensor.leak_rate_hz),
-        shot_noise_rms=ShotNoise.of_rate(sensor.noise_hz, low, half_luma=math.inf),
+        shot_noise_rms=ShotNoise.of_rate(sensor.noise_hz, low, half_luma=math.inf) if sensor.noise_hz else None,
         hot_pixels=HotPixels(sensor.hot_pixel_fraction, rate_hz=sensor.hot_pixel_rate_hz),
     )
 
 
-def record(sensor: HiddenSensor, rng: np.random.Generator, seed: int) -> tuple[EventArray, list[StampedFrame]]:
+def record(
+    sensor: HiddenSensor, rng: np.random.Generator, seed: int, settled_us: int = _SETTLED_US
+) -> tuple[EventArray, list[StampedFrame]]:
     """A recording of it: 2 s of motion with frames, then 12 s of rest with some."""
     light = _Light(sensor, rng)
     engine = CrossingEngine(
@@ -223,11 +227,11 @@ def record(sensor: HiddenSensor, rng: np.random.Generator, seed: int) -> tuple[E
         interpolation="linear",
     )
     engine.push(0, before_a_leak(light.luma(0), engine, seed))
-    for t_us in (1, *range(_SETTLED_US // 4, _SETTLED_US + 1, _SETTLED_US // 4)):
+    for t_us in (1, *range(settled_us // 4, settled_us + 1, settled_us // 4)):
         engine.push(t_us, light.luma(0))
     instants: Iterable[int] = [*range(STEP_US, MOVES_US + 1, STEP_US), *range(MOVES_US + 500_000, RESTS_US, 500_000)]
-    events = concatenate_events([engine.push(_SETTLED_US + t_us, light.luma(t_us)) for t_us in instants])
-    events["t"] -= _SETTLED_US
+    events = concatenate_events([engine.push(settled_us + t_us, light.luma(t_us)) for t_us in instants])
+    events["t"] -= settled_us
     aps = Aps(sensor.exposure_us, read_noise_dn=sensor.aps_read_noise_dn, bits=10, full_scale_luma=1.0)
     frames = []
     for number, middle_us in enumerate([*range(10_000, MOVES_US, FRAME_US), *range(3_000_000, 9_000_000, 250_000)]):
@@ -240,7 +244,7 @@ def record(sensor: HiddenSensor, rng: np.random.Generator, seed: int) -> tuple[E
 
 def recorded(sensor: HiddenSensor, rng: np.random.Generator, seed: int, lux: float | None = None) -> MeasuredRecording:
     """The same, measured."""
-    events, frames = record(sensor, rng, seed)
+    events, frames = record(sensor, rng, seed, _SETTLED_US if lux is None else _SHORTLY_SETTLED_US)
     return measure_recording(
         events, size=(WIDTH, HEIGHT), frames=FrameSource(lambda: iter(frames), "DN", of_camera=True), lux=lux
     )

@@ -24,8 +24,11 @@ from davis_rs import (
     save_sensor,
 )
 from davis_rs.calibrate.sensor import SensorFit, fit_sensor
-from davis_rs.calibrate.sensor.finding import Finding
+from davis_rs.calibrate.sensor.finding import Finding, KnownParameters
+from davis_rs.calibrate.sensor.measured_recording import MeasuredRecording
+from davis_rs.calibrate.sensor.noise_fit import refuted_noise
 from davis_rs.calibrate.sensor.quiet_pixels import neighbours_with_events
+from davis_rs.calibrate.sensor.signal_samples import SignalSampler
 from davis_rs.calibrate.sensor.static_scene import before_a_leak
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray, concatenate_events
 from davis_rs.inspection.statistics.stream_statistics import Measured
@@ -86,8 +89,8 @@ def fitted(*streams: EventArray) -> SensorFit:
     ("pulls_of", "parameters", "short"),
     [
         (pulls, HiddenSensor._fields[:9], 0),
-        (pulls_over_light, OVER_LIGHT, 9),
-        (static_pulls, HiddenStaticSensor._fields[:5], 10),
+        (pulls_over_light, OVER_LIGHT, 2),
+        (static_pulls, HiddenStaticSensor._fields[:5], 19),
     ],
     ids=["moving, with frames", "the same in known light", "static, in known light"],
 )
@@ -280,6 +283,26 @@ def test_a_refractory_period_above_the_bound_is_left_out() -> None:
     assert "the recordings refute what was given" in fit.file(held).sources["refractory_period_us"]
     allowed = SensorFile(SensorParameters(refractory_period_us=float(bound)))
     assert fit.file(allowed).parameters.refractory_period_us == bound
+
+
+def test_noise_that_dark_pixels_would_show_is_refuted() -> None:
+    """In the mean light noise would make next to none; half of the quiet pixels are dark, and have no events."""
+    noisy = SensorParameters(
+        contrast_threshold=0.2, shot_noise_rms=0.06, shot_noise_half_lux=10.0, shot_noise_bandwidth_hz=300.0
+    )
+    known = KnownParameters([], SensorFile(noisy))
+    stream = measure_stream(static_scene(Effects(leak_rate_hz=0.02), 5.0, 1), size=(WIDTH, HEIGHT))
+    samples = SignalSampler(WIDTH, HEIGHT, []).finish()
+    values = np.full((HEIGHT, WIDTH), 1.0)
+    values[: HEIGHT // 2] = 399.0
+    recording = MeasuredRecording(stream, samples=samples._replace(mean=values), lux=200.0)
+    lights = recording.lux_of_quiet
+    assert lights is not None
+    assert lights.mean() == pytest.approx(200.0, rel=0.05)
+    assert (lights.min(), lights.max()) == pytest.approx((1.0, 399.0), rel=0.4)
+    assert refuted_noise([stream], [np.array([200.0])], known) == {}
+    assert "shot_noise_rms" in refuted_noise([stream], [lights], known)
+    assert refuted_noise([stream], [None], known) == {}
 
 
 def test_a_bandwidth_that_is_found_leaves_the_noise_of_the_base() -> None:

@@ -16,6 +16,8 @@ from davis_rs import CrossingEngine, FrameSource, StampedFrame, load_sensor, mea
 from davis_rs.calibrate.sensor import fit_sensor, measure_recording
 from davis_rs.calibrate.sensor.frame_noise import FrameNoise, NoiseSampler, fit_frame_noise
 from davis_rs.calibrate.sensor.frame_source import of_camera, open_frames
+from davis_rs.calibrate.sensor.leak_fit import find_leak
+from davis_rs.calibrate.sensor.noise_fit import noise_of_threshold
 from davis_rs.calibrate.sensor.signal_samples import SignalSampler
 from davis_rs.calibrate.sensor.static_scene import static_events
 from davis_rs.calibrate.sensor.threshold_fit import ThresholdFit, fit_thresholds
@@ -99,7 +101,7 @@ def test_a_lag_is_divided_into_what_goes_with_light_and_what_does_not() -> None:
     """Of 1.6 ms where it is as bright as the strip; thresholds that scatter leave both parts as they are."""
     sensor, rng = draw_over_light(3, 1)
     sensor = sensor._replace(
-        contrast_threshold=0.12, contrast_threshold_off=0.12, threshold_mismatch=0.15, noise_hz=1e-6, leak_rate_hz=1e-6,
+        contrast_threshold=0.12, contrast_threshold_off=0.12, threshold_mismatch=0.15, noise_hz=0.0, leak_rate_hz=1e-6,
         hot_pixel_fraction=1e-9, aps_read_noise_dn=0.5, exposure_us=500,
         source_follower_bandwidth_hz=300.0, photoreceptor_bandwidth_hz=100.0,
     )  # fmt: skip
@@ -116,6 +118,7 @@ def test_a_lag_is_divided_into_what_goes_with_light_and_what_does_not() -> None:
 def test_a_photoreceptor_that_is_found_is_that_of_the_quiet_pixels_light() -> None:
     """Its corner holds there, and takes the place of the base's; in other lux it is another number of the same law."""
     sensor, rng = draw_over_light(3, 2)
+    sensor = sensor._replace(source_follower_bandwidth_hz=100.0)
     measured = recorded(sensor, rng, 2, lux=50.0)
     base = replace(load_sensor("davis240c"), width=None, height=None)
     made = fit_sensor([measured], SensorFile(base)).file(SensorFile(base))
@@ -150,7 +153,9 @@ def test_a_corner_is_told_by_a_certain_lag_and_its_error_is_the_larger_one(ideal
         measured = measure_recording(ideal, size=(40, 32), frames=source)
         found = {one.parameter: one.value for one in fit_sensor([measured]).findings}
         assert measured.samples is not None
-        lag = fit_thresholds(measured.samples, 40, leak_hz=found["leak_rate_hz"]).lag_s
+        noise = noise_of_threshold(measured.statistics)
+        leak = find_leak([measured.statistics]).value
+        lag = fit_thresholds(measured.samples, 40, leak_hz=leak, noise=noise).lag_s
         return lag, found["source_follower_bandwidth_hz"]
 
     none, _ = lag_and_corner(0.0)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import names_checked
@@ -36,6 +37,25 @@ class MeasuredRecording:
     samples: SignalSamples | None = None
     lux: float | None = None
     events: EventArray = field(default_factory=lambda: np.zeros(0, EVENT_DTYPE))
+
+    @property
+    def lux_of_quiet(self) -> npt.NDArray[np.float64] | None:
+        """Return what quiet pixels see, float64 (n,) in lux, an equal number of them each; None if it is not known.
+
+        Frames tell how it differs between pixels, but for their black level, which is taken for 0; ``lux`` is its mean.
+        """
+        if self.lux is None:
+            return None
+        values = np.zeros(0) if self.samples is None else self.samples.mean[self.statistics.quiet]
+        values = np.maximum(values[np.isfinite(values)], 0)
+        if not values.any():
+            return np.array([self.lux])
+        shares = (np.arange(_LIGHTS) + 0.5) / _LIGHTS
+        return np.asarray(self.lux * np.quantile(values / values.mean(), shares), np.float64)
+
+
+_LIGHTS = 32
+"""Quantiles of the light of quiet pixels that stand for all."""
 
 
 MOST_EVENTS = 1 << 22

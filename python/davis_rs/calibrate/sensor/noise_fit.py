@@ -88,12 +88,16 @@ _REFUTED = 5.0
 
 
 def refuted_noise(
-    recordings: Sequence[StreamStatistics], lux: Sequence[float | None], parameters: KnownParameters
+    recordings: Sequence[StreamStatistics],
+    lux: Sequence[npt.NDArray[np.float64] | None],
+    parameters: KnownParameters,
 ) -> dict[str, str]:
     """Return why the noise of the base contradicts the recordings, by its parameters; empty where it may be right.
 
     Args:
-        recordings, lux, parameters: as of :func:`find_noise`.
+        recordings, parameters: as of :func:`find_noise`.
+        lux: illuminances, each of which an equal number of the quiet pixels of each recording see; None where they are
+            not known. Dark pixels make nearly all of the noise, so a mean is not enough where frames tell more.
     """
     on = parameters.get("contrast_threshold")
     noise = parameters.base.effects(1.0).shot_noise_rms
@@ -103,14 +107,16 @@ def refuted_noise(
     mismatch = parameters.get("threshold_mismatch") or Measured(0.0, 0.0)
     spread = ThresholdMismatch(min(max(mismatch.value, 0.0), 1.0))
     dark_lux = parameters.base.dark_luma(1.0) or 0.0
-    for stream, light in zip(recordings, lux, strict=True):
-        if light is None or not stream.quiet.any():
+    for stream, lights in zip(recordings, lux, strict=True):
+        if lights is None or not stream.quiet.any():
             continue
         area_s = float(stream.quiet.sum()) * stream.duration_s
-        made = area_s * noise.mean_rate_hz(on.value, off.value, spread, light + dark_lux) / 2
+        rates = [noise.mean_rate_hz(on.value, off.value, spread, light + dark_lux) for light in lights.tolist()]
+        made = area_s * float(np.mean(rates)) / 2
         seen = int(stream.counts[0][stream.quiet].sum())
         if seen < made - _REFUTED * math.sqrt(made):
-            why = f"at {light:.3g} lux quiet pixels would have {made:.3g} OFF events, and they have {seen}"
+            at = f"{lights.min():.3g}" if lights.min() == lights.max() else f"{lights.min():.3g} to {lights.max():.3g}"
+            why = f"at {at} lux quiet pixels would have {made:.3g} OFF events, and they have {seen}"
             return dict.fromkeys((_RMS[1], _HALF[1], "shot_noise_bandwidth_hz"), why)
     return {}
 

@@ -209,5 +209,5 @@ def fit_sensor(
         findings,
         shortest,
         row_bound_us(streams),
-        MappingProxyType({} if noise_found else refuted_noise(streams, lux, known)),
+        MappingProxyType({} if noise_found else refuted_noise(streams, [one.lux_of_quiet for one in measured], known)),
     )

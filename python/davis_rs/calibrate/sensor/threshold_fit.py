@@ -29,8 +29,7 @@ _NOISE_SHARE, _LEAST_NOISE = 0.3, 0.06
 """What noise of quiet pixels says of that of the others is so uncertain; noise that makes too few events to be seen is
 about so large compared with a threshold, at most."""
 _LEAD_ERROR = 0.1
-"""In standard deviations of the noise: what :func:`lead` errs by. A lag is told no better than a signal takes for
-that."""
+"""What :func:`lead` errs by, in standard deviations of noise. A lag errs by the time that the signal takes for it."""
 _CURVATURE, _NOISY_CURVATURE = 0.0012, 0.1
 """Where a signal turns often compared with thresholds, curves between events err, and pixels with low thresholds are
 preferred. Thresholds of simulated streams err by up to this share over the square of the share of samples around which

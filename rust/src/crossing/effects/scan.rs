@@ -10,9 +10,11 @@ use multiversion::multiversion;
 
 use super::filtered::filter;
 use super::parameters::PhotoreceptorBandwidth;
-use super::shot_noise::FAR;
 use super::two_poles::{Decays, filter_twice};
 use crate::crossing::exponential::exp_precise;
+
+/// Further from zero than so many standard deviations noise is not looked for: it is there once in some days of a pixel.
+pub(super) const FAR: f64 = 6.0;
 
 /// Computes the low-pass's time constants in an interval and its output at the end, for each pixel.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]

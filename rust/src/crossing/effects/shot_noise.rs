@@ -11,6 +11,7 @@
 use std::sync::OnceLock;
 
 use super::parameters::{Effects, ShotNoise};
+pub(super) use super::scan::FAR;
 use super::scan::noise_reach;
 use super::two_pole_noise::{Outputs, TwoPoleNoise, leap, levels};
 use crate::crossing::exponential::exp_precise;
@@ -40,9 +41,6 @@ const MOST_POWER: f64 = 6.65;
 
 /// Ratios are rounded to so many in each octave. Standard deviations are not rounded.
 const IN_AN_OCTAVE: f64 = 32.0;
-
-/// Further from zero than so many standard deviations noise is not looked for: it is there once in some days of a pixel.
-pub(super) const FAR: f64 = 6.0;
 
 impl ShotNoiseLaw {
     /// None where there is no noise.
