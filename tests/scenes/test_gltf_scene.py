@@ -609,6 +609,9 @@ def test_mirrors_show_what_stands_before_them(tmp_path: Path) -> None:
     away = ~np.pad(edge, 9)
     np.testing.assert_allclose(middle[0][away], seen[away], rtol=0.01)
     assert not middle[1].any()
+    # Mitsuba's own integrator looks along the lobes too.
+    with variant(SCALAR) as (mi, _):
+        assert "bsdf_samples = 1" in str(load_scene_source(scene.source(), mi).integrator())
 
 
 def test_matte_metal_is_its_base_colour(tmp_path: Path) -> None:
