@@ -32,6 +32,7 @@ SPOT = {
 TEXELS = np.random.RandomState(3).random_sample((5, 8, 3)).astype(np.float32)
 COLOUR = {"type": "bitmap", "raw": True, "data": TEXELS}
 ROUGHNESS = {"type": "bitmap", "raw": True, "wrap_mode": "mirror", "data": 0.25 + 0.5 * TEXELS[..., :1]}
+FINER = {"to_uv": np.array([[5.0, 0, 0.3], [0, 5, 0.1], [0, 0, 1]])}
 METAL = {"type": "bitmap", "raw": True, "wrap_mode": "mirror", "data": TEXELS[:3, :7, 1:2]}
 
 ROUGH: dict[str, tuple[dict[str, Any], float]] = {
@@ -51,7 +52,12 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
     "principled": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "specular": 0.8}, 2e-4),
     "principled metal": ({"type": "principled", "base_color": COLOUR, "roughness": 0.4, "metallic": 0.7}, 2e-4),
     "principled, textured": (
-        {"type": "principled", "base_color": COLOUR, "roughness": ROUGHNESS, "metallic": METAL},
+        {
+            "type": "principled",
+            "base_color": COLOUR | FINER,
+            "roughness": ROUGHNESS | FINER,
+            "metallic": METAL | FINER | {"wrap_mode": "repeat"},
+        },
         2e-4,
     ),
     "principled, textured, one colour": (

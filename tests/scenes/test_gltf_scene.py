@@ -19,6 +19,7 @@ from davis_rs import DecodeError, LostLookWarning, Scene, SceneFileWarning, Simu
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
+from davis_rs.render.scene_cache import shared_scenes
 from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.render.texels import WRAP_MODES
 from davis_rs.render.truth import lost_look_fractions
@@ -599,10 +600,12 @@ def test_mirrors_show_what_stands_before_them(tmp_path: Path) -> None:
     with_camera(gltf)
     scene = saved(gltf, tmp_path)
     assert scene.start is not None
-    middle = [
-        make_renderer(shown, scene.own_camera, rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0, 70:110, 100:140]
-        for shown in (scene, replace(scene, reflections=False))
-    ]
+    views = Views.at_rest([scene.start])
+    with shared_scenes():
+        middle = [
+            make_renderer(shown, scene.own_camera, rays_per_pixel=1).luma(views)[0, 70:110, 100:140]
+            for shown in (scene, replace(scene, reflections=False))
+        ]
     # The shadow is 2 m wide, 9 m away in the mirror.
     seen = np.pad(np.zeros((18, 18)), 11, constant_values=0.5 / np.pi)
     edge = np.pad(np.zeros((18, 18), bool), 2, constant_values=True)
