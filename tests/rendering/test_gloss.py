@@ -61,7 +61,7 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
         2e-4,
     ),
     "principled, textured, one colour": (
-        {"type": "principled", "base_color": 0.4, "roughness": 0.5, "metallic": {**METAL, "wrap_mode": "clamp"}},
+        {"type": "principled", "base_color": 0.4, "roughness": 0.5, "metallic": METAL | FINER | {"wrap_mode": "clamp"}},
         2e-4,
     ),
     "principled of an index": ({"type": "principled", "roughness": 0.3, "eta": 1.33}, 2e-4),
