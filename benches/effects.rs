@@ -18,7 +18,7 @@ fn cases() -> Vec<(&'static str, Effects)> {
     let none = Effects::default;
     let bandwidth = PhotoreceptorBandwidth { hz: 1000.0, source_follower_hz: f64::INFINITY };
     let both = PhotoreceptorBandwidth { source_follower_hz: 300.0, ..bandwidth };
-    let shot_noise = ShotNoise { rms: 0.05, half_luma: 1.0, bandwidth_hz: 300.0 };
+    let shot_noise = ShotNoise { rms: 0.05, floor: 0.0, half_luma: 1.0, bandwidth_hz: 300.0 };
     let hot_pixels = HotPixels { fraction: 1e-3, rate_hz: 10.0, ..none().hot_pixels };
     let leak = Leak { rate_hz: 0.1, spread: 0.23, jitter: 0.1, ..none().leak };
     let threshold_mismatch = ThresholdMismatch { sigma: 0.05, ..none().threshold_mismatch };

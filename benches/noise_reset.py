@@ -14,7 +14,7 @@ from davis_rs import CrossingEngine, Effects
 from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.sensor.effects import ShotNoise
 
-SIDE, SECONDS, C, SLOPE = 64, 60, 0.2, 0.02
+SIDE, SECONDS, C, SLOPE = 32, 60, 0.2, 0.02
 NOISE = ShotNoise.of_rate(5.0, C, half_luma=math.inf)
 PERIODS_US = None, 3.37, 100.0, 530.0, 10_000.0
 
@@ -24,6 +24,13 @@ def ramp(slope: float, effects: Effects) -> EventArray:
     engine = CrossingEngine(SIDE, SIDE, contrast_threshold=C, effects=effects)
     frames = (np.full((SIDE, SIDE), slope * t) for t in range(SECONDS + 1))
     return concatenate_events([engine.push_log(t * 1_000_000, frame) for t, frame in enumerate(frames)])
+
+
+def standing(effects: Effects) -> EventArray:
+    """The events of pixels that stand still, their references at all phases."""
+    engine = CrossingEngine(SIDE, SIDE, contrast_threshold=C, effects=effects, start_phase="stationary")
+    frame = np.zeros((SIDE, SIDE))
+    return concatenate_events([engine.push_log(t * 1_000_000, frame) for t in range(SECONDS + 1)])
 
 
 def main() -> None:
@@ -41,17 +48,13 @@ def main() -> None:
             print(f"{name}: {rate_hz:.2f} events a second, ON - OFF {net[-1]:.2f} in {SECONDS} s")
         left.set(xlabel="time (s)", ylabel="ON - OFF events a pixel")
         left.legend(fontsize=6)
-        events = ramp(0.0, Effects(shot_noise_rms=NOISE))
+        events = standing(Effects(shot_noise_rms=NOISE))
         pixels = of_each_pixel(events)
         waits_ms = np.concatenate([np.diff(own["t"]) * 1e-3 for own in pixels])
         opposite = np.concatenate([np.diff(own["p"].astype(int)) != 0 for own in pixels])
         edges = np.geomspace(0.01, 1e4, 61)
         for kept, name in ((opposite, "opposite polarity"), (~opposite, "same polarity")):
             right.stairs(np.histogram(waits_ms[kept], edges)[0], edges, label=name)
-        tau_ms = 1e3 / (2 * math.pi * NOISE.bandwidth_hz)
-        law = np.exp(-edges[:-1] / tau_ms) - np.exp(-edges[1:] / tau_ms)
-        middles, count = np.sqrt(edges[1:] * edges[:-1]), (len(waits_ms) + 1) / 2
-        right.plot(middles, law * count, "k:", label=f"exponential, {tau_ms:.3f} ms")
         right.set(xscale="log", xlabel="wait for the pixel's next event (ms)", ylabel="events")
         right.legend(fontsize=6)
 

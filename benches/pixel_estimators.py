@@ -1,10 +1,10 @@
 """What a pixel's luma costs and errs, by rays and by lines: python benches/pixel_estimators.py [SCENE ...]
 
-Each scene is seen at 240 x 180 without distortion. Frames follow each other so that the fastest pixels move by 0.1 px.
-Processor time is the least of some rounds in which the estimators take turns, on one thread. Errors are those against
-1,024 rays a pixel: of log luma, in units of C, and of events. These come from the crossing engine, along lines between
-the frames; events match within half a pixel's motion. Jumps are pixels whose log luma has a second difference above
-0.05 C while the camera moves by 0.005 px a step.
+Each scene is seen at 240 x 180 without distortion; with --distortion by a DAVIS240C's lens. Frames follow each other so
+that the fastest pixels move by 0.1 px. Processor time is the least of some rounds in which the estimators take turns,
+on one thread. Errors are those against 1,024 rays a pixel: of log luma, in units of C, and of events. These come from
+the crossing engine, along lines between the frames; events match within half a pixel's motion. Jumps are pixels whose
+log luma has a second difference above 0.05 C while the camera moves by 0.005 px a step.
 
 With --edges: an edge of contrast 5:1 at many angles, also that of the lines, moves in steps of 0.005 px; the largest
 change of log luma in one step, in C, next to that of the edge's own motion.
@@ -110,12 +110,14 @@ BUILT: dict[str, Callable[[], Scene]] = {"wires": wires, "foliage": foliage, "wo
 SCENES = ["three_planes", "fence", "office_zigzag", "outdoors_walking", "workshop", "wires", "foliage"]
 
 
-def scene_of(name: str) -> Scene:
-    """The scene, seen by a camera of 240 x 180 pixels without distortion."""
+def scene_of(name: str, *, distortion: bool) -> Scene:
+    """The scene, seen by a camera of 240 x 180 pixels, without distortion or with a DAVIS240C's."""
     if name in BUILT:
         scene = BUILT[name]()
     else:
         scene = SEQUENCES[name].scene() if name in SEQUENCES else davis_rs.load_scene(name)
+    if distortion:
+        return replace(scene, camera=davis_rs.load_camera("davis240c"))
     camera = replace(scene.own_camera, k1=0.0, k2=0.0, p1=0.0, p2=0.0, k3=0.0)
     return replace(scene, camera=camera)
 
@@ -163,9 +165,10 @@ class Case:
     """A scene with its estimators."""
 
     name: str
+    distortion: bool
 
     def __post_init__(self) -> None:
-        self.scene = scene_of(self.name)
+        self.scene = scene_of(self.name, distortion=self.distortion)
         self.renderers = {name: self.renderer(rays, pixel) for name, pixel, rays in ESTIMATORS}
         start = Views.along(self.scene.path, np.array([0.4 * self.scene.path.duration_s]))
         flow = np.linalg.norm(self.renderers["32 rays"].flow(start), axis=-1)
@@ -231,6 +234,7 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="rounds of timing")
     parser.add_argument("--time-only", action="store_true", help="leave out errors and jumps")
+    parser.add_argument("--distortion", action="store_true", help="scenes behind a DAVIS240C's lens")
     parser.add_argument("--edges", action="store_true", help="only an edge at many angles")
     chosen = parser.parse_args()
     if chosen.edges:
@@ -241,7 +245,7 @@ def main() -> None:
     print("| scene | estimator | ms a frame | 32 rays = 1 | rms of log luma, C | missing + spurious, % | jumps, % |")
     print("|---|---|---|---|---|---|---|")
     for name in chosen.scenes or SCENES:
-        case = Case(name)
+        case = Case(name, chosen.distortion)
         took = case.milliseconds(chosen.rounds)
         errors, jumps = ({}, {}) if chosen.time_only else (case.errors(), case.jumps())
         for estimator in case.renderers:

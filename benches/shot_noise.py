@@ -1,4 +1,4 @@
-"""How often noise makes events: Rice's formula, the engine, and a Gaussian process followed step by step.
+"""How often noise makes events, and how far it moves those of a signal: the engine, small steps of time, and the law.
 
 python benches/shot_noise.py [-o docs/shot_noise.png]
 """
@@ -6,87 +6,92 @@ python benches/shot_noise.py [-o docs/shot_noise.png]
 from __future__ import annotations
 
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
-from effect_figure import on_static_scene, picture
+from effect_figure import picture
 
-from davis_rs import Effects
+from davis_rs import CrossingEngine, Effects
+from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.geometry.pose import FloatArray
 from davis_rs.sensor.effects import ShotNoise
 
-SIDE, LOG_EPS = 64, 1e-6
-NOISE = ShotNoise(0.07, half_luma=1.0, bandwidth_hz=300.0)
-THRESHOLDS = np.linspace(0.1, 0.4, 13)
-LIGHTS = 0.01, 0.1, 1.0
-STEPS_A_PERIOD = 60
-"""Steps of the process that is followed, over 1 / bandwidth."""
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+
+from noise_oracle import TwoPoles, noisy_events
+
+SIDE, C, FOLLOWER_HZ, DARK_LUX = 64, 0.2, 286.26, 0.5
+NOISE = ShotNoise(0.086, half_luma=FOLLOWER_HZ / 3, bandwidth_hz=FOLLOWER_HZ)
+"""In lux, as a sensor with a photoreceptor of 3 Hz a lux has it."""
+
+PHASES = 0.0, 0.15, 0.3, 0.45, 0.6, 0.85
+LUX = 5.0, 50.0, 200.0
+SLOPE = 20.0
 
 
-def engine_rates_hz(c: float, luma: float, mismatch: float | None = None) -> tuple[FloatArray, FloatArray]:
-    """Events a second of each pixel on a static scene, and Rice's for its thresholds."""
-    effects = Effects(shot_noise_rms=NOISE, threshold_mismatch=mismatch)
-    nominal = float(NOISE.rate_hz(c, c, luma + LOG_EPS))
-    seconds = min(max(20_000 / (nominal * SIDE**2 + 1e-9), 0.1), 1e4) if mismatch is None else 60.0
-    settings = {"contrast_threshold": c, "log_eps": LOG_EPS}
-    engine, events = on_static_scene(effects, luma, seconds, size=(SIDE, SIDE), **settings)
-    law = NOISE.rate_hz(engine.contrast_threshold, engine.contrast_threshold_off, luma + LOG_EPS)
-    counts = np.zeros((SIDE, SIDE))
-    np.add.at(counts, (events["y"], events["x"]), 1)
-    return counts / seconds, np.broadcast_to(law, counts.shape)
+def poles(lux: float) -> TwoPoles:
+    """Corners and standard deviation in this light."""
+    light = lux + DARK_LUX
+    return TwoPoles(FOLLOWER_HZ * light / NOISE.half_luma, FOLLOWER_HZ, float(NOISE.sigma(light)))
 
 
-def followed_rate_hz(c: float, luma: float, *, pixels: int = 2000, seconds: float = 6.0) -> float:
-    """Events a second of pixels whose signal is the noise itself: white noise behind two poles, step by step."""
-    random = np.random.default_rng(1)
-    ratio = luma / NOISE.half_luma
-    of_light, decay = (math.exp(-2 * math.pi * pole / STEPS_A_PERIOD) for pole in (ratio, 1.0))
-    rms = NOISE.rms / math.sqrt(1 + ratio)
-    # Variance of white noise of unit variance behind two such poles.
-    both = of_light * decay
-    gain = rms / math.sqrt((1 + both) / ((1 - both) * (1 - of_light**2) * (1 - decay**2)))
-    first, noise, reference = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
-    made, settle = 0, int(3 * STEPS_A_PERIOD * max(1.0, 1 / ratio))
-    for step in range(settle + int(seconds * NOISE.bandwidth_hz * STEPS_A_PERIOD)):
-        first = of_light * first + gain * random.standard_normal(pixels)
-        noise = decay * noise + first
-        if step < settle:
-            continue
-        steps = (noise >= reference + c).astype(int) - (noise <= reference - c)
-        if steps.any():
-            made += np.abs(steps).sum()
-            reference += c * steps
-    return float(made / pixels / seconds)
+def engine_events(lux: float, start: float, signal: FloatArray, times_s: FloatArray) -> EventArray:
+    """Events of pixels whose reference is at ``start``, along a signal; light is that of the signal at 0."""
+    engine = CrossingEngine(SIDE, SIDE, contrast_threshold=C, effects=Effects(shot_noise_rms=NOISE))
+    here = np.full((SIDE, SIDE), math.log(lux + DARK_LUX))
+    engine.push_log(0, here + start)
+    events = [engine.push_log(1, here)]
+    pairs = zip(signal.tolist(), times_s.tolist(), strict=True)
+    return concatenate_events([*events, *(engine.push_log(round(1e6 * t) + 1, here + value) for value, t in pairs)])
+
+
+def rates_hz(lux: float, phase: float, *, seconds: float = 4.0, pixels: int = 500) -> tuple[float, float]:
+    """Events a second of a pixel that stands still at a phase: of the engine, and in small steps."""
+    events = engine_events(lux, -phase * C, np.zeros(1), np.array([seconds]))
+    t, _, _ = noisy_events(poles(lux), (C, C), lambda _: phase * C, pixels=pixels, seconds=seconds)
+    return len(events) / SIDE**2 / seconds, len(t) / pixels / seconds
+
+
+def jitter_us(lux: float) -> tuple[float, float]:
+    """Standard deviation of the first event of a ramp: of the engine, and in small steps."""
+    # The ramp is short, so that light is nearly the same all the way.
+    seconds = 1.5 * C / SLOPE
+    events = engine_events(lux, 0.0, np.array([SLOPE * seconds]), np.array([seconds]))
+    first = np.unique(events["y"].astype(int) * SIDE + events["x"], return_index=True)[1]
+    t, pixel, _ = noisy_events(poles(lux), (C, C), lambda t: SLOPE * t, pixels=SIDE**2, seconds=seconds)
+    return float(events["t"][first].std()), float(1e6 * t[np.unique(pixel, return_index=True)[1]].std())
 
 
 def main() -> None:
     """Run, print, draw."""
     with picture(__doc__, panels=2, size=(7.2, 3.0)) as (left, right):
-        for luma, colour in zip(LIGHTS, ("C0", "C1", "C2"), strict=True):
-            law = NOISE.rate_hz(THRESHOLDS, THRESHOLDS, luma + LOG_EPS)
-            shown = law > 1e-3
-            made = np.array([engine_rates_hz(c, luma)[0].mean() for c in THRESHOLDS[shown]])
-            left.plot(THRESHOLDS[shown], law[shown], color=colour, linewidth=1, label=f"luma {luma:g} x half_luma")
-            left.plot(THRESHOLDS[shown], made, "o", color=colour, markersize=3)
-            rows = zip(THRESHOLDS[shown], made, law[shown], strict=True)
-            print(f"luma {luma:g}:", ", ".join(f"C {c:.3f}: {m:.4g} of {r:.4g} Hz" for c, m, r in rows))
-        for luma, c in ((0.01, 0.2), (0.1, 0.15), (0.1, 0.2), (0.1, 0.25), (1.0, 0.15)):
-            colour = f"C{LIGHTS.index(luma)}"
-            followed, law = followed_rate_hz(c, luma), float(NOISE.rate_hz(c, c, luma))
-            print(f"followed step by step, luma {luma:g}, C {c:g}: {followed:.4g} Hz, Rice's {law:.4g} Hz")
-            left.plot(c, followed, "x", color=colour, markersize=7)
+        phases = np.linspace(0, 1, 101)
+        for lux, colour in zip(LUX, ("C0", "C1", "C2"), strict=True):
+            left.plot(
+                phases, NOISE.rate_hz(C, C, lux + DARK_LUX, phases), color=colour, linewidth=1, label=f"{lux:g} lux"
+            )
+            made = np.array([rates_hz(lux, phase) for phase in PHASES])
+            left.plot(PHASES, made[:, 0], "o", color=colour, markersize=3)
+            left.plot(PHASES, made[:, 1], "x", color=colour, markersize=7)
+            rows = zip(PHASES, made.tolist(), strict=True)
+            print(f"{lux:g} lux:", ", ".join(f"{p:g} C: {e:.3g} Hz, steps {s:.3g} Hz" for p, (e, s) in rows))
+        left.plot([], [], "k-", linewidth=1, label="approximation")
         left.plot([], [], "ko", markersize=3, label="the engine")
-        left.plot([], [], "kx", label="process followed in time")
-        left.set(yscale="log", xlabel="C", ylabel="noise events a second", ylim=(1e-3, None))
+        left.plot([], [], "kx", label="small steps")
+        left.set(yscale="log", xlabel="signal less reference, in C", ylabel="noise events a second", ylim=(1e-2, None))
         left.legend(fontsize=6)
-        made, law = engine_rates_hz(0.2, 0.1, 0.1)
-        order = np.argsort(law, axis=None)
-        groups = np.array_split(order, 40)
-        right.plot(law.ravel()[order], made.ravel()[order], ",", color="0.6")
-        right.plot([law.ravel()[g].mean() for g in groups], [made.ravel()[g].mean() for g in groups], "o", markersize=3)
-        right.plot([2, 150], [2, 150], "k:", linewidth=1)
-        right.set(xscale="log", yscale="log", xlim=(2, 150), ylim=(2, 150))
-        print(f"mismatch 0.1: {made.mean():.4g} of {law.mean():.4g} Hz")
-        right.set(xlabel="Rice's rate for the pixel's thresholds (Hz)", ylabel="events a second of the pixel")
+        lux = np.geomspace(1, 1000, 7)
+        made = np.array([jitter_us(float(value)) for value in lux])
+        right.plot(lux, made[:, 0], "ko", markersize=3, label="the engine")
+        right.plot(lux, made[:, 1], "kx", markersize=7, label="small steps")
+        right.plot(lux, 1e6 * NOISE.sigma(lux + DARK_LUX) / SLOPE, "k:", linewidth=1, label="rms / slope")
+        right.set(xscale="log", yscale="log", xlabel="lux", ylabel="jitter of an event (us)")
+        right.legend(fontsize=6)
+        print(
+            "jitter:",
+            ", ".join(f"{x:.0f} lux {a:.0f} us, steps {b:.0f} us" for x, (a, b) in zip(lux, made, strict=True)),
+        )
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import davis_rs
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 
 SIZE, WINDOW_MS = (640, 480), 5
-FILES = {
+FILE_NAMES = {
     "npy": "e.npy",
     "dsec": "e.h5",
     "parquet": "e.parquet",
@@ -85,7 +85,7 @@ def main() -> None:
     events, reads, opened = stream(options.events), {}, {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for format, file in FILES.items():
+        for format, file in FILE_NAMES.items():
             with davis_rs.open_writer(folder / file, SIZE, format) as writer:
                 for start in range(0, len(events), 50_000):
                     writer.write(events[start : start + 50_000])
@@ -93,7 +93,7 @@ def main() -> None:
             windows = davis_rs.EventWindows(folder / file, duration_us=1000 * WINDOW_MS, stride_us=1000, start_us=0)
             opened[format] = time.process_time() - begin
             reads[format] = lambda start_ms, windows=windows: len(windows[start_ms].events)
-        reads = {"plain h5py, ms_to_idx": plain_h5py(folder / FILES["dsec"])} | reads
+        reads = {"plain h5py, ms_to_idx": plain_h5py(folder / FILE_NAMES["dsec"])} | reads
         try:
             reads["tonic, in memory"] = tonic_slicing(events)
         except ImportError:

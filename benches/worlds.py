@@ -45,7 +45,7 @@ class Row(NamedTuple):
 def examine(path: Path) -> Row:
     """Load one file in this process, and find who would render it."""
     from davis_rs import load_scene
-    from davis_rs.render.choice import KINDS, NoiseFreeKind, why_not_noise_free
+    from davis_rs.render.choice import RENDERER_KINDS, NoiseFreeKind, why_not_noise_free
 
     start = time.perf_counter()
     lost: list[str] = []
@@ -54,8 +54,12 @@ def examine(path: Path) -> Row:
             warnings.simplefilter("ignore")
             scene = load_scene(path)
             lost = sorted({look.what for look in scene.lost_looks})
-            free = (kind.name for kind in KINDS.values() if isinstance(kind, NoiseFreeKind) and kind.name != "table")
-            outcome = next((name for name in free if not KINDS[name].why_not(scene)), "integrator")  # type: ignore[attr-defined]
+            free = (
+                kind.name
+                for kind in RENDERER_KINDS.values()
+                if isinstance(kind, NoiseFreeKind) and kind.name != "table"
+            )
+            outcome = next((name for name in free if not RENDERER_KINDS[name].why_not(scene)), "integrator")  # type: ignore[attr-defined]
             reason = [] if outcome != "integrator" else [str(obstacle.rule) for obstacle in why_not_noise_free(scene)]
     except FileNotFoundError as error:
         outcome, reason = "missing files", [str(error)]

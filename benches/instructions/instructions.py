@@ -16,7 +16,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 FRAMES = 40
-KINDS = {
+WORKLOADS = {
     "frames": ("dense", "quiet", "still", "hermite", "sensor"),
     "streams": ("decode-dense", "decode-sparse", "decode-frames"),
 }
@@ -72,13 +72,13 @@ def main(revision: str) -> None:
         try:
             programs = {
                 name: [build(name, root, Path(folder) / f"{name}-{root.name}") for root in (before, ROOT)]
-                for name in KINDS
+                for name in WORKLOADS
             }
         finally:
             subprocess.run(["git", "worktree", "remove", "--force", str(before)], cwd=ROOT, check=True)
         print(f"| instructions a frame, 240 x 180, or a stream | {revision} | now | ratio |\n|---|---|---|---|")
         for name, (old, new) in programs.items():
-            for kind in KINDS[name]:
+            for kind in WORKLOADS[name]:
                 assert new is not None
                 now = each(new, kind)
                 cells = (f"{then:,.0f}", f"{now / then:.4f}") if old and (then := each(old, kind)) else ("-", "-")

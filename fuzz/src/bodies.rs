@@ -156,7 +156,7 @@ fn stored(choice: u8) -> EngineState {
             double_luma: 1.0,
             ..Effects::default().leak
         },
-        shot_noise: ShotNoise { rms: if bit(5) { 0.2 } else { 0.0 }, half_luma: 1.0, bandwidth_hz: 1e4 },
+        shot_noise: ShotNoise { rms: if bit(5) { 0.03 } else { 0.0 }, floor: 0.0, half_luma: 1.0, bandwidth_hz: 1e4 },
         hot_pixels: HotPixels {
             fraction: if bit(6) { 0.5 } else { 0.0 },
             rate_hz: 1000.0,
@@ -240,8 +240,8 @@ fn damage(state: &mut EngineState, [field, place, value @ ..]: &[u8; 10]) {
         (12, Some(effects)) => effects.started_us = bits,
         (13, Some(effects)) => set(&mut effects.filtered, *place, float),
         (14, Some(effects)) => set(&mut effects.held_us, *place, float),
-        (15, Some(effects)) => set(&mut effects.shot_wait_us, *place, float),
-        (16, Some(effects)) => set(&mut effects.shot_index, *place, bits as u64),
+        (15, Some(effects)) => set(&mut effects.noise_filtered, *place, float),
+        (16, Some(effects)) => set(&mut effects.noise_cell, *place, bits),
         (17, Some(effects)) => set(&mut effects.hot_wait_us, *place, float),
         (18, Some(effects)) => set(&mut effects.hot_index, *place, bits as u64),
         (19, _) => state.effect_state = None,

@@ -33,6 +33,7 @@ __all__ = [
     "count_events",
     "crc32",
     "crc32_combine",
+    "decode_ecf",
     "fill_events",
     "latest_times",
     "log_intensity",
@@ -645,6 +646,23 @@ def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, 
             lies outside of ``size`` (width, height), or has a polarity above 1.
     """
 
+def decode_ecf(bytes: npt.NDArray[np.uint8], most: int) -> npt.NDArray[np.void]:
+    """Decode a chunk of ECF, the compression of Metavision's HDF5 files; the GIL is released.
+
+    Args:
+        bytes: uint8, shape (n,), contiguous: the chunk.
+        most: events that it may have.
+
+    Returns:
+        :data:`davis_rs.EVENT_DTYPE`, with the times of the file.
+
+    Raises:
+        DecodeError: for more events, and for bytes that end too early, that go beyond the number of events, or that are
+            left over.
+
+    Source: `hdf5_ecf`, Prophesee's codec, HDF5's filter 0x8ECF.
+    """
+
 def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
     """Compute the CRC-32 of bytes that come in parts; the GIL is released.
 
@@ -1059,8 +1077,8 @@ class SceneRenderer:
         """Render luma of frames by lines through the pixels: of each pixel's area, not of single rays.
 
         Args:
-            corners: of the sensor, without distortion, as by :meth:`PixelRays.grid`: two rays a pixel, through its
-                upper left and its lower right corner.
+            corners: of the sensor. By :meth:`PixelRays.grid` two rays a pixel, through its upper left and its lower
+                right corner; else, behind a lens with distortion, four: through all of its corners, row by row.
             lines: lines a pixel: 4, 8 or 16.
             views: as in :meth:`luma`.
 

@@ -44,7 +44,7 @@ pub use filter::{EventFilter, FilterRule};
 pub use log_intensity::{log_intensity, log_intensity_frame};
 pub use read::{
     Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Kind, Aedat4Piece, Aedat4Recording, Aedat4Trigger, Block, Decode,
-    DecoderState, EventReader, Evt2Decoder, Evt3Decoder, Evt21Decoder, MAX_PACKET_BYTES, TextDecoder,
+    DecoderState, EventReader, Evt2Decoder, Evt3Decoder, Evt21Decoder, MAX_PACKET_BYTES, TextDecoder, decode_ecf,
 };
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use render::{

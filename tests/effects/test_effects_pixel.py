@@ -112,6 +112,21 @@ def test_columns_differ_alternately_and_columns_and_rows_each_from_the_others() 
     assert Effects(threshold_mismatch=ThresholdMismatch(0.0, columns=0.1)).threshold_mismatch is not None
 
 
+@pytest.mark.parametrize("correlation", [-1.0, -0.4, 0.0, 0.6, 1.0])
+def test_on_and_off_thresholds_may_be_correlated(correlation: float) -> None:
+    """Each keeps its law, and those of ON are what they are without it; at 0 so are those of OFF."""
+
+    def thresholds(**parts: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        engine = CrossingEngine(200, 200, effects=Effects(threshold_mismatch=ThresholdMismatch(0.1, **parts)))
+        return np.log(engine.contrast_threshold).ravel(), np.log(engine.contrast_threshold_off).ravel()
+
+    (on, off), (alone, other) = thresholds(correlation=correlation), thresholds()
+    np.testing.assert_array_equal(on, alone)
+    assert np.array_equal(off, other) == (correlation == 0)
+    assert off.std() == pytest.approx(other.std(), rel=5 / 200)
+    assert stats.pearsonr(on, off).statistic == pytest.approx(correlation, abs=5 / 200)
+
+
 def test_even_and_odd_columns_have_events_by_their_parity() -> None:
     """With the davis240c preset's parity 1.127 times as many in even columns where light goes far, as recorded."""
     effects = Effects(threshold_mismatch=ThresholdMismatch(0.1085, 0.06))

@@ -366,14 +366,21 @@ def test_noise_of_a_static_scene_is_the_same_with_others(others: list[Effect]) -
 
 @pytest.mark.parametrize("effects", [[effect] for effect in STRONG] + [STRONG], ids=repr)
 def test_start_phases_are_the_same_under_any_effects(effects: list[Effect]) -> None:
-    """As shares of the way between each pixel's own levels: those of a seed are one pattern, whatever is on."""
+    """As shares of the way between each pixel's own levels: those of a seed are one pattern, whatever is on.
+
+    Noise has been there before: it is a part of what comparators see, and has taken some references to their next
+    levels.
+    """
     shares = []
     for on in ([], effects):
         engine = CrossingEngine(9, 9, effects=Effects.of(on), start_phase="stationary", seed=5)
         engine.push_log(0, scene(0, 9, 9))
         c_on, c_off = (np.broadcast_to(c, (9, 9)) for c in (engine.contrast_threshold, engine.contrast_threshold_off))
         shares.append((c_off - engine.reference) / (c_on + c_off))
-    np.testing.assert_allclose(shares[1], shares[0], rtol=1e-9)
+    if any(isinstance(effect, ShotNoise) for effect in effects):
+        assert 0.1 < np.std(shares[1]) < np.std(shares[0])
+    else:
+        np.testing.assert_allclose(shares[1], shares[0], rtol=1e-9)
     assert np.ptp(shares[0]) > 0.9
     engine = CrossingEngine(9, 9, effects=Effects.of(effects), seed=5)
     engine.push_log(0, scene(0, 9, 9))
@@ -386,7 +393,7 @@ def test_start_phases_are_the_same_under_any_effects(effects: list[Effect]) -> N
     [
         LeakRate(1e-6),
         RefractoryPeriod(1e-6),
-        ShotNoise(1e-3),
+        ShotNoise(1e-8),
         HotPixels(1e-9, 1.0),
         PhotoreceptorBandwidth(1e9),
         ThresholdMismatch(1e-9),
@@ -490,11 +497,10 @@ def test_an_engine_under_effects_takes_one_kind_of_frames() -> None:
             "photoreceptor",
             "filtered",
             "held_us",
-            "shot_wait_us",
-            "shot_index",
-            "excursion_us",
-            "excursion_noise",
-            "excursion_awaits",
+            "noise_cell",
+            "noise_log_light",
+            "noise_photoreceptor",
+            "noise_filtered",
         ],
         *["hot_wait_us", "hot_index"],
     ],

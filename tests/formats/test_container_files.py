@@ -21,7 +21,7 @@ from davis_rs import DecodeError, open_writer, read_events
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 from davis_rs.io.files.read import open_reader
 from davis_rs.io.formats import FORMATS, EventWriter, TruncatedFileWarning
-from event_files import KINDS, SIZE, assert_same, events_of, many
+from event_files import FORMAT_VARIANTS, SIZE, assert_same, events_of, many
 from places import ROOT
 
 pytest.importorskip("h5py")
@@ -30,7 +30,7 @@ pytest.importorskip("hdf5plugin")
 pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
 
-FILES = {
+FILE_NAMES = {
     "dsec": "e.h5",
     "e2vid": "e.h5",
     "mvsec": "e.h5",
@@ -39,7 +39,7 @@ FILES = {
     "ros2": "e.mcap",
 }
 
-every_format = pytest.mark.parametrize("name", sorted(FILES))
+every_format = pytest.mark.parametrize("name", sorted(FILE_NAMES))
 
 
 def write(path: Path, name: str, events: EventArray, *, packet: int = 1 << 30) -> None:
@@ -80,7 +80,7 @@ def test_what_is_written_is_read(
     """Whatever the packets and flushes; times past 2^31 and 2^32 us stay right, ties keep their order."""
     if name == "dsec" and len(events) and events["t"][-1] >= 2**32 > events["t"][0]:
         events["t"] += 2**32  # DSEC's times have 32 bits; the refusal has a test of its own
-    path = tmp_path_factory.mktemp("files") / FILES[name]
+    path = tmp_path_factory.mktemp("files") / FILE_NAMES[name]
     with open_writer(path, SIZE, name) as writer:
         for packet in np.split(events, sorted(cuts)):
             writer.write(packet)
@@ -98,7 +98,7 @@ def test_what_is_written_is_read(
 @every_format
 def test_more_than_one_chunk_is_written_whole(tmp_path: Path, name: str) -> None:
     """300,001 events in packets of 999 pass the chunk, row group or message many times: none is lost or doubled."""
-    events, path = many(300_001), tmp_path / FILES[name]
+    events, path = many(300_001), tmp_path / FILE_NAMES[name]
     write(path, name, events, packet=999)
     assert_same(read_events(path), events)
 
@@ -106,7 +106,7 @@ def test_more_than_one_chunk_is_written_whole(tmp_path: Path, name: str) -> None
 @every_format
 def test_slices_of_time_and_space_are_those_of_the_whole(tmp_path: Path, name: str) -> None:
     """A slice is what a mask over all events selects, at the ends, across chunks and where there is nothing."""
-    events, path = many(300_000, start_us=1_000_000), tmp_path / FILES[name]
+    events, path = many(300_000, start_us=1_000_000), tmp_path / FILE_NAMES[name]
     write(path, name, events)
     t = events["t"]
     for start, stop in (
@@ -129,7 +129,7 @@ def test_slices_of_time_and_space_are_those_of_the_whole(tmp_path: Path, name: s
 @every_format
 def test_chunks_join_to_the_whole(tmp_path: Path, name: str) -> None:
     """iter() hands out arrays of the size asked for, the last one shorter, and progress ends at 1."""
-    events, path = many(50_000), tmp_path / FILES[name]
+    events, path = many(50_000), tmp_path / FILE_NAMES[name]
     write(path, name, events)
     with open_reader(path) as reader:
         parts = list(reader.iter(7_001))
@@ -141,7 +141,7 @@ def test_chunks_join_to_the_whole(tmp_path: Path, name: str) -> None:
 @every_format
 def test_the_callers_arrays_are_only_read(tmp_path: Path, name: str) -> None:
     """Read-only arrays are taken, and one that is filled anew after write() changes nothing that was written."""
-    events, path = many(1000), tmp_path / FILES[name]
+    events, path = many(1000), tmp_path / FILE_NAMES[name]
     expected, reused = events.tobytes(), np.zeros(100, EVENT_DTYPE)
     events.flags.writeable = False
     with open_writer(path, SIZE, name) as writer:
@@ -172,7 +172,7 @@ def test_a_bad_event_is_refused_with_its_whole_packet(
     tmp_path: Path, name: str, event: tuple[int, int, int, int], words: str
 ) -> None:
     """The message has the index; the packet leaves nothing, and the writer goes on."""
-    path = tmp_path / FILES[name]
+    path = tmp_path / FILE_NAMES[name]
     good, after = events_of((10, 1, 2, 1)), events_of((12, 3, 4, 0))
     with open_writer(path, SIZE, name) as writer:
         writer.write(good)
@@ -195,7 +195,7 @@ def test_a_bad_event_is_refused_with_its_whole_packet(
 )
 def test_times_that_a_format_cannot_hold_are_refused(tmp_path: Path, name: str, first: int, beyond: int) -> None:
     """The last time that it holds is right; the next one is refused with index and value, and never wraps."""
-    path = tmp_path / FILES[name]
+    path = tmp_path / FILE_NAMES[name]
     fits = events_of((first, 0, 0, 1), (beyond - 1, 1, 1, 0))
     with open_writer(path, SIZE, name) as writer:
         writer.write(fits[:1])
@@ -215,7 +215,7 @@ def test_sensors_that_a_format_cannot_hold_are_refused(tmp_path: Path) -> None:
 @every_format
 def test_an_existing_file_stays_unless_told_otherwise(tmp_path: Path, name: str) -> None:
     """FileExistsError, and the bytes as they were; with overwrite=True the new events alone."""
-    path = tmp_path / FILES[name]
+    path = tmp_path / FILE_NAMES[name]
     write(path, name, many(10))
     before = path.read_bytes()
     with pytest.raises(FileExistsError):
@@ -229,13 +229,13 @@ def test_an_existing_file_stays_unless_told_otherwise(tmp_path: Path, name: str)
 @every_format
 def test_a_folder_that_is_not_there_is_a_system_error(tmp_path: Path, name: str) -> None:
     with pytest.raises(FileNotFoundError):
-        open_writer(tmp_path / "nowhere" / FILES[name], SIZE, name)
+        open_writer(tmp_path / "nowhere" / FILE_NAMES[name], SIZE, name)
 
 
 @every_format
 def test_a_missing_file_and_a_broken_one_are_told_apart(tmp_path: Path, name: str) -> None:
     """OSError for what is not there, DecodeError with the path for what is cut or scrambled."""
-    path = tmp_path / FILES[name]
+    path = tmp_path / FILE_NAMES[name]
     with pytest.raises(FileNotFoundError):
         read_events(path)
     write(path, name, many(10_000))
@@ -272,7 +272,7 @@ with open_writer(sys.argv[1], (240, 180), sys.argv[2]) as writer:
 )
 def test_a_killed_writer_leaves_all_that_was_flushed(tmp_path: Path, name: str, delay_ms: int) -> None:
     """kill -9 at any moment: every packet whose flush() had returned reads back, bit by bit, and a warning is given."""
-    events, path = many(2_000_000), tmp_path / FILES[name]
+    events, path = many(2_000_000), tmp_path / FILE_NAMES[name]
     np.save(tmp_path / "events.npy", events)
     command = [sys.executable, "-c", _KILLED, str(path), name, str(tmp_path / "events.npy")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -313,7 +313,7 @@ def write_and_flush(writer: EventWriter, events: EventArray, flushed: list[int])
 @pytest.mark.parametrize("name", ["dsec", "e2vid", "mvsec", "bag", "ros2"])
 def test_a_full_disk_is_told_and_loses_nothing(small_disk: Path, name: str) -> None:
     """OSError with ENOSPC from the call that meets it; what was flushed before reads back; nothing more is taken."""
-    events, path = many(1_000_000), small_disk / FILES[name]
+    events, path = many(1_000_000), small_disk / FILE_NAMES[name]
     flushed: list[int] = []
     writer = open_writer(path, SIZE, name)
     with pytest.raises(OSError, match=path.name) as refused:
@@ -347,7 +347,7 @@ def test_a_full_disk_leaves_what_was_at_a_parquets_path(small_disk: Path) -> Non
 @every_format
 def test_a_writer_that_was_left_in_an_error_keeps_what_it_has(tmp_path: Path, name: str) -> None:
     """An exception of the caller's inside of `with` finishes the file: nothing that was written is lost."""
-    path = tmp_path / FILES[name]
+    path = tmp_path / FILE_NAMES[name]
     with suppress(KeyError), open_writer(path, SIZE, name) as writer:
         writer.write(many(10))
         raise KeyError
@@ -357,7 +357,9 @@ def test_a_writer_that_was_left_in_an_error_keeps_what_it_has(tmp_path: Path, na
 def test_every_format_is_tested_fuzzed_and_documented() -> None:
     """One that is registered is in the tables of these tests, among the targets of the fuzzer, and in the documents."""
     names = set(FORMATS) - {"folder"}  # a dataset folder, which has files of the other formats
-    assert {name for name in names if FORMATS[name].writable} == set(FILES) | {kind.name for kind in KINDS.values()}
+    assert {name for name in names if FORMATS[name].writable} == set(FILE_NAMES) | {
+        kind.name for kind in FORMAT_VARIANTS.values()
+    }
     targets = (ROOT / "tests/fuzz/targets.py").read_text()
     documents = "".join((ROOT / f"docs/{name}.md").read_text() for name in ("formats", "containers"))
     for name in names:
@@ -381,7 +383,7 @@ def test_a_missing_library_is_told_with_its_extra(
         "    davis_rs.open_writer(sys.argv[1], (240, 180), sys.argv[2])\n"
         "except ImportError as error:\n"
         "    print(error)\n",
-        str(tmp_path / FILES[name]),
+        str(tmp_path / FILE_NAMES[name]),
         name,
     )
     assert f"davis_rs[{extra}]" in told

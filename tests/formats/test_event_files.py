@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from davis_rs import DecodeError, TruncatedFileWarning, iter_events, open_reader, open_writer, read_events
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 from davis_rs.io.formats import FORMATS
-from event_files import KINDS, SIZE, Kind, assert_same, events_of, many, write_events
+from event_files import FORMAT_VARIANTS, SIZE, FormatVariant, assert_same, events_of, many, write_events
 
-every_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+every_kind = pytest.mark.parametrize("kind", FORMAT_VARIANTS.values(), ids=FORMAT_VARIANTS)
 
 # ---- what is written is read ----
 
@@ -35,7 +35,7 @@ def streams(draw: st.DrawFn) -> EventArray:
 @settings(max_examples=60)
 @given(events=streams(), cuts=st.lists(st.integers(0, 40), max_size=3), flush=st.booleans())
 def test_what_is_written_is_read(
-    tmp_path_factory: pytest.TempPathFactory, kind: Kind, events: EventArray, cuts: list[int], flush: bool
+    tmp_path_factory: pytest.TempPathFactory, kind: FormatVariant, events: EventArray, cuts: list[int], flush: bool
 ) -> None:
     """Whatever the packets and flushes; times are right to the last that the format holds; ties keep their order."""
     events = events[events["t"] <= kind.latest_us]
@@ -57,7 +57,7 @@ def test_what_is_written_is_read(
 
 
 @every_kind
-def test_more_than_one_buffer_is_written_whole(tmp_path: Path, kind: Kind) -> None:
+def test_more_than_one_buffer_is_written_whole(tmp_path: Path, kind: FormatVariant) -> None:
     """300,001 events in packets of 999 and in one pass every buffer many times: none is lost or doubled."""
     events = many(300_001)
     assert_same(read_events(write_events(kind, tmp_path, events, packet=999)), events)
@@ -65,7 +65,7 @@ def test_more_than_one_buffer_is_written_whole(tmp_path: Path, kind: Kind) -> No
 
 
 @every_kind
-def test_slices_of_time_and_space_are_those_of_the_whole(tmp_path: Path, kind: Kind) -> None:
+def test_slices_of_time_and_space_are_those_of_the_whole(tmp_path: Path, kind: FormatVariant) -> None:
     """A slice is what a mask over all events selects, at the ends, across chunks and where there is nothing."""
     events = many(300_000, start_us=1_000_000)
     path, t = write_events(kind, tmp_path, events), events["t"]
@@ -87,7 +87,7 @@ def test_slices_of_time_and_space_are_those_of_the_whole(tmp_path: Path, kind: K
 def test_a_slice_reads_its_part_of_the_file_alone(tmp_path: Path, name: str) -> None:
     """What stands elsewhere may be damaged without harm."""
     events = many(200_000)
-    path, t = write_events(KINDS[name], tmp_path, events), events["t"]
+    path, t = write_events(FORMAT_VARIANTS[name], tmp_path, events), events["t"]
     data = bytearray(path.read_bytes())
     for share in (0.2, 0.8):
         place = int(share * len(data))
@@ -98,7 +98,7 @@ def test_a_slice_reads_its_part_of_the_file_alone(tmp_path: Path, name: str) -> 
 
 
 @every_kind
-def test_chunks_join_to_the_whole(tmp_path: Path, kind: Kind) -> None:
+def test_chunks_join_to_the_whole(tmp_path: Path, kind: FormatVariant) -> None:
     """iter_events() hands out arrays of the size asked for, the last one shorter; progress ends at 1."""
     events = many(50_000)
     path = write_events(kind, tmp_path, events)
@@ -113,7 +113,7 @@ def test_chunks_join_to_the_whole(tmp_path: Path, kind: Kind) -> None:
 
 
 @every_kind
-def test_a_stream_is_written_as_a_file_is(tmp_path: Path, kind: Kind) -> None:
+def test_a_stream_is_written_as_a_file_is(tmp_path: Path, kind: FormatVariant) -> None:
     """A buffer gets the same events and stays open; the table of contents of AEDAT 4 needs a file's place."""
     events, buffer = many(20_000), io.BytesIO()
     with open_writer(buffer, SIZE, kind.name, **kind.options) as writer:
@@ -127,7 +127,7 @@ def test_a_stream_is_written_as_a_file_is(tmp_path: Path, kind: Kind) -> None:
 
 
 @every_kind
-def test_the_callers_arrays_are_only_read(tmp_path: Path, kind: Kind) -> None:
+def test_the_callers_arrays_are_only_read(tmp_path: Path, kind: FormatVariant) -> None:
     """Read-only arrays are taken, and one that is filled anew after write() changes nothing that was written."""
     events, reused = many(1000), np.zeros(100, EVENT_DTYPE)
     expected = events.tobytes()
@@ -144,7 +144,7 @@ def test_the_callers_arrays_are_only_read(tmp_path: Path, kind: Kind) -> None:
 
 @pytest.mark.parametrize("file", ["e.txt", "e.dat", "e"])
 @every_kind
-def test_a_format_is_known_by_its_content(tmp_path: Path, kind: Kind, file: str) -> None:
+def test_a_format_is_known_by_its_content(tmp_path: Path, kind: FormatVariant, file: str) -> None:
     """Whatever the name says."""
     path = write_events(kind, tmp_path, many(10)).rename(tmp_path / file)
     with open_reader(path) as reader:
@@ -164,9 +164,9 @@ def test_the_start_of_an_aedat_is_unix_time(tmp_path: Path) -> None:
 def test_numpy_reads_what_is_written(tmp_path: Path) -> None:
     """.npy and .npz hold the exact dtype; a compressed archive, and other dtypes with the four fields, are read."""
     events = many(1000)
-    loaded = np.load(write_events(KINDS["npy"], tmp_path, events))
+    loaded = np.load(write_events(FORMAT_VARIANTS["npy"], tmp_path, events))
     assert_same(loaded, events)
-    with np.load(write_events(KINDS["npz"], tmp_path, events)) as archive:
+    with np.load(write_events(FORMAT_VARIANTS["npz"], tmp_path, events)) as archive:
         assert archive.files == ["events"]
         assert_same(archive["events"], events)
     other = np.zeros(len(events), [("x", "<i2"), ("y", "<i2"), ("t", "<i8"), ("p", "?")])
@@ -201,7 +201,7 @@ def test_a_dataset_folder_is_its_events(tmp_path: Path) -> None:
     ],
 )
 def test_a_bad_event_is_refused_with_its_whole_packet(
-    tmp_path: Path, kind: Kind, event: tuple[int, int, int, int], rule: str
+    tmp_path: Path, kind: FormatVariant, event: tuple[int, int, int, int], rule: str
 ) -> None:
     """Index, value and rule; the packet leaves nothing, and the writer goes on."""
     good, after = events_of((10, 1, 2, 1)), events_of((12, 3, 4, 0))
@@ -217,7 +217,7 @@ def test_a_bad_event_is_refused_with_its_whole_packet(
 def test_times_that_a_format_cannot_hold_are_refused(tmp_path: Path, name: str) -> None:
     """The last time that it holds is right; the next one is refused with index and value, and never wraps. A silence
     of days costs EVT 3.0 ten bytes each 2^24 us, and no more."""
-    kind = KINDS[name]
+    kind = FORMAT_VARIANTS[name]
     last = kind.latest_us
     with kind.writer(tmp_path) as writer:
         writer.write(events_of((0, 0, 0, 1)))
@@ -231,7 +231,7 @@ def test_times_that_a_format_cannot_hold_are_refused(tmp_path: Path, name: str) 
 @pytest.mark.parametrize(("name", "side"), [("evt2", 2048), ("evt3", 2048), ("aedat4", 32_768), ("text", 65_535)])
 def test_sensors_that_a_format_cannot_hold_are_refused(tmp_path: Path, name: str, side: int) -> None:
     """The largest one is held, corner to corner; a larger one leaves no file."""
-    kind = KINDS[name]
+    kind = FORMAT_VARIANTS[name]
     for size in ((side + 1, 10), (10, side + 1), (0, 10)):
         with pytest.raises(ValueError, match=f"{name} holds sensors of 1 x 1 to {side} x {side}|must lie in 1..65535"):
             kind.writer(tmp_path, size)
@@ -262,7 +262,7 @@ def test_wrong_options_leave_no_file(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore::davis_rs.TruncatedFileWarning")
 @every_kind
-def test_a_file_that_ends_anywhere_gives_its_whole_records(tmp_path: Path, kind: Kind) -> None:
+def test_a_file_that_ends_anywhere_gives_its_whole_records(tmp_path: Path, kind: FormatVariant) -> None:
     """What is left of 30 events is a beginning of them, none of it made up, and the more the longer the file is."""
     events = many(30)
     whole = write_events(kind, tmp_path, events, packet=10).read_bytes()
@@ -292,7 +292,7 @@ def test_a_file_that_ends_anywhere_gives_its_whole_records(tmp_path: Path, kind:
 def test_a_cut_last_record_is_reported(tmp_path: Path, name: str, cut: int, message: str) -> None:
     """TruncatedFileWarning with path and byte; all but the last event are returned."""
     events = many(30)
-    path = write_events(KINDS[name], tmp_path, events)
+    path = write_events(FORMAT_VARIANTS[name], tmp_path, events)
     path.write_bytes(path.read_bytes()[:-cut])
     with pytest.warns(TruncatedFileWarning, match=rf"{path}: {message}"):
         assert_same(read_events(path), events[:29])

@@ -19,9 +19,9 @@ import pytest
 from davis_rs import TruncatedFileWarning, open_writer, read_events
 from davis_rs.events.arrays import EventArray
 from davis_rs.io.formats import EventWriter
-from event_files import KINDS, SIZE, Kind, assert_same, events_of, many, write_events
+from event_files import FORMAT_VARIANTS, SIZE, FormatVariant, assert_same, events_of, many, write_events
 
-every_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+every_kind = pytest.mark.parametrize("kind", FORMAT_VARIANTS.values(), ids=FORMAT_VARIANTS)
 
 KILLED = """
 import sys
@@ -45,7 +45,9 @@ def read_what_is_left(path: Path) -> EventArray:
 
 @every_kind
 @pytest.mark.parametrize("delay_ms", [3, *(pytest.param(delay, marks=pytest.mark.long) for delay in (0, 17, 60))])
-def test_a_killed_writer_leaves_every_packet_that_was_written(tmp_path: Path, kind: Kind, delay_ms: int) -> None:
+def test_a_killed_writer_leaves_every_packet_that_was_written(
+    tmp_path: Path, kind: FormatVariant, delay_ms: int
+) -> None:
     """kill -9 at any moment, without a flush: all packets whose write() had returned read back, bit by bit. A .npz is
     written next to its path, where nothing is until it is finished."""
     events, path = many(500_000), tmp_path / kind.file
@@ -83,7 +85,7 @@ def write_and_count(writer: EventWriter, events: EventArray, written: list[int])
 
 
 @every_kind
-def test_a_full_disk_is_told_at_once_and_loses_nothing(small_disk: Path, kind: Kind) -> None:
+def test_a_full_disk_is_told_at_once_and_loses_nothing(small_disk: Path, kind: FormatVariant) -> None:
     """OSError with ENOSPC and path from the write() that meets it; what was written before reads back; nothing more is
     taken."""
     events, written = many(1_000_000), [0]
@@ -103,7 +105,7 @@ def test_a_full_disk_is_told_at_once_and_loses_nothing(small_disk: Path, kind: K
 
 @every_kind
 def test_a_file_that_may_not_grow_is_told_through_the_context_manager(
-    tmp_path: Path, kind: Kind, run_python: Callable[..., str]
+    tmp_path: Path, kind: FormatVariant, run_python: Callable[..., str]
 ) -> None:
     """`with` passes the OSError on as it was, and does not raise a second one in its place."""
     program = """
@@ -123,7 +125,7 @@ except OSError as error:
 
 
 @every_kind
-def test_a_folder_that_is_not_there_is_told(tmp_path: Path, kind: Kind) -> None:
+def test_a_folder_that_is_not_there_is_told(tmp_path: Path, kind: FormatVariant) -> None:
     """FileNotFoundError with the path, before anything is written."""
     with pytest.raises(FileNotFoundError, match=kind.file):
         kind.writer(tmp_path / "nowhere")
@@ -131,7 +133,7 @@ def test_a_folder_that_is_not_there_is_told(tmp_path: Path, kind: Kind) -> None:
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 @every_kind
-def test_a_folder_that_is_read_only_is_told(tmp_path: Path, kind: Kind) -> None:
+def test_a_folder_that_is_read_only_is_told(tmp_path: Path, kind: FormatVariant) -> None:
     """PermissionError with the path."""
     tmp_path.chmod(0o500)
     with pytest.raises(PermissionError, match=kind.file):
@@ -140,7 +142,7 @@ def test_a_folder_that_is_read_only_is_told(tmp_path: Path, kind: Kind) -> None:
 
 
 @every_kind
-def test_a_disk_that_is_read_only_is_told(small_disk: Path, kind: Kind) -> None:
+def test_a_disk_that_is_read_only_is_told(small_disk: Path, kind: FormatVariant) -> None:
     """OSError with EROFS and the path, for root as well."""
     subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
     with pytest.raises(OSError, match=kind.file) as refused:
@@ -152,7 +154,7 @@ def test_a_folder_that_vanishes_is_told_where_the_name_is_given(tmp_path: Path) 
     """A .npz takes its name at the end: FileNotFoundError from finish() if there is no folder for it any more."""
     folder = tmp_path / "folder"
     folder.mkdir()
-    writer = KINDS["npz"].writer(folder)
+    writer = FORMAT_VARIANTS["npz"].writer(folder)
     writer.write(many(10))
     (folder / "e.npz.part").unlink()
     folder.rmdir()
@@ -160,8 +162,8 @@ def test_a_folder_that_vanishes_is_told_where_the_name_is_given(tmp_path: Path) 
         writer.finish()
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS.values() if not kind.name.startswith("np")])
-def test_a_pipe_is_written_to_and_told_when_closed(tmp_path: Path, kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [kind for kind in FORMAT_VARIANTS.values() if not kind.name.startswith("np")])
+def test_a_pipe_is_written_to_and_told_when_closed(tmp_path: Path, kind: FormatVariant) -> None:
     """A named pipe takes all formats that go forward only; BrokenPipeError once its reader has gone."""
     events, path = many(100_000), tmp_path / kind.file
     os.mkfifo(path)
@@ -197,7 +199,7 @@ def test_what_cannot_be_gone_back_in_is_refused_where_it_must_be(name: str) -> N
 
 
 @every_kind
-def test_an_existing_file_stays_unless_told_otherwise(tmp_path: Path, kind: Kind) -> None:
+def test_an_existing_file_stays_unless_told_otherwise(tmp_path: Path, kind: FormatVariant) -> None:
     """FileExistsError, and the bytes as they were; with overwrite=True the new events alone, however long the old."""
     path = write_events(kind, tmp_path, many(1000))
     before = path.read_bytes()
@@ -210,7 +212,7 @@ def test_an_existing_file_stays_unless_told_otherwise(tmp_path: Path, kind: Kind
 
 def test_an_archive_that_appeared_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
     """A .npz takes its name at the end, and not from a file that was not there at the beginning."""
-    writer = KINDS["npz"].writer(tmp_path)
+    writer = FORMAT_VARIANTS["npz"].writer(tmp_path)
     writer.write(many(10))
     (tmp_path / "e.npz").write_text("precious")
     with pytest.raises(FileExistsError, match=r"e\.npz"):
@@ -219,7 +221,7 @@ def test_an_archive_that_appeared_meanwhile_is_not_overwritten(tmp_path: Path) -
 
 
 @every_kind
-def test_an_error_of_the_callers_still_finishes_the_file(tmp_path: Path, kind: Kind) -> None:
+def test_an_error_of_the_callers_still_finishes_the_file(tmp_path: Path, kind: FormatVariant) -> None:
     """The context manager finishes the file and lets the error through."""
 
     def fail() -> None:
@@ -234,7 +236,7 @@ def test_an_error_of_the_callers_still_finishes_the_file(tmp_path: Path, kind: K
 
 @every_kind
 @pytest.mark.parametrize("operation", ["write", "flush"])
-def test_a_finished_writer_takes_no_more(tmp_path: Path, kind: Kind, operation: str) -> None:
+def test_a_finished_writer_takes_no_more(tmp_path: Path, kind: FormatVariant, operation: str) -> None:
     """ValueError with the path; finishing again only reports."""
     writer = kind.writer(tmp_path)
     writer.write(many(10))

@@ -35,6 +35,7 @@ from recording_files import (
     aedat4_events,
     aedat4_xml,
     evt21,
+    write_ecf,
 )
 
 for module in ("h5py", "hdf5plugin", "numcodecs", "pyarrow", "rosbags"):
@@ -94,7 +95,7 @@ def camera_bytes(folder: Path) -> Path:
     return folder / "e.davis"
 
 
-KINDS: dict[str, Make] = {
+FILE_MAKERS: dict[str, Make] = {
     "text": written("e.txt"),
     "text with size": written("e.txt", size_line=True),
     "npy": written("e.npy"),
@@ -108,6 +109,7 @@ KINDS: dict[str, Make] = {
     "dsec": written("e.h5"),
     "e2vid": written("e.h5", "e2vid"),
     "mvsec": written("e.h5", "mvsec"),
+    "ecf": lambda folder: write_ecf(folder / "e.h5", EVENTS),
     "parquet": written("e.parquet"),
     "bag": written("e.bag"),
     "bag without an index": bag_without_index,
@@ -130,13 +132,13 @@ ONE_WAY = {
 }
 """Kinds that are only read from their beginning, and why."""
 
-every_kind = pytest.mark.parametrize("kind", KINDS)
+every_kind = pytest.mark.parametrize("kind", FILE_MAKERS)
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """One of each kind, in a folder of its own."""
-    return {kind: make(tmp_path_factory.mktemp("kind")) for kind, make in KINDS.items()}
+    return {kind: make(tmp_path_factory.mktemp("kind")) for kind, make in FILE_MAKERS.items()}
 
 
 def test_every_format_is_there(files: dict[str, Path]) -> None:

@@ -11,9 +11,9 @@ import pytest
 
 from davis_rs import open_reader, open_writer, read_events
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray
-from event_files import KINDS, SIZE, Kind, assert_same, many, write_events
+from event_files import FORMAT_VARIANTS, SIZE, FormatVariant, assert_same, many, write_events
 
-AEDATS = [kind for kind in KINDS.values() if kind.name == "aedat4"]
+AEDATS = [kind for kind in FORMAT_VARIANTS.values() if kind.name == "aedat4"]
 LATE_US = 2**33
 """Past 2^32 us, and past many rounds of EVT 3.0's time."""
 
@@ -63,7 +63,7 @@ def write_with_faery(path: Path, events: EventArray, **options: Any) -> None:
 @every_stream
 def test_faery_reads_our_evt(tmp_path: Path, name: str, events: EventArray) -> None:
     """All events in their order, over the rounds of the time as well."""
-    assert_columns(read_with_faery(write_events(KINDS[name], tmp_path, events)), events, "t", "on")
+    assert_columns(read_with_faery(write_events(FORMAT_VARIANTS[name], tmp_path, events)), events, "t", "on")
 
 
 @both_evt
@@ -77,7 +77,7 @@ def test_we_read_faerys_evt(tmp_path: Path, name: str, events: EventArray) -> No
 
 
 @every_aedat
-def test_faery_reads_our_aedat(tmp_path: Path, kind: Kind) -> None:
+def test_faery_reads_our_aedat(tmp_path: Path, kind: FormatVariant) -> None:
     """All three compressions."""
     events = STREAMS["from 0"]
     assert_columns(read_with_faery(write_events(kind, tmp_path, events, packet=3_000)), events, "t", "on")
@@ -99,14 +99,14 @@ def expelliarmus(name: str) -> Any:
 @every_stream
 def test_expelliarmus_reads_our_evt2(tmp_path: Path, events: EventArray) -> None:
     """All events in their order, past 2^32 us as well."""
-    assert_columns(expelliarmus("evt2").read(write_events(KINDS["evt2"], tmp_path, events)), events, "t", "p")
+    assert_columns(expelliarmus("evt2").read(write_events(FORMAT_VARIANTS["evt2"], tmp_path, events)), events, "t", "p")
 
 
 def test_expelliarmus_reads_our_evt3(tmp_path: Path) -> None:
     """Coordinates, polarities and order are right, and times up to the first 4096 us. Beyond, expelliarmus 1.1.12 adds
     the high time to its own count of the low one's rounds, in any file whose high time changes."""
     events = STREAMS["from 0"].copy()
-    read = expelliarmus("evt3").read(write_events(KINDS["evt3"], tmp_path, events))
+    read = expelliarmus("evt3").read(write_events(FORMAT_VARIANTS["evt3"], tmp_path, events))
     read["t"] %= 4096
     events["t"] %= 4096
     assert_columns(read, events, "t", "p")
@@ -124,7 +124,7 @@ def test_we_read_expelliarmus_evt2(tmp_path: Path) -> None:
 
 
 @every_aedat
-def test_aedat_reads_ours(tmp_path: Path, kind: Kind) -> None:
+def test_aedat_reads_ours(tmp_path: Path, kind: FormatVariant) -> None:
     """The stream's description and all events."""
     aedat = pytest.importorskip("aedat")
     events = STREAMS["from 0"]
@@ -135,7 +135,7 @@ def test_aedat_reads_ours(tmp_path: Path, kind: Kind) -> None:
 
 @every_aedat
 @pytest.mark.parametrize("table", [True, False], ids=["finished", "killed"])
-def test_dv_processing_reads_ours(tmp_path: Path, kind: Kind, table: bool) -> None:
+def test_dv_processing_reads_ours(tmp_path: Path, kind: FormatVariant, table: bool) -> None:
     """All events, a slice of time by the table of contents, and a file without one, as a killed writer leaves it."""
     dv = pytest.importorskip("dv_processing")
     events, path, buffer = STREAMS["from 0"], tmp_path / "e.aedat4", io.BytesIO()
@@ -179,7 +179,7 @@ def test_tonic_reads_our_aedat(tmp_path: Path) -> None:
     tonic_io = pytest.importorskip("tonic.io")
     pytest.importorskip("aedat")
     events = STREAMS["from 0"]
-    assert_columns(tonic_io.read_aedat4(write_events(KINDS["aedat4"], tmp_path, events)), events, "t", "p")
+    assert_columns(tonic_io.read_aedat4(write_events(FORMAT_VARIANTS["aedat4"], tmp_path, events)), events, "t", "p")
 
 
 # ---- events.txt ----
@@ -189,7 +189,7 @@ def test_pandas_reads_our_text(tmp_path: Path) -> None:
     """As the readers of the public dataset do it: four columns, times in seconds."""
     pandas = pytest.importorskip("pandas")
     events = STREAMS["from 0"]
-    path = write_events(KINDS["text"], tmp_path, events)
+    path = write_events(FORMAT_VARIANTS["text"], tmp_path, events)
     table = pandas.read_csv(path, sep=" ", header=None, names=["t", "x", "y", "p"])
     table["t"] = np.rint(table["t"] * 1e6)
     assert_columns(table, events, "t", "p")
@@ -199,7 +199,7 @@ def test_polars_reads_our_text_and_we_its(tmp_path: Path) -> None:
     """Both ways, nine decimals."""
     polars = pytest.importorskip("polars")
     events = STREAMS["from 0"]
-    path = write_events(KINDS["text"], tmp_path, events)
+    path = write_events(FORMAT_VARIANTS["text"], tmp_path, events)
     table = polars.read_csv(path, separator=" ", has_header=False, new_columns=["t", "x", "y", "p"])
     table.write_csv(tmp_path / "theirs.txt", separator=" ", include_header=False, float_precision=9)
     assert (tmp_path / "theirs.txt").read_bytes() == path.read_bytes()
@@ -212,7 +212,7 @@ def test_polars_reads_our_text_and_we_its(tmp_path: Path) -> None:
 def test_numpy_reads_our_text(tmp_path: Path) -> None:
     """np.loadtxt, without any other library."""
     events = many(1_000)
-    columns = np.loadtxt(write_events(KINDS["text"], tmp_path, events))
+    columns = np.loadtxt(write_events(FORMAT_VARIANTS["text"], tmp_path, events))
     read = np.zeros(len(events), EVENT_DTYPE)
     read["t"] = np.rint(columns[:, 0] * 1e6)
     read["x"], read["y"], read["p"] = columns[:, 1:].T

@@ -20,7 +20,7 @@ from event_files import SIZE, assert_same, events_of, many
 for library in ("h5py", "numcodecs", "hdf5plugin", "pyarrow", "rosbags"):
     pytest.importorskip(library)
 
-FILES = {
+FILE_NAMES = {
     "text": "e.txt",
     "npy": "e.npy",
     "npz": "e.npz",
@@ -34,11 +34,11 @@ FILES = {
 }
 OPTIONS: dict[str, dict[str, Any]] = {"parquet": {"row_group": 20_000}}
 
-every_format = pytest.mark.parametrize("name", FILES)
+every_format = pytest.mark.parametrize("name", FILE_NAMES)
 
 
 def write(folder: Path, name: str, events: EventArray, packet: int = 7_000) -> Path:
-    path = folder / FILES[name]
+    path = folder / FILE_NAMES[name]
     with open_writer(path, SIZE, name, overwrite=True, **OPTIONS.get(name, {})) as writer:
         for start in range(0, len(events), packet):
             writer.write(events[start : start + packet])
@@ -56,7 +56,7 @@ def whole() -> EventArray:
 
 @pytest.fixture(scope="module")
 def opened(whole: EventArray, tmp_path_factory: pytest.TempPathFactory) -> dict[str, RandomAccess]:
-    return {name: RandomAccess(write(tmp_path_factory.mktemp(name), name, whole)) for name in FILES}
+    return {name: RandomAccess(write(tmp_path_factory.mktemp(name), name, whole)) for name in FILE_NAMES}
 
 
 @every_format

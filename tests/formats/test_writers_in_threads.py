@@ -17,7 +17,7 @@ THREADS, PACKETS, EVENTS = 6, 60, 1000
 WIDTH, HEIGHT = EVENTS, THREADS * PACKETS
 
 EXTRAS = {"dsec": "h5py", "e2vid": "h5py", "parquet": "pyarrow", "bag": "rosbags"}
-FILES = {
+FILE_NAMES = {
     "text": "e.txt",
     "npy": "e.npy",
     "npz": "e.npz",
@@ -67,11 +67,11 @@ def packet(row: int) -> EventArray:
     return events
 
 
-@pytest.mark.parametrize("format_name", FILES)
+@pytest.mark.parametrize("format_name", FILE_NAMES)
 def test_every_packet_is_written_once_and_whole(tmp_path: Path, format_name: str) -> None:
     if format_name in EXTRAS:
         pytest.importorskip(EXTRAS[format_name])
-    path = tmp_path / FILES[format_name]
+    path = tmp_path / FILE_NAMES[format_name]
     writer = open_writer(path, (WIDTH, HEIGHT), format_name)
 
     def write(number: int) -> None:

@@ -47,6 +47,7 @@ from recording_files import (
     aedat4_triggers,
     evt21,
     frame_of,
+    write_ecf,
 )
 from written_sequence import write_sequence
 
@@ -167,6 +168,10 @@ def _evt21(folder: Path) -> list[Path]:
     path = folder / "e.raw"
     path.write_bytes(evt21(many(50)))
     return [path]
+
+
+def _ecf(folder: Path) -> list[Path]:
+    return [write_ecf(folder / "e.h5", many(50), chunk=16)]
 
 
 def _aedat2(folder: Path) -> list[Path]:
@@ -456,6 +461,7 @@ FUZZED_FILES: dict[str, Callable[[Path], list[Path]]] = {
     "dsec-gzip": _gzip_hdf5,
     "e2vid": _written(".h5", "e2vid"),
     "mvsec": _written(".h5", "mvsec"),
+    "ecf": _ecf,
     "parquet": _written(".parquet"),
     "bag": _written(".bag"),
     "bag-bz2": _written(".bag", compression="bz2"),

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from davis_rs import EVENT_DTYPE
 from davis_rs.events.arrays import EventArray, concatenate_events
-from davis_rs.sensor.effects import LeakRate, PhotoreceptorBandwidth, ShotNoise
+from davis_rs.sensor.effects import LeakRate, PhotoreceptorBandwidth
 
 Corner = Callable[[float, float], Any]
 """The corner frequency in Hz of an interval, by log intensity at both its ends."""
@@ -211,121 +211,6 @@ class Draw:
         self.uniform = (words[0] * 2**20 + (words[1] >> 12) + 0.5) / 2**52
         self.second_uniform = (words[2] + 0.5) / 2**32
         self.normal = math.sqrt(-2 * math.log(self.uniform)) * math.cos(2 * math.pi * self.second_uniform)
-
-
-SHOT_NOISE, SHOT_NOISE_EXCURSION = 4, 7
-"""What draws are for."""
-
-
-def noisy_pixel(
-    path: list[tuple[int, float]],
-    noise: ShotNoise,
-    *,
-    pixel: int,
-    seed: int,
-    c: tuple[float, float],
-    period_us: float = 0.0,
-) -> list[tuple[float, int]]:
-    """Times and polarities of the events that a pixel makes along a path of (microseconds, log intensity).
-
-    Crossings, resets and noise in the order of time, as :class:`~davis_rs.sensor.effects.ShotNoise` says: arrivals at
-    Rice's rate in the light in which there are most, of which a share is kept by the light at their instant.
-    """
-    times, values = zip(*path, strict=True)
-    in_any_light = math.isinf(noise.half_luma)
-
-    def ratio(light: float) -> float:
-        return 1.0 if in_any_light else min(max(light / noise.half_luma, 1e-12), 100.0)
-
-    def rate_hz(light: float, distance: float) -> float:
-        variance = noise.rms**2 / (1 + light / noise.half_luma)
-        return noise.bandwidth_hz * math.sqrt(ratio(light)) * math.exp(-(distance**2) / 2 / variance)
-
-    def rates_hz(light: float) -> tuple[float, float]:
-        return rate_hz(light, c[0]), rate_hz(light, c[1])
-
-    def most_hz() -> float:
-        """Of both polarities, each where it has most."""
-        if in_any_light:
-            return sum(rates_hz(0.0))
-        worst = [noise.half_luma * min((noise.rms / distance) ** 2, 100.0) for distance in c]
-        return 1.000000001 * sum(rate_hz(light, distance) for light, distance in zip(worst, c, strict=True))
-
-    def poles_hz(light: float) -> tuple[float, float]:
-        return noise.bandwidth_hz * ratio(light), noise.bandwidth_hz
-
-    def left(light: float) -> float:
-        """Of the noise at the end of a hold: the autocorrelation of white noise behind both poles."""
-        a, b = (min(2e-6 * math.pi * hz * period_us, 1e4) for hz in poles_hz(light))
-        if abs(a - b) <= 1e-6 * b:
-            return (1 + b) * math.exp(-min(b, 700))
-        return (b * math.exp(-min(a, 700)) - a * math.exp(-min(b, 700))) / (b - a)
-
-    def tau_us(light: float) -> float:
-        return sum(1e6 / (2 * math.pi * hz) for hz in poles_hz(light)) / 2
-
-    def wait_us(index: int) -> float:
-        return -math.log(Draw(seed, SHOT_NOISE, pixel, index).uniform) * 1e6 / most_hz()
-
-    index, arrival_us = 0, wait_us(0)
-    found: list[tuple[float, int]] = []
-    now, reference = float(times[0]), values[0]
-    noise_value, noise_ends_us, awaited = 0.0, math.inf, None
-
-    def crossing() -> tuple[float, int]:
-        """The next one of the signal."""
-        for (start, low), (end, high) in pairwise(path):
-            if end > now:
-                for level, p in ((reference + c[0], 1), (reference - c[1], 0)):
-                    if high >= level if p else high <= level:
-                        return max(now, start + (level - low) / (high - low) * (end - start)), p
-        return math.inf, 0
-
-    while True:
-        cross_us, p = crossing()
-        kind = min((cross_us, 0), (noise_ends_us, 1), (arrival_us, 2))[1]
-        now = (cross_us, noise_ends_us, arrival_us)[kind]
-        if now > times[-1]:
-            return found
-        signal, lasts = float(np.interp(now, times, values)), None
-        if kind == 0:
-            level = reference + c[0] if p else reference - c[1]
-        elif kind == 1:
-            reference += noise_value
-            up, down = reference + c[0] - signal, signal - reference + c[1]
-            p = int(up <= (c[0] / 2 if awaited == 1 else 0))
-            noise_value, noise_ends_us = 0.0, math.inf
-            if not p and down > (c[1] / 2 if awaited == 0 else 0):
-                continue
-            level, awaited = reference + c[0] if p else reference - c[1], None
-            lasts = -math.log(Draw(seed, SHOT_NOISE_EXCURSION, pixel, index).second_uniform)
-        else:
-            this, index = index, index + 1
-            arrival_us += wait_us(index)
-            if noise_ends_us < math.inf:
-                continue
-            on, off = rates_hz(math.exp(signal))
-            share = Draw(seed, SHOT_NOISE, pixel, this).second_uniform * most_hz()
-            if on <= share < most_hz() - off:
-                continue
-            p = int(share < on)
-            level, awaited = reference + c[0] if p else reference - c[1], 1 - p
-            lasts = -math.log(Draw(seed, SHOT_NOISE_EXCURSION, pixel, this).uniform)
-        found.append((now, p))
-        if lasts is None:
-            reference = level
-        else:
-            light = math.exp(signal)
-            noise_value, noise_ends_us = left(light) * (level - signal), now + period_us + lasts * tau_us(light)
-            reference = signal
-        if period_us:
-            now += period_us
-            reference = float(np.interp(now, times, values))
-            if noise_ends_us <= now:
-                noise_value, noise_ends_us = 0.0, math.inf
-            while arrival_us <= min(now, times[-1]):
-                index += 1
-                arrival_us += wait_us(index)
 
 
 START_PHASE, LEAK_SPREAD, LEAK_JITTER = 3, 8, 9

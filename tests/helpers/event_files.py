@@ -14,7 +14,7 @@ from davis_rs.io.formats import FORMATS
 SIZE = (240, 180)
 
 
-class Kind(NamedTuple):
+class FormatVariant(NamedTuple):
     """A format of the core or of NumPy, with options of its writer."""
 
     name: str
@@ -32,17 +32,17 @@ class Kind(NamedTuple):
         return FORMATS[self.name].limits.latest_us
 
 
-KINDS = {
-    "text": Kind("text", "e.txt", {}),
-    "text with size": Kind("text", "e.txt", {"size_line": True}),
-    "npy": Kind("npy", "e.npy", {}),
-    "npz": Kind("npz", "e.npz", {}),
-    "evt2": Kind("evt2", "e.raw", {}),
-    "evt3": Kind("evt3", "e.raw", {}),
-    "aedat2": Kind("aedat2", "e.aedat", {}),
-    "aedat4": Kind("aedat4", "e.aedat4", {"compression": "none"}),
-    "aedat4 lz4": Kind("aedat4", "e.aedat4", {"compression": "lz4"}),
-    "aedat4 zstd": Kind("aedat4", "e.aedat4", {"compression": "zstd"}),
+FORMAT_VARIANTS = {
+    "text": FormatVariant("text", "e.txt", {}),
+    "text with size": FormatVariant("text", "e.txt", {"size_line": True}),
+    "npy": FormatVariant("npy", "e.npy", {}),
+    "npz": FormatVariant("npz", "e.npz", {}),
+    "evt2": FormatVariant("evt2", "e.raw", {}),
+    "evt3": FormatVariant("evt3", "e.raw", {}),
+    "aedat2": FormatVariant("aedat2", "e.aedat", {}),
+    "aedat4": FormatVariant("aedat4", "e.aedat4", {"compression": "none"}),
+    "aedat4 lz4": FormatVariant("aedat4", "e.aedat4", {"compression": "lz4"}),
+    "aedat4 zstd": FormatVariant("aedat4", "e.aedat4", {"compression": "zstd"}),
 }
 
 
@@ -60,7 +60,9 @@ def many(count: int, *, start_us: int = 0, seed: int = 1) -> EventArray:
     return events
 
 
-def write_events(kind: Kind, folder: Path, events: EventArray, *, packet: int = 1 << 30, **options: Any) -> Path:
+def write_events(
+    kind: FormatVariant, folder: Path, events: EventArray, *, packet: int = 1 << 30, **options: Any
+) -> Path:
     with kind.writer(folder, **options) as writer:
         for start in range(0, len(events), packet):
             writer.write(events[start : start + packet])

@@ -1,9 +1,10 @@
-"""Files of AEDAT 2.0, 3.1 and 4, written by the rules of the formats, and the camera of a camera's bytes."""
+"""Files of AEDAT, EVT 2.1 and ECF, written by the rules of the formats, and the camera of a camera's bytes."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -133,7 +134,7 @@ class FlatBuffer:
         return bytes(self.out)
 
 
-KINDS = ("EVTS", "FRME", "IMUS", "TRIG")
+STREAM_TYPES = ("EVTS", "FRME", "IMUS", "TRIG")
 
 COMPRESSIONS = ("none", "lz4", "lz4 high", "zstd", "zstd high")
 
@@ -150,7 +151,7 @@ def compress(body: bytes, compression: int) -> bytes:
 
 
 def aedat4_xml(
-    kinds: Sequence[str] = KINDS, *, source: str = "DAVIS346_00000002", size: tuple[int, int] = (346, 260)
+    kinds: Sequence[str] = STREAM_TYPES, *, source: str = "DAVIS346_00000002", size: tuple[int, int] = (346, 260)
 ) -> str:
     info = f'<attr key="source">{source}</attr><attr key="sizeX">{size[0]}</attr><attr key="sizeY">{size[1]}</attr>'
     streams = "".join(
@@ -251,3 +252,48 @@ def evt21(events: EventArray, *, size: tuple[int, int] = (240, 180)) -> bytes:
         words.append(p << 60 | (t & 63) << 54 | (x - bit) << 43 | y << 32 | 1 << bit)
     header = f"% evt 2.1\n% format EVT21;height={size[1]};width={size[0]}\n% end\n"
     return header.encode() + b"".join(struct.pack("<Q", word) for word in words)
+
+
+# --- ECF ---
+
+
+def ecf_chunk(events: EventArray, *, packed: bool = False) -> bytes:
+    """A chunk with a run for each event, or with pixels and polarities packed."""
+    t, x, y, p = (events[name].astype(np.int64).tolist() for name in ("t", "x", "y", "p"))
+    chunk = struct.pack("<IQ", len(events) << 2 | packed << 1, t[0])
+    for before, now in zip([t[0], *t], t, strict=False):
+        way = now - before
+        if way >= 15:
+            while way:
+                chunk += bytes([0xF0 | way & 15])
+                way >>= 4
+        chunk += bytes([way << 4 | 1])
+    if packed:
+        values = [row << 12 | column << 1 | on for column, row, on in zip(x, y, p, strict=True)]
+        values += [0] * (-len(values) % 4)
+        for a, b, c, d in zip(*(values[k::4] for k in range(4)), strict=True):
+            chunk += struct.pack("<III", a << 8 | b & 0xFF, b >> 8 << 16 | c & 0xFFFF, c >> 16 << 24 | d)
+        return chunk
+    chunk += b"".join(struct.pack("<H", row << 5 | 1) for row in y)
+    chunk += b"".join(struct.pack("<H", column << 5) for column in x)
+    return chunk + bytes(on << 7 | 1 for on in p)
+
+
+def write_ecf(
+    path: Path, events: EventArray, *, size: tuple[int, int] = (240, 180), chunk: int = 64, filter: int = 0x8ECF
+) -> Path:
+    """Write Metavision's HDF5; every other chunk is packed."""
+    import h5py
+
+    layout = np.dtype({"names": ["x", "y", "p", "t"], "formats": ["<u2", "<u2", "<i2", "<i8"], "offsets": [0, 2, 4, 8]})
+    with h5py.File(path, "w") as file:
+        file.attrs["geometry"] = f"{size[0]}x{size[1]}"
+        properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        properties.set_chunk((chunk,))
+        properties.set_filter(filter, h5py.h5z.FLAG_OPTIONAL)
+        space = h5py.h5s.create_simple((len(events),), (h5py.h5s.UNLIMITED,))
+        group = file.create_group("CD").id
+        dataset = h5py.h5d.create(group, b"events", h5py.h5t.py_create(layout), space, properties)
+        for number, start in enumerate(range(0, len(events), chunk)):
+            dataset.write_direct_chunk((start,), ecf_chunk(events[start : start + chunk], packed=number % 2 == 1))
+    return path

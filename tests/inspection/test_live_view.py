@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from davis_rs import EVENT_DTYPE
-from davis_rs.cli import common
 from davis_rs.cli.main import main
+from davis_rs.cli.show import ShownEvents
 from davis_rs.inspection import live_view
 from davis_rs.inspection.live_view import LiveView
 
@@ -123,7 +123,7 @@ def test_a_run_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys:
 
 def test_nothing_is_served_unless_it_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_view, "LiveView", None)
-    with common.ShownEvents("a test", wanted=False) as shown:
+    with ShownEvents("a test", wanted=False) as shown:
         shown.add(np.zeros(1, EVENT_DTYPE), 0, (4, 3))
 
 

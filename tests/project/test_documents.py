@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from settings_table import settings_markdown
+from settings_tables import settings_markdown
 
 from clips import moving_bars, write_images, write_video
 from davis_rs import load_sensor

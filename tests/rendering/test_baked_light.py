@@ -116,7 +116,7 @@ def test_lights_without_a_name_shine(tmp_path: Path) -> None:
 
 def test_light_that_is_baked_nowhere_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Surfaces would be black, and nothing would say so."""
-    monkeypatch.setattr(bake._Job, "sampled", lambda self, lights: ([[] for _ in lights], [None for _ in lights]))
+    monkeypatch.setattr(bake._BakeJob, "sampled", lambda self, lights: ([[] for _ in lights], [None for _ in lights]))
     with pytest.raises(RuntimeError, match="baked at no point"):
         build(make_scene(floor=plate(0, 0, 0, (1, 1)), sky={"type": "constant"}))
 

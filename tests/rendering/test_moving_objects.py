@@ -57,7 +57,7 @@ def scenes(name: str, tmp_path: Path) -> tuple[Parts, dict[str, Trajectory], boo
 SCENES = pytest.mark.parametrize(
     "name", ["shadows", "no shadows", "two objects", "behind", "smooth normals", "all moves"]
 )
-KINDS = pytest.mark.parametrize("kind", ["native", "table", FAST, SCALAR])
+every_renderer = pytest.mark.parametrize("kind", ["native", "table", FAST, SCALAR])
 TABLES = pytest.mark.parametrize("kind", ["native", "table"])
 
 
@@ -206,7 +206,7 @@ def test_integrators_rates_are_differences(kind: str, request: pytest.FixtureReq
 
 
 @pytest.mark.usefixtures("llvm")
-@KINDS
+@every_renderer
 @pytest.mark.parametrize("camera_moves", [False, True])
 def test_flow_is_where_the_surface_point_goes(kind: str, camera_moves: bool) -> None:
     """A point of the object goes with it, one of the floor stays; NaN where nothing is."""

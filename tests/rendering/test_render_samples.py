@@ -33,7 +33,7 @@ POSES = [Pose([0.5, -0.9, 1.8 - 0.02 * i], [0.965061, 0.0517277, -0.1125492, -0.
 VIEWS = Views.at_rest(POSES)
 
 
-KINDS = pytest.mark.parametrize("kind", ["native", "table"])
+every_renderer = pytest.mark.parametrize("kind", ["native", "table"])
 
 
 def build(kind: str, *, rays_per_pixel: int = 3, blur: bool = False, camera: Camera = CAMERA) -> Renderer:
@@ -96,7 +96,7 @@ def test_each_pair_has_its_own_view(rendered: tuple[Renderer, LumaFrames]) -> No
 
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (5, 1), (2, 2), (3, 2)])
-@KINDS
+@every_renderer
 def test_neighbourhoods_of_the_smallest_frames(kind: str, size: tuple[int, int]) -> None:
     """Frames of a row, a column or a few pixels are blurred alike as frames and as samples."""
     renderer = build(kind, blur=True, camera=Camera(*size, 9.0, 9.0, 1.0, 1.0))
@@ -108,7 +108,7 @@ def test_neighbourhoods_of_the_smallest_frames(kind: str, size: tuple[int, int])
 
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("blur", [False, True])
-@KINDS
+@every_renderer
 def test_more_rays_are_those_of_a_finer_renderer(kind: str, blur: bool) -> None:
     """Asked for 16 rays a pixel, a renderer of 3 gives the bits of one of 16; and its own again afterwards."""
     coarse, fine = build(kind, rays_per_pixel=3, blur=blur), build(kind, rays_per_pixel=16, blur=blur)
@@ -148,7 +148,7 @@ def test_noisy_samples_have_the_frames_random_numbers(name: str, blur: bool, req
 
 
 @pytest.mark.usefixtures("llvm")
-@KINDS
+@every_renderer
 def test_no_views_and_no_pairs(kind: str) -> None:
     """Nothing asked for gives empty arrays."""
     renderer = build(kind, blur=True)
@@ -174,7 +174,7 @@ def test_no_views_and_no_pairs(kind: str) -> None:
         ([0], [0], 1025, r"1\.\.1024, got 1025"),
     ],
 )
-@KINDS
+@every_renderer
 def test_bad_pairs_are_refused(kind: str, view: Any, pixel: Any, rays: int | None, message: str) -> None:
     """Indices out of range, of another kind or shape, and ray counts out of range name the rule and the value."""
     with pytest.raises(ValueError, match=message):

@@ -536,7 +536,7 @@ def metal_of(gltf: Gltf, folder: Path) -> tuple[dict[str, float], dict[str, Any]
 
 def test_metal_by_its_numbers(tmp_path: Path) -> None:
     """The factors, 1 where the file says nothing; without metal, or unlit, a surface is diffuse."""
-    unlit = {"extensions": {"KHR_materials_unlit": {}}}
+    unlit: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
     cases: list[tuple[dict[str, Any], dict[str, float]]] = [
         ({"metallicFactor": 0.75, "roughnessFactor": 0.25}, {"metallic": 0.75, "roughness": 0.25}),
         ({"metallicFactor": None}, {"metallic": 1.0, "roughness": 1.0}),

@@ -69,7 +69,7 @@ def build(kind: str, scene: Scene, request: pytest.FixtureRequest, *, rays_per_p
 
 
 TABLES = ("native", "table")
-KINDS = pytest.mark.parametrize("kind", [*TABLES, FAST, SCALAR])
+every_renderer = pytest.mark.parametrize("kind", [*TABLES, FAST, SCALAR])
 
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda one: type(one).__name__)
@@ -165,7 +165,7 @@ def test_a_course_that_breaks_its_contract_is_named(llvm: str) -> None:
         renderer.luma_and_rate(Views.at_rest([POSE] * 2, [0.0, 0.001]))
 
 
-@KINDS
+@every_renderer
 def test_frames_are_scaled(kind: str, request: pytest.FixtureRequest) -> None:
     """Under one light every pixel has the light's factor, exactly, and its rate; views of one launch have their own."""
     profile = Flicker(100.0, modulation=0.6, phase_rad=0.4)
@@ -185,7 +185,7 @@ def test_frames_are_scaled(kind: str, request: pytest.FixtureRequest) -> None:
     assert np.array_equal(flickering.samples(views, of, pixels), frames.reshape(4, -1)[of, pixels])
 
 
-@KINDS
+@every_renderer
 def test_of_two_lights_one_flickers(kind: str, request: pytest.FixtureRequest) -> None:
     """Light adds up, background included: a steady sun and sky plus a lamp, or a lamp plus a dimmed sky."""
     t_s = np.array([0.002, 0.008])

@@ -206,7 +206,7 @@ def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
     assert sensor["contrast_threshold"] == pytest.approx(0.4139, abs=1e-4)
     assert sensor["contrast_threshold_off"] == pytest.approx(0.1158, abs=1e-4)
     assert sensor["refractory_period_us"] == pytest.approx(12.96, abs=0.01)
-    assert sensor["shot_noise_rms"] == pytest.approx(0.018, abs=1e-4)
+    assert sensor["shot_noise_rms"] == pytest.approx(0.0245, abs=1e-4)
     assert sensor["hot_pixel_fraction"] == davis_rs.SENSORS["davis240c"].hot_pixel_fraction
     assert main(["simulate", "three_planes", "-o", str(tmp_path / "planes"), "--sensor", "recorded"]) == 1
     assert "scene 'three_planes' has no recording" in capsys.readouterr().err
@@ -215,7 +215,7 @@ def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
     outdoors = recorded_sensor("outdoors")
     assert outdoors.contrast_threshold == pytest.approx(0.4138, abs=1e-4)
     assert outdoors.contrast_threshold_off is None  # that of ON
-    assert outdoors.shot_noise_rms == pytest.approx(0.09975, abs=1e-4)
+    assert outdoors.shot_noise_rms == pytest.approx(0.06026, abs=1e-4)
     for made in (davis_rs.SENSORS["davis240c"], recorded_sensor("indoors"), outdoors):
         effects, on = made.effects(1.0), made.contrast_threshold
         assert effects.shot_noise_rms is not None

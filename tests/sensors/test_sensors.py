@@ -81,7 +81,7 @@ def test_presets_are_what_formulas_and_papers_give() -> None:
         assert sensor.threshold_mismatch is not None
         whole = math.hypot(sensor.threshold_mismatch, sensor.threshold_column_parity or 0.0)
         assert whole == pytest.approx(scatter / derived.contrast_threshold, rel=1e-15)
-        assert sensor.shot_noise_rms == 0.086
+        assert sensor.shot_noise_rms == 0.0522
     assert SENSORS["davis240c"].aps_read_noise_dn == pytest.approx(1023 / 10 ** (51 / 20), rel=1e-15)
 
 

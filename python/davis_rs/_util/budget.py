@@ -54,14 +54,14 @@ class Budget:
         self._spent = 0.0
         self.start_clock()
 
-    def take(self, size: int, what: str) -> None:
+    def take(self, size: int, subject: str) -> None:
         """Charge bytes that stay in memory.
 
         Raises:
-            DecodeError: if there are not so many left; ``what`` says in the message what needs them.
+            DecodeError: if there are not so many left; ``subject`` says in the message what needs them.
         """
         if self.bytes + size > self.limits.bytes:
-            beyond = f"{what} needs {readable_bytes(size)}"
+            beyond = f"{subject} needs {readable_bytes(size)}"
             if self.bytes:
                 beyond += f", {readable_bytes(self.bytes)} are in use"
             raise self._error(f"{beyond}; {readable_bytes(self.limits.bytes)} may be held in memory", "bytes")
@@ -72,50 +72,50 @@ class Budget:
         self.bytes -= size
 
     @contextmanager
-    def borrow(self, size: int, what: str) -> Iterator[None]:
+    def borrow(self, size: int, subject: str) -> Iterator[None]:
         """Charge bytes for as long as the block runs.
 
         Raises:
             DecodeError: as :meth:`take`.
         """
-        self.take(size, what)
+        self.take(size, subject)
         try:
             yield
         finally:
             self.give_back(size)
 
-    def count(self, items: int, what: str) -> None:
+    def count(self, items: int, kind: str) -> None:
         """Charge parts that are handled one by one.
 
         Raises:
-            DecodeError: if there are more than may be; ``what`` names them in the plural.
+            DecodeError: if there are more than may be; ``kind`` names them in the plural.
         """
         self.items += items
         if self.items > self.limits.items:
-            raise self._error(f"more than {self.limits.items} parts, the last of them {what}", "items")
+            raise self._error(f"more than {self.limits.items} parts, the last of them {kind}", "items")
 
     def start_clock(self) -> None:
         """Count the seconds from now on, for a reader whose user may take any time between two parts of the work."""
         self._end = time.monotonic() + self.limits.seconds
 
-    def check_time(self, what: str) -> None:
+    def check_time(self, subject: str) -> None:
         """Refuse to go on when there is no time left.
 
         Raises:
-            DecodeError: once it is over; ``what`` says in the message what took so long.
+            DecodeError: once it is over; ``subject`` says in the message what took so long.
         """
         if self.out_of_time():
-            raise self._error(f"{what} has taken more than {self.limits.seconds:g} s", "seconds")
+            raise self._error(f"{subject} has taken more than {self.limits.seconds:g} s", "seconds")
 
-    def spend(self, seconds: float, what: str) -> None:
+    def spend(self, seconds: float, subject: str) -> None:
         """Charge time of work that is done again and again, wherever the clock stands.
 
         Raises:
-            DecodeError: once there are no more seconds; ``what`` says in the message what takes so long.
+            DecodeError: once there are no more seconds; ``subject`` says in the message what takes so long.
         """
         self._spent += seconds
         if self._spent > self.limits.seconds:
-            raise self._error(f"{what} has taken more than {self.limits.seconds:g} s", "seconds")
+            raise self._error(f"{subject} has taken more than {self.limits.seconds:g} s", "seconds")
 
     def out_of_time(self) -> bool:
         """Tell whether there is no time left: for libraries' callbacks, which must not raise."""

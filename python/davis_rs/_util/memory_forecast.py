@@ -116,18 +116,18 @@ class MeshForecast:
         return _told(f"the scene's {self.triangles:,} triangles", self.bytes, available)
 
 
-def _told(what: str, taken: int, available: int | None) -> str:
+def _told(subject: str, taken: int, available: int | None) -> str:
     """Return what is to be said of something that takes much of the memory; "" of what does not.
 
     Args:
-        what: takes it.
+        subject: what takes it; the message begins with it.
         taken: bytes.
         available: bytes; None asks the system.
     """
     available = available_bytes() if available is None else available
     if available is None or taken <= TOLD_ABOVE * available:
         return ""
-    return f"{what} will take about {readable_bytes(taken)} of memory; {readable_bytes(available)} are available"
+    return f"{subject} will take about {readable_bytes(taken)} of memory; {readable_bytes(available)} are available"
 
 
 def simulation_forecast(
@@ -153,14 +153,14 @@ def simulation_forecast(
         truth: there are maps of flow, shapes or normals.
         ray_bytes: what the rays of a pixel take.
     """
-    parts = {
+    bytes_by_use = {
         "the state of pixels": _STATE + _STATE_OF_EFFECTS * effects,
         "luma": _LUMA + _RATES * cubic + _FRAMES * frames,
         "events": _EVENTS + _REFINED * refine,
         "ground truth": _TRUTH * truth,
         "rays": ray_bytes,
     }
-    return MemoryForecast(*size, {what: taken for what, taken in parts.items() if taken})
+    return MemoryForecast(*size, {use: taken for use, taken in bytes_by_use.items() if taken})
 
 
 def frames_forecast(
@@ -174,13 +174,13 @@ def frames_forecast(
         flow: light between frames is interpolated along optical flow.
         effects: pixels are not ideal.
     """
-    parts = {
+    bytes_by_use = {
         "the state of pixels": _STATE + _STATE_OF_EFFECTS * effects,
         "frames": _OF_FRAMES + _FRAMES_AT_ONCE * frame_bytes,
         "events": _EVENTS,
         "optical flow": _FLOW * flow,
     }
-    return MemoryForecast(*size, {what: taken for what, taken in parts.items() if taken})
+    return MemoryForecast(*size, {use: taken for use, taken in bytes_by_use.items() if taken})
 
 
 _STATE, _STATE_OF_EFFECTS = 36, 150

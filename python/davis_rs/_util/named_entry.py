@@ -11,14 +11,14 @@ from types import ModuleType
 from .close_names import did_you_mean
 
 
-def load_entry(entry: str, what: str) -> object:
+def load_entry(entry: str, kind: str) -> object:
     """Load the object that ``MODULE:NAME`` or ``FILE.py:NAME`` stands for.
 
     The working directory's modules are found as well.
 
     Args:
         entry: the text.
-        what: it is to be, for messages, such as ``custom effect``.
+        kind: what the object is to be, for messages, such as ``custom effect``.
 
     Raises:
         ValueError: if there is no such module or name.
@@ -26,21 +26,21 @@ def load_entry(entry: str, what: str) -> object:
     """
     where, colon, name = entry.rpartition(":")
     if not colon or not where or not name.isidentifier():
-        article = "an" if what[0] in "aeiou" else "a"
-        raise ValueError(f"{article} {what} must be MODULE:NAME or FILE.py:NAME, got {entry!r}")
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise ValueError(f"{article} {kind} must be MODULE:NAME or FILE.py:NAME, got {entry!r}")
     if where.endswith(".py"):
         file = Path(where).resolve(strict=True)
-        spec = importlib.util.spec_from_file_location(f"{what.replace(' ', '_')}s.{file.stem}", file)
+        spec = importlib.util.spec_from_file_location(f"{kind.replace(' ', '_')}s.{file.stem}", file)
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[module.__name__] = module  # where inspect and dataclasses look for the module of a class
         spec.loader.exec_module(module)
     else:
-        module = _import(where, f"{what} {entry!r}")
+        module = _import(where, f"{kind} {entry!r}")
     if not hasattr(module, name):
         names = [one for one in vars(module) if not one.startswith("_")]
-        raise ValueError(f"{what} {entry!r}: {where} has no {name}{did_you_mean(name, names)}")
+        raise ValueError(f"{kind} {entry!r}: {where} has no {name}{did_you_mean(name, names)}")
     return getattr(module, name)
 
 

@@ -37,7 +37,7 @@ class Progress:
         self._show(note)
 
     def advance(self, step: float = 1.0) -> None:
-        """Adds to what is done."""
+        """Add to what is done."""
         self.to(self.done + step)
 
     def begin(self) -> None:
@@ -49,7 +49,7 @@ class Progress:
 
 @contextmanager
 def progress(
-    what: str, total: float, *, unit: str = "", start: float = 0.0, show: bool = True, forecast: str | None = None
+    task: str, total: float, *, unit: str = "", start: float = 0.0, show: bool = True, forecast: str | None = None
 ) -> Iterator[Progress]:
     """Show a bar on standard error: ``with progress("reading", total) as bar: ... bar.to(done)``.
 
@@ -57,18 +57,18 @@ def progress(
     or nothing was done before an error.
 
     Args:
-        what: is done.
+        task: what is done, such as ``reading``.
         total, unit: how much of it, and in what; a total of 0 shows no fraction until there is one.
         start: how much of it is done already.
         show: False for silence.
         forecast: what to add to the line that says how long the work will take, if that is long, such as how to make it
             shorter; None for no such line. Only for work that goes on evenly.
     """
-    what = printable(what)
+    task = printable(task)
     if not show:
         yield Progress(total)
     elif sys.stderr.isatty() or _in_notebook():
-        bar = _Bar(what, total, unit, start, forecast)
+        bar = _Bar(task, total, unit, start, forecast)
         try:
             yield bar
         except BaseException:
@@ -76,11 +76,11 @@ def progress(
             raise
         bar.close()
     else:
-        yield _Lines(what, total, unit, start)
+        yield _Lines(task, total, unit, start)
 
 
 @contextmanager
-def stage(what: str, *, show: bool = True) -> Iterator[None]:
+def stage(task: str, *, show: bool = True) -> Iterator[None]:
     """Show on a bar without a total that something is being done, and for how long; it vanishes when that is over.
 
     Nothing is shown where there is neither a terminal nor a notebook.
@@ -88,26 +88,26 @@ def stage(what: str, *, show: bool = True) -> Iterator[None]:
     if not show or not (sys.stderr.isatty() or _in_notebook()):
         yield
         return
-    bar = _Bar(printable(what), 0, "", 0.0, None)
+    bar = _Bar(printable(task), 0, "", 0.0, None)
     try:
         yield
     finally:
         bar.close(keep=False)
 
 
-def doing(what: str) -> None:
+def doing(task: str) -> None:
     """Say on the innermost bar, if one is shown, what is being done now.
 
     So a function deep in the library can tell of its steps, without a bar of its own and without being handed one. It
     stands there until the bar moves on, or something else is done.
     """
     if _shown:
-        _shown[-1].note(what)
+        _shown[-1].note(task)
 
 
-def each(items: Iterable[_Item], what: str, total: int, *, unit: str = "", show: bool = True) -> Iterator[_Item]:
+def each(items: Iterable[_Item], task: str, total: int, *, unit: str = "", show: bool = True) -> Iterator[_Item]:
     """Yield the items, one after the other, with a bar that counts them."""
-    with progress(what, total, unit=unit, show=show) as bar:
+    with progress(task, total, unit=unit, show=show) as bar:
         for item in items:
             yield item
             bar.advance()
@@ -186,7 +186,7 @@ def _in_notebook() -> bool:
 class _Bar(Progress):
     """Shows a bar of tqdm's, in a notebook one of its widgets if ipywidgets is there."""
 
-    def __init__(self, what: str, total: float, unit: str, start: float, forecast: str | None) -> None:
+    def __init__(self, task: str, total: float, unit: str, start: float, forecast: str | None) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that ipywidgets is not there
             from tqdm.auto import tqdm
@@ -200,12 +200,12 @@ class _Bar(Progress):
 
         super().__init__(total)
         self.done = self._start = start
-        self._what, self._advice = what, forecast
+        self._task, self._advice = task, forecast
         self._forecast = None if forecast is None else Forecast(total - start)
         unit = f" {unit}" if unit else ""
         self._bar = Bar(
             total=total or None,
-            desc=what,
+            desc=task,
             unit=unit,
             initial=start,
             bar_format=_LAYOUT if total else _LAYOUT_WITHOUT_TOTAL,
@@ -232,15 +232,15 @@ class _Bar(Progress):
         in_all_s = self._forecast.seconds(self.done - self._start, time.monotonic() - self._began)
         if in_all_s is not None:
             self._forecast = None
-            say(f"{self._what} will take {about(in_all_s)}{f'; {self._advice}' if self._advice else ''}")
+            say(f"{self._task} will take {about(in_all_s)}{f'; {self._advice}' if self._advice else ''}")
 
     def begin(self) -> None:
         """Take the time from now on; what came before prepared the work."""
         self._began = time.monotonic()
 
-    def note(self, what: str) -> None:
+    def note(self, task: str) -> None:
         """Say on it what is being done, at once."""
-        self._bar.set_postfix_str(printable(what))
+        self._bar.set_postfix_str(printable(task))
 
     def say(self, text: str) -> None:
         """Write a line above it."""
@@ -262,9 +262,9 @@ _shown: list[_Bar] = []
 class _Lines(Progress):
     """Shows a line a minute."""
 
-    def __init__(self, what: str, total: float, unit: str, start: float) -> None:
+    def __init__(self, task: str, total: float, unit: str, start: float) -> None:
         super().__init__(total)
-        self._what, self._unit = what, f" {unit}" if unit else ""
+        self._task, self._unit = task, f" {unit}" if unit else ""
         self.done = self._start = start
         self._began = self._said = time.monotonic()
 
@@ -277,7 +277,7 @@ class _Lines(Progress):
         percent = 100 * self.done / self.total if self.total else 100.0
         more = f", {note}" if note else ""
         tell(
-            f"{self._what}: {percent:.0f} %, {self.done:.4g} of {self.total:.4g}{self._unit}, {speed}{more}",
+            f"{self._task}: {percent:.0f} %, {self.done:.4g} of {self.total:.4g}{self._unit}, {speed}{more}",
             file=sys.stderr,
             flush=True,
         )

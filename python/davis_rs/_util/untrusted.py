@@ -37,9 +37,9 @@ def check_max_packet_bytes(max_packet_bytes: int) -> int:
     return max_packet_bytes
 
 
-def above_limit(path: str | os.PathLike[str], what: str, limit: int) -> DecodeError:
+def above_limit(path: str | os.PathLike[str], name: str, limit: int) -> DecodeError:
     """Make the error for a part of a compressed file that has more bytes than it may."""
-    message = f"{what} may have {limit} bytes unpacked, this has more; max_packet_bytes (--max-packet-bytes) allows it"
+    message = f"{name} may have {limit} bytes unpacked, this has more; max_packet_bytes (--max-packet-bytes) allows it"
     return DecodeError(f"{os.fspath(path)}: {message}")
 
 
@@ -101,7 +101,7 @@ def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
 
 @contextmanager
 def decoding(path: str | os.PathLike[str], where_inside: str = "") -> Iterator[None]:
-    """Wraps a library that reads untrusted bytes. Its errors about the bytes become a :class:`DecodeError` with the
+    """Wrap a library that reads untrusted bytes. Its errors about the bytes become a :class:`DecodeError` with the
     file, the place and what the library said.
 
     The system's refusals (an OSError with a number that is not about values), a missing library and warnings that are

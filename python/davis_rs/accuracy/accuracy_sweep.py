@@ -209,7 +209,7 @@ class Sweep:
         return self._crossings[rays_per_pixel]
 
     def _same_log(self, rays_per_pixel: int) -> FloatArray:
-        """Log luma of the same rays, rendered at the recorded instants."""
+        """Return log luma of the same rays, rendered at the recorded instants."""
         if rays_per_pixel not in self._logs:
             luma = self._renderer(rays_per_pixel).luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
             self._logs[rays_per_pixel] = self.recipe.log_luma(luma)
@@ -268,11 +268,11 @@ def half_way_s(renderer: Renderer, trajectory: Trajectory) -> float:
     one would take minutes.
     """
     duration_s = trajectory.duration_s
-    parts = min(_MOST_LOOKS, math.ceil(duration_s / _LOOK_S))
-    edges_s = np.linspace(0.0, duration_s, parts + 1)
+    looks = min(_MOST_LOOKS, math.ceil(duration_s / _LOOK_S))
+    edges_s = np.linspace(0.0, duration_s, looks + 1)
     path = [0.0]
     for start_s in edges_s[:-1].tolist():
-        look_us = max(1, round(1e6 * min(_LOOK_S, duration_s / parts)))
+        look_us = max(1, round(1e6 * min(_LOOK_S, duration_s / looks)))
         look = trajectory.crop(start_s, look_us * 1e-6)
         speed = DisplacementClock(renderer, look, look_us, start_us=round(start_s * 1e6)).path_at(look_us) / look_us
         path.append(path[-1] + speed)

@@ -109,8 +109,8 @@ def room(
         texel: of the floor's texture, metres.
     """
     lights = {} if light is None else {"lamp": light}
-    parts = partial(_room, scale, texel)
-    return Scene("room", parts, camera=camera or _camera(), trajectory=trajectory, lights=lights)
+    content = partial(_room, scale, texel)
+    return Scene("room", content, camera=camera or _camera(), trajectory=trajectory, lights=lights)
 
 
 def wires(trajectory: Trajectory, *, shadows: bool = True) -> Scene:
@@ -200,7 +200,7 @@ def _camera(focal: float = _FOCAL, *, k1: float = 0.0) -> Camera:
 
 
 def _down(scale: float = 1.0) -> Pose:
-    """Looks down at the floor, a little aslant."""
+    """Return a pose that looks down at the floor, a little aslant."""
     return Pose.from_matrix(_matrix(look_at(_EYE, np.array([0.02, 0.0, 0.0])), scale * _EYE))
 
 
@@ -235,13 +235,13 @@ def _floor(scale: float, texel: float) -> dict[str, object]:
 
 
 def _wires() -> dict[str, object]:
-    parts = _room(1.0, 0.02)
-    del parts["box"]
+    content = _room(1.0, 0.02)
+    del content["box"]
     for k, (x, pixels) in enumerate(zip(np.linspace(-0.09, 0.11, 6), [0.3, 0.45, 1.0] * 2, strict=True)):
         # As thick as `pixels` pixels are wide at its distance.
         half = pixels * (_EYE[2] - _WIRES_M) / _FOCAL / 2
         thin = np.diag([half, 2.0, half, 1.0])
         thin[:3, 3] = (x, 0.0, _WIRES_M)
         grey = 0.9 if k % 2 else 0.05
-        parts[f"wire_{k}"] = {"type": "cube", "to_world": thin, "bsdf": {"type": "diffuse", "reflectance": grey}}
-    return parts
+        content[f"wire_{k}"] = {"type": "cube", "to_world": thin, "bsdf": {"type": "diffuse", "reflectance": grey}}
+    return content

@@ -109,8 +109,8 @@ class LightComparison:
         assert isinstance(renderer, NativeRenderer)
         assert renderer.baked is not None
         self._renderer, self._light, self._rays = renderer, renderer.baked, rays
-        what = (self._light.content, repr(camera), instants, duration_s, reference_samples)
-        self._name = hashlib.sha256(repr(what).encode()).hexdigest()[:16]
+        identity = (self._light.content, repr(camera), instants, duration_s, reference_samples)
+        self._name = hashlib.sha256(repr(identity).encode()).hexdigest()[:16]
         self.reference = self.baked = np.empty((0, camera.height, camera.width), np.float32)
 
     def measure(self, samples: tuple[int, ...] = LIGHT_SAMPLES) -> Iterator[LightErrors]:
@@ -119,15 +119,15 @@ class LightComparison:
         # Neighbours in time are in different halves.
         even, odd = (np.asarray(np.mean(half, axis=0), np.float32) for half in (runs[::2], runs[1::2]))
         self.reference = np.mean(runs, axis=0, dtype=np.float32)
-        what = f"reference: {self._runs} runs of {self._samples:,} samples; its halves compared"
-        yield self._errors(what, even, odd, None, None)
+        method = f"reference: {self._runs} runs of {self._samples:,} samples; its halves compared"
+        yield self._errors(method, even, odd, None, None)
         for count in samples:
             tracer = make_renderer(self.scene, self.camera, kind="integrator", rays_per_pixel=count, seed=0)
             luma, ms = self._timed(tracer)
             yield self._errors(f"path tracer, {count:,} samples", luma, self.reference, None, ms)
         self.baked, ms = self._timed(self._renderer)
-        what = f"baked, error {self._error:g}, {self._rays} rays"
-        yield self._errors(what, self.baked, self.reference, self._light.maps.seconds, ms)
+        method = f"baked, error {self._error:g}, {self._rays} rays"
+        yield self._errors(method, self.baked, self.reference, self._light.maps.seconds, ms)
 
     def _run(self, seed: int) -> LumaFrames:
         file = None if self._folder is None else self._folder / f"light_{self._name}_{seed}.npy"
@@ -142,14 +142,14 @@ class LightComparison:
         return luma
 
     def _errors(
-        self, what: str, luma: LumaFrames, other: LumaFrames, bake_s: float | None, ms: float | None
+        self, method: str, luma: LumaFrames, other: LumaFrames, bake_s: float | None, ms: float | None
     ) -> LightErrors:
         own, true = self._events(luma), self._events(other)
         comparison = compare_events(own, true, size=(self.camera.width, self.camera.height), window_us=WINDOW_US)
         eps, contrast = 1e-3, self.scene.contrast_threshold
         log_rms = float(np.sqrt(np.mean((np.log(luma + eps) - np.log(other + eps)) ** 2))) / contrast
         wrong = comparison.missing_percent + comparison.spurious_percent
-        return LightErrors(what, bake_s, ms, len(own), comparison.median_us, comparison.p99_us, wrong, log_rms)
+        return LightErrors(method, bake_s, ms, len(own), comparison.median_us, comparison.p99_us, wrong, log_rms)
 
     def _events(self, luma: LumaFrames) -> EventArray:
         contrast = self.scene.contrast_threshold

@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING
 
 from .._util.argument_checks import as_size
 from .._util.argument_error import ArgumentError
@@ -20,11 +18,6 @@ from ..geometry.trajectory.trajectory_file import read_trajectory
 from ..scene.default_motion import with_default_motion
 from ..scene.load import BUILTIN_SCENES, load_scene, start_pose
 from ..scene.scene import Scene
-
-if TYPE_CHECKING:
-    from ..events.arrays import EventArray
-    from ..events.packet import Packet
-    from ..inspection.live_view import LiveView
 
 SCENE_HELP = (
     f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, a Mitsuba XML or glTF file, or an OBJ or PLY mesh"
@@ -208,55 +201,8 @@ def require_free(options: argparse.Namespace) -> None:
         raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")
 
 
-def add_show(parser: argparse.ArgumentParser) -> None:
-    """Add the option that shows events as they come."""
-    parser.add_argument(
-        "--show", action="store_true", help="show the events in the browser as they come, on a page of this machine"
-    )
-
-
-class ShownEvents:
-    """Shows events in a browser as they come, if asked for; a context manager.
-
-    Args:
-        title: of the page.
-        wanted: whether anything is shown.
-    """
-
-    def __init__(self, title: str, *, wanted: bool) -> None:
-        self._title, self._wanted = title, wanted
-        self._stack = ExitStack()
-        self._view: LiveView | None = None
-
-    def add(self, events: EventArray, t_us: int, size: tuple[int, int]) -> None:
-        """Show events of a sensor of (width, height) pixels; the page is opened with the first ones."""
-        if not self._wanted:
-            return
-        if self._view is None:
-            from ..inspection.live_view import LiveView
-
-            self._view = self._stack.enter_context(LiveView(size, self._title))
-            say(f"events are shown at {self._view.address}" + ("" if self._view.opened else ": open it in a browser"))
-        self._view.add(events, t_us)
-
-    def packet(self, packet: Packet, size: tuple[int, int]) -> None:
-        """Show a packet."""
-        self.add(packet.events, packet.end_us, size)
-
-    def __enter__(self) -> ShownEvents:
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc_value: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(exc_type, exc_value, traceback)
-
-
 @contextmanager
-def bar_of_fraction(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
+def bar_of_fraction(task: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
     """Show a progress bar that is told the fraction that is done."""
-    with progress(what, 100.0, unit="%", show=not quiet) as bar:
+    with progress(task, 100.0, unit="%", show=not quiet) as bar:
         yield lambda fraction: bar.to(100.0 * fraction)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from ..inspection.rig_summary import rig_contents
 from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, draw_rates, summarize_events
 from ..io.dataset.reader import Dataset
 from ..io.dataset.rig_folder import RigDataset, is_rig_folder
-from ..io.files.conversion import LeftOutWarning, convert
+from ..io.files.conversion import LeftOutWarning, convert, left_out_line
 from ..io.files.rig_layouts import convert_rig
 from ..io.formats.parts import ALL_PARTS, PARTS
 from ..io.formats.registry import written_formats
@@ -33,7 +35,7 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
         "OUT gets its name when it is whole: an error or Ctrl-C leaves nothing. The folder of a rig becomes DSEC's "
         "folder, MVSEC's HDF5 (.hdf5), or a bag with MVSEC's topics (.bag)."
     )
-    conversion.set_defaults(run=_convert)
+    conversion.set_defaults(run=partial(_convert, conversion))
     conversion.add_argument("source", metavar="IN", help=EVENTS_HELP)
     conversion.add_argument(
         "target", metavar="OUT", help="what to write; without a suffix a dataset folder, or - for standard output"
@@ -66,9 +68,9 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
     conversion.add_argument(
         "--option", type=_option, action="append", default=[], metavar="NAME=VALUE", help="an option of OUT's format"
     )
-    for rule, what in (("backward", "are earlier than one before them"), ("outside", "lie outside of IN's own size")):
+    for rule, fault in (("backward", "are earlier than one before them"), ("outside", "lie outside of IN's own size")):
         conversion.add_argument(
-            f"--{rule}", choices=("refuse", "drop"), default="refuse", help=f"what is done with events that {what}"
+            f"--{rule}", choices=("refuse", "drop"), default="refuse", help=f"what is done with events that {fault}"
         )
     add_max_packet_bytes(conversion)
     conversion.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
@@ -102,9 +104,17 @@ def add_max_packet_bytes(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _convert(options: argparse.Namespace) -> int:
+@contextmanager
+def conversion_bar(options: argparse.Namespace) -> Iterator[Callable[[float], object]]:
+    """Show the bar of a conversion; what the target cannot hold is left to the command's last line."""
+    with bar_of_fraction(f"to {options.target}", quiet=options.quiet) as told, warnings.catch_warnings():
+        warnings.simplefilter("ignore", LeftOutWarning)
+        yield told
+
+
+def _convert(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     if is_rig_folder(options.source):
-        return _convert_rig(options)
+        return _convert_rig(parser, options)
     to_stream = options.target == "-"
     if to_stream and options.format is None:
         raise ValueError("standard output has no suffix that would tell the format: give --format")
@@ -124,11 +134,9 @@ def _convert(options: argparse.Namespace) -> int:
         **dict(options.option),
     }
     try:
-        with bar_of_fraction(f"to {options.target}", quiet=options.quiet) as told:
+        with conversion_bar(options) as told:
             target = sys.stdout.buffer if to_stream else options.target
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
-                report = convert(options.source, target, progress=told, **arguments)
+            report = convert(options.source, target, progress=told, **arguments)
             if to_stream:
                 sys.stdout.buffer.flush()
     except TypeError as error:  # an option that the format does not have
@@ -139,27 +147,20 @@ def _convert(options: argparse.Namespace) -> int:
         file=sys.stderr if to_stream else sys.stdout,
     )
     if report.left_out:
-        tell(
-            f"davis-rs: {report.path} ({report.format}) cannot hold, and leaves out: {report.left_out}", file=sys.stderr
-        )
+        tell(f"davis-rs: {left_out_line(report.path, report.format, report.left_out)}", file=sys.stderr)
     return 0
 
 
-_OF_RIGS = ("source", "target", "format", "overwrite", "quiet", "run")
-"""The options of a conversion that hold for rigs, too."""
+_OF_RIGS = ("help", "debug", "source", "target", "format", "overwrite", "quiet")
+"""The arguments of a conversion that hold for rigs, too."""
 
 
-def _convert_rig(options: argparse.Namespace) -> int:
+def _convert_rig(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     """Convert the folder of a rig."""
-    parser = argparse.ArgumentParser()
-    add_convert(parser)
-    usual = vars(parser.parse_args([options.source, options.target]))
-    for name, value in usual.items():
-        if name not in _OF_RIGS and getattr(options, name) != value:
-            option = "--" + name.removesuffix("_us").replace("_", "-")
+    for name, option in options.written.items():
+        if name not in _OF_RIGS and getattr(options, name) != parser.get_default(name):
             raise ValueError(f"{option} is not for rigs: convert a camera of it, {options.source}/cam0")
-    with bar_of_fraction(f"to {options.target}", quiet=options.quiet) as told, warnings.catch_warnings():
-        warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
+    with conversion_bar(options) as told:
         report = convert_rig(
             options.source, options.target, layout=options.format, overwrite=options.overwrite, progress=told
         )
@@ -167,9 +168,7 @@ def _convert_rig(options: argparse.Namespace) -> int:
     maps = f", {report.disparities:,} disparity maps" if report.disparities else ""
     tell(f"{report.path}: {report.layout}, {left:,} + {right:,} events{maps}")
     if report.left_out:
-        tell(
-            f"davis-rs: {report.path} ({report.layout}) cannot hold, and leaves out: {report.left_out}", file=sys.stderr
-        )
+        tell(f"davis-rs: {left_out_line(report.path, report.layout, report.left_out)}", file=sys.stderr)
     return 0
 
 
@@ -225,7 +224,7 @@ def _microseconds(text: str) -> int:
 
 
 def _parts(text: str | None) -> tuple[str, ...] | None:
-    """Names by commas; none of them for "none"."""
+    """Parse names with commas between them; "none" stands for no name."""
     if text is None:
         return None
     return () if text == "none" else tuple(name.strip() for name in text.split(","))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 
 from .._util.argument_error import ArgumentError
 from .._util.terminal_text import tell
 from ..events.filters import BackgroundActivity, DropPixels, Filter, Flicker, Refractory
-from ..io.files.conversion import LeftOutWarning, convert
+from ..io.files.conversion import convert, left_out_line
 from ..io.formats.registry import written_formats
 from .common import EVENTS_HELP, bar_of_fraction, sensor_size
+from .files import conversion_bar
 
 
 def add_filter(parser: argparse.ArgumentParser) -> None:
@@ -78,23 +78,21 @@ def _filter(options: argparse.Namespace) -> int:
         filters.insert(0, _hot_pixels(options))
     if not filters:
         raise ValueError("nothing to filter by: give --hot-pixels, --flicker, --refractory or --background-activity")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
-        with bar_of_fraction(f"to {options.target}", quiet=options.quiet) as told:
-            report = convert(
-                options.source,
-                options.target,
-                size=options.size,
-                format=options.format,
-                filters=filters,
-                overwrite=options.overwrite,
-                progress=told,
-            )
+    with conversion_bar(options) as told:
+        report = convert(
+            options.source,
+            options.target,
+            size=options.size,
+            format=options.format,
+            filters=filters,
+            overwrite=options.overwrite,
+            progress=told,
+        )
     taken = report.events + report.filtered_out
-    share = 100 * report.filtered_out / max(taken, 1)
-    tell(f"{report.path}: {report.events:,} of {taken:,} events pass, {share:.1f} % are left out")
+    percent_out = 100 * report.filtered_out / max(taken, 1)
+    tell(f"{report.path}: {report.events:,} of {taken:,} events pass, {percent_out:.1f} % are left out")
     if report.left_out:
-        tell(f"{report.path} ({report.format}) cannot hold, and leaves out: {report.left_out}")
+        tell(left_out_line(report.path, report.format, report.left_out))
     return 0
 
 

@@ -7,8 +7,9 @@ import sys
 
 from .._util.terminal_text import tell
 from ..simulation.settings import FrameFolderSettings
-from .common import ShownEvents, add_show, require_free
+from .common import require_free
 from .settings_options import add_settings, given_settings
+from .show import ShownEvents, add_output
 
 
 def add_frames(frames: argparse.ArgumentParser) -> None:
@@ -23,10 +24,7 @@ def add_frames(frames: argparse.ArgumentParser) -> None:
         metavar="FRAMES",
         help="a video, a folder of images (PNG, JPEG, TIFF, BMP, EXR), or a .npy file (n, H, W) or (n, H, W, 3)",
     )
-    frames.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
-    frames.add_argument("--overwrite", action="store_true", help="replace the dataset in DIR")
-    frames.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
-    add_show(frames)
+    add_output(frames)
     stamps = frames.add_argument_group("stamps")
     stamps.add_argument(
         "--timestamps",

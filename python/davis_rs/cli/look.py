@@ -112,14 +112,9 @@ def _check(options: argparse.Namespace) -> int:
     from ..inspection.rig_summary import check_rig
 
     with stage(f"checking {options.dataset}"):
-        if is_rig_folder(options.dataset):
-            report: object = (checked := check_rig(options.dataset))
-            ok = checked.ok
-        else:
-            report = (found := check_dataset(options.dataset))
-            ok = found.ok
+        report = check_rig(options.dataset) if is_rig_folder(options.dataset) else check_dataset(options.dataset)
     tell(report)
-    return 0 if ok else 1
+    return 0 if report.ok else 1
 
 
 def _view(options: argparse.Namespace) -> int:
@@ -131,8 +126,8 @@ def _view(options: argparse.Namespace) -> int:
     given = {name: getattr(options, name) for names in _SETTINGS.values() for name in names}
     given = {name: value for name, value in given.items() if value is not None}
     for name in sorted(given.keys() - set(_SETTINGS[kind])):
-        what = "the picture" if kind == "output" else f"--{kind}"
-        raise ArgumentError("{option} means nothing for {}: leave it out", what, option=name)
+        output_name = "the picture" if kind == "output" else f"--{kind}"
+        raise ArgumentError("{option} means nothing for {}: leave it out", output_name, option=name)
     if not is_rig_folder(options.source):
         tell(_MAKERS[kind](options, given | {"size": options.size}))
         return 0

@@ -102,7 +102,7 @@ def make_parser() -> Parser:
         description="Simulate a DAVIS event camera, and read a real one.",
         formatter_class=partial(argparse.HelpFormatter, max_help_position=16),
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and leave")
+    parser.add_argument("--version", action=_VersionAction, nargs=0, help="show the version and leave")
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
     for name, (module, does) in COMMANDS.items():
@@ -118,7 +118,7 @@ def _fill(name: str, module: str) -> Callable[[argparse.ArgumentParser], None]:
     return fill
 
 
-class _Version(argparse.Action):
+class _VersionAction(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from .._core import __version__
 

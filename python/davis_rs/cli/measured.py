@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, TypedDict
 
-from .._util.progress import progress
-from .common import sensor_size
+from .common import bar_of_fraction, sensor_size
 
 if TYPE_CHECKING:
     from ..calibrate.sensor import MeasuredRecording
@@ -41,21 +40,19 @@ def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
     """Measure the statistics of a stream, with a progress bar."""
     from ..inspection.statistics import measure_stream
 
-    with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_stream(path, progress=lambda fraction: bar.to(100.0 * fraction), **_measured(options))
+    with bar_of_fraction(f"reading {path}", quiet=options.quiet) as told:
+        return measure_stream(path, progress=told, **_selection(options))
 
 
 def measured_with_frames(path: str, options: argparse.Namespace, lux: float | None) -> MeasuredRecording:
     """Measure the same, and the recording's frames; ``lux`` is what its quiet pixels see, None if it is not known."""
     from ..calibrate.sensor import measure_recording
 
-    with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_recording(
-            path, progress=lambda fraction: bar.to(100.0 * fraction), lux=lux, **_measured(options)
-        )
+    with bar_of_fraction(f"reading {path}", quiet=options.quiet) as told:
+        return measure_recording(path, progress=told, lux=lux, **_selection(options))
 
 
-class _Measured(TypedDict):
+class _MeasuredSelection(TypedDict):
     """Says which pixels and which time of a recording are measured."""
 
     size: tuple[int, int] | None
@@ -64,7 +61,7 @@ class _Measured(TypedDict):
     stop_s: float | None
 
 
-def _measured(options: argparse.Namespace) -> _Measured:
+def _selection(options: argparse.Namespace) -> _MeasuredSelection:
     region = options.quiet_region
     quiet = None if region is None else (region[0], region[1], region[2], region[3])
     return {"size": options.size, "quiet": quiet, "start_s": options.start_s, "stop_s": options.stop_s}

@@ -12,8 +12,9 @@ from ..scene.scene import Scene
 from ..scene.sequences import SEQUENCES, sequence_named
 from ..sensor.rig import RIGS
 from ..simulation.settings import FolderSettings
-from .common import ShownEvents, add_path, add_scene, add_show, on_path, require_free, scene_of
+from .common import add_path, add_scene, on_path, require_free, scene_of
 from .settings_options import add_settings, given_settings
+from .show import ShownEvents, add_output
 
 
 def add_simulate(simulate: argparse.ArgumentParser) -> None:
@@ -30,7 +31,7 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
     rig.add_argument(
         "--camera-index", type=int, metavar="N", help="simulate this camera of the rig alone; 0 is the first"
     )
-    _add_output(simulate)
+    add_output(simulate)
     add_settings(simulate, FolderSettings)
 
 
@@ -54,15 +55,8 @@ def add_sequence(sequence: argparse.ArgumentParser) -> None:
     path.add_argument(
         "--duration", dest="duration_s", type=float, metavar="S", help="seconds to simulate; to the end if not given"
     )
-    _add_output(sequence)
+    add_output(sequence)
     add_settings(sequence, FolderSettings)
-
-
-def _add_output(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
-    parser.add_argument("--overwrite", action="store_true", help="replace the dataset in DIR")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
-    add_show(parser)
 
 
 def _simulate(options: argparse.Namespace) -> int:

@@ -33,15 +33,15 @@ from ..usb.protocol import FX3
 from ..usb.raw_file import RawRecording, RawWriter
 from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
 from ..usb.virtual_davis import VirtualDavis
-from .common import EVENTS_HELP, SCENE_HELP, ShownEvents, add_show
+from .common import EVENTS_HELP, SCENE_HELP
 from .common import sensor_size as sensor_size_of
 from .ctrl_c import LINE
 from .files import add_max_packet_bytes
+from .show import ShownEvents, add_show
 
 
 def add_devices(devices: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-
     devices.set_defaults(run=_devices)
 
 
@@ -91,7 +91,6 @@ def add_record(record: argparse.ArgumentParser) -> None:
 
 def add_decode(decode: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-
     decode.set_defaults(run=_decode)
     decode.add_argument("recording", type=Path, metavar="FILE", help=EVENTS_HELP)
     decode.add_argument(

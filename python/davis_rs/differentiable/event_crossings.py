@@ -40,8 +40,8 @@ class Crossings(NamedTuple):
     here: LogLuma
 
 
-class _Search:
-    """Intervals in which log luma crosses levels: below the level at ``low``, not below at ``high``."""
+class _CrossingSearch:
+    """Narrows intervals in which log luma crosses levels: below the level at ``low``, not below at ``high``."""
 
     def __init__(
         self, field: LogLumaField, t_us: FloatArray, pixel: IntArray, sign: FloatArray, level: FloatArray
@@ -87,7 +87,7 @@ def find_crossings(
         sign: (n,) 1 where log luma rises through the level, -1 where it falls.
         within_us: how far from its instant a crossing is searched.
     """
-    search = _Search(field, t_us, pixel, sign, level)
+    search = _CrossingSearch(field, t_us, pixel, sign, level)
     first = np.maximum(t_us - within_us, 0.0)
     last = np.minimum(t_us + within_us, field.duration_s * _US)
     step = 1.2 * np.abs(search.step_us(np.arange(len(t_us))))

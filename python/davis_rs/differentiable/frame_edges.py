@@ -77,8 +77,8 @@ class FrameEdges:
                     explained[:, None], turn.slope, 0.0
                 )
                 for column in range(6):
-                    parts = turn.weight * rows[:, column, None]
-                    of_views[:, column] += np.bincount(into.ravel(), parts.ravel(), len(of_views))
+                    weighted = turn.weight * rows[:, column, None]
+                    of_views[:, column] += np.bincount(into.ravel(), weighted.ravel(), len(of_views))
         if unknown > _MOST_UNKNOWN * (known + unknown):
             fraction = unknown / (known + unknown)
             warnings.warn(

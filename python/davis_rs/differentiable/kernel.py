@@ -73,7 +73,7 @@ class DifferentiableKernel(TableKernel):
         kernel = copy.copy(self)
         if textures:
             kernel._texels = [self._with_textures(group, textures) for group in range(len(self._texels))]
-        kernel._table = _AttachedTable(self._table, lights)
+        kernel._table = _TableWithLights(self._table, lights)
         return kernel
 
     def moved_lights(self, parameters: Mapping[str, TensorLike]) -> list[str]:
@@ -95,24 +95,24 @@ class DifferentiableKernel(TableKernel):
         import mitsuba as mi
 
         weights = self._table.textures.group_weights[group].tolist()
-        parts, end = [], 0
+        textures, end = [], 0
         for number, (_, width, height, wrap) in enumerate(self._table.textures.sizes.tolist()):
             start, end = end, end + (width + 2) * (height + 2)
             if number not in replacements:
-                parts.append(dr.gather(mi.Float, self._texels[group], dr.arange(mi.UInt32, start, end)))
+                textures.append(dr.gather(mi.Float, self._texels[group], dr.arange(mi.UInt32, start, end)))
                 continue
             value = replacements[number]
             rows, columns = (wrap_index(np.arange(-1, size + 1), size, wrap) for size in (height, width))
             texel = mi.UInt32((rows[:, None] * width + columns).ravel().astype(np.uint32))
             if value.ndim == 2:
-                parts.append(sum(weights) * dr.gather(mi.Float, value.array, texel))
+                textures.append(sum(weights) * dr.gather(mi.Float, value.array, texel))
             else:
                 rgb = (dr.gather(mi.Float, value.array, texel * 3 + channel) for channel in range(3))
-                parts.append(sum(weight * values for weight, values in zip(weights, rgb, strict=True)))
-        return dr.concat(parts)
+                textures.append(sum(weight * values for weight, values in zip(weights, rgb, strict=True)))
+        return dr.concat(textures)
 
 
-class _AttachedTable(SceneTable):
+class _TableWithLights(SceneTable):
     """Holds a table with other lights, whose strengths and vectors may be Dr.Jit arrays."""
 
     def __init__(self, table: SceneTable, lights: list[Light]) -> None:

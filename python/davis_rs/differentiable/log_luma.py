@@ -23,7 +23,7 @@ _AT_ONCE = 1 << 15
 
 
 class LogLuma(NamedTuple):
-    """L = ln(Y + log_eps) of n pixels, each at its own instant.
+    """Holds L = ln(Y + log_eps) of n pixels, each at its own instant.
 
     Attributes:
         value: (n,) L.
@@ -51,7 +51,7 @@ class LogLuma(NamedTuple):
 
 
 class LogLumaField:
-    """Log luma along a camera path, as a native renderer's own rays see it, without the rounding of float32.
+    """Computes log luma along a camera path, as a native renderer's own rays see it, without the rounding of float32.
 
     Which surface a ray meets, and whether a light is hidden from it, is taken as fixed in the derivatives.
 
@@ -84,10 +84,10 @@ class LogLumaField:
         # Sorted by pixel, so that the texels that they need are still in the cache.
         order = np.argsort(pixel, kind="stable")
         chunks = [order[first : first + _AT_ONCE] for first in range(0, max(len(order), 1), _AT_ONCE)]
-        parts = [self._at(self.views(t_us[chunk]), pixel[chunk]) for chunk in chunks]
+        results = [self._at(self.views(t_us[chunk]), pixel[chunk]) for chunk in chunks]
         back = np.empty_like(order)
         back[order] = np.arange(len(order))
-        return LogLuma(*(np.concatenate(columns)[back] for columns in zip(*parts, strict=True)))
+        return LogLuma(*(np.concatenate(columns)[back] for columns in zip(*results, strict=True)))
 
     def at_start(self, pixel: IntArray) -> LogLuma:
         """Return log luma of pixels (n,) at the path's first instant."""
@@ -98,7 +98,7 @@ class LogLumaField:
         from scipy.sparse import csr_array, vstack
 
         texels = int(np.prod(self.renderer.table.textures.sizes[:, 1:3].astype(np.int64), axis=1).sum())
-        parts = [csr_array((0, texels))]
+        blocks = [csr_array((0, texels))]
         for first in range(0, len(pixel), _AT_ONCE):
             chunk = slice(first, first + _AT_ONCE)
             around = self.pixels.neighbours(pixel[chunk]).astype(np.uint32)
@@ -109,8 +109,8 @@ class LogLumaField:
             values = values * np.repeat(1 / (luma + self.log_eps), counts)
             block = csr_array((values, seen, rows), shape=(len(around), texels))
             block.sum_duplicates()
-            parts.append(block)
-        return vstack(parts, format="csr")
+            blocks.append(block)
+        return vstack(blocks, format="csr")
 
     def _at(self, views: Views, pixel: IntArray) -> LogLuma:
         return self._of_view(views, np.arange(len(pixel), dtype=np.uint32), pixel)

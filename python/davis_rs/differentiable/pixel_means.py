@@ -45,11 +45,11 @@ class MeanLogLumaField(LogLumaField):
     def _of_view(self, views: Views, view: npt.NDArray[np.uint32], pixel: IntArray) -> LogLuma:
         surfaces = super()._of_view(views, view, pixel)
         count = max(_RAYS_TOGETHER // (len(self._rows) * self.renderer.rays_per_pixel), 1)
-        parts = [
+        derivatives = [
             self._of_edges(views[view[first : first + count]], pixel[first : first + count])
             for first in range(0, len(pixel), count)
         ]
-        pose = np.concatenate([np.zeros((0, 6)), *parts]) * surfaces.log_eps[:, None]
+        pose = np.concatenate([np.zeros((0, 6)), *derivatives]) * surfaces.log_eps[:, None]
         motion = np.concatenate([views.velocities, views.angular_rates], 1)[view]
         return surfaces._replace(pose=surfaces.pose + pose, rate=surfaces.rate + (pose * motion).sum(1))
 

@@ -59,22 +59,22 @@ class EventComparison:
 
     @property
     def median_us(self) -> float:
-        """Median of the absolute time error in microseconds; NaN where nothing matched."""
+        """Return the median of the absolute time error in microseconds; NaN where nothing matched."""
         return self._percentile(50)
 
     @property
     def p99_us(self) -> float:
-        """99th percentile of the absolute time error in microseconds; NaN where nothing matched."""
+        """Return the 99th percentile of the absolute time error in microseconds; NaN where nothing matched."""
         return self._percentile(99)
 
     @property
     def missing_percent(self) -> float:
-        """Missing events in percent of the reference's; NaN for an empty reference."""
+        """Return the missing events in percent of the reference's; NaN for an empty reference."""
         return 100 * self.missing / self.reference if self.reference else np.nan
 
     @property
     def spurious_percent(self) -> float:
-        """Spurious events in percent of the reference's, so that it may exceed 100; NaN for an empty reference."""
+        """Return the spurious events in percent of the reference's, perhaps above 100; NaN for an empty reference."""
         return 100 * self.spurious / self.reference if self.reference else np.nan
 
     def _percentile(self, percent: float) -> float:
@@ -127,26 +127,26 @@ def compare_events(
     first[1:] = np.any([np.diff(column[order]) != 0 for column in columns[1:]], axis=0)
     # Part by part, so that the many passes over a part stay in the processor's cache and need little memory.
     starts = np.flatnonzero(first)
-    parts = np.searchsorted(starts, np.arange(0, len(order), _PART), side="right") - 1
-    cuts = [*np.unique(starts[parts]), len(order)]
+    chunks = np.searchsorted(starts, np.arange(0, len(order), _PART), side="right") - 1
+    cuts = [*np.unique(starts[chunks]), len(order)]
     errors = [_time_errors(t_us[a:b], is_ours[a:b], first[a:b], int(window_us)) for a, b in pairwise(cuts)]
     time_error_us = np.concatenate([np.zeros(0), *errors])
     matched = len(time_error_us)
     return EventComparison(len(theirs), len(ours), matched, len(theirs) - matched, len(ours) - matched, time_error_us)
 
 
-def _checked(array: npt.ArrayLike, what: str, size: tuple[int, int]) -> EventArray:
+def _checked(array: npt.ArrayLike, name: str, size: tuple[int, int]) -> EventArray:
     events, (width, height) = as_events(array), size
     back = events["t"][1:] < events["t"][:-1]
     if back.any():
         at = int(back.argmax()) + 1
         before, t = events["t"][at - 1 : at + 1].tolist()
-        raise ValueError(f"{what} must be sorted by time: event {at} at {t} us follows one at {before} us")
+        raise ValueError(f"{name} must be sorted by time: event {at} at {t} us follows one at {before} us")
     outside = (events["x"] >= width) | (events["y"] >= height)
     if outside.any():
         at = int(outside.argmax())
         _, x, y, _ = events[at].tolist()
-        raise ValueError(f"{what}: event {at} at (x, y) = ({x}, {y}) lies outside of the {width} x {height} sensor")
+        raise ValueError(f"{name}: event {at} at (x, y) = ({x}, {y}) lies outside of the {width} x {height} sensor")
     return events
 
 

@@ -21,7 +21,7 @@ class ShardFile(TypedDict):
     sha256: str
 
 
-class _Line(TypedDict):
+class _ManifestLine(TypedDict):
     name: str
     parameters: dict[str, object]
     events: int
@@ -30,7 +30,7 @@ class _Line(TypedDict):
     sha256: str
 
 
-class ManifestLine(_Line, total=False):
+class ManifestLine(_ManifestLine, total=False):
     """Holds what the manifest says of a sequence; ``shard`` is there where its files are in one."""
 
     shard: ShardFile

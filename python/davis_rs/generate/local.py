@@ -44,7 +44,7 @@ class _Worker(Generic[Task]):
     """The task's place among all."""
 
 
-class _Waiting(Generic[Task]):
+class _WaitingTasks(Generic[Task]):
     """Holds tasks that no worker has, with their positions; each is taken from the sequence when its turn comes."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
@@ -84,7 +84,7 @@ def run_locally(
         report: is told of workers that died.
     """
     context = multiprocessing.get_context("spawn")
-    waiting, deaths = _Waiting(tasks), Counter[int]()
+    waiting, deaths = _WaitingTasks(tasks), Counter[int]()
     team: list[_Worker[Task]] = []
 
     def start() -> _Worker[Task]:
@@ -144,7 +144,7 @@ def _busy(team: Sequence[_Worker[Task]]) -> int:
     return sum(worker.task is not None for worker in team)
 
 
-def _give(worker: _Worker[Task], waiting: _Waiting[Task]) -> None:
+def _give(worker: _Worker[Task], waiting: _WaitingTasks[Task]) -> None:
     worker.number, task = waiting.take()
     worker.task = task
     with suppress(OSError):  # dead already: waiting for its answer will tell

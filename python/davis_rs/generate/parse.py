@@ -126,7 +126,7 @@ START_POSE = ("time", "position_m", "rotation_deg")
 
 
 def _of_kind(
-    given: dict[str, object], where: Where, kinds: Mapping[str, Mapping[str, Key]], what: str
+    given: dict[str, object], where: Where, kinds: Mapping[str, Mapping[str, Key]], subject: str
 ) -> dict[str, object]:
     """Parse a mapping that names a function by its kind, and has its arguments."""
     kind = given.get("kind")
@@ -145,7 +145,7 @@ def _of_kind(
     arguments = {known[key].argument for key in parsed if key != "kind"}
     for name, wanted in known.items():
         if wanted.needed and wanted.argument not in arguments:
-            raise ValueError(f"{where.file}: {where.path}: a {what} of kind {kind} needs {name}")
+            raise ValueError(f"{where.file}: {where.path}: a {subject} of kind {kind} needs {name}")
     return parsed
 
 

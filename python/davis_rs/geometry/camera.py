@@ -23,7 +23,7 @@ _BLOCK = 8192
 
 
 class _Distorted(NamedTuple):
-    """Distorted normalised coordinates u and v, and their derivatives by x and y; ``cross`` is u by y, and v by x."""
+    """Holds distorted normalised coordinates u, v, and their derivatives by x, y; ``cross`` is u by y, and v by x."""
 
     u: FloatArray
     v: FloatArray

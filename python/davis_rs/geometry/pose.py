@@ -21,7 +21,7 @@ _ROTATION_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False, init=False)
 class Pose:
-    """T_world_camera: maps points in camera axes (x right, y down, z forward) to the world.
+    """Holds T_world_camera, which maps points in camera axes (x right, y down, z forward) to the world.
 
     Args:
         position: the camera's centre in the world, metres, shape (3,).
@@ -55,12 +55,12 @@ class Pose:
 
     @property
     def rotation(self) -> FloatArray:
-        """R_world_camera, shape (3, 3)."""
+        """Return R_world_camera, shape (3, 3)."""
         return rotation_matrices(self.quaternion)
 
     @property
     def matrix(self) -> FloatArray:
-        """T_world_camera, shape (4, 4)."""
+        """Return T_world_camera, shape (4, 4)."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation
         matrix[:3, 3] = self.position
@@ -133,18 +133,18 @@ def as_pose(given: PoseLike, argument: str = "pose") -> Pose:
         ) from None
 
 
-def _numbers(values: npt.ArrayLike | None, what: str) -> FloatArray:
+def _numbers(values: npt.ArrayLike | None, name: str) -> FloatArray:
     """Copy numbers to a new array, or refuse what is not numbers."""
     try:
         if values is None:
             raise TypeError
         return np.array(values, np.float64)
     except (TypeError, ValueError):
-        raise ValueError(f"{what} must be numbers, got {values!r}") from None
+        raise ValueError(f"{name} must be numbers, got {values!r}") from None
 
 
 class GroundTruth(NamedTuple):
-    """Poses of the camera, T_world_camera, as a motion-capture system stamps them.
+    """Holds poses of the camera, T_world_camera, as a motion-capture system stamps them.
 
     ``t_us`` int64 (n,); ``positions`` float64 (n, 3) in metres; ``quaternions`` float64 (n, 4) as (x, y, z, w).
     """
@@ -155,7 +155,7 @@ class GroundTruth(NamedTuple):
 
 
 class Velocities(NamedTuple):
-    """Velocities and accelerations of the camera, in its own axes (x right, y down, z ahead).
+    """Holds velocities and accelerations of the camera, in its own axes (x right, y down, z ahead).
 
     ``t_us`` int64 (n,); the others float64 (n, 3): ``linear`` velocity of its centre (m/s), ``angular`` rate (rad/s),
     and their rates of change in the world, turned into camera axes: ``linear_acceleration`` (m/s^2, without gravity)

@@ -109,7 +109,7 @@ class EventCameraEnv(gymnasium.Env[dict[str, Any], npt.NDArray[Any]]):
         given["depth_rate_hz"] = 1e6 / step_us if "depth" in observe else 0.0
         self._simulator = Simulator(scene, **given)
         self._body, self._task, self._imu_noise = body, task, imu_noise
-        self._step_us, self._parts, self._duration_s = step_us, poses_per_step, duration_s
+        self._step_us, self._substeps, self._duration_s = step_us, poses_per_step, duration_s
         self._shape = StepShape(self._simulator.camera, step_us, bins, poses_per_step)
         self.render_mode = render_mode
         self.action_space = body.action_space
@@ -152,7 +152,7 @@ class EventCameraEnv(gymnasium.Env[dict[str, Any], npt.NDArray[Any]]):
         self._t_us, self._over = 0, False
         packets = self._simulate(start)
         rest = np.concatenate([start.rotation.T @ -GRAVITY, np.zeros(3)])
-        imu = np.tile(rest, (self._parts, 1)) + self._drawn_noise(self._parts)
+        imu = np.tile(rest, (self._substeps, 1)) + self._drawn_noise(self._substeps)
         self._seen = _seen_of(0, packets, imu)
         return self._observation(self._seen), self._info(start, self._seen)
 
@@ -175,14 +175,14 @@ class EventCameraEnv(gymnasium.Env[dict[str, Any], npt.NDArray[Any]]):
             )
         exact = np.asarray(action, np.float64)
         start_us, packets, readings = self._t_us, list[Packet](), []
-        for part in range(1, self._parts + 1):
-            end_us = start_us + self._step_us * part // self._parts
+        for substep in range(1, self._substeps + 1):
+            end_us = start_us + self._step_us * substep // self._substeps
             duration_s = (end_us - self._t_us) * 1e-6
             before, after = self._body.state, self._body.move(exact, duration_s)
             readings.append(_reading(before, after, duration_s))
             self._t_us = end_us
             packets += self._simulate(after.pose)
-        self._seen = seen = _seen_of(start_us, packets, np.array(readings) + self._drawn_noise(self._parts))
+        self._seen = seen = _seen_of(start_us, packets, np.array(readings) + self._drawn_noise(self._substeps))
         verdict = self._task.judge(Moment(self._t_us * 1e-6, after, exact, self._shape.camera))
         truncated = self._duration_s is not None and self._t_us >= self._duration_s * 1e6 - 0.5
         self._over = verdict.terminated or truncated
@@ -209,7 +209,7 @@ class EventCameraEnv(gymnasium.Env[dict[str, Any], npt.NDArray[Any]]):
             return np.zeros((count, 6))
         first, self._samples = self._samples, self._samples + count
         if self._samples > len(self._noise):
-            rate_hz = self._parts * 1e6 / self._step_us
+            rate_hz = self._substeps * 1e6 / self._step_us
             self._noise = self._imu_noise.draw(max(1024, 2 * self._samples), rate_hz, self._noise_seed)
         return self._noise[first : self._samples]
 

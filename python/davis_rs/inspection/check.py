@@ -34,7 +34,7 @@ _T = TypeVar("_T")
 
 
 class InstantError(NamedTuple):
-    """How far log intensity lies from what the events say, at one instant.
+    """Says how far log intensity lies from what the events say, at one instant.
 
     ``largest`` is the largest size of L - R over the pixels, at pixel (``x``, ``y``), and ``mean`` the mean, both in
     units of the threshold on the error's side: C_on where L > R, C_off where L < R.
@@ -49,7 +49,7 @@ class InstantError(NamedTuple):
 
 @dataclass
 class CheckReport:
-    """What :func:`check_dataset` found; ``str()`` of it is a few lines for people.
+    """Reports what :func:`check_dataset` found; ``str()`` of it is a few lines for people.
 
     Attributes:
         path: the dataset folder.
@@ -74,12 +74,12 @@ class CheckReport:
 
     @property
     def ok(self) -> bool:
-        """Whether no problem was found."""
+        """Return whether no problem was found."""
         return not self.problems
 
     @property
     def worst(self) -> InstantError | None:
-        """The instant with the largest error, None where nothing could be compared."""
+        """Return the instant with the largest error, None where nothing could be compared."""
         return max(self.instants, key=lambda instant: instant.largest, default=None)
 
     def __str__(self) -> str:
@@ -214,11 +214,11 @@ def _meta_problems(meta: JsonObject, counts: dict[str, int]) -> Iterator[str]:
         return
     stated = meta.get("counts") or {}
     for name, count in counts.items():
-        what = name.replace("_", " ")
+        label = name.replace("_", " ")
         if name not in stated:
-            yield f"{META} does not say how many {what} there are, the folder holds {count}."
+            yield f"{META} does not say how many {label} there are, the folder holds {count}."
         elif stated[name] != count:
-            yield f"{META} counts {stated[name]} {what}, the folder holds {count}."
+            yield f"{META} counts {stated[name]} {label}, the folder holds {count}."
 
 
 def _event_problems(events: EventArray, size: tuple[int, int], duration_us: int | None) -> Iterator[str]:
@@ -248,7 +248,7 @@ def _event_problems(events: EventArray, size: tuple[int, int], duration_us: int 
 
 
 def _image_problems(
-    what: str,
+    kind: str,
     series: list[StampedImage],
     read: Callable[[int], AnyArray],
     size: tuple[int, int],
@@ -257,22 +257,22 @@ def _image_problems(
     last_us = -1
     for number, (t_us, path) in enumerate(series):
         if t_us <= last_us:
-            yield f"The times of the {what}s do not increase: {_seconds(t_us)} follows {_seconds(last_us)}."
+            yield f"The times of the {kind}s do not increase: {_seconds(t_us)} follows {_seconds(last_us)}."
         last_us = t_us
         due_us = number * 1e6 / rate_hz if rate_hz else None
         if due_us is not None and abs(t_us - due_us) > 0.5 + 1e-6:
-            yield f"{what.capitalize()} {number} is at {_seconds(t_us)}, but fell due at {due_us / 1e6:.6f} s."
+            yield f"{kind.capitalize()} {number} is at {_seconds(t_us)}, but fell due at {due_us / 1e6:.6f} s."
             return  # those after it are late as well
         try:
             shape = read(number).shape
         except FileNotFoundError:
-            yield f"{what.capitalize()} {number} is listed, but there is no file {path}."
+            yield f"{kind.capitalize()} {number} is listed, but there is no file {path}."
             continue
         except (DecodeError, OSError) as error:
-            yield f"{what.capitalize()} {number} cannot be read: {error}."
+            yield f"{kind.capitalize()} {number} cannot be read: {error}."
             continue
         if shape != size:
-            yield f"{what.capitalize()} {number} has shape {shape}, the sensor {size}: {path}."
+            yield f"{kind.capitalize()} {number} has shape {shape}, the sensor {size}: {path}."
 
 
 def _pose_problems(ground_truth: GroundTruth) -> Iterator[str]:

@@ -50,7 +50,7 @@ _SCRIPTS = ("data", "turning", "sensor_panel", "event_cloud", "camera_path", "pl
 
 @dataclass(frozen=True)
 class HtmlPage:
-    """A page that was written; ``str()`` of it is one line: the file, what it keeps, and its size.
+    """Describes a page that was written; ``str()`` of it is one line: the file, what it keeps, and its size.
 
     One that was made ``inline`` shows itself in a notebook, in a frame.
 
@@ -175,16 +175,16 @@ def _kept_text(kept: dict[str, tuple[int, int]]) -> str:
 
 def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, object]) -> bytes:
     """Return the whole page. What comes from files is escaped, and the policy lets only the script of this hash run."""
-    parts = files(__package__) / "web"
+    web = files(__package__) / "web"
     script = (
         '"use strict";\n(async () => {\n'
-        + "".join((parts / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)
+        + "".join((web / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)
         + "})();\n"
     )
-    style = (parts / "style.css").read_text("utf-8")
+    style = (web / "style.css").read_text("utf-8")
     # Numbers and base64 alone: nothing in it can end the element.
     json_text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    page = Template((parts / "page.html").read_text("utf-8")).substitute(
+    page = Template((web / "page.html").read_text("utf-8")).substitute(
         label=html.escape(label),
         kept=html.escape(_kept_text(kept)),
         script=script,

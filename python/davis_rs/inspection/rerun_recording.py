@@ -33,7 +33,7 @@ _CLOUD_INTERVALS = 4
 
 @dataclass(frozen=True)
 class RerunRecording:
-    """What was handed to Rerun; ``str()`` of it is a few lines.
+    """Reports what was handed to Rerun; ``str()`` of it is a few lines.
 
     Attributes:
         path: the file, None where it went to a viewer.
@@ -95,7 +95,7 @@ def view_rerun(
     if not len(sequence.events) and not sequence.frame_times:
         raise ValueError(f"{source} has neither events nor frames: there is nothing to show in Rerun")
     stream = rr.RecordingStream("davis_rs")
-    writer = _Writer(rr, stream, sequence, max_frames, show_progress)
+    writer = _RerunWriter(rr, stream, sequence, max_frames, show_progress)
     with nullcontext() if output is None else whole_file(output) as working_path:
         if working_path is None:
             stream.spawn(default_blueprint=writer.blueprint())
@@ -121,7 +121,7 @@ def _rerun() -> Any:
     return rerun
 
 
-class _Writer:
+class _RerunWriter:
     """Logs the parts of a sequence one after the other, and notes what it kept of them."""
 
     def __init__(self, rr: Any, stream: Any, sequence: VisualSequence, max_frames: int | None, show: bool) -> None:

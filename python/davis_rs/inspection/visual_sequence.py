@@ -40,7 +40,7 @@ def _no_imu() -> npt.NDArray[np.void]:
 
 @dataclass(frozen=True, eq=False)
 class VisualSequence:
-    """What can be drawn of a sequence; frames and depth maps are read when they are asked for.
+    """Holds what can be drawn of a sequence; frames and depth maps are read when they are asked for.
 
     Attributes:
         label: one line for the figure: name, contrast threshold and sensor, as far as the source says them.
@@ -118,8 +118,8 @@ def _label(dataset: Dataset, size: tuple[int, int]) -> str:
     if said.effects is not None:
         sensor += f", with {', '.join(said.effects)}" if said.effects else ", ideal"
     noise = f"{percent(said.noise)} Monte Carlo noise" if said.noise else None
-    parts = [said.scene or dataset.path.resolve().name, said.threshold, sensor, noise]
-    return printable(", ".join(part for part in parts if part))
+    facts = [said.scene or dataset.path.resolve().name, said.threshold, sensor, noise]
+    return printable(", ".join(fact for fact in facts if fact))
 
 
 def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:

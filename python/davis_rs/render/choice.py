@@ -38,7 +38,7 @@ from .table.renderer import TableRenderer
 
 
 @dataclass(frozen=True)
-class _Request:
+class _RendererRequest:
     """Holds the arguments of :func:`make_renderer`.
 
     Attributes:
@@ -75,7 +75,7 @@ class RendererKind(ABC):
     summary: ClassVar[str]
 
     @abstractmethod
-    def make(self, request: _Request) -> Renderer:
+    def make(self, request: _RendererRequest) -> Renderer:
         """Build the renderer.
 
         Raises:
@@ -84,7 +84,7 @@ class RendererKind(ABC):
         """
 
 
-class _Tables(NamedTuple):
+class _SceneTables(NamedTuple):
     """Holds a scene's tables, and what they were made from.
 
     Attributes:
@@ -124,7 +124,7 @@ class NoiseFreeKind(RendererKind):
 
     def _tables(
         self, scene: Scene, camera: Camera, mi: Mitsuba, *, by_name: bool, weights: Weights = LUMA_WEIGHTS
-    ) -> _Tables:
+    ) -> _SceneTables:
         try:
             loaded = load_scene_source(scene.source(), mi)
         except ValueError as error:
@@ -152,7 +152,8 @@ class NoiseFreeKind(RendererKind):
             reflections=scene.reflections,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
-        return _Tables(loaded, replaced, motion, table, view, for_view, made.description + _ramps_told(table.textures))
+        told = made.description + _ramps_told(table.textures)
+        return _SceneTables(loaded, replaced, motion, table, view, for_view, told)
 
 
 class NativeKind(NoiseFreeKind):
@@ -161,13 +162,13 @@ class NativeKind(NoiseFreeKind):
     name, label = "native", "native renderer"
     summary = "diffuse meshes, direct light"
 
-    def make(self, request: _Request) -> Renderer:
+    def make(self, request: _RendererRequest) -> Renderer:
         scene = request.scene
         with variant(SCALAR) as (mi, _):
             looks = scene.matte, scene.shadows, scene.reflections
             known = scene.source, looks, request.by_name, tuple(scene.objects), request.weights
 
-            def make() -> _Tables:
+            def make() -> _SceneTables:
                 return self._tables(scene, request.camera, mi, by_name=request.by_name, weights=request.weights)
 
             made = cached(known, make)
@@ -184,7 +185,7 @@ class TableKind(NoiseFreeKind):
     glossy = False
     summary = "the same, on LLVM"
 
-    def make(self, request: _Request) -> Renderer:
+    def make(self, request: _RendererRequest) -> Renderer:
         name, why = default_variant()
         if name != FAST:
             raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why}")
@@ -208,7 +209,7 @@ class BakedKind(NoiseFreeKind):
     summary = "native, with the light of area lights and bounces computed once"
     baked = True
 
-    def make(self, request: _Request) -> Renderer:
+    def make(self, request: _RendererRequest) -> Renderer:
         if request.weights != LUMA_WEIGHTS:
             raise Unsuitable("light is baked for luma, not for colour filters", "leave out the colour filter")
         with variant(SCALAR) as (mi, _):
@@ -226,7 +227,7 @@ class IntegratorKind(RendererKind):
     name, label = "integrator", "Mitsuba's integrators"
     summary = "Mitsuba's, for everything"
 
-    def make(self, request: _Request) -> Renderer:
+    def make(self, request: _RendererRequest) -> Renderer:
         scene = request.scene
         variant_name, why_variant = default_variant()
         with variant(variant_name) as (mi, _):
@@ -264,15 +265,18 @@ class IntegratorKind(RendererKind):
         return renderer
 
 
-KINDS: dict[str, RendererKind] = {
+RENDERER_KINDS: dict[str, RendererKind] = {
     kind.name: kind for kind in (NativeKind(), TableKind(), BakedKind(), IntegratorKind())
 }
 """All renderers that can be chosen, by name."""
 
-AUTOMATIC = tuple(KINDS[name] for name in ("native", "baked", "integrator"))
+AUTOMATIC = tuple(RENDERER_KINDS[name] for name in ("native", "baked", "integrator"))
 """``auto`` takes the first of these that can render a scene; the last one can render any."""
 
-RENDERERS = ("auto", *KINDS)
+AUTO_RENDERER = "auto"
+"""In place of a renderer: the first of :data:`AUTOMATIC` that can render the scene."""
+
+RENDERERS = (AUTO_RENDERER, *RENDERER_KINDS)
 """The values of the setting ``renderer``."""
 
 
@@ -284,7 +288,7 @@ def make_renderer(
     rays_per_pixel: int | None = None,
     lattice_rays_per_pixel: int = 8,
     seed: int = 0,
-    kind: str = "auto",
+    kind: str = AUTO_RENDERER,
     blur: bool | None = None,
     threads: int | None = None,
     edges: bool = False,
@@ -322,10 +326,10 @@ def make_renderer(
     if kind not in RENDERERS:
         raise ArgumentError("{renderer} must be one of {}, got {!r}", ", ".join(RENDERERS), kind)
     free = variant_is_free()
-    request = _Request(
+    request = _RendererRequest(
         scene=scene,
         camera=camera,
-        by_name=kind != "auto",
+        by_name=kind != AUTO_RENDERER,
         rays_per_pixel=rays_per_pixel,
         lattice_rays_per_pixel=lattice_rays_per_pixel,
         seed=seed,
@@ -338,7 +342,11 @@ def make_renderer(
     )
     if pixel not in ESTIMATORS:
         raise ArgumentError("{pixel} must be one of {}, got {!r}", ", ".join(ESTIMATORS), pixel)
-    chosen, renderer = _first_possible(request) if kind == "auto" else (KINDS[kind], _by_name(KINDS[kind], request))
+    chosen, renderer = (
+        _first_possible(request)
+        if kind == AUTO_RENDERER
+        else (RENDERER_KINDS[kind], _by_name(RENDERER_KINDS[kind], request))
+    )
     if pixel == "lines" and not isinstance(renderer, NativeRenderer):
         raise ArgumentError(
             "{pixel:lines} needs the native renderer, not the {} ({}): take {pixel:rays}",
@@ -370,14 +378,14 @@ def why_not_noise_free(scene: Scene) -> tuple[Obstacle, ...]:
     return _fewest([kind.why_not(scene) for kind in AUTOMATIC if isinstance(kind, NoiseFreeKind)])
 
 
-def _by_name(kind: RendererKind, request: _Request) -> Renderer:
+def _by_name(kind: RendererKind, request: _RendererRequest) -> Renderer:
     try:
         return kind.make(request)
     except Unsuitable as unsuitable:
         raise ValueError(f"the {kind.label} cannot render this scene: {unsuitable}") from None
 
 
-def _first_possible(request: _Request) -> tuple[RendererKind, Renderer]:
+def _first_possible(request: _RendererRequest) -> tuple[RendererKind, Renderer]:
     """Build the first renderer of :data:`AUTOMATIC` that can render the scene."""
     met: list[tuple[Obstacle, ...]] = []
     for kind in AUTOMATIC[:-1]:
@@ -399,7 +407,7 @@ def _fewest(lists: Sequence[tuple[Obstacle, ...]]) -> tuple[Obstacle, ...]:
     return min(reversed(lists), key=len)
 
 
-def _native(request: _Request, made: _Tables) -> Renderer:
+def _native(request: _RendererRequest, made: _SceneTables) -> Renderer:
     """Build the native renderer from tables."""
     renderer = NativeRenderer(
         made.table,
@@ -414,7 +422,7 @@ def _native(request: _Request, made: _Tables) -> Renderer:
     return renderer
 
 
-def _rays(request: _Request) -> int:
+def _rays(request: _RendererRequest) -> int:
     """Return the rays per pixel of a renderer whose rays are a lattice."""
     return request.lattice_rays_per_pixel if request.rays_per_pixel is None else request.rays_per_pixel
 

@@ -42,7 +42,7 @@ _BUMPS = {"BumpMap": "bumpmap", "NormalMap": "normalmap"}
 _FLAT_NORMAL = (0.5, 0.5, 1.0)
 
 
-class _Diffuse(NamedTuple):
+class _DiffuseMaterial(NamedTuple):
     """Holds the diffuse material that another one is or contains.
 
     Attributes:
@@ -79,7 +79,7 @@ def simplify_materials(scene: MitsubaScene, mi: Mitsuba, *, matte: bool, glossy:
         glossy: replace glossy materials that have a finish by their base colours, and tell the finishes.
     """
     replaced = dict[str, None]()
-    known: dict[MitsubaBsdf, _Diffuse | None] = {}
+    known: dict[MitsubaBsdf, _DiffuseMaterial | None] = {}
     made: dict[MitsubaBsdf, MitsubaBsdf] = {}
     finishes: dict[MitsubaBsdf, Finish] = {}
     for shape in scene.shapes():
@@ -142,7 +142,7 @@ def is_plain(bsdf: MitsubaBsdf) -> bool:
     return bool(bsdf.class_name() == "SmoothDiffuse")
 
 
-def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> _Diffuse | None:
+def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> _DiffuseMaterial | None:
     """Return the diffuse material that a material is or contains; None where there is none.
 
     Args:
@@ -150,14 +150,14 @@ def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> 
     """
     kind, inside = bsdf.class_name(), children(bsdf)
     if kind == "SmoothDiffuse":
-        return _Diffuse(inside["reflectance"], False, ())
+        return _DiffuseMaterial(inside["reflectance"], False, ())
     if glossy and (finished := read_finish(bsdf, inside, mi)) is not None:
-        return _Diffuse(finished[0], False, (), finished[1])
+        return _DiffuseMaterial(finished[0], False, (), finished[1])
     if kind in _COLOURS:
         plugin, colour = _COLOURS[kind]
         passing = (_constant(inside[name], mi) for name in _TRANSMITTED if name in inside)
         opaque = all(value is not None and not value.any() for value in passing)
-        return _Diffuse(inside[colour], kind == "PrincipledThin", (plugin,)) if opaque else None
+        return _DiffuseMaterial(inside[colour], kind == "PrincipledThin", (plugin,)) if opaque else None
     if kind == "TwoSidedBRDF":
         front, back = (_diffuse_within(inside[side], mi, glossy=glossy) for side in ("brdf_0", "brdf_1"))
         if front is None or back is None or front.finish != back.finish:

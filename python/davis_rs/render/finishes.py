@@ -276,13 +276,16 @@ def _lobe(
     if uv_maps:
         colour = constant_of(base, mi)
         if colour is None:
-            uv_maps.append(_uv_map(base, mi))
+            of_base = _uv_map(base, mi)
+            if of_base is None:
+                return None
+            uv_maps.append(of_base)
         else:
             # A texture of one texel has no coordinates, so it gets a second one.
             texels = np.broadcast_to(_rgb(colour), (1, 2, 3)).astype(np.float32)
             to_uv = mi.ScalarTransform3f(uv_maps[0].tolist())
             base = mi.load_dict({"type": "bitmap", "raw": True, "data": mi.TensorXf(texels), "to_uv": to_uv})
-        if any(other is None or not np.array_equal(other, uv_maps[0]) for other in uv_maps):
+        if any(not np.array_equal(other, uv_maps[0]) for other in uv_maps):
             return None
     return base, lobe, rough.mean, metal.mean
 

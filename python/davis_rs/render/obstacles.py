@@ -16,37 +16,37 @@ _PLUGINS = {"BlendBSDF": "blendbsdf", "MeshAttribute": "mesh_attribute", "Polari
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A property of a scene that a renderer cannot render.
+    """Describes a property of a scene that a renderer cannot render.
 
     Attributes:
         rule: which rule of the renderer is broken: ``is a sphere, not made of triangles``.
         remedy: what would help; "" where nothing is known.
-        things: the parts of the scene that break it, such as ``shape 'ball'``; () where the rule names them.
+        objects: the parts of the scene that break it, such as ``shape 'ball'``; () where the rule names them.
     """
 
     rule: str
     remedy: str = ""
-    things: tuple[str, ...] = ()
+    objects: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        likewise = f" (likewise {listed(self.things[1:])})" if len(self.things) > 1 else ""
+        likewise = f" (likewise {listed(self.objects[1:])})" if len(self.objects) > 1 else ""
         remedy = f": {self.remedy}" if self.remedy else ""
-        return f"{''.join(self.things[:1])}{likewise} {self.rule}{remedy}".lstrip()
+        return f"{''.join(self.objects[:1])}{likewise} {self.rule}{remedy}".lstrip()
 
 
 class Unsuitable(Exception):
     """Raised for a scene that a renderer cannot render.
 
     Args:
-        rule, remedy, thing: the only obstacle, see :class:`Obstacle`.
+        rule, remedy, object_name: the only obstacle, see :class:`Obstacle`.
 
     Attributes:
         obstacles: all that were found.
     """
 
-    def __init__(self, rule: str, remedy: str = "", thing: str = "") -> None:
+    def __init__(self, rule: str, remedy: str = "", object_name: str = "") -> None:
         super().__init__()
-        self.obstacles: tuple[Obstacle, ...] = (Obstacle(rule, remedy, (thing,) if thing else ()),)
+        self.obstacles: tuple[Obstacle, ...] = (Obstacle(rule, remedy, (object_name,) if object_name else ()),)
 
     def __str__(self) -> str:
         return "; ".join(map(str, self.obstacles))
@@ -56,7 +56,7 @@ class Obstacles:
     """Collects obstacles while a scene is examined, so that one message can name all of them.
 
     Attributes:
-        met: each once; obstacles with the same rule and remedy are one, with all their things.
+        met: each once; obstacles with the same rule and remedy are one, with all their objects.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class Obstacles:
 
     @property
     def met(self) -> tuple[Obstacle, ...]:
-        return tuple(Obstacle(rule, remedy, tuple(things)) for (rule, remedy), things in self._met.items())
+        return tuple(Obstacle(rule, remedy, tuple(objects)) for (rule, remedy), objects in self._met.items())
 
     @contextmanager
     def collect(self) -> Iterator[None]:
@@ -73,7 +73,7 @@ class Obstacles:
             yield
         except Unsuitable as unsuitable:
             for obstacle in unsuitable.obstacles:
-                self._met.setdefault((obstacle.rule, obstacle.remedy), {}).update(dict.fromkeys(obstacle.things))
+                self._met.setdefault((obstacle.rule, obstacle.remedy), {}).update(dict.fromkeys(obstacle.objects))
 
     def refuse(self) -> None:
         """Refuse the scene if there are obstacles.

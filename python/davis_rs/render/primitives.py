@@ -46,7 +46,7 @@ _ROUND = ("sphere", "disk", "cylinder")
 
 
 class RoundMesh(NamedTuple):
-    """Triangles in place of a round shape.
+    """Holds triangles in place of a round shape.
 
     Attributes:
         mesh: in the axes of the shape's transform.
@@ -61,7 +61,7 @@ class RoundMesh(NamedTuple):
 
 @dataclass
 class Triangulated:
-    """What was replaced in a scene.
+    """Says what was replaced in a scene.
 
     Attributes:
         scene: the scene to render: a new one where anything was replaced.
@@ -77,7 +77,7 @@ class Triangulated:
 
     @property
     def description(self) -> str:
-        """What was replaced, for the message that names the renderer; empty if nothing was."""
+        """Say what was replaced, for the message that names the renderer; empty if nothing was."""
         if not self.shapes:
             return ""
         off = f", up to {self.off_px:.2g} px from their outlines" if self.off_px > OUTLINE_PX else ""
@@ -100,7 +100,7 @@ def as_triangles(scene: MitsubaScene, view: ClosestView, mi: Mitsuba) -> Triangu
     if not any(plugin_name(shape) in (*_ROUND, "instance") for shape in shapes):
         return result
     groups = {str(child.id()): child for child in nested_objects(scene) if _is_group(child)}
-    parts: list[tuple[str, MitsubaShape]] = []
+    meshes: list[tuple[str, MitsubaShape]] = []
     kept_group = False
     of_instances = 0
     for shape in shapes:
@@ -114,14 +114,14 @@ def as_triangles(scene: MitsubaScene, view: ClosestView, mi: Mitsuba) -> Triangu
                 made = []
             kept_group |= not made
         if not made:
-            parts.append((str(shape.id()), shape))
+            meshes.append((str(shape.id()), shape))
             continue
         result.shapes += 1
         result.triangles += sum(int(mesh.face_count()) for mesh in made)
         for number, mesh in enumerate(made):
             named = shape.id() and len(made) > 1
-            parts.append((f"{shape.id()}_{number}" if named else str(shape.id()), mesh))
-    result.scene = _scene_of(scene, parts, list(groups.values()) if kept_group else [], mi)
+            meshes.append((f"{shape.id()}_{number}" if named else str(shape.id()), mesh))
+    result.scene = _scene_of(scene, meshes, list(groups.values()) if kept_group else [], mi)
     return result
 
 
@@ -149,11 +149,11 @@ def _is_group(node: MitsubaShape) -> bool:
 
 
 def _scene_of(
-    scene: MitsubaScene, parts: list[tuple[str, MitsubaShape]], groups: list[MitsubaShape], mi: Mitsuba
+    scene: MitsubaScene, shapes: list[tuple[str, MitsubaShape]], groups: list[MitsubaShape], mi: Mitsuba
 ) -> MitsubaScene:
     """Return a scene of these shapes, each with its id, under the integrator and the lights of another."""
     lights = [(str(light.id()), light) for light in scene.emitters() if light.class_name() != "AreaLight"]
-    named = [*parts, *((str(group.id()), group) for group in groups), *lights]
+    named = [*shapes, *((str(group.id()), group) for group in groups), *lights]
     content: dict[str, object] = {"type": "scene"}
     if scene.integrator() is not None:
         content["integrator"] = scene.integrator()

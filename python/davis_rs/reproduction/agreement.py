@@ -40,13 +40,13 @@ class _Moments:
 
     @classmethod
     def of(cls, pairs: Iterable[tuple[FloatArray, FloatArray]], span: Span) -> _Moments:
-        of = span.resampling
-        area = of.by_tile(np.flatnonzero(of.tile_of.ravel() >= 0))
-        sums, number = np.zeros((5, of.tile_count)), np.zeros(of.tile_count)
+        resampling = span.resampling
+        area = resampling.by_tile(np.flatnonzero(resampling.tile_of.ravel() >= 0))
+        sums, number = np.zeros((5, resampling.tile_count)), np.zeros(resampling.tile_count)
         for a, b in pairs:
-            a, b = a.reshape(-1, *of.tile_of.shape), b.reshape(-1, *of.tile_of.shape)
+            a, b = a.reshape(-1, *resampling.tile_of.shape), b.reshape(-1, *resampling.tile_of.shape)
             for x, y in zip(a, b, strict=True):
-                sums += of.image_by_tile(np.stack([x, y, x * x, y * y, x * y]))
+                sums += resampling.image_by_tile(np.stack([x, y, x * x, y * y, x * y]))
                 number += area
         return cls(sums, number)
 

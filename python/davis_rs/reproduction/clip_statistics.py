@@ -71,23 +71,23 @@ class Span:
 
 def measure(events: EventArray, span: Span) -> Iterator[Statistic]:
     """Yield the statistics of a stream that was cut to the span."""
-    tiles, of = span.resampling.tiles, span.resampling
+    tiles, resampling = span.resampling.tiles, span.resampling
     pixel, on = span.pixels(events), events["p"] == 1
-    area = of.by_tile(np.flatnonzero(of.tile_of.ravel() >= 0))
+    area = resampling.by_tile(np.flatnonzero(resampling.tile_of.ravel() >= 0))
     with np.errstate(invalid="ignore", divide="ignore"):
         for name, chosen in (("ON events of a pixel", on), ("OFF events of a pixel", ~on)):
-            yield Statistic(name, "Hz", tiles @ of.by_tile(pixel[chosen]) / (tiles @ area) / span.seconds)
+            yield Statistic(name, "Hz", tiles @ resampling.by_tile(pixel[chosen]) / (tiles @ area) / span.seconds)
         calm = span.quiet.ravel()
-        still = of.by_tile(np.flatnonzero(calm & (of.tile_of.ravel() >= 0)))
-        rate = tiles @ of.by_tile(pixel[calm[pixel]]) / (tiles @ still) / span.seconds
+        still = resampling.by_tile(np.flatnonzero(calm & (resampling.tile_of.ravel() >= 0)))
+        rate = tiles @ resampling.by_tile(pixel[calm[pixel]]) / (tiles @ still) / span.seconds
         yield Statistic("events of a quiet pixel", "Hz", rate)
         hot = _hot_pixels(events, span)
-        yield Statistic("hot pixels", "1/million", 1e6 * (tiles @ of.by_tile(hot)) / (tiles @ area))
+        yield Statistic("hot pixels", "1/million", 1e6 * (tiles @ resampling.by_tile(hot)) / (tiles @ area))
         yield from _intervals(events, pixel, span)
         yield _burst_size(events, span)
         odd = (pixel % span.size[0]) % 2 == 1
         for name, chosen in (("even / odd columns, ON", on), ("even / odd columns, OFF", ~on)):
-            even_sum, odd_sum = (tiles @ of.by_tile(pixel[chosen & parity]) for parity in (~odd, odd))
+            even_sum, odd_sum = (tiles @ resampling.by_tile(pixel[chosen & parity]) for parity in (~odd, odd))
             yield Statistic(name, "", even_sum / odd_sum)
 
 
@@ -100,25 +100,25 @@ def _hot_pixels(events: EventArray, span: Span) -> npt.NDArray[np.int64]:
 
 def _intervals(events: EventArray, pixel: npt.NDArray[np.int64], span: Span) -> Iterator[Statistic]:
     """Yield the shortest interval of a pixel, and quantiles of those between events of one polarity."""
-    of, tiles = span.resampling, span.resampling.tiles
+    resampling, tiles = span.resampling, span.resampling.tiles
     owner, gap = _gaps(pixel, events["t"])
-    least = np.full(of.tile_count, np.inf)
-    np.minimum.at(least, of.tile_of.ravel()[owner], gap)
+    least = np.full(resampling.tile_count, np.inf)
+    np.minimum.at(least, resampling.tile_of.ravel()[owner], gap)
     shortest = np.where(tiles > 0, least, np.inf).min(axis=1)
     yield Statistic("shortest interval of a pixel", "us", np.where(np.isfinite(shortest), shortest, np.nan))
     owner, gap = _gaps(2 * pixel + events["p"], events["t"])
     bins = (np.log2(np.maximum(gap, 1)) * _BINS_AN_OCTAVE).astype(np.int64)
     count = _BINS_AN_OCTAVE * _OCTAVES
-    table = np.zeros((of.tile_count, count))
-    np.add.at(table, (of.tile_of.ravel()[owner // 2], np.minimum(bins, count - 1)), 1.0)
+    table = np.zeros((resampling.tile_count, count))
+    np.add.at(table, (resampling.tile_of.ravel()[owner // 2], np.minimum(bins, count - 1)), 1.0)
     below = np.cumsum(tiles @ table, axis=1)
     for percent in _PERCENTILES:
         wanted = percent / 100 * below[:, -1:]
         at = (below < np.maximum(wanted, 1e-9)).sum(axis=1)
         before = np.where(at > 0, np.take_along_axis(below, np.maximum(at - 1, 0)[:, None], 1)[:, 0], 0.0)
         inside = np.take_along_axis(below, np.minimum(at, count - 1)[:, None], 1)[:, 0] - before
-        part = np.where(inside > 0, (wanted[:, 0] - before) / np.maximum(inside, 1e-300), 0.0)
-        value = 2.0 ** ((at + part) / _BINS_AN_OCTAVE) / 1e3
+        fraction = np.where(inside > 0, (wanted[:, 0] - before) / np.maximum(inside, 1e-300), 0.0)
+        value = 2.0 ** ((at + fraction) / _BINS_AN_OCTAVE) / 1e3
         said = f"{percent} % of intervals of one polarity are below"
         yield Statistic(said, "ms", np.where(below[:, -1] > 0, value, np.nan))
 

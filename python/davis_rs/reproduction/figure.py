@@ -47,8 +47,8 @@ def draw_reproduction(reproduction: Reproduction, output: str | Path) -> Path:
     _draw_intervals(figure.add_subplot(grid[1, 0:2]), half, colours)
     _draw_scores(figure.add_subplot(grid[1, 2:4]), half, colours)
     _draw_agreement(figure.add_subplot(grid[1, 4:6]), half, colours)
-    with whole_file(output) as place:
-        figure.savefig(place, dpi=150)
+    with whole_file(output) as working_path:
+        figure.savefig(working_path, dpi=150)
     return Path(output)
 
 
@@ -79,10 +79,10 @@ def _draw_intervals(ax: Axes, half: ReproducedHalf, colours: dict[str, str]) -> 
         gaps = np.sort(np.diff(t)[key[1:] == key[:-1]]) / 1e3
         if len(gaps):
             label = "recording" if name == "real" else name
-            share: npt.NDArray[np.float64] = np.arange(1, len(gaps) + 1) / len(gaps)
+            cumulative: npt.NDArray[np.float64] = np.arange(1, len(gaps) + 1) / len(gaps)
             ax.step(
                 gaps,
-                share,
+                cumulative,
                 where="post",
                 color=colours.get(name, _REAL),
                 lw=1.6 if name == "real" else 1.1,

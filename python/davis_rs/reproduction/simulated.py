@@ -55,7 +55,7 @@ def simulated(
     frames = list(light.frames(numbers))
     x0, y0, _, _ = light.region
     zero_us = frames[0].t_us
-    parts: list[EventArray] = []
+    packets_of_events: list[EventArray] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NoEventsWarning)  # a table shows it
         packets = events_from_frames(
@@ -70,10 +70,10 @@ def simulated(
             seed=seed,
         )
         for done, packet in enumerate(packets, 1):
-            parts.append(packet.events)
+            packets_of_events.append(packet.events)
             if progress is not None:
                 progress(done)
-    events = concatenate_events(parts)
+    events = concatenate_events(packets_of_events)
     events["t"] += zero_us
     events["x"] += np.uint16(x0)
     events["y"] += np.uint16(y0)

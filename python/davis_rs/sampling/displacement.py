@@ -203,13 +203,13 @@ class DisplacementClock:
             t_s = at_us * 1e-6
             per_metre = self._pixels_per_rad / max(nearest, 1e-9)
             trajectory = self._trajectory
-            parts = [per_metre * trajectory.velocities(t_s), self._pixels_per_rad * trajectory.angular_rates(t_s)]
+            terms = [per_metre * trajectory.velocities(t_s), self._pixels_per_rad * trajectory.angular_rates(t_s)]
             motion = self._renderer.motion
             for path, box in zip(motion.objects.values(), motion.boxes, strict=True):
                 own = held(path, self._start_s + t_s)
                 reach = float(np.linalg.norm(np.abs(box).max(0)))
-                parts += [per_metre * own.velocities, per_metre * reach * own.angular_rates]
-            together = np.concatenate(parts, 1)
+                terms += [per_metre * own.velocities, per_metre * reach * own.angular_rates]
+            together = np.concatenate(terms, 1)
             return np.where(np.abs(together) > _REST_PX_S, together, 0.0)
 
         def bent(left: FloatArray, right: FloatArray, values: Rates) -> BoolArray:

@@ -1,4 +1,4 @@
-"""Event times polished by asking the renderer itself, so that they no longer depend on when it was sampled."""
+"""Refines the times of events by asking the renderer itself, so that they do not depend on when it was sampled."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _TOGETHER = 1 << 15
 
 
 class _Brackets(NamedTuple):
-    """Where events lie: after ``low_us``, at which log luma has not reached the level, until ``high_us``, where it has.
+    """Brackets events: after ``low_us``, at which log luma has not reached the level, until ``high_us``, where it has.
 
     ``below`` and ``above`` are log luma minus the level there, times the event's sign: < 0 and >= 0. ``slope`` is how
     fast this rises at the event, per microsecond, along the cubic that the event was found on; NaN where it was found
@@ -54,8 +54,8 @@ class _Brackets(NamedTuple):
     slope: FloatArray
 
 
-class _Interval(NamedTuple):
-    """Events between two keyframes, pixel by pixel in the order of crossing.
+class _IntervalEvents(NamedTuple):
+    """Holds the events between two keyframes, pixel by pixel in the order of crossing.
 
     Attributes:
         events: n of them.
@@ -92,7 +92,7 @@ class EventRefinement:
 
     def __init__(self, stretch: Stretch, thresholds: tuple[float, float]) -> None:
         self._stretch, self._thresholds = stretch, thresholds
-        self._waiting, self._refined = list[_Interval](), list[EventArray]()
+        self._waiting, self._refined = list[_IntervalEvents](), list[EventArray]()
 
     def add(self, events: EventArray, reference: FloatArray, last: Keyframe, new: Keyframe) -> None:
         """Take up the events between two keyframes, which come after those of the call before.
@@ -114,12 +114,12 @@ class EventRefinement:
         level = reference.ravel()[pixel] + (count_on * self._thresholds[0] - count_off * self._thresholds[1])
         sign = np.where(on, 1.0, -1.0)
         brackets = _brackets(events["t"].astype(np.int64), pixel, sign, level, last, new, self._stretch.log_eps)
-        self._waiting.append(_Interval(events, group, pixel, sign, level, brackets, last.t_us, new.t_us))
+        self._waiting.append(_IntervalEvents(events, group, pixel, sign, level, brackets, last.t_us, new.t_us))
         if sum(len(interval.events) for interval in self._waiting) >= _TOGETHER:
             self._solve_waiting()
 
     def take(self) -> EventArray:
-        """All events so far that were not taken before, refined, in the order of a stream."""
+        """Return all events so far that were not taken before, refined, in the order of a stream."""
         self._solve_waiting()
         refined = concatenate_events(self._refined)
         self._refined.clear()
@@ -144,8 +144,8 @@ class EventRefinement:
         waiting.clear()
 
 
-def _stamped(interval: _Interval, t_us: IntArray) -> EventArray:
-    """The events of an interval at their new times, in the order of a stream."""
+def _stamped(interval: _IntervalEvents, t_us: IntArray) -> EventArray:
+    """Return the events of an interval at their new times, in the order of a stream."""
     # A pixel crosses its levels one after the other, also where its luma wavers.
     after_others = interval.group * (interval.end_us - interval.start_us + 1)
     stamps = np.maximum.accumulate(t_us - interval.start_us + after_others) - after_others
@@ -163,15 +163,15 @@ def _brackets(
     new: Keyframe,
     log_eps: float,
 ) -> _Brackets:
-    """The samples before and after each event: the keyframes, or sparse samples of its pixel between them."""
+    """Return the samples before and after each event: the keyframes, or sparse samples of its pixel between them."""
     low_us, high_us = np.full(len(t_us), last.t_us), np.full(len(t_us), new.t_us)
     low, high = (exact_log_luma(keyframe.luma.ravel()[pixel], log_eps) for keyframe in (last, new))
     slope = np.full(len(t_us), np.nan)
     if last.rate is not None and new.rate is not None:
         interval_us, chord = new.t_us - last.t_us, high - low
         p, q = end_slopes(last.rate.ravel()[pixel], new.rate.ravel()[pixel], low, high, interval_us)
-        share = (t_us - last.t_us) / interval_us
-        bend = (1 - share) * (1 - 3 * share) * (p - chord) - share * (2 - 3 * share) * (q - chord)
+        fraction = (t_us - last.t_us) / interval_us
+        bend = (1 - fraction) * (1 - 3 * fraction) * (p - chord) - fraction * (2 - 3 * fraction) * (q - chord)
         slope = sign * (chord + bend) / interval_us
     if new.sparse is not None and len(new.sparse.pixel):
         before, after = new.sparse.neighbours(pixel, t_us, after="at")
@@ -224,15 +224,15 @@ def _solve(
         step = -excess / np.where(smooth, slope, 1.0)
         stamp = at_us + np.ceil(step).astype(np.int64)
         smooth &= (stamp > low_us[active]) & (stamp <= high_us[active])
-        found = smooth & (np.abs(step) <= near_us)
-        high_us[active[found]], low_us[active[found]] = stamp[found], stamp[found] - 1
+        converged = smooth & (np.abs(step) <= near_us)
+        high_us[active[converged]], low_us[active[converged]] = stamp[converged], stamp[converged] - 1
         guess = stamp
         other = np.flatnonzero(~smooth | (turn >= _MOST_SMOOTH_TURNS))
         guess[other] = itp.next(brackets, active[other])
 
 
 class _Itp:
-    """The interpolate, truncate, project method, on whole microseconds, for n brackets.
+    """Narrows n brackets by the interpolate, truncate, project (ITP) method, on whole microseconds.
 
     It asks at most once more than halving would, and mostly far less often.
 

@@ -78,12 +78,12 @@ def expose(
         return _expose_rows(luma, stretches, _RowTimes(len(luma), t_us, exposure_us, row_readout_us))
     open_us = t_us - exposure_us
     bounds = [(stretch, max(stretch.start_us, open_us), min(stretch.end_us, t_us)) for stretch in stretches]
-    parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
-    if all(speed == 0 and not stretch.renderer.motion.lights for stretch, _, _, speed in parts):
+    spans = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
+    if all(speed == 0 and not stretch.renderer.motion.lights for stretch, _, _, speed in spans):
         return luma.astype(np.float64)
     # Sums are made in order, so that the bits do not depend on how many sub-frames are rendered in one call.
-    total, duration_us = np.zeros(luma.shape), sum(end_us - start_us for _, start_us, end_us, _ in parts)
-    for stretch, start_us, end_us, speed in parts:
+    total, duration_us = np.zeros(luma.shape), sum(end_us - start_us for _, start_us, end_us, _ in spans)
+    for stretch, start_us, end_us, speed in spans:
         instants = _middles(start_us, end_us, speed, SUBFRAME_PX)
         part_us = (end_us - start_us) / len(instants)
         renderer, weight = _in_mean_light(stretch.renderer, part_us), part_us / duration_us
@@ -131,12 +131,12 @@ def _expose_rows(luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], ro
     """Compute :func:`expose` for a rolling shutter."""
     first_us = math.floor(rows.open_us[0])
     bounds = [(stretch, max(stretch.start_us, first_us), min(stretch.end_us, rows.t_us)) for stretch in stretches]
-    parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
-    if all(speed == 0 and not stretch.renderer.motion.lights for stretch, _, _, speed in parts):
+    spans = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
+    if all(speed == 0 and not stretch.renderer.motion.lights for stretch, _, _, speed in spans):
         return luma.astype(np.float64)
     renders: list[tuple[Stretch, Renderer, IntArray]] = []
-    edges = [np.array([parts[0][1]], np.float64)]
-    for stretch, start_us, end_us, speed in parts:
+    edges = [np.array([spans[0][1]], np.float64)]
+    for stretch, start_us, end_us, speed in spans:
         longest_us = _ROLLING_LIGHT_US if stretch.renderer.motion.lights else math.inf
         middles = _middles(start_us, end_us, max(speed / ROLLING_PX, 1 / longest_us), 1.0)
         ends = start_us + (end_us - start_us) * np.arange(1, len(middles) + 1) / len(middles)

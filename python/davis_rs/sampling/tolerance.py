@@ -76,7 +76,7 @@ class Tolerance(TimeSampling):
         return "hermite"
 
     def keyframes(self, stretch: Stretch) -> Iterator[Keyframe]:
-        return _Control(self, stretch).keyframes()
+        return _StretchSampler(self, stretch).keyframes()
 
 
 _STEP = 8
@@ -101,7 +101,7 @@ _REMAINS = 1 / 3
 """Assumed fraction of a line's error that is left when its middle becomes a sample: 1/4 if smooth, 1/2 at a jump."""
 
 
-class _Control:
+class _StretchSampler:
     """Runs over a stretch: yields keyframes in order, and holds those not yielded yet in a window."""
 
     def __init__(self, settings: Tolerance, stretch: Stretch) -> None:
@@ -269,7 +269,9 @@ class _Control:
             tracks[i] = tracked
         return tracks
 
-    def _pieces(self, untrusted: list[BoolFrame], tracks: list[EdgeTracks] | None, first: int, end: int) -> _Pieces:
+    def _pieces(
+        self, untrusted: list[BoolFrame], tracks: list[EdgeTracks] | None, first: int, end: int
+    ) -> _IntervalPieces:
         """Return the intervals in first..end of untrusted pixels, and of pixels that edges sweep, without tracked
         pixels."""
         window, most = self._window, self._settings.halvings
@@ -295,7 +297,7 @@ class _Control:
                     least_halvings[edges],
                 )
             )
-        return _Pieces(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+        return _IntervalPieces(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
     def _sweeps(self, first: int, end: int) -> Counts | None:
         """Return how many edges may pass over each pixel in each interval in first..end, (end - first, H, W)."""
@@ -325,8 +327,8 @@ def _fraction(chosen: BoolFrame) -> float:
     return np.count_nonzero(chosen) / chosen.size
 
 
-class _Pieces(NamedTuple):
-    """Pieces of pixels' intervals: start and end, log luma at both, and the least number of halvings."""
+class _IntervalPieces(NamedTuple):
+    """Holds pieces of pixels' intervals: start and end, log luma at both, and the least number of halvings."""
 
     interval: IntArray
     pixel: IntArray
@@ -336,10 +338,10 @@ class _Pieces(NamedTuple):
     after: LogLuma
     halvings: IntArray
 
-    def select(self, chosen: npt.NDArray[np.bool_]) -> _Pieces:
+    def select(self, chosen: npt.NDArray[np.bool_]) -> _IntervalPieces:
         """Return the chosen pieces."""
         interval, pixel, start_us, end_us, before, after, halvings = self
-        return _Pieces(
+        return _IntervalPieces(
             interval[chosen],
             pixel[chosen],
             start_us[chosen],
@@ -354,9 +356,9 @@ class _Pieces(NamedTuple):
         fraction = ((t_us - self.start_us) / (self.end_us - self.start_us)).astype(np.float32)
         return np.asarray(self.before + fraction * (self.after - self.before))
 
-    def halves(self, t_us: IntArray, log: LogLuma) -> _Pieces:
+    def halves(self, t_us: IntArray, log: LogLuma) -> _IntervalPieces:
         """Cut the pieces at ``t_us``, where log luma is ``log``; return all first halves, then all second halves."""
-        return _Pieces(
+        return _IntervalPieces(
             np.tile(self.interval, 2),
             np.tile(self.pixel, 2),
             np.concatenate([self.start_us, t_us]),

@@ -23,7 +23,7 @@ class LostLookWarning(SceneFileWarning):
 
 
 class LostLook(NamedTuple):
-    """A kind of look that no renderer shows, and what has it.
+    """Names a kind of look that no renderer shows, and what has it.
 
     Attributes:
         what: the kind of look, such as ``normal maps``.
@@ -43,13 +43,13 @@ def lost_looks(parts: Mapping[str, MeshPart]) -> tuple[LostLook, ...]:
     """Collect the lost looks of parts, which are given by the ids of their shapes."""
     by_kind: dict[str, tuple[dict[str, None], list[str]]] = {}
     for shape, part in parts.items():
-        for what in part.lost:
-            materials, shapes = by_kind.setdefault(what, ({}, []))
+        for look in part.lost:
+            materials, shapes = by_kind.setdefault(look, ({}, []))
             materials[part.material] = None
             shapes.append(shape)
     return tuple(
-        LostLook(what, tuple(name for name in materials if name), tuple(shapes))
-        for what, (materials, shapes) in by_kind.items()
+        LostLook(look, tuple(name for name in materials if name), tuple(shapes))
+        for look, (materials, shapes) in by_kind.items()
     )
 
 

@@ -35,7 +35,7 @@ class MetalRoughness(NamedTuple):
 
 
 class MeshPart(NamedTuple):
-    """Triangles of one material.
+    """Holds triangles of one material.
 
     Attributes:
         corners: (m, 3, 3) positions of each triangle's three corners, in the file's own axes and unit.
@@ -71,12 +71,12 @@ def charge_triangles(budget: Budget, triangles: int, numbers: int, where: str) -
     budget.take(3 * 8 * numbers * triangles, f"{where}: {triangles} triangles of {numbers} numbers at a corner")
 
 
-def unit_normals(normals: FloatArray, corners: FloatArray, what: str, repairs: Repairs) -> FloatArray:
+def unit_normals(normals: FloatArray, corners: FloatArray, name: str, repairs: Repairs) -> FloatArray:
     """Return normals (m, 3, 3) of unit length; one without a direction is replaced by the normal of its triangle.
 
     Args:
         corners: (m, 3, 3), the positions of the normals.
-        what: the name in messages of what they belong to.
+        name: the name in messages of what they belong to.
         repairs: gets a note of those without a direction.
     """
     length = np.linalg.norm(normals, axis=2, keepdims=True)
@@ -89,11 +89,11 @@ def unit_normals(normals: FloatArray, corners: FloatArray, what: str, repairs: R
         own = np.divide(own, size, out=np.zeros_like(own), where=size > 0)
         own *= np.where(np.einsum("mij,mj->m", unit[rows], own) < 0, -1, 1)[:, None]  # the side of its other corners
         unit[rows] = np.where(useless[rows][..., None], own[:, None], unit[rows])
-        repairs.add("corners whose normal has no direction take that of their triangle", int(useless.sum()), what)
+        repairs.add("corners whose normal has no direction take that of their triangle", int(useless.sum()), name)
     return unit
 
 
-def check_finite(values: FloatArray, what: str, where: str) -> None:
+def check_finite(values: FloatArray, name: str, where: str) -> None:
     """Refuse numbers that are not finite, or too large for the renderer's float32.
 
     Raises:
@@ -103,4 +103,4 @@ def check_finite(values: FloatArray, what: str, where: str) -> None:
     if bad.any():
         index = int(bad.argmax())
         shown = ", ".join(f"{value:g}" for value in values[index])
-        raise ValueError(f"{where}: {what} {index + 1} must be finite, got ({shown})")
+        raise ValueError(f"{where}: {name} {index + 1} must be finite, got ({shown})")

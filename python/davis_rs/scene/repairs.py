@@ -21,11 +21,11 @@ class Repairs:
         self.path = path
         self._cases: dict[str, tuple[int, str]] = {}
 
-    def add(self, what: str, count: int, first: str) -> None:
+    def add(self, note: str, count: int, first: str) -> None:
         """Note ``count`` more cases; ``first`` says where the first of them is."""
         if count:
-            before, where = self._cases.get(what, (0, first))
-            self._cases[what] = before + count, where
+            before, where = self._cases.get(note, (0, first))
+            self._cases[note] = before + count, where
 
     def __str__(self) -> str:
         return "; ".join(f"{what}: {count} (the first: {first})" for what, (count, first) in self._cases.items())

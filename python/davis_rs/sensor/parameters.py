@@ -51,8 +51,15 @@ _POSITIVE = {
         "aps_electrons_per_dn",
     ],
 }
-_SIGNED = {"temperature_c", "threshold_column_parity"}
-_FRACTIONS = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
+_SIGNED = {"temperature_c", "threshold_column_parity", "threshold_correlation"}
+_FRACTIONS = {
+    "threshold_column_parity",
+    "threshold_correlation",
+    "hot_pixel_fraction",
+    "leak_spread",
+    "leak_jitter",
+    "aps_prnu",
+}
 
 
 _TEXTS = ("colour_pattern", "colour_red", "colour_green", "colour_blue")
@@ -70,6 +77,7 @@ class SensorParameters:
         contrast_threshold: C_on in natural-log units; None leaves it to the scene.
         contrast_threshold_off: C_off, positive; None takes C_on.
         threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a fraction of the threshold.
+        threshold_correlation: correlation of a pixel's own ON and OFF thresholds, -1..1; None takes 0.
         threshold_column_parity: fraction by which thresholds of even columns are lower, and those of odd ones higher.
         photoreceptor_bandwidth_hz: corner frequency of the photoreceptor at ``photoreceptor_bandwidth_lux``; it is
             proportional to the photocurrent, dark current included. Both are given or neither.
@@ -90,6 +98,7 @@ class SensorParameters:
             photoreceptor and source follower have the same corner, or the effect's own value where these are not known.
         shot_noise_bandwidth_hz: the noise's pole that does not depend on light; None takes the source follower's, or
             the effect's own value.
+        shot_noise_floor: standard deviation of log intensity that is left in bright light; None takes 0.
         hot_pixel_fraction: fraction of the pixels that fire on their own.
         hot_pixel_rate_hz: the median of their rates; None takes the effect's own value. Their spread and
             regularity are the effect's own.
@@ -125,6 +134,7 @@ class SensorParameters:
     contrast_threshold: float | None = None
     contrast_threshold_off: float | None = None
     threshold_mismatch: float | None = None
+    threshold_correlation: float | None = None
     threshold_column_parity: float | None = None
     photoreceptor_bandwidth_hz: float | None = None
     photoreceptor_bandwidth_lux: float | None = None
@@ -139,6 +149,7 @@ class SensorParameters:
     shot_noise_rms: float | None = None
     shot_noise_half_lux: float | None = None
     shot_noise_bandwidth_hz: float | None = None
+    shot_noise_floor: float | None = None
     hot_pixel_fraction: float | None = None
     hot_pixel_rate_hz: float | None = None
     readout_events_per_s: float | None = None
@@ -275,7 +286,9 @@ class SensorParameters:
             lens_blur_px=self.lens_blur_px,
             photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(receptor_hz, _first(follower_hz, math.inf)),
             threshold_mismatch=ThresholdMismatch(
-                _first(self.threshold_mismatch, 0.0), column_parity=_first(self.threshold_column_parity, 0.0)
+                _first(self.threshold_mismatch, 0.0),
+                column_parity=_first(self.threshold_column_parity, 0.0),
+                correlation=_first(self.threshold_correlation, 0.0),
             ),
             refractory_period_us=self.refractory_period_us,
             leak_rate_hz=_effect(
@@ -288,9 +301,10 @@ class SensorParameters:
             ),
             shot_noise_rms=_effect(
                 ShotNoise,
-                rms=self.shot_noise_rms,
+                rms=0.0 if self.shot_noise_rms is None and self.shot_noise_floor else self.shot_noise_rms,
                 half_luma=half_lux and half_lux / lux_per_luma,
                 bandwidth_hz=follower_hz if self.shot_noise_bandwidth_hz is None else self.shot_noise_bandwidth_hz,
+                floor=self.shot_noise_floor,
             ),
             hot_pixels=_effect(HotPixels, fraction=self.hot_pixel_fraction, rate_hz=self.hot_pixel_rate_hz),
             readout=_effect(

@@ -30,14 +30,14 @@ from ..geometry.pose import FloatArray
 from ..geometry.trajectory.trajectory import Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
-from ..render.choice import why_not_noise_free
+from ..render.choice import AUTO_RENDERER, why_not_noise_free
 from ..render.integrator.base import SceneRenderer
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
 from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, percent, share_text
 from .settings import (
-    AUTO,
+    AUTO_RAYS,
     SamplingSettings,
     ViewSettings,
     chosen_sampling,
@@ -139,11 +139,11 @@ def estimate_noise_of(
     thresholds = contrast_threshold, contrast_threshold_off
     rule = sampling if isinstance(sampling, MaxDisplacement) else MaxDisplacement()
     with variant(renderer.variant):  # once, not for each of many small renderings
-        look = _Look(renderer, trajectory, MaxDisplacement(rule.pixels), cost_share)
+        look = _PilotRenders(renderer, trajectory, MaxDisplacement(rule.pixels), cost_share)
         return _estimate(look, thresholds, log_eps, round(look.run_rays * _frames(sampling, look)))
 
 
-def _frames(sampling: TimeSampling | None, look: _Look) -> float:
+def _frames(sampling: TimeSampling | None, look: _PilotRenders) -> float:
     """Return how many frames a rule renders, roughly, for each keyframe that the estimate counts."""
     if isinstance(sampling, FixedRate):
         return sampling.rate_hz * look.trajectory.duration_s / look.keyframes
@@ -153,7 +153,7 @@ def _frames(sampling: TimeSampling | None, look: _Look) -> float:
     return 2.0 if isinstance(sampling, MaxDisplacement) and sampling.hermite else 1.0
 
 
-def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_rays: int) -> NoiseEstimate:
+def _estimate(look: _PilotRenders, thresholds: tuple[float, float], log_eps: float, run_rays: int) -> NoiseEstimate:
     renderer = look.renderer
     if look.is_the_same():
         return NoiseEstimate(renderer.rays_per_pixel, rays=look.rays, run_rays=run_rays, noisy=False)
@@ -198,7 +198,7 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
         return
     limit = max(NOISE_LIMIT, settings.noise_share)
     by_auto = noise.rays_per_pixel_for(settings.noise_share)
-    rays_per_pixel = by_auto if settings.rays_per_pixel == AUTO else noise.rays_per_pixel
+    rays_per_pixel = by_auto if settings.rays_per_pixel == AUTO_RAYS else noise.rays_per_pixel
     fraction = noise.share_at(rays_per_pixel)
     if not fraction > limit:
         return
@@ -210,15 +210,15 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
             "nothing is rendered",
             "what keeps the renderers without noise from this scene:",
         ]
-        if settings.renderer != AUTO:
-            lines.append(f"- Mitsuba's integrators were asked for: give {given('renderer', AUTO)}")
+        if settings.renderer != AUTO_RENDERER:
+            lines.append(f"- Mitsuba's integrators were asked for: give {given('renderer', AUTO_RENDERER)}")
         lines += [f"- {obstacle}" for obstacle in obstacles]
         lines += ["the ways on:", "- mend what is listed: then no event is noise"]
-        if settings.rays_per_pixel != AUTO:
+        if settings.rays_per_pixel != AUTO_RAYS:
             left = noise.share_at(by_auto)
             above = ", still above the limit," if left > limit else ""
             auto = f"with {by_auto} rays per pixel about {percent(left)} are noise{above} and the run takes"
-            lines.append(f"- {given('rays_per_pixel', AUTO)}: {auto} {about(noise.run_s(by_auto))}")
+            lines.append(f"- {given('rays_per_pixel', AUTO_RAYS)}: {auto} {about(noise.run_s(by_auto))}")
         lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {about(noise.run_s(rays_per_pixel))}")
         return "\n".join(lines)
 
@@ -228,7 +228,7 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
     )
 
 
-class _Look:
+class _PilotRenders:
     """Renders a few pixels in a few stretches of a path, with as many seeds as the cost allows."""
 
     def __init__(

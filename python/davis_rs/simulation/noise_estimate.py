@@ -123,8 +123,8 @@ class NoiseEstimate:
                 f"{self.rays_per_pixel} rays per pixel; log luma "
                 f"is wrong by {self.log_noise:.2g} C (rms)"
             )
-        share = share_text(self.share_at(self.rays_per_pixel), "these events are")
-        told = f"{share} at {self.rays_per_pixel} rays per pixel"
+        text = share_text(self.share_at(self.rays_per_pixel), "these events are")
+        told = f"{text} at {self.rays_per_pixel} rays per pixel"
         more = 64 if self.rays_per_pixel < 64 else 4 * self.rays_per_pixel
         return told if more > 1024 else f"{told}; with {more} about {percent(self.share_at(more))}"
 

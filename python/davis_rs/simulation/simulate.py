@@ -20,7 +20,7 @@ from .noise_estimate import NoiseEstimate, NoiseWarning, percent
 from .planning import EffectPlan
 from .planning.planner import planned_effects
 from .settings import (
-    AUTO,
+    AUTO_RAYS,
     PlanSettings,
     SimulationSettings,
     SimulatorSettings,
@@ -157,7 +157,7 @@ def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
             "{effects_tolerance} is {:g}, but no effects are planned: it is for {effects:auto}",
             settings.effects_tolerance,
         )
-    chose_rays_per_pixel = settings.rays_per_pixel == AUTO
+    chose_rays_per_pixel = settings.rays_per_pixel == AUTO_RAYS
     rays_per_pixel = None if chose_rays_per_pixel else settings.rays_per_pixel
     doing("loading the scene")
     resolved = resolve(

@@ -40,9 +40,9 @@ def interface_descriptor(product: int) -> bytes:
 
 def configuration_descriptor(product: int) -> bytes:
     """Return the one configuration with all that follows it: bus powered, 100 mA, which every port grants."""
-    parts = interface_descriptor(product) + b"".join(endpoint_descriptors(product))
-    head = (9, CONFIGURATION_TYPE, 9 + len(parts), 1, CONFIGURATION, 0, 0x80, 50)
-    return struct.pack(CONFIGURATION_LAYOUT, *head) + parts
+    descriptors = interface_descriptor(product) + b"".join(endpoint_descriptors(product))
+    head = (9, CONFIGURATION_TYPE, 9 + len(descriptors), 1, CONFIGURATION, 0, 0x80, 50)
+    return struct.pack(CONFIGURATION_LAYOUT, *head) + descriptors
 
 
 def string_descriptor(text: str | None) -> bytes:

@@ -365,6 +365,10 @@ impl CrossingEngine {
             }
             sparse.check(self.size, at.start_us, frame.t_us)?;
         }
+        if self.t_us.is_some() {
+            #[allow(clippy::cast_precision_loss, reason = "below 2^53")]
+            self.effects.shot_noise.check_interval(at.ticks as f64)?;
+        }
         self.make_room(sparse.most_of_a_pixel(), at.ticks)
     }
 
@@ -460,7 +464,7 @@ mod tests {
             photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: 300.0, source_follower_hz: 1e4 },
             refractory_period_us: 20.0,
             leak: Leak { rate_hz: 0.3, double_luma: 0.5, ..Effects::default().leak },
-            shot_noise: ShotNoise { rms: 0.1, half_luma: 0.5, bandwidth_hz: 50.0 },
+            shot_noise: ShotNoise { rms: 0.1, floor: 0.02, half_luma: 0.5, bandwidth_hz: 50.0 },
             hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0, rate_spread: 0.5, least_cv: 0.05, most_cv: 0.5 },
             readout: Some(ReadoutParameters {
                 events_per_s: 1e6,

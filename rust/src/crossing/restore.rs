@@ -63,7 +63,7 @@ impl CrossingEngine {
         }
         // Behind a leak references lie wherever it has led them, under noise and at the start a threshold or two away.
         let wanders = state.effects.leak.is_on()
-            || state.effects.shot_noise.rms > 0.0
+            || state.effects.shot_noise.is_on()
             || state.parameters.start_phase == StartPhase::Stationary;
         if !(if wanders { state.base.iter().all(|base| base.is_finite()) } else { f64::all_valid(&state.base) }) {
             let rule = if wanders { "be finite" } else { "lie within +-746" };

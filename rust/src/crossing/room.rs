@@ -93,6 +93,11 @@ impl<T: Copy + Default> Room<T> {
         &self.items[..self.made]
     }
 
+    /// Those made, but for as many that were made first.
+    pub(crate) fn made_after(&mut self, first: usize) -> &mut [T] {
+        &mut self.items[first..self.made]
+    }
+
     /// Makes room for `more`.
     #[inline]
     pub(crate) fn reserve(&mut self, more: usize) -> Result<(), Full> {

@@ -55,16 +55,14 @@ pub struct EffectState {
     pub filtered: Vec<f64>,
     /// Microseconds from the last frame until the pixel is released; not finite where it is not held.
     pub held_us: Vec<f64>,
-    /// Microseconds from the last frame to the next arrival of shot noise.
-    pub shot_wait_us: Vec<f64>,
-    /// The number of that arrival.
-    pub shot_index: Vec<u64>,
-    /// Microseconds from the last frame until an excursion of the noise is over; not finite where there is none.
-    pub excursion_us: Vec<f64>,
-    /// The excursion's noise, in log intensity: a part of the reference, but not of `base`.
-    pub excursion_noise: Vec<f64>,
-    /// 1 where its end is to make an ON event, -1 an OFF event, 0 where neither is awaited.
-    pub excursion_awaits: Vec<i8>,
+    /// The last cell of time in which shot noise was drawn, counted from the first frame.
+    pub noise_cell: Vec<i64>,
+    /// ln(luma + `log_eps`) at the cell's start.
+    pub noise_log_light: Vec<f64>,
+    /// Noise behind the photoreceptor at the cell's start, in log intensity.
+    pub noise_photoreceptor: Vec<f64>,
+    /// Noise behind the source follower there, which comparators see.
+    pub noise_filtered: Vec<f64>,
     /// How far references have leaked by light, in log intensity.
     pub leaked: Vec<f64>,
     /// What the leak's jitter adds to a held pixel's reference at the end of its hold.

@@ -69,6 +69,7 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
             "threshold_mismatch" => {
                 all.threshold_mismatch = ThresholdMismatch {
                     sigma: number("sigma")?,
+                    correlation: number("correlation")?,
                     column_parity: number("column_parity")?,
                     columns: number("columns")?,
                     rows: number("rows")?,
@@ -88,6 +89,7 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
             "shot_noise_rms" => {
                 all.shot_noise = ShotNoise {
                     rms: number("rms")?,
+                    floor: number("floor")?,
                     half_luma: number("half_luma")?,
                     bandwidth_hz: number("bandwidth_hz")?,
                 };
@@ -145,7 +147,8 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
             ("double_luma", leak.double_luma),
         ],
     )?;
-    let noise = [("rms", shot.rms), ("half_luma", shot.half_luma), ("bandwidth_hz", shot.bandwidth_hz)];
+    let noise =
+        [("rms", shot.rms), ("floor", shot.floor), ("half_luma", shot.half_luma), ("bandwidth_hz", shot.bandwidth_hz)];
     put("shot_noise_rms", &noise)?;
     put(
         "hot_pixels",
@@ -176,7 +179,7 @@ pub(super) fn active(effects: &Effects) -> Vec<&'static str> {
         ("photoreceptor_bandwidth_hz", effects.filters()),
         ("refractory_period_us", effects.refractory_period_us > 0.0),
         ("leak_rate_hz", effects.leak.is_on()),
-        ("shot_noise_rms", effects.shot_noise.rms > 0.0),
+        ("shot_noise_rms", effects.shot_noise.is_on()),
         ("hot_pixels", hot.are_on()),
         ("readout", effects.readout.is_some_and(|bus| !bus.is_neutral())),
     ];

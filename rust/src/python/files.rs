@@ -384,6 +384,30 @@ pub(super) fn check_events(
     Ok(limits.check(events.as_slice()?, last_us.max(0))?)
 }
 
+/// Decode a chunk of ECF, the compression of Metavision's HDF5 files; the GIL is released.
+///
+/// Args:
+///     bytes: uint8, shape (n,), contiguous: the chunk.
+///     most: events that it may have.
+///
+/// Returns:
+///     :data:`davis_rs.EVENT_DTYPE`, with the times of the file.
+///
+/// Raises:
+///     DecodeError: for more events, and for bytes that end too early, that go beyond the number of events, or that are
+///         left over.
+///
+/// Source: `hdf5_ecf`, Prophesee's codec, HDF5's filter 0x8ECF.
+#[pyfunction]
+pub(super) fn decode_ecf<'py>(
+    py: Python<'py>,
+    bytes: PyReadonlyArray1<'_, u8>,
+    most: usize,
+) -> PyResult<Bound<'py, PyArray1<Event>>> {
+    let bytes = bytes.as_slice()?;
+    Ok(py.detach(|| crate::read::decode_ecf(bytes, most))?.into_pyarray(py))
+}
+
 /// Compute the CRC-32 of bytes that come in parts; the GIL is released.
 ///
 /// Args:

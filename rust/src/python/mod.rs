@@ -89,6 +89,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(evt3::pack_evt3, m)?)?;
     m.add_class::<evt3::PyEvt3Stream>()?;
     m.add_function(wrap_pyfunction!(files::check_events, m)?)?;
+    m.add_function(wrap_pyfunction!(files::decode_ecf, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32_combine, m)?)?;
     Ok(())

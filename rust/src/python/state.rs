@@ -12,7 +12,7 @@ use crate::event::{Event, SensorSize};
 use crate::readout::ReadoutState;
 
 /// Raised when the meaning of an entry changes.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
@@ -48,11 +48,10 @@ fn effect_state_to_dict(py: Python<'_>, state: EffectState) -> PyResult<Bound<'_
     dict.set_item("photoreceptor", state.photoreceptor.into_pyarray(py))?;
     dict.set_item("filtered", state.filtered.into_pyarray(py))?;
     dict.set_item("held_us", state.held_us.into_pyarray(py))?;
-    dict.set_item("shot_wait_us", state.shot_wait_us.into_pyarray(py))?;
-    dict.set_item("shot_index", state.shot_index.into_pyarray(py))?;
-    dict.set_item("excursion_us", state.excursion_us.into_pyarray(py))?;
-    dict.set_item("excursion_noise", state.excursion_noise.into_pyarray(py))?;
-    dict.set_item("excursion_awaits", state.excursion_awaits.into_pyarray(py))?;
+    dict.set_item("noise_cell", state.noise_cell.into_pyarray(py))?;
+    dict.set_item("noise_log_light", state.noise_log_light.into_pyarray(py))?;
+    dict.set_item("noise_photoreceptor", state.noise_photoreceptor.into_pyarray(py))?;
+    dict.set_item("noise_filtered", state.noise_filtered.into_pyarray(py))?;
     dict.set_item("leaked", state.leaked.into_pyarray(py))?;
     dict.set_item("leak_error", state.leak_error.into_pyarray(py))?;
     dict.set_item("hot_wait_us", state.hot_wait_us.into_pyarray(py))?;
@@ -66,11 +65,10 @@ fn effect_state_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EffectState> {
         photoreceptor: values(dict, "photoreceptor")?,
         filtered: values(dict, "filtered")?,
         held_us: values(dict, "held_us")?,
-        shot_wait_us: values(dict, "shot_wait_us")?,
-        shot_index: values(dict, "shot_index")?,
-        excursion_us: values(dict, "excursion_us")?,
-        excursion_noise: values(dict, "excursion_noise")?,
-        excursion_awaits: values(dict, "excursion_awaits")?,
+        noise_cell: values(dict, "noise_cell")?,
+        noise_log_light: values(dict, "noise_log_light")?,
+        noise_photoreceptor: values(dict, "noise_photoreceptor")?,
+        noise_filtered: values(dict, "noise_filtered")?,
         leaked: values(dict, "leaked")?,
         leak_error: values(dict, "leak_error")?,
         hot_wait_us: values(dict, "hot_wait_us")?,

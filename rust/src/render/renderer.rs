@@ -151,8 +151,8 @@ impl Renderer {
         })
     }
 
-    /// Renders luma of frames as [`Self::luma`] does, by the lines that pass through each pixel. `corners` has two rays a
-    /// pixel: its upper left and its lower right corner, on a sensor without distortion.
+    /// Renders luma of frames as [`Self::luma`] does, by the lines that pass through each pixel. `corners` has the rays of
+    /// pixels' corners: by columns and rows two a pixel, the upper left and the lower right one; else all four, row by row.
     ///
     /// # Errors
     ///
@@ -495,7 +495,8 @@ fn check_corners(rays: &PixelRays) -> Result<()> {
         return Ok(());
     }
     Err(Error::Argument(format!(
-        "lines need the corners of pixels without distortion, a grid of 2 rays a pixel, got {} rays",
+        "lines need the corners of pixels, {} a pixel, got {} rays",
+        if rays.is_grid() { "a grid of 2" } else { "4 rays" },
         rays.rays
     )))
 }
@@ -808,16 +809,23 @@ mod tests {
             .collect()
     }
 
-    /// Luma by lines is that of 987 rays, with the edges of triangles and of their shadows, on a body that moves too.
+    /// Luma by lines is that of 987 rays, with the edges of triangles and of their shadows, on a body that moves too; also
+    /// behind a lens with distortion.
     #[test]
     fn lines_are_the_area() {
         let (width, height) = (21, 13);
         let lattice: Vec<[f32; 2]> =
             (0..987).map(|ray| [(ray as f32 + 0.5) / 987.0, ((ray * 610 % 987) as f32 + 0.5) / 987.0]).collect();
-        let (rays, corners) = (grid(width, height, &lattice), grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]));
-        for (count, shadows, most, typical) in
-            [(1, false, 0.5, 0.02), (3, true, 0.15, 0.0005), (40, false, 0.5, 0.02), (40, true, 0.5, 0.02)]
-        {
+        let straight = (grid(width, height, &lattice), grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]));
+        let four = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+        let curved = (bent(width, height, &lattice), bent(width, height, &four));
+        for ((rays, corners), count, shadows, most, typical) in [
+            (&straight, 1, false, 0.5, 0.02),
+            (&straight, 3, true, 0.15, 0.0005),
+            (&straight, 40, false, 0.5, 0.02),
+            (&straight, 40, true, 0.5, 0.02),
+            (&curved, 3, true, 0.15, 0.0005),
+        ] {
             let mut numbers = Numbers(11);
             let mut tables = SceneTables { shadows, ..tables(&mut numbers, count) };
             if count == 1 {
@@ -827,8 +835,8 @@ mod tests {
             let views = line_views(&mut numbers);
             let size = width * height * views.len();
             let (mut truth, mut luma) = (vec![0f32; size], vec![0f32; size]);
-            renderer.luma(&rays, &views, &mut truth, None).unwrap();
-            renderer.line_luma(&corners, &LinePattern::new(16).unwrap(), &views, &mut luma).unwrap();
+            renderer.luma(rays, &views, &mut truth, None).unwrap();
+            renderer.line_luma(corners, &LinePattern::new(16).unwrap(), &views, &mut luma).unwrap();
             let mean = truth.iter().sum::<f32>() / size as f32;
             let mut wrong: Vec<f32> = truth.iter().zip(&luma).map(|(a, b)| (a - b).abs() / mean).collect();
             wrong.sort_unstable_by(f32::total_cmp);
@@ -836,25 +844,40 @@ mod tests {
             assert!(largest < most && usual < typical, "{count} {shadows}: {largest} {usual}");
             let pixels: Vec<(u32, u32)> = (0..60).map(|i| (i % 3, i * 37 % (width * height) as u32)).collect();
             let mut single = vec![0f32; pixels.len()];
-            renderer.line_samples(&corners, &LinePattern::new(16).unwrap(), &views, &pixels, &mut single).unwrap();
+            renderer.line_samples(corners, &LinePattern::new(16).unwrap(), &views, &pixels, &mut single).unwrap();
             let in_frame = pixels.iter().map(|&(view, pixel)| luma[view as usize * width * height + pixel as usize]);
             assert!(single.iter().copied().eq(in_frame));
         }
+    }
+
+    /// Returns rays of a sensor behind a lens with distortion, by their positions in a pixel.
+    fn bent(width: usize, height: usize, positions: &[[f32; 2]]) -> PixelRays {
+        let mut table = vec![];
+        for at in positions {
+            for pixel in 0..width * height {
+                let [x, y] = [pixel % width, pixel / width].map(|i| i as f32 / 10.0 - 1.0);
+                let (x, y) = (x + at[0] / 10.0, y + at[1] / 10.0);
+                let scale = 1.0 - 0.05 * (x * x + y * y);
+                table.extend([x * scale, y * scale]);
+            }
+        }
+        PixelRays::new(width, height, positions.len(), &table).unwrap()
     }
 
     /// Luma by lines has the same bits on every processor: these.
     #[test]
     fn lines_have_the_same_bits_everywhere() {
         let (width, height) = (37, 21);
-        let corners = grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]);
+        let straight = grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]);
+        let curved = bent(width, height, &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]);
         let mut numbers = Numbers(3);
         let mut tables = tables(&mut numbers, 90);
         add_hard_triangles(&mut tables, &mut numbers);
         let renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
         let views = line_views(&mut numbers);
-        let hashes = [4, 8, 16].map(|lines| {
+        let hashes = [(&straight, 4), (&straight, 8), (&straight, 16), (&curved, 8)].map(|(corners, lines)| {
             let mut luma = vec![0f32; width * height * views.len()];
-            renderer.line_luma(&corners, &LinePattern::new(lines).unwrap(), &views, &mut luma).unwrap();
+            renderer.line_luma(corners, &LinePattern::new(lines).unwrap(), &views, &mut luma).unwrap();
             assert!(luma.iter().all(|value| value.is_finite()) && luma.iter().any(|&value| value > 0.0));
             // FNV-1a.
             luma.iter()
@@ -863,7 +886,7 @@ mod tests {
         });
         assert_eq!(
             hashes.map(|hash| format!("{hash:016x}")),
-            ["67b779535e23b37b", "afc3c54170d050a8", "0d01077debd60b57"]
+            ["67b779535e23b37b", "afc3c54170d050a8", "0d01077debd60b57", "4f9581118b57717f"]
         );
     }
 

@@ -18,9 +18,12 @@ use super::light::cast::Caster;
 use super::light::lights::Surroundings;
 use super::light::patch::Patch;
 use super::light::shader::Shader;
+use super::lines::curved::{Curved, CurvedDepth};
+use super::lines::envelope::Envelopes;
 use super::lines::pattern::LinePattern;
 use super::lines::shadows::{HiddenLengths, TileTaps};
 use super::lines::taps::Taps;
+use super::lines::warp::{LinearDepth, Straight, Warp};
 use super::samples::Pixels;
 use super::tile_hits::TileHits;
 use super::time::tracks::RaySample;
@@ -58,6 +61,8 @@ pub(crate) struct TileScratch {
     beam: Beam,
     pub(crate) nearest: Nearest,
     taps: Taps,
+    straight: Envelopes<LinearDepth>,
+    curved: Envelopes<CurvedDepth>,
     hidden_lengths: HiddenLengths,
     shading: Shading,
 }
@@ -142,7 +147,7 @@ pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
 }
 
 /// Computes luma of a tile's pixels by the lines that pass through them: of their area, not of single rays. The rays of
-/// `of` are the pixels' upper left and lower right corners.
+/// `of` are corners of the pixels.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn lines<'a>(
     of: &TileView<'a>,
@@ -152,14 +157,35 @@ pub(crate) fn lines<'a>(
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
-    let TileScratch { list, taps, hidden_lengths, shading, .. } = scratch;
+    let TileScratch { list, taps, straight, curved, hidden_lengths, shading, .. } = scratch;
     let around = of.rays.tile(tile);
     of.bins.of_tile(tile, around, list);
-    taps.find(pattern, (&of.bins.seen, list), around, of.rays.pitch());
-    let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
-    let mut hits = TileTaps { taps, pattern, tile_rect: around, pitch: of.rays.pitch(), scratch: hidden_lengths };
-    shade::<false, _>(of, (&of.bins.seen, list), (&part, Order::Pixels), &mut hits, shading, before);
+    if of.rays.is_grid() {
+        let warp = Straight { rect: around, pitch: of.rays.pitch() };
+        by_taps(of, pattern, (&warp, straight), list, (taps, hidden_lengths, shading), before);
+    } else {
+        let warp = Curved::new(around, of.rays.curve(tile), pattern.slope);
+        by_taps(of, pattern, (&warp, curved), list, (taps, hidden_lengths, shading), before);
+    }
     image.luma = taps.add_up(pattern, &shading.luma);
+}
+
+/// Finds taps and shades them.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn by_taps<'a, TileWarp: Warp>(
+    of: &TileView<'a>,
+    pattern: &LinePattern,
+    (warp, envelopes): (&TileWarp, &mut Envelopes<TileWarp::Depth>),
+    list: &[Entry],
+    (taps, scratch, shading): (&mut Taps, &mut HiddenLengths, &mut Shading),
+    before: &mut Shaders<'a>,
+) {
+    taps.find(pattern, (&of.bins.seen, list), warp, envelopes);
+    let around = warp.rect();
+    let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
+    let mut hits = TileTaps { taps, pattern, warp, scratch };
+    shade::<false, _>(of, (&of.bins.seen, list), (&part, Order::Pixels), &mut hits, shading, before);
 }
 
 /// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of

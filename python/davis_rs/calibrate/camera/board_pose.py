@@ -49,9 +49,12 @@ def board_pose(view: BoardView, board: Checkerboard, camera: Camera) -> BoardPos
     cv2 = load_opencv()
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     given = (board.corners, view.corners.reshape(-1, 1, 2), matrix, np.array(camera.distortion))
-    _, turns, places, _ = cv2.solvePnPGeneric(*given, flags=cv2.SOLVEPNP_IPPE)
-    refined = [cv2.solvePnPRefineLM(*given, turn, place) for turn, place in zip(turns, places, strict=True)]
-    poses = [transform(rotation_of(turn.ravel()), place.ravel()) for turn, place in refined]
+    _, rotations, translations, _ = cv2.solvePnPGeneric(*given, flags=cv2.SOLVEPNP_IPPE)
+    refined = [
+        cv2.solvePnPRefineLM(*given, rotation, translation)
+        for rotation, translation in zip(rotations, translations, strict=True)
+    ]
+    poses = [transform(rotation_of(rotation.ravel()), translation.ravel()) for rotation, translation in refined]
     errors = [_rms(pose, view, board, camera) for pose in poses]
     best = int(np.argmin(errors))
     points = board.corners @ poses[best][:3, :3].T + poses[best][:3, 3]

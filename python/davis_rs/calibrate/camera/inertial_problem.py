@@ -24,7 +24,7 @@ _GRAVITY_DEVIATION = 0.02
 _GYROSCOPE_BIAS_DEVIATION, _ACCELEROMETER_BIAS_DEVIATION = 0.2, 1.0
 """What is known beforehand: rad/s and m/s^2."""
 
-_TURN_DEVIATION, _PLACE_DEVIATION = 1.0, 100.0
+_TURN_DEVIATION, _POSITION_DEVIATION = 1.0, 100.0
 """The standard deviation of the splines' coefficients, rad and m. It only settles those that no measurement reaches."""
 
 _LONGEST_LAG_S = 0.05
@@ -42,7 +42,7 @@ _TAIL = 16
 
 
 class Readings(NamedTuple):
-    """``t_s`` (n,) seconds; ``acceleration`` and ``rate`` (n, 3), m/s^2 and rad/s, IMU axes."""
+    """Holds IMU samples: ``t_s`` (n,) seconds; ``acceleration`` and ``rate`` (n, 3), m/s^2 and rad/s, IMU axes."""
 
     t_s: FloatArray
     acceleration: FloatArray
@@ -59,8 +59,8 @@ class InertialState:
     """Holds all unknowns.
 
     Attributes:
-        turns, places: coefficients (size, 3) of the splines of small turns (see :class:`BodySpline`) and of the IMU's
-            place in board axes.
+        turns, positions: coefficients (size, 3) of the splines of small turns (see :class:`BodySpline`) and of the
+            IMU's position in board axes.
         rotation: R_IMU,E.
         lever: the IMU's origin in camera axes, metres.
         lag_s: how late stamps are.
@@ -69,7 +69,7 @@ class InertialState:
     """
 
     turns: FloatArray
-    places: FloatArray
+    positions: FloatArray
     rotation: FloatArray
     lever: FloatArray
     lag_s: float
@@ -79,7 +79,7 @@ class InertialState:
 
 
 class InertialProblem:
-    """Residuals, each in units of its own noise, and their derivatives.
+    """Computes residuals, each in units of its own noise, and their derivatives.
 
     Residuals are of angular rates, of accelerations, of the board's poses, and of what is known of biases and gravity.
 
@@ -95,7 +95,7 @@ class InertialProblem:
         matrices = np.stack([pose.matrix for pose in poses])
         self._t = np.array([pose.view.t_us for pose in poses]) * 1e-6
         self._spline = BodySpline(self._t, matrices[:, :3, :3], knot_rate_hz)
-        self._places, self._turns = matrices[:, :3, 3], matrices[:, :3, :3]
+        self._positions, self._turns = matrices[:, :3, 3], matrices[:, :3, :3]
         self._pixel = float(np.sqrt(np.mean([pose.rms_px**2 / 2 for pose in poses])))
         information = np.stack([pose.information for pose in poses]) / self._pixel**2
         self._whiten = np.swapaxes(np.linalg.cholesky(information), 1, 2)
@@ -114,7 +114,7 @@ class InertialProblem:
 
     @property
     def unseen_s(self) -> float:
-        """Seconds between the first and the last view in which readings are left out, because no view is near."""
+        """Return the seconds from the first to the last view whose readings are left out, because no view is near."""
         gaps = np.diff(self._t)
         return float(gaps[gaps > _LONGEST_GAP_S].sum())
 
@@ -143,7 +143,7 @@ class InertialProblem:
         tail = step[2 * n :]
         return InertialState(
             turns=s.turns + step[:n].reshape(-1, 3),
-            places=s.places + step[n : 2 * n].reshape(-1, 3),
+            positions=s.positions + step[n : 2 * n].reshape(-1, 3),
             rotation=s.rotation @ rotation_of(tail[:3]),
             lever=s.lever + tail[3:6],
             # Where splines and readings overlap is fixed beforehand.
@@ -160,18 +160,18 @@ class InertialProblem:
         gyroscope = rate @ s.rotation.T + s.gyroscope_bias - r.rate
         accelerometer = force @ s.rotation.T + s.accelerometer_bias - r.acceleration
         turns = self._spline.rotations(s.turns, self._t)
-        places = self._spline.basis.matrix(self._t) @ s.places - turns @ s.lever
+        positions = self._spline.basis.matrix(self._t) @ s.positions - turns @ s.lever
         pose = np.concatenate(
             [
                 vector_of(np.swapaxes(self._turns, 1, 2) @ turns),
-                np.einsum("nji,nj->ni", self._turns, places - self._places),
+                np.einsum("nji,nj->ni", self._turns, positions - self._positions),
             ],
             1,
         )
         known = np.concatenate(
             [
                 s.turns.ravel() / _TURN_DEVIATION,
-                s.places.ravel() / _PLACE_DEVIATION,
+                s.positions.ravel() / _POSITION_DEVIATION,
                 s.gyroscope_bias / _GYROSCOPE_BIAS_DEVIATION,
                 s.accelerometer_bias / _ACCELEROMETER_BIAS_DEVIATION,
                 [(np.linalg.norm(s.gravity) - _GRAVITY) / _GRAVITY_DEVIATION],
@@ -236,7 +236,7 @@ class InertialProblem:
 
         size = 3 * basis.size
         curves = diags_array(
-            np.repeat([1 / _TURN_DEVIATION, 1 / _PLACE_DEVIATION], size), shape=(2 * size, 2 * size + _TAIL)
+            np.repeat([1 / _TURN_DEVIATION, 1 / _POSITION_DEVIATION], size), shape=(2 * size, 2 * size + _TAIL)
         )
         known = np.zeros((7, 2 * size + _TAIL))
         tail = known[:, 2 * size :]
@@ -265,7 +265,7 @@ class InertialProblem:
     def _in_camera(self, s: InertialState, lag_s: float) -> tuple[FloatArray, FloatArray]:
         """Return angular rate and specific force at the IMU, (n, 3) each, in camera axes, at the times of readings."""
         t = self._readings.t_s - lag_s
-        acceleration = self._spline.basis.matrix(t, 2) @ s.places
+        acceleration = self._spline.basis.matrix(t, 2) @ s.positions
         turns = self._spline.rotations(s.turns, t)
         return self._spline.rates(s.turns, t), np.einsum("nji,nj->ni", turns, acceleration - s.gravity)
 
@@ -314,7 +314,7 @@ def _row_blocks(
     from scipy.sparse import csr_array, hstack
 
     n, k, _ = tail.shape
-    parts = []
+    blocks = []
     for terms in (turn_terms, place_terms):
         block = csr_array((n * k, 3 * size))
         for basis, matrices in terms:
@@ -323,5 +323,5 @@ def _row_blocks(
             row = np.broadcast_to(k * coo.row[:, None, None] + np.arange(k)[:, None], values.shape)
             column = np.broadcast_to(3 * coo.col[:, None, None] + np.arange(3), values.shape)
             block = block + csr_array((values.ravel(), (row.ravel(), column.ravel())), shape=block.shape)
-        parts.append(block)
-    return hstack([*parts, csr_array(tail.reshape(n * k, -1))], format="csr")
+        blocks.append(block)
+    return hstack([*blocks, csr_array(tail.reshape(n * k, -1))], format="csr")

@@ -58,13 +58,14 @@ def _(result: Intrinsics) -> dict[str, object]:
 
 @report.register
 def _(result: HandEye) -> str:
-    turns, places = np.degrees(result.rotation_deviations_rad), 1e3 * result.translation_deviations_m
+    rotations_deg, translations_mm = np.degrees(result.rotation_deviations_rad), 1e3 * result.translation_deviations_m
     return "\n".join(
         [
             f"hand-eye from {result.views} views",
             "X = T_hand_camera, maps points in camera axes to those of the tracked body:",
             _matrix(result.hand_camera),
-            f"  standard deviations about and along the camera's axes: {_three(turns)} degrees, {_three(places)} mm",
+            "  standard deviations about and along the camera's axes: "
+            f"{_three(rotations_deg)} degrees, {_three(translations_mm)} mm",
             "covariance of X (rotation vector, rad; translation, m; camera axes):",
             _matrix(result.covariance[:6, :6], "10.2e"),
             "Z = T_world_board:",

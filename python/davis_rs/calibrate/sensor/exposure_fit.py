@@ -97,9 +97,9 @@ def fit_exposures(pairs: ExposurePairs, *, leak_hz: float = 0.0, black: Measured
     if whole is None:
         return "log intensity of frames does not follow the events between them"
     groups = np.unique(pairs.group)
-    parts = np.array([fit.solve(pairs.group != group, whole) or whole for group in groups])
+    without_group = np.array([fit.solve(pairs.group != group, whole) or whole for group in groups])
     n = len(groups)
-    sigma = np.sqrt((n - 1) / n * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
+    sigma = np.sqrt((n - 1) / n * ((without_group - without_group.mean(axis=0)) ** 2).sum(axis=0))
     on, off = (
         Measured(value, math.hypot(error, _MODEL * value))
         for value, error in zip(whole[:2], sigma[:2].tolist(), strict=True)
@@ -178,8 +178,8 @@ class _Fit:
         level = self.pairs.value.min(axis=0)
         order = np.argsort(level)
         sigma = np.empty(len(residual))
-        for part in np.array_split(order, _BINS):
-            sigma[part] = max(1.4826 * float(np.median(np.abs(residual[part]))), 1e-3)
+        for chunk in np.array_split(order, _BINS):
+            sigma[chunk] = max(1.4826 * float(np.median(np.abs(residual[chunk]))), 1e-3)
         scaled = np.abs(residual) / sigma
         robust = np.maximum(1 - (scaled / _OUTLIER) ** 2, 0) ** 2 if turn > 4 else 1 / np.maximum(1, scaled / 1.5)
         self.weight = robust * (level > _DARKEST * self.usual) / sigma**2

@@ -141,21 +141,21 @@ class _ByPixel:
         on = self._on[stop] - self._on[start]
         return on, stop - start - on
 
-    def towards(self, pixel: IntArray, place: IntArray, t_us: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def towards(self, pixel: IntArray, index: IntArray, t_us: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return which fraction of an ON and of an OFF event a pixel's signal has gone since its last event.
 
         It goes straight to the next one of the same polarity, and along a parabola to one of the other. The fraction is
         0 where there is no event before or after, or none for long.
         """
         count = len(self.pixel)
-        before, after = np.clip(place - 1, 0, max(count - 1, 0)), np.clip(place, 0, max(count - 1, 0))
-        known = (place > 0) & (place < count) & (self.pixel[before] == pixel) & (self.pixel[after] == pixel)
+        before, after = np.clip(index - 1, 0, max(count - 1, 0)), np.clip(index, 0, max(count - 1, 0))
+        known = (index > 0) & (index < count) & (self.pixel[before] == pixel) & (self.pixel[after] == pixel)
         gap = (self.t_us[after] - self.t_us[before]).astype(np.float64)
         known &= (gap > 0) & (gap <= MOST_GAP_S * 1e6)
-        part = np.clip((t_us - self.t_us[before]) / np.maximum(gap, 1.0), 0, 1)
+        fraction = np.clip((t_us - self.t_us[before]) / np.maximum(gap, 1.0), 0, 1)
         turns = self.p[after] != self.p[before]
-        part = np.where(known, np.where(turns, part * ((1 + _GOES_ON) * part - _GOES_ON), part), 0.0)
-        return np.where(self.p[after] == 1, part, 0.0), np.where(self.p[after] == 1, 0.0, part)
+        fraction = np.where(known, np.where(turns, fraction * ((1 + _GOES_ON) * fraction - _GOES_ON), fraction), 0.0)
+        return np.where(self.p[after] == 1, fraction, 0.0), np.where(self.p[after] == 1, 0.0, fraction)
 
     def inside(self, pixel: IntArray, frame: StampedFrame, row: int) -> Inside:
         """Return the pieces of an exposure; ``row`` is the first pair's."""
@@ -164,31 +164,31 @@ class _ByPixel:
         number = stop - start + 1
         own = np.repeat(np.arange(len(pixel)), number)
         step = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
-        place = start[own] + step  # of the event that ends a piece
-        begins = np.where(step == 0, -half_us, self._after(place - 1, frame.t_us))
-        ends = np.where(step == number[own] - 1, half_us, self._after(place, frame.t_us))
-        on = (self._on[place] - self._on[middle[own]]).astype(np.float64)
-        off = (place - middle[own]) - on
-        here = self.towards(pixel[own], place, frame.t_us + (begins + ends) / 2)
+        index = start[own] + step  # of the event that ends a piece
+        begins = np.where(step == 0, -half_us, self._after(index - 1, frame.t_us))
+        ends = np.where(step == number[own] - 1, half_us, self._after(index, frame.t_us))
+        on = (self._on[index] - self._on[middle[own]]).astype(np.float64)
+        off = (index - middle[own]) - on
+        here = self.towards(pixel[own], index, frame.t_us + (begins + ends) / 2)
         there = self.towards(pixel, middle, np.full(len(pixel), frame.t_us))
         return Inside(
             own + row, (ends - begins) / (2 * half_us), on + here[0] - there[0][own], off + here[1] - there[1][own]
         )
 
-    def _after(self, place: IntArray, t_us: float) -> FloatArray:
-        """Return the times of events after an instant; places outside of all events give any."""
-        return np.asarray(self.t_us[np.clip(place, 0, max(len(self.t_us) - 1, 0))] - t_us, np.float64)
+    def _after(self, index: IntArray, t_us: float) -> FloatArray:
+        """Return the times of events after an instant; indices outside of all events give any."""
+        return np.asarray(self.t_us[np.clip(index, 0, max(len(self.t_us) - 1, 0))] - t_us, np.float64)
 
 
 def _pair(
     events: _ByPixel, before: StampedFrame, after: StampedFrame, left_out: npt.NDArray[np.bool_] | None
 ) -> tuple[FloatArray, ...]:
-    values = np.stack([np.asarray(one.values, np.float64).ravel() for one in (before, after)])
+    values = np.stack([np.asarray(frame.values, np.float64).ravel() for frame in (before, after)])
     with np.errstate(invalid="ignore"):
         usable = np.isfinite(values).all(axis=0)
-        for one in values:
-            known = one[np.isfinite(one)]
-            usable &= (one > known.min(initial=np.inf)) & (one < known.max(initial=-np.inf))
+        for frame_values in values:
+            known = frame_values[np.isfinite(frame_values)]
+            usable &= (frame_values > known.min(initial=np.inf)) & (frame_values < known.max(initial=-np.inf))
     if left_out is not None:
         usable &= ~left_out.ravel()
     pixel = np.flatnonzero(usable)
@@ -198,8 +198,8 @@ def _pair(
     whole_on, whole_off = events.between(start, stop)
     on, off = whole_on.astype(np.float64), whole_off.astype(np.float64)
     open_ends = np.zeros((2, len(pixel)))
-    for end, (place, frame) in enumerate(((start, before), (stop, after))):
-        gone = events.towards(pixel, place, np.full(len(pixel), frame.t_us))
+    for end, (index, frame) in enumerate(((start, before), (stop, after))):
+        gone = events.towards(pixel, index, np.full(len(pixel), frame.t_us))
         sign = 2 * end - 1
         on += sign * gone[0]
         off += sign * gone[1]

@@ -17,6 +17,7 @@ from .exposure_pairs import exposure_pairs
 from .finding import Finding, combined
 from .frame_noise import FrameNoise, fit_frame_noise
 from .measured_recording import MeasuredRecording
+from .noise_fit import noise_of_threshold
 from .readout_fit import COLUMN_PARITY
 from .threshold_fit import NotIdentifiable, ThresholdFit, fit_thresholds
 
@@ -134,7 +135,10 @@ def _thresholds(recording: MeasuredRecording, leak_hz: Measured | None) -> Thres
     samples, source, width = recording.samples, recording.source, recording.statistics.size[0]
     assert samples is not None
     assert source is not None
-    fit = partial(fit_thresholds, samples, width, leak_hz=leak_hz, black=source.black, left_out=_hot(recording))
+    noise = noise_of_threshold(recording.statistics)
+    fit = partial(
+        fit_thresholds, samples, width, leak_hz=leak_hz, black=source.black, left_out=_hot(recording), noise=noise
+    )
     fitted = fit(over_light=recording.lux is not None)
     return fit() if fitted.lag_by_light is not None and _receptor(recording, fitted) is None else fitted
 

@@ -13,9 +13,7 @@ from ...inspection.statistics.hot_pixels import LEAST_EVENTS, TIMES_ITS_NEIGHBOU
 from ...inspection.statistics.stream_statistics import Measured
 from ...sensor.effects import HotPixels
 from .finding import Finding
-
-_MOST_VARIATION, _LEAST_ON_SHARE = 0.7, 0.8
-"""Hot pixels fire nearly periodically, with ON events; noise has a variation of 1, and as many OFF events."""
+from .quiet_pixels import fires_by_itself
 
 _CALM_SHARE = 0.3
 
@@ -68,8 +66,7 @@ def _of_calm(
     pixels: dict[tuple[int, int], tuple[float, float, float]] = {}
     for stream in sorted(recordings, key=lambda one: one.duration_s):
         hot = stream.hot_pixels
-        alike = (hot.variation < _MOST_VARIATION) & (hot.on_share > _LEAST_ON_SHARE)
-        columns = (hot.x.tolist(), hot.y.tolist(), hot.rate_hz, hot.variation, alike)
+        columns = (hot.x.tolist(), hot.y.tolist(), hot.rate_hz, hot.variation, fires_by_itself(hot))
         for x, y, rate, variation, periodic in zip(*columns, strict=True):
             if calm[y, x]:
                 pixels[x, y] = float(rate), float(variation), float(periodic)

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from ...inspection.statistics import StreamStatistics
 from ...inspection.statistics.stream_statistics import Measured
 from .finding import Finding, combined
-from .quiet_pixels import DIAGONALS, signal_in
+from .noise_fit import noise_of_threshold
+from .quiet_pixels import DIAGONALS, mean_rate, quiet_or_noisy, signal_in
 
 _LEAK = ("leak", "leak_rate_hz")
 _SPREAD, _JITTER = ("leak's spread", "leak_spread"), ("leak's jitter", "leak_jitter")
@@ -20,6 +21,10 @@ _SPREAD, _JITTER = ("leak's spread", "leak_spread"), ("leak's jitter", "leak_jit
 _CALM_SHARE = 0.3
 _MODEL_SHARE = 0.025
 """What leaks of simulated streams with noise are off, however long they are."""
+
+_RATIO_SIGMA, _NOISE_SIGMA = 0.25, 0.15
+"""Standard deviation of C_off / C_on where it is not known. What noise does to the leak of simulated streams otherwise,
+as a share of its OFF events: pixels with much of it look hot, and others are few."""
 
 _LEAST_EVENTS = 5.0
 """Leak events of a pixel in the mean, from which on its rate tells more than where its first event happens to be."""
@@ -31,16 +36,30 @@ _LEAST_PAIRS, _LEAST_INTERVALS = 100, 100
 _SPREAD_MODEL, _JITTER_MODEL = 0.02, 0.02
 """Shares that the models of spread and jitter err by, on simulated streams."""
 
-_STEEPNESS = 8.0
-"""C^2 / (2 rms^2) of noise that makes some events a minute."""
+_SCATTER_OF_LEAD, _SCATTER_SIGMA = 0.43, 0.5
+"""How far from the level noise makes a slow leak's events scatters, in its standard deviations; how uncertain the
+square of that is, as a share."""
+
+_CHOICE_SIGMA = 0.4
+"""Pixels without an OFF event are those whose intervals scatter less: by up to this share of the variance, times the
+share of the pixels that have OFF events."""
 
 _PHASE_VARIANCE, _PHASE_SIGMA = 1 / 6, 1 / 12
 """Variance of the number of ticks of a clock in a time, where the clock's phase is not known: from 0 to 1/4, because
 the time is a whole number of periods or not."""
 
 
-def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
-    """Return the mean rate: ON less OFF events of quiet pixels, because events of noise come in pairs."""
+def find_leak(recordings: Sequence[StreamStatistics], off_over_on: float | None = None) -> Finding:
+    """Return the mean rate: what references of quiet pixels moved by, in units of C_on.
+
+    Each ON event moves a reference up by C_on, each OFF event down by C_off, whether they come of a leak or of noise.
+    So a leak makes ON events less C_off / C_on times OFF events. All quiet pixels are counted: those without OFF
+    events are those that no leak has taken to a level, where noise makes events of both polarities.
+
+    Args:
+        recordings: of the sensor.
+        off_over_on: C_off / C_on; None if it is not known: it is taken as 1, within a quarter.
+    """
     leaks, scatter = [], []
     for stream in recordings:
         if not stream.quiet.any():
@@ -48,10 +67,12 @@ def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
         why = signal_in(stream) or _signal_hides_leak(stream)
         if why is not None:
             return Finding(*_LEAK, None, why)
-        # Noise adds to ON less OFF events where a pixel's thresholds differ, so pixels with the least of it tell.
-        calm = _calm(stream)
-        net = (stream.counts[1] - stream.counts[0])[calm].astype(np.float64)
-        leaks.append(mean_rate(net, stream.duration_s, 1 / (len(net) * stream.duration_s)))
+        counted = quiet_or_noisy(stream, hot=False)
+        off, on = (counts[counted].astype(np.float64) for counts in stream.counts)
+        net = on - (1.0 if off_over_on is None else off_over_on) * off
+        mean = mean_rate(net, stream.duration_s, 1 / (len(net) * stream.duration_s))
+        unknown = (_RATIO_SIGMA if off_over_on is None else _NOISE_SIGMA) * float(off.mean()) / stream.duration_s
+        leaks.append(Measured(mean.value, math.hypot(mean.sigma, unknown)))
         events = stream.counts.sum(axis=0)[stream.quiet]
         scatter.append(float(events.var() / max(events.mean(), 1e-300)))
     if not leaks:
@@ -89,18 +110,14 @@ def _signal_hides_leak(stream: StreamStatistics) -> str | None:
     )
 
 
-def find_leak_variation(recordings: Sequence[StreamStatistics], off_over_on: float | None) -> tuple[Finding, Finding]:
+def find_leak_variation(recordings: Sequence[StreamStatistics]) -> tuple[Finding, Finding]:
     """Return how rates differ from pixel to pixel, and how intervals of one pixel do, as shares of their means.
 
     The spread is that of ON less OFF events between diagonal neighbours, so that what varies smoothly over the sensor,
     as a signal or light does, is no part of it. Subtracted is what counts of one rate scatter: a clock's unknown phase,
     and the jitter. The jitter is the scatter of a pixel's intervals, where it has no OFF event, so hardly any noise.
-
-    Args:
-        recordings: of the sensor.
-        off_over_on: C_off / C_on; None if it is not known.
     """
-    told = [_variation(one, off_over_on) for one in recordings if one.quiet.any()]
+    told = [_variation(one) for one in recordings if one.quiet.any()]
     spreads, jitters = ([part for part in parts if isinstance(part, Measured)] for parts in zip(*told, strict=True))
     if not told:
         return Finding(*_SPREAD, None, "no pixel is quiet"), Finding(*_JITTER, None, "no pixel is quiet")
@@ -122,7 +139,7 @@ class _Variation(NamedTuple):
     jitter: Measured | str
 
 
-def _variation(stream: StreamStatistics, off_over_on: float | None) -> _Variation:
+def _variation(stream: StreamStatistics) -> _Variation:
     why = signal_in(stream)
     if why is not None:
         return _Variation(why, why)
@@ -135,30 +152,23 @@ def _variation(stream: StreamStatistics, off_over_on: float | None) -> _Variatio
     if noise > _MOST_NOISE * events:
         noisy = f"quiet pixels have {noise:.2g} noise events of each polarity for {events:.2g} leak events"
         return _Variation(noisy, noisy)
-    early = _variance_of_early_events(off_over_on, float(off[stream.quiet].mean()) / events)
-    jitter = _jitter(stream, calm & (off == 0), early)
+    with_off = float((off[stream.quiet] > 0).mean())
+    jitter = _jitter(stream, calm & (off == 0), _variance_of_early_events(stream), with_off)
     return _Variation(_spread(on - off, calm, jitter if isinstance(jitter, Measured) else None), jitter)
 
 
-def _variance_of_early_events(off_over_on: float | None, noise: float) -> Measured:
+def _variance_of_early_events(stream: StreamStatistics) -> Measured:
     """Return what noise adds to the relative variance of leak intervals of pixels without an OFF event.
 
-    Shortly before a leak event noise may make the ON event, and no OFF event follows, see
-    :func:`~davis_rs.calibrate.sensor.noise_fit.find_noise`. The higher C_off, the more of the noise does so.
-
-    Args:
-        off_over_on: C_off / C_on; None if it is not known.
-        noise: OFF events by leak events, of all quiet pixels.
+    It makes each ON event before the leak does, by a distance to the level that scatters by 0.43 of the noise's
+    standard deviation, as the largest of very many normal numbers does, and an interval has two ends.
     """
-    if off_over_on is None:
-        return Measured(0.2 * noise, 0.3 * noise)
-    near = min(off_over_on / 2, 0.95)
-    begins_off = math.exp(-_STEEPNESS * (off_over_on**2 - 1))
-    fraction = 2 * near**3 / 3 / (1 - near + begins_off)
-    return Measured(fraction * noise, (0.2 * fraction + 0.03) * noise)
+    noise = noise_of_threshold(stream, least_events=3)
+    variance = 2 * (_SCATTER_OF_LEAD * (noise or 0.0)) ** 2
+    return Measured(variance, _SCATTER_SIGMA * variance)
 
 
-def _jitter(stream: StreamStatistics, alone: npt.NDArray[np.bool_], early: Measured) -> Measured | str:
+def _jitter(stream: StreamStatistics, alone: npt.NDArray[np.bool_], early: Measured, with_off: float) -> Measured | str:
     count, total, squares = (part[alone] for part in stream.on_intervals)
     enough = count > 1
     count, total, squares = count[enough], total[enough], squares[enough]
@@ -168,7 +178,7 @@ def _jitter(stream: StreamStatistics, alone: npt.NDArray[np.bool_], early: Measu
     mean = total / count
     variance = float(((squares - count * mean**2) / mean**2).sum() / freedom)
     value = math.sqrt(max(variance - early.value, 0.25 * variance))
-    of_square = math.hypot(variance * math.sqrt(2 / freedom), early.sigma)
+    of_square = math.hypot(variance * math.sqrt(2 / freedom), early.sigma, _CHOICE_SIGMA * with_off * variance)
     sigma = of_square / (2 * value) if value > 0 else math.sqrt(of_square)
     return Measured(value, math.hypot(sigma, _JITTER_MODEL * value))
 
@@ -195,9 +205,3 @@ def _calm(stream: StreamStatistics) -> npt.NDArray[np.bool_]:
     """Return those of the quiet pixels that have the fewest OFF events."""
     off = stream.counts[0]
     return np.asarray(stream.quiet & (off <= np.quantile(off[stream.quiet], _CALM_SHARE)))
-
-
-def mean_rate(counts: npt.NDArray[np.float64], duration_s: float, least: float) -> Measured:
-    """Return mean rate of pixels, with the standard deviation of their scatter, but no less than ``least``."""
-    scatter = float(counts.std(ddof=1)) / math.sqrt(len(counts)) / duration_s if len(counts) > 1 else math.inf
-    return Measured(float(counts.mean()) / duration_s, max(scatter, least))

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from ...inspection.statistics import StreamStatistics
 from ...inspection.statistics.stream_statistics import Measured
 from ...sensor.effects import ShotNoise, ThresholdMismatch
+from ...sensor.effects.noise_rates import drifting_rates_hz
 from ...sensor.parameters import SensorParameters
 from .finding import Finding, KnownParameters, combined
-from .leak_fit import find_leak, mean_rate
-from .quiet_pixels import DIAGONALS, signal_in
+from .quiet_pixels import mean_rate, quiet_or_noisy, signal_in
 
 _RMS, _HALF = ("shot noise", "shot_noise_rms"), ("noise over light", "shot_noise_half_lux")
 
@@ -26,32 +26,42 @@ _LIGHTS_APART = 1.5
 _LEAST_EVENTS = 20
 """OFF events of quiet pixels in a recording, below which it does not count."""
 
-_MODEL_SHARE, _LIGHT_SHARE = 0.07, 0.015
-"""What Rice's rate errs by on simulated streams, as shares: in all lights alike, and in each."""
+_MOST_HZ = 50.0
+"""Above this rate of noise its standard deviation is a third of a threshold or more."""
+
+_LEAST_LEAK_HZ = 1e-4
+"""A leak of less does not bring references anywhere in a recording."""
+
+_NODES = 5
+"""Thresholds of pixels that stand for all."""
+
+_MODEL_SHARE, _LIGHT_SHARE = 0.2, 0.08
+"""What the rate errs by on simulated streams, as shares: in all lights alike, and in each."""
 
 
 def find_noise(
     recordings: Sequence[StreamStatistics],
     lux: Sequence[float | None],
     parameters: KnownParameters,
+    leak: Measured | None = None,
+    jitter: Measured | None = None,
 ) -> tuple[Finding, Finding]:
     """Return the rms of the noise, and the light in which its square is halved.
 
-    Quiet pixels make as many pairs of noise events as Rice's formula says, see
-    :class:`~davis_rs.sensor.effects.ShotNoise`, in the mean over their thresholds. OFF events are counted, because a
-    leak makes none.
+    OFF events are counted, because a leak makes none by itself. Quiet pixels have as many as ``drifting_rates_hz`` of
+    ``davis_rs.sensor.effects.noise_rates`` says in the mean over their thresholds. Without a leak they have half of
+    what :meth:`~davis_rs.sensor.effects.ShotNoise.rate_hz` says in the mean over phases.
 
     Args:
         recordings: of the sensor.
         lux: illuminance that the quiet pixels of each see; None where it is not known.
         parameters: thresholds, their mismatch, and the noise's bandwidth.
+        leak: its rate; None if it is not known, which counts as none.
+        jitter: that of the leak, likewise.
     """
     rates = [_off_rate(one) for one in recordings]
-    leaks = [find_leak([one]).value for one in recordings]
     known = [
-        _Quiet(light, rate, 0.0 if leak is None else leak.value)
-        for light, rate, leak in zip(lux, rates, leaks, strict=True)
-        if light is not None and rate is not None
+        _Quiet(light, rate) for light, rate in zip(lux, rates, strict=True) if light is not None and rate is not None
     ]
     here = [rate for rate in rates if rate is not None]
     if not here:
@@ -62,7 +72,7 @@ def find_noise(
     if not known:
         light = "the recordings' light is not known (--lux)"
         return Finding(*_RMS, None, f"{light}; {makes}"), Finding(*_HALF, None, "likewise")
-    problem = _problem(known, parameters)
+    problem = _problem(known, parameters, leak, jitter)
     if isinstance(problem, str):
         return Finding(*_RMS, None, f"{problem}; {makes}"), Finding(*_HALF, None, "it needs shot noise")
     rms, half = problem.solve()
@@ -106,11 +116,10 @@ def refuted_noise(
 
 
 class _Quiet(NamedTuple):
-    """Quiet pixels of a recording: their light, and OFF events and leak events of a pixel per second."""
+    """Quiet pixels of a recording: their light, and OFF events of a pixel per second."""
 
     lux: float
     off: Measured
-    leak_hz: float
 
 
 def _off_rate(stream: StreamStatistics) -> Measured | None:
@@ -120,22 +129,33 @@ def _off_rate(stream: StreamStatistics) -> Measured | None:
     """
     if not stream.quiet.any() or signal_in(stream) is not None:
         return None
-    quiet = stream.quiet.copy()
-    around = np.zeros(quiet.shape, np.int64)
-    for here, there in DIAGONALS:
-        around[here] += stream.quiet[there]
-        around[there] += stream.quiet[here]
-    hot = stream.hot_pixels
-    quiet[hot.y, hot.x] |= around[hot.y, hot.x] >= 2
+    quiet = quiet_or_noisy(stream, hot=True)
     off = stream.counts[0][quiet].astype(np.float64)
     if off.sum() < _LEAST_EVENTS:
         return None
     return mean_rate(off, stream.duration_s, 1 / (len(off) * stream.duration_s))
 
 
+def noise_of_threshold(stream: StreamStatistics, *, least_events: int | None = None) -> float | None:
+    """Return the standard deviation of the noise over the threshold, from OFF events of quiet pixels.
+
+    Both poles are taken to be at their usual corner and thresholds to be alike, so it is a rough value. None where
+    quiet pixels have too few OFF events, if ``least_events`` does not say what to take then.
+    """
+    off = _off_rate(stream)
+    if off is not None:
+        hz = off.value
+    elif least_events is None or not stream.quiet.any():
+        return None
+    else:
+        events = max(int(stream.counts[0][stream.quiet].sum()), least_events)
+        hz = events / (float(stream.quiet.sum()) * stream.duration_s)
+    return ShotNoise.of_rate(min(2 * hz, _MOST_HZ), 1.0, half_luma=math.inf).rms
+
+
 @dataclass(frozen=True)
 class _Problem:
-    """Logarithms of rates against Rice's formula.
+    """Logarithms of rates against those of the noise.
 
     Attributes:
         lux: of each recording, dark current included.
@@ -144,6 +164,7 @@ class _Problem:
             its standard deviation or 0.
         parity: of columns' thresholds.
         half_lux: where the square of the noise is halved; None if it is to be found.
+        leak_hz, jitter: of the leak, 0 for none.
         said: where all else comes from.
     """
 
@@ -152,6 +173,8 @@ class _Problem:
     given: Sequence[Measured]
     parity: float
     half_lux: float | None
+    leak_hz: float
+    jitter: float
     said: str
 
     def solve(self) -> tuple[Measured, Measured | None]:
@@ -186,43 +209,29 @@ class _Problem:
             if measured.sigma > 0:
                 pulls.append((values[-1] - measured.value) / measured.sigma)
         on, off, mismatch, bandwidth, model = values
-        factors, weights = ThresholdMismatch(min(max(mismatch, 0.0), 1.0), column_parity=self.parity).nodes()
+        factors, weights = ThresholdMismatch(min(max(mismatch, 0.0), 1.0), column_parity=self.parity).nodes(_NODES)
         # ON and OFF thresholds of a pixel are independent: each of one with each of the other.
         pixel_on, pixel_off = on * factors[:, :, None], off * factors[:, None]
         noise = ShotNoise(rms, half, bandwidth)
         weights = 2 * weights[:, None] * weights
-        mean = [
-            float((weights * _off_events_hz(noise, pixel_on, pixel_off, light, one.leak_hz)).sum())
-            for light, one in zip(self.lux, self.quiet, strict=True)
-        ]
+        mean = [float((weights * self._off_hz(noise, pixel_on, pixel_off, light)).sum()) for light in self.lux]
         logs = model + np.log(np.maximum(mean, 1e-300) / [one.off.value for one in self.quiet])
         sigmas = np.hypot([one.off.sigma / one.off.value for one in self.quiet], _LIGHT_SHARE)
         return np.concatenate([logs / sigmas, pulls])
 
-
-def _off_events_hz(
-    noise: ShotNoise,
-    on: npt.NDArray[np.float64],
-    off: npt.NDArray[np.float64],
-    light: float,
-    leak_hz: float,
-) -> npt.NDArray[np.float64]:
-    """Return OFF events of pixels with these thresholds per second.
-
-    Each pair that begins with an OFF event has one. One that begins with an ON event has none where the leak has
-    brought the signal within half of C_off of the next ON event: noise on its way back then does not reach the OFF
-    level. While noise makes r such ON events a second, and the leak v, a pixel is that near for the share
-    (v / r) (1 - exp(-r C_off / (2 C_on v))) of the time.
-    """
-    nothing = np.full_like(on, np.inf)
-    first_on, first_off = noise.rate_hz(on, nothing, light) / 2, noise.rate_hz(nothing, off, light) / 2
-    if leak_hz <= 0:
-        return np.asarray(first_on + first_off)
-    near = np.minimum(off / (2 * on), 1.0)
-    return np.asarray(first_on + first_off + leak_hz * np.expm1(-first_on * near / leak_hz))
+    def _off_hz(
+        self, noise: ShotNoise, on: npt.NDArray[np.float64], off: npt.NDArray[np.float64], light: float
+    ) -> npt.NDArray[np.float64]:
+        """Return OFF events per second of pixels with these thresholds."""
+        if self.leak_hz < _LEAST_LEAK_HZ:
+            return noise.rate_hz(on, off, light) / 2
+        sigma, ratio = float(noise.sigma(light)), light / noise.half_luma
+        return drifting_rates_hz(on, off, sigma, ratio, noise.bandwidth_hz, self.leak_hz, self.jitter)[1]
 
 
-def _problem(known: Sequence[_Quiet], parameters: KnownParameters) -> _Problem | str:
+def _problem(
+    known: Sequence[_Quiet], parameters: KnownParameters, leak: Measured | None, jitter: Measured | None
+) -> _Problem | str:
     on = parameters.get("contrast_threshold")
     if on is None:
         return "its rms needs thresholds (--base)"
@@ -247,7 +256,14 @@ def _problem(known: Sequence[_Quiet], parameters: KnownParameters) -> _Problem |
         f"thresholds {on.value:.3g}, {off.value:.3g}, mismatch {mismatch.value:.2g}, bandwidth {bandwidth.value:.3g} Hz"
     )
     return _Problem(
-        lights, known, (on, off, mismatch, bandwidth, Measured(0.0, _MODEL_SHARE)), parity.value, half, said
+        lights,
+        known,
+        (on, off, mismatch, bandwidth, Measured(0.0, _MODEL_SHARE)),
+        parity.value,
+        half,
+        0.0 if leak is None else leak.value,
+        0.0 if jitter is None else jitter.value,
+        said,
     )
 
 

@@ -59,8 +59,8 @@ def _column_parity(recordings: Sequence[StreamStatistics], ratios: Sequence[Meas
     if not events > _TIMES_QUIET * quiet:
         why = "events are not those of a moving scene: the quietest pixels have as many as a tenth of the mean"
         return Finding(*COLUMN_PARITY, None, why)
-    shares = [Measured((r - 1) / (r + 1), 2 * sigma / (r + 1) ** 2) for r, sigma in ratios]
-    average = combined(shares)
-    apart = abs(shares[0].value - shares[1].value) / 2
+    parities = [Measured((r - 1) / (r + 1), 2 * sigma / (r + 1) ** 2) for r, sigma in ratios]
+    average = combined(parities)
+    apart = abs(parities[0].value - parities[1].value) / 2
     said = "of thresholds, if events go by 1 / C"
     return Finding(*COLUMN_PARITY, Measured(average.value, math.hypot(average.sigma, apart)), said)

@@ -144,7 +144,7 @@ def fit_sensor(
       neighbours.
     - Leak's spread and jitter: how these counts scatter between neighbours, and how intervals of a pixel do. They need
       at least 5 leak events a pixel, which takes minutes.
-    - Shot noise: OFF events of quiet pixels, in recordings whose light is known, by Rice's formula. Recordings whose
+    - Shot noise: OFF events of quiet pixels, in recordings whose light is known. Recordings whose
       light differs by a factor of 1.5 or more also tell how noise goes with light.
     - Refractory period: at most the shortest interval of any pixel.
     - Readout: at least as many row bursts as were seen.
@@ -187,12 +187,15 @@ def fit_sensor(
         parity = [one for one in parity if one.parameter is None]
     known = KnownParameters(with_frames, _base_file(base))
     on, off = known.get("contrast_threshold"), known.get("contrast_threshold_off")
+    off_over_on = None if on is None else 1.0 if off is None else off.value / on.value
     lux = [one.lux for one in measured]
+    leak = find_leak(streams, off_over_on)
+    variation = find_leak_variation(streams)
     findings = (
         *find_hot_pixels(streams),
         leak,
-        *find_leak_variation(streams, None if on is None else 1.0 if off is None else off.value / on.value),
-        *find_noise(streams, lux, known),
+        *variation,
+        *find_noise(streams, lux, known, leak.value, variation[1].value),
         find_refractory_period(shortest),
         *find_readout(streams),
         *parity,

@@ -196,13 +196,13 @@ class _Pieces:
         self._start = np.cumsum(self._total) - self._total
         self._on_before = np.append(0, np.cumsum(self._p))
         self.before = np.zeros(pixels, np.int64)
-        self._place = 0
+        self._index = 0
 
     def at(self, t_us: float) -> SampleArray:
         """Return samples of a later instant than the one before, of pixels with a known signal; without values."""
-        place = int(np.searchsorted(self.events["t"], t_us, side="right"))
-        self.before += np.bincount(self.pixel[self._place : place], minlength=len(self.before))
-        self._place = place
+        index = int(np.searchsorted(self.events["t"], t_us, side="right"))
+        self.before += np.bincount(self.pixel[self._index : index], minlength=len(self.before))
+        self._index = index
         pixel = np.flatnonzero((self.before > 0) & (self.before < self._total))
         start, total = self._start[pixel], self._total[pixel]
         last = start + self.before[pixel] - 1

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...inspection.statistics.stream_statistics import Measured
+from ...sensor.effects import ShotNoise
 from .frame_pairs import GROUPS, FloatArray, FramePairs
 from .signal_samples import SignalSamples
 
@@ -24,10 +25,17 @@ _ROUNDS = 12
 _LEAST_SIGNIFICANCE = 10.0
 _SHARES = (0.01, 0.5)
 _LAG_SIGMA_S = 0.01
-_CURVATURE = 0.0012
+_NOISE_SHARE, _LEAST_NOISE = 0.3, 0.06
+"""What noise of quiet pixels says of that of the others is so uncertain; noise that makes too few events to be seen is
+about so large compared with a threshold, at most."""
+_LEAD_ERROR = 0.1
+"""In standard deviations of the noise: what :func:`lead` errs by. A lag is told no better than a signal takes for
+that."""
+_CURVATURE, _NOISY_CURVATURE = 0.0012, 0.1
 """Where a signal turns often compared with thresholds, curves between events err, and pixels with low thresholds are
 preferred. Thresholds of simulated streams err by up to this share over the square of the share of samples around which
-the signal does not turn, with any number of events; it is added to all errors."""
+the signal does not turn, with any number of events; it is added to all errors. Noise adds the second number, times its
+variance over the square of the threshold."""
 _LEAST_STRAIGHT = 0.3
 """With a smaller share of such samples no mismatch is told."""
 _COMMON_ERROR = 0.15
@@ -80,6 +88,7 @@ def fit_thresholds(
     black: Measured | None = None,
     left_out: npt.NDArray[np.bool_] | None = None,
     over_light: bool = False,
+    noise: float | None = None,
 ) -> ThresholdFit:
     """Fit thresholds to the samples of a recording with frames.
 
@@ -88,8 +97,9 @@ def fit_thresholds(
         ln(I2 / I1) = n_on C_on - n_off C_off + lag (s2 - s1) - leak C_on t + error,   I = value - black
 
     where counts hold fractions of events, and s is the slope of log intensity that they have. A photoreceptor of first
-    order lags by exactly that. With ``over_light`` the lag is lag_s + lag_by_light / I at each sample. The error is the
-    frames', counts have next to none: so ordinary regression is unbiased.
+    order lags by exactly that. Noise takes the signal over a level before it is there (:func:`lead`), which is added
+    with a factor that the noise of quiet pixels tells roughly. With ``over_light`` the lag is lag_s + lag_by_light / I
+    at each sample. The error is the frames', counts have next to none: so ordinary regression is unbiased.
     Errors are weighted by what pairs of the same brightness scatter; outliers are left out (Tukey's biweight).
 
     Thresholds of a pixel are normal about the sensor's mean, apart from the parity of columns; mean, lag and black
@@ -109,6 +119,7 @@ def fit_thresholds(
         black: what is known of the black level; None for nothing.
         left_out: bool (H, W): pixels that are not used, such as hot ones.
         over_light: whether the lag has a second part, which goes by 1 / I.
+        noise: standard deviation of the noise over the threshold, roughly; None where it is not known.
 
     Raises:
         NotIdentifiable: where the samples do not tell, with the reason.
@@ -119,10 +130,24 @@ def fit_thresholds(
             f"{samples.frames} frames make {len(pairs):,} pairs in {len(pairs.pixel):,} pixels in which events show "
             f"how the signal went; {LEAST_PAIRS} in {LEAST_PIXELS} are needed"
         )
-    regression = _Regression(pairs, leak_hz or Measured(0.0, 0.3), black, over_light)
+    regression = _Regression(pairs, leak_hz or Measured(0.0, 0.3), black, over_light, noise)
     for _ in range(_ROUNDS):
         regression.improve()
     return regression.result()
+
+
+def lead(noise: float, rate_hz: FloatArray) -> FloatArray:
+    """Return how far a steady signal is from the levels of its events, in standard deviations of the noise.
+
+    The mean distance at which noise takes it over a level, behind two equal poles at their usual corner: sqrt(1.65
+    ln(1 + k^2 / (k + 0.9))), where k is corner times noise over rate. Within 0.1 of what the engine does.
+
+    Args:
+        noise: standard deviation over the threshold.
+        rate_hz: events a second that the signal makes.
+    """
+    k = ShotNoise.bandwidth_hz * noise / np.maximum(rate_hz, 1e-3)
+    return np.asarray(np.sqrt(1.65 * np.log1p(k**2 / (k + 0.9))))
 
 
 class _OfPixels(NamedTuple):
@@ -132,26 +157,30 @@ class _OfPixels(NamedTuple):
     error: FloatArray
 
 
-_LAG, _BLACK, _LEAK, _LAG_BY_LIGHT = range(4)
+_LAG, _BLACK, _LEAK, _LEAD, _LAG_BY_LIGHT = range(5)
 _ON_EVEN, _OTHERS = 0, 4
 """Unknowns of all pixels: thresholds (ON even, ON odd, OFF even, OFF odd), then lag, step of the black level, leak,
-and the lag's part that goes by 1 / I, if it is asked for."""
+the lead of events by noise, and the lag's part that goes by 1 / I, if it is asked for."""
 
 
 class _Regression:
     """Made better round by round: unknowns of all, thresholds of pixels, weights."""
 
-    def __init__(self, pairs: FramePairs, leak_hz: Measured, black: Measured | None, over_light: bool) -> None:
+    def __init__(
+        self, pairs: FramePairs, leak_hz: Measured, black: Measured | None, over_light: bool, noise: float | None
+    ) -> None:
         self.pairs, self.leak_known, self.black_known = pairs, leak_hz, black
         dark, usual = (float(np.quantile(pairs.value, share)) for share in (0.001, 0.5))
         self.most_black = dark - 0.02 * (usual - dark)
         self.black = min(0.0 if black is None else black.value, self.most_black)
-        self.others = np.array([0.0, 0.0, leak_hz.value, 0.0][: 4 if over_light else 3])
+        self.others = np.array([0.0, 0.0, leak_hz.value, 0.0, 0.0][: 5 if over_light else 4])
         self.mean = np.full((2, 2), 0.2)  # (polarity, odd column)
         self.share = 0.1
         self.own = np.full((2, len(pairs.pixel)), 0.2)
         self.shrink = np.zeros((2, len(pairs.pixel)))
         self.turn = 0
+        self.noise = _LEAST_NOISE if noise is None else noise
+        self.noise_known = Measured(0.0, _LEAST_NOISE) if noise is None else Measured(noise, _NOISE_SHARE * noise)
 
     def improve(self) -> None:
         """Make one round."""
@@ -174,11 +203,19 @@ class _Regression:
         self.usual = float(np.median(self.middle))
         change = np.exp(on * pairs.on - off * pairs.off)
         dark = self.usual / (2 * self.middle) * np.stack([1 + change, 1 + 1 / change])
+        # Noise takes a signal over a level before it is there.
+        ahead = np.sign(pairs.rate) * np.where(pairs.rate > 0, on, off) * lead(self.noise, np.abs(pairs.rate))
         # What else the unknowns add is told by events and the sensor's mean: neither the noise of frames nor what a
         # pixel's threshold has of its own may be in a regressor.
         on, off = self.mean.mean(axis=1)
         by_black = -2 * np.sinh((on * pairs.on - off * pairs.off) / 2) / self.middle
-        unknown = [slope[1] - slope[0], by_black, -(pairs.t_s[1] - pairs.t_s[0]) * on, np.diff(slope * dark, axis=0)[0]]
+        unknown = [
+            slope[1] - slope[0],
+            by_black,
+            -(pairs.t_s[1] - pairs.t_s[0]) * on,
+            -np.diff(ahead, axis=0)[0],
+            np.diff(slope * dark, axis=0)[0],
+        ]
         self.unknown = np.stack(unknown[: len(self.others)])
 
     def weigh(self) -> None:
@@ -187,15 +224,15 @@ class _Regression:
         uncertain = self.share**2 * (1 - self.shrink[:, self.pairs.own])
         spread = (uncertain * self.moves**2).sum(axis=0)
         order = np.argsort(self.middle)
-        places = np.empty(len(order), np.int64)
-        places[order] = np.arange(len(order)) * _BINS // len(order)
+        bins = np.empty(len(order), np.int64)
+        bins[order] = np.arange(len(order)) * _BINS // len(order)
         sigma = np.empty(_BINS)
         for k in range(_BINS):
-            here, known = residual[places == k], spread[places == k]
+            here, known = residual[bins == k], spread[bins == k]
             calm = known <= np.median(known)
             variance = (1.4826 * np.median(np.abs(here[calm]))) ** 2 - np.median(known[calm])
             sigma[k] = math.sqrt(max(variance, 1e-6))
-        self.sigma = sigma[places]
+        self.sigma = sigma[bins]
         scaled = np.abs(residual) / np.sqrt(self.sigma**2 + spread)
         biweight = np.maximum(1 - (scaled / _OUTLIER) ** 2, 0) ** 2
         robust = biweight if self.turn > 3 else 1 / np.maximum(1, scaled / 1.5)
@@ -284,7 +321,7 @@ class _Regression:
         normal, right = normal.copy(), right.copy()
         black = self.black_known or Measured(self.black, 1e3 * float(np.median(self.middle)))
         lag = Measured(0.0, _LAG_SIGMA_S)
-        priors = (lag, Measured(black.value - self.black, black.sigma), self.leak_known, lag)
+        priors = (lag, Measured(black.value - self.black, black.sigma), self.leak_known, self.noise_known, lag)
         for k, (value, sigma) in enumerate(priors[: len(self.others)], _OTHERS):
             normal[k, k] += 1 / max(sigma, 1e-6) ** 2
             right[k] += value / max(sigma, 1e-6) ** 2
@@ -324,19 +361,23 @@ class _Regression:
         n = len(groups)
         sigma = _JACKKNIFE * np.sqrt((n - 1) / n * ((table - table.mean(axis=0)) ** 2).sum(axis=0))
         # What is known beforehand is the same for all groups; its error is that of the solution.
-        for k, known in ((_OTHERS + _BLACK, self.black_known), (_OTHERS + _LEAK, self.leak_known)):
+        lags = [_OTHERS + _LAG, *range(_OTHERS + _LAG_BY_LIGHT, len(whole_right))]
+        for k, known in ((_BLACK, self.black_known), (_LEAK, self.leak_known), (_LEAD, self.noise_known)):
             if known is not None:
                 unit = np.zeros(len(whole_right))
-                unit[k] = 1 / max(known.sigma, 1e-6)
+                unit[_OTHERS + k] = 1 / max(known.sigma, 1e-6)
                 moved = self.solved(whole_normal, whole_right + unit) - self.solved(whole_normal, whole_right)
                 sigma[:2] = np.hypot(sigma[:2], [moved[:2].mean(), moved[2:4].mean()])
+                sigma[5:] = np.hypot(sigma[5:], moved[lags])
         preferred = self.share**2 * (1 - np.average(self.surroundings, weights=self.pixel_weight))
-        curvature = _CURVATURE / max(self.pairs.straight_share, 0.01) ** 2
+        curvature = (_CURVATURE + _NOISY_CURVATURE * self.noise**2) / max(self.pairs.straight_share, 0.01) ** 2
         sigma[:2] = np.hypot(sigma[:2], estimate[:2] * math.hypot(curvature, preferred))
         sigma[3] = math.hypot(sigma[3], 2 * _MISMATCH_SHARE * estimate[3], _COMMON_ERROR * self.error2)
         sigma[2] = math.hypot(sigma[2], _PARITY)
         sigma[4] = math.hypot(sigma[4], curvature * self.usual)
         sigma[5:] = np.hypot(sigma[5:], math.hypot(_LAG_SHARE, 3 * curvature) * estimate[5:])
+        rate_hz = math.sqrt(np.average((self.pairs.rate**2).mean(axis=0), weights=self.weight))
+        sigma[5] = math.hypot(sigma[5], _LEAD_ERROR * max(float(self.others[_LEAD]), 0.0) / max(rate_hz, 1.0))
         on, off, parity, mismatch2, black, lag, *by_light = (
             Measured(float(a), float(b)) for a, b in zip(estimate, sigma, strict=True)
         )
@@ -344,8 +385,8 @@ class _Regression:
             raise NotIdentifiable(f"log intensity of frames follows events too loosely: C_on {on}, C_off {off}")
         mismatch = None
         if mismatch2.value > 3 * mismatch2.sigma and self.pairs.straight_share > _LEAST_STRAIGHT:
-            share = math.sqrt(mismatch2.value)
-            mismatch = Measured(share, mismatch2.sigma / (2 * share))
+            deviation = math.sqrt(mismatch2.value)
+            mismatch = Measured(deviation, mismatch2.sigma / (2 * deviation))
         return ThresholdFit(
             on, off, mismatch, parity, lag,
             Measured(by_light[0].value * self.usual, by_light[0].sigma * self.usual) if by_light else None,

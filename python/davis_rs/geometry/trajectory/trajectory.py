@@ -206,13 +206,13 @@ class Trajectory(ABC):
         """
         top = self.top_speeds(window_s)
         over = f"over {1e3 * window_s:g} ms" if window_s else "momentarily"
-        for what, value, limit, at_s, unit in (
+        for quantity, value, limit, at_s, unit in (
             ("speed", top.speed_m_s, max_speed_m_s, top.speed_at_s, "m/s"),
             ("angular rate", top.rate_rad_s, max_rate_rad_s, top.rate_at_s, "rad/s"),
         ):
             if not value <= limit:
                 reached = f"{value:.6g} {unit} {over} at {at_s:.6g} s"
-                raise ValueError(f"the trajectory's {what} must be at most {limit:g} {unit}, got {reached}")
+                raise ValueError(f"the trajectory's {quantity} must be at most {limit:g} {unit}, got {reached}")
         return top
 
     def _difference(self, function: Callable[[npt.ArrayLike], FloatArray], t_s: npt.ArrayLike) -> FloatArray:

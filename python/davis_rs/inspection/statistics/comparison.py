@@ -14,7 +14,7 @@ from .stream_statistics import Measured, Region, StreamStatistics
 
 @dataclass(frozen=True, eq=False)
 class StreamComparison:
-    """The statistics of two streams; ``str()`` of it is a table.
+    """Holds the statistics of two streams; ``str()`` of it is a table.
 
     Attributes:
         real, simulated: of each stream.
@@ -70,9 +70,9 @@ def _cells(stream: StreamStatistics) -> dict[str, str]:
     for kind, words in (("same", "of the same polarity"), ("any", "of any polarity")):
         intervals = described["interval_us"][kind]
         cells[f"shortest interval {words}"] = _with_unit(intervals["least"], "us")
-        for shares in ((1, 10, 50), (90, 99)):
-            listed = [_number(_in_ms(intervals[f"p{share}"])) for share in shares]
-            cells[f"  {kind}: {', '.join(map(str, shares))} % are below"] = " / ".join(listed) + " ms"
+        for percents in ((1, 10, 50), (90, 99)):
+            listed = [_number(_in_ms(intervals[f"p{percent}"])) for percent in percents]
+            cells[f"  {kind}: {', '.join(map(str, percents))} % are below"] = " / ".join(listed) + " ms"
     for key, words in (("rows_per_us", "row bursts in a us"), ("rows_per_10_us", "row bursts in 10 us")):
         cells[f"{words}: mean / 99 % / most"] = _three(described[key])
     cells["events in a row burst: mean / 99 % / most"] = _three(described["events_per_row"])

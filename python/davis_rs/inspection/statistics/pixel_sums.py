@@ -12,7 +12,7 @@ _NEVER = np.iinfo(np.int64).min
 
 
 class PixelSums:
-    """What is added up of each pixel.
+    """Holds what is added up of each pixel.
 
     Attributes:
         events: int64 (2, H, W), OFF and ON.
@@ -36,8 +36,8 @@ class PixelSums:
         pixel = events["y"].astype(np.int64) * self._width + events["x"]
         polarity, t = events["p"].astype(np.int64), events["t"]
         key = polarity * len(self._last_any) + pixel
-        self.any.add(_Groups(pixel, t, self._last_any).intervals)
-        groups = _Groups(key, t, self._last_same)
+        self.any.add(_EventsByPixel(pixel, t, self._last_any).intervals)
+        groups = _EventsByPixel(key, t, self._last_same)
         self.same.add(groups.intervals)
         self.events.reshape(-1)[groups.keys] += groups.counts
         keys, counts, sums, squares = groups.moments()
@@ -46,8 +46,8 @@ class PixelSums:
         self.interval_squares.reshape(-1)[keys] += squares
 
 
-class _Groups:
-    """The events of each pixel in a piece of a stream, and the intervals to the event before each.
+class _EventsByPixel:
+    """Groups the events of a piece of a stream by pixel, and finds the interval to the event before each.
 
     Args:
         key: which pixel an event belongs to.

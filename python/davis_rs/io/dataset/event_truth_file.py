@@ -105,10 +105,11 @@ class NpzTruth(EventTruthFile):
 
     def __init__(self, path: Path, shape_names: Sequence[str]) -> None:
         self._path, self._names = path, np.array(list(shape_names))
-        self._parts = {name: path.with_name(f"{path.name}.part.{name}") for name in COLUMNS}
+        self._column_paths = {name: path.with_name(f"{path.name}.part.{name}") for name in COLUMNS}
         self._open = ExitStack()
         self._files = {
-            name: self._open.enter_context(part.open("wb", buffering=0)) for name, part in self._parts.items()
+            name: self._open.enter_context(path_of_column.open("wb", buffering=0))
+            for name, path_of_column in self._column_paths.items()
         }
         self._count = 0
 
@@ -125,13 +126,13 @@ class NpzTruth(EventTruthFile):
                 header = {"descr": np.lib.format.dtype_to_descr(np.dtype(kind)), "fortran_order": False}
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     np.lib.format.write_array_header_1_0(member, {**header, "shape": (self._count,)})
-                    with self._parts[name].open("rb") as column:
+                    with self._column_paths[name].open("rb") as column:
                         shutil.copyfileobj(column, member, 1 << 20)
             with archive.open("shape_names.npy", "w") as member:
                 np.lib.format.write_array(member, self._names, allow_pickle=False)
         whole.replace(self._path)
-        for part in self._parts.values():
-            part.unlink()
+        for column_path in self._column_paths.values():
+            column_path.unlink()
 
 
 def open_event_truth(folder: Path, kind: str, shape_names: Sequence[str]) -> EventTruthFile:

@@ -101,8 +101,8 @@ def event_file(folder: Path) -> Path:
     """Return the folder's event file; where there is none, the one that a killed writer left unfinished, as NAME.part;
     ``events.txt`` where there is nothing at all."""
     whole = [folder / name for name in EVENT_FILES.values()]
-    parts = [part_of(path) for path in whole]
-    return next((path for path in (*whole, *parts) if path.is_file()), folder / EVENTS)
+    unfinished = [part_of(path) for path in whole]
+    return next((path for path in (*whole, *unfinished) if path.is_file()), folder / EVENTS)
 
 
 @contextmanager
@@ -315,8 +315,8 @@ def _remove_parts(path: Path) -> None:
             with suppress(OSError):  # other files in it: it stays, with them
                 folder.rmdir()
         (path / series.list_name).unlink(missing_ok=True)
-    for part in path.glob(f"{EVENT_TRUTH['npz']}.part*"):  # of a run that was killed
-        part.unlink()
+    for leftover in path.glob(f"{EVENT_TRUTH['npz']}.part*"):  # of a run that was killed
+        leftover.unlink()
     for name in EVENT_FILES.values():
         part_of(path / name).unlink(missing_ok=True)
     # The events go last: together with what describes them they mark the folder as a dataset.

@@ -15,7 +15,7 @@ from ..._core import DecodeError
 from ..._util.untrusted import regular_file
 from ...events.arrays import EventArray
 from ...geometry.camera import Camera
-from ..formats.blocks import Blocks, Place
+from ..formats.blocks import BlockPosition, Blocks
 from ..formats.destination import Destination, Limits
 from ..formats.interface import EventReader, EventWriter, Format
 from ..formats.parts import (
@@ -275,7 +275,7 @@ class FolderReader(EventReader):
     def blocks(self) -> Blocks:
         return self._events.blocks()
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         return self._events.read_block(position, events)
 
 
@@ -302,7 +302,7 @@ def part_counts(dataset: Dataset) -> dict[str, int]:
 
 
 class FolderFormat(Format):
-    """Dataset folders, as the public Event-Camera Dataset has them."""
+    """Reads and writes dataset folders, as the public Event-Camera Dataset has them."""
 
     name = "folder"
     suffixes = ()

@@ -80,17 +80,17 @@ class Dataset(TextFolder):
 
     @property
     def image_gain(self) -> float | None:
-        """Grey value of a frame over 255 x luma, from ``meta.json``; older folders call it ``exposure``. None: not
+        """Return a frame's grey value over 255 x luma, from ``meta.json``; older ones call it ``exposure``. None: not
         known."""
         gain = self.meta.get("image_gain", self.meta.get("exposure"))
         return None if gain is None else float(gain)
 
     def __repr__(self) -> str:
         duration_us = self.meta.get("duration_us")
-        parts = [str(self.path), "sensor unknown" if self.size is None else "{} x {} px".format(*self.size)]
+        facts = [str(self.path), "sensor unknown" if self.size is None else "{} x {} px".format(*self.size)]
         if isinstance(duration_us, int):
-            parts.append(f"{duration_us / 1e6:.6g} s")
-        return f"<Dataset {', '.join(parts)}>"
+            facts.append(f"{duration_us / 1e6:.6g} s")
+        return f"<Dataset {', '.join(facts)}>"
 
     def _repr_html_(self) -> str:
         duration_us, counts = self.meta.get("duration_us"), self.meta.get("counts")

@@ -73,7 +73,9 @@ class TextFolder:
         samples["t"], samples["accel"], samples["gyro"] = t_us, values[:, :3], values[:, 3:]
         return samples
 
-    def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    def _stamped_rows(
+        self, name: str, layout: str, quantity: str
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Return a text file of stamps and numbers: times (n,) and numbers (n, k)."""
         path = self.path / name
         times, rows = [], []
@@ -84,7 +86,7 @@ class TextFolder:
             except ValueError as error:
                 raise DecodeError(f"{path}, line {number}: {error}") from None
             if not all(map(math.isfinite, row)):
-                raise DecodeError(f"{path}, line {number}: {what} must be finite")
+                raise DecodeError(f"{path}, line {number}: {quantity} must be finite")
             rows.append(row)
         return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
 
@@ -98,7 +100,7 @@ class TextFolder:
             images.append(StampedImage(parse_stamp(words[0], path, number), self.path / name))
         return images
 
-    def _read_png(self, path: Path, mode: str, what: str) -> UncheckedArray:
+    def _read_png(self, path: Path, mode: str, kind: str) -> UncheckedArray:
         """Return a grey image of a mode of Pillow."""
         from PIL import Image
 
@@ -108,7 +110,7 @@ class TextFolder:
             budget.take(PIXEL_BYTES * image.width * image.height, f"an image of {image.width} x {image.height} pixels")
             actual, pixels = image.mode, np.array(image)
         if actual != mode:
-            raise DecodeError(f"{path}: expected {what} grey image, found mode {actual}")
+            raise DecodeError(f"{path}: expected {kind} grey image, found mode {actual}")
         return pixels
 
     def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:

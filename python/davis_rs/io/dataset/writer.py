@@ -333,30 +333,30 @@ class DatasetWriter:
         return velocities
 
     def _checked_map(
-        self, image: npt.ArrayLike | None, what: str, t_us: int, channels: int
+        self, image: npt.ArrayLike | None, kind: str, t_us: int, channels: int
     ) -> npt.NDArray[np.float32] | None:
         if image is None:
             return None
         array = np.asarray(image, np.float32)
         shape = (self.size[1], self.size[0], channels)
         if array.shape != shape:
-            raise ValueError(f"the {what} at {t_us} us must have shape {shape}, got {array.shape}")
+            raise ValueError(f"the {kind} at {t_us} us must have shape {shape}, got {array.shape}")
         return array
 
     def _checked_image(
-        self, image: npt.ArrayLike | None, what: str, t_us: int, *, largest: float
+        self, image: npt.ArrayLike | None, kind: str, t_us: int, *, largest: float
     ) -> npt.NDArray[np.float32] | None:
         if image is None:
             return None
         array = np.ascontiguousarray(image, np.float32)
         size = (self.size[1], self.size[0])
         if array.shape != size:
-            raise ValueError(f"the {what} at {t_us} us must have the sensor's shape {size}, got {array.shape}")
+            raise ValueError(f"the {kind} at {t_us} us must have the sensor's shape {size}, got {array.shape}")
         bad = ~((array >= 0) & (array <= largest))
         if bad.any():
             y, x = np.argwhere(bad)[0]
             raise ValueError(
-                f"the {what} must lie in 0..{largest:.6g}, got {array[y, x]} at {t_us} us, pixel ({x}, {y})"
+                f"the {kind} must lie in 0..{largest:.6g}, got {array[y, x]} at {t_us} us, pixel ({x}, {y})"
             )
         return array
 

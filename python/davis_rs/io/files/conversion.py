@@ -134,9 +134,14 @@ def convert(
             warnings.warn(f"{reader.path}: {note}", RecordingWarning, 2)
         left_out = "" if parts is not None else _left_out(reader, held)
         if left_out:
-            warnings.warn(f"{report.path} ({report.format}) cannot hold, and leaves out: {left_out}", LeftOutWarning, 2)
+            warnings.warn(left_out_line(report.path, report.format, left_out), LeftOutWarning, 2)
         values = {field.name: getattr(report, field.name) for field in fields(WriteReport)}
         return ConversionReport(**values, parts=written, left_out=left_out, filtered_out=passing.taken - passing.passed)
+
+
+def left_out_line(path: object, format: str, left_out: str) -> str:
+    """Return the line that says what a file of a format does not hold of its source."""
+    return f"{path} ({format}) cannot hold, and leaves out: {left_out}"
 
 
 class _Item(NamedTuple):

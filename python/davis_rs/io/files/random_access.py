@@ -26,7 +26,7 @@ _CACHED_EVENTS = 1 << 18
 """Events of the blocks that are kept after use, 4 MiB, but always those of the last block."""
 
 
-class _Opened:
+class _ProcessReader:
     """Keeps a reader in one process, with the blocks it has read last. A fork does not share it: its file position and
     its lock would be shared too."""
 
@@ -86,7 +86,7 @@ class RandomAccess:
         self.format = reader.format
         self.events = int(self._blocks.starts[-1])
         self._extent = reader.size or reader.extent
-        self._opened: _Opened | None = _Opened(reader)
+        self._opened: _ProcessReader | None = _ProcessReader(reader)
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_opened": None}
@@ -126,13 +126,13 @@ class RandomAccess:
         """
         if not 0 <= first <= stop <= self.events:
             raise ValueError(f"{self.path} has events 0..{self.events}: asked for {first}..{stop}")
-        parts = [self._block(block)[part] for block, part in pieces(self._blocks, first, stop)]
-        for before, after in pairwise(parts):
+        slices = [self._block(block)[part] for block, part in pieces(self._blocks, first, stop)]
+        for before, after in pairwise(slices):
             if after["t"][0] < before["t"][-1]:
                 raise DecodeError(
                     f"{self._file}: times may not go back: {after['t'][0]} us comes after {before['t'][-1]} us"
                 )
-        return concatenate_events(parts) if parts else np.zeros(0, EVENT_DTYPE)
+        return concatenate_events(slices) if slices else np.zeros(0, EVENT_DTYPE)
 
     def read_times(self, start_us: int, stop_us: int) -> EventArray:
         """Return events with start_us <= t < stop_us; see :meth:`read`."""
@@ -150,12 +150,13 @@ class RandomAccess:
         state = os.stat(self._file)
         return state.st_size, state.st_mtime_ns
 
-    def _open(self) -> _Opened:
+    def _open(self) -> _ProcessReader:
         opened = self._opened
         if opened is None or opened.process != os.getpid():
             if self._file_state() != self._state:
                 raise DecodeError(f"{self._file} has changed since it was opened: open it again")
-            opened = self._opened = _Opened(open_reader(self.path, max_packet_bytes=self._rules.max_packet_bytes))
+            reader = open_reader(self.path, max_packet_bytes=self._rules.max_packet_bytes)
+            opened = self._opened = _ProcessReader(reader)
         return opened
 
     def _block_us(self, block: int) -> int:
@@ -180,7 +181,7 @@ class RandomAccess:
     def _read_block(self, reader: EventReader, block: int) -> EventArray:
         start, end = self._blocks.starts[block : block + 2].tolist()
         with decoding(self._file, f"events {start}..{end}"):
-            events = reader.read_block(self._blocks.places[block], end - start)
+            events = reader.read_block(self._blocks.positions[block], end - start)
         first_us = int(self._blocks.first_us[block])
         if len(events) != end - start or (first_us != UNKNOWN_US and events["t"][0] != first_us):
             raise DecodeError(f"{self._file}, events {start}..{end}: the file has changed since it was opened")

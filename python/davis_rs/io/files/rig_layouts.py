@@ -27,7 +27,7 @@ from ..dataset.reader import Dataset
 from ..dataset.rig_folder import RigDataset
 from ..formats import ros_messages as topics
 from ..formats.parts import CAMERA, DEPTH
-from .conversion import ConversionReport, LeftOutWarning, convert
+from .conversion import ConversionReport, LeftOutWarning, convert, left_out_line
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -130,20 +130,20 @@ def convert_rig(
     folders = [dataset.cameras[number].path for number in numbers]
     told = progress or (lambda fraction: None)
     write = {"dsec": _write_dsec, "mvsec": _write_mvsec, "bag": _write_bag}[layout]
-    place = Workplace(
+    workplace = Workplace(
         target,
         require_room=lambda: _require_room(target, layout, overwrite=overwrite),
         make_room=lambda: shutil.rmtree(target) if target.is_dir() else None,
     )
     try:
-        events, disparities, left_out = write(dataset, numbers, folders, place.working_path, told)
-        place.put()
+        events, disparities, left_out = write(dataset, numbers, folders, workplace.working_path, told)
+        workplace.put()
     except BaseException as error:
-        place.discard(error)
+        workplace.discard(error)
         raise
     told(1.0)
     if left_out:
-        warnings.warn(f"{target} ({layout}) cannot hold, and leaves out: {left_out}", LeftOutWarning, 2)
+        warnings.warn(left_out_line(target, layout, left_out), LeftOutWarning, 2)
     return RigConversionReport(target, layout, events, disparities, left_out)
 
 
@@ -205,19 +205,19 @@ def _write_dsec(
     rectified = rectify(rig, *numbers)
     events = []
     for step, (side, folder) in enumerate(zip(SIDES, folders, strict=True)):
-        place = target / "events" / side
-        place.mkdir(parents=True)
+        side_folder = target / "events" / side
+        side_folder.mkdir(parents=True)
         told_side = _part(told, 0.4 * step, 0.4 * (step + 1))
-        report = _converted(folder, place / "events.h5", "dsec", told_side, parts=())
+        report = _converted(folder, side_folder / "events.h5", "dsec", told_side, parts=())
         if not report.events:
             raise ValueError(f"{folder} has no events: DSEC's layout cannot say when it begins")
         events.append(report.events)
-        _lengthen_index(place / "events.h5", Dataset(folder))
+        _lengthen_index(side_folder / "events.h5", Dataset(folder))
         rotation = (rectified.left_rotation, rectified.right_rotation)[step]
         lens = rig.cameras[numbers[step]].camera
         grid = np.stack(np.meshgrid(np.arange(lens.width), np.arange(lens.height)), -1)
         rays = np.concatenate([lens.rays(grid), np.ones((*grid.shape[:2], 1))], -1)
-        with h5py.File(place / "rectify_map.h5", "w") as file:
+        with h5py.File(side_folder / "rectify_map.h5", "w") as file:
             file["rectify_map"] = rectified.camera.project(rays @ rotation.T).astype(np.float32)
     (target / "calibration").mkdir()
     text = yaml.safe_dump(_cam_to_cam(rig, numbers, rectified), sort_keys=False, default_flow_style=None)

@@ -29,6 +29,7 @@ from .bag import BagFormat
 from .destination import Destination, Limits
 from .dsec import DsecFormat
 from .e2vid import E2vidFormat
+from .ecf import EcfFormat
 from .evt import EVT2, EVT3, EVT21
 from .interface import EventReader, EventWriter, Format, TruncatedFileWarning, WriteReport
 from .mvsec import MvsecFormat
@@ -62,6 +63,7 @@ register(
     DsecFormat(),
     E2vidFormat(),
     MvsecFormat(),
+    EcfFormat(),
     ParquetFormat(),
     BagFormat(),
     Ros2Format(),

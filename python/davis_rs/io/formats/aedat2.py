@@ -25,7 +25,7 @@ class Aedat2Writer(ByteWriter):
 
 
 @dataclass(frozen=True)
-class _SizesOfCameras(Limits):
+class _CameraSizeLimits(Limits):
     """Allows the sizes of those cameras alone that a file can name."""
 
     def check_size(self, name: str, size: tuple[int, int]) -> tuple[int, int]:
@@ -35,15 +35,17 @@ class _SizesOfCameras(Limits):
 
 
 class Aedat2Format(RecordedFormat):
-    """Without options. Written are events alone, of sensors of 128 x 128, 240 x 180, 346 x 260 and 640 x 480 pixels,
-    because a file names a camera, not a size; times are below 2^31 us, 35.8 minutes.
+    """Describes AEDAT 2.0; its writer has no options, and writes events alone.
+
+    Sensors have 128 x 128, 240 x 180, 346 x 260 or 640 x 480 pixels, because a file names a camera, not a size; times
+    are below 2^31 us, 35.8 minutes.
 
     Source: docs.inivation.com, AEDAT 2.0.
     """
 
     writable = True
     writer: ClassVar[type[EventWriter]] = Aedat2Writer
-    limits = _SizesOfCameras(2**31 - 1)
+    limits = _CameraSizeLimits(2**31 - 1)
 
 
 AEDAT2 = Aedat2Format("aedat2", aedat2.Aedat2File, aedat2.MAGIC, (".aedat", ".aedat2"))

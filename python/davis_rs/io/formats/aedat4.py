@@ -29,7 +29,7 @@ class Aedat4Reader(RecordedParts, CoreReader):
 
 
 class Aedat4Format(Format):
-    """Options of the writer:
+    """Describes AEDAT 4. Options of the writer:
 
     - ``compression`` ("lz4"): of each packet by itself, "none", "lz4" or "zstd";
     - ``level`` (-4): of Zstandard, -7..22; 1 makes files 5 % smaller and takes a quarter more time;

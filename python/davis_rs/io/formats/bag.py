@@ -126,7 +126,7 @@ class BagWriter(RosWriter):
 
 
 class BagFormat(Format):
-    """ROS 1 bags."""
+    """Describes bags of ROS 1."""
 
     name = "bag"
     suffixes = (".bag",)

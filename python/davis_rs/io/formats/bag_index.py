@@ -43,7 +43,7 @@ def bag_index(path: Path, limit: int) -> Reader:
 
     size, budget = path.stat().st_size, Budget(path)
     limited = {id(decompressors[name]): unpack for name, unpack in unpackers(path, limit).items()}
-    chunks = _Unpacked(budget)
+    chunks = _ChunkCache(budget)
 
     class BoundedReader(Reader):  # type: ignore[misc] # rosbags is not looked into
         index_bytes = 0
@@ -72,7 +72,7 @@ def bag_index(path: Path, limit: int) -> Reader:
     return BoundedReader(_BoundedPath(path))
 
 
-class _Unpacked:
+class _ChunkCache:
     """Keeps the last chunks that were unpacked, because messages of chunks that overlap in time stand in turns in each.
 
     An index can ask for its chunks in turns as often as it likes. So the time in which chunks are unpacked again within
@@ -105,7 +105,7 @@ class _Unpacked:
         return data
 
 
-class _Bounded(io.BufferedReader):
+class _BoundedFile(io.BufferedReader):
     """Wraps a file of which no more is asked than it has: a read takes memory for what is asked."""
 
     def __init__(self, path: Path) -> None:
@@ -120,7 +120,7 @@ class _Bounded(io.BufferedReader):
 
 
 class _BoundedPath:
-    """Presents a path as rosbags takes one, whose file is :class:`_Bounded`."""
+    """Presents a path as rosbags takes one, whose file is :class:`_BoundedFile`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -132,4 +132,4 @@ class _BoundedPath:
         return getattr(self._path, name)
 
     def open(self, *_: Any, **__: Any) -> BinaryIO:
-        return _Bounded(self._path)
+        return _BoundedFile(self._path)

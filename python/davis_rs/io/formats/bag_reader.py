@@ -14,7 +14,7 @@ from ...events.arrays import EventArray, concatenate_events
 from . import ros_messages as topics
 from .bag_index import bag_index
 from .bag_records import scan_messages
-from .blocks import Blocks, Place, blocks_of, refuse
+from .blocks import BlockPosition, Blocks, blocks_of, refuse
 from .interface import warn_truncated
 from .reading import ReadRules
 from .ros_events import PacketDecoder
@@ -113,7 +113,7 @@ class BagReader(RosReader):
         table = np.array(times, np.int64).reshape(-1, 3)
         return blocks_of(table[:, 1], table[:, 2], table[:, 0], last_us)
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         if self._reader is None:
             refuse(self.path, "the bag has no index")
         connections = [c for c in self._reader.connections if _is_events(c.topic, c.msgtype)]

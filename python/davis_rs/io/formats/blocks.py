@@ -26,13 +26,13 @@ class Blocks:
     Attributes:
         starts: int64 (n + 1,): the number of the first event of each block, and last the number of all events.
         first_us: int64 (n,): the time of each block's first event, :data:`UNKNOWN_US` where it is not known.
-        places: int64 (n, k): where each block is, in terms of the format.
+        positions: int64 (n, k): where each block is, in terms of the format.
         last_us: the time of the last event, :data:`UNKNOWN_US` where it is not known.
     """
 
     starts: npt.NDArray[np.int64]
     first_us: npt.NDArray[np.int64]
-    places: npt.NDArray[np.int64]
+    positions: npt.NDArray[np.int64]
     last_us: int = UNKNOWN_US
 
     def __len__(self) -> int:
@@ -40,18 +40,18 @@ class Blocks:
 
 
 def blocks_of(
-    counts: npt.ArrayLike, first_us: npt.ArrayLike | None, places: npt.ArrayLike, last_us: int = UNKNOWN_US
+    counts: npt.ArrayLike, first_us: npt.ArrayLike | None, positions: npt.ArrayLike, last_us: int = UNKNOWN_US
 ) -> Blocks:
     """Return blocks by the number of events of each."""
     numbers = np.asarray(counts, np.int64)
     starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(numbers)])
     times = np.full(len(numbers), UNKNOWN_US, np.int64) if first_us is None else np.asarray(first_us, np.int64)
-    rows = np.asarray(places, np.int64)
+    rows = np.asarray(positions, np.int64)
     return Blocks(starts, times, rows if rows.ndim == 2 else rows[:, np.newaxis], last_us)
 
 
 def equal_blocks(events: int, size: int) -> Blocks:
-    """Return blocks of ``size`` events each, the last one shorter; their places are their first and last events'
+    """Return blocks of ``size`` events each, the last one shorter; their positions are their first and last events'
     numbers."""
     starts = np.append(np.arange(0, events, size, dtype=np.int64), events)
     return Blocks(starts, np.full(len(starts) - 1, UNKNOWN_US, np.int64), np.stack([starts[:-1], starts[1:]], axis=1))
@@ -79,5 +79,5 @@ def pieces(blocks: Blocks, first: int, stop: int) -> Iterator[tuple[int, slice]]
         block += 1
 
 
-Place = npt.NDArray[np.int64]
-"""A row of :attr:`Blocks.places`."""
+BlockPosition = npt.NDArray[np.int64]
+"""A row of :attr:`Blocks.positions`."""

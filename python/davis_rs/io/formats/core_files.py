@@ -11,7 +11,7 @@ import numpy as np
 
 from ..._core import EventFileReader, EventFileWriter
 from ...events.arrays import EventArray
-from .blocks import Blocks, Place, blocks_of
+from .blocks import BlockPosition, Blocks, blocks_of
 from .destination import Destination, Limits
 from .interface import EventReader, EventWriter, Failing, warn_truncated
 from .reading import ReadRules
@@ -90,10 +90,10 @@ class CoreReader(EventReader):
             tables.append(core.scan(_SCANNED))
         self._warn_left_over()
         byte, events, first_us, last_us, *state = np.concatenate(tables).T
-        places = np.stack([byte, np.append(byte[1:], core.file_size)[: len(byte)], *state], axis=1)
-        return blocks_of(events, first_us, places, *last_us[-1:].tolist())
+        positions = np.stack([byte, np.append(byte[1:], core.file_size)[: len(byte)], *state], axis=1)
+        return blocks_of(events, first_us, positions, *last_us[-1:].tolist())
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         byte, end, *state = position.tolist()
         return self._core.read_block(byte, state, end)
 

@@ -118,7 +118,7 @@ class DsecReader(Hdf5PartsReader):
 
 
 class DsecFormat(Hdf5Format):
-    """DSEC's HDF5."""
+    """Describes DSEC's HDF5."""
 
     name = "dsec"
     holds = ALL_PARTS

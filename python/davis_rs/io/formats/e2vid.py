@@ -123,7 +123,7 @@ class E2vidReader(Hdf5Reader):
 
 
 class E2vidFormat(Hdf5Format):
-    """e2vid's HDF5. It holds what float64 seconds and int16 coordinates do."""
+    """Describes e2vid's HDF5. It holds what float64 seconds and int16 coordinates do."""
 
     name = "e2vid"
     holds = (FRAMES.name,)

@@ -13,7 +13,7 @@ from .reading import ReadRules
 
 
 class EvtFormat(Format):
-    """Without options. Sensors have at most 2048 x 2048 pixels.
+    """Describes a version of EVT; its writer has no options. Sensors have at most 2048 x 2048 pixels.
 
     Args:
         version: as headers write it, such as ``3.0``.

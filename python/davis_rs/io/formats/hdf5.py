@@ -8,7 +8,7 @@ from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from ..._util.budget import Budget
 from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
-from .blocks import BLOCK, Blocks, Place, equal_blocks
+from .blocks import BLOCK, BlockPosition, Blocks, equal_blocks
 from .destination import Destination, Target
 from .hdf5_chunks import Rows
 from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
@@ -133,6 +133,15 @@ class Hdf5Writer(EventWriter):
             raise OSError(f"{self.path}: {error}") from error
 
 
+class EventRows(Protocol):
+    """Reads a dataset of events, or of one of their columns, of which the file has ``chunk`` rows in one piece."""
+
+    @property
+    def chunk(self) -> int | None: ...
+
+    def read(self, start: int, end: int) -> UncheckedArray: ...
+
+
 class Hdf5Reader(EventReader):
     """Reads columns of events; slices of time are found by bisection.
 
@@ -159,7 +168,7 @@ class Hdf5Reader(EventReader):
                 self._budget = Budget(path)
                 lengths = {dataset.name: len(dataset) for dataset in datasets}
                 self._count = min(lengths.values())
-                self._datasets = [self._rows_of(dataset, self._count, self.row) for dataset in datasets]
+                self._datasets = [self._event_rows(dataset) for dataset in datasets]
                 finished = self._file.attrs.get(COMPLETE, 1) != 0
                 if finished and len(set(lengths.values())) > 1:
                     raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
@@ -187,6 +196,10 @@ class Hdf5Reader(EventReader):
     def _rows_of(self, dataset: h5py.Dataset, rows: int, row: tuple[int | None, ...] = ()) -> Rows:
         """Return the rows of a dataset of the file, within its limits."""
         return Rows(self.path, dataset, rows, self.rules.max_packet_bytes, self._budget, row)
+
+    def _event_rows(self, dataset: h5py.Dataset) -> EventRows:
+        """Return the rows of a dataset of events."""
+        return self._rows_of(dataset, self._count, self.row)
 
     @abstractmethod
     def _times(self, values: UncheckedArray) -> npt.NDArray[np.int64]:
@@ -217,7 +230,7 @@ class Hdf5Reader(EventReader):
         chunk = self._datasets[0].chunk
         return equal_blocks(self._count, BLOCK if chunk is None else max(chunk, BLOCK // 4))
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         return self._slice(int(position[0]), int(position[1]))
 
     def _place(self, t_us: int | None, default: int) -> int:

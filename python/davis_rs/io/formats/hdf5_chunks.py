@@ -66,18 +66,18 @@ class Rows:
         self._kept: UncheckedArray = np.zeros(0, self.dtype)
         self._charged = 0
         if any(number not in (_SHUFFLE, _FLETCHER) for number in self._filters):
-            self._places = list(
+            self._positions = list(
                 itertools.product(
                     *(range(0, side, step) for side, step in zip(dataset.shape[1:], dataset.chunks[1:], strict=True))
                 )
             )
             self._chunk_bytes = math.prod(dataset.chunks) * self.dtype.itemsize
-            self._charged = len(self._places) * self._chunk_bytes
+            self._charged = len(self._positions) * self._chunk_bytes
             budget.take(self._charged, f"a chunk of {dataset.name}")
 
     @property
     def chunk(self) -> int | None:
-        """Rows of a chunk, None where there are none."""
+        """Return the rows of a chunk, None where there are none."""
         chunks = self._dataset.chunks
         return None if chunks is None else int(chunks[0])
 
@@ -115,12 +115,12 @@ class Rows:
         if first != self._first:
             self._first, self._kept = -1, self._kept[:0]
             with decoding(self._path, f"{self._dataset.name}, the chunk at {first}"):
-                if len(self._places) == 1:
-                    self._kept = self._unpack((first, *self._places[0]))
+                if len(self._positions) == 1:
+                    self._kept = self._unpack((first, *self._positions[0]))
                 else:
                     shape = (min(self._dataset.chunks[0], len(self._dataset) - first), *self._dataset.shape[1:])
                     self._kept = np.empty(shape, self.dtype)
-                    for position in self._places:
+                    for position in self._positions:
                         columns = self._unpack((first, *position))
                         inside = (slice(o, o + n) for o, n in zip((0, *position), columns.shape, strict=True))
                         self._kept[tuple(inside)] = columns
@@ -133,11 +133,7 @@ class Rows:
         inside = tuple(
             slice(o, min(o + step, side)) for o, step, side in zip(position, dataset.chunks, dataset.shape, strict=True)
         )
-        stored = dataset.id.get_chunk_info_by_coord(position)
-        if stored.size > os.path.getsize(self._path):
-            message = f"a chunk of {dataset.name} is damaged: it says {stored.size} bytes, more than the file has"
-            raise DecodeError(f"{os.fspath(self._path)}: {message}")
-        skipped, data = dataset.id.read_direct_chunk(position)
+        skipped, data = stored_chunk(self._path, dataset, position)
         filters = [number for k, number in enumerate(self._filters) if not skipped >> k & 1]
         if filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE]) and self._is_plain():
             with self._budget.borrow(2 * self._chunk_bytes, f"a chunk of {dataset.name}"):
@@ -170,6 +166,20 @@ class Rows:
         return np.frombuffer(values, self.dtype)
 
 
+def stored_chunk(path: str | os.PathLike[str], dataset: h5py.Dataset, position: tuple[int, ...]) -> tuple[int, bytes]:
+    """Return a chunk as it lies in the file, after a mask that has a bit for each filter that it went past.
+
+    Raises:
+        DecodeError: if it says more bytes than the file has.
+    """
+    stored = dataset.id.get_chunk_info_by_coord(position)
+    if stored.size > os.path.getsize(path):
+        message = f"a chunk of {dataset.name} is damaged: it says {stored.size} bytes, more than the file has"
+        raise DecodeError(f"{os.fspath(path)}: {message}")
+    skipped, data = dataset.id.read_direct_chunk(position)
+    return int(skipped), data
+
+
 def check_dataset(
     path: str | os.PathLike[str], dataset: h5py.Dataset, rows: int, limit: int, row: tuple[int | None, ...] = ()
 ) -> None:
@@ -179,14 +189,26 @@ def check_dataset(
     Raises:
         DecodeError: for the first rule that is broken.
     """
-    name, file = dataset.name, os.fspath(path)
     row_shape = dataset.shape[1:]
     fits = dataset.ndim == 1 + len(row) and all(want in (None, side) for want, side in zip(row, row_shape, strict=True))
     if not fits or dataset.dtype.kind not in "biuf":
         form = f"of rows {row}".replace("None", "any") if row else "one-dimensional"
-        raise DecodeError(f"{file}: {name} must be {form}, of numbers: found {dataset.shape}, {dataset.dtype}")
+        file = os.fspath(path)
+        raise DecodeError(f"{file}: {dataset.name} must be {form}, of numbers: found {dataset.shape}, {dataset.dtype}")
+    check_storage(path, dataset, rows, limit)
+
+
+def check_storage(path: str | os.PathLike[str], dataset: h5py.Dataset, rows: int, limit: int) -> None:
+    """Refuse a dataset that does not hold its first ``rows`` values in the file itself, whatever they are, in chunks
+    that are within the limit.
+
+    Raises:
+        DecodeError: for the first rule that is broken.
+    """
+    name, file = dataset.name, os.fspath(path)
+    row_shape = dataset.shape[1:]
     size = math.prod(row_shape) * dataset.dtype.itemsize
-    if row and size > limit:
+    if row_shape and size > limit:
         raise above_limit(path, f"a row of {name}", limit)
     if dataset.is_virtual or dataset.external or not os.path.samefile(dataset.file.filename, path):
         raise DecodeError(f"{file}: {name} lies in another file: it must be in this one")

@@ -20,7 +20,7 @@ from ..._util.argument_error import ArgumentError
 from ..._util.untrusted import decoding, guarded
 from ..._util.whole_file import Workplace, require_no_file
 from ...events.arrays import EVENT_DTYPE, EventArray, as_events, concatenate_events
-from .blocks import Blocks, Place, refuse
+from .blocks import BlockPosition, Blocks, refuse
 from .destination import Destination, Limits, Target
 from .reading import ANY_SIZE, EventCheck, ReadRules
 
@@ -355,8 +355,8 @@ class EventReader(ABC):
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
         """Return all events with start_us <= t < stop_us, and perhaps others, as one array of the caller's."""
-        parts = (select(packet, start_us, stop_us, None) for packet in self._packets(CHUNK, start_us, stop_us))
-        return concatenate_events(list(parts))
+        selected = (select(packet, start_us, stop_us, None) for packet in self._packets(CHUNK, start_us, stop_us))
+        return concatenate_events(list(selected))
 
     def blocks(self) -> Blocks:
         """Return where the file's events are, so that :meth:`read_block` can read parts of it; reads the whole file
@@ -367,7 +367,7 @@ class EventReader(ABC):
         """
         refuse(self.path, f"{self.format} holds nothing to find a place by")
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         """Return the events of a block that :meth:`blocks` has given, unchecked.
 
         Raises:

@@ -49,7 +49,7 @@ class McapScan:
 
     def messages(self) -> Iterator[ScannedMessage]:
         """Yield all messages."""
-        with _Names(self._budget) as names, self._path.open("rb") as file:
+        with _ChannelNames(self._budget) as names, self._path.open("rb") as file:
             file.seek(len(MAGIC))
             for kind, length in self._records(file):
                 if kind in (_DATA_END, _FOOTER):
@@ -77,7 +77,7 @@ class McapScan:
         if not len(MAGIC) <= start < end:
             return None
         file.seek(start)
-        with _Names(self._budget) as names:
+        with _ChannelNames(self._budget) as names:
             for kind, length in self._records(file):
                 if kind in (_SCHEMA, _CHANNEL):
                     if length > self._limit:
@@ -85,7 +85,7 @@ class McapScan:
                     list(names.take(kind, memoryview(file.read(length)), 1.0))
             return names.topics() or None
 
-    def _in_order(self, chunk: bytes, names: _Names, fraction: float) -> Iterator[ScannedMessage]:
+    def _in_order(self, chunk: bytes, names: _ChannelNames, fraction: float) -> Iterator[ScannedMessage]:
         """Yield the messages of a chunk in order of time."""
         held = 0
         messages = []
@@ -140,7 +140,7 @@ class _Channel(NamedTuple):
     schema: int
 
 
-class _Names:
+class _ChannelNames:
     """Knows what channels and schemas are called, as far as they were read; its ``with`` charges them to the budget.
 
     A few bytes of a compressed chunk can make a name as long as the limit allows, and there may be 65,536 of each.
@@ -151,7 +151,7 @@ class _Names:
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, _Channel] = {}
 
-    def __enter__(self) -> _Names:
+    def __enter__(self) -> _ChannelNames:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -186,7 +186,7 @@ class _Names:
                 yield ScannedMessage(channel.topic, type_, t_ns, bytes(content[22:]), fraction)
 
 
-def _inside(path: Path, chunk: bytes, names: _Names, fraction: float) -> Iterator[ScannedMessage]:
+def _inside(path: Path, chunk: bytes, names: _ChannelNames, fraction: float) -> Iterator[ScannedMessage]:
     """Yield the messages of a chunk, in its own order."""
     position, content = 0, memoryview(chunk)
     while position < len(chunk):

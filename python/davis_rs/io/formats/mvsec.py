@@ -182,7 +182,7 @@ def _matrix(pose: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 
 class MvsecFormat(Hdf5Format):
-    """MVSEC's HDF5. It holds what float64 seconds do."""
+    """Describes MVSEC's HDF5. It holds what float64 seconds do."""
 
     name = "mvsec"
     holds = ALL_PARTS

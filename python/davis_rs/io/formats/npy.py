@@ -14,7 +14,7 @@ import numpy as np
 from ..._core import DecodeError
 from ..._util.untrusted import above_limit, decoding
 from ...events.arrays import EVENT_DTYPE, EventArray, as_events
-from .blocks import BLOCK, Blocks, Place, equal_blocks
+from .blocks import BLOCK, BlockPosition, Blocks, equal_blocks
 from .byte_writer import ByteWriter
 from .destination import Destination, naming
 from .interface import EventReader, Format, warn_truncated
@@ -134,7 +134,7 @@ class NpyReader(EventReader):
         self._warn_missing()
         return equal_blocks(self._events, BLOCK)
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         with self.path.open("rb") as file:
             file.seek(self._offset + int(position[0]) * self._dtype.itemsize)
             return to_events(np.fromfile(file, self._dtype, events), self.path)
@@ -157,8 +157,8 @@ class NpyReader(EventReader):
 
 
 class NpyFormat(Format):
-    """Without options. The file holds an array of :data:`davis_rs.EVENT_DTYPE`; written into a file or a seekable
-    stream.
+    """Describes .npy files, each an array of :data:`davis_rs.EVENT_DTYPE`; they are written to a file or a seekable
+    stream, without options.
 
     Source: NumPy, NEP 1 (a simple file format for NumPy arrays).
     """

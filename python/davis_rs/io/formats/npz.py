@@ -129,8 +129,9 @@ class CutReader(NpyReader):
 
 
 class NpzFormat(Format):
-    """Without options. The archive holds one array ``events`` of :data:`davis_rs.EVENT_DTYPE`, not compressed; read are
-    also archives of another single array of events, and compressed ones.
+    """Describes .npz archives of one array ``events`` of :data:`davis_rs.EVENT_DTYPE`, not compressed.
+
+    The writer has no options. Archives of another single array of events, and compressed ones, are read too.
 
     Source: NumPy, ``numpy.savez``; PKWARE, APPNOTE.TXT.
     """

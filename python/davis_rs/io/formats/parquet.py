@@ -17,7 +17,7 @@ from ..._util.budget import Budget
 from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
-from .blocks import UNKNOWN_US, Blocks, Place, blocks_of
+from .blocks import UNKNOWN_US, BlockPosition, Blocks, blocks_of
 from .destination import Destination, Limits, naming
 from .interface import CHUNK, EventReader, EventWriter, Format
 from .parquet_footer import MAGIC, RowGroup, check_pages, read_row_groups
@@ -188,7 +188,7 @@ class ParquetReader(EventReader):
         first_us = [_least_us(group) for _, group in groups]
         return blocks_of([group.rows for _, group in groups], first_us, [number for number, _ in groups])
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         return self._read_groups([int(position[0])])
 
     def _groups(self, start_us: int | None, stop_us: int | None) -> list[int]:
@@ -232,7 +232,7 @@ class ParquetReader(EventReader):
 
 
 class ParquetFormat(Format):
-    """Parquet."""
+    """Describes Parquet files with a column for each of t, x, y and p."""
 
     name = "parquet"
     suffixes = (".parquet", ".pq")

@@ -94,14 +94,14 @@ class PoseSample(NamedTuple):
     quaternion: npt.NDArray[np.float64]
 
 
-def check_map(what: str, image: npt.NDArray[np.generic], shape: Iterable[int], dtype: npt.DTypeLike) -> None:
+def check_map(name: str, image: npt.NDArray[np.generic], shape: Iterable[int], dtype: npt.DTypeLike) -> None:
     """Refuse an image that is not of the sensor's shape or of another type.
 
     Raises:
         ValueError: with what it should be and what it is.
     """
     if image.shape != tuple(shape) or image.dtype != np.dtype(dtype):
-        raise ValueError(f"{what} must be {np.dtype(dtype)} of shape {tuple(shape)}: got {image.dtype}, {image.shape}")
+        raise ValueError(f"{name} must be {np.dtype(dtype)} of shape {tuple(shape)}: got {image.dtype}, {image.shape}")
 
 
 def on_sensor(image: npt.NDArray[np.uint8], x: int, y: int, size: tuple[int, int] | None) -> npt.NDArray[np.uint8]:

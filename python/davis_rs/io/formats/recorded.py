@@ -13,7 +13,7 @@ from ..._core import DecodeError
 from ...events.arrays import EventArray
 from ..recordings import aedat3, camera_bytes
 from ..recordings.recording_file import RecordingFile, Remarks
-from .blocks import Blocks, Place, blocks_of, refuse
+from .blocks import BlockPosition, Blocks, blocks_of, refuse
 from .interface import EventReader, Format, warn_truncated
 from .parts import ImuSample, on_sensor
 from .reading import ANY_SIZE, ReadRules
@@ -110,10 +110,10 @@ class RecordedReader(RecordedParts, EventReader):
                 rows.append((len(events), first_us, piece.position))
                 number, last_us = number + len(events), int(events["t"][-1])
         self._found(remarks)
-        places = np.array([place for *_, place in rows], np.int64).reshape(len(rows), -1)
-        return blocks_of([count for count, *_ in rows], [first_us for _, first_us, _ in rows], places, last_us)
+        positions = np.array([position for *_, position in rows], np.int64).reshape(len(rows), -1)
+        return blocks_of([count for count, *_ in rows], [first_us for _, first_us, _ in rows], positions, last_us)
 
-    def read_block(self, position: Place, events: int) -> EventArray:
+    def read_block(self, position: BlockPosition, events: int) -> EventArray:
         return self.recording.events_at(tuple(position.tolist()))
 
 

@@ -49,8 +49,8 @@ def format_of_suffix(path: str | os.PathLike[str]) -> Format:
     if formats and formats[0].writable:
         return formats[0]
     known = ", ".join(dict.fromkeys(suffix for format in written_formats().values() for suffix in format.suffixes))
-    what = "stands for recordings, which are only read" if formats else "is no event format"
-    raise ArgumentError("the suffix of {!r} {} ({}): give {format}", os.fspath(path), what, known)
+    reason = "stands for recordings, which are only read" if formats else "is no event format"
+    raise ArgumentError("the suffix of {!r} {} ({}): give {format}", os.fspath(path), reason, known)
 
 
 def format_of_content(path: str | os.PathLike[str]) -> Format:

@@ -214,7 +214,7 @@ def _make_room(path: Path) -> None:
 
 
 class Ros2Format(Format):
-    """rosbag2, of ROS 2."""
+    """Describes rosbag2, of ROS 2."""
 
     name = "ros2"
     suffixes = (".mcap",)

@@ -130,8 +130,8 @@ class SqliteScan:
         for name, columns in _READ.items():
             if kinds_of[name] != ["table"]:
                 kinds = ", ".join(kinds_of[name])
-                what = f"{name} is a {kinds:.40}, not a table" if kinds else f"there is no table {name}"
-                raise DecodeError(f"{self._path}: {what}: a rosbag2 in SQLite has the tables {', '.join(_READ)}")
+                fault = f"{name} is a {kinds:.40}, not a table" if kinds else f"there is no table {name}"
+                raise DecodeError(f"{self._path}: {fault}: a rosbag2 in SQLite has the tables {', '.join(_READ)}")
             described = database.execute(f"PRAGMA table_xinfo({name})")
             computed = {str(column).lower() for _, column, *_, hidden in described if hidden}
             if not computed.isdisjoint(columns):

@@ -46,8 +46,9 @@ class TextReader(CoreReader):
 
 
 class TextFormat(Format):
-    """Options of the writer: ``size_line`` (False): a first line ``width height``, as rpg_e2vid asks for and others
-    reject.
+    """Describes text files of a line ``t x y p`` for each event.
+
+    Option of the writer: ``size_line`` (False), a first line ``width height``, as rpg_e2vid asks for and others reject.
 
     Source: Mueggler et al., IJRR 2017, section 4.
     """

@@ -85,17 +85,17 @@ def read_recording(
 def whole_recording(file: RecordingFile) -> Recording:
     """Read all that a file holds into memory; a :class:`RecordingWarning` tells of a cut end."""
     remarks, notes = Remarks(), list[str]()
-    parts = [piece.decoded for piece in file.pieces(remarks=remarks)]
+    decoded = [piece.decoded for piece in file.pieces(remarks=remarks)]
     for cut in remarks.cut:
         warnings.warn(f"{file.path}, {cut}", RecordingWarning, stacklevel=4)
-    events = concatenate_events([part.events for part in parts])
+    events = concatenate_events([piece.events for piece in decoded])
     width, height = file.size or spanned(events)
     events = inside(events, width, height, notes)
     recording = Recording(
         path=file.path, format=file.format, chip=file.chip, width=width, height=height,
-        events=events, imu=np.concatenate([EMPTY.imu, *(part.imu for part in parts)]),
-        frames=[frame for part in parts for frame in part.frames],
-        triggers=np.concatenate([EMPTY.triggers, *(part.triggers for part in parts)]), started=file.started,
+        events=events, imu=np.concatenate([EMPTY.imu, *(piece.imu for piece in decoded)]),
+        frames=[frame for piece in decoded for frame in piece.frames],
+        triggers=np.concatenate([EMPTY.triggers, *(piece.triggers for piece in decoded)]), started=file.started,
         accelerometer_range_g=file.accelerometer_range_g, gyroscope_range_deg_s=file.gyroscope_range_deg_s,
         cut=tuple(remarks.cut), notes=(*notes, *remarks.notes),
     )  # fmt: skip

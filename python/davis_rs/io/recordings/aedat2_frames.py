@@ -15,7 +15,7 @@ _WHITE, _LEAST_RESET, _PIXEL_SHIFT = 1023, 384, 6
 
 
 class Samples(NamedTuple):
-    """Columns of samples in the order of the file: time, place in the image, which read (0 reset, 1 signal), value."""
+    """Holds columns of samples in the order of the file: time, pixel, which read (0 reset, 1 signal), value."""
 
     t: npt.NDArray[np.int64]
     x: npt.NDArray[np.int64]
@@ -68,25 +68,25 @@ def assemble(samples: Samples, width: int, height: int, *, samples_count_double:
     return frames
 
 
-def _extent(places: npt.NDArray[np.int64]) -> tuple[int, int]:
+def _extent(coordinates: npt.NDArray[np.int64]) -> tuple[int, int]:
     """Return the first and the last column or row that holds more than single wrong samples."""
-    counts = np.bincount(places)
+    counts = np.bincount(coordinates)
     held = np.flatnonzero(8 * counts >= counts.max())
     return int(held[0]), int(held[-1])
 
 
 def _passes(samples: Samples, read: int, *, at_least: float) -> list[npt.NDArray[np.intp]]:
     """Return the samples of one read, split into passes over the image of at least ``at_least`` samples each."""
-    places = np.flatnonzero(samples.read == read)
-    x, y = samples.x[places], samples.y[places]
+    indices = np.flatnonzero(samples.read == read)
+    x, y = samples.x[indices], samples.y[indices]
     # Column by column or, where the wire's are swapped, row by row, and in either direction.
     slow, fast = (x, y) if np.count_nonzero(np.diff(x)) <= np.count_nonzero(np.diff(y)) else (y, x)
     slow_steps, fast_steps = np.diff(slow), np.diff(fast)
     within = fast_steps[slow_steps == 0]
     order = _way(slow_steps[slow_steps != 0]) * slow_steps * (1 << 16) + _way(within) * fast_steps
-    bounds = np.concatenate([[0], np.flatnonzero(order <= 0) + 1, [len(places)]])
+    bounds = np.concatenate([[0], np.flatnonzero(order <= 0) + 1, [len(indices)]])
     long = np.flatnonzero(np.diff(bounds) >= max(at_least, 1))
-    return [places[bounds[k] : bounds[k + 1]] for k in long]
+    return [indices[bounds[k] : bounds[k + 1]] for k in long]
 
 
 def _way(steps: npt.NDArray[np.int64]) -> int:

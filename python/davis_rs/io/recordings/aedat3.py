@@ -78,7 +78,7 @@ class Aedat3File(RecordingFile):
         remarks = Remarks() if remarks is None else remarks
         wanted = {kind for kind, what in _HOLD.items() if what in kinds}
         everything = set(kinds) == set(RECORDED_KINDS)
-        left_out, budget = _LeftOut(), Budget(self.path)
+        left_out, budget = _SkippedCounts(), Budget(self.path)
         with self.path.open("rb") as file:
             total = file.seek(0, 2)
             at = file.seek(self._start)
@@ -120,9 +120,9 @@ class Aedat3File(RecordingFile):
 
     def events_at(self, position: tuple[int, ...]) -> EventArray:
         with self.path.open("rb") as file:
-            return self._part(file, position, _LeftOut()).events
+            return self._part(file, position, _SkippedCounts()).events
 
-    def _part(self, file: BinaryIO, position: tuple[int, ...], left_out: _LeftOut) -> Decoded:
+    def _part(self, file: BinaryIO, position: tuple[int, ...], left_out: _SkippedCounts) -> Decoded:
         """Return the events of one kind that stand at a place, or those of them that a cut file still has."""
         at, kind, size, overflow, count = position
         file.seek(at)
@@ -145,7 +145,7 @@ class Aedat3File(RecordingFile):
         return EMPTY._replace(triggers=triggers)
 
 
-class _LeftOut:
+class _SkippedCounts:
     """Counts what was passed over: events that are not valid, and what is of other types."""
 
     def __init__(self) -> None:

@@ -43,9 +43,9 @@ class Aedat4File(RecordingFile):
         remarks = Remarks() if remarks is None else remarks
         core, others = Aedat4Recording(self.path, list(kinds), self._limit), 0
         total = max(self.path.stat().st_size, 1)
-        while (parts := core.read()) is not None:
-            others += parts["other_packets"]
-            decoded = Decoded(parts["events"], parts["imu"], parts["frames"], parts["triggers"])
+        while (arrays := core.read()) is not None:
+            others += arrays["other_packets"]
+            decoded = Decoded(arrays["events"], arrays["imu"], arrays["frames"], arrays["triggers"])
             yield Piece(decoded, min(core.bytes / total, 1.0))
         if others and set(kinds) == set(RECORDED_KINDS):
             remarks.notes.append(f"{others} packets of other streams left out; read is the first of each kind")

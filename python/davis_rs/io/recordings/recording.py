@@ -97,7 +97,7 @@ class Recording:
         return replace(self, events=events, imu=imu, frames=frames, triggers=triggers)
 
 
-def known_chip(given: str | None, found: str) -> str:
+def known_chip(given: str | None, text: str) -> str:
     """Return the decoder's name of the camera's chip: the one given, or the one that a file's text names; or empty.
 
     Raises:
@@ -105,7 +105,7 @@ def known_chip(given: str | None, found: str) -> str:
     """
     if given is not None:
         return Device(given).chip
-    match = re.search(r"(?i:davis)(128|240|346|640)(?:([ABCabc])(?![a-z]))?", found)
+    match = re.search(r"(?i:davis)(128|240|346|640)(?:([ABCabc])(?![a-z]))?", text)
     if match is None:
         return ""
     size, letter = match[1], (match[2] or "").upper()

@@ -20,7 +20,7 @@ from .surface_lattice import RefinementRule, SampledLight, SurfaceLattice, refin
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Known = tuple[FloatArray, FloatArray]
-Places = tuple[FloatArray, FloatArray, IntArray]
+SurfacePoints = tuple[FloatArray, FloatArray, IntArray]
 Gathered = Callable[..., FloatArray]
 
 BAKE_ERROR = 0.01
@@ -73,7 +73,7 @@ def bake(
     """
     start = time.monotonic()
     lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames)
-    job = _Job(surfaces, lattice, error, seen)
+    job = _BakeJob(surfaces, lattice, error, seen)
     taken, motion_error = job.instants(times, lights_at)
     job.count = len(taken)
     states = []
@@ -81,32 +81,36 @@ def bake(
         job.state = "" if len(taken) == 1 else f"instant {number + 1} of {len(taken)}: "
         lights = lights_at(float(times.tests[which]))
         states.append((lights, *job.sampled(lights)))
-    every = [part for _, sampled, _ in states for parts in sampled for part in parts]
-    divisions = np.max([np.zeros(len(lattice.faces), np.int64), *(part.divisions() for part in every)], axis=0)
+    every = [component for _, sampled, _ in states for components in sampled for component in components]
+    divisions = np.max(
+        [np.zeros(len(lattice.faces), np.int64), *(component.divisions() for component in every)], axis=0
+    )
     of_sides = job.of_sides(divisions)
     layouts = layouts_of(of_sides)
-    texels = [[texels_of(lattice, parts, divisions, layouts) for parts in sampled] for _, sampled, _ in states]
+    texels = [
+        [texels_of(lattice, components, divisions, layouts) for components in sampled] for _, sampled, _ in states
+    ]
     if job.points == 0 and any(light.bounces or light.direct_parts for lights, *_ in states for light in lights):
         raise RuntimeError("light was baked at no point, although it falls on surfaces: this is a fault of davis_rs")
     job.state = ""
     seen("what it errs", job.points, job.points + _MEASURED)
-    found = [(lights, gathered, maps) for (lights, _, gathered), maps in zip(states, texels, strict=True)]
+    mapped_states = [(lights, gathered, maps) for (lights, _, gathered), maps in zip(states, texels, strict=True)]
     follows = len(taken) == 1 or (times.fine and motion_error <= MOTION_TOLERANCE * error)
     return LightMaps(
         of_sides,
-        [one for maps in texels for one in maps],
+        [texels_of_light for maps in texels for texels_of_light in maps],
         times.tests[taken],
-        job.measured(found, layouts),
+        job.measured(mapped_states, layouts),
         motion_error,
         job.points,
         job.most_samples,
-        all(part.complete for part in every) and follows,
+        all(component.complete for component in every) and follows,
         time.monotonic() - start,
     )
 
 
-class _Job:
-    """What all lights of a bake share."""
+class _BakeJob:
+    """Bakes the lights of one scene: holds what all of them share, and counts points and samples."""
 
     def __init__(
         self, surfaces: Surfaces, lattice: SurfaceLattice, error: float, seen: Callable[[str, int, int], None]
@@ -115,27 +119,27 @@ class _Job:
         self._diagonal = float(np.linalg.norm(np.ptp(surfaces.corners.reshape(-1, 3), axis=0)))
         self.points, self.count, self.state = 0, 1, ""
         self.most_samples = (0, 0)
-        self._pilots = self.places(_PILOTS, 0)
+        self._pilots = self.surface_points(_PILOTS, 0)
         self._least = dict[tuple[int, int], int]()
 
-    def _told(self, what: str) -> Callable[[int, int], None]:
-        what = self.state + what
-        return lambda done, expected: self._seen(what, self.points + done, self.points + expected)
+    def _told(self, task: str) -> Callable[[int, int], None]:
+        task = self.state + task
+        return lambda done, expected: self._seen(task, self.points + done, self.points + expected)
 
     def instants(
         self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]
     ) -> tuple[list[int], float]:
-        """Chooses at which of ``times.tests`` light is baked, and gives the error between them."""
+        """Choose at which of ``times.tests`` light is baked, and return the error between them too."""
         tests = len(times.tests)
         if tests == 1:
             return [0], 0.0
-        spots = self._near_bodies(times, lights_at)
+        points = self._near_bodies(times, lights_at)
 
         def luma_at(number: int) -> FloatArray:
             self._seen("light while bodies move", number, tests)
             luma = np.zeros((2, _MOTION_PILOTS))
             for light in lights_at(float(times.tests[number])):
-                at = light.placed(*spots)
+                at = light.placed(*points)
                 for shift in (0, 1):
                     luma[shift] += light.glimpsed(*at, _MOTION_SAMPLES, shift) @ LUMA_WEIGHTS
             return luma
@@ -143,52 +147,52 @@ class _Job:
         return chosen(luma_at, tests, MOTION_TOLERANCE * self._error)
 
     def sampled(self, lights: Sequence[Irradiance]) -> tuple[list[list[SampledLight]], list[Gathered | None]]:
-        """All parts of each light at one instant, and what gathers its bounces."""
+        """Return all components of each light at one instant, and what gathers its bounces."""
         error = self._error
         total = sum((_glimpse(light, *self._pilots) for light in lights), np.zeros((_PILOTS, 3)))
         sampled = list[list[SampledLight]]()
         gathered = list[Gathered | None]()
         for number, light in enumerate(lights):
-            parts = list[SampledLight]()
+            components = list[SampledLight]()
             for kind, shining in enumerate(light.direct_parts):
                 samples, off = self._enough((number, kind), light, shining, total)
-                parts.append(self.direct(light, partial(shining, samples=samples), off, total))
-            gathered.append(self.reflected(light, parts) if light.bounces else None)
-            sampled.append(parts)
-        for number, (light, parts, gather) in enumerate(zip(lights, sampled, gathered, strict=True)):
+                components.append(self.direct(light, partial(shining, samples=samples), off, total))
+            gathered.append(self.reflected(light, components) if light.bounces else None)
+            sampled.append(components)
+        for number, (light, components, gather) in enumerate(zip(lights, sampled, gathered, strict=True)):
             if gather is not None:
                 samples, off = self._enough((number, -1), light, gather, total)
-                parts.append(self.bounced(light, gather, samples, error, off))
+                components.append(self.bounced(light, gather, samples, error, off))
         return sampled, gathered
 
-    def _enough(self, of: tuple[int, int], light: Irradiance, part: Gathered, total: FloatArray) -> tuple[int, float]:
-        """How many samples a place needs; not fewer than at the instant before, so that errors stay alike."""
-        least = self._least.get(of, FEWEST_SAMPLES)
-        samples, off = _enough_samples(part, light.placed(*self._pilots), total, self._error, least)
-        self._least[of] = samples
+    def _enough(self, key: tuple[int, int], light: Irradiance, lit: Gathered, total: FloatArray) -> tuple[int, float]:
+        """Return how many samples a point needs; not fewer than at the instant before, so that errors stay alike."""
+        least = self._least.get(key, FEWEST_SAMPLES)
+        samples, off = _enough_samples(lit, light.placed(*self._pilots), total, self._error, least)
+        self._least[key] = samples
         direct, bounced = self.most_samples
-        self.most_samples = (direct, max(bounced, samples)) if of[1] < 0 else (max(direct, samples), bounced)
+        self.most_samples = (direct, max(bounced, samples)) if key[1] < 0 else (max(direct, samples), bounced)
         return samples, off
 
     def _refined(
-        self, what: str, light_at: Callable[[FloatArray, FloatArray, IntArray], Known], rule: RefinementRule
+        self, task: str, light_at: Callable[[FloatArray, FloatArray, IntArray], Known], rule: RefinementRule
     ) -> SampledLight:
-        sampled = refine(self._lattice, light_at, rule, self._told(what))
+        sampled = refine(self._lattice, light_at, rule, self._told(task))
         self.points += len(sampled.values)
         return sampled
 
     def direct(self, light: Irradiance, shining: Gathered, off: float, total: FloatArray) -> SampledLight:
-        """Direct light.
+        """Sample direct light.
 
         Args:
             off: what it errs at each place.
-            total: all light at some places. Direct light that is weak next to it need not be known so well.
+            total: all light at some points. Direct light that is weak next to it need not be known so well.
         """
         luma = total @ LUMA_WEIGHTS
         typical = float(np.quantile(luma[luma > 0], 0.1)) if (luma > 0).any() else 0.0
 
-        def lit(*spots: Any) -> Known:
-            at = light.placed(*spots)
+        def lit(*points: Any) -> Known:
+            at = light.placed(*points)
             values = _unless_buried(light, *at, shining(*at))
             return values, np.full(len(values), typical)
 
@@ -197,10 +201,10 @@ class _Job:
         return self._refined("direct light", lit, rule)
 
     def bounced(self, light: Irradiance, gather: Gathered, rays: int, error: float, off: float = 0.0) -> SampledLight:
-        """What surfaces reflect; ``off``: what it errs at each place."""
+        """Sample what surfaces reflect; ``off`` is what it errs at each point."""
 
-        def bounced(*spots: Any) -> Known:
-            at = light.placed(*spots)
+        def bounced(*points: Any) -> Known:
+            at = light.placed(*points)
             values = _unless_buried(light, *at, gather(*at, samples=rays))
             return values, light.direct(*at, FEWEST_SAMPLES) @ LUMA_WEIGHTS
 
@@ -208,7 +212,7 @@ class _Job:
         return self._refined("bounces", bounced, rule)
 
     def reflected(self, light: Irradiance, direct: list[SampledLight]) -> Gathered:
-        """A function that gathers what surfaces reflect of direct light and of all bounces but the last."""
+        """Return a function that gathers what surfaces reflect of direct light and of all bounces but the last."""
         reflected = None
         if direct:
             maps = self._direct_maps(direct, direct)
@@ -222,8 +226,8 @@ class _Job:
             else:
                 told = self._told(f"bounce {bounce}")
                 told(0, len(bounced.values))
-                more = bounced.with_light(partial(_at_spots, light, partial(gather, samples=COARSE_SAMPLES)))
-                was, now = (part.values.sum() for part in (bounced, more))
+                more = bounced.with_light(partial(_light_at, light, partial(gather, samples=COARSE_SAMPLES)))
+                was, now = (component.values.sum() for component in (bounced, more))
                 bounced, change = more, (now - was) / now if now > 0 else 0.0
             gather = partial(light.gathered, reflected=maps.with_bounces(self._lattice, bounced))
             if change < _SETTLED * self._error:
@@ -231,47 +235,52 @@ class _Job:
         return gather
 
     def _direct_maps(self, direct: list[SampledLight], divided: list[SampledLight]) -> _DirectMaps:
-        """Maps of direct light, as finely divided as any of ``divided``."""
-        divisions = np.max([part.divisions() for part in divided], axis=0)
+        """Make maps of direct light, as finely divided as any of ``divided``."""
+        divisions = np.max([component.divisions() for component in divided], axis=0)
         layouts = layouts_of(self.of_sides(divisions))
         return _DirectMaps(divisions, layouts, texels_of(self._lattice, direct, divisions, layouts))
 
     def of_sides(self, divisions: IntArray) -> IntArray:
-        """Divisions (t, 2) of fronts and backs, -1 for backs that do not reflect, from those of the lattice's sides."""
+        """Return divisions (t, 2) of fronts and backs, from those of the lattice's sides.
+
+        Backs that do not reflect have -1.
+        """
         of_sides = np.full((len(self._surfaces.corners), 2), -1, np.int64)
         of_sides[self._lattice.triangles, side_of(self._lattice)] = divisions
         return of_sides
 
-    def places(self, count: int, seed: int) -> Places:
-        """Places spread over the surfaces, by area, their normals and frames."""
-        places, face, _ = self._spread(count, seed)
+    def surface_points(self, count: int, seed: int) -> SurfacePoints:
+        """Draw points spread over the surfaces, by area; return positions, normals and frames."""
+        positions, face, _ = self._spread(count, seed)
         vertex = self._lattice.faces[face, 0]
-        return places, self._lattice.normals[vertex], self._lattice.frames[vertex]
+        return positions, self._lattice.normals[vertex], self._lattice.frames[vertex]
 
-    def _near_bodies(self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]) -> Places:
-        """Places as :meth:`places` gives them. Half of them are on bodies that move; most of the others are near these
-        bodies."""
+    def _near_bodies(self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]) -> SurfacePoints:
+        """Draw points as :meth:`surface_points` does. Half of them are on bodies that move; most of the others are near
+        these bodies."""
         half, moving = _MOTION_PILOTS // 2, self._lattice.frames[self._lattice.faces[:, 0]] > 0
-        own = self._known_places(*self._spread(half, 2, moving))
-        still = self._known_places(*self._spread(_CANDIDATES, 3, ~moving))
+        own = self._with_normals(*self._spread(half, 2, moving))
+        still = self._with_normals(*self._spread(_CANDIDATES, 3, ~moving))
         passed = [lights_at(float(t_s))[0].placed(*own)[0] for t_s in times.tests[:: max(len(times.tests) // 8, 1)]]
         size = float(np.linalg.norm(np.ptp(passed[0], axis=0)))
         away = np.min([np.linalg.norm(still[0][:, None] - at[None, ::8], axis=-1).min(1) for at in passed], axis=0)
         weight = 1 / (away**2 + size**2)
         near = np.random.RandomState(4).choice(_CANDIDATES, half, replace=False, p=weight / weight.sum())
-        places, normals, frames = (np.concatenate([mine, other[near]]) for mine, other in zip(own, still, strict=True))
-        return places, normals, frames
+        positions, normals, frames = (
+            np.concatenate([mine, other[near]]) for mine, other in zip(own, still, strict=True)
+        )
+        return positions, normals, frames
 
-    def _known_places(self, places: FloatArray, face: IntArray, weight: FloatArray) -> Places:
+    def _with_normals(self, positions: FloatArray, face: IntArray, weight: FloatArray) -> SurfacePoints:
         vertex = self._lattice.faces[face]
         normals = np.einsum("nk,nkd->nd", weight, self._lattice.normals[vertex])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return places, normals, self._lattice.frames[vertex[:, 0]]
+        return positions, normals, self._lattice.frames[vertex[:, 0]]
 
     def _spread(
         self, count: int, seed: int, among: npt.NDArray[np.bool_] | None = None
     ) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Places by area, the sides they are on, and shares of the corners."""
+        """Draw points by area; return them, the sides they are on, and their barycentric coordinates."""
         corners = self._lattice.positions[self._lattice.faces]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         if among is not None and area[among].any():
@@ -286,47 +295,47 @@ class _Job:
         states: Sequence[tuple[Sequence[Irradiance], Sequence[Gathered | None], Sequence[npt.NDArray[np.float32]]]],
         layouts: IntArray,
     ) -> float:
-        """How much maps err: at places between their points, against light from many more samples.
+        """Measure how much maps err between their points, against light from many more samples.
 
-        The error, relative to all light, than which two of three places err less. Those without light do not count.
+        Two of three points err less than this error, which is relative to all light. Those without light do not count.
 
         Args:
             states: lights, what gathers their bounces, and their maps, at each instant, which has its share of the
-                places.
+                points.
         """
-        places, face, weight = self._spread(_MEASURED, 1)
+        positions, face, weight = self._spread(_MEASURED, 1)
         lattice = self._lattice
-        spots = self._known_places(places, face, weight)
+        points = self._with_normals(positions, face, weight)
         of_face = layouts[lattice.triangles[face], side_of(lattice)[face]]
-        truth, found, others = (np.zeros((_MEASURED, 3)) for _ in range(3))
+        truth, from_maps, others = (np.zeros((_MEASURED, 3)) for _ in range(3))
         for number, (lights, gathered, texels) in enumerate(states):
             mine = slice(number, None, len(states))
             for light, gather, maps in zip(lights, gathered, texels, strict=True):
-                at = light.placed(spots[0][mine], spots[1][mine], spots[2][mine])
+                at = light.placed(points[0][mine], points[1][mine], points[2][mine])
                 if light.has_direct:
                     truth[mine] += light.direct(*at, samples=TRUE_SAMPLES, shift=_TRUE_SHIFT)
                 if gather is not None:
                     truth[mine] += gather(*at, samples=TRUE_SAMPLES, shift=_TRUE_SHIFT)
-                found[mine] += looked_up(maps, of_face[mine], weight[mine])
+                from_maps[mine] += looked_up(maps, of_face[mine], weight[mine])
                 others[mine] += light.sharp(*at)
         luma = (truth + others) @ LUMA_WEIGHTS
         lit = luma > 1e-3 * (np.median(luma[luma > 0]) if (luma > 0).any() else 0.0)
         if not lit.any():
             return 0.0
-        off = (found - truth) @ LUMA_WEIGHTS
+        off = (from_maps - truth) @ LUMA_WEIGHTS
         return float(np.quantile(np.abs(off)[lit] / luma[lit], _TWO_OF_THREE))
 
     def _rule(self, distances: tuple[float, float], error: float, tolerance: float) -> RefinementRule:
         # What linear interpolation errs grows with the square of the distance.
         wider = float(np.clip(np.sqrt(error / BAKE_ERROR), 0.25, 4.0))
-        spacing, finest = (share * self._diagonal * wider for share in distances)
+        spacing, finest = (fraction * self._diagonal * wider for fraction in distances)
         # Once its middle is known, an edge errs by a quarter of what it did before.
         return RefinementRule(spacing, finest, tolerance, 4 * MOST_POINTS // (3 + self.count))
 
 
 @dataclass(frozen=True)
 class _DirectMaps:
-    """Maps of direct light, to which light that bounces is added as often as it does, always at the same points.
+    """Holds maps of direct light, to which light that bounces is added as often as it does, at the same points.
 
     Attributes:
         divisions: of the lattice's sides, for both.
@@ -342,28 +351,28 @@ class _DirectMaps:
         return Reflected(self.layouts, texels_of(lattice, [bounced], self.divisions, self.layouts, self.texels))
 
 
-def _unless_buried(light: Irradiance, places: FloatArray, normals: FloatArray, values: FloatArray) -> FloatArray:
-    """Light (n, 3), NaN where none can come."""
+def _unless_buried(light: Irradiance, positions: FloatArray, normals: FloatArray, values: FloatArray) -> FloatArray:
+    """Return light (n, 3), with NaN where none can come."""
     dark = np.flatnonzero(values.sum(1) == 0)
     if len(dark):
-        values[dark[light.is_buried(places[dark], normals[dark])]] = np.nan
+        values[dark[light.is_buried(positions[dark], normals[dark])]] = np.nan
     return values
 
 
-def _at_spots(light: Irradiance, lit: Gathered, *spots: Any) -> FloatArray:
-    """Light at places in their own frames."""
-    return lit(*light.placed(*spots))
+def _light_at(light: Irradiance, lit: Gathered, *points: Any) -> FloatArray:
+    """Return the light at points in their own frames."""
+    return lit(*light.placed(*points))
 
 
-def _glimpse(light: Irradiance, *spots: Any) -> FloatArray:
-    """A first idea of a light at places in their own frames."""
-    return light.glimpsed(*light.placed(*spots), _GLIMPSE_SAMPLES)
+def _glimpse(light: Irradiance, *points: Any) -> FloatArray:
+    """Estimate a light, from few samples, at points in their own frames."""
+    return light.glimpsed(*light.placed(*points), _GLIMPSE_SAMPLES)
 
 
 def _enough_samples(
     light: Gathered, pilots: tuple[FloatArray, FloatArray], total: FloatArray, error: float, samples: int
 ) -> tuple[int, float]:
-    """How many samples a place needs (at least ``samples``), and its error with them as a share of all light."""
+    """Return how many samples a point needs, at least ``samples``, and its error with them: a fraction of all light."""
     while True:
         batches = np.array([light(*pilots, samples=samples, shift=shift) for shift in range(_SHIFTS)])
         off = relative_error(batches, total)

@@ -1,4 +1,4 @@
-"""The baked light of a scene: from the cache, or computed now."""
+"""Gives the baked light of a scene: from the cache, or computed now."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _known: dict[str, LightMaps] = {}
 
 @dataclass(frozen=True)
 class BakedLight:
-    """Light on the surfaces of a scene, and what its lamps and its sky look like themselves.
+    """Holds the light on the surfaces of a scene, and what its lamps and its sky look like themselves.
 
     Attributes:
         maps: irradiance, for each instant and group of lights.
@@ -80,14 +80,14 @@ class BakedLight:
 
     @property
     def description(self) -> str:
-        """What it is, for people."""
+        """Describe the light, for people."""
         maps = self.maps
         coarse = "" if maps.complete else f", coarser than asked for: {self._limits} at most"
         return f"baked light at {maps.points:,} points, whose error is estimated at {self.errors}{coarse}"
 
     @property
     def errors(self) -> str:
-        """How much it errs, for people."""
+        """Say how much the light errs, for people."""
         maps, count = self.maps, len(self.maps.instants)
         error = f"{100 * maps.error:.2g} %"
         if count == 1:
@@ -102,7 +102,7 @@ class BakedLight:
         return f"there are {MOST_POINTS:,} points for each part of the light{instants}"
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How much the light of each instant (k) counts at times (n,), and its rates per second, (n, k) each.
+        """Return how much the light of each instant (k) counts at times (n,), and its rates per second, (n, k) each.
 
         Raises:
             ValueError: for times that it is not baked for.
@@ -192,9 +192,9 @@ def baked_light(
         lights_at = irradiance_of(loaded, mi, surfaces, names, kept, motion)
         with progress("baking light", 0, unit="points") as bar, cache.kept_if_stopped(key, kept):
 
-            def seen(what: str, done: int, expected: int) -> None:
+            def seen(task: str, done: int, expected: int) -> None:
                 bar.total = max(bar.total, expected)
-                bar.to(done, what)
+                bar.to(done, task)
 
             maps = bake(surfaces, times, lights_at, error, seen=seen)
         say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
@@ -217,21 +217,21 @@ def baked_light(
 
 
 def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
-    """Time and poses of the objects at all instants at which light may be baked, (instants, 1 + 12 objects)."""
+    """Return time and poses of the objects at all instants at which light may be baked, (instants, 1 + 12 objects)."""
     poses = motion.at(times.tests).objects
-    places = [np.hstack([pose.positions, pose.rotations.reshape(-1, 9)]) for pose in poses]
-    return np.hstack([times.tests[:, None], *places])
+    poses_by_object = [np.hstack([pose.positions, pose.rotations.reshape(-1, 9)]) for pose in poses]
+    return np.hstack([times.tests[:, None], *poses_by_object])
 
 
 def _content(scene: MitsubaScene, mi: Mitsuba, surfaces: Surfaces, poses: FloatArray) -> str:
-    """A hash of surfaces, materials and lights, and of how they move."""
+    """Return a hash of surfaces, materials and lights, and of how they move."""
     digest = hashlib.sha256(surfaces.looks)
     for array in (surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, poses):
         digest.update(repr(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())
-    for part in _parts(scene):
-        parameters = mi.traverse(part)
-        digest.update(f"{part.class_name()} {part}".encode())
+    for plugin in _parts(scene):
+        parameters = mi.traverse(plugin)
+        digest.update(f"{plugin.class_name()} {plugin}".encode())
         for name in sorted(key for key, _ in parameters):
             value = numbers(parameters[name])
             digest.update(f"{name} {value.shape} {value.dtype}".encode())

@@ -1,4 +1,4 @@
-"""Baked light is kept in the user's cache folder, under a hash of all that it follows from."""
+"""Keeps baked light in the user's cache folder, under a hash of all that it follows from."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _Content = TypeVar("_Content")
 
 
 def cache_folder() -> Path | None:
-    """The folder in which baked light is kept; None if it is not kept."""
+    """Return the folder in which baked light is kept; None if it is not kept."""
     named = os.environ.get(FOLDER_VARIABLE)
     if named is not None:
         return Path(named) if named else None
@@ -39,7 +39,7 @@ def cache_folder() -> Path | None:
 
 
 def load(key: str, check: Callable[[LightMaps], object]) -> LightMaps | None:
-    """What is kept under a key; None where there is nothing, or it is damaged, which is said in one line.
+    """Return what is kept under a key; None where there is nothing, or it is damaged, which is said in one line.
 
     Args:
         check: raises a ValueError for light that is not that of the scene.
@@ -54,7 +54,7 @@ def load(key: str, check: Callable[[LightMaps], object]) -> LightMaps | None:
 
 
 def holds(key: str) -> bool:
-    """Whether anything is kept under a key."""
+    """Return whether anything is kept under a key."""
     folder = cache_folder()
     return folder is not None and (folder / (key + _SUFFIX)).is_file()
 
@@ -73,7 +73,7 @@ def store(key: str, maps: LightMaps) -> None:
 
 
 def load_partial(key: str) -> PartialBake:
-    """What a bake that was stopped has left under a key, or nothing yet."""
+    """Return what a bake that was stopped has left under a key, or nothing yet."""
     kept = _read(key + _PARTIAL_SUFFIX, PartialBake)
     if kept is None:
         return PartialBake()
@@ -121,7 +121,7 @@ def _read(name: str, unpacked: Callable[[bytes], _Content]) -> _Content | None:
 
 
 def _write(folder: Path, name: str, data: bytes, otherwise: str) -> bool:
-    """Whether it could be written; if not, a line says what happens ``otherwise``."""
+    """Write a file, and return whether that worked; if not, a line says what happens ``otherwise``."""
     temporary: str | None = None
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Instants at which the light of a scene with moving bodies is baked; between two of them it is linear in time.
+"""Chooses the instants at which the light of a scene with moving bodies is baked; between two it is linear in time.
 
 Light is first computed at a few places and at many instants of the motion. Of these, as many are taken as straight
 lines between them need. Each place has two estimates with random numbers of their own, and squares are products of
@@ -34,7 +34,7 @@ _TOLERANCE_S = 1e-4
 
 @dataclass(frozen=True)
 class MotionTimes:
-    """The instants that matter to bodies that move.
+    """Holds the instants that matter to bodies that move.
 
     Attributes:
         tests: seconds (k), instants at which light is compared, as many as the bodies go far; (1) if all stand still.
@@ -64,7 +64,7 @@ class MotionTimes:
 
 
 def motion_times(motion: SceneMotion, duration_s: float | None) -> MotionTimes:
-    """Finds the instants at which a motion is to be looked at.
+    """Find the instants at which a motion is to be looked at.
 
     Args:
         duration_s: of the camera's path, from 0 on; None where there is none: as long as any object moves.
@@ -95,7 +95,7 @@ def motion_times(motion: SceneMotion, duration_s: float | None) -> MotionTimes:
 def chosen(
     luma_at: Callable[[int], FloatArray], tests: int, tolerance: float, most: int = MOST_INSTANTS
 ) -> tuple[list[int], float]:
-    """Which of many instants light needs to be known at.
+    """Choose at which of many instants light needs to be known.
 
     Args:
         luma_at: two estimates of light at n places (2, n) at one of the instants.
@@ -108,8 +108,8 @@ def chosen(
     """
     luma = np.array([luma_at(number) for number in range(tests)])
     mean = luma.mean((0, 1))
-    shares = np.divide(luma, mean, out=np.ones_like(luma), where=mean > 0)
-    change = shares - shares.mean(0)
+    relative = np.divide(luma, mean, out=np.ones_like(luma), where=mean > 0)
+    change = relative - relative.mean(0)
     moved = np.sqrt((change[:, 0] * change[:, 1]).mean(0).clip(min=0.0)) > tolerance / 2
     taken = [0, tests - 1]
     while True:
@@ -117,7 +117,7 @@ def chosen(
         for first, last in pairwise(taken):
             inner = np.arange(first + 1, last)
             at = ((inner - first) / (last - first))[:, None, None]
-            off = shares[inner] - ((1 - at) * shares[first] + at * shares[last])
+            off = relative[inner] - ((1 - at) * relative[first] + at * relative[last])
             errors[inner] = _root_mean(off[:, 0, moved] * off[:, 1, moved])
         worst = int(errors.argmax())
         if errors[worst] <= tolerance or len(taken) >= most:
@@ -132,9 +132,9 @@ def _root_mean(squares: FloatArray) -> FloatArray:
 
 
 def hats(instants: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How much light of each instant (k) counts at times (n,), and the rates of that per second, (n, k) each.
+    """Return how much light of each instant (k) counts at times (n,), and the rates of that per second, (n, k) each.
 
-    Before the first and after the last of them it is theirs.
+    Before the first instant only the first counts, and after the last one only the last.
     """
     weights, rates = np.zeros((len(t_s), len(instants))), np.zeros((len(t_s), len(instants)))
     if len(instants) == 1:
@@ -143,8 +143,8 @@ def hats(instants: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]
     row = np.arange(len(t_s))
     cell = np.clip(np.searchsorted(instants, t_s, side="right") - 1, 0, len(instants) - 2)
     length = instants[cell + 1] - instants[cell]
-    share = np.clip((t_s - instants[cell]) / length, 0.0, 1.0)
-    weights[row, cell], weights[row, cell + 1] = 1 - share, share
+    fraction = np.clip((t_s - instants[cell]) / length, 0.0, 1.0)
+    weights[row, cell], weights[row, cell + 1] = 1 - fraction, fraction
     inside = (t_s >= instants[0]) & (t_s < instants[-1])
     rates[row, cell], rates[row, cell + 1] = np.where(inside, -1 / length, 0.0), np.where(inside, 1 / length, 0.0)
     return weights, rates

@@ -1,4 +1,4 @@
-"""Irradiance at places on surfaces: direct light from points on the lamps, the rest by final gathering.
+"""Computes irradiance at points on surfaces: direct light from points on the lamps, the rest by final gathering.
 
 Rays are traced by the Rust core. Directions and points on lamps are those of a rank-1 lattice (Cranley and Patterson,
 1976: shifted at random). The shift is a smooth function of the place: neighbours err alike, so that no noise lies on a
@@ -22,7 +22,7 @@ from .partial import PartialBake
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-_Places = tuple[FloatArray, FloatArray, FloatArray]
+_SurfacePoints = tuple[FloatArray, FloatArray, FloatArray]
 
 _RAYS_AT_ONCE = 1 << 22
 """Rays of one call of the core: Ctrl-C waits for them."""
@@ -42,7 +42,7 @@ _ENDLESS, _ENDLESS_ROULETTE = 1 << 10, 2
 
 @dataclass(frozen=True)
 class Surfaces:
-    """What is baked, in the order of the scene table's records.
+    """Holds the surfaces whose light is baked, in the order of the scene table's records.
 
     Attributes:
         corners: float64 (t, 3, 3), metres.
@@ -72,14 +72,14 @@ class Surfaces:
 
     @property
     def diagonal(self) -> float:
-        """Of the box around them, metres."""
+        """Return the diagonal of the box around the surfaces, in metres."""
         corners = self.corners.reshape(-1, 3)
         corners = corners[np.isfinite(corners).all(1)]
         return float(np.linalg.norm(np.ptp(corners, axis=0))) if len(corners) else 0.0
 
 
 class Reflected:
-    """Light that surfaces reflect, to be looked up where rays hit them.
+    """Holds the light that surfaces reflect, to be looked up where rays hit them.
 
     Args:
         layouts: (t, 2, 4): first texel, width, height of the map of each front and back.
@@ -95,7 +95,7 @@ class Reflected:
 
 @dataclass(frozen=True)
 class Paths:
-    """How long light's paths are, as Mitsuba's path tracer counts it: -1 for any length; 2 is direct light.
+    """Says how long light's paths are, as Mitsuba's path tracer counts it: -1 for any length; 2 is direct light.
 
     Attributes:
         max_depth: of paths.
@@ -107,7 +107,7 @@ class Paths:
 
 
 class Irradiance:
-    """Light of one of a scene's groups of lights, at one instant.
+    """Computes the light of one of a scene's groups of lights, at one instant.
 
     Args:
         sampler: the scene with its lights at that instant, made when it is first asked for.
@@ -117,7 +117,7 @@ class Irradiance:
         diagonal: of the scene, metres.
         name: tells this light from others of the scene.
         kept: what was computed before, and where more is kept.
-        poses: T_world_frame (k, 4, 4) of the frames of places, the world's own first; None where nothing moves.
+        poses: T_world_frame (k, 4, 4) of the frames of surfaces, the world's own first; None where nothing moves.
 
     Attributes:
         bounces: whether any light bounces that counts.
@@ -144,91 +144,93 @@ class Irradiance:
         gradient = np.array([[0.743, 0.528, 0.411], [-0.467, 0.812, 0.349]])
         self._shift_gradient = gradient / (_ALIKE_WITHIN * diagonal) if diagonal > 0 else 0 * gradient
 
-    def placed(self, places: FloatArray, normals: FloatArray, frames: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Places and normals (n, 3) in the world, of those in frames (n), at this light's instant."""
+    def placed(self, positions: FloatArray, normals: FloatArray, frames: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return positions and normals (n, 3) in the world, of those in frames (n), at this light's instant."""
         if self._poses is None:
-            return places, normals
-        return moved(self._poses, places, frames), turned(self._poses, normals, frames)
+            return positions, normals
+        return moved(self._poses, positions, frames), turned(self._poses, normals, frames)
 
-    def glimpsed(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        """All irradiance / pi, RGB (n, 3), as far as a few samples tell."""
-        glimpse = np.zeros((len(places), 3))
+    def glimpsed(self, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """Estimate all irradiance / pi, RGB (n, 3), from few samples."""
+        glimpse = np.zeros((len(positions), 3))
         if self.has_direct:
-            glimpse += self.direct(places, normals, samples, shift)
+            glimpse += self.direct(positions, normals, samples, shift)
         if self.bounces:
-            glimpse += self.traced(places, normals, samples, shift)
+            glimpse += self.traced(positions, normals, samples, shift)
         return glimpse
 
     @property
     def has_direct(self) -> bool:
-        """Whether any light shines directly that is baked."""
+        """Return whether any light that is baked shines directly."""
         return bool(self.direct_parts)
 
     @property
     def direct_parts(self) -> list[Callable[..., FloatArray]]:
-        """The methods :meth:`of_lamps` and :meth:`of_sky`, as far as the scene has such lights."""
+        """Return the methods :meth:`of_lamps` and :meth:`of_sky`, as far as the scene has such lights."""
         return [part for part, kind in ((self.of_lamps, "lamps"), (self.of_sky, "sky")) if kind in self._kinds]
 
-    def direct(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        """Direct irradiance / pi, RGB (n, 3), of all that is baked, from ``samples`` samples of each kind."""
-        return sum((part(places, normals, samples, shift) for part in self.direct_parts), np.zeros((len(places), 3)))
+    def direct(self, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """Compute direct irradiance / pi, RGB (n, 3), of all that is baked, from ``samples`` samples of each kind."""
+        return sum(
+            (part(positions, normals, samples, shift) for part in self.direct_parts), np.zeros((len(positions), 3))
+        )
 
-    def sharp(self, places: FloatArray, normals: FloatArray) -> FloatArray:
-        """Direct irradiance / pi, RGB (n, 3), of those lights of which only what bounces is baked."""
+    def sharp(self, positions: FloatArray, normals: FloatArray) -> FloatArray:
+        """Compute direct irradiance / pi, RGB (n, 3), of those lights of which only what bounces is baked."""
         if "sharp" not in self._kinds:
-            return np.zeros((len(places), 3))
-        return self._mean("sharp", places, normals, _SHARP_SAMPLES, 0, IrradianceSampler.of_sharp)
+            return np.zeros((len(positions), 3))
+        return self._mean("sharp", positions, normals, _SHARP_SAMPLES, 0, IrradianceSampler.of_sharp)
 
-    def of_lamps(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        """Direct irradiance / pi, RGB (n, 3), from ``samples`` points on each lamp."""
-        return self._mean("lamps", places, normals, samples, shift, IrradianceSampler.of_lamps)
+    def of_lamps(self, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """Compute direct irradiance / pi, RGB (n, 3), from ``samples`` points on each lamp."""
+        return self._mean("lamps", positions, normals, samples, shift, IrradianceSampler.of_lamps)
 
-    def of_sky(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        """Direct irradiance / pi, RGB (n, 3), of constant light and environment maps, from ``samples`` directions.
+    def of_sky(self, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """Compute direct irradiance / pi, RGB (n, 3), of a sky, constant or a map, from ``samples`` directions.
 
         Directions follow the cosine. Where the sky is a map, as many more follow its radiance; both are weighted by the
         balance heuristic (Veach and Guibas, 1995).
         """
-        return self._mean("sky", places, normals, samples, shift, IrradianceSampler.of_sky)
+        return self._mean("sky", positions, normals, samples, shift, IrradianceSampler.of_sky)
 
     def gathered(
-        self, places: FloatArray, normals: FloatArray, samples: int, reflected: Reflected | None, shift: int = 0
+        self, positions: FloatArray, normals: FloatArray, samples: int, reflected: Reflected | None, shift: int = 0
     ) -> FloatArray:
-        """Irradiance / pi of light that other surfaces reflect, RGB (n, 3), from ``samples`` rays.
+        """Compute irradiance / pi of light that other surfaces reflect, RGB (n, 3), from ``samples`` rays.
 
         Args:
             reflected: light that falls on the surfaces, if any. That of the sharp lights comes on top.
         """
         light, digest = (None, b"") if reflected is None else (reflected.light, reflected.digest)
-        return self._mean("gathered", places, normals, samples, shift, IrradianceSampler.gathered, (light,), digest)
+        return self._mean("gathered", positions, normals, samples, shift, IrradianceSampler.gathered, (light,), digest)
 
-    def traced(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        """The same quantity as :meth:`gathered`, RGB (n, 3), from ``samples`` paths."""
+    def traced(self, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """Compute the same quantity as :meth:`gathered`, RGB (n, 3), from ``samples`` paths."""
         rule = shift, self.most_bounces, self._paths.rr_depth
-        return self._mean("traced", places, normals, samples, shift, IrradianceSampler.traced, rule)
+        return self._mean("traced", positions, normals, samples, shift, IrradianceSampler.traced, rule)
 
-    def is_buried(self, places: FloatArray, normals: FloatArray) -> npt.NDArray[np.bool_]:
-        """Return which places (n) no light reaches, whatever the number of bounces: within a solid, or in full dark."""
-        buried = np.ones(len(places), bool)
+    def is_buried(self, positions: FloatArray, normals: FloatArray) -> npt.NDArray[np.bool_]:
+        """Return which points (n) no light reaches, whatever the number of bounces: within a solid, or in full dark."""
+        buried = np.ones(len(positions), bool)
 
-        def is_lit(sampler: IrradianceSampler, group: int, places: _Places, samples: int) -> FloatArray:
-            lit = sampler.is_lit(group, places, samples, 0, _ENDLESS, _ENDLESS_ROULETTE)
+        def is_lit(sampler: IrradianceSampler, group: int, points: _SurfacePoints, samples: int) -> FloatArray:
+            lit = sampler.is_lit(group, points, samples, 0, _ENDLESS, _ENDLESS_ROULETTE)
             return np.repeat(lit[:, None], 3, axis=1).astype(np.float64)
 
         for samples in (4, 64):  # few are enough where it is light
             dark = np.flatnonzero(buried)
             if not len(dark):
                 break
-            light = self._mean("is lit", places[dark], normals[dark], samples, 0, is_lit).sum(1)
+            light = self._mean("is lit", positions[dark], normals[dark], samples, 0, is_lit).sum(1)
             if self.has_direct:
-                light += self.direct(places[dark], normals[dark], samples).sum(1)
+                light += self.direct(positions[dark], normals[dark], samples).sum(1)
             buried[dark] = light == 0
         return buried
 
     def _mean(
         self,
-        what: str,
-        places: FloatArray,
+        quantity: str,
+        positions: FloatArray,
         normals: FloatArray,
         samples: int,
         shift: int,
@@ -236,55 +238,55 @@ class Irradiance:
         arguments: tuple[Any, ...] = (),
         follows_from: bytes = b"",
     ) -> FloatArray:
-        """What a method of the sampler computes, RGB (n, 3).
+        """Return what a method of the sampler computes, RGB (n, 3).
 
         Args:
-            what: is computed, and what else it ``follows_from``: by these, and by the places, it is known again.
+            quantity, follows_from: what is computed, and from what: by these and the positions it is known again.
         """
-        light = np.empty((len(places), 3))
+        light = np.empty((len(positions), 3))
         step = max(_RAYS_AT_ONCE // samples, 1)
-        for start in range(0, len(places), step):
-            part = slice(start, min(start + step, len(places)))
-            settings = f"{self._name} {what} {samples} {shift}".encode() + follows_from
+        for start in range(0, len(positions), step):
+            chunk = slice(start, min(start + step, len(positions)))
+            settings = f"{self._name} {quantity} {samples} {shift}".encode() + follows_from
 
-            def compute(part: slice = part) -> FloatArray:
-                return self._computed(method, places[part], normals[part], samples, shift, arguments)
+            def compute(chunk: slice = chunk) -> FloatArray:
+                return self._computed(method, positions[chunk], normals[chunk], samples, shift, arguments)
 
-            light[part] = self._kept.known_or((settings, places[part], normals[part]), compute)
+            light[chunk] = self._kept.known_or((settings, positions[chunk], normals[chunk]), compute)
         return light
 
     def _computed(
         self,
         method: Callable[..., FloatArray],
-        places: FloatArray,
+        positions: FloatArray,
         normals: FloatArray,
         samples: int,
         shift: int,
         arguments: tuple[Any, ...],
     ) -> FloatArray:
-        shifts = places @ (self._shift_gradient.T / np.sqrt(samples)) + np.random.RandomState(shift).uniform(size=2)
+        shifts = positions @ (self._shift_gradient.T / np.sqrt(samples)) + np.random.RandomState(shift).uniform(size=2)
         shifts %= 1.0
         shifts[shifts >= 1.0] = 0.0  # what lies less than a rounding below 0
-        at = tuple(np.ascontiguousarray(array, np.float64).ravel() for array in (places, normals, shifts))
+        at = tuple(np.ascontiguousarray(array, np.float64).ravel() for array in (positions, normals, shifts))
         return np.asarray(method(self._sampler(), self._group, at, samples, *arguments)).reshape(-1, 3)
 
 
 def moved(poses: FloatArray, points: FloatArray, frames: IntArray) -> FloatArray:
-    """Points (n, 3) in the world, of those in frames (n) with poses T_world_frame (k, 4, 4)."""
+    """Return points (n, 3) in the world, of those in frames (n) with poses T_world_frame (k, 4, 4)."""
     pose = poses[frames]
     at = np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]
     return np.where((frames == 0)[:, None], points, at)
 
 
 def turned(poses: FloatArray, vectors: FloatArray, frames: IntArray) -> FloatArray:
-    """Vectors (n, 3) in the world, of those in frames (n) with poses T_world_frame (k, 4, 4)."""
+    """Return vectors (n, 3) in the world, of those in frames (n) with poses T_world_frame (k, 4, 4)."""
     return np.where((frames == 0)[:, None], vectors, np.einsum("nij,nj->ni", poses[frames, :3, :3], vectors))
 
 
 def relative_error(batches: FloatArray, total: FloatArray) -> float:
-    """Standard error of one batch, from batches (b, n, 3), relative to light (n, 3): three of four places err less.
+    """Return the standard error of batches (b, n, 3), relative to light (n, 3): three of four points err less.
 
-    A mean would be that of the few darkest places.
+    A mean would be that of the few darkest points.
     """
     luma, of_batches = total @ LUMA_WEIGHTS, batches @ LUMA_WEIGHTS
     lit = luma > 1e-3 * (np.median(luma[luma > 0]) if (luma > 0).any() else 0.0)

@@ -1,4 +1,4 @@
-"""Named arrays as the bytes of a file of the cache, with a checksum, and back."""
+"""Packs named arrays as the bytes of a file of the cache, with a checksum, and unpacks them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HEADERS = {
 
 
 def packed_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
-    """An ``.npz`` without compression, after its checksum."""
+    """Return an ``.npz`` without compression, after its checksum."""
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
@@ -29,7 +29,7 @@ def packed_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
 
 
 def unpacked_arrays(data: bytes) -> dict[str, npt.NDArray[Any]]:
-    """The arrays of :func:`packed_arrays`, of numbers.
+    """Return the arrays of :func:`packed_arrays`, of numbers.
 
     A checksum tells damage; it does not tell who wrote the file. So no array is made that its bytes are not there for.
 

@@ -1,4 +1,4 @@
-"""Maps of irradiance on both sides of a scene's triangles, and how they are looked up."""
+"""Makes maps of irradiance on both sides of a scene's triangles, and looks them up."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class LightMaps:
-    """Irradiance / pi of one or several lights on both sides of each triangle.
+    """Holds irradiance / pi of one or several lights on both sides of each triangle.
 
     Attributes:
         divisions: int64 (t, 2): a map has 2 to the power of this many cells along an edge; that of a back which does
@@ -27,7 +27,7 @@ class LightMaps:
         error: how much the light errs, relative: measured, of three places two err less.
         motion_error: how much more it errs between instants, relative: root mean square where light changes, in the
             worst of the instants that were looked at.
-        points: at how many places light was computed.
+        points: at how many points light was computed.
         samples: points on each lamp, and rays that gather what bounces, for each place.
         complete: whether the maps are as fine as the error asks for.
         seconds: how long it took.
@@ -45,7 +45,7 @@ class LightMaps:
 
     @property
     def layouts(self) -> IntArray:
-        """First texel, width, height and wrap mode of each map, (t, 2, 4); a back without one has the front's."""
+        """Return each map's first texel, width, height and wrap mode, (t, 2, 4); a back without one has the front's."""
         return layouts_of(self.divisions)
 
 
@@ -81,7 +81,7 @@ def check_maps(maps: LightMaps, *, two_sided: npt.NDArray[np.bool_], lights: int
 
 
 def _inside(divisions: IntArray) -> npt.NDArray[np.bool_]:
-    """Which texels lie within their triangle or on its edges. Beyond the third edge light goes on as it falls or rises,
+    """Return which texels lie in a triangle or on its edges. Beyond the third edge light goes on as it rises or falls,
     below 0 too."""
     layouts = layouts_of(divisions)
     inside = np.zeros(texel_count(layouts), bool)
@@ -94,7 +94,7 @@ def _inside(divisions: IntArray) -> npt.NDArray[np.bool_]:
 
 
 def texel_count(layouts: IntArray) -> int:
-    """How many texels all maps of these layouts (t, 2, 4) have."""
+    """Return how many texels all maps of these layouts (t, 2, 4) have."""
     return int((layouts[..., 0] + (layouts[..., 1] + 2) ** 2).max())
 
 
@@ -117,11 +117,11 @@ def side_of(lattice: SurfaceLattice) -> IntArray:
 
 
 def looked_up(texels: npt.NDArray[np.float32], layouts: IntArray, weight: FloatArray) -> FloatArray:
-    """Light (n, 3) of maps with layouts (n, 4), at places with these shares (n, 3) of their triangles' corners."""
+    """Return light (n, 3) of maps with layouts (n, 4), at points with these barycentric coordinates (n, 3)."""
     first, side = layouts[:, 0], layouts[:, 1]
-    place = weight[:, 1:] * (side - 1)[:, None]
-    cell = np.minimum(place.astype(np.int64), (side - 2).clip(min=0)[:, None])
-    x, y = (place - cell).T[..., None]
+    position = weight[:, 1:] * (side - 1)[:, None]
+    cell = np.minimum(position.astype(np.int64), (side - 2).clip(min=0)[:, None])
+    x, y = (position - cell).T[..., None]
     stride = side + 2
     at = first + (cell[:, 1] + 1) * stride + cell[:, 0] + 1
     above = (1 - x) * texels[at] + x * texels[at + 1]
@@ -131,16 +131,16 @@ def looked_up(texels: npt.NDArray[np.float32], layouts: IntArray, weight: FloatA
 
 def texels_of(
     lattice: SurfaceLattice,
-    parts: Sequence[SampledLight],
+    components: Sequence[SampledLight],
     divisions: IntArray,
     layouts: IntArray,
     others: npt.NDArray[np.float32] | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Return the texels (n, 3) of maps of the sum of all parts, and of ``others``, texels of the same layouts."""
+    """Return the texels (n, 3) of maps of the sum of all components, and of ``others``, texels of the same layouts."""
     texels = np.zeros((texel_count(layouts), 3), np.float32) if others is None else others.copy()
     sides = side_of(lattice)
-    for part in parts:
-        for faces, grids in part.grids(divisions):
+    for component in components:
+        for faces, grids in component.grids(divisions):
             # Rows are along the second coordinate.
             framed = np.pad(grids.swapaxes(1, 2), ((0, 0), (1, 1), (1, 1), (0, 0)), mode="edge")
             first = layouts[lattice.triangles[faces], sides[faces], 0]
@@ -150,7 +150,7 @@ def texels_of(
 
 
 def map_coordinates(corners: FloatArray, divisions: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Affine maps of a place to the coordinates u and v in a triangle's light maps, (t, 2, 4) each.
+    """Return affine maps of a position to the coordinates u and v in a triangle's light maps, (t, 2, 4) each.
 
     Args:
         corners: (t, 3, 3).

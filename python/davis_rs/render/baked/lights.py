@@ -1,4 +1,4 @@
-"""What shines in a scene whose light is baked: what is checked of it, and what changes apart from the rest."""
+"""Reads the lights of a scene whose light is baked: checks them, and groups those that change apart from the rest."""
 
 from __future__ import annotations
 
@@ -75,9 +75,9 @@ def paths_of(scene: MitsubaScene) -> Paths:
     if kind != "PathIntegrator" and (kind not in _VOLUMETRIC or _has_media(scene)):
         rule = f"the scene asks for Mitsuba's {kind}; light is baked for its path and direct integrators"
         raise Unsuitable(rule, "name one of these")
-    found = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}
-    depth = found.get("max_depth", _PATH_DEPTH)
-    return Paths(-1 if depth >= 2**31 else depth, found.get("rr_depth", _ROULETTE_DEPTH))
+    depths = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}
+    depth = depths.get("max_depth", _PATH_DEPTH)
+    return Paths(-1 if depth >= 2**31 else depth, depths.get("rr_depth", _ROULETTE_DEPTH))
 
 
 def _has_media(scene: MitsubaScene) -> bool:
@@ -124,12 +124,12 @@ def check_strengths(scene: MitsubaScene, mi: Mitsuba) -> None:
                 continue
             wrong = ~(np.isfinite(values) & (values >= 0))
             if wrong.any():
-                what = f"light {name!r}, a {emitter.class_name()}, has {key} {values[wrong][0]:g}"
-                raise ValueError(f"{what}; light is finite and not negative")
+                fault = f"light {name!r}, a {emitter.class_name()}, has {key} {values[wrong][0]:g}"
+                raise ValueError(f"{fault}; light is finite and not negative")
 
 
 def textured_lamp(name: str) -> Unsuitable:
-    """What refuses a light of a shape that shines with a texture."""
+    """Make the error for a shape that shines with a texture."""
     rule = "has a radiance that differs from place to place"
     return Unsuitable(rule, "give it one colour", f"light {name!r}")
 
@@ -137,7 +137,7 @@ def textured_lamp(name: str) -> Unsuitable:
 def emissions(
     scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str]
 ) -> tuple[FloatArray, IntArray]:
-    """Luma that each triangle emits from its front (t), and which of the groups of lights it belongs to (t).
+    """Return luma that each triangle emits from its front (t), and which of the groups of lights it belongs to (t).
 
     Args:
         counts: of the triangles of the scene's shapes.
@@ -155,7 +155,7 @@ def emissions(
 
 
 def background_luma(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> list[float]:
-    """Luma of a ray that hits nothing, by each group of lights."""
+    """Return the luma of a ray that hits nothing, by each group of lights."""
     shown = [0.0] * len(names)
     if not getattr(integrator_of(scene), "hide_emitters", False):
         for name, emitter in named_emitters(scene):
@@ -166,7 +166,7 @@ def background_luma(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> l
 
 @dataclass(frozen=True)
 class SkyMap:
-    """What rays see that hit nothing: luma on an octahedral map of directions.
+    """Holds what rays see that hit nothing: luma on an octahedral map of directions.
 
     Attributes:
         group: of lights that it belongs to.
@@ -181,7 +181,7 @@ class SkyMap:
 
 @dataclass(frozen=True)
 class Environment:
-    """An environment map.
+    """Holds an environment map.
 
     Attributes:
         texels: float32 (height, width, 3), radiance. The middles of columns lie around the y axis; the first and the
@@ -202,7 +202,7 @@ class Environment:
         return cls(np.ascontiguousarray(data * scale), to_map)
 
     def seen(self, directions: FloatArray) -> FloatArray:
-        """Radiance (n, 3) from unit directions (n, 3)."""
+        """Return radiance (n, 3) from unit directions (n, 3)."""
         height, width = self.texels.shape[:2]
         x, y, z = self.to_map @ directions.T
         along = (np.arctan2(x, -z) / (2 * np.pi)) % 1.0 * width - 0.5
@@ -226,7 +226,7 @@ def _is_rotation(parameters: MitsubaParameters) -> bool:
 
 
 def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> SkyMap | None:
-    """The scene's environment map as it is seen; None where there is none, or the integrator hides it."""
+    """Return the scene's environment map as it is seen; None where there is none, or the integrator hides it."""
     if getattr(integrator_of(scene), "hide_emitters", False):
         return None
     for name, emitter in named_emitters(scene):
@@ -240,7 +240,7 @@ def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> SkyMap | 
 
 @dataclass(frozen=True)
 class ColouredLight:
-    """What lights look like themselves in glossy surfaces, red, green and blue.
+    """Holds what lights look like themselves in glossy surfaces, red, green and blue.
 
     Attributes:
         emitted: float64 (t, 3), radiance that each triangle emits from its front.
@@ -278,7 +278,7 @@ def coloured_light(scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], name
 
 
 def _octahedral_directions(side: int) -> FloatArray:
-    """Unit directions ((side + 2)^2, 3) of the texels' middles, row by row, those of the frame around them included."""
+    """Return unit directions ((side + 2)^2, 3) of the middles of texels, those of the frame included, row by row."""
     at = 2 * (np.arange(-1, side + 1) + 0.5) / side - 1
     x, y = np.meshgrid(at, at)
     # Beyond an edge lies what is on the other half of that edge.
@@ -294,7 +294,7 @@ def _octahedral_directions(side: int) -> FloatArray:
 
 
 def small_lamps(scene: MitsubaScene) -> list[MitsubaShape]:
-    """Shapes that shine and are small next to the scene."""
+    """Return the shapes that shine and are small next to the scene."""
 
     def diagonal(box: MitsubaBox) -> float:
         return float(np.linalg.norm(_flat(box.max) - _flat(box.min)))
@@ -304,12 +304,12 @@ def small_lamps(scene: MitsubaScene) -> list[MitsubaShape]:
 
 
 def area_light_name(shape: MitsubaShape) -> str:
-    """The name by which a profile finds the light of a shape."""
+    """Return the name by which a profile finds the light of a shape."""
     return f"{shape.id()}.{shape.emitter().id()}"
 
 
 def light_groups(scene: MitsubaScene, changing: Sequence[str]) -> list[str]:
-    """Names of the groups of lights: those that change, each baked alone, and before them "" for all others.
+    """Return the names of the groups of lights: "" for all that do not change, then those that do, each baked alone.
 
     A light that has no name has the id "" in Mitsuba: it belongs to all others, see :func:`group_of`.
     """
@@ -318,12 +318,12 @@ def light_groups(scene: MitsubaScene, changing: Sequence[str]) -> list[str]:
 
 
 def group_of(name: str, names: Sequence[str]) -> int:
-    """The group that a light of this name belongs to: 0 for all that no other group has."""
+    """Return the group that a light of this name belongs to: 0 for all that no other group has."""
     return names.index(name, 1) if name in names[1:] else 0
 
 
 def named_emitters(scene: MitsubaScene) -> list[tuple[str, MitsubaEmitter]]:
-    """The lights of a scene, each with the name by which a profile finds it."""
+    """Return the lights of a scene, each with the name by which a profile finds it."""
     of_shapes = [(area_light_name(shape), shape.emitter()) for shape in scene.shapes() if shape.is_emitter()]
     others = [(emitter.id(), emitter) for emitter in scene.emitters() if emitter.class_name() != "AreaLight"]
     return [*of_shapes, *others]
@@ -346,7 +346,7 @@ def irradiance_of(
         motion: of the scene's objects.
     """
     paths = paths_of(scene)
-    groups = [_Group(scene, mi, surfaces.counts, number, names) for number in range(len(names))]
+    groups = [_LightGroup(scene, mi, surfaces.counts, number, names) for number in range(len(names))]
     boxes = dict(zip(motion.objects, motion.boxes, strict=True))
     moving = SceneMotion(motion.objects, {}, boxes)
     still = functools.cache(lambda: _sampler(surfaces, groups, None))
@@ -374,15 +374,15 @@ def irradiance_of(
 
 
 def _poses(motion: SceneMotion, t_s: float) -> FloatArray:
-    """T_world_frame (k, 4, 4), the world's own first."""
+    """Return T_world_frame (k, 4, 4), the world's own first."""
     poses = np.tile(np.eye(4), (1 + len(motion.objects), 1, 1))
     for pose, views in zip(poses[1:], motion.at(np.array([t_s])).objects, strict=True):
         pose[:3, :3], pose[:3, 3] = views.rotations[0], views.positions[0]
     return poses
 
 
-def _sampler(surfaces: Surfaces, groups: Sequence[_Group], poses: FloatArray | None) -> IrradianceSampler:
-    """The scene with its lights, while bodies have these poses."""
+def _sampler(surfaces: Surfaces, groups: Sequence[_LightGroup], poses: FloatArray | None) -> IrradianceSampler:
+    """Make the sampler of the scene with its lights, while bodies have these poses."""
     corners, fronts, normals = surfaces.corners, surfaces.fronts, surfaces.normals
     if poses is not None:
         of_corners = np.repeat(surfaces.frames, 3)
@@ -405,8 +405,8 @@ _Rgb = list[float]
 _LampTuple = tuple[int, int, _Rgb]
 
 
-class _Group:
-    """The lights of a scene that are baked together, as the core takes them.
+class _LightGroup:
+    """Holds the lights of a scene that are baked together, as the core takes them.
 
     Args:
         counts: of the triangles of the scene's shapes.
@@ -424,10 +424,10 @@ class _Group:
         small = small_lamps(scene)
         lamps, small_ones = list[_LampTuple](), list[_LampTuple]()
         # Lights are told apart by what they are, not by their names: those without one are called alike.
-        for place, shape in enumerate(scene.shapes()):
+        for index, shape in enumerate(scene.shapes()):
             if shape.is_emitter() and group_of(area_light_name(shape), names) == number:
                 radiance = _rgb(mi.traverse(shape.emitter())["radiance.value"]).tolist()
-                (small_ones if shape in small else lamps).append((first[place], counts[place], radiance))
+                (small_ones if shape in small else lamps).append((first[index], counts[index], radiance))
         constant: _Rgb | None = None
         environment: tuple[int, int, npt.NDArray[np.float32], list[_Rgb]] | None = None
         points, directions = list[Any](), list[Any]()
@@ -461,7 +461,7 @@ class _Group:
 
 
 def _spot(parameters: MitsubaParameters) -> tuple[_Rgb, _Rgb, tuple[_Rgb, tuple[float, float]]]:
-    """The position, intensity and beam of a spot light."""
+    """Return the position, intensity and beam of a spot light."""
     axis = _linear(parameters)[:, 2]
     position = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 3]
     full, cutoff = (float(np.radians(_flat(parameters[key])[0])) for key in ("beam_width", "cutoff_angle"))
@@ -474,7 +474,7 @@ def _rgb(value: MitsubaValue) -> FloatArray:
 
 
 def numbers(value: MitsubaValue) -> npt.NDArray[Any]:
-    """A parameter of Mitsuba's as an array."""
+    """Return a parameter of Mitsuba's as an array."""
     # Colours have an attribute of the same name.
     return np.array(value.matrix if "Transform" in type(value).__name__ else value)
 

@@ -1,4 +1,4 @@
-"""What a bake has computed so far, so that one that is interrupted goes on where it was."""
+"""Keeps what a bake has computed so far, so that one that is interrupted goes on where it was."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class PartialBake:
-    """Light at places, each batch under a hash of all that it follows from.
+    """Keeps light at points, each batch under a hash of all that it follows from.
 
     Args:
         data: of :meth:`packed`; None to begin with nothing.
@@ -35,13 +35,13 @@ class PartialBake:
             self._known[bytes.fromhex(name)] = light
 
     def __len__(self) -> int:
-        """How many batches there are."""
+        """Return how many batches there are."""
         return len(self._known)
 
     def known_or(
         self, follows_from: tuple[bytes, FloatArray, FloatArray], compute: Callable[[], FloatArray]
     ) -> FloatArray:
-        """What was computed before from the same settings, places and normals, or now."""
+        """Return what was computed before from the same settings, positions and normals, or compute it now."""
         settings, *arrays = follows_from
         digest = hashlib.sha256(settings)
         for array in arrays:
@@ -53,5 +53,5 @@ class PartialBake:
         return self._known[key].copy()
 
     def packed(self) -> bytes:
-        """All of it, with a checksum."""
+        """Return all of it, with a checksum."""
         return packed_arrays({key.hex(): light for key, light in self._known.items()})

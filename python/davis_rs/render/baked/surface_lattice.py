@@ -1,4 +1,4 @@
-"""The points at which irradiance is known on surfaces: a lattice on each triangle, dense where the light bends.
+"""Makes the points at which irradiance is known on surfaces: a lattice on each triangle, dense where the light bends.
 
 A triangle is divided into four by the middles of its edges, and each part again where that is needed. Between the
 points of the densest division everything is linear along edges. A point on an edge belongs to all triangles at the
@@ -35,7 +35,7 @@ _DARK = 1e-3
 
 
 class SurfaceLattice:
-    """The sides of a scene's triangles that reflect, over common vertices.
+    """Holds the sides of a scene's triangles that reflect, over common vertices.
 
     Args:
         corners: float64 (t, 3, 3), of the triangles, metres.
@@ -55,13 +55,13 @@ class SurfaceLattice:
     ) -> None:
         backs = np.flatnonzero(two_sided)
         self.triangles = np.concatenate([np.arange(len(corners)), backs])
-        places = corners[self.triangles].reshape(-1, 3)
+        positions = corners[self.triangles].reshape(-1, 3)
         facing = np.concatenate([normals, -normals[backs]]).reshape(-1, 3)
         # Not at a multiple of what normals are rounded to: those of flat walls lie there.
         rounded = np.floor(facing * 10.0**_NORMAL_DIGITS + 0.377).astype(np.int16)
         owners = np.repeat(frames[self.triangles], 3)
-        first, vertex = _distinct_rows([*places.T, *rounded.T, owners])
-        self.positions, self.normals, self.frames = places[first], facing[first], owners[first]
+        first, vertex = _distinct_rows([*positions.T, *rounded.T, owners])
+        self.positions, self.normals, self.frames = positions[first], facing[first], owners[first]
         self.faces = vertex.reshape(-1, 3)
 
 
@@ -84,7 +84,7 @@ def _distinct_rows(columns: Sequence[npt.NDArray[Any]]) -> tuple[IntArray, IntAr
 
 @dataclass(frozen=True)
 class RefinementRule:
-    """How densely a lattice is sampled.
+    """Says how densely a lattice is sampled.
 
     Attributes:
         spacing: edges longer than this are always divided, metres.
@@ -101,7 +101,7 @@ class RefinementRule:
 
 @dataclass(frozen=True)
 class SampledLight:
-    """Light at the points of a :class:`SurfaceLattice` and of its divisions.
+    """Holds light at the points of a :class:`SurfaceLattice` and of its divisions.
 
     Attributes:
         faces: (f, 3), vertices of the sides.
@@ -111,7 +111,7 @@ class SampledLight:
         middles: (e), the points in their middles.
         error: root mean square of how far the last middles were off, over 4: what interpolation errs, relative.
         complete: whether all edges were divided that should be.
-        places, normals, frames: (n, 3) and (n), where the points' light was computed.
+        positions, normals, frames: (n, 3) and (n), where the points' light was computed.
         buried: bool (n), points that no light reaches: theirs is that of their neighbours.
         levels: the cells before and after each division, vertices (c, 3) each.
     """
@@ -122,21 +122,21 @@ class SampledLight:
     middles: IntArray
     error: float
     complete: bool
-    places: FloatArray
+    positions: FloatArray
     normals: FloatArray
     frames: IntArray
     buried: npt.NDArray[np.bool_]
     levels: list[IntArray]
 
     def with_light(self, light_at: Callable[[FloatArray, FloatArray, IntArray], FloatArray]) -> SampledLight:
-        """Other light, RGB (k, 3) at places (k, 3) with normals (k, 3) in frames (k), at the same points."""
+        """Return other light at the same points: RGB (k, 3) at positions (k, 3) with normals (k, 3) in frames (k)."""
         values = np.full_like(self.values, np.nan)
         seen = ~self.buried
-        values[seen] = light_at(self.places[seen], self.normals[seen], self.frames[seen])
+        values[seen] = light_at(self.positions[seen], self.normals[seen], self.frames[seen])
         return replace(self, values=_without_buried(values, self.levels))
 
     def middle_of(self, a: IntArray, b: IntArray) -> IntArray:
-        """The point in the middle of each edge, -1 where it was not divided or has an end of -1."""
+        """Return the point in the middle of each edge, -1 where it was not divided or has an end of -1."""
         middles = np.full(a.shape, -1)
         known = (a >= 0) & (b >= 0)
         if not len(self.edges) or not known.any():
@@ -161,7 +161,7 @@ class SampledLight:
         return depth
 
     def grids(self, depth: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Sides that are divided equally often, by ``depth`` (f), and their values on grids (m, n + 1, n + 1, 3).
+        """Yield sides that are divided equally often, by ``depth`` (f), and their values on grids (m, n + 1, n + 1, 3).
 
         Place [i, j] of a grid is corner 0 plus i / n of the edge to corner 1 and j / n of that to corner 2. Beyond the
         third edge the nearest places go on so that bilinear interpolation is linear on that edge.
@@ -201,7 +201,7 @@ def refine(
     """Sample light on a lattice, and divide triangles where it bends.
 
     Args:
-        light_at: RGB (k, 3) at places (k, 3) with unit normals (k, 3) in frames (k), or NaN where no light can come:
+        light_at: RGB (k, 3) at positions (k, 3) with unit normals (k, 3) in frames (k), or NaN where no light can come:
             within a solid; and luma (k) of what other light there is: an error is small or large in relation to all of
             it.
         seen: is told before each step how many points there are, and how many there will be.
@@ -219,12 +219,12 @@ def refine(
         # What lies within a solid, or behind a wall, is only looked through for what does not.
         spacing = np.where(np.isnan(values[cells, 0]).all(1), _BURIED_SPACING, 1.0) * rule.spacing
         cells = cells[(size > rule.finest) & ((size > spacing) | first)]
-        room = rule.most_points - len(positions)
-        if len(cells) * 3 // 2 > room and len(cells):
+        remaining = rule.most_points - len(positions)
+        if len(cells) * 3 // 2 > remaining and len(cells):
             complete = False
             # The worst first; a test of all edges would cost what there is no room for.
             worst = np.argsort(-np.nan_to_num(_bend(values, others, cells), nan=np.inf), kind="stable")
-            cells = cells[np.sort(worst[: max(room, 0) * 2 // 3])]
+            cells = cells[np.sort(worst[: max(remaining, 0) * 2 // 3])]
         if not len(cells):
             break
         ends = np.sort(np.stack([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]], 1), -1)
@@ -239,8 +239,8 @@ def refine(
         middle = new[of_cell]
         frames = np.concatenate([frames, frames[a]])
         where.append(_inside(positions, normals, cells, new, middle))
-        found, other = light_at(*where[-1], frames[new])
-        values, others = np.concatenate([values, found]), np.concatenate([others, other])
+        light, other = light_at(*where[-1], frames[new])
+        values, others = np.concatenate([values, light]), np.concatenate([others, other])
         keys.append(key)
         middles.append(new)
         off = _relative(values[new] - (values[a] + values[b]) / 2, values[new], others[new], values)
@@ -264,7 +264,7 @@ def refine(
         np.concatenate(middles)[order],
         float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / 4),
         complete,
-        np.concatenate([places for places, _ in where]),
+        np.concatenate([positions for positions, _ in where]),
         np.concatenate([facing for _, facing in where]),
         frames,
         buried,
@@ -302,10 +302,10 @@ def _beyond_third_edge(values: FloatArray) -> FloatArray:
 
 
 def _parts(cells: IntArray, middle: IntArray) -> IntArray:
-    """The four parts of cells (c, 3) whose edges 01, 12 and 20 have these middles (c, 3)."""
+    """Divide cells (c, 3) into four each, at the middles (c, 3) of their edges 01, 12 and 20."""
     a, b, c = cells.T
     ab, bc, ca = middle.T
-    return np.concatenate([np.stack(part, 1) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    return np.concatenate([np.stack(corners, 1) for corners in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
 def _longest_edges(positions: FloatArray, cells: IntArray) -> FloatArray:
@@ -316,14 +316,14 @@ def _longest_edges(positions: FloatArray, cells: IntArray) -> FloatArray:
 def _inside(
     positions: FloatArray, normals: FloatArray, cells: IntArray, points: IntArray, of_cell: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Places and normals of points (p), moved towards the middles of cells (c, 3) that have them (c, 3)."""
+    """Return positions and normals of points (p), moved towards the middles of cells (c, 3) that have them (c, 3)."""
     centres = np.repeat(positions[cells].mean(1), 3, axis=0)
     at = of_cell.ravel() - points[0]
     count = np.bincount(at, minlength=len(points))
     sums = np.stack([np.bincount(at, centres[:, axis], len(points)) for axis in range(3)], 1)
     middle = sums / np.maximum(count, 1)[:, None]
-    places = positions[points]
-    return places + np.where(count[:, None] > 0, _INWARDS, 0.0) * (middle - places), normals[points]
+    unmoved = positions[points]
+    return unmoved + np.where(count[:, None] > 0, _INWARDS, 0.0) * (middle - unmoved), normals[points]
 
 
 def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
@@ -332,7 +332,7 @@ def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
 
 
 def _relative(difference: FloatArray, value: FloatArray, other: FloatArray, values: FloatArray) -> FloatArray:
-    """Differences (k, 3) as a share of light (k, 3) and other light (k), all channels weighted as luma is."""
+    """Return differences (k, 3) as a fraction of light (k, 3) and other light (k), all channels weighted as luma is."""
     luma = values @ LUMA_WEIGHTS
     lit = luma[luma > 0]
     floor = _DARK * float(np.median(lit)) if len(lit) else 1.0
@@ -345,8 +345,8 @@ def _bend(values: FloatArray, others: FloatArray, cells: IntArray) -> FloatArray
 
 
 def _without_buried(values: FloatArray, levels: list[IntArray]) -> FloatArray:
-    """Values of points within solids from the nearest points that are not: they are seen by nobody, yet what is seen
-    next to them is interpolated from them too. Those that have no such neighbour become 0."""
+    """Give points within solids the values of the nearest points that are not. Nobody sees them, yet what is seen next
+    to them is interpolated from them too. Those that have no such neighbour become 0."""
     values = values.copy()
     for cells in reversed(levels):
         for _ in range(2):

@@ -1,4 +1,4 @@
-"""How many occlusion edges may sweep a pixel between two instants: a bound from the geometry, not from samples.
+"""Bounds how many occlusion edges sweep a pixel between two instants: from the geometry, not from samples.
 
 Something thin may cross a pixel between two rendered instants and leave no trace in either. So the edges at which one
 surface may hide another are followed through the image, and every pixel that one of them may touch is marked.
@@ -44,7 +44,7 @@ _ROUNDING_PX = 1e-3
 
 
 class Silhouettes:
-    """The edges of a scene's surfaces at which something may appear or disappear; the scene stands still.
+    """Holds the edges of a scene's surfaces at which something may appear or disappear; the scene stands still.
 
     An edge between two triangles hides something only while both lie to one side of it in the image (one faces the
     camera, the other does not); the free edge of a mesh, or one where more than two triangles meet, always may.
@@ -83,8 +83,8 @@ class Silhouettes:
 
     @classmethod
     def of_scene(cls, mi_scene: MitsubaScene) -> Silhouettes:
-        """The outlines of a loaded Mitsuba scene: the edges of its meshes, and the boxes of all else (spheres, disks,
-        instances).
+        """Find the outlines of a loaded Mitsuba scene: the edges of its meshes, and the boxes of all else (spheres,
+        disks, instances).
 
         Rectangles and cubes are meshes. Where two meshes touch, the free edges of both count.
         """
@@ -92,22 +92,22 @@ class Silhouettes:
 
     @classmethod
     def of_shapes(cls, shapes: Iterable[MitsubaShape]) -> Silhouettes:
-        """The outlines of some shapes of a loaded Mitsuba scene, see :meth:`of_scene`."""
-        found, boxes = [mesh_edges(np.empty((0, 3, 3)))], []
+        """Find the outlines of some shapes of a loaded Mitsuba scene, see :meth:`of_scene`."""
+        meshes, boxes = [mesh_edges(np.empty((0, 3, 3)))], []
         for shape in shapes:
             if shape.is_mesh():
                 vertices = np.array(shape.vertex_positions_buffer(), np.float64).reshape(-1, 3)
-                found.append(mesh_edges(vertices[np.array(shape.faces_buffer()).reshape(-1, 3)]))
+                meshes.append(mesh_edges(vertices[np.array(shape.faces_buffer()).reshape(-1, 3)]))
             else:
                 bounds = shape.bbox()
                 boxes.append([np.array(bounds.min).reshape(3), np.array(bounds.max).reshape(3)])
-        edges, wings = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        edges, wings = (np.concatenate(parts) for parts in zip(*meshes, strict=True))
         return cls(edges, wings, boxes=boxes)
 
     def swept(
         self, camera: Camera, poses_before: Sequence[Pose], poses_after: Sequence[Pose], *, margin_px: float
     ) -> Counts:
-        """How many edges' images may touch each pixel's square, grown by ``margin_px``, during each of n intervals.
+        """Count the edges that may touch each pixel's square, grown by ``margin_px``, during each of n intervals.
 
         Returns:
             (n, H, W); 255 stands for more. One edge may count twice at its ends, and where it is followed in pieces;
@@ -129,7 +129,7 @@ class Silhouettes:
         at_once = min(_INTERVALS_AT_ONCE, max(1, _CANDIDATES_AT_ONCE // max(1, len(self.edges))))
         for first in range(0, len(counts), at_once):
             some = slice(first, first + at_once)
-            motion = _Motion(poses_before[some], poses_after[some])
+            motion = _CameraMotion(poses_before[some], poses_after[some])
             swept = _SweptPixels(camera, len(motion.position), margin_px)
             edge, interval = self._occluding(motion)
             for piece in range(0, len(edge), _PIECES_AT_ONCE):
@@ -140,7 +140,7 @@ class Silhouettes:
             counts[some] = swept.counts()
         return counts
 
-    def _occluding(self, motion: _Motion) -> tuple[IntArray, IntArray]:
+    def _occluding(self, motion: _CameraMotion) -> tuple[IntArray, IntArray]:
         """Return (edge, interval) of all edges that may occlude at some time of an interval with motion.
 
         The camera goes straight, so its distance from a wing's plane changes linearly: if it sees the wings to both
@@ -148,22 +148,23 @@ class Silhouettes:
         """
         moving = np.flatnonzero(motion.moving)
         ends = [motion.position[moving], (motion.position + motion.travel)[moving]]
-        one, other = (
+        first_side, second_side = (
             np.stack([plane[:, :3] @ end.T + plane[:, 3:] for end in ends]) for plane in self._planes.swapaxes(0, 1)
         )
         in_order, swapped = (
-            ((sign * one > self._rounding) & (sign * other < -self._rounding)).all(0) for sign in (1.0, -1.0)
+            ((sign * first_side > self._rounding) & (sign * second_side < -self._rounding)).all(0)
+            for sign in (1.0, -1.0)
         )
         edge, nth = np.nonzero(~(in_order | swapped))
         return edge, moving[nth]
 
 
 def mesh_edges(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Edges and wings, as :class:`Silhouettes` takes them, of one mesh's triangles (k, 3 corners, 3).
+    """Return edges and wings, as :class:`Silhouettes` takes them, of one mesh's triangles (k, 3 corners, 3).
 
     Corners at the same place are one, whatever their normals or texture coordinates.
     """
-    places, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    points, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     faces = corner.reshape(-1, 3)
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
@@ -173,12 +174,12 @@ def mesh_edges(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
     wings = np.full((len(edges), 2, 3), np.nan)
     shared = count == 2
     for wing in (0, 1):
-        wings[shared, wing] = places[third[order][first[shared] + wing]]
-    return places[edges], wings
+        wings[shared, wing] = points[third[order][first[shared] + wing]]
+    return points[edges], wings
 
 
-class _Motion:
-    """The camera's motion in n intervals, each of which lasts from 0 to 1."""
+class _CameraMotion:
+    """Holds the camera's motion in n intervals, each of which lasts from 0 to 1."""
 
     def __init__(self, before: Sequence[Pose], after: Sequence[Pose]) -> None:
         self.position, end = (np.array([pose.position for pose in poses]).reshape(-1, 3) for poses in (before, after))
@@ -194,7 +195,7 @@ class _Motion:
         self.moving = (self.angle > 0) | self.travel.any(1)
 
     def seen(self, points: FloatArray, interval: IntArray, times: FloatArray) -> FloatArray:
-        """Points (k, p, 3) of the world in camera axes at times (k, t) of their intervals (k): (k, t, p, 3)."""
+        """Return points (k, p, 3) of the world in camera axes at times (k, t) of their intervals (k): (k, t, p, 3)."""
         half = times * self.angle[interval, None] / 2
         turn = np.concatenate([self._axis[interval, None] * np.sin(half)[..., None], np.cos(half)[..., None]], -1)
         quaternion = hamilton(self._quaternion[interval, None], turn)
@@ -204,7 +205,7 @@ class _Motion:
 
 
 class _SweptPixels:
-    """How often the pixels were marked so far in n intervals.
+    """Counts how often the pixels were marked so far in n intervals.
 
     Quadrangles are kept as starts and ends of runs, along columns where they are steep, else along rows.
     """
@@ -220,7 +221,7 @@ class _SweptPixels:
         self._areas = np.zeros((intervals, camera.height, camera.width), np.bool_)
 
     def mark_quads(self, interval: IntArray, quads: FloatArray, spare_px: FloatArray) -> None:
-        """The pixels near the convex hulls of four image points (k, 4, 2), grown by ``spare_px`` (k) too.
+        """Mark the pixels near the convex hulls of four image points (k, 4, 2), grown by ``spare_px`` (k) too.
 
         The hull is what an edge sweeps that moves evenly; a little more where it turns about a point of its own.
         """
@@ -231,7 +232,7 @@ class _SweptPixels:
         _add_runs(self._rows, interval[~steep], quads[~steep][..., ::-1], reach[~steep])
 
     def mark_pixels(self, interval: IntArray, pixels: BoolArray | np.bool_) -> None:
-        """Pixels (k, H, W), or all, of k different intervals."""
+        """Mark pixels (k, H, W), or all, of k different intervals."""
         self._areas[interval] |= pixels
 
     def counts(self) -> Counts:
@@ -242,7 +243,7 @@ class _SweptPixels:
 
 @functools.lru_cache(maxsize=8)
 def _ray_bounds(camera: Camera, reach: float) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest undistorted ray (H, W, 2) within ``reach`` pixels of each pixel's centre, in x and in y."""
+    """Return the lowest and highest undistorted ray (H, W, 2) within ``reach`` pixels, in x and y, of each centre."""
     centres = camera.rays(np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1))
     per_pixel = np.abs(np.linalg.inv(camera.distortion_jacobian(centres))).sum(-1)
     return centres - reach * per_pixel, centres + reach * per_pixel
@@ -263,10 +264,10 @@ def _add_runs(counts: npt.NDArray[np.int32], interval: IntArray, quads: FloatArr
     reach = reach[shape]
     low, high = line - reach, line + reach
     least, most = np.full(len(shape), np.inf), np.full(len(shape), -np.inf)
-    for one in range(3):
-        for other in range(one + 1, 4):
+    for corner in range(3):
+        for other in range(corner + 1, 4):
             # The hull's cells on these lines are those of its points' connections, cut off where they leave the lines.
-            start, end = ordered[:, one], ordered[:, other]
+            start, end = ordered[:, corner], ordered[:, other]
             length = np.maximum(end[:, 0] - start[:, 0], 1e-12)
             x, slope = start[shape, 0], 1 / length[shape]
             from_cell, across = start[shape, 1], (end[:, 1] - start[:, 1])[shape]
@@ -284,7 +285,7 @@ def _add_runs(counts: npt.NDArray[np.int32], interval: IntArray, quads: FloatArr
     np.add.at(runs, at + np.maximum(stop, begin), np.int32(-1))
 
 
-def _follow(edges: FloatArray, interval: IntArray, motion: _Motion, swept: _SweptPixels) -> None:
+def _follow(edges: FloatArray, interval: IntArray, motion: _CameraMotion, swept: _SweptPixels) -> None:
     """Mark what edges (k, 2, 3) sweep in their intervals (k): in pieces straight enough to be quadrangles."""
     steps = np.maximum(1, np.ceil(motion.angle[interval] / _TURN_RAD)).astype(np.int64)
     edge, step = _repeated(steps)
@@ -295,7 +296,7 @@ def _follow(edges: FloatArray, interval: IntArray, motion: _Motion, swept: _Swep
         inside = _inside(points, swept.window)
         kept = inside[:, 0] <= inside[:, 1]
         inside, interval, span = inside[kept], interval[kept], span[kept]
-        edges, points = _part(edges[kept], inside), _part(points[kept], inside[:, None])
+        edges, points = _subsegments(edges[kept], inside), _subsegments(points[kept], inside[:, None])
         image, along, over = _bends(points, swept.camera)
         straight = along + over <= _BEND_PX
         quads = image[straight][:, ::2].reshape(-1, 4, 2)
@@ -303,9 +304,9 @@ def _follow(edges: FloatArray, interval: IntArray, motion: _Motion, swept: _Swep
         if straight.all():
             return
         bent = ~straight
-        piece, part, part_of_time = _division(along[bent], over[bent])
-        edges, interval = _part(edges[bent][piece], part), interval[bent][piece]
-        span = _part(span[bent][piece][..., None], part_of_time)[..., 0]
+        piece, fraction, time_fraction = _division(along[bent], over[bent])
+        edges, interval = _subsegments(edges[bent][piece], fraction), interval[bent][piece]
+        span = _subsegments(span[bent][piece][..., None], time_fraction)[..., 0]
     swept.mark_pixels(np.unique(interval), np.True_)
 
 
@@ -315,9 +316,9 @@ def _repeated(number: IntArray) -> tuple[IntArray, IntArray]:
     return which, np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
 
 
-def _part(ends: FloatArray, part: FloatArray) -> FloatArray:
-    """The part (..., 2), from 0 to 1, of segments (..., 2, d)."""
-    return ends[..., :1, :] + part[..., None] * (ends[..., 1:, :] - ends[..., :1, :])
+def _subsegments(ends: FloatArray, fraction: FloatArray) -> FloatArray:
+    """Return the part of segments (..., 2, d) between two fractions (..., 2) of their length."""
+    return ends[..., :1, :] + fraction[..., None] * (ends[..., 1:, :] - ends[..., :1, :])
 
 
 def _positive(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -330,7 +331,7 @@ def _positive(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _inside(points: FloatArray, window: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """The parts (k, 2) of segments (k, 3 times, 2, 3) that may be within a window of rays at any time; from > to: none.
+    """Return the parts (k, 2) of segments (k, 3 times, 2, 3) that may be in a window of rays; from > to: none.
 
     A distance from a side of the window changes evenly along the segment, and almost so in time: the bend is added.
     """
@@ -344,7 +345,7 @@ def _inside(points: FloatArray, window: tuple[FloatArray, FloatArray]) -> FloatA
 
 
 def _bends(points: FloatArray, camera: Camera) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Images (k, 3 times, 2, 2) of segments, and how far in pixels they bend along the segment, and over the time.
+    """Return images (k, 3 times, 2, 2) of segments, and by how many pixels they bend along the segment and over time.
 
     The bends are infinite where a segment is not wholly in front of the camera.
     """
@@ -363,7 +364,7 @@ def _bends(points: FloatArray, camera: Camera) -> tuple[FloatArray, FloatArray, 
 
 
 def _division(along: FloatArray, over: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Which piece (j) to take, which part (j, 2) of its length, and which part (j, 2) of its time.
+    """Return which piece (j) to take, which part (j, 2) of its length, and which part (j, 2) of its time.
 
     A bend falls with the square of the number of parts. What is not wholly before the camera is halved both ways.
     """
@@ -373,17 +374,17 @@ def _division(along: FloatArray, over: FloatArray) -> tuple[IntArray, FloatArray
     )
     piece, nth = _repeated(in_length * in_time)
     in_length, in_time = in_length[piece, None], in_time[piece, None]
-    part, part_of_time = (
+    fraction, time_fraction = (
         (nth[:, None] % in_length + _BOTH_ENDS) / in_length,
         (nth[:, None] // in_length + _BOTH_ENDS) / in_time,
     )
-    return piece, part, part_of_time
+    return piece, fraction, time_fraction
 
 
 _BOX_EDGES = np.array([(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit])
 
 
-def _cover(box: FloatArray, motion: _Motion, swept: _SweptPixels) -> None:
+def _cover(box: FloatArray, motion: _CameraMotion, swept: _SweptPixels) -> None:
     """Mark the rectangle of rays that holds a box (2, 3), in all intervals: what is in the box may have any outline."""
     corners = box[(np.arange(8)[:, None] >> np.arange(3)) & 1, np.arange(3)]
     for interval in np.flatnonzero(motion.moving):
@@ -394,7 +395,7 @@ def _cover(box: FloatArray, motion: _Motion, swept: _SweptPixels) -> None:
         front = np.stack(_positive(edges[..., 0, 2] - near, edges[..., 1, 2] - near), -1)
         visible = front[..., 0] <= front[..., 1]
         if visible.any():
-            ends = _part(edges[visible], front[visible]).reshape(-1, 3)
+            ends = _subsegments(edges[visible], front[visible]).reshape(-1, 3)
             rays = ends[:, :2] / np.maximum(ends[:, 2:], near)
             low, high = swept.rays
             met = ((low <= rays.max(0)) & (high >= rays.min(0))).all(-1)

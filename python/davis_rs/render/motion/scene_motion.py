@@ -202,12 +202,12 @@ def _columns(columns: list[FloatArray], length: int) -> FloatArray:
     return np.stack(columns, 1) if columns else np.empty((length, 0))
 
 
-def _checked(name: str, what: str, values: npt.ArrayLike, t_s: FloatArray, least: float) -> FloatArray:
+def _checked(name: str, quantity: str, values: npt.ArrayLike, t_s: FloatArray, least: float) -> FloatArray:
     array = np.asarray(values, np.float64)
     if array.shape != t_s.shape:
-        raise ValueError(f"the {what} of light {name!r} must have shape {t_s.shape}, got {array.shape}")
+        raise ValueError(f"the {quantity} of light {name!r} must have shape {t_s.shape}, got {array.shape}")
     wrong = ~((array >= least) & np.isfinite(array))
     if wrong.any():
         rule = "finite and >= 0" if least == 0 else "finite"
-        raise ValueError(f"the {what} of light {name!r} must be {rule}, got {array[wrong][0]} at {t_s[wrong][0]} s")
+        raise ValueError(f"the {quantity} of light {name!r} must be {rule}, got {array[wrong][0]} at {t_s[wrong][0]} s")
     return array

@@ -54,10 +54,12 @@ def scale_scene(scene: MitsubaScene, integrator: MitsubaIntegrator, mi: Mitsuba)
     try:
         changes = list(_changes(scene, integrator, mi))
     except _Unscalable as reason:
-        what = "shadows are wrong near what throws them" if diameter < SMALLEST else "surfaces may shadow themselves"
+        consequence = (
+            "shadows are wrong near what throws them" if diameter < SMALLEST else "surfaces may shadow themselves"
+        )
         warnings.warn(
             f"the scene is {diameter:.3g} in diameter, and Mitsuba's integrators are made for {SMALLEST:g} to "
-            f"{LARGEST:g}: {what}. It cannot be scaled, because of {reason}; give it in other units",
+            f"{LARGEST:g}: {consequence}. It cannot be scaled, because of {reason}; give it in other units",
             stacklevel=2,
         )
         return 1.0

@@ -91,14 +91,13 @@ class LineEstimator(PixelEstimator):
     """Takes the integral over a pixel's area along lines, on which edges are known.
 
     Raises:
-        ValueError: for another number of rays than :data:`LINES` has, or a lens with distortion.
+        ValueError: for another number of rays than :data:`LINES` has.
     """
 
     jumps = False
 
     def __init__(self, camera: Camera, rays: int) -> None:
         super().__init__(camera, rays)
-        pixel_corners(camera)  # refuses distortion
         if rays not in LINES:
             raise ArgumentError("{pixel:lines} takes {rays_per_pixel} {}, got {}", ", ".join(map(str, LINES)), rays)
         self._lines = LINES[rays]

@@ -42,8 +42,7 @@ class NativeRenderer(Renderer):
         threads: number of threads; None for all processors.
 
     Raises:
-        ValueError: for lines in place of another number of rays than ``LINES`` of :mod:`.estimators` has, or with a
-            distorting lens.
+        ValueError: for lines in place of another number of rays than ``LINES`` of :mod:`.estimators` has.
 
     Attributes:
         baked: the baked light; None without any.

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ..._core import PixelRays
 from ..._mitsuba.types import JitArray, JitFloat, JitIndex, JitMatrix, JitRay, JitVector
 from ..._mitsuba.variants import FAST, variant
-from ..._util.argument_error import ArgumentError
 from ...geometry.camera import Camera
 from ...geometry.lattice import rank1_lattice
 from ...geometry.trajectory.views import Views
@@ -42,32 +41,17 @@ def pixel_rays(camera: Camera, rays: int) -> PixelRays:
     need the same ones. Without distortion a table has only columns and rows; else it is made block by block.
     """
     lattice = rank1_lattice(rays)
-    if not any(camera.distortion):
-        x, y = (_along(camera, axis, lattice) for axis in (0, 1))
-        return PixelRays.grid(camera.width, camera.height, rays, x, y)
-    rows = max(_TILE_ROWS, _BLOCK_BYTES // (16 * rays * camera.width) // _TILE_ROWS * _TILE_ROWS)
-
-    def block(first: int) -> npt.NDArray[np.float32]:
-        centres = pixel_centres(camera, first, min(first + rows, camera.height))
-        return camera.rays(centres[None] + lattice[:, None]).astype(np.float32).ravel()
-
-    return PixelRays.from_parts(camera.width, camera.height, rays, rows, block)
+    return _grid(camera, lattice) if not any(camera.distortion) else _table(camera, lattice)
 
 
 @functools.lru_cache(maxsize=4)
 def pixel_corners(camera: Camera) -> PixelRays:
-    """Return the upper left and lower right corner of each pixel, as the Rust core takes them for lines.
+    """Return the corners of each pixel, as the Rust core takes them for lines.
 
-    Raises:
-        ValueError: for a lens with distortion.
+    They are all four of them, row by row; without distortion the upper left and the lower right one.
     """
-    if any(camera.distortion):
-        raise ArgumentError(
-            "{pixel:lines} needs a lens without distortion, got {}: take {pixel:rays}", list(camera.distortion)
-        )
-    corners = np.array([[-0.5, -0.5], [0.5, 0.5]])
-    x, y = (_along(camera, axis, corners) for axis in (0, 1))
-    return PixelRays.grid(camera.width, camera.height, 2, x, y)
+    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]])
+    return _grid(camera, corners[[0, 3]]) if not any(camera.distortion) else _table(camera, corners)
 
 
 def table_bytes(camera: Camera, rays: int) -> int:
@@ -75,6 +59,23 @@ def table_bytes(camera: Camera, rays: int) -> int:
     if not any(camera.distortion):
         return 4 * rays * (camera.width + camera.height)
     return 8 * rays * camera.width * camera.height
+
+
+def _grid(camera: Camera, points: npt.NDArray[np.float64]) -> PixelRays:
+    """Return the rays through points (n, 2) of each pixel, from its centre, of a camera without distortion."""
+    x, y = (_along(camera, axis, points) for axis in (0, 1))
+    return PixelRays.grid(camera.width, camera.height, len(points), x, y)
+
+
+def _table(camera: Camera, points: npt.NDArray[np.float64]) -> PixelRays:
+    """Return the same of any camera, made block by block."""
+    rows = max(_TILE_ROWS, _BLOCK_BYTES // (16 * len(points) * camera.width) // _TILE_ROWS * _TILE_ROWS)
+
+    def block(first: int) -> npt.NDArray[np.float32]:
+        centres = pixel_centres(camera, first, min(first + rows, camera.height))
+        return camera.rays(centres[None] + points[:, None]).astype(np.float32).ravel()
+
+    return PixelRays.from_parts(camera.width, camera.height, len(points), rows, block)
 
 
 def _along(camera: Camera, axis: int, lattice: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:

@@ -27,7 +27,7 @@ from ..texels import WRAP_MODES
 from .moving_lanes import Body, Surroundings
 
 
-class _Surface(NamedTuple):
+class _Hits(NamedTuple):
     """Holds the hits of rays.
 
     Attributes:
@@ -69,8 +69,8 @@ class TableKernel:
         smooth = table.normal_maps
         self._normal_maps = [] if smooth is None else [_column(smooth[:, axis], mi) for axis in range(3)]
         self._wraps = sorted(set(textures.sizes[:, 3].tolist()))
-        self._layout = [_PerRecord(column, mi.Int32) for column in textures.framed_sizes[textures.texture_of].T]
-        self._two_sided = _PerRecord(table.two_sided, mi.UInt32)
+        self._layout = [_RecordValues(column, mi.Int32) for column in textures.framed_sizes[textures.texture_of].T]
+        self._two_sided = _RecordValues(table.two_sided, mi.UInt32)
         self._texels = [mi.Float(textures.framed(group)) for group in range(len(textures.group_weights))]
 
     def hit(self, ray: JitRay) -> tuple[JitFloat, JitMask, JitIndex, JitVector]:
@@ -116,15 +116,15 @@ class TableKernel:
         _, _, hit, owner, distance = self._nearest(ray, bodies)
         return distance, hit, owner
 
-    def _still_surface(self, ray: JitRay) -> _Surface:
+    def _still_surface(self, ray: JitRay) -> _Hits:
         import drjit as dr
 
         distance, hit, record, plane_normal = self.hit(ray)
         point = dr.fma(ray.d, distance, ray.o)
         normal = self._smooth_normal(point, record, hit) if self._normal_maps else plane_normal
-        return _Surface(hit, record, distance, point, point, normal, plane_normal)
+        return _Hits(hit, record, distance, point, point, normal, plane_normal)
 
-    def _surface(self, ray: JitRay, bodies: Sequence[Body]) -> _Surface:
+    def _surface(self, ray: JitRay, bodies: Sequence[Body]) -> _Hits:
         import drjit as dr
         import mitsuba as mi
 
@@ -138,7 +138,7 @@ class TableKernel:
             normal = dr.select(owner == number, body.to_world(own_normal), normal)
             plane_normal = dr.select(owner == number, body.rotation @ plane.xyz, plane_normal)
         point = dr.fma(ray.d, distance, ray.o)
-        return _Surface(hit, record, distance, point, own_point, normal, plane_normal)
+        return _Hits(hit, record, distance, point, own_point, normal, plane_normal)
 
     def _nearest(self, ray: JitRay, bodies: Sequence[Body]) -> tuple[JitRay, JitIndex, JitMask, JitIndex, JitFloat]:
         """Return (the ray in the frame of what it hits, record, whether anything is hit, body or 0, distance)."""
@@ -221,7 +221,7 @@ class TableKernel:
         return dr.clip(mi.Int32(x0) + 1, 0, n), x - x0
 
     def _irradiance_over_pi(
-        self, light: Light, surface: _Surface, normal: JitVector, active: JitMask, bodies: Sequence[Body] = ()
+        self, light: Light, surface: _Hits, normal: JitVector, active: JitMask, bodies: Sequence[Body] = ()
     ) -> JitFloat:
         """Return irradiance / pi, which a white diffuse surface reflects, in the light's strongest channel."""
         import drjit as dr
@@ -243,7 +243,7 @@ class TableKernel:
         return value
 
     def _occluded(
-        self, light: Light, surface: _Surface, to_light: JitVector, active: JitMask, bodies: Sequence[Body] = ()
+        self, light: Light, surface: _Hits, to_light: JitVector, active: JitMask, bodies: Sequence[Body] = ()
     ) -> JitMask:
         """Return whether something lies between a surface and a light, by the rule of :mod:`shadow_rays`."""
         import drjit as dr
@@ -280,7 +280,7 @@ def _may_hit_box(box: MitsubaBox, ray: JitRay) -> JitMask:
     return ~((enter > leave) | (leave < 0) | (enter > ray.maxt))
 
 
-class _PerRecord:
+class _RecordValues:
     """Holds a number for each record, which is not gathered where all records have the same."""
 
     def __init__(self, values: npt.NDArray[np.integer], kind: JitArray) -> None:

@@ -70,13 +70,13 @@ def warn_of_lost_looks(scene: Scene, fractions: Fractions, stacklevel: int) -> N
     if not told:
         return
     largest = sorted((look for look in told if told[look]), key=lambda look: -(told[look] or 0))
-    parts = [f"{look} ({100 * (told[look] or 0):.2g} %)" for look in largest]
-    for fraction, what in ((0.0, "not in view"), (None, "fraction not known")):
+    phrases = [f"{look} ({100 * (told[look] or 0):.2g} %)" for look in largest]
+    for fraction, state in ((0.0, "not in view"), (None, "fraction not known")):
         looks = [str(look) for look in told if told[look] == fraction]
-        parts += [f"{what}: {', '.join(looks)}"] if looks else []
+        phrases += [f"{state}: {', '.join(looks)}"] if looks else []
     name = scene.name if scene.file is None else scene.file
     warnings.warn(
-        f"{name}: these looks are lost, with their fraction of the image along the camera path: {'; '.join(parts)}",
+        f"{name}: these looks are lost, with their fraction of the image along the camera path: {'; '.join(phrases)}",
         LostLookWarning,
         stacklevel=stacklevel + 1,
     )

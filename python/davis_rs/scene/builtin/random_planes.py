@@ -56,8 +56,8 @@ _INNER = 0.8
 
 
 @dataclass(frozen=True)
-class _Ranges:
-    """The ranges from which the values of each object are drawn."""
+class _ObjectRanges:
+    """Holds the ranges from which the values of each object are drawn."""
 
     depth_m: tuple[float, float]
     size: tuple[float, float]
@@ -134,15 +134,15 @@ def random_textured_planes(
     if not all(0 <= speed < math.inf for speed in speeds):
         raise ValueError(f"top speeds and rates must be finite and >= 0, got {speeds}")
     images: Sequence[_Image] = _BUILT_IN if textures is None else _listed(textures, image_files, "textures")
-    ranges = _Ranges((nearest_m, farthest_m), (smallest, largest), top_speed_m_s, top_rate_rad_s, tilt_rad)
+    ranges = _ObjectRanges((nearest_m, farthest_m), (smallest, largest), top_speed_m_s, top_rate_rad_s, tilt_rad)
     centre = np.eye(3), np.zeros(3)
-    camera = _Motion(seed, "camera", duration_s, camera_speed_m_s, camera_rate_rad_s, *centre)
+    camera = _ObjectMotion(seed, "camera", duration_s, camera_speed_m_s, camera_rate_rad_s, *centre)
     background = _drawn(images, seed, "background")
-    drawn = [_Object(seed, f"plane_{k + 1}", images, None, duration_s, ranges) for k in range(planes)]
+    drawn = [_SceneObject(seed, f"plane_{k + 1}", images, None, duration_s, ranges) for k in range(planes)]
     if meshes is not None:
         files = _listed(meshes, mesh_files, "meshes")
         count = 1 if mesh_objects is None else mesh_objects
-        drawn += [_Object(seed, f"mesh_{k + 1}", images, files, duration_s, ranges) for k in range(count)]
+        drawn += [_SceneObject(seed, f"mesh_{k + 1}", images, files, duration_s, ranges) for k in range(count)]
     for image in {background, *(item.image for item in drawn)}:
         if isinstance(image, Path):
             check_image(image, texture_px)
@@ -159,8 +159,8 @@ def random_textured_planes(
     )
 
 
-class _Motion:
-    """A path whose velocity, and rate about one axis, change linearly from one drawn value to another.
+class _ObjectMotion:
+    """Describes a path whose velocity, and rate about one axis, change linearly from one drawn value to another.
 
     Args:
         axes, position: its pose at half of its time, in camera axes.
@@ -209,15 +209,15 @@ class _Motion:
         )
 
 
-class _Object:
-    """A plane or mesh of a scene: its files, size and path."""
+class _SceneObject:
+    """Describes a plane or mesh of a scene: its files, size and path."""
 
     def __init__(
         self, seed: int, name: str, images: Sequence[_Image], meshes: Sequence[Path] | None, duration_s: float,
-        ranges: _Ranges,
+        ranges: _ObjectRanges,
     ) -> None:  # fmt: skip
-        def words(what: str) -> Words:
-            return Words(seed, 0, f"{name}.{what}")
+        def words(purpose: str) -> Words:
+            return Words(seed, 0, f"{name}.{purpose}")
 
         self.name, self.image = name, _drawn(images, seed, f"{name}.image")
         self.mesh = None if meshes is None else _drawn(meshes, seed, f"{name}.mesh")
@@ -237,7 +237,7 @@ class _Object:
             axes = _about(_in_ball(turned), turned.uniform(-math.pi, math.pi))
         position = np.array([*offset, depth])
         top = ranges.top_speed_m_s, ranges.top_rate_rad_s
-        self.trajectory = _Motion(seed, name, duration_s, *top, axes, position).trajectory
+        self.trajectory = _ObjectMotion(seed, name, duration_s, *top, axes, position).trajectory
 
     def __str__(self) -> str:
         mesh = "" if self.mesh is None else f"{self.mesh.name} with "
@@ -253,7 +253,7 @@ class _Object:
         return rectangle([0.0, 0.0, 0.0], np.eye(3), half, bitmap(texture, wrap="clamp"))
 
 
-def _source(background: _Image, background_m: float, objects: Sequence[_Object], read: _Reader) -> SceneDictionary:
+def _source(background: _Image, background_m: float, objects: Sequence[_SceneObject], read: _Reader) -> SceneDictionary:
     texture = read(background)
     aspect = texture.shape[1] / texture.shape[0]
     width = max(CAMERA.width / CAMERA.fx, CAMERA.height / CAMERA.fy * aspect) * background_m
@@ -291,11 +291,11 @@ def _fitted(path: Path, radius: float) -> Mesh:
     return Mesh((corners * (radius / reach)).reshape(-1, 3), np.arange(count).reshape(-1, 3), uv.reshape(-1, 2))
 
 
-def _listed(files: Files, of_folder: Callable[[str | Path], tuple[Path, ...]], what: str) -> tuple[Path, ...]:
+def _listed(files: Files, of_folder: Callable[[str | Path], tuple[Path, ...]], name: str) -> tuple[Path, ...]:
     if isinstance(files, str | Path):
         return of_folder(files)
     if not files:
-        raise ValueError(f"{what} must be a folder, or some files: got none")
+        raise ValueError(f"{name} must be a folder, or some files: got none")
     return tuple(map(Path, files))
 
 

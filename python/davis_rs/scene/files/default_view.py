@@ -50,7 +50,7 @@ _LARGEST_ROOM_M, _LARGEST_M = 100.0, 1000.0
 
 
 class DefaultView(NamedTuple):
-    """A camera path through a world without a camera."""
+    """Holds a camera path through a world without a camera."""
 
     trajectory: Trajectory
     note: str
@@ -81,7 +81,7 @@ def default_view(corners: FloatArray) -> DefaultView:
     kept = _near(points)
     low, high = points[kept].min(0), points[kept].max(0)
     stray = f", without {100 * (1 - kept.mean()):.2g} % of the surfaces, which lie far off" if not kept.all() else ""
-    grid = _Grid.of(points[kept], normals[kept], low, high)
+    grid = _VoxelGrid.of(points[kept], normals[kept], low, high)
     room = grid.room()
     if room is not None:
         centre, radius, angle, above = room
@@ -105,8 +105,8 @@ def _on_surfaces(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     weight = weight if weight[-1] > 0 else np.arange(1.0, len(corners) + 1)
     which = np.searchsorted(weight, random.random(_POINTS) * weight[-1]).clip(max=len(corners) - 1)
     u, v = np.sqrt(random.random(_POINTS)), random.random(_POINTS)
-    shares = np.stack([1 - u, u * (1 - v), u * v], 1)
-    points = np.einsum("nk,nkc->nc", shares, corners[which])
+    barycentric = np.stack([1 - u, u * (1 - v), u * v], 1)
+    points = np.einsum("nk,nkc->nc", barycentric, corners[which])
     return points, normal[which] / np.maximum(doubled[which], 1e-300)[:, None]
 
 
@@ -117,14 +117,14 @@ def _near(points: FloatArray) -> npt.NDArray[np.bool_]:
     return np.all((points >= low - margin) & (points <= high + margin), axis=1)
 
 
-class _Grid:
-    """Voxels of a world: which hold surfaces, and which way these face."""
+class _VoxelGrid:
+    """Holds the voxels of a world: which have surfaces, and which way these face."""
 
     def __init__(self, facing: FloatArray, filled: npt.NDArray[np.bool_], origin: FloatArray, cell: float) -> None:
         self.facing, self.filled, self.origin, self.cell = facing, filled, origin, cell
 
     @classmethod
-    def of(cls, points: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray) -> _Grid:
+    def of(cls, points: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray) -> _VoxelGrid:
         """Count points into cubes, with an empty cube around them all."""
         cell = float((high - low).max()) / _CELLS or 1.0
         shape = tuple(np.floor((high - low) / cell).astype(int) + 3)

@@ -76,7 +76,7 @@ Values = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 
 
 class Item(dict[str, Any]):
-    """An object of the JSON, whose values can be read as attributes: unchecked, and None where they are missing."""
+    """Holds an object of the JSON, whose values are read as attributes: unchecked, and None where they are missing."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -85,7 +85,7 @@ class Item(dict[str, Any]):
 
 
 class GltfFile:
-    """A glTF file.
+    """Reads a glTF file.
 
     Args:
         path: of the file.
@@ -129,10 +129,10 @@ class GltfFile:
         items = getattr(self.document, name) or []
         return items[self.whole(index, where, f"of the {len(items)} {name}", len(items) - 1)]
 
-    def whole(self, value: object, where: str, what: str, most: int) -> int:
-        """Return a whole number from 0 to ``most``."""
+    def whole(self, value: object, where: str, counted: str, most: int) -> int:
+        """Return a whole number from 0 to ``most``; ``counted`` says in the message what it counts: ``of bytes``."""
         if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= most:
-            raise self.error(where, f"must be a number {what}, counted from 0, got {plain(value)}")
+            raise self.error(where, f"must be a number {counted}, counted from 0, got {plain(value)}")
         return value
 
     def numbers(

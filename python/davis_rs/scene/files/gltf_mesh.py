@@ -28,7 +28,7 @@ _COLOURS_CUT = "colours of vertices beyond 0 to 1 (they are cut there)"
 
 
 class Primitive(NamedTuple):
-    """Triangles of one material, in their node's own axes, uv as in the file (v downwards).
+    """Holds triangles of one material, in their node's own axes, uv as in the file (v downwards).
 
     Attributes:
         corners: (m, 3, 3).
@@ -75,12 +75,12 @@ class Primitive(NamedTuple):
 
     @property
     def kind(self) -> tuple[int | None, bool, bool]:
-        """What primitives of one shape have in common."""
+        """Return what primitives of one shape have in common."""
         return self.material, self.normals is not None, self.colours is not None
 
 
 class GltfMeshes:
-    """The meshes of a file, each read on first use."""
+    """Reads the meshes of a file, each on first use."""
 
     def __init__(self, file: GltfFile, materials: GltfMaterials, repairs: Repairs) -> None:
         self._file, self._materials, self._repairs = file, materials, repairs
@@ -113,10 +113,10 @@ class GltfMeshes:
 
     def _has_surface(self, item: Item, where: str) -> bool:
         """Return whether there is something to see, and note points and lines, which are left out."""
-        what = _WITHOUT_SURFACE.get(self._mode(item, where))
-        if what is not None:
-            self._repairs.add(f"parts made of {what}, which have no surface, left out", 1, where)
-        return what is None
+        primitives = _WITHOUT_SURFACE.get(self._mode(item, where))
+        if primitives is not None:
+            self._repairs.add(f"parts made of {primitives}, which have no surface, left out", 1, where)
+        return primitives is None
 
     def _primitive(self, item: Item, where: str) -> Primitive:
         file = self._file
@@ -223,8 +223,8 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
     first = primitives[0]
 
     def together(name: str) -> FloatArray | None:
-        parts = [getattr(primitive, name) for primitive in primitives]
-        return None if parts[0] is None else np.concatenate(parts)
+        arrays = [getattr(primitive, name) for primitive in primitives]
+        return None if arrays[0] is None else np.concatenate(arrays)
 
     corners, uv = together("corners"), together("uv")
     assert corners is not None

@@ -160,7 +160,7 @@ class _GltfScene:
                 at_rest.setdefault(primitive.kind, []).append(primitive.placed(matrices))
         shapes: dict[str, MeshPart] = {}
         objects: dict[str, Trajectory] = {}
-        names = _Names()
+        names = _UniqueNames()
         for primitives in at_rest.values():
             part = self._part(primitives)
             shapes[names.unused(f"mesh_{part.material}")] = part
@@ -200,7 +200,7 @@ class _GltfScene:
         if not isinstance(declared, list):
             raise self.file.error("KHR_lights_punctual.lights", "must be a list")
         lights: SceneDictionary = {}
-        names = _Names()
+        names = _UniqueNames()
         for node in self.tree.nodes.values():
             given = self._extension(node.item.extensions)
             if "light" not in given:
@@ -299,17 +299,17 @@ class _GltfScene:
         focal = _WIDTH / (2 * aspect * np.tan(angle / 2))
         return Camera(_WIDTH, height, focal, focal, (_WIDTH - 1) / 2, (height - 1) / 2)
 
-    def _lose(self, what: str, name: str) -> None:
-        """Note that the look ``what`` of ``name`` is not shown."""
-        self.lost.setdefault(what, {})[name] = None
+    def _lose(self, look: str, name: str) -> None:
+        """Note that the look ``look`` of ``name`` is not shown."""
+        self.lost.setdefault(look, {})[name] = None
 
 
-def _counted(number: int, what: str) -> str:
-    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+def _counted(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
-class _Names:
-    """The ids of shapes, or of lights: letters, digits and _, and no two alike."""
+class _UniqueNames:
+    """Makes the ids of shapes, or of lights: letters, digits and _, and no two alike."""
 
     def __init__(self) -> None:
         self._next: dict[str, int] = {}

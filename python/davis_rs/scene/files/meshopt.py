@@ -93,11 +93,11 @@ def _plane(data: bytes, at: int, end: int, groups: int) -> tuple[bytes, int]:
     at += -(-groups // 4)
     if at > end:
         raise ValueError("attributes end within a block")
-    parts = []
+    deltas = []
     for group in range(groups):
         kind = data[headers + (group >> 2)] >> 2 * (group & 3) & 3
         if kind == 0:
-            parts.append(bytes(_GROUP))
+            deltas.append(bytes(_GROUP))
             continue
         if kind == 3:
             group_bytes, at = data[at : at + _GROUP], at + _GROUP
@@ -115,11 +115,11 @@ def _plane(data: bytes, at: int, end: int, groups: int) -> tuple[bytes, int]:
             at += whole
         if at > end:
             raise ValueError("attributes end within a group")
-        parts.append(group_bytes)
-    return b"".join(parts), at
+        deltas.append(group_bytes)
+    return b"".join(deltas), at
 
 
-class _Numbers:
+class _VarintReader:
     """Reads numbers of 7 bits a byte, and indices as differences to the last one."""
 
     def __init__(self, data: bytes, at: int, end: int) -> None:
@@ -153,7 +153,7 @@ def _triangles(data: bytes, count: int, budget: Budget) -> list[int]:
     if end < 1 + triangles or data[0] != 0xE1:
         raise ValueError("triangles must begin with the byte 0xe1, have a code each, and end with a table")
     table = data[end:]
-    numbers = _Numbers(data, 1 + triangles, end)
+    numbers = _VarintReader(data, 1 + triangles, end)
     following = 0
     # Rings of the last 16 edges and vertices; what is not there yet is 0.
     edges, vertices = [(0, 0)] * 16, [0] * 16
@@ -223,7 +223,7 @@ def _indices(data: bytes, count: int, budget: Budget) -> list[int]:
     end = len(data) - 4
     if end < 1 or data[0] != 0xD1:
         raise ValueError("indices must begin with the byte 0xd1 and end with four bytes")
-    numbers = _Numbers(data, 1, end)
+    numbers = _VarintReader(data, 1, end)
     last = [0, 0]
     indices = []
     for number in range(count):

@@ -87,8 +87,8 @@ class _ObjFile:
                 elif key == "mtllib":
                     self._read_materials(line.strip()[6:].strip(), number)
                 elif key in _WITHOUT_SURFACE:
-                    what = f"{_WITHOUT_SURFACE[key]} ({key}) have no surface and are left out"
-                    self.repairs.add(what, 1, f"line {number}")
+                    note = f"{_WITHOUT_SURFACE[key]} ({key}) have no surface and are left out"
+                    self.repairs.add(note, 1, f"line {number}")
                 elif key in _UNREAD:
                     raise ValueError(f"{key} (curves and surfaces) is not read: export a mesh of polygons")
             except DecodeError:
@@ -139,8 +139,8 @@ class _ObjFile:
     def parts(self) -> list[MeshPart]:
         """Build the parts, one for each material."""
         values = {key: np.array(self.numbers[key]).reshape(-1, width) for key, width in _WIDTH.items()}
-        for key, what in (("v", "vertex"), ("vt", "texture coordinate")):
-            check_finite(values[key], what, str(self.path))
+        for key, name in (("v", "vertex"), ("vt", "texture coordinate")):
+            check_finite(values[key], name, str(self.path))
         colours = self._vertex_colours(len(values["v"]))
         by_material: dict[str, list[npt.NDArray[np.int64]]] = {}
         for (material, corners), rows in self.faces.items():
@@ -156,8 +156,8 @@ class _ObjFile:
         """Return linear RGB (count, 3) of the vertices, or None where not all have one."""
         if len(self.colours) != 3 * count or not count:
             if self.colours:
-                what = f"colours of vertices are left out because not all of the {count} have one"
-                self.repairs.add(what, len(self.colours) // 3, "see the lines v")
+                note = f"colours of vertices are left out because not all of the {count} have one"
+                self.repairs.add(note, len(self.colours) // 3, "see the lines v")
             return None
         given = np.array(self.colours).reshape(-1, 3)
         check_finite(given, "colour of vertex", str(self.path))

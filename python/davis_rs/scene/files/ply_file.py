@@ -51,7 +51,7 @@ Columns = dict[str, npt.NDArray[np.float64]]
 
 @dataclass
 class _Element:
-    """An element of the header: its properties are (name, type, type of a list's length or None)."""
+    """Describes an element of the header: its properties are (name, type, type of a list's length or None)."""
 
     name: str
     count: int
@@ -78,7 +78,7 @@ def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
     """
     data = read_charged(path, budget)
     order, texture, elements, start = _header(path, data)
-    body = _Body(path, memoryview(data)[start:], order, budget)
+    body = _BodyReader(path, memoryview(data)[start:], order, budget)
     rows = {element.name: body.rows(element) for element in elements}
     named = {element.name: element for element in elements}
     vertices = _vertices(path, named["vertex"], rows["vertex"]) if "vertex" in named else {}
@@ -139,7 +139,7 @@ def _vertices(path: Path, element: _Element, rows: list[Columns]) -> Columns:
     return {**columns, "full scale": np.array([full])} if (columns := rows[0] if rows else {}) else {}
 
 
-class _Body:
+class _BodyReader:
     """Reads the numbers after the header, from front to back."""
 
     def __init__(self, path: Path, data: memoryview, order: str, budget: Budget) -> None:
@@ -164,11 +164,11 @@ class _Body:
         if columns is not None:
             return [columns]
         groups: dict[tuple[int, ...], list[list[float]]] = {}
-        what = f"rows of the element {element.name!r}"
+        subject = f"rows of the element {element.name!r}"
         for row in range(element.count):
-            self.budget.count(1, what)
+            self.budget.count(1, subject)
             lengths, values = self._row(element)
-            self.budget.take(_ROW_BYTES + _NUMBER_BYTES * len(values), what)
+            self.budget.take(_ROW_BYTES + _NUMBER_BYTES * len(values), subject)
             groups.setdefault(tuple(lengths), []).append([row, *values])
         return [self._columns(element, lengths, np.array(values)) for lengths, values in groups.items()]
 
@@ -235,15 +235,15 @@ class _Body:
         """Read the rows of an element until ``end`` as one table; return None if lists have other lengths."""
         if self.order:
             table = np.frombuffer(self.data, np.dtype(layout), element.count, self.at)
-            parts = [table[name].reshape(element.count, -1).astype(np.float64) for name, _, _ in layout]
+            columns = [table[name].reshape(element.count, -1).astype(np.float64) for name, _, _ in layout]
         else:
             words = np.array(self._floats(self.words[self.at : end], element)).reshape(element.count, width)
-            parts = np.split(words, np.cumsum([int(np.prod(shape)) for _, _, shape in layout])[:-1], axis=1)
-        given = [part for part, (name, _, _) in zip(parts, layout, strict=True) if name.startswith("length")]
-        if any((part != wanted).any() for part, wanted in zip(given, lengths, strict=True)):
+            columns = np.split(words, np.cumsum([int(np.prod(shape)) for _, _, shape in layout])[:-1], axis=1)
+        given = [column for column, (name, _, _) in zip(columns, layout, strict=True) if name.startswith("length")]
+        if any((column != wanted).any() for column, wanted in zip(given, lengths, strict=True)):
             return None
         self.at = end
-        kept = [part for part, (name, _, _) in zip(parts, layout, strict=True) if not name.startswith("length")]
+        kept = [column for column, (name, _, _) in zip(columns, layout, strict=True) if not name.startswith("length")]
         rows = np.arange(element.count, dtype=np.float64)[:, None]
         return self._columns(element, lengths, np.concatenate([rows, *kept], 1))
 
@@ -273,14 +273,14 @@ def _strips(path: Path, positions: FloatArray, strips: list[Columns], repairs: R
         for strip, row in zip(_indices(path, rows, "strip", len(positions), least=-1), rows["row"], strict=True):
             triangles = cut_strip(strip)
             whole = has_area(positions[triangles])
-            what = "triangles without area are left out"
-            repairs.add(what, int((~whole).sum()), f"in strip {int(row) + 1}")
+            note = "triangles without area are left out"
+            repairs.add(note, int((~whole).sum()), f"in strip {int(row) + 1}")
             yield triangles[whole]
 
 
-def _indices(path: Path, rows: Columns, what: str, count: int, *, least: int) -> Indices:
+def _indices(path: Path, rows: Columns, name: str, count: int, *, least: int) -> Indices:
     """Return the vertices (m, n) of rows, and check that each is from ``least`` to ``count`` - 1."""
-    given = next((rows[name] for name in _INDICES if name in rows), np.empty((len(rows["row"]), 0)))
+    given = next((rows[key] for key in _INDICES if key in rows), np.empty((len(rows["row"]), 0)))
     if given.ndim != 2:
         given = np.empty((len(rows["row"]), 0))
     outside = ~((given >= least) & (given < count))
@@ -292,7 +292,7 @@ def _indices(path: Path, rows: Columns, what: str, count: int, *, least: int) ->
             else f"vertex {given[worst, column]:g}"
         )
         raise ValueError(
-            f"{path}: {what} {int(rows['row'][worst]) + 1} names {named}, but the file has {count}, counted from 0"
+            f"{path}: {name} {int(rows['row'][worst]) + 1} names {named}, but the file has {count}, counted from 0"
         )
     return given.astype(np.int64)
 

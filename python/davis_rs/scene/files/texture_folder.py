@@ -94,11 +94,11 @@ def read_image_texture(path: Path, longest_side: int) -> Texture:
     return np.clip(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), 0.0, 1.0).astype(np.float32)
 
 
-def _files(folder: Path, suffixes: Sequence[str], what: str) -> tuple[Path, ...]:
+def _files(folder: Path, suffixes: Sequence[str], kind: str) -> tuple[Path, ...]:
     if not folder.is_dir():
-        raise NotADirectoryError(f"{folder} is no folder: it must be one with {what}")
+        raise NotADirectoryError(f"{folder} is no folder: it must be one with {kind}")
     paths = (path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
     files = sorted((path for path in paths if not path.name.startswith(".")), key=lambda path: path.as_posix())
     if not files:
-        raise ValueError(f"{folder}: there are no {what} in it ({', '.join(suffixes)})")
+        raise ValueError(f"{folder}: there are no {kind} in it ({', '.join(suffixes)})")
     return tuple(files)

@@ -24,7 +24,7 @@ _FANS = 8
 
 
 def cut_polygons(
-    polygons: Indices, positions: FloatArray, what: str, numbers: npt.NDArray[np.integer], repairs: Repairs
+    polygons: Indices, positions: FloatArray, name: str, numbers: npt.NDArray[np.integer], repairs: Repairs
 ) -> Indices:
     """Cut polygons into triangles, turned as the polygons are.
 
@@ -34,7 +34,7 @@ def cut_polygons(
     Args:
         polygons: (m, n), the vertices of m polygons of n corners each.
         positions: (v, 3) of all vertices.
-        what, numbers: the name of a polygon in messages: what is numbered, and the (m,) numbers.
+        name, numbers: the name of a polygon in messages: what is numbered, and the (m,) numbers.
         repairs: gets a note of what is left out, crosses itself or is far from flat.
 
     Returns:
@@ -59,7 +59,7 @@ def cut_polygons(
         crossed = np.zeros(count, bool)
         if len(blind) and corners > MOST_CORNERS:
             raise ValueError(
-                f"{repairs.path}: {what} {numbers[blind[0]]} has {corners} corners, and none that sees all others: "
+                f"{repairs.path}: {name} {numbers[blind[0]]} has {corners} corners, and none that sees all others: "
                 f"such a polygon may have {MOST_CORNERS}; export triangles"
             )
         for number in blind:
@@ -73,7 +73,7 @@ def cut_polygons(
         (bent & ~crossed & ~empty, "faces are far from flat and are cut as they look from straight above"),
     ):
         if which.any():
-            repairs.add(kind, int(which.sum()), f"{what} {numbers[which.argmax()]}")
+            repairs.add(kind, int(which.sum()), f"{name} {numbers[which.argmax()]}")
     return (rows * corners + cut)[whole]
 
 

@@ -74,7 +74,7 @@ def _pictures() -> SceneDictionary:
 def _stacks(random: np.random.RandomState) -> SceneDictionary:
     covers = _covers()
     stacks: SceneDictionary = {}
-    for x, y in _places():
+    for x, y in _positions():
         bottom, width, depth = 0.0, *random.uniform(0.3, 0.46, 2)
         # Higher at the back, so that the ones behind are seen too.
         top = 0.25 + 0.45 * y * random.uniform(0.6, 1.0)
@@ -89,7 +89,7 @@ def _stacks(random: np.random.RandomState) -> SceneDictionary:
     return stacks
 
 
-def _places() -> Iterator[tuple[float, float]]:
+def _positions() -> Iterator[tuple[float, float]]:
     """Yield middles of the squares that have a stack: around the camera's position, but not behind it."""
     for row in range(5):
         for column in range(-3, 4):

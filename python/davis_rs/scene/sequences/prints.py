@@ -133,6 +133,6 @@ def _outside(kind: str, dx: FloatArray, dy: FloatArray, radius: float, angle: fl
     return np.asarray(past[-2] if kind == "star" else past[-1])
 
 
-def _two_nearest(tree: cKDTree, places: FloatArray) -> tuple[tuple[FloatArray, FloatArray], npt.NDArray[np.int_]]:
-    distances, owners = tree.query(places, k=2)
+def _two_nearest(tree: cKDTree, positions: FloatArray) -> tuple[tuple[FloatArray, FloatArray], npt.NDArray[np.int_]]:
+    distances, owners = tree.query(positions, k=2)
     return (distances[..., 0], distances[..., 1]), owners[..., 0]

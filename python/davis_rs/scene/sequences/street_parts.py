@@ -71,10 +71,10 @@ def row_of_houses(
     y = reach[0]
     while y < reach[1]:
         wide = random.uniform(*width)
-        parts = house(wide, 9.0, random.uniform(*height), ridge, front_window(int(random.randint(FRONTS))))
+        walls_and_roof = house(wide, 9.0, random.uniform(*height), ridge, front_window(int(random.randint(FRONTS))))
         # Seen from the street the front runs from left to right: ahead on the left side, back on the right side.
         turn = np.pi / 2 if x < 0 else -np.pi / 2
-        walls, roof = (part.moved([x, y if x < 0 else y + wide, 0.0], turn) for part in parts)
+        walls, roof = (mesh.moved([x, y if x < 0 else y + wide, 0.0], turn) for mesh in walls_and_roof)
         yield walls, roof
         y += wide + random.uniform(*gap)
 

@@ -227,10 +227,10 @@ def parse_effect(text: str, among: Mapping[str, type[Effect]] = EFFECTS) -> Effe
     name, _, rest = text.partition("=")
     effect_class = _class_of(name, among)
     values: dict[str, float | None] = {}
-    for index, part in enumerate(rest.split(",") if rest else []):
-        parameter, equals, value = part.rpartition("=")
+    for index, assignment in enumerate(rest.split(",") if rest else []):
+        parameter, equals, value = assignment.rpartition("=")
         parameter = parameter if equals or index else _parameters(effect_class)[0].name
-        _check_parameter(name, effect_class, parameter, part)
+        _check_parameter(name, effect_class, parameter, assignment)
         values[parameter] = _number(f"{name} {parameter}", value)
     return _effect_of(name, effect_class, values)
 
@@ -257,22 +257,22 @@ def _effect_of(name: str, effect_class: type[Effect], value: object) -> Effect:
     return effect_class(**value)  # each class checks its own values
 
 
-def _check_parameter(name: str, effect_class: type[Effect], parameter: str, part: str) -> None:
+def _check_parameter(name: str, effect_class: type[Effect], parameter: str, assignment: str) -> None:
     names = [one.name for one in _parameters(effect_class)]
     if parameter not in names:
         near = did_you_mean(str(parameter), names)
-        raise ValueError(f"effect {name} has the parameters {', '.join(names)}, got {part!r}{near}")
+        raise ValueError(f"effect {name} has the parameters {', '.join(names)}, got {assignment!r}{near}")
 
 
 def _parameters(effect_class: type[Effect]) -> list[Field[Any]]:
     return [one for one in fields(effect_class) if one.init]  # type: ignore[arg-type]  # they are dataclasses
 
 
-def _number(what: str, text: str) -> float | None:
+def _number(name: str, text: str) -> float | None:
     if text.lower() == "none":
         return None
     try:
         number = float(text)
     except ValueError:
-        raise ValueError(f"{what} must be a number or none, got {text!r}") from None
+        raise ValueError(f"{name} must be a number or none, got {text!r}") from None
     return int(number) if number.is_integer() and abs(number) < 2**53 else number

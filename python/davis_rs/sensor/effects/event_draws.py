@@ -36,12 +36,12 @@ def event_draws(events: EventArray, seed: int, purpose: int = 0) -> npt.NDArray[
     events = as_events(events)
     pixel = (events["y"].astype(np.uint64) << np.uint64(17)) | (events["x"].astype(np.uint64) << np.uint64(1))
     words = np.full(len(events), seed, np.uint64)
-    for part in (
+    for word in (
         np.uint64(purpose),
         events["t"].astype(np.int64).view(np.uint64),
         pixel | events["p"].astype(np.uint64),
     ):
-        words = _mixed(words + np.uint64(_STEP)) ^ part
+        words = _mixed(words + np.uint64(_STEP)) ^ word
     return np.asarray((_mixed(words + np.uint64(_STEP)) >> np.uint64(11)) * 2.0**-53, np.float64)
 
 

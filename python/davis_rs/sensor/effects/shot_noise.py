@@ -1,9 +1,9 @@
-"""Defines the effect of events from noise."""
+"""Defines the effect of noise on the signal."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,71 +11,59 @@ import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
 from .effect import EngineEffect, Where
+from .noise_rates import LEAST_RATIO, MOST_RATIO, event_rates_hz
 from .threshold_mismatch import ThresholdMismatch
-
-_MOST_RATIO = 100.0
-"""The largest ratio of the pole that is proportional to light to the other pole. The engine has the same limit."""
 
 
 @dataclass(frozen=True)
 class ShotNoise(EngineEffect):
-    """Models events of noise alone: in each pixel as many as a Gaussian process has crossings of that pixel's
-    thresholds.
+    """Adds noise to what the comparators of each pixel see: a stationary Gaussian process.
 
     Photons make white noise, whose density in log intensity is as one over light. It passes two poles: the
     photoreceptor's, which is proportional to light, and the source follower's, which is not. They are at x *
-    bandwidth_hz and at bandwidth_hz, where x is (luma + log_eps) / half_luma, at each instant with its own luma. Then
-    the variance is rms^2 / (1 + x): constant in the dark, as one over light where it is bright. By Rice noise behind
-    two poles f1 and f2 crosses a level at a distance d from its mean
+    bandwidth_hz and at bandwidth_hz, where x is (luma + log_eps) / half_luma. The variance behind both is
 
-        sqrt(f1 f2) * exp(-d^2 / (2 variance)) = bandwidth_hz * sqrt(x) * exp(-d^2 (1 + x) / (2 rms^2))
+        (rms^2 + floor^2 x) / (1 + x)
 
-    times a second, upwards. So often a pixel makes a pair that begins with an ON event (d = C_on), and one that begins
-    with an OFF event (d = C_off), both Poisson processes. In the dark noise is slow and makes few events, in bright
-    light it is small and makes few; most come at x = rms^2 / C^2. The thresholds are the pixel's own, so with
-    ``threshold_mismatch`` some pixels are far noisier than others. :meth:`rate_hz` is the formula.
+    which is constant in the dark, falls as one over light where it is bright, and comes to ``floor``^2: that is white
+    noise whose density does not depend on light.
 
-    Events come in pairs. The pixel is reset as after any event, and a reset memorises the noise with the signal, so the
-    reference moves by a threshold. After a time that is exponential with the mean of both poles' time constants, (1 /
-    f1 + 1 / f2) / (4 pi), the noise has gone back. Then the opposite level is crossed, or is within half a threshold,
-    which noise on its way back soon reaches: the event of the opposite polarity, and the reference is back as well. So
-    noise does not hide slow contrast: ON events less OFF events are still those of the signal, but for the pair under
-    way.
-
-    A refractory period T follows each of the two, and none falls into one. What is memorised at its end is the signal
-    there, and what is left of the noise, by the autocorrelation of noise behind two poles: nearly all while T is much
-    shorter than the time constants, nothing after a much longer T, so that slow contrast is then lost.
+    A pixel makes an event when signal and noise together reach a level for the first time, and the reference moves to
+    that level. So noise makes events by itself where the signal stands near a level, moves the events of the signal in
+    time, and has no say where the signal is far from both levels. Because a reset memorises the noise with the signal,
+    an event of noise is often followed by one of the opposite polarity, and ON less OFF events are still those of the
+    signal. At the end of a refractory period the signal and the noise of that instant are memorised.
 
     The two poles are told here once more, apart from ``photoreceptor_bandwidth_hz``, because noise may be simulated
     without that. A sensor derives them from its photoreceptor (:class:`~davis_rs.SensorParameters`).
 
-    Where the formula ends: there is one pair at a time, so rates are lower where pairs would overlap (with poles alike
-    by 1 % at a rate of bandwidth_hz / 16). A pixel whose thresholds differ from each other makes some events without a
-    second one. The distance d is that of a pixel that has just been reset: a signal between two levels does not change
-    the rate. Noise followed step by step makes fewer events than the formula where C is not far above the noise,
-    and where one pole is far slower than the other (docs/effects.md). The photoreceptor's pole
-    counts as at most 100 times the other one.
+    The path of the noise is drawn from its exact law, given the light at the starts of cells of one to two time
+    constants of the source follower. It is refined until what is not known is half a percent of its standard deviation.
+    Noise beyond 6 standard deviations is not looked for. :meth:`rate_hz` approximates how many events come of noise.
 
     Args:
-        rms: standard deviation of log intensity in the dark, 0..1e6; 0 is neutral.
-        half_luma: the luma (more precisely, luma + log_eps) at which the variance has halved and both poles are alike,
-            > 0; inf for noise that is the same in any light: variance rms^2, both poles at bandwidth_hz.
+        rms: standard deviation of log intensity in the dark, 0..1e6; neutral where ``floor`` is 0, too.
+        half_luma: the luma (more precisely, luma + log_eps) at which the variance of what photons make has halved and
+            both poles are alike, > 0; inf for noise that is the same in any light: variance rms^2, both poles at
+            bandwidth_hz, and no floor. The photoreceptor's pole counts as at most 100 times the other one, and at least
+            1 / 65,536 of it.
         bandwidth_hz: the pole that does not depend on light, 1e-3..1e7 Hz.
+        floor: standard deviation that is left in bright light, 0..1e6.
 
     Raises:
         ValueError: for values out of range.
 
-    Source: Rice, "Mathematical analysis of random noise", Bell System Technical Journal 24, 1945, section 3.3
-    (crossings); Graca and Delbruck, "Unraveling the paradox of intensity-dependent DVS pixel noise", IISW 2021 (noise
+    Source: Graca and Delbruck, "Unraveling the paradox of intensity-dependent DVS pixel noise", IISW 2021 (noise
     of constant power in the dark, which falls once the photoreceptor is faster than the source follower); Graca,
     McReynolds and Delbruck, "Exploiting alternating DVS shot noise event pair statistics to reduce background
-    activity", IISW 2023 (pairs, because a reset memorises the noise). The time to the way back and the half of a
-    threshold are assumptions: noise that gets to a whole threshold is often at half of one.
+    activity", IISW 2023 (a reset memorises the noise, so events come in pairs); Lin, Ma, Guo and Wen, "DVS-Voltmeter",
+    ECCV 2022 (events as first passages of signal and noise).
     """
 
     rms: float
     half_luma: float = 1.0
     bandwidth_hz: float = 300.0
+    floor: float = 0.0
 
     name: ClassVar[str] = "shot_noise_rms"
     acts_on: ClassVar[Where] = "pixel"
@@ -85,6 +73,8 @@ class ShotNoise(EngineEffect):
         cls, rate_hz: float, contrast_threshold: float, *, light: float | None = None, **parameters: Any
     ) -> ShotNoise:
         """Return the noise that makes ``rate_hz`` events a second, both polarities together, at ``contrast_threshold``.
+
+        It is that of :meth:`rate_hz` in the mean over all phases.
 
         Args:
             rate_hz: events per second and pixel, 0 for none.
@@ -104,33 +94,65 @@ class ShotNoise(EngineEffect):
             raise ArgumentError("{rate_hz} must be finite and >= 0 Hz, got {!r}", rate_hz)
         if rate_hz == 0:
             return made
-        in_any_light = math.isinf(made.half_luma)
-        if light is None and not in_any_light:
-            return cls(contrast_threshold / math.sqrt(_steepness(4 * made.bandwidth_hz / rate_hz)), **parameters)
-        # rate = 4 f sqrt(x) exp(-C^2 (1 + x) / 2 rms^2), without x in any light.
-        x = 0.0 if in_any_light or light is None else light / made.half_luma
-        most_hz = 4 * made.bandwidth_hz * (1.0 if in_any_light else math.sqrt(min(x, _MOST_RATIO)))
-        if rate_hz >= most_hz:
-            raise ValueError(f"rate_hz must lie below {most_hz:g} Hz, 4 times the root of both poles, got {rate_hz}")
-        return cls(contrast_threshold * math.sqrt((1 + x) / (2 * math.log(most_hz / rate_hz))), **parameters)
+        lights = made._lights() if light is None else np.array([light])
+
+        def excess(log_rms: float) -> float:
+            noise = replace(made, rms=contrast_threshold * math.exp(log_rms))
+            made_hz = float(noise.rate_hz(contrast_threshold, contrast_threshold, lights).max())
+            return math.log(max(made_hz, 1e-300) / rate_hz)
+
+        # Where noise is as large as the threshold the law ends.
+        least, most = math.log(0.01), float(np.log(1 + lights.max() / made.half_luma)) / 2
+        if excess(most) <= 0:
+            limit_hz = rate_hz * math.exp(excess(most))
+            raise ValueError(
+                f"rate_hz must lie below {limit_hz:.4g} Hz, that of noise as large as the threshold, got {rate_hz}"
+            )
+        if excess(least) > 0:
+            raise ValueError(f"rate_hz must be that of noise above a hundredth of the threshold, got {rate_hz}")
+        from scipy.optimize import brentq
+
+        return replace(made, rms=contrast_threshold * math.exp(brentq(excess, least, most, xtol=1e-9)))
+
+    def _lights(self) -> npt.NDArray[np.float64]:
+        """Return lights from the least to the largest ratio of poles, evenly in their logarithm."""
+        if math.isinf(self.half_luma):
+            return np.ones(1)
+        return self.half_luma * np.geomspace(LEAST_RATIO, MOST_RATIO, 200)
+
+    def sigma(self, light: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return the standard deviation of the noise where luma + log_eps is ``light``."""
+        x = np.asarray(light, np.float64) / self.half_luma
+        return np.sqrt((self.rms**2 + self.floor**2 * x) / (1 + x))
 
     def rate_hz(
-        self, contrast_threshold: npt.ArrayLike, contrast_threshold_off: npt.ArrayLike, light: npt.ArrayLike = 0.0
+        self,
+        contrast_threshold: npt.ArrayLike,
+        contrast_threshold_off: npt.ArrayLike,
+        light: npt.ArrayLike = 0.0,
+        phase: npt.ArrayLike | None = None,
     ) -> npt.NDArray[np.float64]:
-        """Return events per second of a pixel, of both polarities together, by Rice's formula; arguments are broadcast.
+        """Return events per second that noise makes of a pixel that stands still, of both polarities together.
 
-        ``light`` is luma + log_eps.
+        An approximation, within a few percent where thresholds are alike and twice the noise or more
+        (:func:`~davis_rs.sensor.effects.noise_rates.event_rates_hz`). A pixel whose thresholds differ from each other
+        drifts to where noise makes fewer events, and stays there until the signal moves.
+
+        Args:
+            contrast_threshold, contrast_threshold_off: C_on and C_off.
+            light: luma + log_eps.
+            phase: signal less reference, in units of the threshold ahead, -1..1; None for the mean over all phases.
+
+        Returns:
+            float64, the arguments broadcast.
         """
-        on, off, light = (
-            np.asarray(value, np.float64) for value in (contrast_threshold, contrast_threshold_off, light)
-        )
+        values = [np.asarray(value, np.float64) for value in (contrast_threshold, contrast_threshold_off, light)]
         if self.neutral:
-            return np.zeros(np.broadcast_shapes(on.shape, off.shape, light.shape))
-        x = light / self.half_luma
-        twice_variance = 2 * self.rms**2 / (1 + x)
-        ratio = np.minimum(x, _MOST_RATIO) if math.isfinite(self.half_luma) else 1.0
-        rate: npt.NDArray[np.float64] = np.exp(-(on**2) / twice_variance) + np.exp(-(off**2) / twice_variance)
-        return 2 * self.bandwidth_hz * np.sqrt(ratio) * rate
+            shapes = [value.shape for value in values] + ([] if phase is None else [np.shape(phase)])
+            return np.zeros(np.broadcast_shapes(*shapes))
+        on, off, light = values
+        ratio = light / self.half_luma if math.isfinite(self.half_luma) else np.ones_like(light)
+        return event_rates_hz(on, off, self.sigma(light), ratio, self.bandwidth_hz, phase)
 
     def mean_rate_hz(
         self, contrast_threshold: float, contrast_threshold_off: float, mismatch: ThresholdMismatch, light: float
@@ -144,20 +166,4 @@ class ShotNoise(EngineEffect):
     @property
     def neutral(self) -> bool:
         """Return whether there is no noise."""
-        return self.rms == 0
-
-
-def _steepness(ratio: float) -> float:
-    """Return (C / rms)^2 where 4 bandwidth_hz is ``ratio`` times the event rate in the light with most events.
-
-    That light is x = 1 / u with u = (C / rms)^2, so ratio^2 = u exp(u + 1), which Lambert's W inverts.
-
-    Raises:
-        ValueError: where that light is beyond the ratio of poles that the law takes.
-    """
-    from scipy.special import lambertw
-
-    least = math.sqrt(math.exp(1 + 1 / _MOST_RATIO) / _MOST_RATIO)
-    if not ratio > least:
-        raise ValueError(f"rate_hz must lie below {4 / least:.3g} bandwidth_hz, got {4 / ratio:.3g} bandwidth_hz")
-    return float(lambertw(ratio**2 / math.e).real)
+        return self.rms == 0 and self.floor == 0

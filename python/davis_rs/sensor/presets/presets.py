@@ -18,7 +18,7 @@ _NAMES = (IDEAL, "davis240c", "davis346")
 
 
 class _Presets(Mapping[str, SensorParameters]):
-    """Sensors by name, each read from its file on first use."""
+    """Maps names to sensors, each read from its file on first use."""
 
     def __getitem__(self, name: str) -> SensorParameters:
         return preset_file(name).parameters

@@ -79,11 +79,11 @@ class SensorFile:
     uncertainties: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        for what, given in (("sources", self.sources), ("uncertainties", self.uncertainties)):
+        for mapping, given in (("sources", self.sources), ("uncertainties", self.uncertainties)):
             for name in given:
                 if name not in parameter_names():
                     raise ValueError(
-                        f"{what}: a sensor has no parameter {name!r}{did_you_mean(name, parameter_names())}"
+                        f"{mapping}: a sensor has no parameter {name!r}{did_you_mean(name, parameter_names())}"
                     )
         for name, sigma in self.uncertainties.items():
             if not (_is_number(sigma) and math.isfinite(sigma) and sigma >= 0):
@@ -206,9 +206,9 @@ def sensor_yaml(sensor: SensorFile) -> str:
     def dumped(key: str, value: object) -> str:
         return yaml.safe_dump({key: value}, sort_keys=False, allow_unicode=plain, width=_WIDTH)
 
-    parts = [_HEADING]
+    sections = [_HEADING]
     if sensor.description:
-        parts.append(dumped(_DESCRIPTION, sensor.description))
+        sections.append(dumped(_DESCRIPTION, sensor.description))
     told = [name for name in parameter_names() if name in {**sensor.given, **sensor.sources, **sensor.uncertainties}]
     for name in told:
         notes = {
@@ -216,25 +216,25 @@ def sensor_yaml(sensor: SensorFile) -> str:
             "uncertainty": sensor.uncertainties.get(name),
             "source": sensor.sources.get(name),
         }
-        parts.append(
+        sections.append(
             dumped(
                 name, {"value": sensor.given.get(name)} | {key: one for key, one in notes.items() if one is not None}
             )
         )
     if not told:
-        parts.append("{}\n" if not sensor.description else "")
-    return "".join(parts)
+        sections.append("{}\n" if not sensor.description else "")
+    return "".join(sections)
 
 
-def _mapping(file: str | os.PathLike[str], what: str, content: object, known: Iterable[str]) -> JsonObject:
+def _mapping(file: str | os.PathLike[str], subject: str, content: object, known: Iterable[str]) -> JsonObject:
     """Check that ``content`` is a mapping with known keys only, and return it."""
     known = tuple(known)
     if not isinstance(content, dict):
-        raise DecodeError(f"{file}: {what} must be a mapping of keys to values, got {_shown(content)}")
+        raise DecodeError(f"{file}: {subject} must be a mapping of keys to values, got {_shown(content)}")
     for key in content:
         if key not in known:
             near = did_you_mean(key if isinstance(key, str) else "", known) or f"; there are {', '.join(known)}"
-            raise DecodeError(f"{file}: {what} has no key {_shown(key)}{near}")
+            raise DecodeError(f"{file}: {subject} has no key {_shown(key)}{near}")
     return dict(content)
 
 

@@ -278,13 +278,13 @@ def kalibr_rig_chain(rig: Rig) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _mapping(what: str, content: object, known: Sequence[str] | None = None) -> JsonObject:
+def _mapping(subject: str, content: object, known: Sequence[str] | None = None) -> JsonObject:
     if not isinstance(content, dict):
-        raise ValueError(f"{what} must be a mapping of keys to values, got {content!r:.60}")
+        raise ValueError(f"{subject} must be a mapping of keys to values, got {content!r:.60}")
     for key in content if known is not None else ():
         if key not in (known or ()):
             near = did_you_mean(key, known or ()) if isinstance(key, str) else ""
-            raise ValueError(f"{what} has no key {key!r:.60}{near or '; there are ' + ', '.join(known or ())}")
+            raise ValueError(f"{subject} has no key {key!r:.60}{near or '; there are ' + ', '.join(known or ())}")
     return dict(content)
 
 

@@ -125,7 +125,7 @@ def stereo_truth(
     return StereoTruth(forward.disparity, forward.match, occluded, consistent)
 
 
-class _Seen(NamedTuple):
+class _SeenPoints(NamedTuple):
     """Holds the points that a camera sees: their disparity, where another camera sees them, and their depth there."""
 
     disparity: npt.NDArray[np.float32]
@@ -135,7 +135,7 @@ class _Seen(NamedTuple):
 
 def _seen_by(
     rig: Rig, camera: int, other: int, depth: npt.NDArray[np.float32], rotation: FloatArray, rectified: Rectification
-) -> _Seen:
+) -> _SeenPoints:
     lens = rig.cameras[camera].camera
     if depth.shape != (lens.height, lens.width):
         raise ValueError(f"the depth map of cam{camera} must have shape {(lens.height, lens.width)}, got {depth.shape}")
@@ -148,7 +148,7 @@ def _seen_by(
         pose = rig.relative_pose(other, camera)
         there = points @ pose.rotation.T + pose.position
         match = rig.cameras[other].camera.project(there)
-    return _Seen(disparity.astype(np.float32), match.astype(np.float32), there[..., 2])
+    return _SeenPoints(disparity.astype(np.float32), match.astype(np.float32), there[..., 2])
 
 
 def _neighbours(at: npt.NDArray[np.float32], image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

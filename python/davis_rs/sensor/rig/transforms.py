@@ -40,7 +40,7 @@ def mounts_on_body(body: str, sensors: Sequence[str], relations: Sequence[Relati
             sensor that disagree; naming the sensors.
     """
     _refuse_circles({relation.sensor: relation.other for relation in relations if relation.key == "parent"})
-    found: dict[str, FloatArray] = {body: np.eye(4)}
+    mounts: dict[str, FloatArray] = {body: np.eye(4)}
     waiting = deque([body])
     while waiting:
         at = waiting.popleft()
@@ -49,22 +49,22 @@ def mounts_on_body(body: str, sensors: Sequence[str], relations: Sequence[Relati
                 continue
             forward = at == relation.other
             reached = relation.sensor if forward else relation.other
-            matrix = found[at] @ (inverse_transform(relation.matrix) if forward else relation.matrix)
-            if reached not in found:
-                found[reached] = matrix
+            matrix = mounts[at] @ (inverse_transform(relation.matrix) if forward else relation.matrix)
+            if reached not in mounts:
+                mounts[reached] = matrix
                 waiting.append(reached)
-            elif (off := float(np.abs(found[reached] - matrix).max())) > _AGREE:
+            elif (off := float(np.abs(mounts[reached] - matrix).max())) > _AGREE:
                 raise ValueError(
                     f"{relation.sensor}: {relation.key} puts {reached} up to {off:.3g} m off where the other "
                     "transforms have it: they must agree"
                 )
-    lost = [name for name in sensors if name not in found]
+    lost = [name for name in sensors if name not in mounts]
     if lost:
         raise ValueError(
             f"{lost[0]}: nothing says where it is on the body ({body}): give T_cn_cnm1, T_cam_imu, or parent with "
             f"{'T_cam_parent' if lost[0].startswith('cam') else 'T_imu_parent'}"
         )
-    return {name: found[name] for name in sensors}
+    return {name: mounts[name] for name in sensors}
 
 
 def _refuse_circles(parents: Mapping[str, str]) -> None:

@@ -235,8 +235,8 @@ def _as_luma(image: npt.ArrayLike, shape: tuple[int, ...], where: str) -> LumaFr
 
 def instants(start_us: int, end_us: int, moved_px: float, step_px: float) -> npt.NDArray[np.int64]:
     """Choose whole microseconds strictly between start and end; between two the image moves by ``step_px`` at most."""
-    parts = min(max(math.ceil(moved_px / step_px - 1e-6), 1), MOST_FRAMES + 1, end_us - start_us)
-    return start_us + np.arange(1, parts, dtype=np.int64) * (end_us - start_us) // parts
+    steps = min(max(math.ceil(moved_px / step_px - 1e-6), 1), MOST_FRAMES + 1, end_us - start_us)
+    return start_us + np.arange(1, steps, dtype=np.int64) * (end_us - start_us) // steps
 
 
 def _unsure(pair: FlowPair) -> bool:

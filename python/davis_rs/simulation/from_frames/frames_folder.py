@@ -96,7 +96,7 @@ def frames_to_folder(
         if not quiet:
             for line in run.notes():
                 say(line)
-        counted = _Counted()
+        counted = _WrittenCounts()
         with (
             stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
             DatasetWriter(
@@ -146,7 +146,7 @@ def _told(
 
 
 @dataclass
-class _Counted:
+class _WrittenCounts:
     """Says how much of a run was written."""
 
     frames: int = 0
@@ -163,7 +163,7 @@ def _write_all(
     images_every: int,
     bar: Progress,
     stop_requested: Callable[[], bool],
-    counted: _Counted,
+    counted: _WrittenCounts,
 ) -> None:
     """Write packets until they or the user end it."""
     for packet in packets:

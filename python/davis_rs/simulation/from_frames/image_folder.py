@@ -141,5 +141,5 @@ def _images_in(folder: Path) -> list[Path]:
 
 def _by_numbers(file: Path) -> tuple[list[tuple[str, int]], str]:
     """Return a key by which frame_2 comes before frame_10."""
-    parts = re.findall(r"(\D*)(\d*)", file.stem)
-    return [(text, int(number or -1)) for text, number in parts], file.name
+    words = re.findall(r"(\D*)(\d*)", file.stem)
+    return [(text, int(number or -1)) for text, number in words], file.name

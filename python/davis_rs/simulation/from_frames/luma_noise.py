@@ -152,13 +152,13 @@ def _differences(values: npt.NDArray[np.float64], mask: tuple[float, ...]) -> np
     """Return differences across and down, at the place of their last value; NaN before."""
     for axis in (0, 1):
         count = len(mask)
-        parts = [
+        terms = [
             weight * np.take(values, np.arange(k, values.shape[axis] - count + 1 + k), axis)
             for k, weight in enumerate(mask)
         ]
         padding = [(0, 0), (0, 0)]
         padding[axis] = (count - 1, 0)
-        values = np.pad(sum(parts, np.zeros(())), padding, constant_values=np.nan)
+        values = np.pad(sum(terms, np.zeros(())), padding, constant_values=np.nan)
     return values
 
 

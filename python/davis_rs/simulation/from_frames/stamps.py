@@ -76,7 +76,7 @@ def read_stamps(path: str | Path, unit: str | None = None) -> IntArray:
     return np.array([parse_stamp(words[0], path, number, unit or "s") for number, words in lines], np.int64)
 
 
-def as_stamps(times: npt.ArrayLike, unit: str | None, what: str) -> IntArray:
+def as_stamps(times: npt.ArrayLike, unit: str | None, name: str) -> IntArray:
     """Convert numbers to nanoseconds (n,): integers are microseconds, floating point seconds, unless the unit says
     else.
 
@@ -86,14 +86,14 @@ def as_stamps(times: npt.ArrayLike, unit: str | None, what: str) -> IntArray:
     check_unit(unit)
     array = np.asarray(times)
     if array.ndim != 1 or not (np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)):
-        raise ValueError(f"{what}: stamps must be one row of numbers, got {array.dtype} of shape {array.shape}")
+        raise ValueError(f"{name}: stamps must be one row of numbers, got {array.dtype} of shape {array.shape}")
     whole = bool(np.issubdtype(array.dtype, np.integer))
     factor = TIME_UNITS[unit or ("us" if whole else "s")]
     with np.errstate(over="ignore", invalid="ignore"):
         wrong = ~(np.abs(array.astype(np.float64) * factor) < _LARGEST_NS)
     if wrong.any():
         at = int(wrong.argmax())
-        raise ValueError(f"{what}: stamp {at} must be finite and fit 64 bits of nanoseconds, got {array[at]}")
+        raise ValueError(f"{name}: stamp {at} must be finite and fit 64 bits of nanoseconds, got {array[at]}")
     if whole:
         return np.asarray(array, np.int64) * factor
     return np.asarray(np.rint(array.astype(np.float64) * factor), np.int64)

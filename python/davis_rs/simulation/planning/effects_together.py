@@ -46,7 +46,7 @@ class SetForecast:
 
 
 class EffectsTogether:
-    """Runs of the engine with several effects on at once: sets of candidates, and all of them.
+    """Runs the engine with several effects on at once: sets of candidates, and all of them.
 
     Hot pixels are so few that a sample says nothing of them: their known rate is added.
 
@@ -59,7 +59,7 @@ class EffectsTogether:
         self._estimator, sequence = estimator, estimator.sequence
         self._kept, self._candidates = (Effects.of(e for e in of if e.name != "aps") for of in (kept, candidates))
         self._everything = self._candidates.with_defaults(self._kept)
-        self._seen = _Pixels(estimator, sequence.pixel)
+        self._seen = _PixelRuns(estimator, sequence.pixel)
 
     @property
     def worth_running(self) -> bool:
@@ -91,7 +91,7 @@ class EffectsTogether:
         with_set = chosen.with_defaults(self._kept)
         other = self._seen
         if len(sequence.held_out):
-            other = _Pixels(estimator, sequence.held_out)
+            other = _PixelRuns(estimator, sequence.held_out)
         omission, left_us = other.omission(with_set, self._everything)
         _, all_us = other.omission(self._kept, self._everything)
         return SetForecast(
@@ -104,7 +104,7 @@ class EffectsTogether:
             candidates=len(list(self._candidates)),
         )
 
-    def _error(self, pixels: _Pixels, out: Sequence[Effect]) -> float:
+    def _error(self, pixels: _PixelRuns, out: Sequence[Effect]) -> float:
         """Return the error of leaving these out of everything."""
         names = {effect.name for effect in out}
         doing(f"the effects together, without {', '.join(sorted(names))}")
@@ -112,7 +112,7 @@ class EffectsTogether:
         return pixels.omission(rest, self._everything)[0].worst_percent
 
 
-class _Pixels:
+class _PixelRuns:
     """Runs some pixels under sets of effects."""
 
     def __init__(self, estimator: OmissionEstimator, pixel: np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
@@ -124,16 +124,16 @@ class _Pixels:
         """Return all events but those of hot pixels."""
         sample = self._through(effects.optical)
         in_pixels = Effects.of(e for e in effects if e.acts_on != "luma" and e.name not in _ADDED_OR_BEHIND)
-        parts = [sample.segment_events(segment, in_pixels or None) for segment in sample.segments]
+        streams = [sample.segment_events(segment, in_pixels or None) for segment in sample.segments]
         bus = effects.readout
         if bus is not None:
             rows, held = self._estimator.sequence.camera.height, effects.refractory_period_us
             refractory_us = 0.0 if held is None else held.period_us
-            parts = [
+            streams = [
                 carried_events(events, bus, sample.sensor_share, rows, sample.seed, refractory_us=refractory_us)
-                for events in parts
+                for events in streams
             ]
-        events = concatenate_events(parts)
+        events = concatenate_events(streams)
         return events[np.argsort(events["t"], kind="stable")]  # the bus may delay one part's into the next part
 
     def omission(self, without: Effects, everything: Effects) -> tuple[OmissionError, float]:

@@ -35,7 +35,10 @@ FLOOD = 3_000_000
 """Above this count the known rate is used instead of simulating."""
 
 _FEW = 30
-"""Below this count of leak events the known rate says more than the sample."""
+"""Below this count of events of leak or noise the known rate says more than the sample."""
+
+_LIGHTS, _LEAST_HZ, _RARE_HZ = 256, 1e-30, 1e-9
+"""Points of the table of noise over light, the least rate that it holds, and one that counts as none."""
 
 _PIXELS = 256
 """Pixels, each with a leak of its own, over which the events of a leak are averaged."""
@@ -150,19 +153,25 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
         f"{estimator.of_rate(of_a_pixel / duration_s):.3g} events expected of {hz:.3g} Hz a pixel, next to "
         f"{estimator.scene_events:.3g} of the scene; levels drift by {hz * duration_s:.2g} C"
     )
-    counted = estimator.added(of_a_pixel / duration_s)
-    made = of_a_pixel * sample.pixels
+    return _seen_or_known(estimator, effect, of_a_pixel), seen
+
+
+def _seen_or_known(estimator: OmissionEstimator, effect: Effect, of_a_pixel: float) -> OmissionError:
+    """Return the omission error of an effect that adds so many events of a pixel to those that it moves.
+
+    What little the sample shows of few events is left to the rate, and so is what falls between the sample's parts.
+    """
+    counted = estimator.added(of_a_pixel / (estimator.sequence.duration_us * 1e-6))
+    made = of_a_pixel * estimator.sequence.pixels.pixels
     if made > FLOOD:
-        return counted, seen
+        return counted
     error = estimator.in_engine(effect)
-    # What little the sample shows of few events is left to the rate, and so is what falls between the sample's parts.
-    seen_or_known = replace(
+    return replace(
         error,
         missing_percent=max(error.missing_percent, counted.missing_percent),
         rate_percent=max(error.rate_percent, counted.rate_percent),
-        count_percent=counted.count_percent if made < _FEW else error.count_percent,
+        count_percent=min(counted.count_percent, error.count_percent) if made < _FEW else error.count_percent,
     )
-    return seen_or_known, seen
 
 
 def static_leak_events(drift: float, effect: LeakRate, sample: LumaSample) -> float:
@@ -193,15 +202,30 @@ def _sum_of_floors(value: FloatArray) -> FloatArray:
 def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[OmissionError, str]:
     sample = estimator.sequence.pixels
     steps = sample.steps()
-    rate = effect.rate_hz(sample.contrast_threshold, sample.contrast_threshold_off, np.exp(steps.log))
-    hz = float(np.average(rate.mean(1), weights=steps.length_s))
+    log_light = steps.log.astype(np.float64)
+    rates = _noise_hz(effect, sample, log_light, None)
+    if sample.start_phase == "zero":
+        # Pixels that stand still stay where they began, at their reference.
+        still = np.abs(steps.change).sum(0) < sample.contrast_threshold / 2
+        rates[:, still] = _noise_hz(effect, sample, log_light[:, still], 0.0)
+    hz = float(np.average(rates.mean(1), weights=steps.length_s))
     dark, bright = np.percentile(steps.luma, (1, 99))
     seen = (
         f"luma {dark:.3g}..{bright:.3g} (1 % to 99 %) against the {effect.half_luma:.3g} that halves the "
         f"noise's variance, which has rms {effect.rms / sample.contrast_threshold:.3g} C in the dark: "
         f"{hz:.3g} Hz a pixel, so {estimator.of_rate(hz):.3g} events next to {estimator.scene_events:.3g} of the scene"
     )
-    return estimator.added(hz), seen
+    return _seen_or_known(estimator, effect, hz * estimator.sequence.duration_us * 1e-6), seen
+
+
+def _noise_hz(effect: ShotNoise, sample: LumaSample, log_light: FloatArray, phase: float | None) -> FloatArray:
+    """Return events of noise per second in each light, at a phase or in the mean over all, from a table over light."""
+    if not log_light.size:
+        return log_light
+    table = np.linspace(log_light.min(), log_light.max(), _LIGHTS)
+    rates = effect.rate_hz(sample.contrast_threshold, sample.contrast_threshold_off, np.exp(table), phase)
+    hz = np.exp(np.interp(log_light, table, np.log(np.maximum(rates, _LEAST_HZ))))
+    return np.where(hz > _RARE_HZ, hz, 0.0)
 
 
 def _hot_pixels(estimator: OmissionEstimator, effect: HotPixels) -> tuple[OmissionError, str]:

@@ -116,8 +116,8 @@ class SequenceSample:
     def luma(self, t_us: IntArray) -> LumaFrames:
         """Return whole frames (k, H, W)."""
         batch = self.stretch.batch
-        parts = [self.renderer.luma(self._views(t_us[i : i + batch])) for i in range(0, len(t_us), batch)]
-        return np.concatenate(parts)
+        batches = [self.renderer.luma(self._views(t_us[i : i + batch])) for i in range(0, len(t_us), batch)]
+        return np.concatenate(batches)
 
     @property
     def window_us(self) -> int:
@@ -138,19 +138,19 @@ class SequenceSample:
     def _samples(self, t_us: IntArray, pixel: IntArray, renderer: Renderer) -> LumaFrames:
         """Return single pixels as frames (k, 1, n)."""
         count, batch = len(pixel), max(1, _SAMPLES_A_CALL // len(pixel))
-        parts = []
+        batches = []
         for i in range(0, len(t_us), batch):
             views = self._views(t_us[i : i + batch])
             view = np.repeat(np.arange(len(views)), count)
-            parts.append(renderer.samples(views, view, np.tile(pixel, len(views))).reshape(-1, 1, count))
-        return np.concatenate(parts)
+            batches.append(renderer.samples(views, view, np.tile(pixel, len(views))).reshape(-1, 1, count))
+        return np.concatenate(batches)
 
 
-def _spread(t_us: IntArray, parts: int, length: int) -> list[IntArray]:
-    """Return ``parts`` parts of ``length`` consecutive instants, spread evenly; one if there are too few instants."""
-    if len(t_us) <= parts * length:
+def _spread(t_us: IntArray, runs: int, length: int) -> list[IntArray]:
+    """Return ``runs`` parts of ``length`` consecutive instants, spread evenly; one if there are too few instants."""
+    if len(t_us) <= runs * length:
         return [t_us]
-    starts = np.linspace(0, len(t_us) - length, parts).astype(int)
+    starts = np.linspace(0, len(t_us) - length, runs).astype(int)
     return [t_us[start : start + length] for start in starts.tolist()]
 
 

@@ -121,7 +121,7 @@ def simulate_rig_to_folder(
         if not quiet and body.start_time_ns:
             say(start_line(body.start_time_ns, "the body's path"))
         truth = make_motion_capture(given).poses(body, seed=given.seed)
-        counts = _Counts(rig, bar)
+        counts = _RigProgress(rig, bar)
         bar.begin()
         doing("rendering the first keyframes")
         streams = {}
@@ -220,7 +220,7 @@ def _about_camera(rig: Rig, camera: int) -> dict[str, object]:
     return {"rig": {"name": rig.name, "camera": camera, "T_body_camera": describe_pose(each.mount), "clock": clock}}
 
 
-class _Counts:
+class _RigProgress:
     """Shows on a bar, after each keyframe, up to where all cameras are, and how many events they made."""
 
     def __init__(self, rig: Rig, bar: Progress) -> None:

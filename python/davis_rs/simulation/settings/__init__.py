@@ -10,7 +10,7 @@ from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
 from .image_camera import camera_of_size
 from .inertial import make_imu, make_motion_capture
 from .resolve import (
-    AUTO,
+    AUTO_RAYS,
     LOG_EPS,
     Resolved,
     ViewedScene,
@@ -36,7 +36,7 @@ from .simulation_settings import (
 )
 
 __all__ = [
-    "AUTO",
+    "AUTO_RAYS",
     "EFFECTS_TOLERANCE",
     "INTERPOLATIONS",
     "LOG_EPS",

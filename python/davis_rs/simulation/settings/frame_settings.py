@@ -146,7 +146,7 @@ class _PartSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _BetweenSettings(Settings):
+class _InterpolationSettings(Settings):
     """Declares how light runs between two frames."""
 
     interpolation: str | Callable[..., Any] = declare(
@@ -196,7 +196,7 @@ class _BetweenSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameSettings(EngineSettings, PixelSettings, _BetweenSettings, _PartSettings, _LightSettings):
+class FrameSettings(EngineSettings, PixelSettings, _InterpolationSettings, _PartSettings, _LightSettings):
     """Declares the settings of :func:`~davis_rs.events_from_frames`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None = declare(None, SENSOR)

@@ -145,8 +145,8 @@ class _PartKeywords(TypedDict, total=False):
     camera: Camera | str | os.PathLike[str] | None
 
 
-class _BetweenKeywords(TypedDict, total=False):
-    """Names the keyword arguments of :class:`_BetweenSettings`."""
+class _InterpolationKeywords(TypedDict, total=False):
+    """Names the keyword arguments of :class:`_InterpolationSettings`."""
 
     interpolation: str | Callable[..., Any]
     interpolator: str | None
@@ -154,7 +154,7 @@ class _BetweenKeywords(TypedDict, total=False):
     image_rate_hz: float | None
 
 
-class FrameKeywords(EngineKeywords, PixelKeywords, _BetweenKeywords, _PartKeywords, _LightKeywords, total=False):
+class FrameKeywords(EngineKeywords, PixelKeywords, _InterpolationKeywords, _PartKeywords, _LightKeywords, total=False):
     """Names the keyword arguments of :class:`FrameSettings`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None

@@ -28,7 +28,7 @@ from ...sensor.presets import RECORDED, read_once, recorded_sensor, sensor_param
 from .image_camera import image_camera
 from .simulation_settings import SamplingSettings, SimulatorSettings, ViewSettings
 
-AUTO = "auto"
+AUTO_RAYS = "auto"
 """In place of the rays per pixel, which ``make_simulator`` then chooses by the noise."""
 
 LOG_EPS = 1e-3
@@ -115,7 +115,7 @@ def resolve(scene: Scene, settings: SimulatorSettings) -> Resolved:
             a sensor for which there is not enough memory; else as :func:`view_scene`.
         OSError: as :func:`view_scene`.
     """
-    if settings.rays_per_pixel == AUTO:
+    if settings.rays_per_pixel == AUTO_RAYS:
         raise ArgumentError(
             "{rays_per_pixel:auto} must be resolved before a simulator is made: "
             "simulate(scene, rays_per_pixel='auto'), or the number that "
@@ -328,8 +328,8 @@ def _check_exposure(effects: Effects, frame_rate_hz: float, height: int) -> None
     if effects.aps is None:
         return
     readout_us = effects.aps.readout_us(height)
-    for what, length_us in (("exposure", effects.aps.exposure_us), (f"readout of {height} rows", readout_us)):
+    for name, length_us in (("exposure", effects.aps.exposure_us), (f"readout of {height} rows", readout_us)):
         if length_us * frame_rate_hz > 1e6:
             raise ValueError(
-                f"the {what} of {length_us:g} us must not exceed the frames' period of {1e6 / frame_rate_hz:g} us"
+                f"the {name} of {length_us:g} us must not exceed the frames' period of {1e6 / frame_rate_hz:g} us"
             )

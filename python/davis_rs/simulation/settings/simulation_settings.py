@@ -16,7 +16,7 @@ from ...events.colour import PATTERNS, ColourFilter
 from ...geometry.camera import PRESETS, Camera
 from ...io.dataset.files import EVENT_FILES
 from ...render.baked.bake import BAKE_ERROR
-from ...render.choice import AUTOMATIC, KINDS, RENDERERS
+from ...render.choice import AUTO_RENDERER, AUTOMATIC, RENDERER_KINDS, RENDERERS
 from ...render.native.estimators import ESTIMATORS
 from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ...sampling.rules import TimeSampling
@@ -181,10 +181,10 @@ class ViewSettings(PixelSettings):
         ),
     )
     renderer: str = declare(
-        "auto",
+        AUTO_RENDERER,
         Declared(
-            f"renderer: {', '.join(f'{kind.name} ({kind.summary})' for kind in KINDS.values())}, or auto: the first "
-            f"possible one of {', '.join(kind.name for kind in AUTOMATIC)}",
+            f"renderer: {', '.join(f'{kind.name} ({kind.summary})' for kind in RENDERER_KINDS.values())}, or auto: the "
+            f"first possible one of {', '.join(kind.name for kind in AUTOMATIC)}",
             choices=RENDERERS,
             group=_ACCURACY,
         ),
@@ -193,7 +193,7 @@ class ViewSettings(PixelSettings):
         "rays",
         Declared(
             "what luma of a pixel is made of: rays, the mean over them; lines, its area by lines through it, without "
-            "jumps at edges (the native renderer without distortion; for 8, 32 or 64 rays per pixel)",
+            "jumps at edges (the native renderer; for 8, 32 or 64 rays per pixel)",
             choices=tuple(ESTIMATORS),
             group=_ACCURACY,
         ),

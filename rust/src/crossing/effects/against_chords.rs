@@ -6,17 +6,15 @@
 
 use proptest::prelude::*;
 
-use super::arrivals::Arrivals;
 use super::chords::number_of_chords;
-use super::excursion::Excursion;
 use super::filtered::filter;
-use super::hot_pixels::HotPixelNoise;
+use super::hot_pixels::{Arrivals, HotPixelNoise};
 use super::input::{Chord, Input};
 use super::leak::Leaks;
-use super::noise::Noise;
+use super::noise_path::{NoisePath, ShotNoisePath};
 use super::parameters::{Effects, HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise};
-use super::shot_noise::ShotNoiseLaw;
-use super::timeline::{FREE, Pixel};
+use super::shot_noise::{FAR, ShotNoiseLaw};
+use super::timeline::{FREE, Pixel, WHOLE};
 use super::two_poles::{Decays, filter_twice};
 use crate::crossing::cubic::Cubic;
 use crate::crossing::engine::CrossingEngine;
@@ -36,7 +34,7 @@ fn effects(source_follower_hz: f64) -> Effects {
         photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: 800.0, source_follower_hz },
         refractory_period_us: 300.0,
         leak: Leak { rate_hz: 20.0, spread: 0.2, jitter: 0.1, ..none.leak },
-        shot_noise: ShotNoise { rms: 0.1, half_luma: 1.0, bandwidth_hz: 300.0 },
+        shot_noise: ShotNoise { rms: 0.1, floor: 0.01, half_luma: 1.0, bandwidth_hz: 300.0 },
         hot_pixels: HotPixels { fraction: 0.2, rate_hz: 200.0, ..none.hot_pixels },
         ..none
     }
@@ -113,8 +111,8 @@ fn cubics_are_the_chords_that_stand_for_them() {
 struct State {
     reference: Level,
     held_until_us: f64,
-    excursion: Excursion,
-    shot: Option<Arrivals>,
+    /// The standard deviation of shot noise, and which path it takes; so far from zero it may be.
+    noise: Option<(f64, u32)>,
     hot: Option<Arrivals>,
 }
 
@@ -128,13 +126,12 @@ fn until() -> impl Strategy<Value = f64> {
 fn state() -> impl Strategy<Value = State> {
     let arrivals = || prop::option::weighted(0.3, 1e-3f64..4000.0);
     let arrived = |wait_us| Arrivals { wait_us, index: 5 };
-    let excursion = (until(), -0.3f64..0.3, -1i8..=1);
-    (-0.3f64..0.3, 0u32..3, 0u32..3, until(), excursion, arrivals(), arrivals()).prop_map(
-        move |(base, on, off, held_until_us, (until_us, noise, awaits), shot, hot)| State {
+    let noise = prop::option::weighted(0.3, (1e-3f64..0.02, 0u32..1000));
+    (-0.3f64..0.3, 0u32..3, 0u32..3, until(), noise, arrivals()).prop_map(
+        move |(base, on, off, held_until_us, noise, hot)| State {
             reference: Level { base, on, off },
             held_until_us,
-            excursion: if until_us > FREE { Excursion { until_us, noise, awaits } } else { Excursion::NONE },
-            shot: shot.map(arrived),
+            noise,
             hot: hot.map(arrived),
         },
     )
@@ -144,8 +141,12 @@ impl State {
     /// Takes the pixel through a call, and returns its events.
     fn through(&mut self, call: impl FnOnce(&mut Pixel<'_>, &mut dyn FnMut(i64, bool))) -> Vec<(i64, bool)> {
         let effects = effects(250.0);
-        let shot = ShotNoiseLaw::new(&effects, 3).map(Noise::Shot);
-        let hot = HotPixelNoise::new(&effects, 3).map(Noise::Hot);
+        let noise = self.noise.map(|(rms, pixel)| {
+            let shot_noise = ShotNoise { rms, half_luma: f64::INFINITY, floor: 0.0, ..effects.shot_noise };
+            (ShotNoiseLaw::new(&Effects { shot_noise, ..effects.clone() }, 3).expect("on"), pixel)
+        });
+        let mut path = noise.as_ref().map(|(law, pixel)| NoisePath::new(law, *pixel, 0.0));
+        let hot = HotPixelNoise::new(&effects, 3);
         let mut events = vec![];
         let mut pixel = Pixel {
             number: 4,
@@ -153,9 +154,13 @@ impl State {
             reference: &mut self.reference,
             held_until_us: &mut self.held_until_us,
             refractory_us: 300.0,
-            excursion: &mut self.excursion,
+            window_us: WHOLE,
             leak_jitter: None,
-            noise: [shot.zip(self.shot.as_mut()), hot.zip(self.hot.as_mut())],
+            shot_noise: noise.as_ref().zip(path.as_mut()).map(|((law, pixel), path)| {
+                let reach = FAR * law.sigma(0.0);
+                ShotNoisePath { law, pixel: *pixel, path, elapsed_us: 0.0, reach, last: None }
+            }),
+            hot: hot.zip(self.hot.as_mut()),
         };
         call(&mut pixel, &mut |tick, on| events.push((tick, on)));
         events
@@ -185,7 +190,7 @@ proptest! {
         let drift = Leaks::new(leak, 3, true, 0, &[c]).drift(0, 2000.0, (from, to));
         let input = Input { drift, from, to, ticks: TICKS };
         let chord = Chord { start: 0, ticks: TICKS, from, to };
-        let light = |t| chord.light_at(t);
+        let light = |t| chord.log_light_at(t);
         let (mut rested, mut followed) = (state.clone(), state);
         let (events, expected) = if twice {
             let end = filter_twice(outputs, from, to, decays).second;

@@ -1,7 +1,7 @@
 //! A band of rows under effects: the state of its pixels, and how a frame passes through them.
 //!
 //! Each tile of pixels is first marked in vector code ([`super::scan`]): a pixel is marked if it may have an event, or
-//! if a hold, an arrival of noise or an excursion ends in the interval. Only marked pixels are followed in time
+//! if shot noise may reach a level, a hold ends or a hot pixel fires in the interval. Only marked pixels are followed in time
 //! ([`super::timeline`]), because that is many times slower. What a pixel was before is kept, so that a push of too
 //! many events can be undone.
 //!
@@ -11,17 +11,18 @@
 //!   run is.
 //! - [`Band::undo`] restores everything that [`Band::advance`] changes.
 
-use super::arrivals::Arrivals;
 use super::chords::{Chords, Start, number_of_chords};
-use super::excursion::Excursion;
+use super::hot_pixels::Arrivals;
 use super::input::{Input, LowPass};
 use super::leak::{LeakJitter, Leaks};
-use super::noise::Noise;
+use super::near_noise::NearNoise;
+use super::noise_path::{NoisePath, ShotNoisePath};
 use super::scan::{
-    FilterStep, TwoOutputs, TwoSteps, low_pass, mark_out_of_bounds, mark_sign_changes, mark_turns, two_low_passes,
+    FilterStep, TwoOutputs, TwoSteps, low_pass, mark_out_of_bounds, mark_sign_changes, mark_start_out_of_bounds,
+    mark_turns, two_low_passes, within_reach,
 };
 use super::sensor::Sensor;
-use super::timeline::{FREE, Pixel, bounds};
+use super::timeline::{FREE, Pixel, WHOLE, bounds};
 use crate::crossing::band::Interval;
 use crate::crossing::core::Push;
 use crate::crossing::frame::SparseSamples;
@@ -32,6 +33,7 @@ use crate::crossing::record::NEVER;
 use crate::crossing::room::{Allowance, Full, Room};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
+use crate::crossing::start_phase::StartPhase;
 use crate::event::Event;
 
 /// A frame's share of a band, and the interval that it ends.
@@ -58,18 +60,20 @@ pub(super) struct Band {
     pub(super) filtered: Vec<f64>,
     /// Microseconds from the last frame until the pixel is released.
     pub(super) held_us: Vec<f64>,
-    pub(super) shot: Vec<Arrivals>,
-    pub(super) excursions: Vec<Excursion>,
+    pub(super) noise: Vec<NoisePath>,
     pub(super) hot: Vec<(u32, Arrivals)>,
     pub(super) leaks: Leaks,
     /// What a comparator sees strictly between has reached no level.
-    low: Vec<f64>,
-    high: Vec<f64>,
-    tile: Tile,
+    pub(super) low: Vec<f64>,
+    pub(super) high: Vec<f64>,
+    pub(super) tile: Tile,
+    pub(super) near: NearNoise,
     /// What the frame brings, until the push is done.
     next: Signals,
     /// Pixels that were run over the frame, as they were before.
     before: Vec<Before>,
+    /// Noise that was followed over the frame, likewise, by pixel.
+    pub(super) noise_before: Vec<(u32, NoisePath)>,
 }
 
 /// All pixels' signals at a frame.
@@ -86,15 +90,14 @@ struct Before {
     reference: Level,
     last_event_us: i64,
     held_us: f64,
-    shot: Option<(Arrivals, Excursion)>,
     hot: Option<Arrivals>,
     leak_error: f64,
 }
 
 /// What a tile's pixels come to at a frame.
-struct Tile {
-    logs: Vec<f64>,
-    slopes: Vec<f64>,
+pub(super) struct Tile {
+    pub(super) logs: Vec<f64>,
+    pub(super) slopes: Vec<f64>,
     decay: Vec<f64>,
     photoreceptor: Vec<f64>,
     filtered: Vec<f64>,
@@ -103,9 +106,15 @@ struct Tile {
     filtered_slope: Vec<f64>,
     seen: Vec<f64>,
     /// How far references have leaked at both ends of the interval.
-    leaked: Vec<f64>,
-    will_leak: Vec<f64>,
+    pub(super) leaked: Vec<f64>,
+    pub(super) will_leak: Vec<f64>,
+    /// How far shot noise may be from zero, and what leaves it within bounds.
+    reach: Vec<f64>,
+    low: Vec<f64>,
+    high: Vec<f64>,
     marked: Vec<bool>,
+    /// Pixels of which nothing is known but that noise may reach a level.
+    pub(super) near: Vec<bool>,
     chords: Chords,
     /// Log intensity of one pixel's sparse samples.
     sparse: Vec<f64>,
@@ -115,6 +124,7 @@ impl Tile {
     fn new() -> Self {
         let [logs, slopes, decay, seen, leaked, will_leak] = std::array::from_fn(|_| vec![0.0; TILE]);
         let [photoreceptor, filtered, photoreceptor_slope, filtered_slope] = std::array::from_fn(|_| vec![0.0; TILE]);
+        let [reach, low, high] = std::array::from_fn(|_| vec![0.0; TILE]);
         Self {
             logs,
             slopes,
@@ -126,7 +136,11 @@ impl Tile {
             seen,
             leaked,
             will_leak,
+            reach,
+            low,
+            high,
             marked: vec![false; TILE],
+            near: vec![false; TILE],
             chords: Chords::default(),
             sparse: vec![],
         }
@@ -146,7 +160,23 @@ impl Band {
         let (n, effects) = (logs.len(), &sensor.effects);
         let number = |i: usize| (first_pixel + i) as u32;
         let thresholds = |i: usize| p.thresholds(first_pixel + i);
-        let reference = |(i, &log): (usize, &f64)| p.first_reference(log, first_pixel + i, sensor.seed);
+        let (mut noise, mut references) = (vec![], vec![]);
+        for (i, &log) in logs.iter().enumerate() {
+            let first = |seen| p.first_reference(seen, first_pixel + i, sensor.seed);
+            let Some(law) = &sensor.shot else {
+                references.push(first(log));
+                continue;
+            };
+            let (path, reference) = if p.start_phase == StartPhase::Zero {
+                (NoisePath::new(law, number(i), log), first(log))
+            } else {
+                let first = |noise: f64| first(log + noise).value(thresholds(i));
+                let (path, base) = NoisePath::run_before(law, number(i), log, thresholds(i), first);
+                (path, Level { base, on: 0, off: 0 })
+            };
+            noise.push(path);
+            references.push(reference);
+        }
         let hot = sensor.hot.iter().flat_map(|noise| {
             let chosen = (0..n).filter(|&i| noise.chosen(number(i)));
             chosen.map(|i| (i as u32, noise.first(number(i))))
@@ -165,13 +195,14 @@ impl Band {
                 filtered: filtered.clone(),
             },
             before: vec![],
-            references: logs.iter().enumerate().map(reference).collect(),
+            noise_before: vec![],
+            near: NearNoise::default(),
+            references,
             last_event_us: vec![NEVER; n],
             photoreceptor,
             filtered,
             held_us: if effects.refractory_period_us > 0.0 { vec![FREE; n] } else { vec![] },
-            shot: sensor.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i), thresholds(i)))).collect(),
-            excursions: vec![Excursion::NONE; if sensor.shot.is_some() { n } else { 0 }],
+            noise,
             hot: hot.collect(),
             leaks: Leaks::new(
                 effects.leak,
@@ -218,14 +249,20 @@ impl Band {
     ) -> Result<(), Full> {
         self.events.begin(allowance, share.new.len());
         self.before.clear();
+        self.noise_before.clear();
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
             self.see(start, end, share, p, sensor);
             self.mark(start, end, share, sensor);
+            let made = self.events.made().len();
             for i in start..end {
                 if self.tile.marked[i - start] {
-                    self.run(i, i - start, share, p, sensor)?;
+                    self.run((i, i - start), share, p, sensor, WHOLE)?;
                 }
+            }
+            self.follow_near((start, end), share, p, sensor)?;
+            if sensor.shot.is_some() {
+                in_raster_order(self.events.made_after(made));
             }
             self.next.logs[start..end].copy_from_slice(&self.tile.logs[..end - start]);
             keep(&mut self.next.photoreceptor, start, end, &self.tile.photoreceptor);
@@ -246,29 +283,20 @@ impl Band {
         // All waits are from the last frame on; a float minus an integer below it is exact.
         let ticks = ticks as f64;
         self.held_us.iter_mut().for_each(|held| *held -= ticks);
-        for excursion in &mut self.excursions {
-            excursion.until_us -= ticks;
-            if excursion.until_us <= 0.0 {
-                *excursion = Excursion::NONE; // it ended in a hold, at whose end nothing of it will be memorised
-            }
-        }
-        self.shot.iter_mut().chain(self.hot.iter_mut().map(|hot| &mut hot.1)).for_each(|next| next.wait_us -= ticks);
+        self.hot.iter_mut().for_each(|hot| hot.1.wait_us -= ticks);
     }
 
     /// Goes back to before [`Self::advance`].
     #[cold]
     pub(super) fn undo(&mut self, p: &CrossingParameters) {
         self.events.clear();
-        for before in std::mem::take(&mut self.before) {
+        // What was kept first is what was there before the frame.
+        for before in std::mem::take(&mut self.before).into_iter().rev() {
             let i = before.pixel as usize;
             self.references[i] = before.reference;
             self.last_event_us[i] = before.last_event_us;
             if let Some(held_us) = self.held_us.get_mut(i) {
                 *held_us = before.held_us;
-            }
-            if let (Some(shot), Some((arrivals, excursion))) = (self.shot.get_mut(i), before.shot) {
-                *shot = arrivals;
-                self.excursions[i] = excursion;
             }
             if let (Some(place), Some(stored)) = (self.hot_place(i), before.hot) {
                 self.hot[place].1 = stored;
@@ -277,6 +305,9 @@ impl Band {
                 *error = before.leak_error;
             }
             self.set_bounds(i, p.thresholds(self.first_pixel + i));
+        }
+        for (pixel, path) in std::mem::take(&mut self.noise_before).into_iter().rev() {
+            self.noise[pixel as usize] = path;
         }
     }
 
@@ -368,9 +399,19 @@ impl Band {
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
     fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, sensor: &Sensor) {
         let (n, tile, ticks) = (end - start, &mut self.tile, share.at.ticks as f64);
-        let (bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
-        mark_out_of_bounds(&tile.seen, bounds, marked);
         let from = &self.logs[start..end];
+        let (mut bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
+        if let Some(noise) = &sensor.shot {
+            noise.reach(from, &tile.logs[..n], &mut tile.reach[..n]);
+            within_reach(bounds, &tile.reach[..n], (&mut tile.low[..n], &mut tile.high[..n]));
+            bounds = (&tile.low[..n], &tile.high[..n]);
+            let before = self.filtered.get(start..end).unwrap_or(from);
+            mark_out_of_bounds(&tile.seen, bounds, &mut tile.near[..n]);
+            mark_start_out_of_bounds(before, &tile.leaked[..n], bounds, &mut tile.near[..n]);
+            marked.fill(false);
+        } else {
+            mark_out_of_bounds(&tile.seen, bounds, marked);
+        }
         if let Some(before) = self.filtered.get(start..end) {
             let (to, leaked) = (&*tile.logs, (&*tile.leaked, &*tile.will_leak));
             if let Some(first) = self.photoreceptor.get(start..end) {
@@ -399,16 +440,11 @@ impl Band {
             }
         }
         for (i, (least, most)) in tile.chords.extents() {
-            marked[i] |= most + tile.will_leak[i] >= bounds.1[i] || least + tile.leaked[i] <= bounds.0[i];
+            marked[i] |=
+                tile.near[i] || most + tile.will_leak[i] >= bounds.1[i] || least + tile.leaked[i] <= bounds.0[i];
         }
         for (marked, &held) in marked.iter_mut().zip(self.held_us.get(start..end).unwrap_or_default()) {
             *marked |= held > FREE && held <= ticks;
-        }
-        for (marked, arrivals) in marked.iter_mut().zip(self.shot.get(start..end).unwrap_or_default()) {
-            *marked |= arrivals.wait_us <= ticks;
-        }
-        for (marked, excursion) in marked.iter_mut().zip(self.excursions.get(start..end).unwrap_or_default()) {
-            *marked |= excursion.is_on() && excursion.until_us <= ticks;
         }
         let hot = self.hot.partition_point(|hot| (hot.0 as usize) < start);
         for (i, arrivals) in self.hot[hot..].iter().take_while(|hot| (hot.0 as usize) < end) {
@@ -417,45 +453,58 @@ impl Band {
         for &pixel in share.sparse.of(self.first_pixel + start, self.first_pixel + end).pixel {
             marked[pixel as usize - self.first_pixel - start] = true;
         }
+        if sensor.shot.is_some() {
+            tile.near.iter_mut().zip(&*marked).for_each(|(near, marked)| *near &= !marked);
+        }
     }
 
-    /// Runs one pixel over the frame, along all that it sees on the way.
+    /// Runs one pixel, by its place in the band and in the tile, over a window of the frame, along all that it sees there.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    fn run<S: Sample>(
+    pub(super) fn run<S: Sample>(
         &mut self,
-        i: usize,
-        in_tile: usize,
+        (i, in_tile): (usize, usize),
         share: &Share<'_, S>,
         p: &CrossingParameters,
         sensor: &Sensor,
+        window_us: (f64, f64),
     ) -> Result<(), Full> {
         let (index, at) = (self.first_pixel + i, share.at);
         let thresholds = p.thresholds(index);
-        let (crossings, noise) =
-            self.expected(i, (self.tile.logs[in_tile], self.tile.slopes[in_tile]), share, p, sensor);
-        // Ten standard deviations of a Poisson process, and a few where it hardly happens.
-        let noise = if noise > 0.0 { noise + 10.0 * noise.sqrt() + 20.0 } else { 0.0 };
-        #[allow(clippy::cast_sign_loss, reason = "both >= 0")]
-        self.events.reserve((crossings + noise) as usize + 4)?;
+        if sensor.shot.is_none() {
+            let log = (self.tile.logs[in_tile], self.tile.slopes[in_tile]);
+            let (crossings, arrivals) = self.expected(i, log, share, p, sensor);
+            // Ten standard deviations of a Poisson process, and a few where it hardly happens. For more, room is made then.
+            let arrivals = if arrivals > 0.0 { arrivals + 10.0 * arrivals.sqrt() + 20.0 } else { 0.0 };
+            #[allow(clippy::cast_sign_loss, reason = "both >= 0")]
+            self.events.reserve(((crossings + arrivals) as usize).saturating_add(4))?;
+        }
         let hot = self.hot_place(i);
         self.before.push(Before {
             pixel: i as u32,
             reference: self.references[i],
             last_event_us: self.last_event_us[i],
             held_us: self.held_us.get(i).copied().unwrap_or(FREE),
-            shot: self.shot.get(i).copied().zip(self.excursions.get(i).copied()),
             hot: hot.map(|place| self.hot[place].1),
             leak_error: self.leaks.error.get(i).copied().unwrap_or_default(),
         });
-        let (x, y) = sensor.size.xy(index);
+        self.noise_before.extend(self.noise.get(i).map(|&path| (i as u32, path)));
+        // How many events noise makes cannot be told beforehand: room is made for each.
+        let (has_shot_noise, (x, y)) = (sensor.shot.is_some(), sensor.size.xy(index));
         let last_us = self.last_event_us[i];
         let (events, last_event_us) = (&mut self.events, &mut self.last_event_us[i]);
+        let mut full = Ok(());
         let emit = |tick, on| {
+            if has_shot_noise && full.is_ok() {
+                full = events.reserve(1);
+            }
+            if full.is_err() {
+                return;
+            }
             events.push(Event::new(at.start_us + tick, x, y, on));
             *last_event_us = at.start_us + tick;
         };
-        let (mut free, mut no_excursion) = (FREE, Excursion::NONE);
+        let mut free = FREE;
         let drift = self.leaks.drift(i, sensor.elapsed(at.start_us), (self.logs[i], self.tile.logs[in_tile]));
         let leak_jitter = self.leaks.error.get_mut(i).map(|error| LeakJitter {
             share: sensor.effects.leak.jitter,
@@ -471,12 +520,17 @@ impl Band {
             reference: &mut self.references[i],
             held_until_us: self.held_us.get_mut(i).unwrap_or(&mut free),
             refractory_us: sensor.effects.refractory_period_us,
-            excursion: self.excursions.get_mut(i).unwrap_or(&mut no_excursion),
+            window_us,
             leak_jitter,
-            noise: [
-                sensor.shot.map(Noise::Shot).zip(self.shot.get_mut(i)),
-                hot.and_then(|hot| sensor.hot.map(Noise::Hot).zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
-            ],
+            shot_noise: sensor.shot.as_ref().zip(self.noise.get_mut(i)).map(|(law, path)| ShotNoisePath {
+                law,
+                pixel: index as u32,
+                path,
+                elapsed_us: sensor.elapsed(at.start_us),
+                reach: self.tile.reach[in_tile],
+                last: None,
+            }),
+            hot: hot.and_then(|hot| sensor.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
         };
         let input = Input { drift, from: self.logs[i], to: self.tile.logs[in_tile], ticks: at.ticks };
         let bandwidth = sensor.effects.photoreceptor_bandwidth;
@@ -502,7 +556,15 @@ impl Band {
             input.follow_lines(&mut pixel, ticks.zip(self.tile.sparse.iter().copied()), low_pass, emit);
         }
         self.set_bounds(i, thresholds);
-        Ok(())
+        full
+    }
+}
+
+/// Puts events in the order of pixels; those of a pixel stay in theirs.
+fn in_raster_order(events: &mut [Event]) {
+    let key = |event: &Event| (event.y, event.x);
+    if !events.is_sorted_by_key(key) {
+        events.sort_by_key(key);
     }
 }
 

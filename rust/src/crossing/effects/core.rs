@@ -9,10 +9,10 @@ use std::collections::TryReserveError;
 
 use rayon::prelude::*;
 
-use super::arrivals::Arrivals;
 use super::band::Band;
-use super::excursion::Excursion;
-use super::parameters::Effects;
+use super::hot_pixels::Arrivals;
+use super::noise_path::NoisePath;
+use super::parameters::{Effects, ShotNoise};
 use super::sensor::Sensor;
 use super::timeline::FREE;
 use crate::crossing::core::{Pixels, Push};
@@ -73,11 +73,10 @@ impl EffectCore {
         let leaked = |(i, band): (usize, &Band)| band.leaks.drift(i, elapsed_us, (0.0, 0.0)).at(0.0);
         let leaked: Vec<f64> =
             self.bands.iter().flat_map(|band| (0..band.logs.len()).map(move |i| leaked((i, band)))).collect();
-        let (held, excursions) = (self.joined(|band| &band.held_us), self.joined(|band| &band.excursions));
+        let held = self.joined(|band| &band.held_us);
         let value = |(i, level): (usize, &Level)| {
             let c = p.thresholds(i);
-            let noise = excursions.get(i).map_or(0.0, |excursion| excursion.noise);
-            let reference = level.exact(c).value() + noise - leaked[i];
+            let reference = level.exact(c).value() - leaked[i];
             if held.get(i).is_some_and(|&held| held > FREE) { f64::NAN } else { reference }
         };
         self.references().enumerate().map(value).collect()
@@ -94,17 +93,16 @@ impl EffectCore {
 
     pub(crate) fn state(&self) -> EffectState {
         let hot: Vec<Arrivals> = self.bands.iter().flat_map(|band| band.hot.iter().map(|hot| hot.1)).collect();
-        let (shot, excursions) = (self.joined(|band| &band.shot), self.joined(|band| &band.excursions));
+        let noise = self.joined(|band| &band.noise);
         EffectState {
             started_us: self.sensor.started_us,
             photoreceptor: self.joined(|band| &band.photoreceptor),
             filtered: self.joined(|band| &band.filtered),
             held_us: self.joined(|band| &band.held_us),
-            shot_wait_us: shot.iter().map(|arrivals| arrivals.wait_us).collect(),
-            shot_index: shot.iter().map(|arrivals| arrivals.index).collect(),
-            excursion_us: excursions.iter().map(|excursion| excursion.until_us).collect(),
-            excursion_noise: excursions.iter().map(|excursion| excursion.noise).collect(),
-            excursion_awaits: excursions.iter().map(|excursion| excursion.awaits).collect(),
+            noise_cell: noise.iter().map(|path| path.cell).collect(),
+            noise_log_light: noise.iter().map(|path| path.log_light).collect(),
+            noise_photoreceptor: noise.iter().map(|path| path.start[0]).collect(),
+            noise_filtered: noise.iter().map(|path| path.start[1]).collect(),
             leaked: self.joined(|band| &band.leaks.leaked),
             leak_error: self.joined(|band| &band.leaks.error),
             hot_wait_us: hot.iter().map(|arrivals| arrivals.wait_us).collect(),
@@ -113,6 +111,8 @@ impl EffectCore {
     }
 
     /// Takes up a stored state, the last frame being that of the state.
+    #[allow(clippy::cast_precision_loss, reason = "times of interest lie below 2^53 us")]
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
     pub(crate) fn restore(&mut self, engine: &EngineState, state: &EffectState) -> error::Result<()> {
         self.sensor.started_us = state.started_us;
         let hot = self.bands.iter().map(|band| band.hot.len()).sum::<usize>();
@@ -123,11 +123,10 @@ impl EffectCore {
             ("photoreceptor", state.photoreceptor.len(), expected(self.sensor.effects.filters_twice())),
             ("filtered", state.filtered.len(), expected(filtered)),
             ("held_us", state.held_us.len(), expected(self.sensor.effects.refractory_period_us > 0.0)),
-            ("shot_wait_us", state.shot_wait_us.len(), expected(self.sensor.effects.shot_noise.rms > 0.0)),
-            ("shot_index", state.shot_index.len(), state.shot_wait_us.len()),
-            ("excursion_us", state.excursion_us.len(), state.shot_wait_us.len()),
-            ("excursion_noise", state.excursion_noise.len(), state.shot_wait_us.len()),
-            ("excursion_awaits", state.excursion_awaits.len(), state.shot_wait_us.len()),
+            ("noise_cell", state.noise_cell.len(), expected(self.sensor.effects.shot_noise.is_on())),
+            ("noise_log_light", state.noise_log_light.len(), state.noise_cell.len()),
+            ("noise_photoreceptor", state.noise_photoreceptor.len(), state.noise_cell.len()),
+            ("noise_filtered", state.noise_filtered.len(), state.noise_cell.len()),
             ("leaked", state.leaked.len(), expected(leak.by_light())),
             ("leak_error", state.leak_error.len(), expected(leak.jitters())),
             ("hot_wait_us", state.hot_wait_us.len(), hot),
@@ -149,14 +148,24 @@ impl EffectCore {
         let ahead = |wait: &f64| 0.0 < *wait && *wait < 1e18;
         let waits = |waits: &[f64]| waits.iter().all(ahead);
         let held = |held: &f64| *held == FREE || ahead(held);
+        let elapsed_us = (t_us - state.started_us) as f64;
+        let cell_us = self.sensor.shot.as_ref().map_or(1.0, |noise| noise.cell_us);
+        let ShotNoise { rms, floor, .. } = self.sensor.effects.shot_noise;
+        let within = |times: f64| move |noise: &f64| noise.abs() <= times * (rms + floor);
+        let latest_us = elapsed_us * (1.0 + 4.0 * f64::EPSILON) + cell_us;
+        let begun = |cell: &i64| *cell >= 0 && *cell as f64 * cell_us <= latest_us;
         let ranges = [
             ("photoreceptor", "within +-746", f64::all_valid(&state.photoreceptor)),
             ("filtered", "within +-746", f64::all_valid(&state.filtered)),
             ("held_us", "> 0, or -inf where a pixel is free", state.held_us.iter().all(held)),
-            ("shot_wait_us", "finite and > 0", waits(&state.shot_wait_us)),
-            ("excursion_us", "> 0, or -inf where there is none", state.excursion_us.iter().all(held)),
-            ("excursion_noise", "finite", state.excursion_noise.iter().all(|noise| noise.is_finite())),
-            ("excursion_awaits", "-1, 0 or 1", state.excursion_awaits.iter().all(|awaits| (-1..=1).contains(awaits))),
+            ("noise_cell", "that of the last frame or an earlier one", state.noise_cell.iter().all(begun)),
+            ("noise_log_light", "within +-746", f64::all_valid(&state.noise_log_light)),
+            (
+                "noise_photoreceptor",
+                "within 500 times the rms and the floor",
+                state.noise_photoreceptor.iter().all(within(500.0)),
+            ),
+            ("noise_filtered", "within 50 times the rms and the floor", state.noise_filtered.iter().all(within(50.0))),
             ("leaked", "finite", state.leaked.iter().all(|leaked| leaked.is_finite())),
             ("leak_error", "finite", state.leak_error.iter().all(|error| error.is_finite())),
             ("hot_wait_us", "finite and > 0", waits(&state.hot_wait_us)),
@@ -176,16 +185,15 @@ impl EffectCore {
             band.photoreceptor = state.photoreceptor.get(part.clone()).unwrap_or_default().to_vec();
             band.filtered = state.filtered.get(part.clone()).unwrap_or_default().to_vec();
             band.held_us = state.held_us.get(part.clone()).unwrap_or_default().to_vec();
-            let shot = state.shot_wait_us.get(part.clone()).unwrap_or_default();
-            band.shot = shot.iter().zip(state.shot_index.get(part.clone()).unwrap_or_default()).map(arrivals).collect();
             band.leaks.leaked = state.leaked.get(part.clone()).unwrap_or_default().to_vec();
             band.leaks.error = state.leak_error.get(part.clone()).unwrap_or_default().to_vec();
-            let excursion = |at| Excursion {
-                until_us: state.excursion_us[at],
-                noise: state.excursion_noise[at],
-                awaits: state.excursion_awaits[at],
-            };
-            band.excursions = part.take_while(|at| *at < state.excursion_us.len()).map(excursion).collect();
+            if let Some(law) = &self.sensor.shot {
+                let path = |at: usize| {
+                    let start = [state.noise_photoreceptor[at], state.noise_filtered[at]];
+                    NoisePath::at(law, at as u32, state.noise_cell[at], state.noise_log_light[at], start)
+                };
+                band.noise = part.map(path).collect();
+            }
             let waits = state.hot_wait_us[first_hot..].iter().zip(&state.hot_index[first_hot..]);
             band.hot.iter_mut().zip(waits).for_each(|(hot, stored)| hot.1 = arrivals(stored));
             first_hot += band.hot.len();

@@ -58,14 +58,19 @@ impl Band {
         let drift = self.leaks.drift(i, sensor.elapsed(share.at.start_us), (from, to));
         let seen = start + drift.at(0.0);
         let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
-        let noise = self.excursions.get(i).map_or(0.0, |excursion| excursion.noise.abs());
-        let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() + noise };
+        let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() };
         let way = way + behind + (start - between).abs() + (between - from).abs() + drift.rate() * ticks;
         let hot = self.hot_place(i).and(sensor.hot.as_ref()).map_or(0.0, |hot| hot.pixel(index as u32).rate_hz);
-        let rate_hz = hot + sensor.shot.as_ref().map_or(0.0, |shot| 2.0 * shot.arrivals_hz(c));
+        let least_threshold = c.on.min(c.off);
+        let noise = sensor.shot.as_ref().map_or(0.0, |noise| {
+            let events = |log_light| {
+                ticks * noise.events_in_a_us(least_threshold, log_light) + noise.sigma(log_light) / least_threshold
+            };
+            events(from).max(events(to))
+        });
         // Each event holds the pixel.
         let most = ticks / sensor.effects.refractory_period_us + 1.0;
-        ((way / c.on.min(c.off)).floor().min(most), (rate_hz * ticks * 1e-6).min(most))
+        ((way / least_threshold).floor().min(most), (hot * ticks * 1e-6 + noise).min(most))
     }
 }
 

@@ -3,12 +3,23 @@
 //! Each has a rate and a regularity of its own. Intervals are log-normal, so they are never negative, however irregular
 //! they are.
 
-use super::arrivals::Arrivals;
 use super::parameters::{Effects, HotPixels};
 use crate::random::{Draw, Purpose};
 
 /// No pixel fires faster.
 const FASTEST_HZ: f64 = 1e7;
+
+/// Where a hot pixel's process stands.
+///
+/// Arrivals depend neither on how the signal is sampled in time nor on what the pixel sees. The pixel may drop one, and
+/// the next one comes when it would have come anyway.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Arrivals {
+    /// Microseconds from the interval's start to the next arrival.
+    pub(crate) wait_us: f64,
+    /// Its number.
+    pub(crate) index: u64,
+}
 
 /// One of them.
 pub(super) struct HotPixel {

@@ -62,7 +62,7 @@ impl Input {
             } else {
                 let (leaked, will_leak) = self.leaked(&chord);
                 let curve = Line { from: from + leaked, to: to + will_leak, ticks: chord.ticks };
-                pixel.follow(&curve, start, |t| chord.light_at(t), &mut emit);
+                pixel.follow(&curve, start, |t| chord.log_light_at(t), &mut emit);
             }
             (start, from) = (tick, to);
         }
@@ -98,7 +98,7 @@ impl Input {
         let line = Line { from: self.from + leaked, to: self.to + will_leak, ticks: self.ticks };
         let drift = will_leak - leaked;
         let curve = Cubic::new(line, slopes.0 + drift, slopes.1 + drift);
-        pixel.follow(&curve, 0, |t| libm::exp(input.at(t / self.ticks as f64)), emit);
+        pixel.follow(&curve, 0, |t| input.at(t / self.ticks as f64), emit);
     }
 
     /// Follows the output of one low-pass over a chord, which runs from `outputs.0` to `outputs.1`.
@@ -116,7 +116,7 @@ impl Input {
         if pixel.rests_until(chord.end(), (least + leaked, most + will_leak)) {
             return;
         }
-        pixel.follow(&self.filtered(chord, decay, outputs), chord.start, |t| chord.light_at(t), emit);
+        pixel.follow(&self.filtered(chord, decay, outputs), chord.start, |t| chord.log_light_at(t), emit);
     }
 
     /// Returns what a comparator sees of the output of one low-pass.
@@ -151,7 +151,7 @@ impl Input {
             return;
         }
         let curve = self.filtered_twice(chord, decays, before, end);
-        pixel.follow(&curve, chord.start, |t| chord.light_at(t), emit);
+        pixel.follow(&curve, chord.start, |t| chord.log_light_at(t), emit);
     }
 
     /// Returns what a comparator sees of the output of the second of two low-passes.
@@ -192,8 +192,8 @@ impl Chord {
         (self.start + self.ticks) as f64
     }
 
-    /// Luma + `log_eps` so many ticks after its start.
-    pub(super) fn light_at(&self, t: f64) -> f64 {
-        libm::exp(self.from + (self.to - self.from) * (t / self.ticks as f64))
+    /// ln(luma + `log_eps`) so many ticks after its start.
+    pub(super) fn log_light_at(&self, t: f64) -> f64 {
+        self.from + (self.to - self.from) * (t / self.ticks as f64)
     }
 }

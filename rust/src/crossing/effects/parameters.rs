@@ -20,19 +20,20 @@ pub struct PhotoreceptorBandwidth {
     pub source_follower_hz: f64,
 }
 
-/// Events from noise alone: now and then noise takes the signal to a level, and back.
+/// A stationary Gaussian process that is added to what comparators see. A reset memorises it with the signal.
 ///
-/// Both ways make an event, so noise events come in pairs of opposite polarity, and the reference follows as after any
-/// event. Noise is Gaussian, white behind two poles: one at `bandwidth_hz`, and one that is proportional to light, at
-/// x `bandwidth_hz` with x = (luma + `log_eps`) / `half_luma`. So its variance is `rms`^2 / (1 + x), and pairs are as many
-/// as its crossings of a pixel's own thresholds.
-/// Source: Rice, "Mathematical analysis of random noise", Bell System Technical Journal 24, 1945 (rate of crossings); Graca, `McReynolds`
-/// and Delbruck, "Exploiting alternating DVS shot noise event pair statistics to reduce background activity", IISW 2023 (pairs, and that a reset memorises the noise); Hu, Liu and Delbruck, "v2e", CVPR
-/// Workshops 2021 (noise events get fewer with intensity).
+/// It is white noise behind two poles: one at `bandwidth_hz`, and one that is proportional to light, at x
+/// `bandwidth_hz` with x = (luma + `log_eps`) / `half_luma`. Photons make noise whose density is as one over light, which leaves a
+/// variance of `rms`^2 / (1 + x). Noise of a density that is the same in any light leaves `floor`^2 x / (1 + x).
+/// Source: Graca and Delbruck, "Unraveling the paradox of intensity-dependent DVS pixel noise", IISW 2021 (both poles,
+/// noise of constant power in the dark); Graca, `McReynolds` and Delbruck, "Exploiting alternating DVS shot noise event
+/// pair statistics to reduce background activity", IISW 2023 (a reset memorises the noise).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShotNoise {
     /// Standard deviation of log intensity in the dark.
     pub rms: f64,
+    /// What the standard deviation comes to in bright light, at least.
+    pub floor: f64,
     /// The luma + `log_eps` at which the variance has halved, both poles being alike there; infinite for noise that is the
     /// same in any light, of variance `rms`^2 and with both poles at `bandwidth_hz`.
     pub half_luma: f64,
@@ -40,11 +41,44 @@ pub struct ShotNoise {
     pub bandwidth_hz: f64,
 }
 
+impl ShotNoise {
+    /// Whether there is any.
+    pub(crate) fn is_on(&self) -> bool {
+        self.rms > 0.0 || self.floor > 0.0
+    }
+
+    /// The source follower's time constants in a microsecond.
+    pub(super) fn follower(&self) -> f64 {
+        std::f64::consts::TAU * 1e-6 * self.bandwidth_hz
+    }
+
+    /// Noise is drawn at the ends of cells of so many microseconds first: one to two time constants of the source
+    /// follower, or 256 us where that is more. It is a power of two, so that times of cells are exact.
+    pub(super) fn cell_us(&self) -> f64 {
+        libm::exp2((-libm::log2(self.follower())).ceil()).max(256.0)
+    }
+
+    /// Refuses an interval of so many microseconds that following noise in it would not come to an end.
+    pub(crate) fn check_interval(&self, ticks: f64) -> Result<()> {
+        const MOST_CELLS: f64 = 4_194_304.0;
+        let most_us = MOST_CELLS * self.cell_us();
+        if self.is_on() && ticks > most_us {
+            return Err(Error::Argument(format!(
+                "two frames under shot_noise_rms of bandwidth_hz {} must be at most {most_us} us apart, got {ticks} us",
+                self.bandwidth_hz
+            )));
+        }
+        Ok(())
+    }
+}
+
 /// Thresholds that differ from pixel to pixel: log-normal factors, whose mean is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThresholdMismatch {
     /// Relative standard deviation of what each pixel has of its own.
     pub sigma: f64,
+    /// Correlation of the logarithms of a pixel's own ON and OFF factors.
+    pub correlation: f64,
     /// Thresholds of even columns are lower by this share, those of odd ones higher; negative the other way round.
     pub column_parity: f64,
     /// Relative standard deviation of what the pixels of a column have in common.
@@ -55,10 +89,10 @@ pub struct ThresholdMismatch {
 
 impl ThresholdMismatch {
     /// All pixels are alike.
-    pub(crate) const NONE: Self = Self { sigma: 0.0, column_parity: 0.0, columns: 0.0, rows: 0.0 };
+    pub(crate) const NONE: Self = Self { sigma: 0.0, correlation: 0.0, column_parity: 0.0, columns: 0.0, rows: 0.0 };
 
     pub(crate) fn is_neutral(&self) -> bool {
-        *self == Self::NONE
+        *self == Self { correlation: self.correlation, ..Self::NONE }
     }
 }
 
@@ -149,7 +183,7 @@ impl Default for Effects {
                 doubling_c: 8.0,
                 double_luma: f64::INFINITY,
             },
-            shot_noise: ShotNoise { rms: 0.0, half_luma: 1.0, bandwidth_hz: 300.0 },
+            shot_noise: ShotNoise { rms: 0.0, floor: 0.0, half_luma: 1.0, bandwidth_hz: 300.0 },
             hot_pixels: HotPixels { fraction: 0.0, rate_hz: 0.0, rate_spread: 0.0, least_cv: 0.1, most_cv: 0.1 },
             readout: None,
         }
@@ -167,6 +201,7 @@ impl Effects {
             ("photoreceptor_bandwidth_hz", hz, LEAST, f64::INFINITY, "Hz"),
             ("photoreceptor_bandwidth_hz: source_follower_hz", source_follower_hz, 1e-3, f64::INFINITY, "Hz"),
             ("threshold_mismatch", self.threshold_mismatch.sigma, 0.0, 1.0, "of the threshold"),
+            ("threshold_mismatch: correlation", self.threshold_mismatch.correlation, -1.0, 1.0, "of ON and OFF"),
             ("threshold_mismatch: column_parity", self.threshold_mismatch.column_parity, -0.5, 0.5, "of the threshold"),
             ("threshold_mismatch: columns", self.threshold_mismatch.columns, 0.0, 1.0, "of the threshold"),
             ("threshold_mismatch: rows", self.threshold_mismatch.rows, 0.0, 1.0, "of the threshold"),
@@ -178,6 +213,7 @@ impl Effects {
             ("leak_rate_hz: doubling_c", self.leak.doubling_c, 1.0, 1e6, "degrees"),
             ("leak_rate_hz: double_luma", self.leak.double_luma, LEAST, f64::INFINITY, "units of luma"),
             ("shot_noise_rms", self.shot_noise.rms, 0.0, 1e6, "of log intensity"),
+            ("shot_noise_rms: floor", self.shot_noise.floor, 0.0, 1e6, "of log intensity"),
             ("shot_noise_rms: half_luma", self.shot_noise.half_luma, LEAST, f64::INFINITY, "units of luma"),
             ("shot_noise_rms: bandwidth_hz", self.shot_noise.bandwidth_hz, 1e-3, 1e7, "Hz"),
             ("hot_pixels: fraction", self.hot_pixels.fraction, 0.0, 1.0, "of the pixels"),
@@ -197,6 +233,12 @@ impl Effects {
                 };
                 return Err(Error::Argument(format!("{name} must {range}, got {value}")));
             }
+        }
+        if self.shot_noise.floor > 0.0 && self.shot_noise.half_luma == f64::INFINITY {
+            return Err(Error::Argument(format!(
+                "shot_noise_rms: floor must be 0 for noise that is the same in any light (half_luma = inf), got {}",
+                self.shot_noise.floor
+            )));
         }
         self.readout.as_ref().map_or(Ok(()), ReadoutParameters::check)
     }
@@ -218,7 +260,7 @@ impl Effects {
         self.filters()
             || self.refractory_period_us > 0.0
             || self.leak.is_on()
-            || self.shot_noise.rms > 0.0
+            || self.shot_noise.is_on()
             || self.hot_pixels.are_on()
     }
 }

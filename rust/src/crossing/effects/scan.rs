@@ -10,7 +10,9 @@ use multiversion::multiversion;
 
 use super::filtered::filter;
 use super::parameters::PhotoreceptorBandwidth;
+use super::shot_noise::FAR;
 use super::two_poles::{Decays, filter_twice};
+use crate::crossing::exponential::exp_precise;
 
 /// Computes the low-pass's time constants in an interval and its output at the end, for each pixel.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
@@ -71,6 +73,45 @@ pub(super) fn mark_out_of_bounds(seen: &[f64], (low, high): (&[f64], &[f64]), ma
     let (seen, low, high) = (&seen[..n], &low[..n], &high[..n]);
     for i in 0..n {
         marked[i] = (seen[i] >= high[i]) | (seen[i] <= low[i]);
+    }
+}
+
+/// Marks pixels whose comparators saw log intensity at or beyond its bounds at the interval's start.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+pub(super) fn mark_start_out_of_bounds(
+    before: &[f64],
+    leaked: &[f64],
+    (low, high): (&[f64], &[f64]),
+    marked: &mut [bool],
+) {
+    let n = marked.len();
+    let (before, leaked, low, high) = (&before[..n], &leaked[..n], &low[..n], &high[..n]);
+    for i in 0..n {
+        let seen = before[i] + leaked[i];
+        marked[i] |= (seen >= high[i]) | (seen <= low[i]);
+    }
+}
+
+/// Bounds of what comparators see without noise: beyond these, noise of a reach may take it beyond the others.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn within_reach((low, high): (&[f64], &[f64]), reach: &[f64], (least, most): (&mut [f64], &mut [f64])) {
+    let n = reach.len();
+    let (low, high, least, most) = (&low[..n], &high[..n], &mut least[..n], &mut most[..n]);
+    for i in 0..n {
+        (least[i], most[i]) = (low[i] + reach[i], high[i] - reach[i]);
+    }
+}
+
+/// How far noise may be from zero within an interval, for each pixel: in the light of the end that has more of it.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn noise_reach((rms, floor, log_half): (f64, f64, f64), from: &[f64], to: &[f64], reach: &mut [f64]) {
+    let n = reach.len();
+    let (from, to, falls) = (&from[..n], &to[..n], floor <= rms);
+    for i in 0..n {
+        let log_light = if falls { from[i].min(to[i]) } else { from[i].max(to[i]) };
+        let share = 1.0 / (1.0 + exp_precise(log_light - log_half));
+        reach[i] = FAR * (rms * rms * share + floor * floor * (1.0 - share)).sqrt();
     }
 }
 

@@ -1,147 +1,172 @@
-//! Shot noise: a Gaussian process, of which only its crossings of a pixel's levels are drawn.
+//! Shot noise: a stationary Gaussian process that is added to what a pixel's comparators see.
 //!
-//! By Rice's formula, a stationary Gaussian process of standard deviation s crosses the level d upwards `nu exp(-d^2 /
-//! (2 s^2))` times a second. For white noise behind two poles, `nu` is the root of `f1 f2`, their corner frequencies.
-//! One pole is fixed, the other is proportional to light, so `nu` grows with light while s falls.
+//! Photons make white noise, which passes the photoreceptor's pole and the source follower's. The first one is
+//! proportional to light. So in the dark noise is large and slow, in bright light it is small and fast.
+//! [`ShotNoiseLaw`] says how large and how fast, [`super::two_pole_noise`] how it moves, and [`super::noise_path`]
+//! follows it in a pixel.
 //!
-//! Each polarity has a light in which its rate is highest. Arrivals are drawn at these highest rates, and each is kept
-//! or dropped by the light at its very instant (thinning).
-//!
-//! What must not break: [`ShotNoiseLaw::arrivals_hz`] is at least the rate in any light, or events would be missing.
-//! Draws do not depend on the signal.
+//! What must not break: the process does not know of the pixel's events. So a reset memorises the noise of its instant
+//! by itself, and no draw depends on what the pixel does.
 
-use super::arrivals::Arrivals;
-use super::excursion::{Excursion, polarity};
+use std::sync::OnceLock;
+
 use super::parameters::{Effects, ShotNoise};
-use super::two_poles::Decays;
-use crate::crossing::level::Thresholds;
-use crate::log_intensity::ln;
-use crate::random::{Draw, Purpose};
+use super::scan::noise_reach;
+use super::two_pole_noise::{Outputs, TwoPoleNoise, leap, levels};
+use crate::crossing::exponential::exp_precise;
+use crate::random::{Draw, Purpose, many_normals};
 
-/// What shot noise does, the same in every pixel but for the thresholds.
-#[derive(Clone, Copy, Debug)]
+/// What shot noise does, the same in every pixel.
+#[derive(Debug)]
 pub(crate) struct ShotNoiseLaw {
     seed: u64,
     noise: ShotNoise,
-    refractory_us: f64,
+    /// ln `half_luma`, or None where noise is the same in any light.
+    log_half: Option<f64>,
+    /// The source follower's time constants in a microsecond.
+    pub(super) follower: f64,
+    /// The length of cells.
+    pub(super) cell_us: f64,
+    /// How often one can be halved.
+    pub(super) levels: usize,
+    /// By the ratio of the poles, made when first needed.
+    poles: Vec<OnceLock<Box<TwoPoleNoise>>>,
 }
 
-/// Pairs a second that come at least: no pixel lives long enough to see one, and waits stay finite.
-const LEAST_RATE_HZ: f64 = 1e-10;
+/// Limits of the ratio of the pole that is proportional to light to the other one, as powers of two: 1 / 65,536 and about
+/// 100.
+const LEAST_POWER: f64 = -16.0;
+const MOST_POWER: f64 = 6.65;
 
-/// Limits of the ratio of the pole that is proportional to light to the other pole. They keep rates and times finite for
-/// any noise and light.
-const MOST_RATIO: f64 = 100.0;
-const LEAST_RATIO: f64 = 1e-12;
+/// Ratios are rounded to so many in each octave. Standard deviations are not rounded.
+const IN_AN_OCTAVE: f64 = 32.0;
+
+/// Further from zero than so many standard deviations noise is not looked for: it is there once in some days of a pixel.
+pub(super) const FAR: f64 = 6.0;
 
 impl ShotNoiseLaw {
     /// None where there is no noise.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and positive")]
     pub(super) fn new(effects: &Effects, seed: u64) -> Option<Self> {
         let noise = effects.shot_noise;
-        (noise.rms > 0.0).then_some(Self { seed, noise, refractory_us: effects.refractory_period_us })
+        if !noise.is_on() {
+            return None;
+        }
+        let ratios = if noise.half_luma.is_finite() { (MOST_POWER - LEAST_POWER) * IN_AN_OCTAVE } else { 0.0 };
+        Some(Self {
+            seed,
+            noise,
+            log_half: noise.half_luma.is_finite().then(|| libm::log(noise.half_luma)),
+            follower: noise.follower(),
+            cell_us: noise.cell_us(),
+            levels: levels(noise.follower() * noise.cell_us()),
+            poles: (0..=ratios as usize).map(|_| OnceLock::new()).collect(),
+        })
     }
 
-    /// The pole that depends on light over the one that does not, where luma + `log_eps` is `light`.
-    fn ratio(&self, light: f64) -> f64 {
-        if self.noise.half_luma.is_finite() {
-            (light / self.noise.half_luma).clamp(LEAST_RATIO, MOST_RATIO)
-        } else {
-            1.0
+    /// The standard deviation where luma + `log_eps` has this logarithm.
+    pub(super) fn sigma(&self, log_light: f64) -> f64 {
+        let ShotNoise { rms, floor, .. } = self.noise;
+        let Some(log_half) = self.log_half else { return rms };
+        let x = exp_precise(log_light - log_half);
+        (rms * rms / (1.0 + x) + floor * floor * (x / (1.0 + x))).sqrt()
+    }
+
+    /// How far noise may be from zero within intervals between such log intensities.
+    pub(super) fn reach(&self, from: &[f64], to: &[f64], reach: &mut [f64]) {
+        match self.log_half {
+            None => reach.fill(FAR * self.noise.rms),
+            Some(log_half) => noise_reach((self.noise.rms, self.noise.floor, log_half), from, to, reach),
         }
     }
 
-    /// The rate of crossings of a level at a distance from zero, at a ratio of the poles and a variance.
-    fn crossings_hz(&self, distance: f64, ratio: f64, variance: f64) -> f64 {
-        self.noise.bandwidth_hz * ratio.sqrt() * libm::exp(-distance * distance / (2.0 * variance))
+    /// The power of two, in steps of a table, by which the pole that is proportional to light is faster than the other.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and positive")]
+    pub(super) fn ratio(&self, log_light: f64) -> usize {
+        let Some(log_half) = self.log_half else { return 0 };
+        let power = (log_light - log_half) * std::f64::consts::LOG2_E;
+        let place = (power.clamp(LEAST_POWER, MOST_POWER) - LEAST_POWER) * IN_AN_OCTAVE;
+        (place.round() as usize).min(self.poles.len() - 1)
     }
 
-    /// Pairs a second that begin with an ON event, and those that begin with an OFF event, where luma + `log_eps` is
-    /// `light`.
-    fn rates_hz(&self, c: Thresholds, light: f64) -> (f64, f64) {
-        let ShotNoise { rms, half_luma, .. } = self.noise;
-        let variance = rms * rms / (1.0 + light / half_luma);
-        let rate = |distance: f64| self.crossings_hz(distance, self.ratio(light), variance);
-        (rate(c.on), rate(c.off))
+    #[allow(clippy::cast_precision_loss, reason = "small")]
+    fn ratio_of(&self, index: usize) -> f64 {
+        if self.log_half.is_some() { libm::exp2(LEAST_POWER + index as f64 / IN_AN_OCTAVE) } else { 1.0 }
     }
 
-    /// Arrivals a second: the pairs of each polarity in the light where they are the most.
-    pub(super) fn arrivals_hz(&self, c: Thresholds) -> f64 {
-        let ShotNoise { rms, half_luma, .. } = self.noise;
-        let most = |distance: f64| {
-            if half_luma.is_infinite() {
-                return self.crossings_hz(distance, 1.0, rms * rms);
-            }
-            // The root of x exp(-d^2 (1 + x) / (2 rms^2)) is largest there.
-            let ratio = (rms * rms / (distance * distance)).clamp(LEAST_RATIO, MOST_RATIO);
-            // A little above, for rounding.
-            1.000_000_001 * self.crossings_hz(distance, ratio, rms * rms / (1.0 + ratio))
-        };
-        (most(c.on) + most(c.off)).max(LEAST_RATE_HZ)
+    /// How noise moves where the ratio of both poles has this place in their table.
+    pub(super) fn poles_of(&self, index: usize) -> &TwoPoleNoise {
+        let made = || Box::new(TwoPoleNoise::new(self.ratio_of(index), self.follower * self.cell_us));
+        self.poles[index].get_or_init(made)
     }
 
-    /// The process at its beginning.
-    pub(super) fn first(&self, pixel: u32, c: Thresholds) -> Arrivals {
-        Arrivals { wait_us: self.wait_us(pixel, 0, c), index: 0 }
+    /// Noise at the first frame.
+    pub(super) fn first(&self, pixel: u32, log_light: f64) -> Outputs {
+        self.poles_of(self.ratio(log_light)).stationary(self.sigma(log_light), self.draws(pixel, 0))
     }
 
-    /// Moves on to the next arrival.
-    pub(super) fn advance(&self, pixel: u32, c: Thresholds, arrivals: &mut Arrivals) {
-        arrivals.index += 1;
-        arrivals.wait_us += self.wait_us(pixel, arrivals.index, c);
+    /// Noise at the start of a cell, so many cells after these outputs.
+    #[allow(clippy::cast_precision_loss, reason = "beyond 2^53 cells nothing is left")]
+    pub(super) fn after(&self, pixel: u32, cell: i64, cells: i64, log_light: f64, outputs: Outputs) -> Outputs {
+        let second = self.follower * self.cell_us * cells as f64;
+        let first = self.ratio_of(self.ratio(log_light)) * second;
+        leap(outputs, (first, second), self.sigma(log_light), self.draws(pixel, self.node(cell, 0)))
     }
 
-    fn wait_us(&self, pixel: u32, index: u64, c: Thresholds) -> f64 {
-        self.draw(pixel, index).exponential() * 1e6 / self.arrivals_hz(c)
+    /// The number of an instant: so many shortest spans after the start of a cell.
+    pub(super) fn node(&self, cell: i64, position: u64) -> u64 {
+        (cell.cast_unsigned() << self.levels).wrapping_add(position)
     }
 
-    /// The arrival's event where luma + `log_eps` is `light`: its polarity, or None where there is none.
-    pub(super) fn event(&self, pixel: u32, index: u64, c: Thresholds, light: f64) -> Option<bool> {
-        let (on, off) = self.rates_hz(c, light);
-        let most = self.arrivals_hz(c);
-        let place = self.draw(pixel, index).second_uniform() * most;
-        match (place < on, place >= most - off) {
-            (true, _) => Some(true),
-            (_, true) => Some(false),
-            _ => None,
+    /// The two normal draws of an instant.
+    pub(super) fn draws(&self, pixel: u32, node: u64) -> (f64, f64) {
+        Draw::at(self.seed, Purpose::ShotNoise, pixel, node).normals()
+    }
+
+    /// The same for many pixels and instants.
+    pub(super) fn many_draws(&self, named: (&[u32], &[u64]), draws: (&mut [f64], &mut [f64])) {
+        many_normals(self.seed, Purpose::ShotNoise, named, draws);
+    }
+
+    /// About how many events it makes in a microsecond, from above: trips further than half a threshold away, and on
+    /// each as many events as there are thresholds on its way.
+    pub(super) fn events_in_a_us(&self, c: f64, log_light: f64) -> f64 {
+        let sigma = self.sigma(log_light);
+        let omega = self.follower * self.ratio_of(self.ratio(log_light)).sqrt();
+        let share = c / sigma;
+        omega * (2.0 / std::f64::consts::TAU + 0.8 / share) * libm::exp(-share * share / 8.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn law(floor: f64) -> ShotNoiseLaw {
+        let shot_noise = ShotNoise { rms: 0.1, floor, half_luma: 2.0, bandwidth_hz: 300.0 };
+        ShotNoiseLaw::new(&Effects { shot_noise, ..Effects::default() }, 1).expect("on")
+    }
+
+    /// Within the rounding of the table, and within its limits beyond.
+    #[test]
+    fn the_photoreceptor_s_pole_is_proportional_to_light() {
+        let law = law(0.0);
+        let ratio = |light: f64| law.ratio_of(law.ratio(light.ln()));
+        for light in [1e-3, 0.02, 0.7, 2.0, 5.0, 150.0] {
+            assert!((ratio(light) / (light / 2.0)).ln().abs() <= 2f64.ln() / 64.0 + 1e-12, "{light}");
+        }
+        assert!((ratio(1e-300) * 65_536.0 - 1.0).abs() < 1e-12 && (ratio(1e300) - 100.0).abs() < 2.0);
+    }
+
+    /// An interval's reach is that of its end with more noise, which a floor may turn to the brighter one.
+    #[test]
+    fn the_reach_is_that_of_the_end_with_more_noise() {
+        let logs = [0.02f64.ln(), 50f64.ln()];
+        for floor in [0.0, 0.03, 0.4] {
+            let (law, mut reach) = (law(floor), [0.0; 2]);
+            law.reach(&logs, &[logs[1], logs[0]], &mut reach);
+            let most = FAR * law.sigma(logs[0]).max(law.sigma(logs[1]));
+            assert!(reach.iter().all(|reach| (reach / most - 1.0).abs() < 1e-9), "{reach:?} {most}");
         }
     }
-
-    /// The excursion that begins with an arrival's event of this polarity.
-    pub(super) fn excursion(&self, pixel: u32, index: u64, away: Away, on: bool) -> Excursion {
-        let lasts = Draw::at(self.seed, Purpose::ShotNoiseExcursion, pixel, index).exponential();
-        self.lasting(away, lasts, -polarity(on))
-    }
-
-    /// The one that begins with the second event of a pair, `index` being the number of the next arrival.
-    pub(super) fn excursion_back(&self, pixel: u32, index: u64, away: Away) -> Excursion {
-        let lasts = -ln(Draw::at(self.seed, Purpose::ShotNoiseExcursion, pixel, index).second_uniform());
-        self.lasting(away, lasts, 0)
-    }
-
-    /// An excursion that lasts `lasts` times the mean of both poles' time constants.
-    ///
-    /// Noise is memorised at the end of the refractory period. What is left of it then follows its autocorrelation.
-    fn lasting(&self, away: Away, lasts: f64, awaits: i8) -> Excursion {
-        let Away { at_us, light, noise } = away;
-        let (fixed_us, ratio) = (1e6 / (std::f64::consts::TAU * self.noise.bandwidth_hz), self.ratio(light));
-        let of_light_us = fixed_us / ratio;
-        let until_us = at_us + self.refractory_us + (lasts * 0.5 * (fixed_us + of_light_us)).min(LONGEST_US);
-        let decays = Decays { first: self.refractory_us / of_light_us, second: self.refractory_us / fixed_us };
-        Excursion { until_us, noise: noise * decays.left(), awaits }
-    }
-
-    fn draw(&self, pixel: u32, index: u64) -> Draw {
-        Draw::at(self.seed, Purpose::ShotNoise, pixel, index)
-    }
 }
-
-/// Noise that has just made an event: when, in which light (luma + `log_eps`), and how much noise there is.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Away {
-    pub(crate) at_us: f64,
-    pub(crate) light: f64,
-    pub(crate) noise: f64,
-}
-
-/// No excursion lasts longer, so that a stored state has finite times.
-const LONGEST_US: f64 = 1e16;

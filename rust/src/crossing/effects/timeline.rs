@@ -1,23 +1,24 @@
-//! Follows one pixel under effects in time: crossings, holds and noise, in the order in which they happen.
+//! Follows one pixel under effects in time: crossings, holds and hot pixels, in the order in which they happen.
 //!
-//! Along each monotone piece of the curve, [`Pixel::follow`] finds what comes first: the end of a hold, a crossing, an
-//! arrival of noise or the end of an excursion. It acts on that and goes on from there. The exact moment of a crossing
-//! is only computed if a hold or noise needs it, because that costs as much as all the rest.
+//! Along each monotone piece of the curve, [`Pixel::follow`] finds what comes first: the end of a hold, a crossing of the
+//! signal with its noise, or an event of a hot pixel. It acts on that and goes on from there. The exact moment of a
+//! crossing without noise is only computed if something needs it, because that costs as much as all the rest.
 //!
 //! What must not break:
 //! - The order in time, also where a hold ends within a piece.
-//! - Arrivals of noise during a hold are drawn and dropped, so that later ones keep their numbers.
+//! - Events of a hot pixel during a hold are drawn and dropped, so that later ones keep their numbers.
 
-use super::arrivals::Arrivals;
-use super::excursion::Excursion;
+use super::hot_pixels::{Arrivals, HotPixelNoise};
 use super::leak::LeakJitter;
-use super::noise::Noise;
-use super::shot_noise::Away;
+use super::noise_path::{Levels, ShotNoisePath};
 use crate::crossing::curve::{Curve, Piece, Timed};
 use crate::crossing::level::{Level, Thresholds};
 
 /// Not held.
 pub(crate) const FREE: f64 = f64::NEG_INFINITY;
+
+/// The window of a pixel that is followed all the way.
+pub(crate) const WHOLE: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
 /// A pixel's state. Times are microseconds from the interval's start.
 pub(crate) struct Pixel<'a> {
@@ -27,12 +28,14 @@ pub(crate) struct Pixel<'a> {
     /// Until when it is held in reset, or [`FREE`].
     pub(crate) held_until_us: &'a mut f64,
     pub(crate) refractory_us: f64,
-    /// The noise that is part of what its comparators see, but not of `reference`.
-    pub(crate) excursion: &'a mut Excursion,
+    /// It is followed from the one to the other of these, in microseconds of the interval: before, nothing happens to it.
+    pub(crate) window_us: (f64, f64),
     /// How uncertain it is what has leaked; None for not at all.
     pub(crate) leak_jitter: Option<LeakJitter<'a>>,
-    /// Its processes of noise; shot noise is the first.
-    pub(crate) noise: [Option<(Noise, &'a mut Arrivals)>; 2],
+    /// What is added to the signal.
+    pub(crate) shot_noise: Option<ShotNoisePath<'a>>,
+    /// The events of its own, where it is hot.
+    pub(crate) hot: Option<(HotPixelNoise, &'a mut Arrivals)>,
 }
 
 /// Between these a comparator sees no level of a pixel with this reference; where one lies at or beyond them, it may.
@@ -50,96 +53,117 @@ impl Pixel<'_> {
     /// Then [`Self::follow`] would change nothing, and need not be called.
     pub(super) fn rests_until(&self, finish: f64, (least, most): (f64, f64)) -> bool {
         let held = *self.held_until_us > FREE;
-        if held && *self.held_until_us <= finish || self.excursion.is_on() && self.excursion.until_us <= finish {
-            return false;
-        }
-        if self.next_noise().is_some_and(|(_, at)| at <= finish) {
+        if held && *self.held_until_us <= finish || self.next_hot().is_some_and(|at| at <= finish) {
             return false;
         }
         let (low, high) = bounds(*self.reference, self.c);
-        held || low < least && most < high
+        let reach = self.shot_noise.as_ref().map_or(0.0, |noise| noise.reach);
+        held || low < least - reach && most + reach < high
     }
 
     /// Follows a curve that begins at `offset` of the interval; calls `emit(tick, on)` for each event, ticks counted
     /// from the interval's start.
     ///
-    /// `light` gives luma + `log_eps` of the input at a time of the curve.
+    /// `log_light` gives ln(luma + `log_eps`) of the input at a time of the curve.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
     #[allow(clippy::cast_possible_truncation, reason = "within the interval")]
     pub(crate) fn follow<C: Curve<Piece: Timed>>(
         &mut self,
         curve: &C,
         offset: i64,
-        light: impl Fn(f64) -> f64,
+        log_light: impl Fn(f64) -> f64,
         mut emit: impl FnMut(i64, bool),
     ) {
         let start = offset as f64;
-        let mut now = start;
+        // Light before the curve is what it begins with.
+        let log_light = |t: f64| log_light((t - start).max(0.0));
+        let mut now = start.max(self.window_us.0);
         for piece in curve.pieces() {
-            let finish = start + piece.finish();
+            let finish = (start + piece.finish()).min(self.window_us.1);
+            if finish < now {
+                continue;
+            }
+            let seen = |t: f64| piece.value(t - start);
             loop {
                 if *self.held_until_us > FREE {
                     let until = *self.held_until_us;
-                    self.skip_noise(until.min(finish));
+                    self.skip_hot(until.min(finish));
                     if until > finish {
                         break;
                     }
-                    *self.reference = memorised(piece.value(until - start));
+                    *self.reference = memorised(seen(until) + self.noise_at(until, &log_light));
                     self.book_leak();
                     *self.held_until_us = FREE;
                     now = until;
-                    if self.excursion.until_us <= until {
-                        *self.excursion = Excursion::NONE; // over before the reset was: nothing of it is memorised
-                    }
                 }
-                let crossing = self.crossing(&piece);
-                let noise = self.next_noise().filter(|&(_, at)| at <= finish);
-                // The end of an excursion is to noise what an arrival is.
-                let ends = self.excursion.until_us;
-                let ends_first = self.excursion.is_on() && ends <= finish && noise.is_none_or(|(_, at)| ends <= at);
-                let noise = if ends_first { Some((None, ends)) } else { noise.map(|(kind, at)| (Some(kind), at)) };
-                // When exactly it crosses matters to noise and to a hold, and costs as much as the rest together.
-                let moment = |(level, on)| (start + piece.moment(level, on, self.c)).clamp(now, finish.max(now));
-                match (crossing, noise) {
-                    (crossing, Some((kind, at))) if crossing.is_none_or(|crossing| at < moment(crossing)) => {
+                let hot = self.next_hot().filter(|&at| at <= finish);
+                let crossing = self.crossing(&piece, (now, hot.unwrap_or(finish)), &seen, &log_light);
+                // When exactly it crosses matters to hot pixels and to a hold, and costs as much as the rest together.
+                let moment = |crossing: &Crossing| {
+                    let of_signal = || start + piece.moment(crossing.level, crossing.on, self.c);
+                    crossing.noisy_us.unwrap_or_else(|| of_signal().clamp(now, finish.max(now)))
+                };
+                match (crossing, hot) {
+                    (crossing, Some(at)) if crossing.is_none_or(|crossing| at < moment(&crossing)) => {
                         now = at;
-                        let seen = piece.value(at - start);
-                        let mut emit = |on| emit(at.ceil() as i64, on);
-                        let fired = match kind {
-                            Some(kind) => self.take_noise(kind, at, light(at - start), seen, &mut emit),
-                            None => self.end_excursion(at, light(at - start), seen, &mut emit),
-                        };
-                        if fired {
-                            self.reset(at.ceil() as i64, at);
-                        }
+                        self.advance_hot();
+                        *self.reference = memorised(seen(at) + self.noise_at(at, &log_light));
+                        emit(at.ceil() as i64, true);
+                        self.reset(at.ceil() as i64, at);
                     }
-                    (Some((level, on)), _) => {
-                        if self.refractory_us > 0.0 {
-                            now = moment((level, on));
+                    (Some(crossing), _) => {
+                        if self.refractory_us > 0.0 || crossing.noisy_us.is_some() {
+                            now = moment(&crossing);
                         }
-                        let tick = offset + piece.first_tick(level, on, self.c);
-                        emit(tick, on);
-                        *self.reference = level;
+                        let tick = match crossing.noisy_us {
+                            Some(at) => (at.ceil() as i64).max(1),
+                            None => offset + piece.first_tick(crossing.level, crossing.on, self.c),
+                        };
+                        emit(tick, crossing.on);
+                        *self.reference = crossing.level;
                         self.reset(tick, now);
                     }
                     (None, _) => break,
                 }
             }
+            if self.shot_noise.is_some() {
+                now = now.max(finish);
+            }
         }
     }
 
-    /// The level that is reached by the piece's end, if one is.
-    fn crossing(&self, piece: &impl Piece) -> Option<(Level, bool)> {
+    /// The level that is reached first in a window of a piece, if one is.
+    ///
+    /// Without noise it is the one that is reached by the piece's end. With noise the reference moves to the level's float,
+    /// because noise is no exact number.
+    fn crossing(
+        &mut self,
+        piece: &impl Piece,
+        window: (f64, f64),
+        seen: &impl Fn(f64) -> f64,
+        log_light: &impl Fn(f64) -> f64,
+    ) -> Option<Crossing> {
         let (up, down) = (self.reference.up(), self.reference.down());
+        if let Some(noise) = &mut self.shot_noise {
+            let (above, below) = (up.approximate(self.c).0, down.approximate(self.c).0);
+            let levels = Levels { above, below, least: self.c.on.min(self.c.off) };
+            let (at_us, on) = noise.first_crossing(window, seen, levels, log_light)?;
+            return Some(Crossing { level: memorised(if on { above } else { below }), on, noisy_us: Some(at_us) });
+        }
         if up.sign_of_excess(piece.end(), self.c) >= 0 {
-            Some((up, true))
+            Some(Crossing { level: up, on: true, noisy_us: None })
         } else if down.sign_of_excess(piece.end(), self.c) <= 0 {
-            Some((down, false))
+            Some(Crossing { level: down, on: false, noisy_us: None })
         } else {
             None
         }
     }
 
+    /// Shot noise at a time.
+    fn noise_at(&mut self, at_us: f64, log_light: &impl Fn(f64) -> f64) -> f64 {
+        let least = self.c.on.min(self.c.off);
+        self.shot_noise.as_mut().map_or(0.0, |noise| noise.at(at_us, least, log_light))
+    }
     /// Resets the pixel after an event at `tick`: it is held, or the reset is over at once.
     fn reset(&mut self, tick: i64, at_us: f64) {
         if let Some(jitter) = &mut self.leak_jitter {
@@ -159,68 +183,33 @@ impl Pixel<'_> {
         }
     }
 
-    /// The process whose next arrival is the earliest, and when.
-    fn next_noise(&self) -> Option<(usize, f64)> {
-        let waits = self.noise.iter().enumerate().filter_map(|(kind, noise)| Some((kind, noise.as_ref()?.1.wait_us)));
-        waits.min_by(|a, b| a.1.total_cmp(&b.1))
+    /// When a hot pixel's next arrival is.
+    fn next_hot(&self) -> Option<f64> {
+        self.hot.as_ref().map(|hot| hot.1.wait_us)
     }
 
-    /// Takes the next arrival of a process, at a time at which the comparators see so much without noise; whether it
-    /// made an event.
-    ///
-    /// Each event resets the pixel. With shot noise the comparators see the very level that the event stands for, and
-    /// that is memorised.
-    fn take_noise(&mut self, kind: usize, at_us: f64, light: f64, seen: f64, emit: &mut impl FnMut(bool)) -> bool {
-        let Some((noise, arrivals)) = self.noise[kind].as_mut() else { return false };
-        let index = arrivals.index;
-        noise.advance(self.number, self.c, arrivals);
-        let on = match noise {
-            Noise::Hot(_) => true,
-            Noise::Shot(_) if self.excursion.is_on() => return false, // noise is away already
-            Noise::Shot(shot) => {
-                let Some(on) = shot.event(self.number, index, self.c, light) else { return false };
-                let level = if on { self.reference.up() } else { self.reference.down() };
-                let away = Away { at_us, light, noise: level.exact(self.c).value() - seen };
-                *self.excursion = shot.excursion(self.number, index, away, on);
-                on
-            }
-        };
-        *self.reference = memorised(seen);
-        emit(on);
-        true
-    }
-
-    /// Noise is gone, but not from what was memorised: where a level lies within reach, noise makes its event on the way;
-    /// whether it did.
-    fn end_excursion(&mut self, at_us: f64, light: f64, seen: f64, emit: &mut impl FnMut(bool)) -> bool {
-        let excursion = std::mem::replace(self.excursion, Excursion::NONE);
-        self.reference.base += excursion.noise;
-        let (up, down) = (self.reference.up(), self.reference.down());
-        let (reach_up, reach_down) = (excursion.reach(true) * self.c.on, excursion.reach(false) * self.c.off);
-        let (on, level) = if up.sign_of_excess(seen + reach_up, self.c) >= 0 {
-            (true, up)
-        } else if down.sign_of_excess(seen - reach_down, self.c) <= 0 {
-            (false, down)
-        } else {
-            return false;
-        };
-        if let Some((Noise::Shot(shot), arrivals)) = &self.noise[0] {
-            let away = Away { at_us, light, noise: level.exact(self.c).value() - seen };
-            *self.excursion = shot.excursion_back(self.number, arrivals.index, away);
+    fn advance_hot(&mut self) {
+        if let Some((noise, arrivals)) = &mut self.hot {
+            noise.advance(self.number, arrivals);
         }
-        *self.reference = memorised(seen);
-        emit(on);
-        true
     }
 
     /// Arrivals while the pixel is held make no events.
-    fn skip_noise(&mut self, until_us: f64) {
-        for (noise, arrivals) in self.noise.iter_mut().flatten() {
-            while arrivals.wait_us <= until_us {
-                noise.advance(self.number, self.c, arrivals);
-            }
+    fn skip_hot(&mut self, until_us: f64) {
+        while self.next_hot().is_some_and(|at| at <= until_us) {
+            self.advance_hot();
         }
     }
+}
+
+/// A level that is reached.
+#[derive(Clone, Copy)]
+struct Crossing {
+    /// The reference after it.
+    level: Level,
+    on: bool,
+    /// When, where noise takes part.
+    noisy_us: Option<f64>,
 }
 
 /// The reference of a pixel that has just been reset.

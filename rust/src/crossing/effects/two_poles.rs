@@ -51,12 +51,6 @@ impl Decays {
             ramp: ramp_response(slow, s, slow_step) - step / fast,
         }
     }
-
-    /// What is left at the interval's end of two outputs that begin alike and at rest, the input being zero from then on:
-    /// the autocorrelation, too, of white noise behind both.
-    pub(crate) fn left(&self) -> f64 {
-        1.0 - self.responses(1.0).step
-    }
 }
 
 /// What two low-passes come to at an interval's end.
@@ -301,14 +295,5 @@ mod tests {
     fn it_may_turn_twice() {
         let curve = curve((6.0, 0.0), 0.0, 8.0, 0.0, Decays { first: 20.0, second: 10.0 });
         assert_eq!(curve.pieces().count(), 3);
-    }
-
-    #[test]
-    fn what_is_left_of_noise_is_its_autocorrelation() {
-        let alike = Decays { first: 0.7, second: 0.7 };
-        assert!((alike.left() - 1.7 * f64::exp(-0.7)).abs() < 1e-14);
-        let apart = Decays { first: 0.2, second: 5.0 };
-        let expected = (5.0 * f64::exp(-0.2) - 0.2 * f64::exp(-5.0)) / 4.8;
-        assert!((apart.left() - expected).abs() < 1e-14);
     }
 }

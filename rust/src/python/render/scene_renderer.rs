@@ -218,8 +218,8 @@ impl PySceneRenderer {
     /// Render luma of frames by lines through the pixels: of each pixel's area, not of single rays.
     ///
     /// Args:
-    ///     corners: of the sensor, without distortion, as by :meth:`PixelRays.grid`: two rays a pixel, through its
-    ///         upper left and its lower right corner.
+    ///     corners: of the sensor. By :meth:`PixelRays.grid` two rays a pixel, through its upper left and its lower
+    ///         right corner; else, behind a lens with distortion, four: through all of its corners, row by row.
     ///     lines: lines a pixel: 4, 8 or 16.
     ///     views: as in :meth:`luma`.
     ///

@@ -3,6 +3,7 @@
 pub(super) mod bvh;
 mod bvh_builder;
 mod bvh_node;
+pub(super) mod curve;
 pub(super) mod linear;
 pub(super) mod pixel_rays;
 pub(super) mod vector;

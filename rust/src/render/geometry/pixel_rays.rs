@@ -7,6 +7,9 @@
 //!
 //! What must not break: the order. A pixel's luma is added up in it, so another order changes bits.
 
+use std::sync::OnceLock;
+
+use super::curve::TileCurve;
 use super::linear::Rect;
 use crate::error::{Error, Result};
 
@@ -21,6 +24,9 @@ pub(crate) const LANES: usize = BLOCK * BLOCK;
 pub(crate) const PIXELS: usize = TILE * TILE;
 
 const MOST_RAYS: usize = 1024;
+
+/// Where the corners of a pixel lie, in the order of its rays.
+const CORNERS: [[f64; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
 
 /// Numbers whose first lies at the beginning of a line of the cache.
 #[derive(Debug, Default)]
@@ -113,6 +119,8 @@ pub struct PixelRays {
     pub(crate) all: Rect,
     /// Of tiles' columns and rows.
     reach: [Reach; 2],
+    /// Of each tile, where they are asked for.
+    curves: OnceLock<Vec<TileCurve>>,
 }
 
 impl PixelRays {
@@ -221,6 +229,7 @@ impl PixelRays {
             blocks: vec![Rect::NONE; tiles * BLOCKS],
             all: Rect::NONE,
             reach: [Reach::new(columns), Reach::new(rows)],
+            curves: OnceLock::new(),
         }
     }
 
@@ -271,9 +280,41 @@ impl PixelRays {
         })
     }
 
-    /// Returns whether the rays are two a pixel, by columns and rows: such are those of lines, see [`Self::pitch`].
+    /// Returns whether these are pixels' corners as lines take them: by columns and rows the upper left and the lower
+    /// right one, see [`Self::pitch`], or all four of each pixel, see [`Self::curve`].
     pub(crate) fn are_corners(&self) -> bool {
-        self.rays == 2 && matches!(self.coordinates, Coordinates::Grid { .. })
+        self.rays == if self.is_grid() { 2 } else { CORNERS.len() }
+    }
+
+    /// Returns whether they are given by columns and rows.
+    pub(crate) fn is_grid(&self) -> bool {
+        matches!(self.coordinates, Coordinates::Grid { .. })
+    }
+
+    /// Returns how a tile lies in undistorted coordinates, of rays through pixels' upper left, upper right, lower left
+    /// and lower right corners.
+    pub(crate) fn curve(&self, tile: usize) -> &TileCurve {
+        &self.curves.get_or_init(|| (0..self.tiles()).map(|tile| self.fitted(tile)).collect())[tile]
+    }
+
+    /// Fits a tile's curve to the corners of the 8 x 8 pixels of the image that are nearest to it: at the image's right
+    /// and lower end these begin before the tile, so that there are enough.
+    #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+    fn fitted(&self, tile: usize) -> TileCurve {
+        let corner = [tile % self.columns * TILE, tile / self.columns * TILE];
+        let first = [corner[0].min(self.width.saturating_sub(TILE)), corner[1].min(self.height.saturating_sub(TILE))];
+        let (end_column, end_row) = ((first[0] + TILE).min(self.width), (first[1] + TILE).min(self.height));
+        let pixels = (first[1]..end_row).flat_map(|row| (first[0]..end_column).map(move |column| [column, row]));
+        TileCurve::fit(pixels.flat_map(|[column, row]| {
+            let (of, in_tile) = self.tile_of(row * self.width + column);
+            let (mut x, mut y) = ([0.0; CORNERS.len()], [0.0; CORNERS.len()]);
+            self.copy_pixel(of, in_tile, &mut x, &mut y);
+            std::array::from_fn::<_, { CORNERS.len() }, _>(|i| {
+                let from_middle =
+                    |at: usize, axis: usize| at as f64 + CORNERS[i][axis] - corner[axis] as f64 - (TILE / 2) as f64;
+                [from_middle(column, 0), from_middle(row, 1), f64::from(x[i]), f64::from(y[i])]
+            })
+        }))
     }
 
     fn push(&mut self, tile: usize, block: usize, x: f32, y: f32) {

@@ -1,27 +1,21 @@
 //! What lines see: the nearest triangle along each of them, from edge to edge.
 //!
-//! On a line a triangle is an interval, and its inverse depth is linear there. Triangles are let in from front to back;
-//! where two of them pass through each other, the line is cut. Intervals are found for all lines of a tile together, in
-//! vector code.
+//! On a line a triangle is an interval, and its inverse depth is linear there, or nearly so behind a lens with distortion
+//! ([`warp`](super::warp)). Triangles are let in from front to back; where two of them pass through each other, the line
+//! is cut.
 //!
 //! What must not break: triangles are let in by nearness and then by their numbers in the scene, because roundings at
 //! cuts depend on the order. Two triangles with a common edge have the same bits there, so that no gap is seen.
 
-use std::ops::Range;
-
+use super::intervals::{Intervals, LEAST};
 use super::pattern::LinePattern;
+use super::warp::{LineDepth, TileFunction, Warp};
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::LANES;
 use crate::render::visibility::bins::{Entry, Seen};
 
-/// Shorter intervals are left to their neighbours, pixels.
-pub(super) const LEAST: f32 = 2e-5;
-
 /// Inverse depths below this fraction of a tile's largest one lie at the horizon.
 const HORIZON: f64 = 1e-9;
-
-/// Functions that change by less than this fraction along a line are taken as constant there.
-const PARALLEL: f64 = 1e-12;
 
 /// After so many triangles it is looked for what lies behind all that lines see.
 const BETWEEN: usize = 8;
@@ -34,14 +28,6 @@ pub(super) struct Segment {
     pub(super) candidate: u32,
 }
 
-/// A linear function in a tile's pixels: per column, per row, at the corner.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct InTile(pub(super) [f64; 3]);
-
-/// Inverse depth in a tile's pixels: per column along a line, per row at column 0, and there at row 0.
-#[derive(Clone, Copy, Debug)]
-struct Depth([f32; 3]);
-
 /// A triangle that a tile may see.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
@@ -52,18 +38,9 @@ pub(super) struct Candidate {
     covers: bool,
 }
 
-/// Where each line of a pattern lies within what linear functions allow: columns.
-#[derive(Debug, Default)]
-pub(super) struct Intervals {
-    pub(super) from: Vec<f32>,
-    pub(super) to: Vec<f32>,
-    /// The lists of [`LANES`] lines that are looked at.
-    pub(super) lists: Range<usize>,
-}
-
 /// What all lines of a tile see.
 #[derive(Debug, Default)]
-pub(super) struct Envelopes {
+pub(crate) struct Envelopes<Depth> {
     pub(super) candidates: Vec<Candidate>,
     /// Of each line, from left to right.
     pub(super) segments: Vec<Vec<Segment>>,
@@ -76,101 +53,17 @@ pub(super) struct Envelopes {
     pub(super) behind: Option<u32>,
 }
 
-impl InTile {
-    /// Returns a function in a tile that begins at a corner, of pixels with a pitch.
-    pub(super) fn new(function: [f64; 3], tile_rect: &Rect, pitch: [f64; 2]) -> Self {
-        let [a, b, c] = function;
-        let [x, y] = tile_rect.low.map(f64::from);
-        Self([a * pitch[0], b * pitch[1], a * x + (b * y + c)])
-    }
-
-    fn of_linear(function: Linear, tile_rect: &Rect, pitch: [f64; 2]) -> Self {
-        Self::new(function.0.map(f64::from), tile_rect, pitch)
-    }
-}
-
-impl Depth {
-    #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-    fn new(InTile([a, b, c]): InTile, slope: f32) -> Self {
-        Self([a + b * f64::from(slope), b, c].map(|value| value as f32))
-    }
-
-    fn at(&self, column: f32, height: f32) -> f32 {
-        self.0[0] * column + (self.0[1] * height + self.0[2])
-    }
-}
-
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Intervals {
-    /// Begins with all of each line, of some lists of lines.
+impl<Depth: LineDepth> Envelopes<Depth> {
+    /// Finds what the lines of a tile see of a list of triangles.
     #[inline(always)]
-    pub(super) fn begin(&mut self, pattern: &LinePattern, lists: Range<usize>) {
-        let lines = lists.start * LANES..lists.end * LANES;
-        self.from.resize(pattern.lefts.len(), 0.0);
-        self.to.resize(pattern.rights.len(), 0.0);
-        self.from[lines.clone()].copy_from_slice(&pattern.lefts[lines.clone()]);
-        self.to[lines.clone()].copy_from_slice(&pattern.rights[lines]);
-        self.lists = lists;
-    }
-
-    /// Takes away where a function is negative.
-    #[inline(always)]
-    #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-    pub(super) fn clip(&mut self, InTile([a, b, c]): InTile, pattern: &LinePattern) {
-        let along = a + b * f64::from(pattern.slope);
-        let lines = self.lists.start * LANES..self.lists.end * LANES;
-        let heights = pattern.heights[lines.clone()].chunks_exact(LANES);
-        let (from, to) = (&mut self.from[lines.clone()], &mut self.to[lines]);
-        if along.abs() <= PARALLEL * (a.abs() + b.abs() + c.abs()) {
-            let (by, offset) = (b as f32, c as f32);
-            for (to, heights) in to.chunks_exact_mut(LANES).zip(heights) {
-                for i in 0..LANES {
-                    to[i] = if by * heights[i] + offset < 0.0 { -1.0 } else { to[i] };
-                }
-            }
-            return;
-        }
-        let (by, offset) = ((-b / along) as f32, (-c / along) as f32);
-        if along > 0.0 {
-            for (from, heights) in from.chunks_exact_mut(LANES).zip(heights) {
-                for i in 0..LANES {
-                    let column = by * heights[i] + offset;
-                    from[i] = if column > from[i] { column } else { from[i] };
-                }
-            }
-        } else {
-            for (to, heights) in to.chunks_exact_mut(LANES).zip(heights) {
-                for i in 0..LANES {
-                    let column = by * heights[i] + offset;
-                    to[i] = if column < to[i] { column } else { to[i] };
-                }
-            }
-        }
-    }
-
-    /// Returns whether any of some lines has a length.
-    #[inline(always)]
-    pub(super) fn any(&self, list: usize) -> bool {
-        let (from, to) = (&self.from[list * LANES..][..LANES], &self.to[list * LANES..][..LANES]);
-        let mut any = [0u32; LANES];
-        for i in 0..LANES {
-            any[i] = u32::from(to[i] - from[i] > LEAST);
-        }
-        any.iter().fold(0, |all, one| all | one) != 0
-    }
-}
-
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Envelopes {
-    /// Finds what the lines of a tile see of a list of triangles; `tile_rect` begins at the tile's corner.
-    #[inline(always)]
-    pub(super) fn find(
+    pub(super) fn find<TileWarp: Warp<Depth = Depth>>(
         &mut self,
         pattern: &LinePattern,
         (seen, list): (&[Seen], &[Entry]),
-        tile_rect: &Rect,
-        pitch: [f64; 2],
+        warp: &TileWarp,
     ) {
+        let tile_rect = warp.rect();
         self.order(seen, list, tile_rect);
         self.segments.resize_with(self.segments.len().max(pattern.heights.len()), Vec::new);
         self.segments.iter_mut().for_each(Vec::clear);
@@ -195,17 +88,19 @@ impl Envelopes {
                 break;
             }
             farthest = farthest.min(lowest);
-            let inverse_depth = InTile::of_linear(triangle.inverse_depth, tile_rect, pitch);
-            self.depths.push(Depth::new(inverse_depth, pattern.slope));
+            let in_tile = |Linear(function): Linear| warp.function(function.map(f64::from));
+            let inverse_depth = in_tile(triangle.inverse_depth);
+            self.depths.push(inverse_depth.depth(pattern));
             self.intervals.begin(pattern, 0..pattern.lists());
             if !covers {
                 for edge in triangle.edges {
-                    self.intervals.clip(InTile::of_linear(edge, tile_rect, pitch), pattern);
+                    let edge = in_tile(edge);
+                    if edge.sign(pattern) <= 0.0 {
+                        edge.clip(&mut self.intervals, pattern);
+                    }
                 }
                 if lowest <= 0.0 {
-                    let [a, b, c] = inverse_depth.0;
-                    let horizon = InTile([a, b, c - HORIZON * (a.abs() + b.abs() + c.abs())]);
-                    self.intervals.clip(horizon, pattern);
+                    inverse_depth.lowered(HORIZON).clip(&mut self.intervals, pattern);
                 }
             }
             self.let_in(number, nearest, is_behind, pattern);
@@ -232,8 +127,10 @@ impl Envelopes {
                 continue;
             }
             for line in list * LANES..(list + 1) * LANES {
-                let (left, right) = (intervals.from[line], intervals.to[line]);
-                if right - left > LEAST && nearest >= hidden[line] {
+                if nearest < hidden[line] {
+                    continue;
+                }
+                intervals.each(line, |left, right| {
                     let new = Segment { left, right, candidate: number as u32 };
                     let of_line = &mut segments[line];
                     if of_line.is_empty() {
@@ -241,7 +138,7 @@ impl Envelopes {
                     } else if insert(of_line, spare, (depths, pattern.heights[line]), new, is_behind) {
                         std::mem::swap(of_line, spare);
                     }
-                }
+                });
             }
         }
     }
@@ -276,7 +173,7 @@ fn put(segments: &mut Vec<Segment>, left: f32, right: f32, candidate: u32) {
 
 /// Lets a triangle be seen where it is nearer than what was seen so far; says whether that changes anything. One that is
 /// known to be behind all of that is seen in gaps alone.
-fn insert(
+fn insert<Depth: LineDepth>(
     old: &[Segment],
     out: &mut Vec<Segment>,
     (depths, height): (&[Depth], f32),
@@ -298,23 +195,19 @@ fn insert(
             put(out, segment.left, segment.right, segment.candidate);
             continue;
         }
-        let before = depths[segment.candidate as usize];
-        let first = depth.at(left, height) - before.at(left, height);
-        let last = depth.at(right, height) - before.at(right, height);
-        if first <= 0.0 && last <= 0.0 {
+        let nearer = depth.nearer(&depths[segment.candidate as usize], height, (left, right));
+        let Some(nearer) = nearer else {
             put(out, segment.left, segment.right, segment.candidate);
             continue;
-        }
-        changed = true;
-        let cut = left + (right - left) * (first / (first - last));
-        let (from, to) = match (first > 0.0, last > 0.0) {
-            (true, true) => (left, right),
-            (true, false) => (left, cut),
-            _ => (cut, right),
         };
-        put(out, segment.left, from, segment.candidate);
-        put(out, from, to, new.candidate);
-        put(out, to, segment.right, segment.candidate);
+        changed = true;
+        let mut done = segment.left;
+        for [from, to] in nearer {
+            put(out, done, from, segment.candidate);
+            put(out, from, to, new.candidate);
+            done = to;
+        }
+        put(out, done, segment.right, segment.candidate);
     }
     if at < new.right {
         changed |= new.right - at > LEAST;
@@ -324,7 +217,7 @@ fn insert(
 }
 
 /// Returns the inverse depth behind which nothing is seen on a line.
-fn closed(segments: &[Segment], depths: &[Depth], height: f32, (left, right): (f32, f32)) -> f32 {
+fn closed<Depth: LineDepth>(segments: &[Segment], depths: &[Depth], height: f32, (left, right): (f32, f32)) -> f32 {
     let (mut at, mut least) = (left, f32::INFINITY);
     for segment in segments {
         if segment.left - at > LEAST {
@@ -332,7 +225,7 @@ fn closed(segments: &[Segment], depths: &[Depth], height: f32, (left, right): (f
         }
         at = segment.right;
         let depth = &depths[segment.candidate as usize];
-        least = least.min(depth.at(segment.left, height)).min(depth.at(segment.right, height));
+        least = least.min(depth.least(height, (segment.left, segment.right)));
     }
     if right - at > LEAST { 0.0 } else { least }
 }

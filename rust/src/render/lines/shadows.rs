@@ -9,9 +9,10 @@
 
 use std::ops::Range;
 
-use super::envelope::{InTile, Intervals, LEAST};
+use super::intervals::Intervals;
 use super::pattern::{LinePattern, Run};
 use super::taps::Taps;
+use super::warp::{TileFunction, Warp};
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::LANES;
 use crate::render::geometry::vector::{add, dot, largest, scale};
@@ -23,11 +24,10 @@ use crate::render::visibility::bins::Seen;
 use crate::render::visibility::sorted::Sorted;
 
 /// The taps of a tile, ready to be shaded.
-pub(crate) struct TileTaps<'a> {
+pub(crate) struct TileTaps<'a, TileWarp> {
     pub(crate) taps: &'a Taps,
     pub(crate) pattern: &'a LinePattern,
-    pub(crate) tile_rect: &'a Rect,
-    pub(crate) pitch: [f64; 2],
+    pub(crate) warp: &'a TileWarp,
     pub(crate) scratch: &'a mut HiddenLengths,
 }
 
@@ -82,7 +82,7 @@ impl Receiver {
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl TileTaps<'_> {
+impl<TileWarp: Warp> TileTaps<'_, TileWarp> {
     /// Finds for each line where cones hide a receiver from a light.
     #[inline(always)]
     fn find_hidden(
@@ -100,8 +100,7 @@ impl TileTaps<'_> {
             let pose = &lit.view.poses[occluders.frame];
             for at in 0..occluders.cones.triangles.len() {
                 let cone = occluders.cones.cone(at);
-                intervals.begin(self.pattern, lists.clone());
-                for [a, b, c, offset] in cone.limits(shadow.farthest(number)) {
+                let limits = cone.limits(shadow.farthest(number)).map(|[a, b, c, offset]| {
                     // The value at the point that a ray sees, by inverse depth: linear in the ray.
                     let vector = [a, b, c];
                     let along = pose.turned(vector);
@@ -110,14 +109,21 @@ impl TileTaps<'_> {
                     let mut by_ray: [f64; 3] =
                         std::array::from_fn(|k| along[k] + at_camera * receiver.inverse_depth[k]);
                     by_ray[2] += step;
-                    intervals.clip(InTile::new(by_ray, self.tile_rect, self.pitch), self.pattern);
+                    self.warp.function(by_ray)
+                });
+                let signs = limits.map(|limit| limit.sign(self.pattern));
+                if signs.iter().any(|&sign| sign < 0.0) {
+                    continue;
+                }
+                intervals.begin(self.pattern, lists.clone());
+                for (limit, sign) in limits.into_iter().zip(signs) {
+                    if sign == 0.0 {
+                        limit.clip(intervals, self.pattern);
+                    }
                 }
                 for list in lists.clone().filter(|&list| intervals.any(list)) {
                     for line in list * LANES..(list + 1) * LANES {
-                        let (left, right) = (intervals.from[line], intervals.to[line]);
-                        if right - left > LEAST {
-                            lines[line].push([left, right]);
-                        }
+                        intervals.each(line, |left, right| lines[line].push([left, right]));
                     }
                 }
             }
@@ -129,11 +135,11 @@ impl TileTaps<'_> {
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl TileHits for TileTaps<'_> {
+impl<TileWarp: Warp> TileHits for TileTaps<'_, TileWarp> {
     const ALONE: bool = true;
 
     fn around(&self, index: u32) -> Rect {
-        self.taps.around(self.pattern, index, self.tile_rect, self.pitch).0
+        self.taps.around(self.pattern, index, self.warp).0
     }
 
     fn sees(&self, index: u32) -> bool {
@@ -154,8 +160,8 @@ impl TileHits for TileTaps<'_> {
 
     #[inline(always)]
     fn cast(&mut self, lit: &Surroundings, caster: &mut Caster, seen: &Seen, index: u32) -> bool {
-        let receiver = Receiver::new(lit, seen, self.tile_rect);
-        let (_, lists) = self.taps.around(self.pattern, index, self.tile_rect, self.pitch);
+        let receiver = Receiver::new(lit, seen, self.warp.rect());
+        let (_, lists) = self.taps.around(self.pattern, index, self.warp);
         let (shadow, fractions) = caster.fractions(lit.lights.len(), self.taps.x.len());
         for (number, fractions) in fractions.iter_mut().enumerate().take(lit.lights.len()) {
             if !shadow.hides(number) || shadow.is_dark(number) {

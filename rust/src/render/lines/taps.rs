@@ -8,8 +8,10 @@
 
 use std::ops::Range;
 
-use super::envelope::{Envelopes, LEAST, Segment};
+use super::envelope::{Envelopes, Segment};
+use super::intervals::LEAST;
 use super::pattern::{LinePattern, Run};
+use super::warp::Warp;
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{BLOCKS, LANES, PIXELS};
 use crate::render::visibility::bins::{Entry, Seen};
@@ -46,20 +48,19 @@ pub(crate) struct Taps {
     runs: Vec<SeenRun>,
     /// Where the runs of each triangle of the list begin and end, and then those that see nothing.
     run_ranges: Vec<[u32; 2]>,
-    envelopes: Envelopes,
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 taps")]
 impl Taps {
-    /// Finds the taps of a tile whose pixels have a pitch, in undistorted coordinates; `tile_rect` begins at its corner.
+    /// Finds the taps of a tile, in undistorted coordinates.
     #[inline(always)]
-    pub(crate) fn find(
+    pub(crate) fn find<TileWarp: Warp>(
         &mut self,
         pattern: &LinePattern,
         (seen, list): (&[Seen], &[Entry]),
-        tile_rect: &Rect,
-        pitch: [f64; 2],
+        warp: &TileWarp,
+        envelopes: &mut Envelopes<TileWarp::Depth>,
     ) {
         self.by_blocks = matches!(list, [] | [Entry { covers: true, .. }]);
         let count = if self.by_blocks {
@@ -69,8 +70,8 @@ impl Taps {
             self.ranges[0][0] = 0;
             count
         } else {
-            self.envelopes.find(pattern, (seen, list), tile_rect, pitch);
-            self.split(pattern, list.len())
+            envelopes.find(pattern, (seen, list), warp);
+            self.split(pattern, envelopes, list.len())
         };
         for values in [&mut self.x, &mut self.y, &mut self.weight] {
             values.resize(count, 0.0);
@@ -82,17 +83,12 @@ impl Taps {
         } else {
             self.fill(pattern);
         }
-        for (axis, values) in [&mut self.x, &mut self.y].into_iter().enumerate() {
-            let (pitch, ends) = (pitch[axis] as f32, (tile_rect.low[axis], tile_rect.high[axis]));
-            for value in values {
-                *value = undistorted(*value, pitch, ends);
-            }
-        }
+        warp.undistort(&mut self.x, &mut self.y);
     }
 
     /// Splits lines into what sees one triangle of the list each, and counts the taps; returns their number.
-    fn split(&mut self, pattern: &LinePattern, list: usize) -> usize {
-        let Self { by_line, runs, ranges, run_ranges, envelopes, .. } = self;
+    fn split<Depth>(&mut self, pattern: &LinePattern, envelopes: &Envelopes<Depth>, list: usize) -> usize {
+        let Self { by_line, runs, ranges, run_ranges, .. } = self;
         by_line.clear();
         run_ranges.clear();
         run_ranges.resize(list + 1, [0; 2]);
@@ -225,28 +221,18 @@ impl Taps {
         &self.runs[start as usize..end as usize]
     }
 
-    /// Returns what the lines that see the triangle at an index lie in there, of a tile whose pixels have a pitch, and
-    /// the lists of [`LANES`] lines that they are in.
-    pub(super) fn around(
-        &self,
-        pattern: &LinePattern,
-        index: u32,
-        tile_rect: &Rect,
-        pitch: [f64; 2],
-    ) -> (Rect, Range<usize>) {
+    /// Returns what the lines that see the triangle at an index lie in there, in undistorted coordinates, and the lists of
+    /// [`LANES`] lines that they are in.
+    pub(super) fn around(&self, pattern: &LinePattern, index: u32, warp: &impl Warp) -> (Rect, Range<usize>) {
         let runs = if self.by_blocks { &[] } else { self.runs_of(index) };
-        let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return (*tile_rect, 0..pattern.lists()) };
+        let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return (*warp.rect(), 0..pattern.lists()) };
         let mut around = Rect::NONE;
         for SeenRun { run: Run { line, left, right }, .. } in runs {
             let row = |column: f32| pattern.heights[*line] + pattern.slope * column;
             around.add(*left, row(*left));
             around.add(*right, row(*right));
         }
-        let coordinate = |at: [f32; 2], axis: usize| {
-            undistorted(at[axis], pitch[axis] as f32, (tile_rect.low[axis], tile_rect.high[axis]))
-        };
-        let [low, high] = [around.low, around.high].map(|at| [coordinate(at, 0), coordinate(at, 1)]);
-        (Rect { low, high }, first.run.line / LANES..last.run.line / LANES + 1)
+        (warp.around(&around), first.run.line / LANES..last.run.line / LANES + 1)
     }
 
     /// Returns the weight of a tap.
@@ -276,12 +262,4 @@ fn copy<T: Copy>(from: &[T], to: &mut [T], count: usize) {
         to[done..done + LANES].copy_from_slice(&from[done..done + LANES]);
         done += LANES;
     }
-}
-
-/// Returns the undistorted coordinate of a column or row of a tile.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn undistorted(at: f32, pitch: f32, (low, high): (f32, f32)) -> f32 {
-    let coordinate = low + at * pitch;
-    if coordinate < high { coordinate } else { high }
 }

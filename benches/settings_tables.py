@@ -1,4 +1,4 @@
-"""Prints the tables of docs/settings.md: python benches/settings_table.py"""
+"""Prints the tables of docs/settings.md: python benches/settings_tables.py"""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from davis_rs.simulation.settings import Declared, FolderSettings, FrameFolderSe
 
 
 def settings_markdown() -> str:
-    """One table for each group of settings; those of ``davis-rs frames`` that no simulation has come last."""
+    """Return one table for each group of settings; those of ``davis-rs frames`` that no simulation has come last."""
     simulation, frames = settings_of(FolderSettings), settings_of(FrameFolderSettings)
     own = {name: setting for name, setting in frames.items() if setting.declared != _declared(simulation.get(name))}
     return f"{_tables(simulation)}\n\n## Settings of events from frames\n\n{_SHARED}\n\n{_tables(own)}"
