@@ -1,6 +1,6 @@
 """Compares the renderers without noise with Mitsuba's path tracer, on any worlds.
 
-    python benches/worlds_light.py WORLD ... [--samples 4096] [--width 96] [--error 0.03] [--direct-only]
+    python benches/worlds_light.py WORLD ... [--samples 4096] [--width 96] [--error 0.03] [--zoom 1] [--direct-only]
         [--pictures FILE] [--kept FOLDER]
 
 A world is a Mitsuba, glTF, OBJ or PLY file. It is seen from its own camera at the start of its path. Each gets a row
@@ -8,9 +8,9 @@ for the renderer that ``auto`` takes, and a row for baked light where that is an
 integrator, so they get direct light, and the path tracer shows what that leaves out. A row says the root mean square of
 log luma against the path tracer, in units of C = 0.15, over pixels of surfaces where the reference's standard error is
 below 0.1 C; its median; the fraction of these pixels for which that is so; processor time a frame; and seconds to
-prepare, the bake included. With --pictures, a file has a row for each world: the pictures of both renderers, the path
-tracer's, and the difference of the last one from it (grey where there is none, white and black at 3 C). References are
-kept in a folder if one is named.
+prepare, the bake included. With --pictures, a file has a row for each world: the pictures of the renderers, the path
+tracer's, and the difference of the last renderer from it (grey where there is none, white and black at 3 C). References
+are kept in a folder if one is named.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ def with_paths(scene: davis_rs.Scene) -> davis_rs.Scene:
     return replace(scene, source=source)
 
 
-def at_width(camera: Camera, width: int) -> Camera:
-    """Return a camera of fewer or more pixels with the same view."""
+def at_width(camera: Camera, width: int, zoom: float) -> Camera:
+    """Return a camera of fewer or more pixels that sees the middle of the view, so many times larger."""
     by = width / camera.width
     height = max(1, round(camera.height * by))
     cx, cy = ((centre + 0.5) * by - 0.5 for centre in (camera.cx, camera.cy))
-    return Camera(width=width, height=height, fx=camera.fx * by, fy=camera.fy * by, cx=cx, cy=cy)
+    return Camera(width=width, height=height, fx=camera.fx * by * zoom, fy=camera.fy * by * zoom, cx=cx, cy=cy)
 
 
 def first_view(scene: davis_rs.Scene) -> Views:
@@ -101,6 +101,7 @@ def main() -> None:
         "--rays", type=int, default=32, help="of the renderers without noise, a pixel (if not given: 32)"
     )
     parser.add_argument("--error", type=float, default=0.03, help="of baked light (if not given: 0.03)")
+    parser.add_argument("--zoom", type=float, default=1.0, help="how much larger things are seen (if not given: 1)")
     parser.add_argument("--direct-only", action="store_true", help="no row of baked light where auto takes another")
     parser.add_argument("--pictures", type=Path, help="file for pictures")
     parser.add_argument("--kept", type=Path, help="folder for references, which are used again")
@@ -113,9 +114,9 @@ def main() -> None:
     rows = []
     for world in given.worlds:
         scene = davis_rs.load_scene(world)
-        camera, views, paths = at_width(scene.own_camera, given.width), first_view(scene), with_paths(scene)
+        camera, views, paths = at_width(scene.own_camera, given.width, given.zoom), first_view(scene), with_paths(scene)
         name = world.stem if world.stem not in ("scene", "model") else world.parent.name
-        kept = given.kept and given.kept / f"{name}_{given.width}_{given.samples}.npy"
+        kept = given.kept and given.kept / f"{name}_{given.width}_{given.zoom:g}_{given.samples}.npy"
         if given.kept is not None:
             given.kept.mkdir(parents=True, exist_ok=True)
         true, error = reference(paths, camera, given.samples, kept)
@@ -153,13 +154,14 @@ def main() -> None:
             pictures.append(shown(luma, white))
         gap = np.full((len(true), 4), 255, np.uint8)
         difference = np.clip(128 + 127 * off / (3 * C), 0, 255).astype(np.uint8)
-        if len(pictures) == 1:
-            pictures *= 2
-        rows.append(np.concatenate([pictures[0], gap, pictures[1], gap, shown(true, white), gap, difference], axis=1))
+        # Where auto takes baked light itself, there is one picture of it.
+        all_pictures = [*pictures, shown(true, white), difference]
+        rows.append(np.concatenate([part for image in all_pictures for part in (image, gap)][:-1], axis=1))
     if given.pictures is not None:
         given.pictures.parent.mkdir(parents=True, exist_ok=True)
-        space = np.full((4, rows[0].shape[1]), 255, np.uint8)
-        sheet = np.concatenate([part for row in rows for part in (row, space)][:-1])
+        width = max(row.shape[1] for row in rows)
+        padded = [np.pad(row, ((0, 4), (0, width - row.shape[1])), constant_values=255) for row in rows]
+        sheet = np.concatenate(padded)[:-4]
         Image.fromarray(sheet).resize((2 * sheet.shape[1], 2 * sheet.shape[0]), Image.Resampling.NEAREST).save(
             given.pictures, optimize=True
         )

@@ -14,9 +14,10 @@ from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.diffuse_materials import children, simplify_materials
-from davis_rs.render.finishes import Finish, dielectric, read_finish
+from davis_rs.render.finishes import Finish, NumberTexels, dielectric, read_finish
 from davis_rs.render.integrator.renderer import IntegratorRenderer
 from davis_rs.render.native.renderer import NativeRenderer
+from davis_rs.render.scene_tables.gloss_table import GlossTable
 
 CAMERA = Camera(16, 12, 16.0, 16.0, 7.5, 5.5)
 POSE = Pose([0.2, -0.4, 1.8], [1.0, 0.0, 0.0, 0.0])
@@ -32,6 +33,7 @@ SPOT = {
 TEXELS = np.random.RandomState(3).random_sample((5, 8, 3)).astype(np.float32)
 COLOUR = {"type": "bitmap", "raw": True, "data": TEXELS}
 ROUGHNESS = {"type": "bitmap", "raw": True, "wrap_mode": "mirror", "data": 0.25 + 0.5 * TEXELS[..., :1]}
+FINER = {"to_uv": np.array([[5.0, 0, 0.3], [0, 5, 0.1], [0, 0, 1]])}
 METAL = {"type": "bitmap", "raw": True, "wrap_mode": "mirror", "data": TEXELS[:3, :7, 1:2]}
 
 ROUGH: dict[str, tuple[dict[str, Any], float]] = {
@@ -51,11 +53,16 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
     "principled": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "specular": 0.8}, 2e-4),
     "principled metal": ({"type": "principled", "base_color": COLOUR, "roughness": 0.4, "metallic": 0.7}, 2e-4),
     "principled, textured": (
-        {"type": "principled", "base_color": COLOUR, "roughness": ROUGHNESS, "metallic": METAL},
+        {
+            "type": "principled",
+            "base_color": COLOUR | FINER,
+            "roughness": ROUGHNESS | FINER,
+            "metallic": METAL | FINER | {"wrap_mode": "repeat"},
+        },
         2e-4,
     ),
     "principled, textured, one colour": (
-        {"type": "principled", "base_color": 0.4, "roughness": 0.5, "metallic": {**METAL, "wrap_mode": "clamp"}},
+        {"type": "principled", "base_color": 0.4, "roughness": 0.5, "metallic": METAL | FINER | {"wrap_mode": "clamp"}},
         2e-4,
     ),
     "principled of an index": ({"type": "principled", "roughness": 0.3, "eta": 1.33}, 2e-4),
@@ -197,3 +204,13 @@ def test_fresnels_equations() -> None:
     assert dielectric(np.array([brewster]), 1.5)[0] == pytest.approx(0.5 * ((1.5**2 - 1) / (1.5**2 + 1)) ** 2)
     assert dielectric(np.array([0.6]), 1 / 1.5)[0] == 1.0  # total reflection
     assert not Finish(0.0, "ggx", ("dielectric", (1.5,)), under=("solid", (1.5,))).albedo(np.ones((2, 3))).any()
+
+
+def test_bakes_know_textures_of_roughness_by_their_texels() -> None:
+    """Light that was baked for one is not taken for another of the same size and mean."""
+    digests = set()
+    for values in (np.float32([[0.2, 0.4]]), np.float32([[0.4, 0.2]])):
+        texels = NumberTexels(1, 2, 0, values.tobytes())
+        finish = Finish(0.09, "ggx", ("mixed", (1.5, 0.5)), under=("rough", (0.3, 0.5)), lobe=(texels, None))
+        digests.add(GlossTable([finish], np.zeros(1, np.uint32), 12).digest)
+    assert len(digests) == 2

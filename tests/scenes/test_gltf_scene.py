@@ -19,6 +19,9 @@ from davis_rs import DecodeError, LostLookWarning, Scene, SceneFileWarning, Simu
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
+from davis_rs.render.diffuse_materials import children
+from davis_rs.render.finishes import read_finish
+from davis_rs.render.scene_cache import shared_scenes
 from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.render.texels import WRAP_MODES
 from davis_rs.render.truth import lost_look_fractions
@@ -541,13 +544,14 @@ def test_metal_by_its_numbers(tmp_path: Path) -> None:
         ({"metallicFactor": None}, {"metallic": 1.0, "roughness": 1.0}),
         ({"metallicFactor": 0.0, "roughnessFactor": 0.25}, {}),
         ({"metallicFactor": 1.0, "more": unlit}, {}),
+        ({"metallicFactor": 1.0, "more": {"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}}, {}),
     ]
     for surface, expected in cases:
         gltf = Gltf(extensionsUsed=["KHR_materials_unlit"])
         gltf.node(mesh=quad(gltf, material=gltf.material(**surface)))
         numbers, texels, lost = metal_of(gltf, tmp_path)
         assert (numbers, texels) == (expected, {}), surface
-        assert lost == ({"being unlit": ("paint",)} if "more" in surface else {})
+        assert list(lost) == ([] if "more" not in surface else ["being unlit" if surface["more"] is unlit else "gloss"])
     wrong: list[tuple[str, Any]] = [("metallicFactor", 1.5), ("roughnessFactor", "smooth")]
     for name, value in wrong:
         gltf = Gltf()
@@ -587,6 +591,15 @@ def test_metal_by_its_texture(tmp_path: Path) -> None:
         assert not data
         assert lost == {"metal that differs from place to place (its mean is taken)": ("paint",)}
     assert metal({}, texels * [1, 1, 0], {}) == ({}, {}, {})
+    # The base colour repeats, and these are mirrored, as their own sampler says.
+    metal({}, texels, {})
+    scene = load_scene(tmp_path / "scene.glb")
+    with variant(SCALAR) as (mi, _):
+        (shape,) = load_scene_source(scene.source(), mi).shapes()
+        front = children(shape.bsdf())["brdf_0"]
+        read = read_finish(front, children(front), mi)
+    assert read is not None
+    assert [None if lobe is None else WRAP_MODES[lobe.wrap] for lobe in read[1].lobe] == ["mirror", "mirror"]
 
 
 def test_mirrors_show_what_stands_before_them(tmp_path: Path) -> None:
@@ -599,16 +612,21 @@ def test_mirrors_show_what_stands_before_them(tmp_path: Path) -> None:
     with_camera(gltf)
     scene = saved(gltf, tmp_path)
     assert scene.start is not None
-    middle = [
-        make_renderer(shown, scene.own_camera, rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0, 70:110, 100:140]
-        for shown in (scene, replace(scene, reflections=False))
-    ]
+    views = Views.at_rest([scene.start])
+    with shared_scenes():
+        middle = [
+            make_renderer(shown, scene.own_camera, rays_per_pixel=1).luma(views)[0, 70:110, 100:140]
+            for shown in (scene, replace(scene, reflections=False))
+        ]
     # The shadow is 2 m wide, 9 m away in the mirror.
     seen = np.pad(np.zeros((18, 18)), 11, constant_values=0.5 / np.pi)
     edge = np.pad(np.zeros((18, 18), bool), 2, constant_values=True)
     away = ~np.pad(edge, 9)
     np.testing.assert_allclose(middle[0][away], seen[away], rtol=0.01)
     assert not middle[1].any()
+    # Mitsuba's own integrator looks along the lobes too.
+    with variant(SCALAR) as (mi, _):
+        assert "bsdf_samples = 1" in str(load_scene_source(scene.source(), mi).integrator())
 
 
 def test_matte_metal_is_its_base_colour(tmp_path: Path) -> None:

@@ -111,16 +111,19 @@ def test_textures_of_metal_are_charged_for_each_shape(
 ) -> None:
     """Two images of 48 KiB as they are, and of 192 KiB each in linear light for each shape."""
     monkeypatch.setenv(VARIABLE, f"bytes={budget}")
-    Image.fromarray(np.full((128, 128, 3), 9, np.uint8)).save(tmp_path / "a.png")
     gltf = Gltf()
-    base, metal = (gltf.texture({"uri": "a.png"}) for _ in range(2))
+    for name in ("a.png", "b.png"):
+        Image.fromarray(np.full((128, 128, 3), 9, np.uint8)).save(tmp_path / name)
+    base, metal = (gltf.texture({"uri": name}) for name in ("a.png", "b.png"))
     paint = gltf.material(baseColorTexture=base, metallicFactor=1.0, metallicRoughnessTexture=metal)
     for _ in range(shapes):
         node = gltf.node(mesh=quad(gltf, uv=UV, material=paint))
         gltf.animate(node, "translation", [0.0, 1.0], np.eye(3)[:2])
     path = gltf.save(tmp_path / "scene.gltf")
     if not refused:
-        assert len(load_scene(path).objects) == shapes
+        scene = load_scene(path)
+        assert len(scene.objects) == shapes
+        assert {file.name for file in scene.files} >= {"a.png", "b.png"}
         return
     with pytest.raises(DecodeError, match=rf"{refused}.*: a texture of 128 x 128 texels in linear light"):
         load_scene(path)

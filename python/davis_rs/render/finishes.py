@@ -166,13 +166,15 @@ def read_finish(
 
 
 def constant_of(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
-    """Return the value of a texture that is the same everywhere; None of any other texture."""
+    """Return the value of a texture that is the same everywhere; None of any other texture, and of encoded texels."""
     parameters = mi.traverse(texture)
-    for key in ("value", "data"):
-        if key in parameters:
-            values = np.array(parameters[key], np.float64)
-            return None if np.ptp(values) > 0 and key == "data" else values
-    return None
+    if "value" in parameters:
+        return np.array(parameters["value"], np.float64)
+    if "data" not in parameters:
+        return None
+    texels = np.asarray(parameters["data"])
+    alike = np.issubdtype(texels.dtype, np.floating) and np.ptp(texels) == 0
+    return texels.reshape(-1)[:1].astype(np.float64) if alike else None
 
 
 _Read = tuple[MitsubaTexture, Finish] | None
