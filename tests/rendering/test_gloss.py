@@ -209,7 +209,7 @@ def test_fresnels_equations() -> None:
 def test_bakes_know_textures_of_roughness_by_their_texels() -> None:
     """Light that was baked for one is not taken for another of the same size and mean."""
     digests = set()
-    for values in (np.float32([[0.2, 0.4]]), np.float32([[0.4, 0.2]])):
+    for values in np.array([[[0.2, 0.4]], [[0.4, 0.2]]], np.float32):
         texels = NumberTexels(1, 2, 0, values.tobytes())
         finish = Finish(0.09, "ggx", ("mixed", (1.5, 0.5)), under=("rough", (0.3, 0.5)), lobe=(texels, None))
         digests.add(GlossTable([finish], np.zeros(1, np.uint32), 12).digest)

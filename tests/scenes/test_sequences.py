@@ -224,7 +224,7 @@ def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
         hz = effects.shot_noise_rms.mean_rate_hz(
             on, made.contrast_threshold_off or on, effects.threshold_mismatch, 200.0
         )
-        assert hz == pytest.approx(0.00773, rel=0.01)  # at 200 lux the preset's
+        assert hz == pytest.approx(0.00495, rel=0.01)  # at 200 lux the preset's
     with pytest.raises(ValueError, match="sensor must be one of ideal, davis240c, davis346"):
         next(iter(davis_rs.events_from_frames(np.zeros((2, 8, 8)), fps=10, sensor="recorded")))
 

@@ -89,7 +89,7 @@ def fitted(*streams: EventArray) -> SensorFit:
     ("pulls_of", "parameters", "short"),
     [
         (pulls, HiddenSensor._fields[:9], 0),
-        (pulls_over_light, OVER_LIGHT, 2),
+        pytest.param(pulls_over_light, OVER_LIGHT, 2, marks=pytest.mark.long),
         (static_pulls, HiddenStaticSensor._fields[:5], 19),
     ],
     ids=["moving, with frames", "the same in known light", "static, in known light"],
@@ -132,6 +132,7 @@ def test_a_leak_is_told_from_noise() -> None:
     assert abs(float(rate[1]) - 0.4) < 4 * float(rate[2])
 
 
+@pytest.mark.long
 def test_pixels_that_all_see_signal_give_no_leak() -> None:
     """Where each pixel has events, what neighbours have in common tells: a texture that drifts under noise."""
     sensor, rng = draw(1, 1)
@@ -188,6 +189,7 @@ def test_a_smooth_change_of_light_is_no_spread() -> None:
     assert re.search(r"leak's spread .*; it is at most 0.0\d", str(fit))
 
 
+@pytest.mark.long
 def test_noise_needs_light_and_thresholds() -> None:
     """Each reason why it is not told. In one light the base's half light is taken, in two it is found."""
     sensor = draw_static(7001, 0)

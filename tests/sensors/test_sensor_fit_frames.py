@@ -115,6 +115,7 @@ def test_a_lag_is_divided_into_what_goes_with_light_and_what_does_not() -> None:
     assert fit_thresholds(samples, WIDTH).lag_by_light is None
 
 
+@pytest.mark.long
 def test_a_photoreceptor_that_is_found_is_that_of_the_quiet_pixels_light() -> None:
     """Its corner holds there, and takes the place of the base's; in other lux it is another number of the same law."""
     sensor, rng = draw_over_light(3, 2)

@@ -19,7 +19,7 @@ def static_events(
     size: tuple[int, int],
     duration_s: float,
     *,
-    settled_s: float = 60.0,
+    settled_s: float = 20.0,
     lux: float = 200.0,
     seed: int = 0,
 ) -> EventArray:

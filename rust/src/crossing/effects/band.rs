@@ -73,7 +73,7 @@ pub(super) struct Band {
     /// Pixels that were run over the frame, as they were before.
     before: Vec<Before>,
     /// Noise that was followed over the frame, likewise, by pixel.
-    pub(super) noise_before: Vec<(u32, NoisePath)>,
+    noise_before: Vec<(u32, NoisePath)>,
 }
 
 /// All pixels' signals at a frame.
@@ -115,6 +115,9 @@ pub(super) struct Tile {
     marked: Vec<bool>,
     /// Pixels of which nothing is known but that noise may reach a level.
     pub(super) near: Vec<bool>,
+    /// Pixels of which the state, and the noise, of before the frame are kept.
+    kept: Vec<bool>,
+    noise_kept: Vec<bool>,
     chords: Chords,
     /// Log intensity of one pixel's sparse samples.
     sparse: Vec<f64>,
@@ -141,6 +144,8 @@ impl Tile {
             high,
             marked: vec![false; TILE],
             near: vec![false; TILE],
+            kept: vec![false; TILE],
+            noise_kept: vec![false; TILE],
             chords: Chords::default(),
             sparse: vec![],
         }
@@ -252,6 +257,8 @@ impl Band {
         self.noise_before.clear();
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
+            self.tile.kept.fill(false);
+            self.tile.noise_kept.fill(false);
             self.see(start, end, share, p, sensor);
             self.mark(start, end, share, sensor);
             let made = self.events.made().len();
@@ -286,12 +293,21 @@ impl Band {
         self.hot.iter_mut().for_each(|hot| hot.1.wait_us -= ticks);
     }
 
+    /// Keeps a pixel's noise as it was before the frame. Only once, because a frame may be thousands of cells long.
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
+    pub(super) fn keep_noise(&mut self, i: usize, in_tile: usize) {
+        if let Some(&path) = self.noise.get(i)
+            && !std::mem::replace(&mut self.tile.noise_kept[in_tile], true)
+        {
+            self.noise_before.push((i as u32, path));
+        }
+    }
+
     /// Goes back to before [`Self::advance`].
     #[cold]
     pub(super) fn undo(&mut self, p: &CrossingParameters) {
         self.events.clear();
-        // What was kept first is what was there before the frame.
-        for before in std::mem::take(&mut self.before).into_iter().rev() {
+        for before in std::mem::take(&mut self.before) {
             let i = before.pixel as usize;
             self.references[i] = before.reference;
             self.last_event_us[i] = before.last_event_us;
@@ -306,7 +322,7 @@ impl Band {
             }
             self.set_bounds(i, p.thresholds(self.first_pixel + i));
         }
-        for (pixel, path) in std::mem::take(&mut self.noise_before).into_iter().rev() {
+        for (pixel, path) in std::mem::take(&mut self.noise_before) {
             self.noise[pixel as usize] = path;
         }
     }
@@ -480,15 +496,17 @@ impl Band {
             self.events.reserve(((crossings + arrivals) as usize).saturating_add(4))?;
         }
         let hot = self.hot_place(i);
-        self.before.push(Before {
-            pixel: i as u32,
-            reference: self.references[i],
-            last_event_us: self.last_event_us[i],
-            held_us: self.held_us.get(i).copied().unwrap_or(FREE),
-            hot: hot.map(|place| self.hot[place].1),
-            leak_error: self.leaks.error.get(i).copied().unwrap_or_default(),
-        });
-        self.noise_before.extend(self.noise.get(i).map(|&path| (i as u32, path)));
+        if !std::mem::replace(&mut self.tile.kept[in_tile], true) {
+            self.before.push(Before {
+                pixel: i as u32,
+                reference: self.references[i],
+                last_event_us: self.last_event_us[i],
+                held_us: self.held_us.get(i).copied().unwrap_or(FREE),
+                hot: hot.map(|place| self.hot[place].1),
+                leak_error: self.leaks.error.get(i).copied().unwrap_or_default(),
+            });
+        }
+        self.keep_noise(i, in_tile);
         // How many events noise makes cannot be told beforehand: room is made for each.
         let (has_shot_noise, (x, y)) = (sensor.shot.is_some(), sensor.size.xy(index));
         let last_us = self.last_event_us[i];

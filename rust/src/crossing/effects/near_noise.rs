@@ -201,7 +201,6 @@ impl NearNoise {
     }
 
     /// Takes all pixels into a cell.
-    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
     fn enter<S: Sample>(
         &mut self,
         band: &mut Band,
@@ -218,9 +217,8 @@ impl NearNoise {
         for (place, &k) in self.chosen.iter().enumerate() {
             let NearPixel { i, in_tile, number, .. } = self.pixels[k];
             let log_light = band.log_light(i, in_tile, share, begins);
-            let path = &mut band.noise[i];
-            band.noise_before.push((i as u32, *path));
-            path.enter(law, number, cell, log_light, self.draws.get(place));
+            band.keep_noise(i, in_tile);
+            band.noise[i].enter(law, number, cell, log_light, self.draws.get(place));
         }
     }
 
