@@ -109,7 +109,7 @@ def double(sample: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no fork")
-@pytest.mark.parametrize("start", ["fork", "spawn"])
+@pytest.mark.parametrize("start", ["fork", pytest.param("spawn", marks=pytest.mark.long)])
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
 def test_workers_read_the_same(file: Path, start: str) -> None:
     """With a transform, in batches, whether the file was opened before the fork or not."""

@@ -98,7 +98,8 @@ def test_a_killed_worker_costs_nothing(undisturbed: Path, tmp_path: Path, long: 
     assert verify_sequences(root) == {}
 
 
-@pytest.mark.parametrize("what", [pytest.param("all", marks=pytest.mark.long), "parent"])
+@pytest.mark.long
+@pytest.mark.parametrize("what", ["all", "parent"])
 def test_a_killed_run_is_gone_on_with(undisturbed: Path, tmp_path: Path, what: str, long: bool) -> None:
     """SIGKILL of all processes, or of the one that the user sees: its workers end by themselves. What has its name by
     then is whole, and is not made again."""
@@ -135,6 +136,7 @@ def json_names(root: Path) -> list[str]:
     return [json.loads(line)["name"] for line in (root / "manifest.jsonl").read_text().splitlines()]
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_cleanly(tmp_path: Path) -> None:
     """Exit status 130, no worker left, what is whole stays in the manifest and the rest leaves nothing."""
     root = tmp_path / "root"

@@ -47,6 +47,7 @@ def killing(cluster: Any, root: Path, *, workers: int) -> Iterator[None]:
     killer.join()
 
 
+@pytest.mark.long
 def test_a_cluster_makes_the_same_bytes(cluster: Any, tmp_path: Path) -> None:
     """By its address, with a worker killed half-way; and a failure is told as on one machine."""
     exposure = {"choice": [100, 50_000], "weights": [3, 1]}

@@ -23,7 +23,9 @@ def run(folder: Path, tasks: list[str], workers: int, told: list[str]) -> Iterat
 
 
 @pytest.mark.parametrize(
-    ("workers", "named"), [(1, "a killed b wrong"), (3, "a killed b wrong once bug c exit d")], ids=["one", "three"]
+    ("workers", "named"),
+    [(1, "a killed b wrong"), pytest.param(3, "a killed b wrong once bug c exit d", marks=pytest.mark.long)],
+    ids=["one", "three"],
 )
 def test_a_task_that_kills_its_workers_is_given_up_alone(tmp_path: Path, workers: int, named: str) -> None:
     """Three workers die of it; one that dies once costs an attempt; errors are told; all others are done."""

@@ -25,7 +25,7 @@ def example() -> Any:
 def test_a_network_learns_to_reconstruct(tmp_path: Path, long: bool) -> None:
     """On images that it never saw, a network comes closer to the frames than before it learned; with ``--long``, also
     than an even grey."""
-    sequences, steps = ("24", "120") if long else ("8", "40")
+    sequences, steps = ("24", "120") if long else ("5", "30")
     arguments = ["--sequences", sequences, "--steps", steps, "--data", str(tmp_path / "data")]
     found = example().main([*arguments, "-o", str(tmp_path / "out.png")])
     error, correlation = found["network"]

@@ -174,6 +174,7 @@ def test_accumulated_events_are_grey(tmp_path: Path) -> None:
         assert picture.n_frames == 4
 
 
+@pytest.mark.long
 def test_a_video_of_noise_stays_below_five_megabytes(tmp_path: Path) -> None:
     """Ten seconds of what no codec can compress well; the caption says how fast it plays."""
     random, count = np.random.default_rng(1), 400_000

@@ -88,7 +88,7 @@ def fitted(*streams: EventArray) -> SensorFit:
 @pytest.mark.parametrize(
     ("pulls_of", "parameters", "short"),
     [
-        (pulls, HiddenSensor._fields[:9], 0),
+        pytest.param(pulls, HiddenSensor._fields[:9], 0, marks=pytest.mark.long),
         pytest.param(pulls_over_light, OVER_LIGHT, 2, marks=pytest.mark.long),
         (static_pulls, HiddenStaticSensor._fields[:5], 19),
     ],
@@ -159,14 +159,15 @@ def test_quiet_pixels_that_see_signal_give_no_leak() -> None:
     assert "not identifiable from these recordings; the quietest pixels of events see signal" in str(fit)
 
 
-def test_the_scatter_of_leaks_needs_events_and_little_noise() -> None:
+def test_the_scatter_of_leaks_needs_events_and_little_noise(long: bool) -> None:
     """Each reason why it is not told; and a bound where pixels are alike."""
     few = fitted(static_scene(Effects(leak_rate_hz=0.1), 20.0, 1))
     assert re.search(
         r"leak's spread +not identifiable from these recordings; quiet pixels have 2 leak events", str(few)
     )
-    noisy = fitted(static_scene(Effects(leak_rate_hz=1.0, shot_noise_rms=noise(2.0)), 20.0, 1, before_s=5.0))
-    assert re.search(r"leak's jitter .*; quiet pixels have [\d.]+ noise events of each polarity for", str(noisy))
+    if long:
+        noisy = fitted(static_scene(Effects(leak_rate_hz=1.0, shot_noise_rms=noise(2.0)), 20.0, 1, before_s=5.0))
+        assert re.search(r"leak's jitter .*; quiet pixels have [\d.]+ noise events of each polarity for", str(noisy))
     jittered, alike = (
         fitted(static_scene(Effects(leak_rate_hz=LeakRate(1.0, spread=0.0, jitter=jitter)), 20.0, 1))
         for jitter in (0.25, 0.0)

@@ -201,6 +201,7 @@ def test_noise_of_frames_is_found_and_light_that_changes_is_not_taken_for_it() -
     assert fitted(0.02) == "the light of pixels without events changes by more than the noise of frames"
 
 
+@pytest.mark.long
 def test_a_folder_with_frames_gives_thresholds(tmp_path: Path) -> None:
     """As a user does it: events.txt and grey frames in, stamped at the exposure's end, a sensor file out."""
     from PIL import Image

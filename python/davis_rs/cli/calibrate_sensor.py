@@ -48,7 +48,7 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
 
 def _sensor(options: argparse.Namespace) -> int:
     from ..calibrate.sensor import fit_sensor
-    from ..calibrate.sensor.static_scene import static_events
+    from ..calibrate.sensor.static_scene import SETTLED_S, static_events
     from ..inspection.statistics import EventStream, StreamComparison, measure_stream
     from ..inspection.statistics.comparison_figure import draw_comparison
     from ..inspection.statistics.event_stream import cut
@@ -72,7 +72,10 @@ def _sensor(options: argparse.Namespace) -> int:
     if options.figure is not None:
         real = recordings[0].statistics
         with stage("simulating a static scene", show=not options.quiet):
-            events = static_events(fitted.parameters, real.size, min(real.duration_s, _LONGEST_S))
+            duration_s = min(real.duration_s, _LONGEST_S)
+            # What takes longer to settle than ten recordings, a recording cannot tell.
+            settled_s = min(SETTLED_S, 10 * duration_s)
+            events = static_events(fitted.parameters, real.size, duration_s, settled_s=settled_s)
             simulated = measure_stream(
                 EventStream("static scene, fitted sensor", "simulated", real.size, lambda told: cut(events, told))
             )
