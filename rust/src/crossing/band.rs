@@ -16,6 +16,7 @@
 use std::ops::Range;
 
 use super::band_events::{BandEvents, Grid};
+use super::buffer::{Allowance, Stop, most_events};
 use super::candidates::Candidates;
 use super::cubic::Cubic;
 use super::decision::Verdict;
@@ -25,7 +26,6 @@ use super::marks::{MarkingSlice, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
 use super::record::Record;
-use super::room::{Allowance, Stop, most_events};
 use super::sample::Sample;
 use super::scan::{NotedSamples, TILE, Tile};
 use crate::event::SensorSize;

@@ -6,10 +6,10 @@
 //!
 //! What must not break: there is one change for each event, in the same order.
 
+use super::buffer::{Allowance, Buffer, Full};
 use super::decision::integer;
 use super::exponential::ROUND;
 use super::record::Record;
-use super::room::{Allowance, Full, Room};
 use crate::event::{Event, SensorSize};
 use crate::order::Stamped;
 
@@ -79,16 +79,16 @@ impl Grid {
 
 /// The events of a band.
 pub(crate) struct BandEvents<R: Record> {
-    keys: Room<Key>,
+    keys: Buffer<Key>,
     /// Of long intervals.
-    long: Room<Event>,
-    old: Room<R::Old>,
+    long: Buffer<Event>,
+    old: Buffer<R::Old>,
     is_long: bool,
 }
 
 impl<R: Record> Default for BandEvents<R> {
     fn default() -> Self {
-        Self { keys: Room::default(), long: Room::default(), old: Room::default(), is_long: false }
+        Self { keys: Buffer::default(), long: Buffer::default(), old: Buffer::default(), is_long: false }
     }
 }
 

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::band::{Band, BandSlice, Interval};
 use super::band_events::{BandEvents, LONG};
+use super::buffer::{Allowance, Stop, Tally};
 use super::cubic::Cubic;
 use super::frame::Frame;
 use super::level::Level;
@@ -23,7 +24,6 @@ use super::line::Line;
 use super::marks::Marking;
 use super::parameters::CrossingParameters;
 use super::record::{NEVER, Narrow, Record, Wide};
-use super::room::{Allowance, Stop, Tally};
 use super::sample::{DarkLevel, Sample};
 use super::scan::TILE;
 use super::state::EngineState;

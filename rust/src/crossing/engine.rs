@@ -1,7 +1,7 @@
 //! The engine that users see: it checks a frame, runs the pixels over it and sorts the events.
 //!
 //! What can be wrong with a frame is checked before any state changes, with two exceptions: the memory for events, whose
-//! number is not known before ([`super::room`]), and bad values in a frame of ideal pixels, which are found while these
+//! number is not known before ([`super::buffer`]), and bad values in a frame of ideal pixels, which are found while these
 //! run, because reading the frame twice would cost time. A push that stops for one of these is undone. So a refused frame
 //! leaves the engine as it was.
 //!
@@ -16,13 +16,13 @@ use rayon::ThreadPool;
 use rayon::prelude::*;
 
 use super::band::Interval;
+use super::buffer::{Allowance, MOST_EVENTS, Stop, out_of_memory, refuse};
 use super::core::{Core, Pixels, Push};
 use super::effects::{EffectCore, Effects, ThresholdMismatch, mismatched};
 use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
 use super::record::NEVER;
-use super::room::{Allowance, MOST_EVENTS, Stop, out_of_memory, refuse};
 use super::sample::Sample;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
@@ -369,7 +369,7 @@ impl CrossingEngine {
             #[allow(clippy::cast_precision_loss, reason = "below 2^53")]
             self.effects.shot_noise.check_interval(at.ticks as f64)?;
         }
-        self.make_room(sparse.most_of_a_pixel(), at.ticks)
+        self.check_counters(sparse.most_of_a_pixel(), at.ticks)
     }
 
     /// Counters must not overflow; whether one could is estimated from above, and counted only when it comes near.
@@ -379,7 +379,7 @@ impl CrossingEngine {
         clippy::cast_precision_loss,
         reason = "an estimate"
     )]
-    fn make_room(&mut self, sparse: usize, ticks: i64) -> Result<()> {
+    fn check_counters(&mut self, sparse: usize, ticks: i64) -> Result<()> {
         // Log intensity spans less than 1500; a Hermite curve goes there and back, and so may each sparse sample.
         let ways = 2.0 + sparse as f64;
         let leaked = self.effects.leak.most_hz() * 1e-6 * ticks as f64;

@@ -14,7 +14,7 @@
 //! Running that rule on every pixel would be slow. So [`sample`], [`marks`], [`steps`], [`scan`], [`decision`],
 //! [`candidates`], [`line_candidates`] and [`cubic_candidates`] decide nearly all pixels in vector code, and leave to
 //! [`pixel`] what they cannot decide beyond doubt. [`band`] does all of it for a band of rows:
-//! [`prefetch`](crate::prefetch) brings its frame near, [`record`] is what only events touch, [`band_events`] and [`room`]
+//! [`prefetch`](crate::prefetch) brings its frame near, [`record`] is what only events touch, [`band_events`] and [`buffer`]
 //! keep the events. [`core`] runs the bands on threads. [`engine`] is what the user sees, and [`restore`] stores and restores
 //! it. Pixels under [`effects`] take a different way from frame to events.
 //!
@@ -25,6 +25,7 @@
 mod against_rule;
 mod band;
 mod band_events;
+mod buffer;
 mod candidates;
 mod core;
 mod cubic;
@@ -44,7 +45,6 @@ mod pixel;
 mod reconstruct;
 mod record;
 mod restore;
-mod room;
 mod sample;
 mod scan;
 mod start_phase;

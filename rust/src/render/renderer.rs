@@ -121,20 +121,30 @@ impl Renderer {
         let views = &self.centred(views)?;
         check_length(views.len() * rays.pixels(), luma.len())?;
         match rate {
-            None => {
-                self.each_tile(self.ways, rays, views, bands(rays, luma), |of, tile, (scratch, before), image, band| {
-                    tile::luma::<false>(of, tile, scratch, before, image);
+            None => self.each_tile(
+                self.ways,
+                rays,
+                views,
+                bands(rays, luma),
+                |tile_view, tile, (scratch, before), image, band| {
+                    tile::luma::<false>(tile_view, tile, scratch, before, image);
                     put(rays, tile, &image.luma, band);
-                })
-            }
+                },
+            ),
             Some(rate) => {
                 check_length(luma.len(), rate.len())?;
                 let both = bands(rays, luma).into_iter().zip(bands(rays, rate)).collect();
-                self.each_tile(self.ways, rays, views, both, |of, tile, (scratch, before), image, (luma, rate)| {
-                    tile::luma::<true>(of, tile, scratch, before, image);
-                    put(rays, tile, &image.luma, luma);
-                    put(rays, tile, &image.rate, rate);
-                })
+                self.each_tile(
+                    self.ways,
+                    rays,
+                    views,
+                    both,
+                    |tile_view, tile, (scratch, before), image, (luma, rate)| {
+                        tile::luma::<true>(tile_view, tile, scratch, before, image);
+                        put(rays, tile, &image.luma, luma);
+                        put(rays, tile, &image.rate, rate);
+                    },
+                )
             }
         }
     }
@@ -146,8 +156,10 @@ impl Renderer {
     /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or a buffer of another
     /// length.
     pub fn samples(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], luma: &mut [f32]) -> Result<()> {
-        self.each_pixel(rays, views, pixels, luma, |view, samples, found| {
-            self.each_of(rays, view, samples, |of, tile, some, scratch| tile::samples(of, tile, some, scratch, found));
+        self.each_pixel(rays, views, pixels, luma, |view, samples, values| {
+            self.each_of(rays, view, samples, |tile_view, tile, some, scratch| {
+                tile::samples(tile_view, tile, some, scratch, values);
+            });
         })
     }
 
@@ -169,8 +181,8 @@ impl Renderer {
         let views = &self.centred(views)?;
         check_length(views.len() * corners.pixels(), luma.len())?;
         self.each_tile(Ways { beams: false, ..self.ways }, corners, views, bands(corners, luma), {
-            |of, tile, (scratch, before), image, band| {
-                tile::lines(of, pattern, tile, scratch, before, image);
+            |tile_view, tile, (scratch, before), image, band| {
+                tile::lines(tile_view, pattern, tile, scratch, before, image);
                 put(corners, tile, &image.luma, band);
             }
         })
@@ -191,16 +203,16 @@ impl Renderer {
     ) -> Result<()> {
         check_corners(corners)?;
         self.check_diffuse("lines through pixels")?;
-        self.each_pixel(corners, views, pixels, luma, |view, samples, found| {
+        self.each_pixel(corners, views, pixels, luma, |view, samples, values| {
             let lights = seen_lights(&self.scene, view);
             let (mut buffers, mut scratch) = (self.view_buffers.take(), self.scratch.take());
             let ViewBuffers { bins, cones } = &mut buffers;
             bins.fill(&self.scene, view, corners, Some(&tiles_of(corners, samples)));
-            let of = self.tile_view(corners, view, &lights, bins, cones);
+            let tile_view = self.tile_view(corners, view, &lights, bins, cones);
             let mut image = TileImage::BLACK;
             for some in samples.chunk_by(|a, b| a.tile == b.tile) {
-                tile::lines(&of, pattern, some[0].tile, &mut scratch, &mut vec![], &mut image);
-                found.extend(some.iter().map(|sample| image.luma[sample.in_tile]));
+                tile::lines(&tile_view, pattern, some[0].tile, &mut scratch, &mut vec![], &mut image);
+                values.extend(some.iter().map(|sample| image.luma[sample.in_tile]));
             }
             self.view_buffers.give(buffers);
             self.scratch.give(scratch);
@@ -215,12 +227,12 @@ impl Renderer {
     /// [`Error::Argument`] as for [`Self::samples`], or for another number of rays a pixel than one.
     pub fn hits(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], hits: &mut [(f32, u32)]) -> Result<()> {
         check_one_ray(rays)?;
-        self.each_pixel(rays, views, pixels, hits, |view, samples, found| {
+        self.each_pixel(rays, views, pixels, hits, |view, samples, values| {
             let mut seen = vec![];
-            self.each_of(rays, view, samples, |of, tile, some, scratch| {
-                tile::ray_samples(of, tile, some, scratch, &mut seen);
+            self.each_of(rays, view, samples, |tile_view, tile, some, scratch| {
+                tile::ray_samples(tile_view, tile, some, scratch, &mut seen);
             });
-            found.extend(seen.iter().map(|ray_sample| match ray_sample.triangle {
+            values.extend(seen.iter().map(|ray_sample| match ray_sample.triangle {
                 NOTHING => (f32::INFINITY, NO_TRIANGLE),
                 triangle => (1.0 / ray_sample.inverse_depth, self.scene.surfaces[triangle as usize].number),
             }));
@@ -233,11 +245,11 @@ impl Renderer {
         rays: &PixelRays,
         views: &[View],
         pixels: &[(u32, u32)],
-        found: &mut [T],
+        values: &mut [T],
         work: impl Fn(&View, &[Sample], &mut Vec<T>) + Sync,
     ) -> Result<()> {
         let views = &self.centred(views)?;
-        check_length(pixels.len(), found.len())?;
+        check_length(pixels.len(), values.len())?;
         let size = rays.width * rays.height;
         if let Some((view, pixel)) = pixels.iter().find(|(v, p)| *v as usize >= views.len() || *p as usize >= size) {
             return Err(Error::Argument(if *view as usize >= views.len() {
@@ -250,16 +262,16 @@ impl Renderer {
         let of_views: Vec<&[Sample]> = order.chunk_by(|a, b| a.view == b.view).collect();
         let in_order: Vec<Vec<T>> = self.install(|| {
             let of_thread = of_views.par_chunks(VIEWS_OF_SAMPLES).map(|some| {
-                let mut found = vec![];
+                let mut values = vec![];
                 for samples in some {
-                    work(&views[samples[0].view as usize], samples, &mut found);
+                    work(&views[samples[0].view as usize], samples, &mut values);
                 }
-                found
+                values
             });
             of_thread.collect()
         })?;
         for (sample, value) in order.iter().zip(in_order.iter().flatten()) {
-            found[sample.index] = *value;
+            values[sample.index] = *value;
         }
         Ok(())
     }
@@ -276,9 +288,9 @@ impl Renderer {
         check_length(depth.len(), triangles.len())?;
         check_one_ray(rays)?;
         let both = bands(rays, depth).into_iter().zip(bands(rays, triangles)).collect();
-        self.each_tile(self.ways, rays, views, both, |of, tile, (scratch, _), _, (depth, triangles)| {
+        self.each_tile(self.ways, rays, views, both, |tile_view, tile, (scratch, _), _, (depth, triangles)| {
             let (mut depths, mut hit) = ([f32::INFINITY; PIXELS], [NO_TRIANGLE; PIXELS]);
-            tile::nearest(of, tile, scratch, |ray, inverse, triangle| {
+            tile::nearest(tile_view, tile, scratch, |ray, inverse, triangle| {
                 depths[ray] = 1.0 / inverse;
                 hit[ray] = self.scene.surfaces[triangle as usize].number;
             });
@@ -292,7 +304,10 @@ impl Renderer {
         if self.scene.gloss.is_none() {
             return Ok(());
         }
-        Err(Error::Argument(format!("{what} need a scene of diffuse surfaces, and this one has glossy ones")))
+        Err(Error::Argument(format!(
+            "{what} need a scene of diffuse surfaces, and this one has glossy ones: --matte (matte=True) takes their \
+             diffuse colours alone"
+        )))
     }
 
     pub(crate) fn centred(&self, views: &[View]) -> Result<Vec<View>> {
@@ -324,18 +339,18 @@ impl Renderer {
         + Sync
         + Send,
     ) -> Result<()> {
-        let do_band = |of: &TileView, row: usize, scratch: &mut TileScratch, band: &mut T| {
+        let do_band = |tile_view: &TileView, row: usize, scratch: &mut TileScratch, band: &mut T| {
             let (mut image, mut before) = (TileImage::BLACK, vec![]);
             for column in 0..rays.columns {
-                work(of, row * rays.columns + column, (scratch, &mut before), &mut image, band);
+                work(tile_view, row * rays.columns + column, (scratch, &mut before), &mut image, band);
             }
         };
         let do_views = |views: &[View], bands: &mut [T]| {
             let mut scratch = self.scratch.take();
-            self.with_views(ways, rays, views, |of| {
+            self.with_views(ways, rays, views, |tile_views| {
                 for row in 0..rays.rows {
-                    for (view, of) in of.iter().enumerate() {
-                        do_band(of, row, &mut scratch, &mut bands[view * rays.rows + row]);
+                    for (view, tile_view) in tile_views.iter().enumerate() {
+                        do_band(tile_view, row, &mut scratch, &mut bands[view * rays.rows + row]);
                     }
                 }
             });
@@ -353,10 +368,10 @@ impl Renderer {
             let threads = rayon::current_num_threads();
             if views.len() < 4 * threads && threads > 1 {
                 for (view, bands) in views.iter().zip(bands.chunks_mut(rays.rows)) {
-                    self.with_views(ways, rays, std::slice::from_ref(view), |of| {
+                    self.with_views(ways, rays, std::slice::from_ref(view), |tile_views| {
                         bands.par_iter_mut().enumerate().for_each(|(row, band)| {
                             let mut scratch = self.scratch.take();
-                            do_band(&of[0], row, &mut scratch, band);
+                            do_band(&tile_views[0], row, &mut scratch, band);
                             self.scratch.give(scratch);
                         });
                     });
@@ -429,12 +444,14 @@ impl Renderer {
         rays: &PixelRays,
         view: &View,
         pixels: &[u32],
-        found: &mut Vec<RaySample>,
+        ray_samples: &mut Vec<RaySample>,
     ) -> impl Iterator<Item = usize> + use<> {
         let of_view: Vec<(u32, u32)> = pixels.iter().map(|&pixel| (0, pixel)).collect();
         let order = samples::sorted(rays, 1, &of_view);
-        found.reserve(pixels.len() * rays.rays);
-        self.each_of(rays, view, &order, |of, tile, some, scratch| tile::ray_samples(of, tile, some, scratch, found));
+        ray_samples.reserve(pixels.len() * rays.rays);
+        self.each_of(rays, view, &order, |tile_view, tile, some, scratch| {
+            tile::ray_samples(tile_view, tile, some, scratch, ray_samples);
+        });
         order.into_iter().map(|sample| sample.index)
     }
 
@@ -453,14 +470,14 @@ impl Renderer {
         if in_one_spot(rays, samples) {
             pixels.gather(rays, samples);
             bins.fill_rect(&self.scene, view, pixels.around());
-            let of = self.tile_view(rays, view, &lights, bins, cones);
-            work(&of, 0, &pixels, &mut scratch);
+            let tile_view = self.tile_view(rays, view, &lights, bins, cones);
+            work(&tile_view, 0, &pixels, &mut scratch);
         } else {
             bins.fill(&self.scene, view, rays, Some(&tiles_of(rays, samples)));
-            let of = self.tile_view(rays, view, &lights, bins, cones);
+            let tile_view = self.tile_view(rays, view, &lights, bins, cones);
             for tile in samples.chunk_by(|a, b| a.tile == b.tile) {
                 pixels.gather(rays, tile);
-                work(&of, tile[0].tile, &pixels, &mut scratch);
+                work(&tile_view, tile[0].tile, &pixels, &mut scratch);
             }
         }
         self.view_buffers.give(buffers);
@@ -646,7 +663,7 @@ mod tests {
             .collect();
         let rays = PixelRays::new(width, height, rays, &table).unwrap();
         let mut numbers = Numbers(1);
-        let mut found = vec![];
+        let mut hashes = vec![];
         for count in [7, 60, 1500] {
             let renderer = Renderer::new(Scene::new(&tables(&mut numbers, count)).unwrap(), Some(1)).unwrap();
             let turned = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]];
@@ -662,7 +679,7 @@ mod tests {
             let (mut luma, mut rate) = (vec![0.0; width * height], vec![0.0; width * height]);
             renderer.luma(&rays, &views, &mut luma, Some(&mut rate)).unwrap();
             assert!(luma.iter().chain(&rate).all(|value| value.is_finite()));
-            found.push([hash(&luma), hash(&rate)]);
+            hashes.push([hash(&luma), hash(&rate)]);
             let pixels: Vec<(u32, u32)> = (0..luma.len() as u32).step_by(7).map(|pixel| (0, pixel)).collect();
             let mut samples = vec![0.0; pixels.len()];
             renderer.samples(&rays, &views, &pixels, &mut samples).unwrap();
@@ -675,7 +692,7 @@ mod tests {
             [2_526_312_197_078_857_623, 9_892_543_023_334_712_240],
             [17_854_218_977_312_245_001, 17_650_990_199_588_181_821],
         ];
-        assert_eq!(found, seen);
+        assert_eq!(hashes, seen);
     }
 
     /// Adds what is hard to a scene: the same triangle twice, in both orders; triangles that share edges and corners

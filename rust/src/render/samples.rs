@@ -7,7 +7,7 @@
 //! What must not break: a pixel has the same bits as in a frame.
 
 use super::geometry::linear::Rect;
-use super::geometry::pixel_rays::{LANES, Part, PixelRays};
+use super::geometry::pixel_rays::{LANES, PixelRays, RayBlocks};
 
 /// A single pixel: by view and tile first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -101,7 +101,7 @@ impl Pixels {
         &self.around
     }
 
-    pub(crate) fn part(&self) -> Part<'_> {
-        Part { x: &self.x, y: &self.y, around: &self.around, blocks: std::slice::from_ref(&self.around) }
+    pub(crate) fn ray_blocks(&self) -> RayBlocks<'_> {
+        RayBlocks { x: &self.x, y: &self.y, around: &self.around, blocks: std::slice::from_ref(&self.around) }
     }
 }

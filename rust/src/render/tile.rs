@@ -8,7 +8,7 @@
 
 use multiversion::multiversion;
 
-use super::geometry::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays, TileRays};
+use super::geometry::pixel_rays::{BLOCKS, LANES, PIXELS, PixelRays, RayBlocks, TileRays};
 use super::geometry::vector::single;
 use super::gloss::number::{Number, Rated};
 use super::gloss::pattern::Pattern;
@@ -109,24 +109,31 @@ impl TileImage {
 /// alone.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn luma<'a, const RATE: bool>(
-    of: &TileView<'a>,
+    tile_view: &TileView<'a>,
     tile: usize,
     scratch: &mut TileScratch,
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
     let mut buffer = std::mem::take(&mut scratch.rays);
-    let part = of.rays.of_tile(tile, &mut buffer);
-    if of.ways.beams {
+    let ray_blocks = tile_view.rays.of_tile(tile, &mut buffer);
+    if tile_view.ways.beams {
         let mut beam = std::mem::take(&mut scratch.beam);
-        beam.find(of.lit.scene, of.lit.view, &part, &mut scratch.nearest, &mut scratch.list);
+        beam.find(tile_view.lit.scene, tile_view.lit.view, &ray_blocks, &mut scratch.nearest, &mut scratch.list);
         let TileScratch { list, nearest, shading, .. } = scratch;
-        shade::<RATE, _>(of, (&beam.seen, list), (&part, Order::Blocks), nearest, shading, before);
+        shade::<RATE, _>(tile_view, (&beam.seen, list), (&ray_blocks, Order::Blocks), nearest, shading, before);
         scratch.beam = beam;
     } else {
-        find(of.bins, tile, &part, scratch);
+        find(tile_view.bins, tile, &ray_blocks, scratch);
         let TileScratch { list, nearest, shading, .. } = scratch;
-        shade::<RATE, _>(of, (&of.bins.seen, list), (&part, Order::Blocks), nearest, shading, before);
+        shade::<RATE, _>(
+            tile_view,
+            (&tile_view.bins.seen, list),
+            (&ray_blocks, Order::Blocks),
+            nearest,
+            shading,
+            before,
+        );
     }
     scratch.rays = buffer;
     image.luma = mean(&scratch.shading.luma);
@@ -138,19 +145,32 @@ pub(crate) fn luma<'a, const RATE: bool>(
 /// Computes luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's
 /// bins.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
-    let part = pixels.part();
-    find(of.bins, number, &part, scratch);
+pub(crate) fn samples(
+    tile_view: &TileView,
+    number: usize,
+    pixels: &Pixels,
+    scratch: &mut TileScratch,
+    values: &mut Vec<f32>,
+) {
+    let ray_blocks = pixels.ray_blocks();
+    find(tile_view.bins, number, &ray_blocks, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
-    shade::<false, _>(of, (&of.bins.seen, list), (&part, Order::Pixels), nearest, shading, &mut vec![]);
-    found.extend(shading.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
+    shade::<false, _>(
+        tile_view,
+        (&tile_view.bins.seen, list),
+        (&ray_blocks, Order::Pixels),
+        nearest,
+        shading,
+        &mut vec![],
+    );
+    values.extend(shading.luma.chunks_exact(tile_view.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
 /// Computes luma of a tile's pixels by the lines that pass through them: of their area, not of single rays. The rays of
 /// `of` are corners of the pixels.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn lines<'a>(
-    of: &TileView<'a>,
+    tile_view: &TileView<'a>,
     pattern: &LinePattern,
     tile: usize,
     scratch: &mut TileScratch,
@@ -158,14 +178,14 @@ pub(crate) fn lines<'a>(
     image: &mut TileImage,
 ) {
     let TileScratch { list, taps, straight, curved, hidden_lengths, shading, .. } = scratch;
-    let around = of.rays.tile(tile);
-    of.bins.of_tile(tile, around, list);
-    if of.rays.is_grid() {
-        let warp = Straight { rect: around, pitch: of.rays.pitch() };
-        by_taps(of, pattern, (&warp, straight), list, (taps, hidden_lengths, shading), before);
+    let around = tile_view.rays.tile(tile);
+    tile_view.bins.of_tile(tile, around, list);
+    if tile_view.rays.is_grid() {
+        let warp = Straight { rect: around, pitch: tile_view.rays.pitch() };
+        by_taps(tile_view, pattern, (&warp, straight), list, (taps, hidden_lengths, shading), before);
     } else {
-        let warp = Curved::new(around, of.rays.curve(tile), pattern.slope);
-        by_taps(of, pattern, (&warp, curved), list, (taps, hidden_lengths, shading), before);
+        let warp = Curved::new(around, tile_view.rays.curve(tile), pattern.slope);
+        by_taps(tile_view, pattern, (&warp, curved), list, (taps, hidden_lengths, shading), before);
     }
     image.luma = taps.add_up(pattern, &shading.luma);
 }
@@ -174,47 +194,66 @@ pub(crate) fn lines<'a>(
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn by_taps<'a, TileWarp: Warp>(
-    of: &TileView<'a>,
+    tile_view: &TileView<'a>,
     pattern: &LinePattern,
     (warp, envelopes): (&TileWarp, &mut Envelopes<TileWarp::Depth>),
     list: &[Entry],
     (taps, scratch, shading): (&mut Taps, &mut HiddenLengths, &mut Shading),
     before: &mut Shaders<'a>,
 ) {
-    taps.find(pattern, (&of.bins.seen, list), warp, envelopes);
+    taps.find(pattern, (&tile_view.bins.seen, list), warp, envelopes);
     let around = warp.rect();
-    let part = Part { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
+    let ray_blocks = RayBlocks { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
     let mut hits = TileTaps { taps, pattern, warp, scratch };
-    shade::<false, _>(of, (&of.bins.seen, list), (&part, Order::Pixels), &mut hits, shading, before);
+    shade::<false, _>(
+        tile_view,
+        (&tile_view.bins.seen, list),
+        (&ray_blocks, Order::Pixels),
+        &mut hits,
+        shading,
+        before,
+    );
 }
 
 /// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of
 /// [`samples`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn ray_samples(
-    of: &TileView,
+    tile_view: &TileView,
     number: usize,
     pixels: &Pixels,
     scratch: &mut TileScratch,
-    found: &mut Vec<RaySample>,
+    ray_samples: &mut Vec<RaySample>,
 ) {
-    let part = pixels.part();
-    find(of.bins, number, &part, scratch);
+    let ray_blocks = pixels.ray_blocks();
+    find(tile_view.bins, number, &ray_blocks, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
-    shade::<true, _>(of, (&of.bins.seen, list), (&part, Order::Pixels), nearest, shading, &mut vec![]);
-    let seen = |index: u32| &of.bins.seen[list[index as usize].seen as usize];
-    for ray in 0..pixels.count() * of.rays.rays() {
+    shade::<true, _>(
+        tile_view,
+        (&tile_view.bins.seen, list),
+        (&ray_blocks, Order::Pixels),
+        nearest,
+        shading,
+        &mut vec![],
+    );
+    let seen = |index: u32| &tile_view.bins.seen[list[index as usize].seen as usize];
+    for ray in 0..pixels.count() * tile_view.rays.rays() {
         let (luma, rate) = (shading.luma[ray], shading.rate[ray]);
         let index = match nearest.only[0] {
             _ if list.is_empty() => NOTHING,
             NOTHING => nearest.index[ray],
             only => only,
         };
-        found.push(if index == NOTHING {
+        ray_samples.push(if index == NOTHING {
             RaySample { luma, rate, triangle: NOTHING, inverse_depth: 0.0 }
         } else {
             let Seen { triangle, inverse_depth, .. } = seen(index);
-            RaySample { luma, rate, triangle: *triangle, inverse_depth: inverse_depth.at(part.x[ray], part.y[ray]) }
+            RaySample {
+                luma,
+                rate,
+                triangle: *triangle,
+                inverse_depth: inverse_depth.at(ray_blocks.x[ray], ray_blocks.y[ray]),
+            }
         });
     }
 }
@@ -222,10 +261,10 @@ pub(crate) fn ray_samples(
 /// Finds what the rays of a tile see by bins; `number` is the tile's in them.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn find(bins: &Bins, number: usize, part: &Part, scratch: &mut TileScratch) {
-    bins.of_tile(number, part.around, &mut scratch.list);
+fn find(bins: &Bins, number: usize, ray_blocks: &RayBlocks, scratch: &mut TileScratch) {
+    bins.of_tile(number, ray_blocks.around, &mut scratch.list);
     if !scratch.list.is_empty() {
-        scratch.nearest.find(bins, &scratch.list, part);
+        scratch.nearest.find(bins, &scratch.list, ray_blocks);
     }
 }
 
@@ -234,25 +273,26 @@ fn find(bins: &Bins, number: usize, part: &Part, scratch: &mut TileScratch) {
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn shade<'a, const RATE: bool, Hits: TileHits>(
-    of: &TileView<'a>,
+    tile_view: &TileView<'a>,
     (all, list): (&[Seen], &[Entry]),
-    (part, order): (&Part, Order),
+    (ray_blocks, order): (&RayBlocks, Order),
     hits: &mut Hits,
     shading: &mut Shading,
     before: &mut Shaders<'a>,
 ) {
-    let Part { x, y, around, .. } = *part;
+    let RayBlocks { x, y, around, .. } = *ray_blocks;
     let Shading { caster, sorted, visible, picked, luma, rate, tracer } = shading;
     luma.clear();
-    luma.resize(x.len(), of.background.0);
+    luma.resize(x.len(), tile_view.background.0);
     rate.clear();
-    rate.resize(if RATE { x.len() } else { 0 }, of.background.1);
+    rate.resize(if RATE { x.len() } else { 0 }, tile_view.background.1);
     visible.clear();
     if !list.is_empty() {
         visible.extend((0..).take(list.len()).filter(|&index| hits.sees(index)));
     }
-    if let Some(sky) = &of.lit.scene.sky {
-        let (pose, [factor, factor_rate]) = (&of.lit.view.poses[0], of.lit.view.factors[sky.light as usize]);
+    if let Some(sky) = &tile_view.lit.scene.sky {
+        let (pose, [factor, factor_rate]) =
+            (&tile_view.lit.view.poses[0], tile_view.lit.view.factors[sky.light as usize]);
         for ray in 0..x.len() {
             if list.is_empty() || hits.hit(ray).is_none() {
                 let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
@@ -264,43 +304,43 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
         }
     }
     let seen = |index: u32| &all[list[index as usize].seen as usize];
-    let shaders = shaders(of, visible.iter().map(|&index| seen(index)), before);
+    let shaders = shaders(tile_view, visible.iter().map(|&index| seen(index)), before);
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
-    let by_rays = of.lit.scene.shadows && visible.len() > of.ways.receivers;
+    let by_rays = tile_view.lit.scene.shadows && visible.len() > tile_view.ways.receivers;
     while at < visible.len() {
         let first = at;
         at += 1;
         if by_rays {
             at = visible.len();
-            caster.shadow.by_rays(&of.lit, |light| shaders.iter().any(|one| one.lit_by(light)));
-        } else if of.lit.scene.shadows {
+            caster.shadow.by_rays(&tile_view.lit, |light| shaders.iter().any(|one| one.lit_by(light)));
+        } else if tile_view.lit.scene.shadows {
             // Neighbours in space follow each other in the list: what shadows them is searched for together.
             let own = if Hits::ALONE { &hits.around(visible[first]) } else { around };
-            let mut patch = Patch::new(&of.lit, seen(visible[first]), own);
+            let mut patch = Patch::new(&tile_view.lit, seen(visible[first]), own);
             while !Hits::ALONE && at < visible.len() {
-                let other = Patch::new(&of.lit, seen(visible[at]), around);
+                let other = Patch::new(&tile_view.lit, seen(visible[at]), around);
                 let Some(both) = patch.with(&other) else { break };
                 patch = both;
                 at += 1;
             }
             let falls = |light: usize| shaders[first..at].iter().any(|one| one.lit_by(light));
             let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
-            caster.shadow.search(&of.lit, &patch, alone, falls);
+            caster.shadow.search(&tile_view.lit, &patch, alone, falls);
         }
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
         for (sorted, &index) in sorted.iter_mut().zip(run) {
             hits.sort(index, !by_rays, sorted);
         }
-        if of.lit.scene.shadows && caster.shadow.falls() {
+        if tile_view.lit.scene.shadows && caster.shadow.falls() {
             caster.clear();
-            let by_lines = !by_rays && run.iter().all(|&index| hits.cast(&of.lit, caster, seen(index), index));
+            let by_lines = !by_rays && run.iter().all(|&index| hits.cast(&tile_view.lit, caster, seen(index), index));
             if !by_lines {
                 for (sorted, &index) in sorted.iter().zip(run) {
-                    caster.fall_on(&of.lit, seen(index), &sorted.scattered);
+                    caster.fall_on(&tile_view.lit, seen(index), &sorted.scattered);
                 }
-                caster.cast(&of.lit, x, y);
+                caster.cast(&tile_view.lit, x, y);
             }
         }
         for (number, ((shader, &index), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
@@ -324,18 +364,18 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
         }
     }
     *before = shaders;
-    if visible.iter().any(|&index| of.lit.scene.is_glossy(seen(index).triangle)) {
-        let per_block = x.len() / part.blocks.len();
+    if visible.iter().any(|&index| tile_view.lit.scene.is_glossy(seen(index).triangle)) {
+        let per_block = x.len() / ray_blocks.blocks.len();
         let number = |ray: usize| match order {
             Order::Blocks => ray % per_block / LANES,
-            Order::Pixels => ray % of.rays.rays(),
+            Order::Pixels => ray % tile_view.rays.rays(),
         };
         let triangle = |ray: usize| hits.hit(ray).map(|index| seen(index).triangle);
         let rays = (0..x.len()).filter_map(|ray| Some((ray, triangle(ray)?, [x[ray], y[ray]], number(ray))));
         if RATE {
-            gloss::<Rated>(of, rays, tracer, |ray, value| (luma[ray], rate[ray]) = value);
+            gloss::<Rated>(tile_view, rays, tracer, |ray, value| (luma[ray], rate[ray]) = value);
         } else {
-            gloss::<f64>(of, rays, tracer, |ray, value| luma[ray] = value.0);
+            gloss::<f64>(tile_view, rays, tracer, |ray, value| luma[ray] = value.0);
         }
     }
 }
@@ -344,13 +384,13 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
 /// triangle, its direction and its number in the pixel.
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
 fn gloss<N: Number>(
-    of: &TileView,
+    tile_view: &TileView,
     rays: impl Iterator<Item = (usize, u32, [f32; 2], usize)>,
     scratch: &mut TracerScratch,
     mut put: impl FnMut(usize, (f32, f32)),
 ) {
-    let (Some(gloss), Some(pattern)) = (&of.lit.scene.gloss, &of.pattern) else { return };
-    let mut tracer = Tracer { lit: &of.lit, gloss, pattern, scratch };
+    let (Some(gloss), Some(pattern)) = (&tile_view.lit.scene.gloss, &tile_view.pattern) else { return };
+    let mut tracer = Tracer { lit: &tile_view.lit, gloss, pattern, scratch };
     for (ray, triangle, at, number) in rays.filter(|ray| gloss.finish(ray.1).is_some()) {
         let luma: N = tracer.luma(triangle, at.map(f64::from), number);
         put(ray, (luma.value() as f32, luma.rate() as f32));
@@ -359,7 +399,7 @@ fn gloss<N: Number>(
 
 /// Returns the shaders of triangles; those of the tile before are taken where they are known.
 fn shaders<'a, 'b>(
-    of: &TileView<'a>,
+    tile_view: &TileView<'a>,
     triangles: impl Iterator<Item = &'b Seen>,
     before: &mut Shaders<'a>,
 ) -> Shaders<'a> {
@@ -369,7 +409,7 @@ fn shaders<'a, 'b>(
     triangles
         .map(|seen| match before.iter().position(|shader| shader.triangle == seen.triangle) {
             Some(at) => before.swap_remove(at),
-            None => Shader::new(&of.lit, seen),
+            None => Shader::new(&tile_view.lit, seen),
         })
         .collect()
 }
@@ -422,22 +462,22 @@ fn pixel_mean(rays: &[f32]) -> f32 {
 /// Hands on for each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
-    of: &TileView,
+    tile_view: &TileView,
     tile: usize,
     scratch: &mut TileScratch,
     mut each: Each,
 ) {
-    let part = of.rays.of_tile(tile, &mut scratch.rays);
+    let ray_blocks = tile_view.rays.of_tile(tile, &mut scratch.rays);
     let TileScratch { list, nearest, beam, .. } = scratch;
-    let all = if of.ways.beams {
-        beam.find(of.lit.scene, of.lit.view, &part, nearest, list);
+    let all = if tile_view.ways.beams {
+        beam.find(tile_view.lit.scene, tile_view.lit.view, &ray_blocks, nearest, list);
         &beam.seen
     } else {
-        of.bins.of_tile(tile, part.around, list);
-        nearest.find(of.bins, list, &part);
-        &of.bins.seen
+        tile_view.bins.of_tile(tile, ray_blocks.around, list);
+        nearest.find(tile_view.bins, list, &ray_blocks);
+        &tile_view.bins.seen
     };
-    let (x, y) = (part.x, part.y);
+    let (x, y) = (ray_blocks.x, ray_blocks.y);
     let seen = |index: u32| &all[list[index as usize].seen as usize];
     let per_block = x.len() / BLOCKS;
     for ray in 0..x.len() {

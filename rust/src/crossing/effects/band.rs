@@ -24,20 +24,20 @@ use super::scan::{
 use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel, WHOLE, bounds};
 use crate::crossing::band::Interval;
+use crate::crossing::buffer::{Allowance, Buffer, Full};
 use crate::crossing::core::Push;
 use crate::crossing::frame::SparseSamples;
 use crate::crossing::level::{Level, Thresholds};
 use crate::crossing::line::Line;
 use crate::crossing::parameters::CrossingParameters;
 use crate::crossing::record::NEVER;
-use crate::crossing::room::{Allowance, Full, Room};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::crossing::start_phase::StartPhase;
 use crate::event::Event;
 
-/// A frame's share of a band, and the interval that it ends.
-pub(super) struct Share<'a, S> {
+/// A band's part of a frame, and the interval that it ends.
+pub(super) struct BandFrame<'a, S> {
     pub(super) new: &'a [S],
     pub(super) rates: Option<&'a [S]>,
     pub(super) sparse: SparseSamples<'a, S>,
@@ -48,7 +48,7 @@ pub(super) struct Share<'a, S> {
 pub(super) struct Band {
     pub(super) first_pixel: usize,
     /// The last frame's, in raster order.
-    pub(super) events: Room<Event>,
+    pub(super) events: Buffer<Event>,
     /// Log intensity, and its change per second, at the last frame.
     pub(super) logs: Vec<f64>,
     pub(super) slopes: Vec<f64>,
@@ -190,7 +190,7 @@ impl Band {
         let (photoreceptor, filtered) = (settled(effects.filters_twice()), settled(effects.filters()));
         let mut band = Self {
             first_pixel,
-            events: Room::default(),
+            events: Buffer::default(),
             logs: logs.to_vec(),
             slopes: slopes.to_vec(),
             next: Signals {
@@ -224,12 +224,12 @@ impl Band {
         band
     }
 
-    /// The band's share of a frame.
-    pub(super) fn share<'a, S: Sample>(&self, push: &Push<'a, S>) -> Share<'a, S> {
+    /// Returns the band's part of a frame.
+    pub(super) fn part_of<'a, S: Sample>(&self, push: &Push<'a, S>) -> BandFrame<'a, S> {
         let (frame, at) = (&push.frame, push.at);
-        let part = self.first_pixel..self.first_pixel + self.logs.len();
-        let sparse = frame.sparse.of(part.start, part.end);
-        Share { new: &frame.samples[part.clone()], rates: frame.rate.map(|rates| &rates[part]), sparse, at }
+        let pixels = self.first_pixel..self.first_pixel + self.logs.len();
+        let sparse = frame.sparse.of(pixels.start, pixels.end);
+        BandFrame { new: &frame.samples[pixels.clone()], rates: frame.rate.map(|rates| &rates[pixels]), sparse, at }
     }
 
     pub(super) fn reset_bounds(&mut self, p: &CrossingParameters) {
@@ -247,27 +247,27 @@ impl Band {
     /// Runs the band's pixels over a frame, within an allowance of events: then [`Self::settle`], or [`Self::undo`].
     pub(super) fn advance<S: Sample>(
         &mut self,
-        share: &Share<'_, S>,
+        frame: &BandFrame<'_, S>,
         p: &CrossingParameters,
         sensor: &Sensor,
         allowance: Allowance,
     ) -> Result<(), Full> {
-        self.events.begin(allowance, share.new.len());
+        self.events.begin(allowance, frame.new.len());
         self.before.clear();
         self.noise_before.clear();
-        for start in (0..share.new.len()).step_by(TILE) {
-            let end = (start + TILE).min(share.new.len());
+        for start in (0..frame.new.len()).step_by(TILE) {
+            let end = (start + TILE).min(frame.new.len());
             self.tile.kept.fill(false);
             self.tile.noise_kept.fill(false);
-            self.see(start, end, share, p, sensor);
-            self.mark(start, end, share, sensor);
+            self.see(start, end, frame, p, sensor);
+            self.mark(start, end, frame, sensor);
             let made = self.events.made().len();
             for i in start..end {
                 if self.tile.marked[i - start] {
-                    self.run((i, i - start), share, p, sensor, WHOLE)?;
+                    self.run((i, i - start), frame, p, sensor, WHOLE)?;
                 }
             }
-            self.follow_near((start, end), share, p, sensor)?;
+            self.follow_near((start, end), frame, p, sensor)?;
             if sensor.shot.is_some() {
                 in_raster_order(self.events.made_after(made));
             }
@@ -314,8 +314,8 @@ impl Band {
             if let Some(held_us) = self.held_us.get_mut(i) {
                 *held_us = before.held_us;
             }
-            if let (Some(place), Some(stored)) = (self.hot_place(i), before.hot) {
-                self.hot[place].1 = stored;
+            if let (Some(index), Some(stored)) = (self.hot_place(i), before.hot) {
+                self.hot[index].1 = stored;
             }
             if let Some(error) = self.leaks.error.get_mut(i) {
                 *error = before.leak_error;
@@ -339,15 +339,15 @@ impl Band {
         &mut self,
         start: usize,
         end: usize,
-        share: &Share<'_, S>,
+        frame: &BandFrame<'_, S>,
         p: &CrossingParameters,
         sensor: &Sensor,
     ) {
-        let (n, tile, at) = (end - start, &mut self.tile, share.at);
+        let (n, tile, at) = (end - start, &mut self.tile, frame.at);
         tile.chords.begin(at.ticks);
-        S::logs(&share.new[start..end], p.log_eps, &mut tile.logs[..n]);
-        if let Some(rates) = share.rates {
-            let samples = share.new[start..end].iter().zip(&rates[start..end]);
+        S::logs(&frame.new[start..end], p.log_eps, &mut tile.logs[..n]);
+        if let Some(rates) = frame.rates {
+            let samples = frame.new[start..end].iter().zip(&rates[start..end]);
             let slopes = samples.map(|(sample, &rate)| sample.log_rate(rate, p.log_eps));
             tile.slopes.iter_mut().zip(slopes).for_each(|(to, slope)| *to = slope);
         }
@@ -366,8 +366,8 @@ impl Band {
             } else {
                 low_pass(bandwidth, ticks, before, input, (decay, output));
             }
-            if share.rates.is_some() {
-                self.see_chords(start, end, share, sensor);
+            if frame.rates.is_some() {
+                self.see_chords(start, end, frame, sensor);
             }
             let tile = &mut self.tile;
             tile.seen[..n].copy_from_slice(&tile.filtered[..n]);
@@ -391,9 +391,9 @@ impl Band {
     /// Sparse samples of a pixel have straight lines between them, so it needs none.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-    fn see_chords<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, sensor: &Sensor) {
-        let (tile, first, ticks) = (&mut self.tile, self.first_pixel + start, share.at.ticks);
-        let sparse = share.sparse.of(first, self.first_pixel + end).pixel;
+    fn see_chords<S: Sample>(&mut self, start: usize, end: usize, frame: &BandFrame<'_, S>, sensor: &Sensor) {
+        let (tile, first, ticks) = (&mut self.tile, self.first_pixel + start, frame.at.ticks);
+        let sparse = frame.sparse.of(first, self.first_pixel + end).pixel;
         let seconds = ticks as f64 * 1e-6;
         for i in 0..end - start {
             let line = Line { from: self.logs[start + i], to: tile.logs[i], ticks };
@@ -413,8 +413,8 @@ impl Band {
 
     /// Marks the pixels of a tile to which something may have happened.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, sensor: &Sensor) {
-        let (n, tile, ticks) = (end - start, &mut self.tile, share.at.ticks as f64);
+    fn mark<S: Sample>(&mut self, start: usize, end: usize, frame: &BandFrame<'_, S>, sensor: &Sensor) {
+        let (n, tile, ticks) = (end - start, &mut self.tile, frame.at.ticks as f64);
         let from = &self.logs[start..end];
         let (mut bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
         if let Some(noise) = &sensor.shot {
@@ -447,7 +447,7 @@ impl Band {
                 mark_sign_changes(&filter_step, leaked, bounds, marked);
             }
         }
-        if share.rates.is_some() && self.filtered.is_empty() {
+        if frame.rates.is_some() && self.filtered.is_empty() {
             let seconds = ticks * 1e-6;
             for (i, marked) in marked.iter_mut().enumerate() {
                 let slopes = (self.slopes[start + i] * seconds, tile.slopes[i] * seconds);
@@ -466,7 +466,7 @@ impl Band {
         for (i, arrivals) in self.hot[hot..].iter().take_while(|hot| (hot.0 as usize) < end) {
             marked[*i as usize - start] |= arrivals.wait_us <= ticks;
         }
-        for &pixel in share.sparse.of(self.first_pixel + start, self.first_pixel + end).pixel {
+        for &pixel in frame.sparse.of(self.first_pixel + start, self.first_pixel + end).pixel {
             marked[pixel as usize - self.first_pixel - start] = true;
         }
         if sensor.shot.is_some() {
@@ -480,16 +480,16 @@ impl Band {
     pub(super) fn run<S: Sample>(
         &mut self,
         (i, in_tile): (usize, usize),
-        share: &Share<'_, S>,
+        frame: &BandFrame<'_, S>,
         p: &CrossingParameters,
         sensor: &Sensor,
         window_us: (f64, f64),
     ) -> Result<(), Full> {
-        let (index, at) = (self.first_pixel + i, share.at);
+        let (index, at) = (self.first_pixel + i, frame.at);
         let thresholds = p.thresholds(index);
         if sensor.shot.is_none() {
             let log = (self.tile.logs[in_tile], self.tile.slopes[in_tile]);
-            let (crossings, arrivals) = self.expected(i, log, share, p, sensor);
+            let (crossings, arrivals) = self.expected(i, log, frame, p, sensor);
             // Ten standard deviations of a Poisson process, and a few where it hardly happens. For more, room is made then.
             let arrivals = if arrivals > 0.0 { arrivals + 10.0 * arrivals.sqrt() + 20.0 } else { 0.0 };
             #[allow(clippy::cast_sign_loss, reason = "both >= 0")]
@@ -502,7 +502,7 @@ impl Band {
                 reference: self.references[i],
                 last_event_us: self.last_event_us[i],
                 held_us: self.held_us.get(i).copied().unwrap_or(FREE),
-                hot: hot.map(|place| self.hot[place].1),
+                hot: hot.map(|index| self.hot[index].1),
                 leak_error: self.leaks.error.get(i).copied().unwrap_or_default(),
             });
         }
@@ -525,7 +525,7 @@ impl Band {
         let mut free = FREE;
         let drift = self.leaks.drift(i, sensor.elapsed(at.start_us), (self.logs[i], self.tile.logs[in_tile]));
         let leak_jitter = self.leaks.error.get_mut(i).map(|error| LeakJitter {
-            share: sensor.effects.leak.jitter,
+            fraction: sensor.effects.leak.jitter,
             seed: sensor.seed,
             rate: drift.rate(),
             elapsed_us: at.start_us - sensor.started_us,
@@ -552,10 +552,10 @@ impl Band {
         };
         let input = Input { drift, from: self.logs[i], to: self.tile.logs[in_tile], ticks: at.ticks };
         let bandwidth = sensor.effects.photoreceptor_bandwidth;
-        let sparse = share.sparse.of(index, index + 1);
+        let sparse = frame.sparse.of(index, index + 1);
         if let Some(nodes) = self.tile.chords.nodes(in_tile) {
             input.follow_chords(&mut pixel, nodes, (bandwidth, !self.photoreceptor.is_empty()), emit);
-        } else if share.rates.is_some() && sparse.is_empty() && self.filtered.is_empty() {
+        } else if frame.rates.is_some() && sparse.is_empty() && self.filtered.is_empty() {
             let seconds = at.ticks as f64 * 1e-6;
             let slopes = (self.slopes[i] * seconds, self.tile.slopes[in_tile] * seconds);
             input.follow_cubic(&mut pixel, slopes, emit);

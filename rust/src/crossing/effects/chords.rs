@@ -230,17 +230,17 @@ mod tests {
                     extent = (extent.0.min(p[4]), extent.1.max(p[4]));
                 }
                 for pair in nodes.windows(2) {
-                    let (from, to, part) = (pair[0].log, pair[1].log, (pair[1].tick - pair[0].tick) as f64);
+                    let (from, to, length_us) = (pair[0].log, pair[1].log, (pair[1].tick - pair[0].tick) as f64);
                     if twice {
                         let decays = Decays {
-                            first: bandwidth.photoreceptor_decay(from, to, part),
-                            second: bandwidth.follower_decay(part),
+                            first: bandwidth.photoreceptor_decay(from, to, length_us),
+                            second: bandwidth.follower_decay(length_us),
                         };
                         let ends = filter_twice(outputs, from, to, decays);
                         outputs = (ends.first, ends.second);
                         prop_assert_eq!((pair[1].decay, pair[1].photoreceptor), (decays.first, ends.first));
                     } else {
-                        let decay = bandwidth.decay(from, to, part);
+                        let decay = bandwidth.decay(from, to, length_us);
                         outputs.1 = filter(outputs.1, from, to, decay);
                         prop_assert_eq!(pair[1].decay, decay);
                     }

@@ -15,11 +15,11 @@ use super::noise_path::NoisePath;
 use super::parameters::{Effects, ShotNoise};
 use super::sensor::Sensor;
 use super::timeline::FREE;
+use crate::crossing::buffer::{Allowance, Stop};
 use crate::crossing::core::{Pixels, Push};
 use crate::crossing::frame::Frame;
 use crate::crossing::level::Level;
 use crate::crossing::parameters::CrossingParameters;
-use crate::crossing::room::{Allowance, Stop};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::crossing::state::{EffectState, EngineState};
@@ -56,9 +56,9 @@ impl EffectCore {
         let bands = pool.map_or(1, |pool| BANDS_PER_THREAD * pool.current_num_threads());
         let length = n.div_ceil(bands).next_multiple_of(TILE);
         let bands = (0..n).step_by(length).map(|first| {
-            let part = first..(first + length).min(n);
-            let slopes = slopes.get(part.clone()).unwrap_or_default();
-            Band::new(first, &logs[part], slopes, p, &sensor)
+            let pixels = first..(first + length).min(n);
+            let slopes = slopes.get(pixels.clone()).unwrap_or_default();
+            Band::new(first, &logs[pixels], slopes, p, &sensor)
         });
         Self { bands: bands.collect(), sensor }
     }
@@ -176,23 +176,23 @@ impl EffectCore {
         let (mut first_hot, arrivals) = (0, |(&wait_us, &index)| Arrivals { wait_us, index });
         for band in &mut self.bands {
             let (first, n) = (band.first_pixel, band.logs.len());
-            let part = first..first + n;
+            let pixels = first..first + n;
             for (i, reference) in band.references.iter_mut().enumerate() {
                 let at = first + i;
                 *reference = Level { base: engine.base[at], on: engine.on[at], off: engine.off[at] };
             }
-            band.last_event_us.copy_from_slice(&engine.last_event_us[part.clone()]);
-            band.photoreceptor = state.photoreceptor.get(part.clone()).unwrap_or_default().to_vec();
-            band.filtered = state.filtered.get(part.clone()).unwrap_or_default().to_vec();
-            band.held_us = state.held_us.get(part.clone()).unwrap_or_default().to_vec();
-            band.leaks.leaked = state.leaked.get(part.clone()).unwrap_or_default().to_vec();
-            band.leaks.error = state.leak_error.get(part.clone()).unwrap_or_default().to_vec();
+            band.last_event_us.copy_from_slice(&engine.last_event_us[pixels.clone()]);
+            band.photoreceptor = state.photoreceptor.get(pixels.clone()).unwrap_or_default().to_vec();
+            band.filtered = state.filtered.get(pixels.clone()).unwrap_or_default().to_vec();
+            band.held_us = state.held_us.get(pixels.clone()).unwrap_or_default().to_vec();
+            band.leaks.leaked = state.leaked.get(pixels.clone()).unwrap_or_default().to_vec();
+            band.leaks.error = state.leak_error.get(pixels.clone()).unwrap_or_default().to_vec();
             if let Some(law) = &self.sensor.shot {
                 let path = |at: usize| {
                     let start = [state.noise_photoreceptor[at], state.noise_filtered[at]];
                     NoisePath::at(law, at as u32, state.noise_cell[at], state.noise_log_light[at], start)
                 };
-                band.noise = part.map(path).collect();
+                band.noise = pixels.map(path).collect();
             }
             let waits = state.hot_wait_us[first_hot..].iter().zip(&state.hot_index[first_hot..]);
             band.hot.iter_mut().zip(waits).for_each(|(hot, stored)| hot.1 = arrivals(stored));
@@ -202,15 +202,16 @@ impl EffectCore {
         Ok(())
     }
 
-    fn joined<T: Clone>(&self, part: impl Fn(&Band) -> &Vec<T>) -> Vec<T> {
-        self.bands.iter().flat_map(|band| part(band).iter().cloned()).collect()
+    fn joined<T: Clone>(&self, field: impl Fn(&Band) -> &Vec<T>) -> Vec<T> {
+        self.bands.iter().flat_map(|band| field(band).iter().cloned()).collect()
     }
 }
 
 impl<S: Sample> Pixels<S> for EffectCore {
     fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> Result<(), Stop> {
         let sensor = &self.sensor;
-        let advance = |band: &mut Band| band.advance(&band.share(push), push.p, sensor, allowance).map_err(Stop::from);
+        let advance =
+            |band: &mut Band| band.advance(&band.part_of(push), push.p, sensor, allowance).map_err(Stop::from);
         // Every band begins, also where another one is full: what it holds is then of this frame.
         match push.pool {
             None => self.bands.iter_mut().map(advance).fold(Ok(()), Result::and),
@@ -241,7 +242,7 @@ impl<S: Sample> Pixels<S> for EffectCore {
 
     #[cold]
     fn count(&self, push: &Push<'_, S>) -> u64 {
-        let counts = self.bands.iter().map(|band| band.count(&band.share(push), push.p, &self.sensor));
+        let counts = self.bands.iter().map(|band| band.count(&band.part_of(push), push.p, &self.sensor));
         counts.fold(0, u64::saturating_add)
     }
 }

@@ -3,7 +3,7 @@
 //! What must not break: the estimate for the signal is an upper bound, so that a push that does not fit is refused
 //! before it runs.
 
-use super::band::{Band, Share};
+use super::band::{Band, BandFrame};
 use super::sensor::Sensor;
 use super::timeline::FREE;
 use crate::crossing::cubic::Cubic;
@@ -16,13 +16,13 @@ impl Band {
     /// About how many events a frame will make.
     #[cold]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an estimate, >= 0, saturating")]
-    pub(super) fn count<S: Sample>(&self, share: &Share<'_, S>, p: &CrossingParameters, sensor: &Sensor) -> u64 {
+    pub(super) fn count<S: Sample>(&self, frame: &BandFrame<'_, S>, p: &CrossingParameters, sensor: &Sensor) -> u64 {
         let count = |(i, &sample): (usize, &S)| {
-            let slope = share.rates.map_or(0.0, |rates| sample.log_rate(rates[i], p.log_eps));
-            let (crossings, noise) = self.expected(i, (log(sample, p), slope), share, p, sensor);
+            let slope = frame.rates.map_or(0.0, |rates| sample.log_rate(rates[i], p.log_eps));
+            let (crossings, noise) = self.expected(i, (log(sample, p), slope), frame, p, sensor);
             (crossings + noise) as u64
         };
-        share.new.iter().enumerate().map(count).fold(0, u64::saturating_add)
+        frame.new.iter().enumerate().map(count).fold(0, u64::saturating_add)
     }
 
     /// How many events at most one pixel's signal makes over a frame that comes to this log intensity and its slope, and
@@ -33,19 +33,19 @@ impl Band {
         &self,
         i: usize,
         (to, slope_to): (f64, f64),
-        share: &Share<'_, S>,
+        frame: &BandFrame<'_, S>,
         p: &CrossingParameters,
         sensor: &Sensor,
     ) -> (f64, f64) {
-        let (index, ticks, from) = (self.first_pixel + i, share.at.ticks as f64, self.logs[i]);
-        let (c, sparse) = (p.thresholds(index), share.sparse.of(index, index + 1));
+        let (index, ticks, from) = (self.first_pixel + i, frame.at.ticks as f64, self.logs[i]);
+        let (c, sparse) = (p.thresholds(index), frame.sparse.of(index, index + 1));
         let (mut last, mut way) = (from, 0.0);
         let mut go = |to: f64| {
             way += (to - last).abs();
             last = to;
         };
-        if share.rates.is_some() && sparse.is_empty() {
-            let (line, seconds) = (Line { from, to, ticks: share.at.ticks }, ticks * 1e-6);
+        if frame.rates.is_some() && sparse.is_empty() {
+            let (line, seconds) = (Line { from, to, ticks: frame.at.ticks }, ticks * 1e-6);
             let cubic = Cubic::new(line, self.slopes[i] * seconds, slope_to * seconds);
             cubic.pieces().for_each(|piece| go(piece.end()));
         } else {
@@ -55,7 +55,7 @@ impl Band {
         // What leaves a low-pass moves no further than to its input and with it, and so does what leaves a second one.
         let start = self.filtered.get(i).copied().unwrap_or(from);
         let between = self.photoreceptor.get(i).copied().unwrap_or(start);
-        let drift = self.leaks.drift(i, sensor.elapsed(share.at.start_us), (from, to));
+        let drift = self.leaks.drift(i, sensor.elapsed(frame.at.start_us), (from, to));
         let seen = start + drift.at(0.0);
         let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
         let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() };

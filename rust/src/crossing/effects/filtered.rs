@@ -200,8 +200,8 @@ impl<C: Smooth> SmoothPiece<C> {
             (value - at, slope)
         };
         let first = self.curve.at(self.from);
-        let share = (value - first) / (self.end() - first);
-        bracketed_newton((self.from, self.to), share, up, search, missing)
+        let fraction = (value - first) / (self.end() - first);
+        bracketed_newton((self.from, self.to), fraction, up, search, missing)
     }
 }
 

@@ -52,8 +52,8 @@ impl HotPixelNoise {
         let draw = Draw::at(self.seed, Purpose::HotPixelKind, pixel, 0);
         let HotPixels { rate_hz, rate_spread, least_cv, most_cv, .. } = self.hot;
         let factor = if rate_spread > 0.0 { libm::exp(rate_spread * draw.normal()) } else { 1.0 };
-        let share = Draw::at(self.seed, Purpose::HotPixelKind, pixel, 1).uniform();
-        let cv = if least_cv > 0.0 { least_cv * libm::pow(most_cv / least_cv, share) } else { most_cv * share };
+        let fraction = Draw::at(self.seed, Purpose::HotPixelKind, pixel, 1).uniform();
+        let cv = if least_cv > 0.0 { least_cv * libm::pow(most_cv / least_cv, fraction) } else { most_cv * fraction };
         HotPixel { rate_hz: (rate_hz * factor).min(FASTEST_HZ), deviation: libm::log1p(cv * cv).sqrt() }
     }
 

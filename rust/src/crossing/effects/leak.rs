@@ -3,7 +3,7 @@
 //! What leaks in the dark is a function of the time since the first frame, so it does not depend on when frames come.
 //! What light adds is a sum over the intervals between samples, each with the mean light of its ends.
 //!
-//! Jitter is booked at events: how much has leaked since the event before is uncertain by a share.
+//! Jitter is booked at events: how much has leaked since the event before is uncertain by a fraction.
 //!
 //! What must not break: both parts are straight lines within an interval, because curves and the search for crossings
 //! take them as such.
@@ -142,9 +142,9 @@ impl Drift {
     }
 }
 
-/// How much has leaked of a pixel from one of its events to the next: uncertain by a normal share.
+/// How much has leaked of a pixel from one of its events to the next: uncertain by a normal fraction.
 pub(crate) struct LeakJitter<'a> {
-    pub(crate) share: f64,
+    pub(crate) fraction: f64,
     pub(crate) seed: u64,
     /// Log intensity in a microsecond.
     pub(crate) rate: f64,
@@ -158,7 +158,7 @@ pub(crate) struct LeakJitter<'a> {
 impl LeakJitter<'_> {
     /// Sets the error of the reference after an event at a tick.
     ///
-    /// It is a share of what has leaked since the event before, and at most half a threshold. Its draw depends on the
+    /// It is a fraction of what has leaked since the event before, and at most half a threshold. Its draw depends on the
     /// time. Two events on one tick need no draws of their own, because nothing leaks between them.
     #[allow(clippy::cast_precision_loss, reason = "times of interest lie below 2^53 us")]
     #[allow(clippy::cast_sign_loss, reason = "events come after the first frame")]
@@ -169,6 +169,6 @@ impl LeakJitter<'_> {
         let most = 0.5 * c.on.min(c.off);
         let normal =
             if leaked > 0.0 { Draw::at(self.seed, Purpose::LeakJitter, pixel, at_us as u64).normal() } else { 0.0 };
-        *self.error = (self.share * leaked * normal).clamp(-most, most);
+        *self.error = (self.fraction * leaked * normal).clamp(-most, most);
     }
 }

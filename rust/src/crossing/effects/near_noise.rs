@@ -9,16 +9,16 @@
 //!   module finds no crossing in.
 //! - Pixels make their events cell by cell. The band puts those of a tile in the order of pixels afterwards.
 
-use super::band::{Band, Share};
+use super::band::{Band, BandFrame};
 use super::noise_path::{NoisePath, Span};
 use super::sensor::Sensor;
 use super::shot_noise::{FAR, ShotNoiseLaw};
 use super::timeline::FREE;
+use crate::crossing::buffer::Full;
 use crate::crossing::cubic::Cubic;
 use crate::crossing::level::Thresholds;
 use crate::crossing::line::Line;
 use crate::crossing::parameters::CrossingParameters;
-use crate::crossing::room::Full;
 use crate::crossing::sample::Sample;
 
 /// How often a cell is halved for many pixels at a time.
@@ -96,24 +96,24 @@ impl Band {
     pub(super) fn follow_near<S: Sample>(
         &mut self,
         tile: (usize, usize),
-        share: &Share<'_, S>,
+        frame: &BandFrame<'_, S>,
         p: &CrossingParameters,
         sensor: &Sensor,
     ) -> Result<(), Full> {
         let Some(law) = &sensor.shot else { return Ok(()) };
         let mut near = std::mem::take(&mut self.near);
-        near.begin(self, tile, share, p);
-        let followed = if near.pixels.is_empty() { Ok(()) } else { near.follow(self, law, share, p, sensor) };
+        near.begin(self, tile, frame, p);
+        let followed = if near.pixels.is_empty() { Ok(()) } else { near.follow(self, law, frame, p, sensor) };
         self.near = near;
         followed
     }
 
     /// ln(luma + `log_eps`) of a pixel at a time of the interval.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    fn log_light<S: Sample>(&self, i: usize, in_tile: usize, share: &Share<'_, S>, t_us: f64) -> f64 {
-        let line = Line { from: self.logs[i], to: self.tile.logs[in_tile], ticks: share.at.ticks };
+    fn log_light<S: Sample>(&self, i: usize, in_tile: usize, frame: &BandFrame<'_, S>, t_us: f64) -> f64 {
+        let line = Line { from: self.logs[i], to: self.tile.logs[in_tile], ticks: frame.at.ticks };
         let (ticks, t_us) = (line.ticks as f64, t_us.max(0.0));
-        if share.rates.is_some() && self.filtered.is_empty() {
+        if frame.rates.is_some() && self.filtered.is_empty() {
             let seconds = ticks * 1e-6;
             return Cubic::new(line, self.slopes[i] * seconds, self.tile.slopes[in_tile] * seconds).at(t_us / ticks);
         }
@@ -123,18 +123,23 @@ impl Band {
     /// What a pixel near a level sees over the interval.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-    fn near_pixel<S: Sample>(&self, (i, in_tile): (usize, usize), share: &Share<'_, S>, c: Thresholds) -> NearPixel {
-        let (from, to, ticks) = (self.logs[i], self.tile.logs[in_tile], share.at.ticks as f64);
+    fn near_pixel<S: Sample>(
+        &self,
+        (i, in_tile): (usize, usize),
+        frame: &BandFrame<'_, S>,
+        c: Thresholds,
+    ) -> NearPixel {
+        let (from, to, ticks) = (self.logs[i], self.tile.logs[in_tile], frame.at.ticks as f64);
         let (leaked, will_leak) = (self.tile.leaked[in_tile], self.tile.will_leak[in_tile]);
         let (least, most) = if let Some(&before) = self.filtered.get(i) {
             let between = self.photoreceptor.get(i).copied().unwrap_or(before);
             (from.min(to).min(before).min(between), from.max(to).max(before).max(between))
-        } else if share.rates.is_some() {
+        } else if frame.rates.is_some() {
             (from.min(to), from.max(to))
         } else {
             (from, from)
         };
-        let straight = self.filtered.is_empty() && share.rates.is_none();
+        let straight = self.filtered.is_empty() && frame.rates.is_none();
         let change = will_leak - leaked + if straight { to - from } else { 0.0 };
         NearPixel {
             i,
@@ -158,7 +163,7 @@ impl NearNoise {
         &mut self,
         band: &Band,
         (start, end): (usize, usize),
-        share: &Share<'_, S>,
+        frame: &BandFrame<'_, S>,
         p: &CrossingParameters,
     ) {
         self.pixels.clear();
@@ -166,7 +171,7 @@ impl NearNoise {
             if band.tile.near[in_tile] {
                 let i = start + in_tile;
                 let c = p.thresholds(band.first_pixel + i);
-                self.pixels.push(band.near_pixel((i, in_tile), share, c));
+                self.pixels.push(band.near_pixel((i, in_tile), frame, c));
             }
         }
     }
@@ -177,22 +182,22 @@ impl NearNoise {
         &mut self,
         band: &mut Band,
         law: &ShotNoiseLaw,
-        share: &Share<'_, S>,
+        frame: &BandFrame<'_, S>,
         p: &CrossingParameters,
         sensor: &Sensor,
     ) -> Result<(), Full> {
-        let (elapsed_us, ticks) = (sensor.elapsed(share.at.start_us), share.at.ticks as f64);
+        let (elapsed_us, ticks) = (sensor.elapsed(frame.at.start_us), frame.at.ticks as f64);
         for cell in (elapsed_us / law.cell_us).floor() as i64.. {
             let begins = cell as f64 * law.cell_us - elapsed_us;
             let window_us = (begins.max(0.0), (begins + law.cell_us).min(ticks));
             if window_us.1 <= window_us.0 {
                 break;
             }
-            self.enter(band, law, share, (cell, begins));
+            self.enter(band, law, frame, (cell, begins));
             self.choose(band, law, window_us);
             for k in 0..self.chosen.len() {
                 let pixel = &mut self.pixels[self.chosen[k]];
-                band.run((pixel.i, pixel.in_tile), share, p, sensor, window_us)?;
+                band.run((pixel.i, pixel.in_tile), frame, p, sensor, window_us)?;
                 pixel.held = band.held_us.get(pixel.i).is_some_and(|&held| held > FREE);
                 (pixel.low, pixel.high) = (band.low[pixel.i], band.high[pixel.i]);
             }
@@ -205,7 +210,7 @@ impl NearNoise {
         &mut self,
         band: &mut Band,
         law: &ShotNoiseLaw,
-        share: &Share<'_, S>,
+        frame: &BandFrame<'_, S>,
         (cell, begins): (i64, f64),
     ) {
         // A pixel that is held takes its noise up again when that ends.
@@ -214,11 +219,11 @@ impl NearNoise {
         self.chosen.extend(self.pixels.iter().enumerate().filter(|(_, pixel)| behind(pixel)).map(|(k, _)| k));
         let ends = law.node(cell + 1, 0);
         self.draws.make(law, self.chosen.iter().map(|&k| (self.pixels[k].number, ends)));
-        for (place, &k) in self.chosen.iter().enumerate() {
+        for (at, &k) in self.chosen.iter().enumerate() {
             let NearPixel { i, in_tile, number, .. } = self.pixels[k];
-            let log_light = band.log_light(i, in_tile, share, begins);
+            let log_light = band.log_light(i, in_tile, frame, begins);
             band.keep_noise(i, in_tile);
-            band.noise[i].enter(law, number, cell, log_light, self.draws.get(place));
+            band.noise[i].enter(law, number, cell, log_light, self.draws.get(at));
         }
     }
 
@@ -253,11 +258,11 @@ impl NearNoise {
             let named = |(k, span): &(usize, Span)| (self.pixels[*k].number, law.node(span.cell, span.middle()));
             self.draws.make(law, self.spans.iter().map(named));
             self.halves.clear();
-            for (place, (k, span)) in self.spans.iter().enumerate() {
+            for (at, (k, span)) in self.spans.iter().enumerate() {
                 let pixel = &self.pixels[*k];
                 let path = &band.noise[pixel.i];
                 let poles = law.poles_of(path.ratio);
-                let middle = poles.middle(span.level, span.ends, path.sigma, self.draws.get(place));
+                let middle = poles.middle(span.level, span.ends, path.sigma, self.draws.get(at));
                 for half in [span.first_half(middle), span.second_half(middle)] {
                     if pixel.within_reach(range(path, &half), window_us) {
                         self.halves.push((*k, half));

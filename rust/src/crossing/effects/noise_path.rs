@@ -351,8 +351,8 @@ impl Cell<'_> {
         let (from, to) = (from - way, to - way);
         let (a, b, c) = (3.0 * (from + to), 2.0 * from + to, way + from + slope * lasts);
         let far = b + (b * b - a * c).sqrt().copysign(b);
-        let (one, other) = (far / a, c / far);
-        [one.min(other), one.max(other)].map(|s| begins + s * lasts)
+        let (first, second) = (far / a, c / far);
+        [first.min(second), first.max(second)].map(|s| begins + s * lasts)
     }
 }
 

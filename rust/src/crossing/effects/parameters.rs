@@ -79,7 +79,7 @@ pub struct ThresholdMismatch {
     pub sigma: f64,
     /// Correlation of the logarithms of a pixel's own ON and OFF factors.
     pub correlation: f64,
-    /// Thresholds of even columns are lower by this share, those of odd ones higher; negative the other way round.
+    /// Thresholds of even columns are lower by this fraction, those of odd ones higher; negative the other way round.
     pub column_parity: f64,
     /// Relative standard deviation of what the pixels of a column have in common.
     pub columns: f64,
@@ -104,9 +104,9 @@ impl ThresholdMismatch {
 pub struct Leak {
     /// Drift of the reference in ON thresholds per second, downwards: the mean of all pixels at 25 degrees in the dark.
     pub rate_hz: f64,
-    /// Standard deviation of the rate from pixel to pixel, as a share of its mean; log-normal.
+    /// Standard deviation of the rate from pixel to pixel, as a fraction of its mean; log-normal.
     pub spread: f64,
-    /// Standard deviation of what leaks from one event to the next, as a share of it.
+    /// Standard deviation of what leaks from one event to the next, as a fraction of it.
     pub jitter: f64,
     /// Of the junctions, in degrees Celsius.
     pub temperature_c: f64,
@@ -116,10 +116,10 @@ pub struct Leak {
     pub double_luma: f64,
 }
 
-/// Pixels that fire by themselves: a share of all, each with nearly periodic ON events, which reset the pixel.
+/// Pixels that fire by themselves: a fraction of all, each with nearly periodic ON events, which reset the pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HotPixels {
-    /// The share of pixels.
+    /// The fraction of pixels.
     pub fraction: f64,
     /// Events per second of each: the median, from which each differs.
     pub rate_hz: f64,

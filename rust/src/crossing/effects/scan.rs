@@ -112,8 +112,8 @@ pub(super) fn noise_reach((rms, floor, log_half): (f64, f64, f64), from: &[f64],
     let (from, to, falls) = (&from[..n], &to[..n], floor <= rms);
     for i in 0..n {
         let log_light = if falls { from[i].min(to[i]) } else { from[i].max(to[i]) };
-        let share = 1.0 / (1.0 + exp_precise(log_light - log_half));
-        reach[i] = FAR * (rms * rms * share + floor * floor * (1.0 - share)).sqrt();
+        let fraction = 1.0 / (1.0 + exp_precise(log_light - log_half));
+        reach[i] = FAR * (rms * rms * fraction + floor * floor * (1.0 - fraction)).sqrt();
     }
 }
 

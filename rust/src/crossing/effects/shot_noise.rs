@@ -83,8 +83,8 @@ impl ShotNoiseLaw {
     pub(super) fn ratio(&self, log_light: f64) -> usize {
         let Some(log_half) = self.log_half else { return 0 };
         let power = (log_light - log_half) * std::f64::consts::LOG2_E;
-        let place = (power.clamp(LEAST_POWER, MOST_POWER) - LEAST_POWER) * IN_AN_OCTAVE;
-        (place.round() as usize).min(self.poles.len() - 1)
+        let position = (power.clamp(LEAST_POWER, MOST_POWER) - LEAST_POWER) * IN_AN_OCTAVE;
+        (position.round() as usize).min(self.poles.len() - 1)
     }
 
     #[allow(clippy::cast_precision_loss, reason = "small")]
@@ -131,8 +131,8 @@ impl ShotNoiseLaw {
     pub(super) fn events_in_a_us(&self, c: f64, log_light: f64) -> f64 {
         let sigma = self.sigma(log_light);
         let omega = self.follower * self.ratio_of(self.ratio(log_light)).sqrt();
-        let share = c / sigma;
-        omega * (2.0 / std::f64::consts::TAU + 0.8 / share) * libm::exp(-share * share / 8.0)
+        let thresholds = c / sigma;
+        omega * (2.0 / std::f64::consts::TAU + 0.8 / thresholds) * libm::exp(-thresholds * thresholds / 8.0)
     }
 }
 

@@ -61,13 +61,13 @@ impl Law {
 
     /// A step that is short compared with both time constants: `first` and `second` times it, `ratio` their quotient.
     fn short(first: f64, second: f64, ratio: f64) -> Self {
-        let response = |share: f64| {
-            let (a, b) = (first * share, second * share);
+        let response = |fraction: f64| {
+            let (a, b) = (first * fraction, second * fraction);
             (libm::exp(-a), b * lag(a, b))
         };
         let mut noise = [0.0; 3];
-        for (share, weight) in GAUSS {
-            let (u, v) = response(share);
+        for (fraction, weight) in GAUSS {
+            let (u, v) = response(fraction);
             let weight = weight * 2.0 * first * (1.0 + ratio);
             noise = [noise[0] + weight * u * u, noise[1] + weight * u * v, noise[2] + weight * v * v];
         }
@@ -331,9 +331,9 @@ mod tests {
         fn middles_lie_between_their_ends((ratio, second) in poles(), level in 0..=HALVINGS) {
             let noise = TwoPoleNoise::new(ratio, second);
             let Span { start, end, root: [r, s, t], .. } = noise.spans[level];
-            let share = 0.5f64.powi(i32::try_from(level).expect("small"));
-            let whole = decay(ratio * second * share, second * share);
-            let half = decay(0.5 * ratio * second * share, 0.5 * second * share);
+            let fraction = 0.5f64.powi(i32::try_from(level).expect("small"));
+            let whole = decay(ratio * second * fraction, second * fraction);
+            let half = decay(0.5 * ratio * second * fraction, 0.5 * second * fraction);
             let stationary = [1.0 + ratio, 1.0, 1.0];
             let through = product(end, whole);
             let from_start: [f64; 4] = std::array::from_fn(|i| start[i] + through[i]);
@@ -418,10 +418,13 @@ mod tests {
         for ratio in [0.01, 2.0, 50.0] {
             let noise = TwoPoleNoise::new(ratio, 1.5);
             for level in 8..=HALVINGS {
-                let share = 0.5f64.powi(i32::try_from(level).expect("small"));
-                let expected = ((1.0 + ratio) * 2.0 * ratio * (1.5 * share).powi(3) / 192.0).sqrt();
+                let fraction = 0.5f64.powi(i32::try_from(level).expect("small"));
+                let expected = ((1.0 + ratio) * 2.0 * ratio * (1.5 * fraction).powi(3) / 192.0).sqrt();
                 let got = noise.spans[level].spread;
-                assert!((got / expected / 1.05 - 1.0).abs() < 0.03 + ratio * share, "{ratio} {level} {got} {expected}");
+                assert!(
+                    (got / expected / 1.05 - 1.0).abs() < 0.03 + ratio * fraction,
+                    "{ratio} {level} {got} {expected}"
+                );
             }
             assert!(noise.smooth(1.0) == NOT_CUBIC && noise.smooth(0.0) == HALVINGS);
             let level = noise.smooth(0.005);

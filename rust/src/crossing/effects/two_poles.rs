@@ -233,23 +233,23 @@ mod tests {
     proptest! {
         #[test]
         fn it_solves_the_equations(y in -3.0f64..3.0, w in -3.0f64..3.0, from in -3.0f64..3.0, to in -3.0f64..3.0, decays in decays()) {
-            let (found, expected) = (filter_twice((y, w), from, to, decays), stepped((y, w), from, to, decays));
-            prop_assert!((found.first - expected.0).abs() < 1e-8, "{found:?} {expected:?}");
-            prop_assert!((found.second - expected.1).abs() < 1e-8, "{found:?} {expected:?}");
+            let (got, expected) = (filter_twice((y, w), from, to, decays), stepped((y, w), from, to, decays));
+            prop_assert!((got.first - expected.0).abs() < 1e-8, "{got:?} {expected:?}");
+            prop_assert!((got.second - expected.1).abs() < 1e-8, "{got:?} {expected:?}");
             let slopes = (decays.first * (to - expected.0), decays.second * (expected.0 - expected.1));
-            prop_assert!((found.first_slope - slopes.0).abs() < 1e-6 * (1.0 + decays.first), "{found:?} {slopes:?}");
-            prop_assert!((found.second_slope - slopes.1).abs() < 1e-6 * (1.0 + decays.second), "{found:?} {slopes:?}");
+            prop_assert!((got.first_slope - slopes.0).abs() < 1e-6 * (1.0 + decays.first), "{got:?} {slopes:?}");
+            prop_assert!((got.second_slope - slopes.1).abs() < 1e-6 * (1.0 + decays.second), "{got:?} {slopes:?}");
         }
 
         /// One that follows at once changes nothing, whichever of the two it is.
         #[test]
         fn a_fast_pole_is_none(y in -3.0f64..3.0, from in -3.0f64..3.0, to in -3.0f64..3.0, exponent in -8.0f64..2.0) {
             let z = 10f64.powf(exponent);
-            let one = filter(y, from, to, z);
+            let alone = filter(y, from, to, z);
             let follower = filter_twice((y, y), from, to, Decays { first: z, second: 1e300 });
-            prop_assert!((follower.second - one).abs() < 1e-14);
+            prop_assert!((follower.second - alone).abs() < 1e-14);
             let receptor = filter_twice((from, y), from, to, Decays { first: f64::MAX, second: z });
-            prop_assert!((receptor.second - one).abs() < 1e-14 && (receptor.first - to).abs() < 1e-14);
+            prop_assert!((receptor.second - alone).abs() < 1e-14 && (receptor.first - to).abs() < 1e-14);
         }
 
         /// Two halves of an interval are the whole.

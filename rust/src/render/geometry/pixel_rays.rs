@@ -78,7 +78,7 @@ pub(crate) struct TileRays {
 
 /// Rays that are worked on together, in blocks that follow each other and have the same number of them.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Part<'a> {
+pub(crate) struct RayBlocks<'a> {
     pub(crate) x: &'a [f32],
     pub(crate) y: &'a [f32],
     /// All of them lie in it.
@@ -354,7 +354,7 @@ impl PixelRays {
     }
 
     /// Returns a tile's rays, which may be put together in a buffer.
-    pub(crate) fn of_tile<'a>(&'a self, tile: usize, buffer: &'a mut TileRays) -> Part<'a> {
+    pub(crate) fn of_tile<'a>(&'a self, tile: usize, buffer: &'a mut TileRays) -> RayBlocks<'a> {
         let count = PIXELS * self.rays;
         let (x, y) = match &self.coordinates {
             Coordinates::Rays { x, y } => {
@@ -378,7 +378,7 @@ impl PixelRays {
                 (&*to_x, &*to_y)
             }
         };
-        Part { x, y, around: self.tile(tile), blocks: &self.blocks[tile * BLOCKS..][..BLOCKS] }
+        RayBlocks { x, y, around: self.tile(tile), blocks: &self.blocks[tile * BLOCKS..][..BLOCKS] }
     }
 
     /// Copies the rays of a pixel of a tile, in the lattice's order.
@@ -453,14 +453,14 @@ mod tests {
             for ray in 0..rays {
                 let at = in_tile / LANES * LANES * rays + ray * LANES + in_tile % LANES;
                 let mut buffer = TileRays::default();
-                let part = all.of_tile(tile, &mut buffer);
-                let (x, y) = (part.x[at], part.y[at]);
+                let ray_blocks = all.of_tile(tile, &mut buffer);
+                let (x, y) = (ray_blocks.x[at], ray_blocks.y[at]);
                 assert_eq!([x, y], table[(ray * width * height + pixel) * 2..][..2]);
                 let (mut own_x, mut own_y) = (vec![0.0; all.rays], vec![0.0; all.rays]);
                 all.copy_pixel(tile, in_tile, &mut own_x, &mut own_y);
                 assert_eq!((own_x[ray], own_y[ray]), (x, y));
-                for part in [all.tile(tile), &part.blocks[in_tile / LANES], &all.all] {
-                    assert!(part.low[0] <= x && x <= part.high[0] && part.low[1] <= y && y <= part.high[1]);
+                for rect in [all.tile(tile), &ray_blocks.blocks[in_tile / LANES], &all.all] {
+                    assert!(rect.low[0] <= x && x <= rect.high[0] && rect.low[1] <= y && y <= rect.high[1]);
                 }
                 assert!(all.reaching(0, x, x).contains(&(tile % all.columns)));
                 assert!(all.reaching(1, y, y).contains(&(tile / all.columns)));
@@ -489,9 +489,9 @@ mod tests {
         };
         let grid = PixelRays::grid(width, height, rays, &x, &y).unwrap();
         let table = PixelRays::new(width, height, rays, &rows_of(0, height)).unwrap();
-        let part = |first: usize| Ok::<_, Error>(rows_of(first, 8.min(height - first)));
-        let parts = PixelRays::from_parts(width, height, rays, 8, part).unwrap();
-        for other in [&table, &parts] {
+        let band = |first: usize| Ok::<_, Error>(rows_of(first, 8.min(height - first)));
+        let from_tables = PixelRays::from_parts(width, height, rays, 8, band).unwrap();
+        for other in [&table, &from_tables] {
             for tile in 0..grid.tiles() {
                 let (mut buffer, mut other_buffer) = (TileRays::default(), TileRays::default());
                 let (one, two) = (grid.of_tile(tile, &mut buffer), other.of_tile(tile, &mut other_buffer));
@@ -508,6 +508,6 @@ mod tests {
             assert_eq!(format!("{:?}{:?}", grid.all, grid.reach), format!("{:?}{:?}", other.all, other.reach));
         }
         assert!(PixelRays::grid(width, height, rays, &x[1..], &y).is_err());
-        assert!(PixelRays::from_parts(width, height, rays, 4, part).is_err());
+        assert!(PixelRays::from_parts(width, height, rays, 4, band).is_err());
     }
 }

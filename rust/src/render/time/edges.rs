@@ -9,7 +9,7 @@
 use std::collections::HashMap;
 
 use crate::render::geometry::linear::{Linear, Rect};
-use crate::render::geometry::pixel_rays::{LANES, Part, PixelRays, TileRays};
+use crate::render::geometry::pixel_rays::{LANES, PixelRays, RayBlocks, TileRays};
 use crate::render::geometry::vector::{Vector, cross, dot, largest, single, sub};
 use crate::render::geometry::view::View;
 use crate::render::scene::Scene;
@@ -153,9 +153,9 @@ impl MovingEdge {
     }
 
     /// Whether a line through the edge may meet a part of the image.
-    fn may_meet(&self, part: &Rect) -> bool {
+    fn may_meet(&self, ray_blocks: &Rect) -> bool {
         let [mut low, mut high] = [f64::INFINITY, f64::NEG_INFINITY];
-        for [x, y] in part.corners() {
+        for [x, y] in ray_blocks.corners() {
             for n in &self.normal {
                 let value = n[0] * f64::from(x) + n[1] * f64::from(y) + n[2];
                 (low, high) = (low.min(value), high.max(value));
@@ -253,9 +253,9 @@ impl Edges {
         let (mut passes, mut buffer) = (vec![], TileRays::default());
         for edges in tiles.chunk_by(|a, b| a.0 == b.0) {
             let tile = edges[0].0 as usize;
-            let part = rays.of_tile(tile, &mut buffer);
+            let ray_blocks = rays.of_tile(tile, &mut buffer);
             for (_, edge) in edges {
-                self::of_tile(&moving[*edge as usize], rays, tile, &part, &mut passes);
+                self::of_tile(&moving[*edge as usize], rays, tile, &ray_blocks, &mut passes);
             }
         }
         passes.sort_unstable_by(|a, b| (a.pixel, a.ray).cmp(&(b.pixel, b.ray)).then(a.fraction.total_cmp(&b.fraction)));
@@ -264,10 +264,10 @@ impl Edges {
 }
 
 /// The rays of a tile that an edge passes.
-fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, part: &Part, all: &mut Vec<Pass>) {
+fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, ray_blocks: &RayBlocks, all: &mut Vec<Pass>) {
     let lines = edge.normal.map(|n| Linear(single(n)));
-    let per_block = part.x.len() / part.blocks.len();
-    for (block, around) in part.blocks.iter().enumerate() {
+    let per_block = ray_blocks.x.len() / ray_blocks.blocks.len();
+    for (block, around) in ray_blocks.blocks.iter().enumerate() {
         if !edge.may_meet(around) {
             continue;
         }
@@ -278,7 +278,7 @@ fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, part: &Part, all: &
             .fold(0.0, f32::max);
         for ray in 0..rays.rays {
             let first = block * per_block + ray * LANES;
-            let (x, y) = (&part.x[first..first + LANES], &part.y[first..first + LANES]);
+            let (x, y) = (&ray_blocks.x[first..first + LANES], &ray_blocks.y[first..first + LANES]);
             let mut near = [false; LANES];
             for i in 0..LANES {
                 let [a, b, c] = lines.map(|line| line.at(x[i], y[i]));

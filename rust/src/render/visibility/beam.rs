@@ -17,7 +17,7 @@ use super::set_up::{Pending, Projected, SetUp};
 use crate::prefetch::prefetch;
 use crate::render::geometry::bvh::{self, Leaves, WIDTH, Waiting};
 use crate::render::geometry::linear::Rect;
-use crate::render::geometry::pixel_rays::{LANES, Part};
+use crate::render::geometry::pixel_rays::{LANES, RayBlocks};
 use crate::render::geometry::view::{Pose, View};
 use crate::render::scene::Scene;
 
@@ -49,7 +49,7 @@ pub(crate) struct Beam {
 
 /// The rays of a tile, and what they see so far.
 struct BeamHits<'a> {
-    part: &'a Part<'a>,
+    ray_blocks: &'a RayBlocks<'a>,
     words: usize,
     /// Of each ray the index of what it sees among those that were tested, its number in the scene, and its inverse
     /// depth.
@@ -95,7 +95,7 @@ impl BeamHits<'_> {
     /// Lets a triangle be seen by a ray; says whether it is.
     #[inline(always)]
     fn test(&mut self, seen: &Seen, ray: usize) -> bool {
-        let (x, y) = (self.part.x[ray], self.part.y[ray]);
+        let (x, y) = (self.ray_blocks.x[ray], self.ray_blocks.y[ray]);
         let [a, b, c] = seen.edges.map(|edge| edge.at(x, y));
         let inverse = seen.inverse_depth.at(x, y);
         let known = self.inverse_depth[ray];
@@ -112,7 +112,7 @@ impl BeamHits<'_> {
     #[inline(always)]
     fn test_all(&mut self, seen: &Seen, first: usize) -> bool {
         let rays = first..first + LANES;
-        let (x, y) = (&self.part.x[rays.clone()], &self.part.y[rays.clone()]);
+        let (x, y) = (&self.ray_blocks.x[rays.clone()], &self.ray_blocks.y[rays.clone()]);
         let (known, triangles) = (&mut self.inverse_depth[rays.clone()], &mut self.triangles[rays.clone()]);
         let (index, next) = (&mut self.index[rays], self.tested.len() as u32);
         let [a, b, c] = seen.edges;
@@ -197,7 +197,7 @@ impl Walk<'_> {
         let last = self.next[self.count - 1];
         self.next[self.count..].fill(last);
         let projected = Projected::new(self.scene, self.pose, &self.next);
-        let Rect { low, high } = self.hits.part.around;
+        let Rect { low, high } = self.hits.ray_blocks.around;
         for i in 0..self.count {
             let apart = projected.low[0][i] > high[0]
                 || projected.high[0][i] < low[0]
@@ -207,7 +207,7 @@ impl Walk<'_> {
                 continue;
             }
             if self.hits.words == 0 {
-                self.cells.take(self.hits.part);
+                self.cells.take(self.hits.ray_blocks);
                 self.hits.words = self.cells.words;
             }
             let corner = |extent: &[[f32; WIDTH]; 2]| [extent[0][i], extent[1][i]];
@@ -267,12 +267,12 @@ impl Beam {
         &mut self,
         scene: &Scene,
         view: &View,
-        part: &Part,
+        ray_blocks: &RayBlocks,
         nearest: &mut Nearest,
         list: &mut Vec<Entry>,
     ) {
-        nearest.begin(part);
-        let rays = part.x.len();
+        nearest.begin(ray_blocks);
+        let rays = ray_blocks.x.len();
         self.tested.clear();
         self.triangles.clear();
         self.triangles.resize(rays, NOTHING);
@@ -281,10 +281,10 @@ impl Beam {
         // Cells are made when the first triangle is met: many tiles have none.
         let mut words = 0;
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
-            let pyramid = Pyramid::new(part.around, pose, frame.bvh.reach);
+            let pyramid = Pyramid::new(ray_blocks.around, pose, frame.bvh.reach);
             let Self { tested, waiting, cells, triangles, pending, met_by, .. } = self;
             let (index, inverse_depth) = (&mut *nearest.index, &mut *nearest.inverse_depth);
-            let hits = BeamHits { part, words, index, triangles, inverse_depth, tested, met_by };
+            let hits = BeamHits { ray_blocks, words, index, triangles, inverse_depth, tested, met_by };
             let (first, next, count) = (frame.triangles.start, [0; WIDTH], 0);
             let mut walk = Walk { scene, pose, first, cells, pending, hits, next, count, depth };
             frame.bvh.visit_from_front(waiting, &pyramid, &mut walk);

@@ -8,7 +8,7 @@
 
 use super::bins::{Bins, Cover, Entry, Seen};
 use crate::render::geometry::linear::Rect;
-use crate::render::geometry::pixel_rays::{BLOCKS, LANES, Part};
+use crate::render::geometry::pixel_rays::{BLOCKS, LANES, RayBlocks};
 
 /// No triangle.
 pub(crate) const NOTHING: u32 = u32::MAX;
@@ -55,8 +55,8 @@ struct Candidate {
 impl Nearest {
     /// Finds them for rays that lie in some blocks, the same number in each.
     #[inline(always)]
-    pub(crate) fn find(&mut self, bins: &Bins, list: &[Entry], part: &Part) {
-        let Part { x, y, around, blocks } = *part;
+    pub(crate) fn find(&mut self, bins: &Bins, list: &[Entry], ray_blocks: &RayBlocks) {
+        let RayBlocks { x, y, around, blocks } = *ray_blocks;
         self.blocks = blocks.len();
         self.length = x.len() / blocks.len();
         self.only = [NOTHING; BLOCKS];
@@ -92,11 +92,11 @@ impl Nearest {
     }
 
     /// Makes ready for rays that lie in some blocks, where others find what they see.
-    pub(super) fn begin(&mut self, part: &Part) {
-        self.blocks = part.blocks.len();
-        self.length = part.x.len() / part.blocks.len();
+    pub(super) fn begin(&mut self, ray_blocks: &RayBlocks) {
+        self.blocks = ray_blocks.blocks.len();
+        self.length = ray_blocks.x.len() / ray_blocks.blocks.len();
         self.only = [NOTHING; BLOCKS];
-        self.see_nothing(part.x.len());
+        self.see_nothing(ray_blocks.x.len());
     }
 
     /// Sorts rays whose indices in a list of triangles were found by others.

@@ -5,7 +5,7 @@
 //!
 //! What must not break: a ray in the rectangle is always among those that are found. One too many costs only time.
 
-use crate::render::geometry::pixel_rays::Part;
+use crate::render::geometry::pixel_rays::RayBlocks;
 
 /// Rays of a word.
 pub(super) const WORD: usize = u64::BITS as usize;
@@ -35,12 +35,12 @@ impl RayCells {
     /// Takes the rays of another tile; their number is a multiple of [`WORD`].
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "there are few cells")]
-    pub(super) fn take(&mut self, part: &Part) {
-        self.words = part.x.len() / WORD;
+    pub(super) fn take(&mut self, ray_blocks: &RayBlocks) {
+        self.words = ray_blocks.x.len() / WORD;
         self.cells = (ROOM / self.words).clamp(FEWEST_CELLS, MOST_CELLS);
-        for (axis, values) in [part.x, part.y].into_iter().enumerate() {
-            let size = part.around.high[axis] - part.around.low[axis];
-            self.low[axis] = part.around.low[axis];
+        for (axis, values) in [ray_blocks.x, ray_blocks.y].into_iter().enumerate() {
+            let size = ray_blocks.around.high[axis] - ray_blocks.around.low[axis];
+            self.low[axis] = ray_blocks.around.low[axis];
             self.cells_per_unit[axis] = if size > 0.0 { self.cells as f32 / size } else { 0.0 };
             let mut below = std::mem::take(&mut self.below[axis]);
             below.clear();
@@ -116,7 +116,7 @@ mod tests {
             let mut around = Rect::NONE;
             x.iter().zip(&y).for_each(|(&x, &y)| around.add(x, y));
             let mut cells = RayCells::default();
-            cells.take(&Part { x: &x, y: &y, around: &around, blocks: &[around] });
+            cells.take(&RayBlocks { x: &x, y: &y, around: &around, blocks: &[around] });
             let low = [corners[0].min(corners[1]), 0.02 * corners[2].min(corners[3])];
             let high = [corners[0].max(corners[1]), 0.02 * corners[2].max(corners[3])];
             let mut words = vec![u64::MAX; x.len() / WORD];
@@ -144,7 +144,7 @@ mod tests {
         let x: Vec<f32> = (0..128u8).map(f32::from).collect();
         let around = Rect { low: [0.0, 0.0], high: [127.0, 127.0] };
         let mut cells = RayCells::default();
-        cells.take(&Part { x: &x, y: &x, around: &around, blocks: &[around] });
+        cells.take(&RayBlocks { x: &x, y: &x, around: &around, blocks: &[around] });
         for (low, high) in [(0.0, 127.0), (f32::NEG_INFINITY, f32::INFINITY)] {
             let mut words = [0; 2];
             assert!(cells.rays_in(cells.range([low; 2], [high; 2]), &mut words));

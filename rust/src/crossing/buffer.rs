@@ -1,4 +1,4 @@
-//! Room for the events of a push: memory is taken before events are made.
+//! Buffers for the events of a push: memory is taken before events are made.
 //!
 //! A threshold far below what the frames call for can make more events than memory holds. That must be an error, not
 //! the end of the process.
@@ -8,7 +8,7 @@
 //! the whole frame are counted. The push is refused, or made again without an allowance.
 //!
 //! What must not break: [`most_events`] is never less than the events that [`super::pixel::follow`] makes, because
-//! [`Room::push`] takes an event without a check.
+//! [`Buffer::push`] takes an event without a check.
 
 use super::curve::{Curve, Piece};
 use super::level::{Level, Thresholds};
@@ -17,14 +17,14 @@ use crate::error::Error;
 /// The most events of one push: 2 GiB of them, and as much again while they are sorted.
 pub(crate) const MOST_EVENTS: u64 = 1 << 27;
 
-/// A band needs more room than it is allowed, or than there is.
+/// A band needs more memory than it is allowed, or than there is.
 #[derive(Debug)]
 pub(crate) struct Full;
 
 /// Why a push stops before its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stop {
-    /// There are more events than there is room for.
+    /// There are more events than there is memory for.
     Full,
     /// A sample has no log intensity.
     BadValue,
@@ -40,9 +40,9 @@ impl From<Full> for Stop {
 
 impl Stop {
     /// What two parts of a frame come to together: what the frame is refused for comes first.
-    pub(crate) fn both(one: Result<(), Self>, other: Result<(), Self>) -> Result<(), Self> {
+    pub(crate) fn both(first: Result<(), Self>, second: Result<(), Self>) -> Result<(), Self> {
         for stop in [Self::BadValue, Self::Full, Self::Narrow] {
-            if one == Err(stop) || other == Err(stop) {
+            if first == Err(stop) || second == Err(stop) {
                 return Err(stop);
             }
         }
@@ -71,14 +71,14 @@ impl Allowance {
 
 /// What a band makes of each event, whose memory is kept from frame to frame.
 #[derive(Default)]
-pub(crate) struct Room<T> {
-    /// Those made, and room for more.
+pub(crate) struct Buffer<T> {
+    /// Those made, then spare ones.
     items: Vec<T>,
     made: usize,
     most: usize,
 }
 
-impl<T: Copy + Default> Room<T> {
+impl<T: Copy + Default> Buffer<T> {
     /// Drops those of the last frame and sets the allowance for the next frame, of `pixels` pixels.
     pub(crate) fn begin(&mut self, allowance: Allowance, pixels: usize) {
         self.made = 0;
@@ -98,7 +98,7 @@ impl<T: Copy + Default> Room<T> {
         &mut self.items[first..self.made]
     }
 
-    /// Makes room for `more`.
+    /// Takes memory for `more`.
     #[inline]
     pub(crate) fn reserve(&mut self, more: usize) -> Result<(), Full> {
         if more <= self.items.len() - self.made { Ok(()) } else { self.grow(more) }
@@ -115,14 +115,14 @@ impl<T: Copy + Default> Room<T> {
         Ok(())
     }
 
-    /// Takes one, for which room was made.
+    /// Takes one, for which memory was taken.
     #[inline]
     pub(crate) fn push(&mut self, item: T) {
         self.items[self.made] = item;
         self.made += 1;
     }
 
-    /// The room that was made for `more`, to be filled from its start: then [`Self::take`].
+    /// The spare ones that were made for `more`, to be filled from its start: then [`Self::take`].
     #[inline]
     pub(crate) fn spare(&mut self, more: usize) -> &mut [T] {
         &mut self.items[self.made..self.made + more]
