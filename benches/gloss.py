@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from labelled_sheet import labelled_sheet
 from PIL import Image
 
 import davis_rs
@@ -125,12 +126,9 @@ def picture(luma: npt.NDArray[np.float64], true: npt.NDArray[np.float64], off: n
 
 def sheet(pictures: dict[tuple[str, str], Image.Image]) -> Image.Image:
     """Return all pictures as one: a row for each material, a column for each light."""
-    rows, columns = (list(dict.fromkeys(names)) for names in zip(*pictures, strict=True))
-    width, height = next(iter(pictures.values())).size
-    whole = Image.new("L", (len(columns) * (width + 8) - 8, len(rows) * height), 255)
-    for (material, light), image in pictures.items():
-        whole.paste(image, (columns.index(light) * (width + 8), rows.index(material) * height))
-    return whole
+    lights = list(dict.fromkeys(light for _, light in pictures))
+    rows = {material: [pictures[material, light] for light in lights] for material, _ in pictures}
+    return labelled_sheet(rows, [f"{light}: ours, path tracer, difference" for light in lights])
 
 
 def main() -> None:

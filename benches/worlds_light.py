@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from labelled_sheet import labelled_sheet
 from PIL import Image
 
 import davis_rs
@@ -92,6 +93,11 @@ def shown(luma: FloatArray, white: float) -> npt.NDArray[np.uint8]:
     return np.asarray(255 * np.clip(luma / white, 0, 1) ** (1 / 2.2), np.uint8)
 
 
+def doubled(image: npt.NDArray[np.uint8]) -> Image.Image:
+    """Return a picture of twice the width and height."""
+    return Image.fromarray(image.repeat(2, 0).repeat(2, 1))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("worlds", type=Path, nargs="+", metavar="WORLD")
@@ -111,7 +117,7 @@ def main() -> None:
         "| world | renderer | rms log luma / C | median / C | of the pixels | reference's error / C | ms | prepared s |"
     )
     print("|---|---|---:|---:|---:|---:|---:|---:|", flush=True)
-    rows = []
+    rows = dict[str, list[Image.Image]]()
     for world in given.worlds:
         scene = davis_rs.load_scene(world)
         camera, views, paths = at_width(scene.own_camera, given.width, given.zoom), first_view(scene), with_paths(scene)
@@ -152,19 +158,13 @@ def main() -> None:
                 flush=True,
             )
             pictures.append(shown(luma, white))
-        gap = np.full((len(true), 4), 255, np.uint8)
         difference = np.clip(128 + 127 * off / (3 * C), 0, 255).astype(np.uint8)
         # Where auto takes baked light itself, there is one picture of it.
-        all_pictures = [*pictures, shown(true, white), difference]
-        rows.append(np.concatenate([part for image in all_pictures for part in (image, gap)][:-1], axis=1))
+        rows[name] = [doubled(image) for image in (*pictures, shown(true, white), difference)]
     if given.pictures is not None:
         given.pictures.parent.mkdir(parents=True, exist_ok=True)
-        width = max(row.shape[1] for row in rows)
-        padded = [np.pad(row, ((0, 4), (0, width - row.shape[1])), constant_values=255) for row in rows]
-        sheet = np.concatenate(padded)[:-4]
-        Image.fromarray(sheet).resize((2 * sheet.shape[1], 2 * sheet.shape[0]), Image.Resampling.NEAREST).save(
-            given.pictures, optimize=True
-        )
+        ours = ["direct light", "baked light"][: max(map(len, rows.values())) - 2]
+        labelled_sheet(rows, [*ours, "path tracer", "difference"]).save(given.pictures, optimize=True)
 
 
 if __name__ == "__main__":
