@@ -44,6 +44,7 @@ def test_a_texture_is_recovered_from_events(monkeypatch: pytest.MonkeyPatch) -> 
     assert np.quantile(error, 0.95) < 0.03
 
 
+@pytest.mark.long
 def test_a_clock_offset_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """5 ms and 1000 ppm, to within what least squares says."""
     short = ["--noise-us", "10", "--width", "48", "--time-steps", "5"]

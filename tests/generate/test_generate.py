@@ -84,6 +84,7 @@ def killing(root: Path, most: int) -> Iterator[None]:
     killer.join()
 
 
+@pytest.mark.long
 def test_a_killed_worker_costs_nothing(undisturbed: Path, tmp_path: Path, long: bool) -> None:
     """SIGKILL half-way, two workers for one: every file of every folder and the manifest are the same bytes."""
     root, told = tmp_path / "root", list[str]()

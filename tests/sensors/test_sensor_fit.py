@@ -118,6 +118,7 @@ def test_hidden_parameters_are_found_within_their_errors(
         assert np.abs(listed).max() < 5, name
 
 
+@pytest.mark.long
 def test_a_leak_is_told_from_noise() -> None:
     """Noise comes in pairs: without a leak none is found, and its rate in this light is reported, not fitted."""
     stream = measure_stream(static_scene(Effects(shot_noise_rms=noise(0.4)), 20.0, 3), size=(WIDTH, HEIGHT))
@@ -275,6 +276,7 @@ def test_what_is_not_found_comes_from_the_base(tmp_path: Path) -> None:
         fit.file(SensorFile(SENSORS["davis240c"]))
 
 
+@pytest.mark.long
 def test_a_refractory_period_above_the_bound_is_left_out() -> None:
     """A recording that contradicts the base wins; one that allows it changes nothing."""
     fit = fitted(static_scene(Effects(shot_noise_rms=noise(20.0)), 5.0, 0))

@@ -25,8 +25,8 @@ class ShotNoise(EngineEffect):
 
         (rms^2 + floor^2 x) / (1 + x)
 
-    which is constant in the dark, falls as one over light where it is bright, and comes to ``floor``^2: that is white
-    noise whose density does not depend on light.
+    which is constant in the dark, falls as one over light where it is bright, and comes to the square of ``floor``:
+    that is white noise whose density does not depend on light.
 
     A pixel makes an event when signal and noise together reach a level for the first time, and the reference moves to
     that level. So noise makes events by itself where the signal stands near a level, moves the events of the signal in
@@ -135,7 +135,7 @@ class ShotNoise(EngineEffect):
         """Return events per second that noise makes of a pixel that stands still, of both polarities together.
 
         An approximation, within a few percent where thresholds are alike and twice the noise or more
-        (:func:`~davis_rs.sensor.effects.noise_rates.event_rates_hz`). A pixel whose thresholds differ from each other
+        (``event_rates_hz`` in ``noise_rates``). A pixel whose thresholds differ from each other
         drifts to where noise makes fewer events, and stays there until the signal moves.
 
         Args:
