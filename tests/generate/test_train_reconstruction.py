@@ -22,6 +22,7 @@ def example() -> Any:
     return module
 
 
+@pytest.mark.long
 def test_a_network_learns_to_reconstruct(tmp_path: Path, long: bool) -> None:
     """On images that it never saw, a network comes closer to the frames than before it learned; with ``--long``, also
     than an even grey."""

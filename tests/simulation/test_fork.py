@@ -61,6 +61,7 @@ def test_a_forked_child_simulates_as_its_parent_does(run_python: Callable[..., s
     assert run_python(FORKED) == "0 True\n"
 
 
+@pytest.mark.long
 def test_workers_of_a_data_loader_make_simulators(run_python: Callable[..., str]) -> None:
     """PyTorch forks its workers from a process that has simulated before."""
     pytest.importorskip("torch")
