@@ -15,24 +15,20 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from labelled_sheet import labelled_sheet
+from path_tracer import C, difference, first_view, luma_of, reference, shown
 from PIL import Image
 
 import davis_rs
 from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.motions import slider
-from davis_rs.geometry.trajectory.views import Views
-from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.native.renderer import NativeRenderer
-
-C = 0.15
-RUNS = 4
 
 MATERIALS = {
     "plastic": '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1, 0.3, 0.5"/></bsdf>',
@@ -88,47 +84,9 @@ def write_sky(file: Path) -> None:
     mi.Bitmap(sky.astype(np.float32)).write(str(file))
 
 
-def one_view(renderer: Renderer, scene: davis_rs.Scene) -> npt.NDArray[np.float64]:
-    assert scene.trajectory is not None
-    return renderer.luma(Views.along(scene.trajectory, np.zeros(1)))[0].astype(np.float64)
-
-
-def reference(
-    scene: davis_rs.Scene, camera: Camera, samples: int, kept: Path | None
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Return the path tracer's mean luma (h, w) and its standard error."""
-    if kept is not None and kept.exists():
-        runs = np.load(kept)
-    else:
-        runs = np.array(
-            [
-                one_view(
-                    make_renderer(
-                        scene, camera, kind="integrator", rays_per_pixel=samples // RUNS, seed=seed, blur=False
-                    ),
-                    scene,
-                )
-                for seed in range(RUNS)
-            ]
-        )
-        if kept is not None:
-            np.save(kept, runs)
-    return runs.mean(0), runs.std(0, ddof=1) / np.sqrt(RUNS)
-
-
-def picture(luma: npt.NDArray[np.float64], true: npt.NDArray[np.float64], off: npt.NDArray[np.float64]) -> Image.Image:
-    """Return both pictures and their difference, side by side."""
-    white = np.quantile(true, 0.98)
-    toned = [255 * np.clip(values / white, 0, 1) ** (1 / 2.2) for values in (luma, true)]
-    both = np.concatenate([*toned, np.clip(128 + 127 * off / (3 * C), 0, 255)], axis=1).astype(np.uint8)
-    return Image.fromarray(both.repeat(2, 0).repeat(2, 1))
-
-
-def sheet(pictures: dict[tuple[str, str], Image.Image]) -> Image.Image:
-    """Return all pictures as one: a row for each material, a column for each light."""
-    lights = list(dict.fromkeys(light for _, light in pictures))
-    rows = {material: [pictures[material, light] for light in lights] for material, _ in pictures}
-    return labelled_sheet(rows, [f"{light}: ours, path tracer, difference" for light in lights])
+def side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:
+    """Return pictures of one size as one."""
+    return Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures], axis=1))
 
 
 def main() -> None:
@@ -146,7 +104,7 @@ def main() -> None:
             folder.mkdir(parents=True, exist_ok=True)
     print("| material | light | ball: rms log luma / C | of its pixels | else: rms / C | reference's error / C | ms |")
     print("|---|---|---:|---:|---:|---:|---:|")
-    pictures = dict[tuple[str, str], Image.Image]()
+    rows = dict[str, dict[str, Image.Image]]()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "scene.xml")
         sky_written = False
@@ -169,13 +127,13 @@ def main() -> None:
                     scene, camera, kind="baked", lattice_rays_per_pixel=given.rays, bake_error=given.error, blur=False
                 )
                 assert isinstance(renderer, NativeRenderer)
-                assert scene.trajectory is not None
-                luma = one_view(renderer, scene)
+                views = first_view(scene)
+                luma = luma_of(renderer, views)
                 start = time.process_time()
-                one_view(renderer, scene)
+                luma_of(renderer, views)
                 spent = 1e3 * (time.process_time() - start)
                 pixels = np.arange(size * size)
-                shapes, _ = renderer.shapes_seen(Views.along(scene.trajectory, np.zeros(1)), 0 * pixels, pixels)
+                shapes, _ = renderer.shapes_seen(views, 0 * pixels, pixels)
                 ball = (shapes == renderer.table.names.index("ball")).reshape(size, size)
                 kept = given.kept and given.kept / f"{name}_{size}_{given.samples}.npy"
                 true, error = reference(scene, camera, given.samples, kept)
@@ -192,9 +150,11 @@ def main() -> None:
                     f" {spent:.0f} |",
                     flush=True,
                 )
-                pictures[material, light] = picture(luma, true, off)
+                white = float(np.quantile(true, 0.98))
+                picture = side_by_side([shown(luma, white), shown(true, white), difference(off)])
+                rows.setdefault(material, {})[f"{light}: ours, path tracer, difference"] = picture
     if given.pictures is not None:
-        sheet(pictures).save(given.pictures / "light_gloss.png")
+        labelled_sheet(rows).save(given.pictures / "light_gloss.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -23,22 +23,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from labelled_sheet import labelled_sheet
+from path_tracer import C, difference, first_view, luma_of, reference, shown
 from PIL import Image
 
 import davis_rs
 from davis_rs.geometry.camera import Camera
-from davis_rs.geometry.trajectory.views import Views
-from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
 
-C = 0.15
-RUNS = 4
 SURE = 0.1 * C
 """The reference's largest standard error of pixels that count."""
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def with_paths(scene: davis_rs.Scene) -> davis_rs.Scene:
@@ -62,42 +56,6 @@ def at_width(camera: Camera, width: int, zoom: float) -> Camera:
     return Camera(width=width, height=height, fx=camera.fx * by * zoom, fy=camera.fy * by * zoom, cx=cx, cy=cy)
 
 
-def first_view(scene: davis_rs.Scene) -> Views:
-    if scene.trajectory is None:
-        return Views.at_rest([davis_rs.start_pose(scene)])
-    return Views.along(scene.trajectory, np.zeros(1))
-
-
-def luma_of(renderer: Renderer, views: Views) -> FloatArray:
-    return renderer.luma(views)[0].astype(np.float64)
-
-
-def reference(scene: davis_rs.Scene, camera: Camera, samples: int, kept: Path | None) -> tuple[FloatArray, FloatArray]:
-    """Return the path tracer's mean luma (h, w) and its standard error."""
-    if kept is not None and kept.exists():
-        runs = np.load(kept)
-    else:
-        views, rays = first_view(scene), samples // RUNS
-        runs = np.array(
-            [
-                luma_of(make_renderer(scene, camera, kind="integrator", rays_per_pixel=rays, seed=k, blur=False), views)
-                for k in range(RUNS)
-            ]
-        )
-        if kept is not None:
-            np.save(kept, runs)
-    return runs.mean(0), runs.std(0, ddof=1) / np.sqrt(RUNS)
-
-
-def shown(luma: FloatArray, white: float) -> npt.NDArray[np.uint8]:
-    return np.asarray(255 * np.clip(luma / white, 0, 1) ** (1 / 2.2), np.uint8)
-
-
-def doubled(image: npt.NDArray[np.uint8]) -> Image.Image:
-    """Return a picture of twice the width and height."""
-    return Image.fromarray(image.repeat(2, 0).repeat(2, 1))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("worlds", type=Path, nargs="+", metavar="WORLD")
@@ -117,7 +75,7 @@ def main() -> None:
         "| world | renderer | rms log luma / C | median / C | of the pixels | reference's error / C | ms | prepared s |"
     )
     print("|---|---|---:|---:|---:|---:|---:|---:|", flush=True)
-    rows = dict[str, list[Image.Image]]()
+    rows = dict[str, dict[str, Image.Image]]()
     for world in given.worlds:
         scene = davis_rs.load_scene(world)
         camera, views, paths = at_width(scene.own_camera, given.width, given.zoom), first_view(scene), with_paths(scene)
@@ -128,7 +86,7 @@ def main() -> None:
         true, error = reference(paths, camera, given.samples, kept)
         floor = 1e-3 * np.median(true)
         certain = error / (true + floor) < SURE
-        pictures, white, off = [], float(np.quantile(true, 0.98)), np.zeros_like(true)
+        pictures, white, off = {}, float(np.quantile(true, 0.98)), np.zeros_like(true)
         for label, shown_scene, kind in (("auto", scene, "auto"), ("baked", paths, "baked")):
             if kind == "baked" and (given.direct_only or paths is scene):
                 continue
@@ -157,14 +115,11 @@ def main() -> None:
                 f" {prepared:.1f} |",
                 flush=True,
             )
-            pictures.append(shown(luma, white))
-        difference = np.clip(128 + 127 * off / (3 * C), 0, 255).astype(np.uint8)
-        # Where auto takes baked light itself, there is one picture of it.
-        rows[name] = [doubled(image) for image in (*pictures, shown(true, white), difference)]
+            pictures[label] = shown(luma, white)
+        rows[name] = {**pictures, "path tracer": shown(true, white), "difference": difference(off)}
     if given.pictures is not None:
         given.pictures.parent.mkdir(parents=True, exist_ok=True)
-        ours = ["direct light", "baked light"][: max(map(len, rows.values())) - 2]
-        labelled_sheet(rows, [*ours, "path tracer", "difference"]).save(given.pictures, optimize=True)
+        labelled_sheet(rows).save(given.pictures, optimize=True)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
-from .texels import WRAP_MODES, bilinear_meaning
+from .texels import bilinear_meaning, fill_border, lookup_positions, uv_map_of
 
 FloatArray = npt.NDArray[np.float64]
 _Rgb = tuple[float, float, float]
@@ -60,8 +60,10 @@ class NumberTexels:
 
     def framed(self) -> npt.NDArray[np.float32]:
         """Return the texels (height + 2, width + 2) with a border of one that is filled by the wrap mode."""
-        texels = np.frombuffer(self.values, np.float32).reshape(self.height, self.width)
-        return np.pad(texels, 1, "wrap" if WRAP_MODES[self.wrap] == "repeat" else "edge")
+        framed = np.empty((self.height + 2, self.width + 2), np.float32)
+        framed[1:-1, 1:-1] = np.frombuffer(self.values, np.float32).reshape(self.height, self.width)
+        fill_border(framed, self.wrap)
+        return framed
 
 
 @dataclass(frozen=True)
@@ -315,8 +317,7 @@ def _scalar(texture: MitsubaTexture, mi: Mitsuba) -> _Scalar | None:
     if uv_map is None:
         return None
     data = np.asarray(mi.traverse(texture)["data"])
-    uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
-    mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
+    uv, mapped = lookup_positions(uv_map)
     meant = bilinear_meaning(data, mapped, np.array([[_number_at(texture, pair, mi)] for pair in uv.T]), _LUMINANCE)
     if meant is None:
         return None
@@ -339,7 +340,7 @@ def _uv_map(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
     parameters = mi.traverse(texture)
     if "data" not in parameters or "to_uv" not in parameters:
         return None
-    return np.array(parameters["to_uv"].matrix, np.float64).reshape(3, 3)
+    return uv_map_of(parameters)
 
 
 def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:

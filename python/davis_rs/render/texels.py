@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba.types import MitsubaParameters
 from ..scene.textures import from_srgb
 
 FloatArray = npt.NDArray[np.float64]
@@ -84,6 +85,24 @@ class Texels:
     def _rgb(self, values: npt.NDArray[np.generic]) -> FloatArray:
         linear = values.astype(np.float64) if self._light is None else self._light[values.astype(np.uint8, copy=False)]
         return np.broadcast_to(linear, (*linear.shape[:-1], 3))
+
+
+def fill_border(framed: npt.NDArray[np.generic], wrap: int) -> None:
+    """Fill the border of one texel around a texture (H + 2, W + 2, ...) by its wrap mode."""
+    before, after = (-2, 1) if WRAP_MODES[wrap] == "repeat" else (1, -2)
+    framed[0, 1:-1], framed[-1, 1:-1] = framed[before, 1:-1], framed[after, 1:-1]
+    framed[:, 0], framed[:, -1] = framed[:, before], framed[:, after]
+
+
+def uv_map_of(parameters: MitsubaParameters, prefix: str = "") -> FloatArray:
+    """Return the transform (3, 3) of a texture's coordinates, which Mitsuba has among these parameters."""
+    return np.array(parameters[f"{prefix}to_uv"].matrix, np.float64).reshape(3, 3)
+
+
+def lookup_positions(uv_map: FloatArray) -> tuple[npt.NDArray[np.float32], FloatArray]:
+    """Return texture coordinates (2, n) at which a lookup shows how it is made, and the same after a transform."""
+    uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
+    return uv, uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
 
 
 def decoded(data: npt.NDArray[np.generic]) -> Iterator[Texels]:

@@ -119,7 +119,7 @@ impl<R: Record> BandEvents<R> {
         self.long.made()
     }
 
-    /// Makes room for `more` events.
+    /// Takes memory for `more` events.
     #[inline]
     pub(crate) fn reserve(&mut self, more: usize) -> Result<(), Full> {
         if self.is_long {
@@ -130,7 +130,7 @@ impl<R: Record> BandEvents<R> {
         self.old.reserve(more)
     }
 
-    /// Takes an event, for which room was made, at a tick after `start_us`.
+    /// Takes an event, for which memory was taken, at a tick after `start_us`.
     pub(crate) fn push(&mut self, start_us: i64, tick: i64, address: PixelAddress, on: bool, old: R::Old) {
         if self.is_long {
             self.long.push(Key::new(0, address, on).event(start_us + tick, Key::ADDRESS));
@@ -140,7 +140,7 @@ impl<R: Record> BandEvents<R> {
         self.old.push(old);
     }
 
-    /// The room that was made for `more` events, of an interval that is not long: then [`Self::take`].
+    /// The spare ones that were made for `more` events, of an interval that is not long: then [`Self::take`].
     #[inline]
     pub(crate) fn spare(&mut self, more: usize) -> (&mut [Key], &mut [R::Old]) {
         (self.keys.spare(more), self.old.spare(more))

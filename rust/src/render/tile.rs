@@ -152,22 +152,27 @@ pub(crate) fn samples(
     scratch: &mut TileScratch,
     values: &mut Vec<f32>,
 ) {
-    let ray_blocks = pixels.ray_blocks();
-    find(tile_view.bins, number, &ray_blocks, scratch);
+    shade_pixels::<false>(tile_view, number, &pixels.ray_blocks(), scratch);
+    values.extend(scratch.shading.luma.chunks_exact(tile_view.rays.rays()).take(pixels.count()).map(pixel_mean));
+}
+
+/// Finds and shades what the rays of single pixels see.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn shade_pixels<const RATE: bool>(
+    tile_view: &TileView,
+    number: usize,
+    ray_blocks: &RayBlocks,
+    scratch: &mut TileScratch,
+) {
+    find(tile_view.bins, number, ray_blocks, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
-    shade::<false, _>(
-        tile_view,
-        (&tile_view.bins.seen, list),
-        (&ray_blocks, Order::Pixels),
-        nearest,
-        shading,
-        &mut vec![],
-    );
-    values.extend(shading.luma.chunks_exact(tile_view.rays.rays()).take(pixels.count()).map(pixel_mean));
+    let seen = (tile_view.bins.seen.as_slice(), list.as_slice());
+    shade::<RATE, _>(tile_view, seen, (ray_blocks, Order::Pixels), nearest, shading, &mut vec![]);
 }
 
 /// Computes luma of a tile's pixels by the lines that pass through them: of their area, not of single rays. The rays of
-/// `of` are corners of the pixels.
+/// `tile_view` are corners of the pixels.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn lines<'a>(
     tile_view: &TileView<'a>,
@@ -226,16 +231,8 @@ pub(crate) fn ray_samples(
     ray_samples: &mut Vec<RaySample>,
 ) {
     let ray_blocks = pixels.ray_blocks();
-    find(tile_view.bins, number, &ray_blocks, scratch);
+    shade_pixels::<true>(tile_view, number, &ray_blocks, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
-    shade::<true, _>(
-        tile_view,
-        (&tile_view.bins.seen, list),
-        (&ray_blocks, Order::Pixels),
-        nearest,
-        shading,
-        &mut vec![],
-    );
     let seen = |index: u32| &tile_view.bins.seen[list[index as usize].seen as usize];
     for ray in 0..pixels.count() * tile_view.rays.rays() {
         let (luma, rate) = (shading.luma[ray], shading.rate[ray]);

@@ -16,8 +16,8 @@ from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
 from .destination import Limits
 from .hdf5 import Hdf5Format, Hdf5Reader
-from .hdf5_chunks import check_storage, stored_chunk
-from .reading import ANY_SIZE
+from .hdf5_chunks import check_storage, fill_from_chunks, stored_chunk
+from .reading import possible_size
 
 if TYPE_CHECKING:
     import h5py
@@ -67,9 +67,7 @@ class EcfRows:
             DecodeError: for a chunk that is damaged.
         """
         events = np.empty(max(0, end - start), EVENT_DTYPE)
-        for first in range(start - start % self._chunk, end, self._chunk):
-            begin, stop = max(start, first), min(end, first + self._chunk)
-            events[begin - start : stop - start] = self._chunk_at(first)[begin - first : stop - first]
+        fill_from_chunks(events, start, self._chunk, self._chunk_at)
         return events
 
     def _chunk_at(self, first: int) -> EventArray:
@@ -107,10 +105,7 @@ class EcfReader(Hdf5Reader):
         geometry = self._file.attrs.get("geometry")
         text = geometry.decode("ascii", "replace") if isinstance(geometry, bytes) else str(geometry)
         sides = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
-        if sides is None:
-            return None
-        width, height = int(sides[1]), int(sides[2])
-        return (width, height) if 0 < width <= ANY_SIZE[0] and 0 < height <= ANY_SIZE[1] else None
+        return None if sides is None else possible_size(int(sides[1]), int(sides[2]))
 
 
 class EcfFormat(Hdf5Format):

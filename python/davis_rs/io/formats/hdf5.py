@@ -26,7 +26,7 @@ from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
 from .hdf5_flushed_file import Hdf5File
 from .hdf5_links import find_inside
 from .interface import EventReader, EventWriter, Format, warn_truncated
-from .reading import ANY_SIZE, ReadRules
+from .reading import ReadRules, possible_size
 
 if TYPE_CHECKING:
     import h5py
@@ -209,8 +209,7 @@ class Hdf5Reader(EventReader):
         resolution = self._file.attrs.get("sensor_resolution")
         if resolution is None or len(resolution) < 2:
             return None
-        width, height = int(resolution[1]), int(resolution[0])
-        return (width, height) if 0 < width <= ANY_SIZE[0] and 0 < height <= ANY_SIZE[1] else None
+        return possible_size(int(resolution[1]), int(resolution[0]))
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         first, end = self._place(start_us, 0), self._place(stop_us, self._count)

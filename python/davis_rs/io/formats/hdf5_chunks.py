@@ -10,6 +10,7 @@ import itertools
 import math
 import os
 import zlib
+from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -91,11 +92,8 @@ class Rows:
             with decoding(self._path, f"{self._dataset.name}, {start}..{end}"):
                 whole: UncheckedArray = self._dataset[start:end]
             return whole
-        step = self._dataset.chunks[0]
         rows = np.empty((max(0, end - start), *self._dataset.shape[1:]), self.dtype)
-        for first in range(start - start % step, end, step):
-            begin, stop = max(start, first), min(end, first + step)
-            rows[begin - start : stop - start] = self._chunk_at(first)[begin - first : stop - first]
+        fill_from_chunks(rows, start, self._dataset.chunks[0], self._chunk_at)
         return rows
 
     def close(self) -> None:
@@ -164,6 +162,14 @@ class Rows:
         if shuffled:  # first bytes of all values, then second ones, and so on
             values = np.frombuffer(values, np.uint8).reshape(self.dtype.itemsize, -1).T.tobytes()
         return np.frombuffer(values, self.dtype)
+
+
+def fill_from_chunks(rows: UncheckedArray, start: int, chunk: int, chunk_at: Callable[[int], UncheckedArray]) -> None:
+    """Fill an array with the rows of a dataset from ``start`` on; ``chunk_at`` gives the chunk that begins at a row."""
+    end = start + len(rows)
+    for first in range(start - start % chunk, end, chunk):
+        begin, stop = max(start, first), min(end, first + chunk)
+        rows[begin - start : stop - start] = chunk_at(first)[begin - first : stop - first]
 
 
 def stored_chunk(path: str | os.PathLike[str], dataset: h5py.Dataset, position: tuple[int, ...]) -> tuple[int, bytes]:

@@ -23,6 +23,11 @@ ANY_SIZE = (65_536, 65_536)
 _LATEST_US = 2**63 - 1
 
 
+def possible_size(width: int, height: int) -> tuple[int, int] | None:
+    """Return a size that a file states; None where no sensor has it, so that the file is taken to state none."""
+    return (width, height) if 0 < width <= ANY_SIZE[0] and 0 < height <= ANY_SIZE[1] else None
+
+
 @dataclass(frozen=True)
 class ReadRules:
     """Says how a file is read.

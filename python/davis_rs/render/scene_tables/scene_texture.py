@@ -13,7 +13,17 @@ from ..._mitsuba.variants import FAST
 from ...scene.files.mesh_scene import colours_as_texture
 from ..diffuse_materials import is_plain, is_two_sided, reflectance_of, surface_kind, surface_name, surface_remedy
 from ..obstacles import Unsuitable, plugin_name
-from ..texels import WRAP_MODES, Texels, bilinear_meaning, decoded, rounding_texels, wrap_index
+from ..texels import (
+    WRAP_MODES,
+    Texels,
+    bilinear_meaning,
+    decoded,
+    fill_border,
+    lookup_positions,
+    rounding_texels,
+    uv_map_of,
+    wrap_index,
+)
 from .mesh_triangles import MeshTriangles
 from .sharp_textures import RAMP_PX, Ramp, checkerboard, divide, vertex_colours
 
@@ -137,9 +147,7 @@ class TextureTable:
         for number, (first, width, height, wrap) in enumerate(layout.tolist()):
             image = framed[first : first + (width + 2) * (height + 2)].reshape(height + 2, width + 2, *channels)
             image[1:-1, 1:-1] = image_of(number)
-            before, after = (-2, 1) if WRAP_MODES[wrap] == "repeat" else (1, -2)
-            image[0, 1:-1], image[-1, 1:-1] = image[before, 1:-1], image[after, 1:-1]
-            image[:, 0], image[:, -1] = image[:, before], image[:, after]
+            fill_border(image, wrap)
         return framed
 
     @property
@@ -180,13 +188,13 @@ class TextureTable:
             value = np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1)
             texels = Texels(np.broadcast_to(value, (1, 1, 3)))
         elif f"{prefix}.data" in parameters:
-            uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
+            uv_map = uv_map_of(parameters, f"{prefix}.")
             texels, wrap = self._lookup(shape, np.asarray(parameters[f"{prefix}.data"]), uv_map, pixels_per_unit)
         else:
             texture = reflectance_of(bsdf)
             kind = plugin_name(texture)
             if kind == "checkerboard":
-                uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
+                uv_map = uv_map_of(parameters, f"{prefix}.")
                 pixels = None if pixels_per_unit is None else pixels_per_unit(uv_map)
                 if (made := checkerboard(parameters, prefix, pixels)) is None:
                     rule = "has a checkerboard of textures as its reflectance"
@@ -228,9 +236,8 @@ class TextureTable:
         Mitsuba's own.
         """
         mi = self._mi
-        uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
+        uv, mapped = lookup_positions(uv_map)
         own = _looked_up(mi, shape.bsdf(), uv)
-        mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
         if (meant := bilinear_meaning(data, mapped, own)) is not None:
             return meant
         height, width = data.shape[:2]

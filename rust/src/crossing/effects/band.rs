@@ -490,7 +490,7 @@ impl Band {
         if sensor.shot.is_none() {
             let log = (self.tile.logs[in_tile], self.tile.slopes[in_tile]);
             let (crossings, arrivals) = self.expected(i, log, frame, p, sensor);
-            // Ten standard deviations of a Poisson process, and a few where it hardly happens. For more, room is made then.
+            // Ten standard deviations of a Poisson process, and a few where it hardly happens. For more, memory is taken then.
             let arrivals = if arrivals > 0.0 { arrivals + 10.0 * arrivals.sqrt() + 20.0 } else { 0.0 };
             #[allow(clippy::cast_sign_loss, reason = "both >= 0")]
             self.events.reserve(((crossings + arrivals) as usize).saturating_add(4))?;
@@ -507,7 +507,7 @@ impl Band {
             });
         }
         self.keep_noise(i, in_tile);
-        // How many events noise makes cannot be told beforehand: room is made for each.
+        // How many events noise makes cannot be told beforehand: memory is taken for each.
         let (has_shot_noise, (x, y)) = (sensor.shot.is_some(), sensor.size.xy(index));
         let last_us = self.last_event_us[i];
         let (events, last_event_us) = (&mut self.events, &mut self.last_event_us[i]);
