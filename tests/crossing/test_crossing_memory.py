@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from davis_rs import CrossingEngine, Effects
+from davis_rs.sensor.effects import ShotNoise
 
 WIDTH, HEIGHT = 240, 180
 
@@ -70,6 +71,24 @@ def test_a_tiny_threshold_is_refused_and_the_engine_goes_on(kind: str, threads: 
     if kind != "effects":
         assert np.count_nonzero((events["x"] == 5) & (events["y"] == 3)) == 99
     assert engine.last_event_us[3, 5] > 0
+
+
+def test_noise_is_what_it_was_before_a_push_that_was_refused() -> None:
+    """It was followed through many cells until memory ended; the next frame is as if nothing had been."""
+    engine, other = (
+        CrossingEngine(16, 16, contrast_threshold=1e-5, effects=Effects(shot_noise_rms=ShotNoise(2e-5)), seed=3)
+        for _ in range(2)
+    )
+    dark = np.full((16, 16), 0.01, np.float32)
+    for t_us in (0, 5_000):
+        np.testing.assert_array_equal(engine.push(t_us, dark), other.push(t_us, dark))
+    before = engine.state()
+    with pytest.raises(ValueError, match=r"one push may make 134217728"):
+        engine.push(1_005_000, 1e4 * dark)
+    assert states_equal(engine.state(), before)
+    events = engine.push(30_000, dark)
+    np.testing.assert_array_equal(events, other.push(30_000, dark))
+    assert len(events) > 256
 
 
 LIMITED = """

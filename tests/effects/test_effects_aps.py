@@ -197,7 +197,8 @@ def test_flicker_is_averaged(profile: LightProfile, kind: str, exposure_us: int)
     """Of the light the mean over the exposure, whatever its waveform, at rest by a single render and in motion."""
     fine = 10_000 - exposure_us + (np.arange(100_000) + 0.5) * exposure_us / 100_000
     factor = profile.factor(fine * 1e-6).mean()
-    for pixels in (0.0, 5.0):
+    # Not a whole number of sub-frames: rounding, which differs between processors, would decide about one more.
+    for pixels in (0.0, 4.8):
         steady, flickering = (
             stretch(make_renderer(scene, NARROW, rays_per_pixel=8, kind=kind), across(pixels))
             for scene in (line(), line({"sun": profile}))

