@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from davis_rs import (
     Camera,
     CameraClock,
     Dataset,
+    FixedRate,
     Flicker,
     Imu,
     Pose,
@@ -24,8 +26,10 @@ from davis_rs import (
     RigDataset,
     RigImu,
     RigSimulator,
+    SampledProfile,
     Scene,
     Simulator,
+    compare_events,
     load_scene,
     simulate,
     simulate_rig,
@@ -33,12 +37,14 @@ from davis_rs import (
     simulate_to_folder,
 )
 from davis_rs.cli.main import main
+from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.geometry.pose import IDENTITY
 from davis_rs.geometry.trajectory.derived import MountedTrajectory, PacedTrajectory
 from davis_rs.render import choice
 from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.sensor.rig.rig import member_seed
 from davis_rs.simulation.rig.rig_cameras import scene_of_camera
+from moving_scene import BOX, DIRECT, FLOOR, LAMP, PATH
 
 LEFT, RIGHT = Camera(48, 36, 40.0, 40.0, 23.5, 17.5), Camera(40, 30, 34.0, 35.0, 19.0, 15.0, k1=-0.1)
 MOUNT = Pose((0.12, 0.01, -0.02), (0.0, 0.05, 0.0, 0.99874921777190884))
@@ -202,6 +208,44 @@ def test_steps_are_those_of_single_simulators(offset_s: float, drift: float, sce
     assert begun
     with pytest.raises(ValueError, match="must be after the last one"):
         together.step(10_000, poses[0])
+
+
+BOXES = Scene("boxes", partial(dict, {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR, "box": BOX}))
+ABOVE = Pose([0.5, -0.9, 1.8], [0.965061, 0.0517277, -0.1125492, -0.2308985])
+
+
+@pytest.mark.without_llvm
+@pytest.mark.parametrize(("offset_s", "drift"), [(0.0, 0.0), (0.004, 0.0), (-0.0075, 0.05)])
+def test_all_cameras_see_what_a_caller_moves(offset_s: float, drift: float) -> None:
+    """The events of a box that moves by itself, and of a lamp that fades; a camera may begin between two steps."""
+    rig = pair(offset_s=offset_s, drift=drift)
+    fading = SampledProfile([0.0, 0.02], [1.0, 0.5])
+    by_scene = replace(BOXES, objects={"box": PATH}, lights={"lamp": fading})
+    by_hand = BOXES.with_movable("box", lights=["lamp"])
+    settings: dict[str, Any] = {"rays_per_pixel": 2, "sampling": FixedRate(1000)}
+    expected, seen = (RigSimulator(each, rig, **settings) for each in (by_scene, by_hand))
+    events: tuple[tuple[list[EventArray], ...], ...] = (([], []), ([], []))
+    for t_us in range(0, 20_001, 5000):
+        t_s = t_us * 1e-6
+        lamp = {"lamp": 1 - 25 * t_s}
+        for camera, packets in enumerate(expected.step(t_us, ABOVE)):
+            events[0][camera].extend(packet.events for packet in packets)
+        for camera, packets in enumerate(seen.step(t_us, ABOVE, objects={"box": PATH.pose(t_s)}, lights=lamp)):
+            events[1][camera].extend(packet.events for packet in packets)
+    for camera, size in enumerate([(48, 36), (40, 30)]):
+        truth = concatenate_events(events[0][camera])
+        assert len(truth) > 300
+        # Poses differ in the last bit, so a stamp may be a microsecond off.
+        found = compare_events(concatenate_events(events[1][camera]), truth, size=size, window_us=2)
+        assert found.missing + found.spurious <= 0.01 * len(truth)
+
+
+def test_a_rig_refuses_to_move_what_follows_the_scene() -> None:
+    """One line says which; nothing has moved then."""
+    rig = RigSimulator(BOXES.with_movable("box"), pair(), rays_per_pixel=2, sampling=FixedRate(1000))
+    with pytest.raises(ArgumentError, match="of objects, 'floor' follows the scene"):
+        rig.step(0, ABOVE, objects={"floor": ABOVE})
+    assert rig.step(0, ABOVE)
 
 
 def test_what_contradicts_the_rig_is_refused(scene: Scene, tmp_path: Path) -> None:

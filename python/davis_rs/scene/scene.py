@@ -183,19 +183,24 @@ class Scene:
         return replace(self.later(start_s), trajectory=self.path.crop(start_s, duration_s))
 
     def later(self, start_s: float) -> Scene:
-        """Return the scene with t = 0 of its objects and lights ``start_s`` later; its camera path keeps its own."""
+        """Return the scene with t = 0 of its objects and lights ``start_s`` later; its camera path keeps its own.
+
+        What a caller moves has no times of its own: it begins where the caller puts it.
+        """
         return replace(
             self,
             objects={name: _from(path, start_s) for name, path in self.objects.items()},
             lights={
-                name: ShiftedProfile(profile, start_s) if start_s else profile for name, profile in self.lights.items()
+                name: ShiftedProfile(profile, start_s) if start_s and not _is_steered(profile) else profile
+                for name, profile in self.lights.items()
             },
         )
 
     def paced(self, pace: float) -> Scene:
         """Return the scene by a clock of another pace, which a camera with a drifting clock has.
 
-        Path, objects and lights keep their motion; only the times at which it is told change.
+        Path, objects and lights keep their motion; only the times at which it is told change. What a caller moves is
+        left as it is, because the caller moves it by the camera's clock.
 
         Args:
             pace: seconds of the new clock in a second of the scene's, > 0.
@@ -206,8 +211,13 @@ class Scene:
         return replace(
             self,
             trajectory=None if self.trajectory is None else PacedTrajectory(self.trajectory, pace),
-            objects={name: PacedTrajectory(path, pace) for name, path in self.objects.items()},
-            lights={name: PacedProfile(profile, pace) for name, profile in self.lights.items()},
+            objects={
+                name: path if _is_steered(path) else PacedTrajectory(path, pace) for name, path in self.objects.items()
+            },
+            lights={
+                name: profile if _is_steered(profile) else PacedProfile(profile, pace)
+                for name, profile in self.lights.items()
+            },
         )
 
 
@@ -223,6 +233,11 @@ def check_scene(scene: object) -> None:
         raise TypeError(
             f"scene must be a Scene, got {kind}; davis_rs.load_scene({given}) makes one of a name or a file"
         )
+
+
+def _is_steered(motion: Trajectory | LightProfile) -> bool:
+    """Return whether a caller moves an object or dims a light, step by step."""
+    return isinstance(motion, (SteeredPath, SteeredProfile))
 
 
 def _from(path: Trajectory, start_s: float) -> Trajectory:

@@ -137,6 +137,18 @@ class SceneMotion:
             else:
                 self._strengths[name].change(start_us, end_us, factor, seen_from_us=seen_from_us)
 
+    def steered_alone(self) -> SceneMotion:
+        """Return what a caller steers, alone and not steered yet: to follow it by another clock than a camera's."""
+        boxes = dict(zip(self.objects, self.boxes, strict=True))
+        return SceneMotion(self._paths, self._strengths, {name: boxes[name] for name in self._paths})
+
+    def steering_at(self, t_s: float) -> Steering:
+        """Return where all is that a caller steers, and how strong, at a time in seconds of the last step."""
+        return Steering(
+            {name: path.pose(t_s) for name, path in self._paths.items()},
+            {name: float(light.factor(t_s)) for name, light in self._strengths.items()},
+        )
+
     def at(self, t_s: FloatArray) -> SceneState:
         """Return the state of the scene at times (n,) of the sequence, seconds.
 

@@ -9,6 +9,7 @@ from ..._util.argument_error import ArgumentError
 from ...events.packet import Packet
 from ...geometry.pose import Pose, PoseLike, as_pose
 from ...geometry.trajectory.trajectory import SegmentTrajectory
+from ...render.motion.scene_motion import Steering
 from ...render.scene_cache import shared_scenes
 from ...scene.scene import Scene, check_scene
 from ...sensor.rig import Rig, load_rig
@@ -121,6 +122,8 @@ class RigSimulator:
                 resolved = resolve(recorded, settings_of_camera(given, rig, camera))
                 simulators.append(Simulator.of_resolved(resolved, resolved.renderer()))
         self.simulators = tuple(simulators)
+        # What a caller moves, by the rig's clock: where it is when a camera's clock begins between two steps.
+        self._motion = simulators[0].renderer.motion.steered_alone()
         self._last: tuple[int, Pose] | None = None
 
     def __repr__(self) -> str:
@@ -134,7 +137,14 @@ class RigSimulator:
         """
         return in_step(self.rig, {camera: each.run() for camera, each in enumerate(self.simulators)})
 
-    def step(self, t_us: int, pose: PoseLike) -> tuple[list[Packet], ...]:
+    def step(
+        self,
+        t_us: int,
+        pose: PoseLike,
+        *,
+        objects: Mapping[str, PoseLike] | None = None,
+        lights: Mapping[str, float] | None = None,
+    ) -> tuple[list[Packet], ...]:
         """Move the body to ``pose`` at ``t_us``; return each camera's packets since the last step.
 
         ``t_us`` is a time of the body's path: the first step is at 0. Packets have the stamps of their camera's clock;
@@ -144,17 +154,23 @@ class RigSimulator:
         Args:
             t_us: microseconds, whole, larger than at the last step.
             pose: T_world_body: a :class:`~davis_rs.Pose`, a matrix (4, 4), or (position, quaternion (x, y, z, w)).
+            objects: where objects are at ``t_us``, T_world_object by their ids, as for :meth:`Simulator.step`. All
+                cameras see the same motion, each by its own clock.
+            lights: factors >= 0 on the strengths of lights at ``t_us``, likewise.
 
         Raises:
             ValueError: as :meth:`Simulator.step`.
         """
         pose = as_pose(pose)
+        steering = self._motion.steered(objects or {}, lights or {})
         if self._last is None and t_us != 0:
             raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
         if self._last is not None and t_us <= self._last[0]:
             raise ArgumentError("the time of a step must be after the last one ({} us), got {t_us:{}} us",
                                 self._last[0], t_us)  # fmt: skip
-        packets = tuple(self._step(camera, t_us, pose) for camera in range(len(self.simulators)))
+        before_us = 0 if self._last is None else self._last[0]
+        self._motion.steer(steering, before_us, t_us, seen_from_us=before_us)
+        packets = tuple(self._step(camera, t_us, pose, steering) for camera in range(len(self.simulators)))
         self._last = t_us, pose
         return packets
 
@@ -162,7 +178,7 @@ class RigSimulator:
         """Return what the cameras' readouts still hold, see :meth:`Simulator.flush`."""
         return tuple(each.flush() for each in self.simulators)
 
-    def _step(self, camera: int, t_us: int, pose: Pose) -> list[Packet]:
+    def _step(self, camera: int, t_us: int, pose: Pose, steering: Steering) -> list[Packet]:
         """Step one camera."""
         each, simulator = self.rig.cameras[camera], self.simulators[camera]
         begins_us = self.rig.begins_s(camera) * 1e6
@@ -175,6 +191,9 @@ class RigSimulator:
             if t_us > begins_us:
                 segment = SegmentTrajectory(before, pose, (t_us - before_us) * 1e-6)
                 begun = segment.pose((begins_us - before_us) * 1e-6)
-            packets += simulator.step(0, begun @ each.mount)
+            there = self._motion.steering_at(begins_us * 1e-6)
+            packets += simulator.step(0, begun @ each.mount, objects=there.objects, lights=there.lights)
         own_us = round((t_us - begins_us) * each.clock.pace)
-        return packets + (simulator.step(own_us, pose @ each.mount) if own_us > 0 else [])
+        if own_us > 0:
+            packets += simulator.step(own_us, pose @ each.mount, objects=steering.objects, lights=steering.lights)
+        return packets
