@@ -1,11 +1,12 @@
 """Compares the renderers without noise with Mitsuba's path tracer, on any worlds.
 
-    python benches/worlds_light.py WORLD ... [--samples 4096] [--width 96] [--error 0.03] [--zoom 1] [--direct-only]
+    python benches/worlds_light.py WORLD ... [--samples 4096] [--width 96] [--error 0.03] [--zoom 1]
+        [--renderers auto native]
         [--pictures FILE] [--kept FOLDER]
 
 A world is a Mitsuba, glTF, OBJ or PLY file. It is seen from its own camera at the start of its path. Each gets a row
-for the renderer that ``auto`` takes, and a row for baked light where that is another one: meshes and glTF files name no
-integrator, so they get direct light, and the path tracer shows what that leaves out. A row says the root mean square of
+for each renderer: ``auto`` bakes the light of meshes and glTF files quickly, ``native`` gives them direct light and a
+sky without shadow, and ``baked`` takes the time that --error asks for. A row says the root mean square of
 log luma against the path tracer, in units of C = 0.15, over pixels of surfaces where the reference's standard error is
 below 0.1 C; its median; the fraction of these pixels for which that is so; processor time a frame; and seconds to
 prepare, the bake included. With --pictures, a file has a row for each world: the pictures of the renderers, the path
@@ -66,7 +67,9 @@ def main() -> None:
     )
     parser.add_argument("--error", type=float, default=0.03, help="of baked light (if not given: 0.03)")
     parser.add_argument("--zoom", type=float, default=1.0, help="how much larger things are seen (if not given: 1)")
-    parser.add_argument("--direct-only", action="store_true", help="no row of baked light where auto takes another")
+    parser.add_argument(
+        "--renderers", nargs="+", default=["auto", "native"], help="one row each (if not given: auto native)"
+    )
     parser.add_argument("--pictures", type=Path, help="file for pictures")
     parser.add_argument("--kept", type=Path, help="folder for references, which are used again")
     given = parser.parse_args()
@@ -87,12 +90,10 @@ def main() -> None:
         floor = 1e-3 * np.median(true)
         certain = error / (true + floor) < SURE
         pictures, white, off = {}, float(np.quantile(true, 0.98)), np.zeros_like(true)
-        for label, shown_scene, kind in (("auto", scene, "auto"), ("baked", paths, "baked")):
-            if kind == "baked" and (given.direct_only or paths is scene):
-                continue
+        for kind in given.renderers:
             start = time.perf_counter()
             renderer = make_renderer(
-                shown_scene,
+                scene,
                 camera,
                 kind=kind,
                 rays_per_pixel=given.rays,
@@ -110,12 +111,12 @@ def main() -> None:
             rms, middle = np.sqrt(np.mean(off[sure] ** 2)) / C, np.median(np.abs(off[sure])) / C
             err = np.sqrt(np.mean((error / (true + floor))[sure] ** 2)) / C
             print(
-                f"| {name} | {label}: {renderer.reason.partition(' triangles under ')[2][:40] or renderer.name} |"
+                f"| {name} | {kind}: {renderer.reason.partition(' triangles under ')[2][:40] or renderer.name} |"
                 f" {rms:.2f} | {middle:.2f} | {sure.sum() / surfaces.sum():.0%} | {err:.3f} | {spent:.0f} |"
                 f" {prepared:.1f} |",
                 flush=True,
             )
-            pictures[label] = shown(luma, white)
+            pictures[kind] = shown(luma, white)
         rows[name] = {**pictures, "path tracer": shown(true, white), "difference": difference(off)}
     if given.pictures is not None:
         given.pictures.parent.mkdir(parents=True, exist_ok=True)

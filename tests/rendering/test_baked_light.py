@@ -307,6 +307,7 @@ def test_places_apart_err_independently() -> None:
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.long
 def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
     """In the box with a lamp: the run's own estimate against direct light and paths of Mitsuba's own, elsewhere."""
     scene = lamp_box(16)
@@ -676,13 +677,13 @@ def test_meshes_of_many_corners_are_baked_on_request_alone(monkeypatch: pytest.M
     The tables, gigabytes too, are not made before that is known.
     """
     scene = make_scene(PATH, lamp=lamp(), floor=plate(0, 0, 0, (3, 3)))
-    monkeypatch.setattr(baked_scene, "MOST_POINTS", 3)
+    monkeypatch.setattr(baked_scene, "MOST_CORNERS", 3)
     monkeypatch.setattr(scene_table, "MeshTriangles", None)
     (obstacle,) = why_not_noise_free(scene)
     assert re.match(r"its light would have to be baked at about \d+ corners of triangles; beyond 3 ", obstacle.rule)
     assert "--renderer baked" in obstacle.remedy
     monkeypatch.undo()
-    monkeypatch.setattr(baked_scene, "MOST_POINTS", 3)
+    monkeypatch.setattr(baked_scene, "MOST_CORNERS", 3)
     assert make_renderer(scene, CAMERA, kind="baked").name == "native renderer"
 
 

@@ -615,7 +615,7 @@ def test_mirrors_show_what_stands_before_them(tmp_path: Path) -> None:
     views = Views.at_rest([scene.start])
     with shared_scenes():
         middle = [
-            make_renderer(shown, scene.own_camera, rays_per_pixel=1).luma(views)[0, 70:110, 100:140]
+            make_renderer(shown, scene.own_camera, kind="native", rays_per_pixel=1).luma(views)[0, 70:110, 100:140]
             for shown in (scene, replace(scene, reflections=False))
         ]
     # The shadow is 2 m wide, 9 m away in the mirror.

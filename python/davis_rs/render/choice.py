@@ -137,7 +137,7 @@ class NoiseFreeKind(RendererKind):
         obstacles = Obstacles()
         if self.baked:
             with obstacles.collect():
-                check_baking(loaded, mi, motion, by_name=by_name)
+                check_baking(scene, loaded, mi, motion, by_name=by_name)
         table = SceneTable(
             loaded,
             mi,
@@ -215,7 +215,13 @@ class BakedKind(NoiseFreeKind):
         with variant(SCALAR) as (mi, _):
             made = self._tables(request.scene, request.camera, mi, by_name=request.by_name)
             light = functools.partial(
-                baked_light, request.scene, made.loaded, mi, made.motion, error=request.bake_error
+                baked_light,
+                request.scene,
+                made.loaded,
+                mi,
+                made.motion,
+                error=request.bake_error,
+                by_name=request.by_name,
             )
             made.table.bake(light)
             return _native(request, made)
@@ -386,13 +392,21 @@ def _by_name(kind: RendererKind, request: _RendererRequest) -> Renderer:
 
 
 def _first_possible(request: _RendererRequest) -> tuple[RendererKind, Renderer]:
-    """Build the first renderer of :data:`AUTOMATIC` that can render the scene."""
+    """Build the first renderer of :data:`AUTOMATIC` that can render the scene.
+
+    Where the scene's light is soft (:attr:`Scene.soft_light`), baked light comes first, and what keeps from it is told.
+    """
     met: list[tuple[Obstacle, ...]] = []
-    for kind in AUTOMATIC[:-1]:
+    baked_first = request.scene.soft_light
+    for kind in sorted(AUTOMATIC[:-1], key=lambda kind: kind.name != "baked") if baked_first else AUTOMATIC[:-1]:
         try:
-            return kind, kind.make(request)
+            renderer = kind.make(request)
         except Unsuitable as unsuitable:
             met.append(unsuitable.obstacles)
+        else:
+            if baked_first and met:
+                renderer.reason += f"; its soft light is not baked: {'; '.join(map(str, met[0][:_OBSTACLES_TOLD]))}"
+            return kind, renderer
     obstacles = list(map(str, _fewest(met)))
     more = f"; and {len(obstacles) - _OBSTACLES_TOLD} more" if len(obstacles) > _OBSTACLES_TOLD else ""
     return AUTOMATIC[-1], AUTOMATIC[-1].make(replace(request, reason="; ".join(obstacles[:_OBSTACLES_TOLD]) + more))

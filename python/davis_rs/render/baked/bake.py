@@ -26,7 +26,7 @@ Gathered = Callable[..., FloatArray]
 BAKE_ERROR = 0.01
 """How much light may err where nothing else is said, relative."""
 
-FEWEST_SAMPLES, MOST_SAMPLES, COARSE_SAMPLES, TRUE_SAMPLES = 64, 1024, 128, 4096
+FEWEST_SAMPLES, TRUE_SAMPLES = 64, 4096
 _SHIFTS = 3
 _TRUE_SHIFT = 1000
 _PILOTS = 128
@@ -36,9 +36,6 @@ _DIRECT_SPACING, _INDIRECT_SPACING, _DIRECT_FINEST, _INDIRECT_FINEST = 1 / 96, 1
 """How far apart points are at most and at least, shares of the scene's diagonal, for an error of :data:`BAKE_ERROR`."""
 
 _TWO_OF_THREE = 0.68
-_SETTLED = 0.1
-"""Light has bounced often enough when the last time added less than this share of the error."""
-
 _GLIMPSE_SAMPLES = 256
 
 _MOTION_PILOTS, _CANDIDATES, _MOTION_SAMPLES = 384, 4096, 256
@@ -47,8 +44,44 @@ _MOTION_PILOTS, _CANDIDATES, _MOTION_SAMPLES = 384, 4096, 256
 _COARSE_ERROR = 0.04
 """Of light that bounces again before it is gathered: what it errs averages out."""
 
-MOST_POINTS = 400_000
-"""Of each part of the light, where nothing moves; fewer at each of several instants."""
+_SHARED_SPACINGS = (1 / 1024, 1 / 512, 1 / 256, 1 / 128)
+"""How large places are within which corners share their light, shares of the scene's diagonal."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Says how much a bake may cost.
+
+    Attributes:
+        least_error: a smaller error is not asked for.
+        most_points: of each part of the light, where nothing moves; fewer at each of several instants. Corners of
+            triangles may be more.
+        most_corners: where triangles have more of them, those that are close to each other and have similar normals
+            share their light. None: they never do.
+        most_samples: of each place.
+        other_samples: of each place, to know other light there, which says what is a small error.
+        coarse_samples: of each place for light that bounces again.
+        looks: numbers of paths, and how often they bounce, until a place counts as one that no light reaches.
+        settled: light has bounced often enough when the last time added less than this share of the error.
+    """
+
+    least_error: float
+    most_points: int
+    most_corners: int | None
+    most_samples: int
+    other_samples: int
+    coarse_samples: int
+    looks: tuple[tuple[int, int], ...]
+    settled: float
+
+
+_ENDLESS = 1 << 10
+
+FULL_EFFORT = Effort(0.0, 400_000, None, 1024, 64, 128, ((4, _ENDLESS), (64, _ENDLESS)), 0.1)
+"""Of a bake that was asked for, or that a scene file's light needs."""
+
+QUICK_EFFORT = Effort(0.05, 60_000, 100_000, 32, 16, 8, ((4, 2), (8, 3)), 0.5)
+"""Of the light that a world gets that has none of its own."""
 
 
 def bake(
@@ -57,6 +90,7 @@ def bake(
     lights_at: Callable[[float], Sequence[Irradiance]],
     error: float,
     *,
+    effort: Effort = FULL_EFFORT,
     seen: Callable[[str, int, int], None] = lambda *_: None,
 ) -> LightMaps:
     """Compute light until it errs by no more than a share of itself.
@@ -69,11 +103,12 @@ def bake(
         lights_at: the lights, while bodies are where they are at that time, in seconds. Each is kept apart, so that its
             strength can change later.
         error: relative, of the sum of all lights.
+        effort: what the bake may cost.
         seen: is told what is computed, at how many points it is known by then, and at how many after the next step.
     """
     start = time.monotonic()
-    lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames)
-    job = _BakeJob(surfaces, lattice, error, seen)
+    lattice = _lattice(surfaces, effort)
+    job = _BakeJob(surfaces, lattice, max(error, effort.least_error), effort, seen)
     taken, motion_error = job.instants(times, lights_at)
     job.count = len(taken)
     states = []
@@ -113,9 +148,14 @@ class _BakeJob:
     """Bakes the lights of one scene: holds what all of them share, and counts points and samples."""
 
     def __init__(
-        self, surfaces: Surfaces, lattice: SurfaceLattice, error: float, seen: Callable[[str, int, int], None]
+        self,
+        surfaces: Surfaces,
+        lattice: SurfaceLattice,
+        error: float,
+        effort: Effort,
+        seen: Callable[[str, int, int], None],
     ) -> None:
-        self._surfaces, self._lattice, self._error, self._seen = surfaces, lattice, error, seen
+        self._surfaces, self._lattice, self._error, self._effort, self._seen = surfaces, lattice, error, effort, seen
         self._diagonal = float(np.linalg.norm(np.ptp(surfaces.corners.reshape(-1, 3), axis=0)))
         self.points, self.count, self.state = 0, 1, ""
         self.most_samples = (0, 0)
@@ -168,7 +208,9 @@ class _BakeJob:
     def _enough(self, key: tuple[int, int], light: Irradiance, lit: Gathered, total: FloatArray) -> tuple[int, float]:
         """Return how many samples a point needs; not fewer than at the instant before, so that errors stay alike."""
         least = self._least.get(key, FEWEST_SAMPLES)
-        samples, off = _enough_samples(lit, light.placed(*self._pilots), total, self._error, least)
+        samples, off = _enough_samples(
+            lit, light.placed(*self._pilots), total, self._error, least, self._effort.most_samples
+        )
         self._least[key] = samples
         direct, bounced = self.most_samples
         self.most_samples = (direct, max(bounced, samples)) if key[1] < 0 else (max(direct, samples), bounced)
@@ -193,7 +235,7 @@ class _BakeJob:
 
         def lit(*points: Any) -> Known:
             at = light.placed(*points)
-            values = _unless_buried(light, *at, shining(*at))
+            values = _unless_buried(light, *at, shining(*at), self._effort)
             return values, np.full(len(values), typical)
 
         error = self._error
@@ -205,8 +247,8 @@ class _BakeJob:
 
         def bounced(*points: Any) -> Known:
             at = light.placed(*points)
-            values = _unless_buried(light, *at, gather(*at, samples=rays))
-            return values, light.direct(*at, FEWEST_SAMPLES) @ LUMA_WEIGHTS
+            values = _unless_buried(light, *at, gather(*at, samples=rays), self._effort)
+            return values, light.direct(*at, self._effort.other_samples) @ LUMA_WEIGHTS
 
         rule = self._rule((_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off)
         return self._refined("bounces", bounced, rule)
@@ -221,16 +263,19 @@ class _BakeJob:
         bounced: SampledLight | None = None
         for bounce in range(1, light.most_bounces):
             if bounced is None:
-                bounced, change = self.bounced(light, gather, COARSE_SAMPLES, max(self._error, _COARSE_ERROR)), np.inf
+                error = max(self._error, _COARSE_ERROR)
+                bounced, change = self.bounced(light, gather, self._effort.coarse_samples, error), np.inf
                 maps = self._direct_maps(direct, [*direct, bounced])
             else:
                 told = self._told(f"bounce {bounce}")
                 told(0, len(bounced.values))
-                more = bounced.with_light(partial(_light_at, light, partial(gather, samples=COARSE_SAMPLES)))
+                more = bounced.with_light(
+                    partial(_light_at, light, partial(gather, samples=self._effort.coarse_samples))
+                )
                 was, now = (component.values.sum() for component in (bounced, more))
                 bounced, change = more, (now - was) / now if now > 0 else 0.0
             gather = partial(light.gathered, reflected=maps.with_bounces(self._lattice, bounced))
-            if change < _SETTLED * self._error:
+            if change < self._effort.settled * self._error:
                 break
         return gather
 
@@ -281,7 +326,7 @@ class _BakeJob:
         self, count: int, seed: int, among: npt.NDArray[np.bool_] | None = None
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         """Draw points by area; return them, the sides they are on, and their barycentric coordinates."""
-        corners = self._lattice.positions[self._lattice.faces]
+        corners = self._surfaces.corners[self._lattice.triangles]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         if among is not None and area[among].any():
             area = np.where(among, area, 0.0)
@@ -330,7 +375,7 @@ class _BakeJob:
         wider = float(np.clip(np.sqrt(error / BAKE_ERROR), 0.25, 4.0))
         spacing, finest = (fraction * self._diagonal * wider for fraction in distances)
         # Once its middle is known, an edge errs by a quarter of what it did before.
-        return RefinementRule(spacing, finest, tolerance, 4 * MOST_POINTS // (3 + self.count))
+        return RefinementRule(spacing, finest, tolerance, 4 * self._effort.most_points // (3 + self.count))
 
 
 @dataclass(frozen=True)
@@ -351,11 +396,24 @@ class _DirectMaps:
         return Reflected(self.layouts, texels_of(lattice, [bounced], self.divisions, self.layouts, self.texels))
 
 
-def _unless_buried(light: Irradiance, positions: FloatArray, normals: FloatArray, values: FloatArray) -> FloatArray:
+def _lattice(surfaces: Surfaces, effort: Effort) -> SurfaceLattice:
+    """Make the lattice of all surfaces. Where that has too many corners, they share places, as small as is enough."""
+    whole = surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames
+    lattice = SurfaceLattice(*whole)
+    for share in _SHARED_SPACINGS:
+        if effort.most_corners is None or len(lattice.positions) <= effort.most_corners:
+            break
+        lattice = SurfaceLattice(*whole, shared=share * surfaces.diagonal)
+    return lattice
+
+
+def _unless_buried(
+    light: Irradiance, positions: FloatArray, normals: FloatArray, values: FloatArray, effort: Effort
+) -> FloatArray:
     """Return light (n, 3), with NaN where none can come."""
     dark = np.flatnonzero(values.sum(1) == 0)
     if len(dark):
-        values[dark[light.is_buried(positions[dark], normals[dark])]] = np.nan
+        values[dark[light.is_buried(positions[dark], normals[dark], effort.looks)]] = np.nan
     return values
 
 
@@ -370,12 +428,12 @@ def _glimpse(light: Irradiance, *points: Any) -> FloatArray:
 
 
 def _enough_samples(
-    light: Gathered, pilots: tuple[FloatArray, FloatArray], total: FloatArray, error: float, samples: int
+    light: Gathered, pilots: tuple[FloatArray, FloatArray], total: FloatArray, error: float, samples: int, most: int
 ) -> tuple[int, float]:
     """Return how many samples a point needs, at least ``samples``, and its error with them: a fraction of all light."""
     while True:
         batches = np.array([light(*pilots, samples=samples, shift=shift) for shift in range(_SHIFTS)])
         off = relative_error(batches, total)
-        if off <= error / 2 or samples >= MOST_SAMPLES:
+        if off <= error / 2 or samples >= most:
             return samples, off
         samples *= 2

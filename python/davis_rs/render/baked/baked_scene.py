@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,17 +13,21 @@ import numpy.typing as npt
 from ..._mitsuba.types import Mitsuba, MitsubaObject, MitsubaScene, MitsubaShape
 from ..._mitsuba.variants import SCALAR, versions
 from ..._util.progress import progress, say
+from ...events.luma import LUMA_WEIGHTS
 from ...geometry.trajectory.steered import SteeredPath
+from ...geometry.trajectory.views import Views
+from ...scene.load import start_pose
 from ...scene.scene import Scene
 from ..diffuse_materials import is_two_sided
 from ..motion.scene_motion import SceneMotion
 from ..obstacles import Obstacles, Unsuitable
 from . import cache
-from .bake import MOST_POINTS, bake
+from .bake import FULL_EFFORT, QUICK_EFFORT, Effort, bake
 from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
-from .irradiance import Surfaces
+from .irradiance import Irradiance, Paths, Surfaces
 from .light_maps import LightMaps, check_maps
 from .lights import (
+    ALL_PATHS,
     ColouredLight,
     SkyMap,
     background_luma,
@@ -41,9 +45,21 @@ from .lights import (
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 4
+VERSION = 5
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
+
+MOST_CORNERS = 400_000
+"""Of meshes whose light is baked without a request."""
+
+MOST_QUICK_SIDES = 1_000_000
+"""Sides of triangles that reflect, of meshes whose light is baked quickly."""
+
+_LEAST_REACH = 0.02
+"""A room into which less than this share of the sky's light comes, and no other, counts as closed."""
+
+_PLACES_ON_PATH, _REACH_SAMPLES = 5, 256
+"""Where it is seen whether any light comes to the camera."""
 
 _MOST_KNOWN = 4
 _known: dict[str, LightMaps] = {}
@@ -65,6 +81,7 @@ class BakedLight:
         content: a hash of the scene's surfaces, materials and lights.
         cached: whether it is in the cache now.
         coloured: what glossy surfaces reflect of the lights; None where all are diffuse.
+        effort: that the bake could cost.
     """
 
     maps: LightMaps
@@ -77,13 +94,15 @@ class BakedLight:
     content: str
     cached: bool
     coloured: ColouredLight | None
+    effort: Effort
 
     @property
     def description(self) -> str:
         """Describe the light, for people."""
         maps = self.maps
+        quick = "; it is a quick bake (--renderer baked obeys --bake-error)" if self.effort is QUICK_EFFORT else ""
         coarse = "" if maps.complete else f", coarser than asked for: {self._limits} at most"
-        return f"baked light at {maps.points:,} points, whose error is estimated at {self.errors}{coarse}"
+        return f"baked light at {maps.points:,} points, whose error is estimated at {self.errors}{coarse}{quick}"
 
     @property
     def errors(self) -> str:
@@ -99,7 +118,7 @@ class BakedLight:
     @property
     def _limits(self) -> str:
         instants = f", and {MOST_INSTANTS} instants of the motion," if len(self.maps.instants) > 1 else ""
-        return f"there are {MOST_POINTS:,} points for each part of the light{instants}"
+        return f"there are {self.effort.most_points:,} points for each part of the light{instants}"
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return how much the light of each instant (k) counts at times (n,), and its rates per second, (n, k) each.
@@ -111,11 +130,21 @@ class BakedLight:
         return hats(self.maps.instants, t_s)
 
 
-def check_baking(loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, *, by_name: bool) -> None:
+def light_paths(scene: Scene, loaded: MitsubaScene) -> Paths:
+    """Return which paths of light are baked.
+
+    Raises:
+        Unsuitable: for an integrator that does more, or other things, than to follow light between surfaces.
+    """
+    return ALL_PATHS if scene.soft_light else paths_of(loaded)
+
+
+def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, *, by_name: bool) -> None:
     """Refuse a scene whose light cannot be baked.
 
     Args:
-        loaded: the scene, under the variant in force.
+        scene: the scene. If its light is soft (:attr:`Scene.soft_light`), a bake that nobody asked for is a quick one.
+        loaded: the same, under the variant in force.
         motion: of its objects.
         by_name: the user asked for baked light, so that it may take hours.
 
@@ -127,7 +156,7 @@ def check_baking(loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, *, by_n
         if not loaded.emitters():
             raise Unsuitable("it has no lights", "give it one")
     with obstacles.collect():
-        paths_of(loaded)
+        light_paths(scene, loaded)
     with obstacles.collect():
         check_lights(loaded, mi)
     for name, path in motion.objects.items():
@@ -142,25 +171,51 @@ def check_baking(loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, *, by_n
             if shape.id() in motion.objects:
                 rule = "moves: its sharp shadows would have to move with it"
                 raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
-    with obstacles.collect():
-        corners = sum(_corners(shape) for shape in loaded.shapes() if shape.is_mesh())
-        if corners > MOST_POINTS and not by_name:
-            raise Unsuitable(
-                f"its light would have to be baked at about {corners:,} corners of triangles; beyond {MOST_POINTS:,} "
-                "that takes hours and gigabytes, so it is done on request alone",
-                "ask for it (--renderer baked, renderer='baked'), or give meshes of fewer triangles",
-            )
+    meshes = [shape for shape in loaded.shapes() if shape.is_mesh()]
+    if scene.soft_light and not by_name:
+        with obstacles.collect():
+            if motion.objects:
+                raise Unsuitable("light of objects that move is baked on request alone", _ASK)
+        with obstacles.collect():
+            sides = sum(shape.face_count() * _sides(shape) for shape in meshes)
+            if sides > MOST_QUICK_SIDES:
+                rule = f"it has {sides:,} sides of triangles, and the limit of a quick bake is {MOST_QUICK_SIDES:,}"
+                raise Unsuitable(rule, _ASK)
+    elif not by_name:
+        with obstacles.collect():
+            corners = sum(_corners(shape) for shape in meshes)
+            if corners > MOST_CORNERS:
+                raise Unsuitable(
+                    f"its light would have to be baked at about {corners:,} corners of triangles; beyond "
+                    f"{MOST_CORNERS:,} that takes hours and gigabytes, so it is done on request alone",
+                    f"{_ASK}, or give meshes of fewer triangles",
+                )
     obstacles.refuse()
+
+
+_ASK = "ask for it (--renderer baked, renderer='baked')"
+
+
+def _sides(shape: MitsubaShape) -> int:
+    """Return how many sides of a shape's triangles reflect."""
+    return 2 if is_two_sided(shape.bsdf()) else 1
 
 
 def _corners(shape: MitsubaShape) -> int:
     """Estimate at how many corners of a mesh light is baked at least, those of backs that reflect included."""
     flat = "face_normals = 1" in str(shape)
-    return int(3 * shape.face_count() if flat else shape.vertex_count()) * (2 if is_two_sided(shape.bsdf()) else 1)
+    return int(3 * shape.face_count() if flat else shape.vertex_count()) * _sides(shape)
 
 
 def baked_light(
-    scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneMotion, surfaces: Surfaces, error: float
+    scene: Scene,
+    loaded: MitsubaScene,
+    mi: Mitsuba,
+    motion: SceneMotion,
+    surfaces: Surfaces,
+    error: float,
+    *,
+    by_name: bool = True,
 ) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
@@ -170,18 +225,22 @@ def baked_light(
         motion: of its objects.
         surfaces: of the scene, in the order of its shapes.
         error: that is allowed, relative.
+        by_name: as in :func:`check_baking`.
 
     Raises:
         ValueError: for lights that cannot be.
+        Unsuitable: if the bake is a quick one, and no light reaches the scene's camera.
     """
     check_strengths(loaded, mi)
-    paths = paths_of(loaded)
+    paths = light_paths(scene, loaded)
+    effort = QUICK_EFFORT if scene.soft_light and not by_name else FULL_EFFORT
+    error = max(error, effort.least_error)
     names = light_groups(loaded, list(motion.lights))
     duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
     times = motion_times(motion, duration_s)
     emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
     content = _content(loaded, mi, surfaces, _poses(motion, times))
-    settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, content)
+    settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, effort, content)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()
     maps = _known.get(key)
     check = partial(check_maps, two_sided=surfaces.two_sided, lights=len(names), tests=times.tests)
@@ -189,14 +248,16 @@ def baked_light(
         say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
     if maps is None:
         kept = cache.load_partial(key)
-        lights_at = irradiance_of(loaded, mi, surfaces, names, kept, motion)
+        lights_at = irradiance_of(loaded, mi, surfaces, names, kept, motion, paths=paths)
+        if effort is QUICK_EFFORT:
+            _check_reach(scene, lights_at(0.0), sum(background_luma(loaded, mi, names)))
         with progress("baking light", 0, unit="points") as bar, cache.kept_if_stopped(key, kept):
 
             def seen(task: str, done: int, expected: int) -> None:
                 bar.total = max(bar.total, expected)
                 bar.to(done, task)
 
-            maps = bake(surfaces, times, lights_at, error, seen=seen)
+            maps = bake(surfaces, times, lights_at, error, effort=effort, seen=seen)
         say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
         cache.store(key, maps)
     while len(_known) >= _MOST_KNOWN:
@@ -213,7 +274,27 @@ def baked_light(
         content,
         cache.holds(key),
         coloured_light(loaded, mi, surfaces.counts, names) if surfaces.looks else None,
+        effort,
     )
+
+
+def _check_reach(scene: Scene, lights: Sequence[Irradiance], sky: float) -> None:
+    """Refuse a scene whose camera is in a closed room under a sky, where there would be no light at all.
+
+    Args:
+        sky: luma of the sky.
+    """
+    if scene.trajectory is None:
+        positions = start_pose(scene).position[None]
+    else:
+        times = np.linspace(0.0, scene.trajectory.duration_s, _PLACES_ON_PATH)
+        positions = Views.along(scene.trajectory, times).positions
+    normals = np.concatenate([np.eye(3), -np.eye(3)])
+    at = np.repeat(positions, len(normals), axis=0), np.tile(normals, (len(positions), 1))
+    light = sum((light.glimpsed(*at, _REACH_SAMPLES) + light.sharp(*at) for light in lights), np.zeros((len(at[0]), 3)))
+    brightest = (light @ LUMA_WEIGHTS).reshape(len(positions), -1).max(1)
+    if np.median(brightest) < _LEAST_REACH * sky:
+        raise Unsuitable("no light reaches its camera, which is in a closed room under a sky", "give it a lamp")
 
 
 def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:

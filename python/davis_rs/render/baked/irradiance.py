@@ -36,8 +36,8 @@ _ALIKE_WITHIN = 1 / 24
 _MOST_BOUNCES = 64
 """Where paths may have any length. The rest is less than a thousandth below a mean reflectance of 0.9."""
 
-_ENDLESS, _ENDLESS_ROULETTE = 1 << 10, 2
-"""Bounces of paths that only look whether there is light at all."""
+_ROULETTE_OF_LOOKS = 2
+"""Paths that only look whether there is light at all may end at random after so many bounces."""
 
 
 @dataclass(frozen=True)
@@ -209,19 +209,30 @@ class Irradiance:
         rule = shift, self.most_bounces, self._paths.rr_depth
         return self._mean("traced", positions, normals, samples, shift, IrradianceSampler.traced, rule)
 
-    def is_buried(self, positions: FloatArray, normals: FloatArray) -> npt.NDArray[np.bool_]:
-        """Return which points (n) no light reaches, whatever the number of bounces: within a solid, or in full dark."""
+    def is_buried(
+        self, positions: FloatArray, normals: FloatArray, looks: Sequence[tuple[int, int]]
+    ) -> npt.NDArray[np.bool_]:
+        """Return which points (n) no light reaches: within a solid, or in full dark.
+
+        Args:
+            looks: numbers of paths, and how often they bounce at most; points at which the first find light are not
+                looked at again.
+        """
         buried = np.ones(len(positions), bool)
 
-        def is_lit(sampler: IrradianceSampler, group: int, points: _SurfacePoints, samples: int) -> FloatArray:
-            lit = sampler.is_lit(group, points, samples, 0, _ENDLESS, _ENDLESS_ROULETTE)
+        def is_lit(
+            sampler: IrradianceSampler, group: int, points: _SurfacePoints, samples: int, bounces: int
+        ) -> FloatArray:
+            lit = sampler.is_lit(group, points, samples, 0, bounces, _ROULETTE_OF_LOOKS)
             return np.repeat(lit[:, None], 3, axis=1).astype(np.float64)
 
-        for samples in (4, 64):  # few are enough where it is light
+        for samples, bounces in looks:
             dark = np.flatnonzero(buried)
             if not len(dark):
                 break
-            light = self._mean("is lit", positions[dark], normals[dark], samples, 0, is_lit).sum(1)
+            light = self._mean(
+                f"is lit within {bounces}", positions[dark], normals[dark], samples, 0, is_lit, (bounces,)
+            ).sum(1)
             if self.has_direct:
                 light += self.direct(positions[dark], normals[dark], samples).sum(1)
             buried[dark] = light == 0

@@ -68,7 +68,7 @@ def paths_of(scene: MitsubaScene) -> Paths:
     """
     integrator = integrator_of(scene)
     if integrator is None:
-        return Paths(_PATH_DEPTH, _ROULETTE_DEPTH)
+        return ALL_PATHS
     kind = integrator.class_name()
     if kind == "DirectIntegrator":
         return Paths(2, _ROULETTE_DEPTH)
@@ -78,6 +78,10 @@ def paths_of(scene: MitsubaScene) -> Paths:
     depths = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}
     depth = depths.get("max_depth", _PATH_DEPTH)
     return Paths(-1 if depth >= 2**31 else depth, depths.get("rr_depth", _ROULETTE_DEPTH))
+
+
+ALL_PATHS = Paths(_PATH_DEPTH, _ROULETTE_DEPTH)
+"""Paths of any length, where a scene names no integrator."""
 
 
 def _has_media(scene: MitsubaScene) -> bool:
@@ -336,6 +340,8 @@ def irradiance_of(
     names: Sequence[str],
     kept: PartialBake,
     motion: SceneMotion = STILL,
+    *,
+    paths: Paths | None = None,
 ) -> Callable[[float], list[Irradiance]]:
     """Return a function that gives the light of each group of lights at a time in seconds.
 
@@ -344,8 +350,9 @@ def irradiance_of(
         names: see :func:`light_groups`.
         kept: what was computed before.
         motion: of the scene's objects.
+        paths: of light; None: those that the scene's integrator follows.
     """
-    paths = paths_of(scene)
+    paths = paths_of(scene) if paths is None else paths
     groups = [_LightGroup(scene, mi, surfaces.counts, number, names) for number in range(len(names))]
     boxes = dict(zip(motion.objects, motion.boxes, strict=True))
     moving = SceneMotion(motion.objects, {}, boxes)

@@ -27,6 +27,10 @@ _INWARDS = 0.02
 room are not within its wall."""
 
 _NORMAL_DIGITS = 4
+_SHARED_NORMALS = 4.0
+"""Normals share a place if their components lie between the same multiples of 1 / 4."""
+_GRIDS_AT_ONCE = 1 << 16
+"""Grids that are made together, so that millions of triangles do not fill the memory."""
 _BURIED_SPACING = 4.0
 """How many times as far apart points are where no light comes."""
 
@@ -42,6 +46,8 @@ class SurfaceLattice:
         normals: float64 (t, 3, 3), unit shading normals of the front at the corners.
         two_sided: (t), whether the back reflects too.
         frames: (t), the frame that each is in: 0 for the world, 1, 2, ... for bodies that move.
+        shared: the side of cubes, metres: corners within one that have similar normals are one vertex. If 0, corners
+            are one vertex where they and their normals are the same.
 
     Attributes:
         positions, normals: (v, 3), of the vertices.
@@ -51,16 +57,23 @@ class SurfaceLattice:
     """
 
     def __init__(
-        self, corners: FloatArray, normals: FloatArray, two_sided: npt.NDArray[np.bool_], frames: IntArray
+        self,
+        corners: FloatArray,
+        normals: FloatArray,
+        two_sided: npt.NDArray[np.bool_],
+        frames: IntArray,
+        shared: float = 0.0,
     ) -> None:
         backs = np.flatnonzero(two_sided)
         self.triangles = np.concatenate([np.arange(len(corners)), backs])
         positions = corners[self.triangles].reshape(-1, 3)
         facing = np.concatenate([normals, -normals[backs]]).reshape(-1, 3)
         # Not at a multiple of what normals are rounded to: those of flat walls lie there.
-        rounded = np.floor(facing * 10.0**_NORMAL_DIGITS + 0.377).astype(np.int16)
+        steps = _SHARED_NORMALS if shared > 0 else 10.0**_NORMAL_DIGITS
+        rounded = np.floor(facing * steps + 0.377).astype(np.int16)
+        places = np.floor(positions / shared) if shared > 0 else positions
         owners = np.repeat(frames[self.triangles], 3)
-        first, vertex = _distinct_rows([*positions.T, *rounded.T, owners])
+        first, vertex = _distinct_rows([*places.T, *rounded.T, owners])
         self.positions, self.normals, self.frames = positions[first], facing[first], owners[first]
         self.faces = vertex.reshape(-1, 3)
 
@@ -171,7 +184,10 @@ class SampledLight:
         for level in range(MOST_DIVISIONS + 1):
             done = depth[faces] == level
             if done.any():
-                yield faces[done], _beyond_third_edge(values[done])
+                done_faces, done_values = faces[done], values[done]
+                for start in range(0, len(done_faces), _GRIDS_AT_ONCE):
+                    part = slice(start, start + _GRIDS_AT_ONCE)
+                    yield done_faces[part], _beyond_third_edge(done_values[part])
             faces, ids, values = faces[~done], ids[~done], values[~done]
             if not len(faces):
                 return

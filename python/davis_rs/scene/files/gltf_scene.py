@@ -134,6 +134,7 @@ class _GltfScene:
             trajectory=trajectory,
             objects=objects,
             reflections=True,
+            soft_light=True,
             lux_per_luma=WHITE_LUX if lights else 1000.0,
             note=f"{file_name} is {size}; {shining}; {of_camera}; {_counted(len(objects), 'moving object')}",
             lost_looks=(*lost_looks(shapes), *(LostLook(what, tuple(of)) for what, of in self.lost.items())),

@@ -80,6 +80,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         files=tuple(dict.fromkeys(file for part in parts for file in part.files)),
         camera=CAMERA,
         trajectory=view.trajectory,
+        soft_light=True,
         note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up"
         f"{view.unit_question(high - low)}; the camera: {view.note}",
         lost_looks=lost_looks(shapes),
