@@ -26,6 +26,7 @@ def test_thresholds_are_recovered(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.rms.max() < 0.02
 
 
+@pytest.mark.long
 def test_a_trajectory_is_recovered(monkeypatch: pytest.MonkeyPatch) -> None:
     """From 2 cm and 1 degree off; ten control points leave 0.08 mm of the sines."""
     short = ["--noise-us", "10", "--width", "40", "--points", "10", "--steps", "4", "--time-steps", "2"]
@@ -35,6 +36,7 @@ def test_a_trajectory_is_recovered(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.history[-1, 1] < 5e-3
 
 
+@pytest.mark.long
 def test_a_texture_is_recovered_from_events(monkeypatch: pytest.MonkeyPatch) -> None:
     """Texels that the events tell are known to within 3 %, but for their common factor."""
     (found,) = example("recover_texture_from_events", monkeypatch).main(["--noise-us", "10", "--width", "48"])

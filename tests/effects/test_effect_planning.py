@@ -445,6 +445,7 @@ def test_readout_that_drops_and_noise_that_buries_are_foreseen() -> None:
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.long
 def test_a_sensor_on_a_built_in_scene() -> None:
     """A DAVIS on three_planes: all candidates in order, in a table that names each with what was seen."""
     scene = load_scene("three_planes")

@@ -383,6 +383,7 @@ def test_intervals_of_hot_pixels_are_regular(cv: float) -> None:
         assert stats.pearsonr(scaled[:, 1:].ravel(), scaled[:, :-1].ravel()).pvalue > UNLIKELY
 
 
+@pytest.mark.long
 def test_each_hot_pixel_has_its_own_rate_and_regularity() -> None:
     """Rates log-normal about their median, CV even in its logarithm, neither depends on the other (1e-6)."""
     events = static(noisy(hot(1.0, 20.0, 0.8, cv=(0.05, 0.5))), [0, 100 * SECOND_US])

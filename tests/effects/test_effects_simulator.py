@@ -178,6 +178,7 @@ def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None
         Simulator(PLANES, effects=Effects(aps=Aps(20_000)), frame_rate_hz=100)
 
 
+@pytest.mark.long
 def test_auto_takes_what_the_plan_calls_for(tmp_path: Path) -> None:
     """The plan of the very run is kept and recorded; a closed loop has no trajectory to plan for."""
     not_planned: Any = "auto"

@@ -345,6 +345,7 @@ def test_the_command_prints_writes_and_draws(tmp_path: Path, noisy: tuple[EventA
     assert "must lie in the sensor's 160 x 120 pixels" in refused.stderr
 
 
+@pytest.mark.long
 def test_a_page_of_nothing_is_drawn(tmp_path: Path) -> None:
     """Streams without events, and a sensor of one row, draw too."""
     from davis_rs.inspection.statistics.comparison_figure import draw_comparison

@@ -364,6 +364,7 @@ def test_another_plan_is_refused(root: Path) -> None:
     assert files_of(root) == before
 
 
+@pytest.mark.long
 def test_a_plan_may_grow(root: Path, undisturbed: Path) -> None:
     """What is there is what the larger plan would have made."""
     assert go_on(root, [], sequences=5).made == 2

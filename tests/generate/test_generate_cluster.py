@@ -62,6 +62,7 @@ def test_a_cluster_makes_the_same_bytes(cluster: Any, tmp_path: Path) -> None:
     assert files_of(tmp_path / "root") == files_of(tmp_path / "alone")
 
 
+@pytest.mark.long
 def test_the_command_line_takes_an_address_or_a_scheduler_file(
     cluster: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

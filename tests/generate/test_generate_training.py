@@ -375,6 +375,7 @@ def test_a_scene_that_is_kept_gives_the_same_bytes(tmp_path: Path, monkeypatch: 
     assert files_of(tmp_path / "kept") == files_of(tmp_path / "fresh")
 
 
+@pytest.mark.long
 def test_looks_that_are_lost_are_told_once(tmp_path: Path) -> None:
     """Of the first sequence before all; each sequence's meta.json has its own share."""
     (tmp_path / "lamp.mtl").write_text("newmtl lamp\nKd 1 1 1\nKe 1 1 1\n")

@@ -379,6 +379,7 @@ def test_environments_run_in_processes() -> None:
         assert alone.any()
 
 
+@pytest.mark.long
 def test_a_controller_tracks_by_events_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """The example's controller keeps the marker near the middle; without events it does not move."""
     monkeypatch.syspath_prepend(ROOT / "examples")

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,6 +48,7 @@ SHORTENED = {
     "sequence": "--start 1 --duration 0.1 --rays-per-pixel 1",  # at its start the camera rests
     "record": "--duration 0.02",
     "plan": "--duration 0.02",
+    "frames": "--stop 0.11",  # of a clip of four frames, a tenth of a second apart
 }
 """What is added to a command to make it short, by its name."""
 
@@ -62,6 +64,7 @@ RUN_INSTEAD = {
         "davis-rs simulate dynamic_6dof -o DIR --start 45 --duration 0.01 --size 120x90 --flow-rate 20 --mask-rate 20 "
         "--normal-rate 20 --rays-per-pixel 1"
     ),
+    "davis-rs frames clip.mp4 -o DIR --start 0.1 --stop 0.3": "davis-rs frames clip.mp4 -o DIR --start 0.1 --stop 0.3",
     "davis-rs generate example.yaml -o data --quiet": "davis-rs generate PLAN.yaml -o data --quiet",
 }
 """Commands that are shortened in another way, and what is run in their place."""
@@ -108,6 +111,17 @@ LONG_PLAN, SHORTER_PLAN = "sequences: 1000", "sequences: 3"
 
 SHORTER_SCENE = ('load_scene("three_planes")', 'load_scene("three_planes").crop(0, 0.1)')
 """What becomes of the scene where a block plans effects for all of it."""
+
+LONG = (
+    'simulate(scene, effects="auto")',
+    "DifferentiableRenderer(make_scene(), camera, rays_per_pixel=1024)",
+    'print(generate_sequences(plan, "ROOT"))',
+    "davis-rs simulate three_planes --rig stereo-davis346",
+    "davis-rs calibrate sensor FILE",
+    "--effects auto --effect aps=500",
+    "--sensor davis346 --fit pad",
+)
+"""Blocks with one of these in them take long, and what they show is tested elsewhere in less time: --long runs them."""
 
 PLACEHOLDERS = {
     "SCENE": "three_planes",
@@ -239,7 +253,15 @@ def alternatives(command: str) -> list[str]:
     return [command.replace(found[0], choice) for choice in choices]
 
 
-@pytest.mark.parametrize("snippet", with_commands(), ids=lambda one: one.where)
+def marked(some: list[Snippet]) -> Any:
+    """The snippets as parameters, with the place that each stands at; those of :data:`LONG` are long."""
+    return [
+        pytest.param(one, id=one.where, marks=[pytest.mark.long] if any(text in one.text for text in LONG) else [])
+        for one in some
+    ]
+
+
+@pytest.mark.parametrize("snippet", marked(with_commands()))
 def test_commands_run(snippet: Snippet, folder: Path) -> None:
     """One after the other in one folder; what a command writes to is removed first: lines are often alternatives."""
     for command in (one for one in snippet.commands if one.startswith("davis-rs ")):
@@ -324,7 +346,7 @@ def test_other_commands_name_what_there_is() -> None:
                 assert f"\n{extra} = [" in project, f"{one.where}: {command}"
 
 
-@pytest.mark.parametrize("snippet", PYTHON, ids=lambda one: one.where)
+@pytest.mark.parametrize("snippet", marked(PYTHON))
 def test_python_blocks_run_by_themselves(
     snippet: Snippet, folder: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,6 +80,7 @@ def test_other_pixels_see_no_edge() -> None:
     assert np.isin(np.flatnonzero(jumps), tracks.pixels).all()
 
 
+@pytest.mark.long
 def test_moving_objects_have_edges_too() -> None:
     scene = load_scene("dynamic_translation").crop(1.0, 0.01)
     renderer = renderer_of(scene)

@@ -113,6 +113,7 @@ def events_of(scene: Scene, rays_per_pixel: int, seed: int) -> EventArray:
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.long
 def test_the_estimate_is_what_whole_runs_have(of_the_box: NoiseEstimate) -> None:
     """Of some pixels it tells the share of all pixels' events that 256 samples do not have, at 8 and at 32."""
     scene, estimate = small_box(), of_the_box

@@ -261,6 +261,7 @@ def native(scene: Scene) -> NativeRenderer:
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.long
 def test_light_of_a_round_lamp_is_baked() -> None:
     """A sphere that shines keeps the name of its light."""
     ball = {"type": "sphere", "center": [0, 0, 1.2], "radius": 0.2, "emitter": {"type": "area", "radiance": 8.0}}

@@ -333,6 +333,7 @@ def test_the_command_line_takes_a_rig(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "--camera-index is that of a camera of a rig: give --rig" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_generate_makes_rigs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = tmp_path / "plan.yaml"
     plan.write_text("scene: three_planes\nduration: 0.005\nrig: stereo-davis346\naccuracy: fast\nrays_per_pixel: 1\n")

@@ -113,6 +113,7 @@ def surveyed(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.parametrize("name", [*(f"{name}.xml" for name in SCENES), *(f"{name}.glb" for name in MODELS)])
+@pytest.mark.long
 def test_each_file_has_its_row(surveyed: str, name: str) -> None:
     stem, _, suffix = name.partition(".")
     outcome, reason = (SCENES if suffix == "xml" else MODELS)[stem][1:]

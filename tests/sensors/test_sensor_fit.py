@@ -90,7 +90,7 @@ def fitted(*streams: EventArray) -> SensorFit:
     [
         pytest.param(pulls, HiddenSensor._fields[:9], 0, marks=pytest.mark.long),
         pytest.param(pulls_over_light, OVER_LIGHT, 2, marks=pytest.mark.long),
-        (static_pulls, HiddenStaticSensor._fields[:5], 19),
+        pytest.param(static_pulls, HiddenStaticSensor._fields[:5], 19, marks=pytest.mark.long),
     ],
     ids=["moving, with frames", "the same in known light", "static, in known light"],
 )

@@ -97,6 +97,7 @@ def test_lag_and_black_level_are_found_with_the_thresholds(ideal: EventArray) ->
     assert found.off.value == pytest.approx(OFF, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_lag_is_divided_into_what_goes_with_light_and_what_does_not() -> None:
     """Of 1.6 ms where it is as bright as the strip; thresholds that scatter leave both parts as they are."""
     sensor, rng = draw_over_light(3, 1)

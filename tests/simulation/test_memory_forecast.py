@@ -167,6 +167,7 @@ def test_each_way_forecasts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
         assert told.count(line) == 1
 
 
+@pytest.mark.long
 def test_the_forecast_is_near_what_is_taken(run_python: Callable[..., str]) -> None:
     """Little less than a run takes at most, and not far more: what is refused would not have fitted."""
     program = """
