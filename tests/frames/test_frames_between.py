@@ -94,7 +94,7 @@ def test_flow_finds_how_the_image_moves(step: tuple[float, float]) -> None:
     assert np.abs(pair.backward[inner] + step).mean() < 0.1
     assert pair.displacement_px == pytest.approx(np.hypot(*step), abs=0.7)
     assert pair.occluded < 0.15
-    for share, made in zip((0.25, 0.5, 0.9), pair.frames([0.25, 0.5, 0.9]), strict=True):
+    for share, [made] in zip((0.25, 0.5, 0.9), pair.frames([0.25, 0.5, 0.9], [before], [after]), strict=True):
         truth = texture(x - share * step[0], y - share * step[1])
         assert np.abs(made - truth)[inner].mean() < 0.01
         mixed = (1 - share) * before + share * after
@@ -103,7 +103,7 @@ def test_flow_finds_how_the_image_moves(step: tuple[float, float]) -> None:
 
 def test_frames_between_begin_and_end_as_the_frames() -> None:
     frames = moving_texture(2, 4.0, WIDTH, HEIGHT)
-    near = list(FlowFinder().between(*frames).frames([0.0, 1.0]))
+    near = [made for [made] in FlowFinder().between(*frames).frames([0.0, 1.0], [frames[0]], [frames[1]])]
     assert np.abs(near[0] - frames[0]).max() < 1e-5
     assert np.abs(near[1] - frames[1]).max() < 1e-5
 
@@ -120,7 +120,7 @@ def test_what_is_hidden_comes_from_the_frame_that_shows_it() -> None:
 
     pair = FlowFinder().between(frame(30), frame(38))
     assert pair.occluded > 0.02
-    made, truth = next(pair.frames([0.5])), frame(34)
+    [made], truth = next(pair.frames([0.5], [pair.before], [pair.after])), frame(34)
     inner = (slice(8, -8), slice(8, -8))
     blended = 0.5 * (frame(30) + frame(38))
     assert np.abs(made - truth)[inner].mean() < 0.4 * np.abs(blended - truth)[inner].mean()

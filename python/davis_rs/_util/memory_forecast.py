@@ -164,7 +164,7 @@ def simulation_forecast(
 
 
 def frames_forecast(
-    size: tuple[int, int], *, frame_bytes: float, flow: bool = False, effects: bool = False
+    size: tuple[int, int], *, frame_bytes: float, flow: bool = False, planes: int = 1, effects: bool = False
 ) -> MemoryForecast:
     """Forecast the memory of a run over frames.
 
@@ -172,11 +172,12 @@ def frames_forecast(
         size: of the sensor, (width, height) in pixels.
         frame_bytes: of a frame as it is read, by pixel of the sensor.
         flow: light between frames is interpolated along optical flow.
+        planes: of light in a frame: 3 behind colour filters.
         effects: pixels are not ideal.
     """
     bytes_by_use = {
         "the state of pixels": _STATE + _STATE_OF_EFFECTS * effects,
-        "frames": _OF_FRAMES + _FRAMES_AT_ONCE * frame_bytes,
+        "frames": _OF_FRAMES + _OF_MORE_PLANES * (planes - 1) + _FRAMES_AT_ONCE * frame_bytes,
         "events": _EVENTS,
         "optical flow": _FLOW * flow,
     }
@@ -187,7 +188,7 @@ _STATE, _STATE_OF_EFFECTS = 36, 150
 _LUMA, _RATES, _FRAMES = 50, 28, 20
 _EVENTS, _REFINED = 30, 230
 _TRUTH = 640
-_OF_FRAMES, _FRAMES_AT_ONCE, _FLOW = 155, 8, 2400
+_OF_FRAMES, _OF_MORE_PLANES, _FRAMES_AT_ONCE, _FLOW = 155, 40, 8, 2400
 _TRIANGLE, _TEXTURED, _SMOOTH, _CONE = 410, 140, 210, 64
 
 

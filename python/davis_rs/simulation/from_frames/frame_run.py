@@ -14,6 +14,7 @@ from ..._core import CrossingEngine, __version__
 from ..._util.folder_report import start_line
 from ..._util.read_ahead import read_ahead
 from ...events.arrays import EventArray, concatenate_events
+from ...events.colour import filter_numbers
 from ...events.packet import Packet
 from ...sensor.effects import Optics
 from ...sensor.parameters import SensorParameters
@@ -22,6 +23,7 @@ from ..model_version import MODEL
 from ..no_events import warned_without_events
 from ..run_description import RunDescription
 from ..settings import FrameSettings
+from .colour_light import ColourLight
 from .event_forecast import EventForecast
 from .frame_source import FrameSource, StampedFrame
 from .frame_values import FrameValues, FrameValuesWarning
@@ -106,6 +108,8 @@ class FrameRun:
         self._optics = Optics(self.camera, self.effects) if self.effects.optical else None
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
         plain = self._optics is None and not resolved.area.resized
+        filters = resolved.colour_filter
+        self._filter_numbers = None if filters is None else filter_numbers(filters.pattern, *self.size)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
         refractory = self.effects.refractory_period_us
         self._forecast = EventForecast(
@@ -202,7 +206,7 @@ class FrameRun:
 
     def describe(self) -> FramesDescription:
         """Return all that a repetition needs, for meta.json; after :meth:`packets` also what the frames showed."""
-        sensor = self.settings.sensor
+        sensor, filters = self.settings.sensor, self.resolved.colour_filter
         given = {name: value for name, value in self.settings.by_name().items() if name not in _TOLD_ELSEWHERE}
         return {
             "davis_rs": __version__,
@@ -221,6 +225,7 @@ class FrameRun:
                 "start_phase": self.start_phase,
                 "log_eps": self.log_eps,
                 "lux_per_luma": self.resolved.lux_per_luma,
+                "colour_filter": None if filters is None else asdict(filters),
             },
             "effects": self.effects.describe(),
             "effects_left_out": list(self.left_out),
@@ -281,6 +286,8 @@ class FrameRun:
         if self.left_out:
             names = ", ".join(self.left_out)
             yield f"of the sensor's effects {names} is left out: the intensity frames are what came in"
+        if self.resolved.filters_left_out:
+            yield "the sensor's colour filters are left out: the frames are grey"
 
     def findings(self) -> Iterator[str]:
         """Say what was found on the way, a line each, for people."""
@@ -357,14 +364,27 @@ class FrameRun:
             if t_us == last_us:
                 raise ValueError(f"{frame.where}: it falls on the same microsecond as the frame before it ({t_us} us)")
             last_us = t_us
-            luma = self.resolved.area.fit(self.light.luma(self.resolved.area.cut(frame.image), frame.where))
-            if self._optics is not None:
-                luma = self._optics.frames(luma[None])[0]
-            seen = SensorFrame(t_us, luma, frame.where)
+            seen = self._on_sensor(frame, t_us)
             if last is not None:
                 self._forecast.check(last, seen)
             last = seen
             yield seen
+
+    def _on_sensor(self, frame: StampedFrame, t_us: int) -> SensorFrame:
+        """Turn a frame into the light that the pixels see, behind the lens and their filters."""
+        area, filters = self.resolved.area, self.resolved.colour_filter
+        image = area.cut(frame.image)
+        if filters is None:
+            planes = self.light.luma(image, frame.where)[None]
+        else:
+            planes = self.light.through(filters, image, frame.where)
+        planes = np.stack([area.fit(plane) for plane in planes])
+        if self._optics is not None:
+            planes = self._optics.frames(planes)
+        if self._filter_numbers is None:
+            return SensorFrame(t_us, planes[0], frame.where)
+        colours = ColourLight(tuple(planes), self._filter_numbers)
+        return SensorFrame(t_us, colours.seen(colours.light), frame.where, colours)
 
     def _between_words(self) -> str:
         stop_s = self.settings.stop_s

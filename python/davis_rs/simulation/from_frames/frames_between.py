@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from .optical_flow import FlowFinder, FlowPair, displacement
 
 Interpolator = Callable[[LumaFrame, LumaFrame, npt.NDArray[np.float64]], Iterable[npt.ArrayLike]]
 """interpolator(before, after, shares) -> frames: linear luma (H, W), float32, at each share of the way from one to the
-other, in (0, 1) and increasing."""
+other, in (0, 1) and increasing. Behind colour filters it is asked for the light of each of them."""
 
 
 def load_interpolator(entry: str) -> Interpolator:
@@ -125,27 +125,33 @@ class FramesBetween(Interpolation):
             last = frame
 
     def _between(self, last: SensorFrame, frame: SensorFrame) -> Iterator[Sample]:
-        pair = self._finder.between(last.luma, frame.luma)
+        pair = self._finder.between(last.grey, frame.grey)
         times = instants(last.t_us, frame.t_us, pair.displacement_px, self._step_px)
         self.motion.add(pair.displacement_px, len(times), unsure=_unsure(pair))
         fractions = (times - last.t_us) / (frame.t_us - last.t_us)
-        made = pair.frames(fractions) if self._interpolator is None else self._asked(last, frame, fractions)
-        for t_us, luma in zip(times.tolist(), made, strict=True):
-            yield Sample(t_us, luma, None, None)
+        if self._interpolator is None:
+            made: Iterator[Sequence[LumaFrame]] = pair.frames(fractions, last.planes, frame.planes)
+        else:
+            where = f"the interpolator, between {last.where} and {frame.where}"
+            between = zip(last.planes, frame.planes, strict=True)
+            made = zip(*(self._asked(before, after, fractions, where) for before, after in between), strict=True)
+        for t_us, planes in zip(times.tolist(), made, strict=True):
+            yield Sample(t_us, frame.seen(planes), None, None)
 
-    def _asked(self, last: SensorFrame, frame: SensorFrame, fractions: npt.NDArray[np.float64]) -> Iterator[LumaFrame]:
-        """Return what the user's interpolator makes, checked."""
+    def _asked(
+        self, before: LumaFrame, after: LumaFrame, fractions: npt.NDArray[np.float64], where: str
+    ) -> Iterator[LumaFrame]:
+        """Return what the user's interpolator makes between two planes, checked."""
         assert self._interpolator is not None
-        where = f"the interpolator, between {last.where} and {frame.where}"
         for start in range(0, len(fractions), _BATCH):
             asked = fractions[start : start + _BATCH]
             given = 0
             # Copies: what it writes into them must not change the frames that the events come from.
-            images = self._interpolator(last.luma.copy(), frame.luma.copy(), asked.copy())
+            images = self._interpolator(before.copy(), after.copy(), asked.copy())
             if not isinstance(images, Iterable):
                 raise ValueError(f"{where}: it must give {len(asked)} frames, got {type(images).__name__}")
             for image in images:
-                luma = _as_luma(image, frame.luma.shape, where)
+                luma = _as_luma(image, after.shape, where)
                 bad = ~(np.isfinite(luma) & (luma >= 0))
                 if bad.any():
                     y, x = np.argwhere(bad)[0].tolist()
@@ -195,17 +201,19 @@ class Auto(Interpolation):
         straight = np.full_like(first[1], np.nan)
         last = first[0]
         for frame, rate in rated:
-            forward = self._finder.flow(last.luma, frame.luma)
-            moved_px = displacement(last.luma, forward)
+            before, after = last.grey, frame.grey
+            forward = self._finder.flow(before, after)
+            moved_px = displacement(before, forward)
             if moved_px <= CUBIC_UP_TO_PX:
                 self.motion.add(moved_px, 0, unsure=False)
             else:
-                pair = FlowPair.of(last.luma, frame.luma, forward, self._finder.flow(frame.luma, last.luma))
+                pair = FlowPair.of(before, after, forward, self._finder.flow(after, before))
                 times = instants(last.t_us, frame.t_us, pair.displacement_px, self._step_px)
                 self.motion.add(pair.displacement_px, len(times), unsure=_unsure(pair))
                 fractions = (times - last.t_us) / (frame.t_us - last.t_us)
-                for t_us, luma in zip(times.tolist(), pair.frames(fractions), strict=True):
-                    yield Sample(t_us, luma, straight, None)
+                made = pair.frames(fractions, last.planes, frame.planes)
+                for t_us, planes in zip(times.tolist(), made, strict=True):
+                    yield Sample(t_us, frame.seen(planes), straight, None)
             yield Sample(frame.t_us, frame.luma, rate, frame)
             last = frame
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from .colour_light import ColourLight
 
 LumaFrame = npt.NDArray[np.float32]
 
@@ -17,13 +19,29 @@ class SensorFrame(NamedTuple):
 
     Attributes:
         t_us: microseconds.
-        luma: linear luma (H, W), float32.
+        luma: linear luma (H, W), float32, that the pixels see, each through its own filter.
         where: the file and the frame, for messages.
+        colours: what all pixels would see through each filter; None for a sensor without colour.
     """
 
     t_us: int
     luma: LumaFrame
     where: str
+    colours: ColourLight | None = None
+
+    @property
+    def grey(self) -> LumaFrame:
+        """Return light in which the image's motion can be seen, without the pattern of filters (H, W)."""
+        return self.luma if self.colours is None else self.colours.grey
+
+    @property
+    def planes(self) -> Sequence[LumaFrame]:
+        """Return what moves with the image: luma, or that through each filter, (H, W) each."""
+        return (self.luma,) if self.colours is None else self.colours.light
+
+    def seen(self, planes: Sequence[LumaFrame]) -> LumaFrame:
+        """Return luma (H, W) that the pixels see of such planes."""
+        return planes[0] if self.colours is None else self.colours.seen(planes)
 
 
 class Sample(NamedTuple):

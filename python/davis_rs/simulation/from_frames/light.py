@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
+from ...events.colour import ColourFilter, Weights
 from ...events.luma import LUMA_WEIGHTS
 from .frame_source import Encoding, FrameArray
 
@@ -75,7 +77,7 @@ class Light:
             )
         self._black, self._white = encoding.in_frame(self.black), encoding.in_frame(self.white)
         self._decode = parse_transfer(self.transfer)
-        self._tables: dict[np.dtype[np.generic], list[LumaFrame]] = {}
+        self._tables: dict[tuple[np.dtype[np.generic], float], LumaFrame] = {}
         self.levels: FloatArray | None = None
         if encoding.levels is not None:
             steps = np.linspace(self.black, encoding.white, encoding.levels + 1)
@@ -87,8 +89,20 @@ class Light:
         Raises:
             ValueError: for a value that is NaN, infinite or negative, naming the frame and the pixel.
         """
+        return self._weighted(image, LUMA_WEIGHTS, where)
+
+    def through(self, filters: ColourFilter, image: FrameArray, where: str) -> LumaFrame:
+        """Return linear light (3, H, W), float32, of a frame (H, W, 3) behind the red, the green and the blue filter.
+
+        Raises:
+            ValueError: as :meth:`luma`.
+        """
+        return np.stack([self._weighted(image, weights, where) for weights in filters.weights])
+
+    def _weighted(self, image: FrameArray, weights: Weights, where: str) -> LumaFrame:
+        """Return the sum of weighted linear colours (H, W); of a frame (H, W) its linear light."""
         if image.dtype in (np.uint8, np.uint16):
-            return self._of_integers(image)
+            return self._of_integers(image, weights)
         if not np.issubdtype(image.dtype, np.floating):
             raise ValueError(f"{where}: frames must be uint8, uint16 or floating point, got {image.dtype}")
         bad = ~np.isfinite(image) | (image < 0)
@@ -96,18 +110,23 @@ class Light:
             y, x = (int(i) for i in np.argwhere(bad)[0][:2])
             raise ValueError(f"{where}: light must be finite and >= 0, got {image[y, x]} at pixel ({x}, {y})")
         light = self._decode((image.astype(np.float64) - self._black) / (self._white - self._black))
-        luma = light if light.ndim == 2 else light @ np.array(LUMA_WEIGHTS)
+        luma = light if light.ndim == 2 else light @ np.array(weights)
         return np.ascontiguousarray(luma, np.float32)
 
-    def _of_integers(self, image: FrameArray) -> LumaFrame:
-        if image.dtype not in self._tables:
-            values = np.arange(np.iinfo(image.dtype).max + 1, dtype=np.float64)
-            light = self._decode(np.maximum(values - self._black, 0) / (self._white - self._black))
-            self._tables[image.dtype] = [(weight * light).astype(np.float32) for weight in (1.0, *LUMA_WEIGHTS)]
-        grey, *colours = self._tables[image.dtype]
+    def _of_integers(self, image: FrameArray, weights: Weights) -> LumaFrame:
         if image.ndim == 2:
-            return grey[image]
-        luma = colours[0][image[..., 0]]
-        luma += colours[1][image[..., 1]]
-        luma += colours[2][image[..., 2]]
+            return self._table(image.dtype, 1.0)[image]
+        luma, *more = (
+            self._table(image.dtype, weight)[image[..., colour]] for colour, weight in enumerate(weights) if weight
+        )
+        for one in more:
+            luma += one
         return luma
+
+    def _table(self, dtype: np.dtype[Any], weight: float) -> LumaFrame:
+        """Return the weighted light of every value of a type of integers."""
+        if (dtype, weight) not in self._tables:
+            values = np.arange(np.iinfo(dtype).max + 1, dtype=np.float64)
+            light = self._decode(np.maximum(values - self._black, 0) / (self._white - self._black))
+            self._tables[dtype, weight] = (weight * light).astype(np.float32)
+        return self._tables[dtype, weight]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -132,34 +132,46 @@ class FlowPair:
         """Return the fraction of the pixels of ``before`` whose flow there and back do not agree."""
         return float((self.seen_after < 0.5).mean())
 
-    def frames(self, fractions: npt.ArrayLike) -> Iterator[LumaFrame]:
-        """Make the frame at each fraction of the way, in 0..1: what is seen moves straight, at constant speed.
+    def frames(
+        self, fractions: npt.ArrayLike, before: Sequence[LumaFrame], after: Sequence[LumaFrame]
+    ) -> Iterator[list[LumaFrame]]:
+        """Make the planes of a frame at each fraction of the way, in 0..1: what is seen moves straight, at constant
+        speed.
 
         A pixel is taken from both frames, by how near they are in time, and from one alone where it is hidden in the
         other.
+
+        Args:
+            fractions: of the way, (n,).
+            before, after: planes (H, W) of the two frames, such as their luma, or their light of three colours.
         """
         for fraction in np.asarray(fractions, np.float64).tolist():
-            y_before, seen_after = self._from(self.before, self.forward, self.seen_after, fraction)
-            y_after, seen_before = self._from(self.after, self.backward, self.seen_before, 1 - fraction)
+            moved_before, seen_after = self._moved(before, self.forward, self.seen_after, fraction)
+            moved_after, seen_before = self._moved(after, self.backward, self.seen_before, 1 - fraction)
             # What the first frame shows and the second does not, must not be mixed with the second; and back.
             w_before = np.float32(1 - fraction) * (seen_before + _FLOOR)
             w_after = np.float32(fraction) * (seen_after + _FLOOR)
-            yield np.asarray((w_before * y_before + w_after * y_after) / (w_before + w_after), np.float32)
+            yield [
+                np.asarray((w_before * y_before + w_after * y_after) / (w_before + w_after), np.float32)
+                for y_before, y_after in zip(moved_before, moved_after, strict=True)
+            ]
 
     @staticmethod
-    def _from(frame: LumaFrame, flow: FlowField, seen: LumaFrame, fraction: float) -> tuple[LumaFrame, LumaFrame]:
-        """Move a frame, and how sure its pixels are, along its flow by a fraction of it."""
+    def _moved(
+        planes: Sequence[LumaFrame], flow: FlowField, seen: LumaFrame, fraction: float
+    ) -> tuple[list[LumaFrame], LumaFrame]:
+        """Move planes of a frame, and how sure its pixels are, along its flow by a fraction of it."""
         cv2 = _opencv()
-        x, y = _grid(*frame.shape)
+        x, y = _grid(*seen.shape)
         step = np.float32(fraction)
         moved = flow
         # The pixel that comes to p is q with q + share flow(q) = p.
         for _ in range(_TURNS):
             moved = cv2.remap(flow, x - step * moved[..., 0], y - step * moved[..., 1], cv2.INTER_LINEAR, None, _BORDER)
         from_x, from_y = x - step * moved[..., 0], y - step * moved[..., 1]
-        luma = cv2.remap(frame, from_x, from_y, cv2.INTER_CUBIC, None, _BORDER)
+        moved_planes = [cv2.remap(plane, from_x, from_y, cv2.INTER_CUBIC, None, _BORDER) for plane in planes]
         sure = cv2.remap(seen, from_x, from_y, cv2.INTER_LINEAR, None, _BORDER)
-        return np.maximum(luma, 0, out=luma), sure
+        return [np.maximum(plane, 0, out=plane) for plane in moved_planes], sure
 
 
 _FLOOR = np.float32(1e-3)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ..._util.argument_checks import parse_size
 from ..._util.argument_error import ArgumentError
 from ..._util.memory_forecast import MemoryForecast, frames_forecast
+from ...events.colour import ColourFilter, as_colour_filter
 from ...geometry.camera import Camera
 from ...sensor.effects import Effects
 from ...sensor.effects.effects import effects_of
@@ -40,6 +41,8 @@ class ResolvedFrames:
         effects: of the pixels and the readout.
         left_out: effects of the sensor that frames cannot have.
         light: how values become luma.
+        colour_filter: before the pixels; None for a sensor without colour.
+        filters_left_out: the sensor has colour filters, but the frames are grey.
         dark_luma: the dark level of the sensor in units of luma.
         log_eps: dark level in units of luma, at which one grey level stays below C.
     """
@@ -54,6 +57,8 @@ class ResolvedFrames:
     effects: Effects
     left_out: tuple[str, ...]
     light: Light
+    colour_filter: ColourFilter | None
+    filters_left_out: bool
     dark_luma: float
     log_eps: float
 
@@ -95,6 +100,7 @@ class ResolvedFrames:
             self.area.size,
             frame_bytes=first.nbytes / math.prod(self.area.size),
             flow=self.settings.interpolation in ("auto", "flow"),
+            planes=1 if self.colour_filter is None else 3,
             effects=bool(self.effects.engine_settings()),
         )
 
@@ -123,8 +129,22 @@ def resolve_frames(first: FrameArray, encoding: Encoding, settings: FrameSetting
     dark_luma = first_given(sensor.dark_luma(lux_per_luma), LOG_EPS)
     log_eps = first_given(settings.log_eps, dark_level(light.levels, min(on, off), dark_luma))
     phase = settings.start_phase or sensor.start_phase
+    filters, filters_left_out = _filters(first, sensor, settings)
     return ResolvedFrames(
-        settings, area, camera, on, off, phase, lux_per_luma, effects, left_out, light, dark_luma, log_eps
+        settings=settings,
+        area=area,
+        camera=camera,
+        contrast_threshold=on,
+        contrast_threshold_off=off,
+        start_phase=phase,
+        lux_per_luma=lux_per_luma,
+        effects=effects,
+        left_out=left_out,
+        light=light,
+        colour_filter=filters,
+        filters_left_out=filters_left_out,
+        dark_luma=dark_luma,
+        log_eps=log_eps,
     )
 
 
@@ -138,6 +158,17 @@ def check_times(settings: FrameSettings) -> None:
 
 def _light_of(encoding: Encoding, settings: FrameSettings) -> Light:
     return Light(encoding, settings.transfer, settings.white_level)
+
+
+def _filters(first: FrameArray, sensor: SensorParameters, settings: FrameSettings) -> tuple[ColourFilter | None, bool]:
+    """Return the filters before the pixels, and whether grey frames leave out those of the sensor."""
+    asked = settings.colour_filter
+    filters = sensor.colour_filter() if asked is None else as_colour_filter(asked)
+    if filters is None or first.ndim == 3:
+        return filters, False
+    if asked is not None:
+        raise ArgumentError("{colour_filter} needs frames of red, green and blue, and these are grey")
+    return None, True
 
 
 def _area(first: FrameArray, sensor: SensorParameters, settings: FrameSettings) -> FramePart:

@@ -7,11 +7,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ...events.colour import ColourFilter
 from ...geometry.camera import PRESETS, Camera
 from ...sensor.effects import EffectsLike
 from ...sensor.parameters import SensorParameters
 from .setting import Declared, Settings, declare
-from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, FolderFileSettings, PixelSettings
+from .simulation_settings import (
+    COLOUR_FILTER,
+    EFFECT_FORM,
+    EFFECTS,
+    SENSOR,
+    EngineSettings,
+    FolderFileSettings,
+    PixelSettings,
+)
 
 _LIGHT, _PART, _BETWEEN = "light", "which part", "between frames"
 
@@ -200,6 +209,7 @@ class FrameSettings(EngineSettings, PixelSettings, _InterpolationSettings, _Part
     """Declares the settings of :func:`~davis_rs.events_from_frames`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None = declare(None, SENSOR)
+    colour_filter: ColourFilter | str | None = declare(None, COLOUR_FILTER)
     effects: EffectsLike | None = declare(
         None,
         Declared(

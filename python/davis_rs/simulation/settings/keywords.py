@@ -158,6 +158,7 @@ class FrameKeywords(EngineKeywords, PixelKeywords, _InterpolationKeywords, _Part
     """Names the keyword arguments of :class:`FrameSettings`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None
+    colour_filter: ColourFilter | str | None
     effects: EffectsLike | None
 
 

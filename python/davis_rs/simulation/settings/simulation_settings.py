@@ -43,6 +43,15 @@ SENSOR = Declared(
     text=str,
 )
 
+COLOUR_FILTER = Declared(
+    "Bayer pattern of colour filters before the pixels, each of which then sees its own colour (docs/colour.md); none: "
+    "none, whatever the sensor has",
+    default_help="the sensor's",
+    choices=("none", *PATTERNS),
+    group=EFFECTS,
+    text=str,
+)
+
 EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
 
 
@@ -198,17 +207,7 @@ class ViewSettings(PixelSettings):
             group=_ACCURACY,
         ),
     )
-    colour_filter: ColourFilter | str | None = declare(
-        None,
-        Declared(
-            "Bayer pattern of colour filters before the pixels, each of which then sees its own colour "
-            "(docs/colour.md); none: none, whatever the sensor has",
-            default_help="the sensor's",
-            choices=("none", *PATTERNS),
-            group=_ACCURACY,
-            text=str,
-        ),
-    )
+    colour_filter: ColourFilter | str | None = declare(None, COLOUR_FILTER)
     bake_error: float = declare(
         BAKE_ERROR,
         Declared(
