@@ -290,6 +290,7 @@ def test_meshes_are_made_for_each_setting(tmp_path: Path) -> None:
     assert len(made) >= len(settings)
 
 
+@pytest.mark.long
 def test_an_interrupted_sweep_keeps_its_rows(prepared: Sweep, capsys: pytest.CaptureFixture[str]) -> None:
     """Ctrl-C in the third of four settings: the two before are in all files, and the exit status tells."""
     settings = [*SETTINGS[:2], Setting("interrupted", "lines", CtrlC(), 4), SETTINGS[2]]

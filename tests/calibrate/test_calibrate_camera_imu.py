@@ -68,6 +68,7 @@ def test_any_orientation_and_lag_is_found_without_a_guess() -> None:
     np.testing.assert_allclose(result.accelerometer_bias, (0.2, 0.1, -0.3), atol=2e-2)
 
 
+@pytest.mark.long
 def test_a_stretch_without_the_board_is_left_out() -> None:
     """Of 8 s the board is hidden for 2.1 s: both sides give the transform together, and what is left out is said."""
     poses, readings = exact_poses(8.0), samples(IDEAL, 8.0)

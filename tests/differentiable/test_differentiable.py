@@ -343,6 +343,7 @@ def test_frames_of_moving_scenes_are_the_table_renderers(moving_scene: Scene, mi
     assert np.abs(one - other).max() > 0.1
 
 
+@pytest.mark.long
 def test_derivatives_of_moving_scenes_agree_with_differences(moving_scene: Scene, mi: Any) -> None:
     """Edges, shadows and texels, at two times at once; and the strength of the lamp that flickers."""
     about, times = CameraPoses.at([POSE, OTHER]), np.array([0.1, 0.7])

@@ -91,6 +91,7 @@ def test_control_points(events: EventArray, derivatives: EventTimeDerivatives) -
     )
 
 
+@pytest.mark.long
 def test_increments_of_a_path_that_is_moved_already(events: EventArray) -> None:
     """A rotation vector that is added to another is not a rotation after it."""
     points = np.random.RandomState(1).normal(size=(4, 6)) * [0.02, 0.02, 0.02, 0.3, 0.3, 0.3]

@@ -55,6 +55,7 @@ def test_a_clock_offset_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (np.abs(found.error) < 4 * found.sigma).all()
 
 
+@pytest.mark.long
 def test_the_bound_predicts_the_scatter(monkeypatch: pytest.MonkeyPatch) -> None:
     """Squared errors by the bound's covariance are chi-squared with six degrees of freedom."""
     draws = 20

@@ -139,6 +139,7 @@ def test_no_event_is_lost_or_out_of_order(rate: float, latency_us: float, jitter
 
 
 @pytest.mark.parametrize("rate", [1e5, 3e6, 12e6])
+@pytest.mark.long
 def test_a_megahertz_of_noise_leaves_at_the_pace_of_the_bus(rate: float) -> None:
     """64 pixels at 1e6 Hz each, five times what the bus of a DAVIS240 carries and more: as many come as it carries.
 

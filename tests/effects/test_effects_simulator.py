@@ -241,6 +241,7 @@ def test_what_is_named_beside_auto_is_kept_and_the_rest_is_planned(tmp_path: Pat
     assert candidates == {effect.name for effect in davis240c()} - {"leak_rate_hz", "shot_noise_rms"}
 
 
+@pytest.mark.long
 def test_a_sensor_brings_back_nothing_that_the_plan_left_out() -> None:
     """The plan's effects over that sensor are the plan's, not all of the sensor's."""
     plan = plan_effects(planes(0.1), sensor="davis240c")

@@ -173,6 +173,7 @@ def test_a_failure_is_told_and_the_others_go_on(tmp_path: Path, capsys: pytest.C
     assert not set(bad) & {*json_names(tmp_path / "root"), *(path.name for path in (tmp_path / "root").iterdir())}
 
 
+@pytest.mark.long
 def test_what_is_not_checked_first_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Checking all of many would keep every worker waiting: of later ones the workers find out, and make the others."""
     plan = load_sequence_plan(write_plan(tmp_path, seed=25, sequences=4, accuracy={"choice": ["fast", "no"]}))
@@ -393,6 +394,7 @@ def test_a_folder_of_something_else_is_left_alone(root: Path, tmp_path: Path) ->
     assert (root / "sequence_00001" / "thesis.tex").exists()
 
 
+@pytest.mark.long
 def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
     """The second would remove what the first is at; after a kill the lock is free again by itself."""
     root, plan = tmp_path / "root", write_plan(tmp_path)

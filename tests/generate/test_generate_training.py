@@ -360,6 +360,7 @@ def test_a_kill_between_the_steps_of_packing_costs_nothing(tmp_path: Path) -> No
         assert files_of(root) == files
 
 
+@pytest.mark.long
 def test_a_scene_that_is_kept_gives_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker keeps what it made of a scene: later sequences are those of a worker that keeps nothing."""
     scenes = {"choice": ["three_planes", "three_walls"]}

@@ -241,6 +241,7 @@ def test_noise_is_measured_before_the_one_simulator_is_made(monkeypatch: pytest.
 
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.usefixtures("few_seeds")
+@pytest.mark.long
 def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """And the run is the same as with that number given."""
     scene = plain_box()

@@ -158,6 +158,7 @@ def test_every_point_of_an_edge_is_marked(
         assert mask[y[inside], x[inside]].all()
 
 
+@pytest.mark.long
 def test_a_thin_rod_marks_the_pixels_that_it_jumps_over(llvm: str) -> None:
     """Two triangles 0.05 px wide cross a column of pixels between two instants that both show nothing of it there."""
     depth, fine = 2.0, 0.025

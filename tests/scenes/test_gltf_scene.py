@@ -77,7 +77,7 @@ def test_a_square_in_front_of_a_camera_by_hand(tmp_path: Path) -> None:
     assert scene.start is not None
     np.testing.assert_allclose(scene.start.position, [0, -3, 0], atol=1e-12)
     np.testing.assert_allclose(scene.start.rotation, [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
-    luma = make_renderer(scene, camera, rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0]
+    luma = make_renderer(scene, camera, kind="native", rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0]
     rows, columns = np.indices(luma.shape)
     x, y = (columns - camera.cx) / 90 * 3, (rows - camera.cy) / 90 * 3
     inside = (np.abs(x) < 0.99) & (np.abs(y) < 0.99)
@@ -196,7 +196,7 @@ def test_colours_of_vertices(tmp_path: Path) -> None:
     scene = saved(gltf, tmp_path)
     assert scene.start is not None
     camera = scene.own_camera
-    luma = make_renderer(scene, camera, rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0]
+    luma = make_renderer(scene, camera, kind="native", rays_per_pixel=1).luma(Views.at_rest([scene.start]))[0]
     first = BT601 @ np.array([0.5, 0.5, 0.5]) * (0.5)  # the middle lies half way between the first and the third corner
     middle = (BT601 @ (colours[0] + colours[2]) / 2) * 0.5
     assert luma[89:91, 119:121].mean() == pytest.approx(middle, rel=0.02)
@@ -635,7 +635,9 @@ def test_matte_metal_is_its_base_colour(tmp_path: Path) -> None:
     def luma(metal: float, matte: bool) -> Any:
         gltf = halves(metallicFactor=metal, baseColorFactor=[0.8, 0.4, 0.2, 1.0])
         scene = replace(saved(gltf, tmp_path), matte=matte)
-        return make_renderer(scene, scene.own_camera, rays_per_pixel=1).luma(Views.along(scene.path, np.zeros(1)))
+        return make_renderer(scene, scene.own_camera, kind="native", rays_per_pixel=1).luma(
+            Views.along(scene.path, np.zeros(1))
+        )
 
     np.testing.assert_array_equal(luma(1.0, True), luma(0.0, False))
     assert (luma(1.0, True) != luma(1.0, False)).any()

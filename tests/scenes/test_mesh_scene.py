@@ -52,7 +52,7 @@ def painted(
 
 
 def first_frame(scene: Scene) -> npt.NDArray[np.float32]:
-    renderer = make_renderer(scene, scene.own_camera, rays_per_pixel=1)
+    renderer = make_renderer(scene, scene.own_camera, kind="native", rays_per_pixel=1)
     assert renderer.name == "native renderer"
     return renderer.luma(Views.at_rest([scene.path.pose(0.0)]))[0].astype(np.float32)
 

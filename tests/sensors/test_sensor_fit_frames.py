@@ -147,6 +147,7 @@ def test_a_lag_of_all_brightnesses_is_no_photoreceptor(ideal: EventArray) -> Non
     assert made == fit_sensor([measured]).file().parameters
 
 
+@pytest.mark.long
 def test_a_corner_is_told_by_a_certain_lag_and_its_error_is_the_larger_one(ideal: EventArray) -> None:
     """One over a lag of three errors may be anything; of more, it is less certain to higher frequencies."""
 
