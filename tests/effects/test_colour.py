@@ -15,6 +15,7 @@ import davis_rs
 from davis_rs import Camera, ColourFilter, Effects, FixedRate, MaxDisplacement, Scene, Simulator, Tolerance, demosaic
 from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.events.colour import PATTERNS, filter_numbers
+from davis_rs.events.luma import LUMA_WEIGHTS
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.scene_cache import shared_scenes
@@ -22,6 +23,7 @@ from davis_rs.sampling.rules import TimeSampling
 from davis_rs.sensor.parameters import SensorParameters
 from davis_rs.sensor.presets import read_sensor_file, save_sensor
 from davis_rs.simulation.settings import SimulatorSettings, resolve
+from lit_scenes import DOWN, Parts, area, build, diffuse, environment, make_scene, plate
 from moving_scene import BOX, DIRECT, FLOOR, LAMP, PATH
 
 pytestmark = pytest.mark.without_llvm
@@ -206,8 +208,6 @@ def test_settings_that_make_no_sense_are_refused() -> None:
         simulator(colour_filter="CYGM")
     with pytest.raises(ValueError, match="colour_filter must be ColourFilter"):
         simulator(colour_filter=3)
-    with pytest.raises(ValueError, match="light is baked for luma"):
-        simulator(colour_filter="RGGB", renderer="baked")
     with pytest.raises(ValueError, match="colour filter must be three weights"):
         ColourFilter("RGGB", red=(1, 2))  # type: ignore[arg-type]
 
@@ -256,3 +256,41 @@ def test_demosaiced_frames_are_those_of_colour_renders() -> None:
 def test_resolved_settings_hold_the_filter() -> None:
     settings = SimulatorSettings(colour_filter=FILTER, camera=CAMERA)
     assert resolve(SCENE, settings).view.colour_filter is FILTER
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize(
+    "case", ["diffuse under a sky", "diffuse under a map", "glossy under a sky", "glossy under a map"]
+)
+def test_baked_light_has_the_colours_of_its_lights_and_surfaces(case: str) -> None:
+    """Weights of luma are a sum of filters; what each filter passes is what the path tracer has through it.
+
+    A lamp, a sky and an environment map are seen themselves, too.
+    """
+    metal = {"type": "conductor", "material": "Au"} if "glossy" in case else diffuse([0.7, 0.3, 0.2])
+    sky: Parts = {"type": "constant", "radiance": {"type": "rgb", "value": [0.1, 0.2, 0.4]}}
+    if "map" in case:
+        by_height = np.stack([np.linspace(*ends, 32) for ends in ((0.3, 0.8), (0.5, 0.5), (0.6, 0.2))], axis=-1)
+        sky = environment(np.repeat(by_height[:, None], 64, axis=1))
+    radiance = area([3.0, 2.0, 0.5])
+    scene = make_scene(
+        lamp=plate(0.1, 0.2, 0.3, (0.2, 0.1)) | {"emitter": radiance},
+        lamp_above=plate(-0.3, 0.1, 2.0, (0.2, 0.2), up=False) | {"emitter": radiance},
+        floor=plate(0.1, 0, 0, (0.4, 0.5), diffuse([0.2, 0.6, 0.4])),
+        plate=plate(-0.2, 0, 0.1, (0.3, 0.4), metal),
+        sky=sky,
+    )
+    views = Views.at_rest([DOWN])
+    with shared_scenes():
+        luma = build(scene).luma(views)[0]
+        planes = [build(scene, weights=weights).luma(views)[0] for weights in np.eye(3).tolist()]
+    np.testing.assert_allclose(np.tensordot(LUMA_WEIGHTS, planes, 1), luma, rtol=1e-4, atol=1e-6)
+    traced = [
+        build(scene, kind="integrator", rays_per_pixel=256, weights=weights).luma(views)[0]
+        for weights in (LUMA_WEIGHTS, *np.eye(3).tolist())
+    ]
+    for plane, of_paths in zip(planes, traced[1:], strict=True):
+        assert plane.mean() == pytest.approx(of_paths.mean(), rel=0.05)
+        # Where luma is off, because a coarse map is seen, colours are off alike.
+        off = (plane / of_paths) / (luma / traced[0])
+        assert np.quantile(np.abs(off - 1), 0.75) < 0.05

@@ -210,10 +210,8 @@ class BakedKind(NoiseFreeKind):
     baked = True
 
     def make(self, request: _RendererRequest) -> Renderer:
-        if request.weights != LUMA_WEIGHTS:
-            raise Unsuitable("light is baked for luma, not for colour filters", "leave out the colour filter")
         with variant(SCALAR) as (mi, _):
-            made = self._tables(request.scene, request.camera, mi, by_name=request.by_name)
+            made = self._tables(request.scene, request.camera, mi, by_name=request.by_name, weights=request.weights)
             light = functools.partial(
                 baked_light,
                 request.scene,
@@ -222,6 +220,7 @@ class BakedKind(NoiseFreeKind):
                 made.motion,
                 error=request.bake_error,
                 by_name=request.by_name,
+                weights=request.weights,
             )
             made.table.bake(light)
             return _native(request, made)

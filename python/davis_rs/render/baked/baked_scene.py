@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..._mitsuba.types import Mitsuba, MitsubaObject, MitsubaScene, MitsubaShape
 from ..._mitsuba.variants import SCALAR, versions
 from ..._util.progress import progress, say
+from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.trajectory.steered import SteeredPath
 from ...geometry.trajectory.views import Views
@@ -216,6 +217,7 @@ def baked_light(
     error: float,
     *,
     by_name: bool = True,
+    weights: Weights = LUMA_WEIGHTS,
 ) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
@@ -226,6 +228,7 @@ def baked_light(
         surfaces: of the scene, in the order of its shapes.
         error: that is allowed, relative.
         by_name: as in :func:`check_baking`.
+        weights: of linear red, green and blue in the luma of lamps and of the sky themselves. Maps have all three.
 
     Raises:
         ValueError: for lights that cannot be.
@@ -238,7 +241,7 @@ def baked_light(
     names = light_groups(loaded, list(motion.lights))
     duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
     times = motion_times(motion, duration_s)
-    emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
+    emitted, emitters = emissions(loaded, mi, surfaces.counts, names, weights)
     content = _content(loaded, mi, surfaces, _poses(motion, times))
     settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, effort, content)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()
@@ -269,8 +272,8 @@ def baked_light(
         names,
         emitted,
         emitters,
-        background_luma(loaded, mi, names),
-        sky_map(loaded, mi, names),
+        background_luma(loaded, mi, names, weights),
+        sky_map(loaded, mi, names, weights),
         content,
         cache.holds(key),
         coloured_light(loaded, mi, surfaces.counts, names) if surfaces.looks else None,

@@ -22,6 +22,7 @@ from ..._mitsuba.types import (
     MitsubaShape,
     MitsubaValue,
 )
+from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ..diffuse_materials import nested_objects
 from ..motion.scene_motion import STILL, SceneMotion
@@ -139,32 +140,35 @@ def textured_lamp(name: str) -> Unsuitable:
 
 
 def emissions(
-    scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str]
+    scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str], weights: Weights
 ) -> tuple[FloatArray, IntArray]:
     """Return luma that each triangle emits from its front (t), and which of the groups of lights it belongs to (t).
 
     Args:
         counts: of the triangles of the scene's shapes.
         names: of the groups, see :func:`light_groups`.
+        weights: of linear red, green and blue in luma.
     """
     luma, group = [], []
     for shape, count in zip(scene.shapes(), counts, strict=True):
         radiance, number = 0.0, 0
         if shape.is_emitter():
-            radiance = float(_rgb(mi.traverse(shape.emitter())["radiance.value"]) @ LUMA_WEIGHTS)
+            radiance = float(_rgb(mi.traverse(shape.emitter())["radiance.value"]) @ weights)
             number = group_of(area_light_name(shape), names)
         luma.append(np.full(count, radiance))
         group.append(np.full(count, number))
     return np.concatenate(luma), np.concatenate(group)
 
 
-def background_luma(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> list[float]:
-    """Return the luma of a ray that hits nothing, by each group of lights."""
+def background_luma(
+    scene: MitsubaScene, mi: Mitsuba, names: Sequence[str], weights: Weights = LUMA_WEIGHTS
+) -> list[float]:
+    """Return the luma of a ray that hits nothing, by each group of lights; ``weights`` as in :func:`emissions`."""
     shown = [0.0] * len(names)
     if not getattr(integrator_of(scene), "hide_emitters", False):
         for name, emitter in named_emitters(scene):
             if emitter.class_name() == "ConstantBackgroundEmitter":
-                shown[group_of(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ LUMA_WEIGHTS)
+                shown[group_of(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ weights)
     return shown
 
 
@@ -229,15 +233,19 @@ def _is_rotation(parameters: MitsubaParameters) -> bool:
     return bool(np.allclose(linear @ linear.T, np.eye(3), atol=1e-4))
 
 
-def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str]) -> SkyMap | None:
-    """Return the scene's environment map as it is seen; None where there is none, or the integrator hides it."""
+def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str], weights: Weights) -> SkyMap | None:
+    """Return the scene's environment map as it is seen; None where there is none, or the integrator hides it.
+
+    Args:
+        weights: as in :func:`emissions`.
+    """
     if getattr(integrator_of(scene), "hide_emitters", False):
         return None
     for name, emitter in named_emitters(scene):
         if emitter.class_name() == "EnvironmentMapEmitter":
             environment = Environment.of(emitter, mi)
             side = min(2 * len(environment.texels), _LARGEST_SKY)
-            texels = (environment.seen(_octahedral_directions(side)) @ LUMA_WEIGHTS).astype(np.float32)
+            texels = (environment.seen(_octahedral_directions(side)) @ weights).astype(np.float32)
             return SkyMap(group_of(name, names), side, texels.reshape(side + 2, side + 2))
     return None
 

@@ -129,6 +129,7 @@ class SceneTable:
         reflections: bool = False,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
+        self._weights = np.asarray(weights)
         self._hides_lights = bool(getattr(integrator_of(scene), "hide_emitters", False))
         obstacles = Obstacles() if obstacles is None else obstacles
         if not any_integrator and not baked:
@@ -143,7 +144,7 @@ class SceneTable:
         for shape in small_lamps(scene) if baked else ():
             with obstacles.collect():
                 self.lights += _area_light_points(shape, mi, colours)
-        self.textures = TextureTable(mi, [np.asarray(weights) * colour for colour in colours])
+        self.textures = TextureTable(mi, [self._weights * colour for colour in colours])
         self.names = [str(shape.id()) for shape in scene.shapes()]
         self.counts: list[int] = []
         surfaces: list[Added] = []
@@ -260,7 +261,7 @@ class SceneTable:
         self._channels = 1 if grey else 3
         group_weights = self.textures.group_weights
         first, group = len(self.lights), len(group_weights)
-        group_weights += [np.asarray(LUMA_WEIGHTS)] if grey else list(np.diag(LUMA_WEIGHTS))
+        group_weights += [self._weights] if grey else list(np.diag(self._weights))
         nowhere = np.zeros(3)
         for name, background in zip(baked.names, baked.backgrounds, strict=True):
             self.lights.append(Light("visible", group, 1.0, nowhere, name, background))
@@ -289,8 +290,9 @@ class SceneTable:
         """What the core takes of glossy surfaces; None where all are diffuse."""
         if self.gloss is None:
             return None
-        weights = np.asarray(LUMA_WEIGHTS)
-        colours = np.array(self.textures.group_weights).reshape(-1, 3) / weights
+        # The core makes luma of red, green and blue; behind a colour filter other weights stand in their place.
+        colours = np.array(self.textures.group_weights).reshape(-1, 3) / LUMA_WEIGHTS
+        of_luma = self._weights / LUMA_WEIGHTS
         backgrounds = np.zeros((len(self.lights), 3))
         emitted, sky = np.zeros(0), None
         for number, light in enumerate(self.lights):
@@ -299,10 +301,10 @@ class SceneTable:
         if self.baked is not None and self.baked.coloured is not None:
             coloured = self.baked.coloured
             groups = slice(self._first_baked, self._first_baked + len(coloured.backgrounds))
-            backgrounds[groups] = coloured.backgrounds
-            emitted = coloured.emitted.ravel()
+            backgrounds[groups] = coloured.backgrounds * of_luma
+            emitted = (coloured.emitted * of_luma).ravel()
             if coloured.sky is not None:
-                texels = np.ascontiguousarray(coloured.sky.texels)
+                texels = np.ascontiguousarray(coloured.sky.texels * of_luma, np.float32)
                 sky = self.light_of_group(coloured.sky.group), coloured.sky.side, texels.ravel()
         return (
             self.gloss.core_finishes(),
