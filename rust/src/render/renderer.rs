@@ -748,12 +748,13 @@ mod tests {
         tables.frames.push(frame);
     }
 
-    /// No way to do a tile changes a bit of luma, rates, depths or triangles.
+    /// No way to do a tile changes a bit of luma, rates, depths or triangles. Builds without optimization try fewer.
     #[test]
     fn every_way_sees_the_same() {
         let (width, height) = (45, 27);
         let mut numbers = Numbers(3);
-        for (count, rays) in [(0, 5), (1, 1), (7, 8), (60, 9), (1500, 5), (20_000, 5)] {
+        let tried = if cfg!(debug_assertions) { 4 } else { 6 };
+        for (count, rays) in [(0, 5), (1, 1), (7, 8), (300, 9), (1500, 5), (20_000, 5)].into_iter().take(tried) {
             let rays: [PixelRays; 2] = [rays, 1].map(|rays| {
                 let table: Vec<f32> = (0..rays)
                     .flat_map(|ray| (0..width * height).map(move |pixel| (ray, pixel % width, pixel / width)))

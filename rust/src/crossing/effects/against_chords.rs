@@ -55,10 +55,11 @@ fn nodes(line: Line, slopes: (f64, f64), tolerance: f64) -> Vec<(i64, f64)> {
 }
 
 /// Frames of very different change and bend: the engine makes the same events, whether it takes the chords itself or is
-/// given them. Every seventh pixel has a sparse sample of its own.
+/// given them. Every seventh pixel has a sparse sample of its own. Builds without optimization try fewer frames.
 #[test]
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small")]
 fn cubics_are_the_chords_that_stand_for_them() {
+    let frames = if cfg!(debug_assertions) { 12 } else { 40 };
     for (source_follower_hz, strength) in [(f64::INFINITY, 1.0), (250.0, 1.0), (250.0, 0.1), (5000.0, 3.0)] {
         let (lines, effects) = (CrossingParameters::default(), effects(source_follower_hz));
         let cubics = CrossingParameters { interpolation: Interpolation::Hermite, ..lines.clone() };
@@ -67,7 +68,7 @@ fn cubics_are_the_chords_that_stand_for_them() {
         let (mut taken, mut given) = (engine(cubics), engine(lines));
         let (mut bent, mut count, mut t_us) = (0, 0, 0);
         let mut last: Option<(Vec<f64>, Vec<f64>)> = None;
-        for frame in 0..40 {
+        for frame in 0..frames {
             let ticks = [4772, 937, 13, 3, 1, 20_011][usize::try_from(frame % 6).expect("small")];
             let still = |i: usize| if i.is_multiple_of(5) { 0.0 } else { strength };
             let logs: Vec<f64> = (0..SIZE.pixels()).map(|i| still(i) * spread(frame, i)).collect();
@@ -102,7 +103,7 @@ fn cubics_are_the_chords_that_stand_for_them() {
             count += events.len();
             last = Some((logs, rates));
         }
-        assert!(bent > 3000 && count > 3000, "{bent} {count}");
+        assert!(bent.min(count) > 75 * usize::try_from(frames).expect("small"), "{bent} {count}");
     }
 }
 
