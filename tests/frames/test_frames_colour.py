@@ -11,10 +11,11 @@ import numpy.typing as npt
 import pytest
 
 from clips import texture
-from davis_rs import ColourFilter, SensorParameters, events_from_frames, save_sensor
+from davis_rs import ColourFilter, Dataset, SensorParameters, events_from_frames, save_sensor
 from davis_rs.cli.main import main
 from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.events.colour import filter_numbers
+from davis_rs.simulation.from_frames.optical_flow import FlowFinder
 
 WIDTH, HEIGHT, FRAME_US = 64, 48, 10_000
 STEP_PX = 3.0
@@ -81,6 +82,24 @@ def test_what_moves_goes_from_the_pixels_of_one_filter_to_those_of_another(inter
         assert np.abs(luma - truth)[inner].mean() < 0.35 * np.abs(mixed - truth)[inner].mean()
 
 
+@pytest.mark.parametrize("interpolation", ["flow", "auto"])
+def test_motion_is_not_sought_in_the_pattern_of_filters(interpolation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It does not move: in flat red light, flow is computed of flat frames."""
+    sought: list[Colours] = []
+    flow = FlowFinder.flow
+
+    def noted(finder: FlowFinder, before: Colours, after: Colours) -> Any:
+        sought.extend([before, after])
+        return flow(finder, before, after)
+
+    monkeypatch.setattr(FlowFinder, "flow", noted)
+    red = np.broadcast_to(np.array([0.5, 0.1, 0.02], np.float32), FRAMES[0].shape)
+    seen = lumas(np.stack([red * k for k in (1, 1.2, 1.4, 1.6)]), colour_filter="RGGB", interpolation=interpolation)
+    assert np.ptp(seen[0]) > 0.4
+    assert len(sought) >= 6
+    assert all(np.ptp(frame) == 0 for frame in sought)
+
+
 def test_an_interpolator_gets_the_light_of_each_filter() -> None:
     """One that knows the motion: from the pattern of filters alone it could not be told."""
     asked: list[Colours] = []
@@ -98,6 +117,7 @@ def test_an_interpolator_gets_the_light_of_each_filter() -> None:
         line = np.exp(sum(ends) / 2) - eps
         middle = mosaic((FRAMES[k] + FRAMES[k + 1]) / 2, ColourFilter("RGGB"))
         assert (np.abs(luma - middle) <= np.abs(line - middle) + 1e-5).all()
+        assert np.abs(luma - middle).mean() < 0.1 * np.abs(line - middle).mean()
 
 
 def test_frames_are_brought_to_the_sensors_size_before_the_filters() -> None:
@@ -133,8 +153,15 @@ def test_grey_frames_have_no_colours(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_the_command_writes_raw_images_and_records_the_filter(tmp_path: Path) -> None:
+    """The images are those of a grey clip of what the pixels see."""
+    raw = np.stack([mosaic(frame, ColourFilter("GRBG")) for frame in FRAMES]).astype(np.float32)
     np.save(tmp_path / "colour.npy", FRAMES)
-    frames, out = str(tmp_path / "colour.npy"), tmp_path / "out"
-    assert main(["frames", frames, "--fps", "100", "-o", str(out), "--colour-filter", "GRBG", "--quiet"]) == 0
-    described = json.loads((out / "meta.json").read_text())["parameters"]["colour_filter"]
+    np.save(tmp_path / "raw.npy", raw)
+    for name, options in (("colour", ["--colour-filter", "GRBG"]), ("raw", [])):
+        frames, out = str(tmp_path / f"{name}.npy"), str(tmp_path / name)
+        assert main(["frames", frames, "--fps", "100", "-o", out, "--quiet", *options]) == 0
+    images, expected = (Dataset(tmp_path / name).frames for name in ("colour", "raw"))
+    assert len(images) == len(FRAMES)
+    assert [frame.path.read_bytes() for frame in images] == [frame.path.read_bytes() for frame in expected]
+    described = json.loads((tmp_path / "colour" / "meta.json").read_text())["parameters"]["colour_filter"]
     assert described["pattern"] == "GRBG"

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ..simulation.from_frames.interpolation import LumaFrame, SensorFrame
+from ..simulation.from_frames.interpolation import SensorFrame
+from ..simulation.from_frames.light import LumaFrame
 from ..simulation.from_frames.luma_noise import LumaNoise
 
 _SIDE = 5

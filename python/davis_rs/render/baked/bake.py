@@ -58,7 +58,7 @@ class Effort:
             triangles may be more.
         most_corners: where triangles have more of them, those that are close to each other and have similar normals
             share their light. None: they never do.
-        most_samples: of each place.
+        most_samples: of each place, at least ``FEWEST_SAMPLES``.
         other_samples: of each place, to know other light there, which says what is a small error.
         coarse_samples: of each place for light that bounces again.
         looks: numbers of paths, and how often they bounce, until a place counts as one that no light reaches.
@@ -77,10 +77,28 @@ class Effort:
 
 _ENDLESS = 1 << 10
 
-FULL_EFFORT = Effort(0.0, 400_000, None, 1024, 64, 128, ((4, _ENDLESS), (64, _ENDLESS)), 0.1)
+FULL_EFFORT = Effort(
+    least_error=0.0,
+    most_points=400_000,
+    most_corners=None,
+    most_samples=1024,
+    other_samples=64,
+    coarse_samples=128,
+    looks=((4, _ENDLESS), (64, _ENDLESS)),
+    settled=0.1,
+)
 """Of a bake that was asked for, or that a scene file's light needs."""
 
-QUICK_EFFORT = Effort(0.05, 60_000, 100_000, 32, 16, 8, ((4, 2), (8, 3)), 0.5)
+QUICK_EFFORT = Effort(
+    least_error=0.05,
+    most_points=60_000,
+    most_corners=100_000,
+    most_samples=FEWEST_SAMPLES,
+    other_samples=16,
+    coarse_samples=8,
+    looks=((4, 2), (8, 3)),
+    settled=0.5,
+)
 """Of the light that a world gets that has none of its own."""
 
 
@@ -102,13 +120,13 @@ def bake(
         times: at which of these light may be baked.
         lights_at: the lights, while bodies are where they are at that time, in seconds. Each is kept apart, so that its
             strength can change later.
-        error: relative, of the sum of all lights.
+        error: relative, of the sum of all lights, at least that of the effort.
         effort: what the bake may cost.
         seen: is told what is computed, at how many points it is known by then, and at how many after the next step.
     """
     start = time.monotonic()
     lattice = _lattice(surfaces, effort)
-    job = _BakeJob(surfaces, lattice, max(error, effort.least_error), effort, seen)
+    job = _BakeJob(surfaces, lattice, error, effort, seen)
     taken, motion_error = job.instants(times, lights_at)
     job.count = len(taken)
     states = []
@@ -156,7 +174,7 @@ class _BakeJob:
         seen: Callable[[str, int, int], None],
     ) -> None:
         self._surfaces, self._lattice, self._error, self._effort, self._seen = surfaces, lattice, error, effort, seen
-        self._diagonal = float(np.linalg.norm(np.ptp(surfaces.corners.reshape(-1, 3), axis=0)))
+        self._diagonal = surfaces.diagonal
         self.points, self.count, self.state = 0, 1, ""
         self.most_samples = (0, 0)
         self._pilots = self.surface_points(_PILOTS, 0)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-LumaFrame = npt.NDArray[np.float32]
+from .light import LumaFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class ColourLight:
     light: tuple[LumaFrame, ...]
     numbers: npt.NDArray[np.uint8]
 
-    @property
+    @cached_property
     def grey(self) -> LumaFrame:
         """Return the mean of the three (H, W)."""
         return np.asarray(np.mean(self.light, axis=0), np.float32)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..._util.argument_error import ArgumentError
-from .interpolation import LumaFrame, SensorFrame
+from .interpolation import SensorFrame
+from .light import LumaFrame
 
 MOST_EVENTS = 1 << 27
 """Between two frames: 2 GiB of events. It is what the core makes of one frame at the most."""

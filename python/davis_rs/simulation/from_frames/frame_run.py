@@ -28,7 +28,8 @@ from .event_forecast import EventForecast
 from .frame_source import FrameSource, StampedFrame
 from .frame_values import FrameValues, FrameValuesWarning
 from .images_between import ImagesBetween
-from .interpolation import LumaFrame, SensorFrame
+from .interpolation import SensorFrame
+from .light import LumaFrame
 from .quantisation import QuantisationCount
 from .resolved_frames import check_times, resolve_frames
 
@@ -375,12 +376,12 @@ class FrameRun:
         area, filters = self.resolved.area, self.resolved.colour_filter
         image = area.cut(frame.image)
         if filters is None:
-            planes = self.light.luma(image, frame.where)[None]
+            planes = [self.light.luma(image, frame.where)]
         else:
             planes = self.light.through(filters, image, frame.where)
-        planes = np.stack([area.fit(plane) for plane in planes])
+        planes = [area.fit(plane) for plane in planes]
         if self._optics is not None:
-            planes = self._optics.frames(planes)
+            planes = list(self._optics.frames(np.stack(planes)))
         if self._filter_numbers is None:
             return SensorFrame(t_us, planes[0], frame.where)
         colours = ColourLight(tuple(planes), self._filter_numbers)

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._util.named_entry import load_entry
-from .interpolation import Interpolation, LumaFrame, Sample, SensorFrame, with_rates
+from .interpolation import Interpolation, Sample, SensorFrame, with_rates
+from .light import LumaFrame
 from .optical_flow import FlowFinder, FlowPair, displacement
 
 Interpolator = Callable[[LumaFrame, LumaFrame, npt.NDArray[np.float64]], Iterable[npt.ArrayLike]]

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .interpolation import LumaFrame, Sample
+from .interpolation import Sample
+from .light import LumaFrame
 
 
 class Image(NamedTuple):

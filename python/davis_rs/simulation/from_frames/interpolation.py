@@ -7,11 +7,9 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from .colour_light import ColourLight
-
-LumaFrame = npt.NDArray[np.float32]
+from .light import LumaFrame
 
 
 class SensorFrame(NamedTuple):

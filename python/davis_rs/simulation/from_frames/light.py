@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -89,20 +89,20 @@ class Light:
         Raises:
             ValueError: for a value that is NaN, infinite or negative, naming the frame and the pixel.
         """
-        return self._weighted(image, LUMA_WEIGHTS, where)
+        return self._planes(image, (LUMA_WEIGHTS,), where)[0]
 
-    def through(self, filters: ColourFilter, image: FrameArray, where: str) -> LumaFrame:
-        """Return linear light (3, H, W), float32, of a frame (H, W, 3) behind the red, the green and the blue filter.
+    def through(self, filters: ColourFilter, image: FrameArray, where: str) -> list[LumaFrame]:
+        """Return linear light (H, W), float32, of a frame (H, W, 3) behind the red, the green and the blue filter.
 
         Raises:
             ValueError: as :meth:`luma`.
         """
-        return np.stack([self._weighted(image, weights, where) for weights in filters.weights])
+        return self._planes(image, filters.weights, where)
 
-    def _weighted(self, image: FrameArray, weights: Weights, where: str) -> LumaFrame:
-        """Return the sum of weighted linear colours (H, W); of a frame (H, W) its linear light."""
+    def _planes(self, image: FrameArray, sums: Sequence[Weights], where: str) -> list[LumaFrame]:
+        """Return sums of weighted linear colours, (H, W) each; of a frame (H, W) its linear light."""
         if image.dtype in (np.uint8, np.uint16):
-            return self._of_integers(image, weights)
+            return [self._of_integers(image, weights) for weights in sums]
         if not np.issubdtype(image.dtype, np.floating):
             raise ValueError(f"{where}: frames must be uint8, uint16 or floating point, got {image.dtype}")
         bad = ~np.isfinite(image) | (image < 0)
@@ -110,8 +110,8 @@ class Light:
             y, x = (int(i) for i in np.argwhere(bad)[0][:2])
             raise ValueError(f"{where}: light must be finite and >= 0, got {image[y, x]} at pixel ({x}, {y})")
         light = self._decode((image.astype(np.float64) - self._black) / (self._white - self._black))
-        luma = light if light.ndim == 2 else light @ np.array(weights)
-        return np.ascontiguousarray(luma, np.float32)
+        planes = [light if light.ndim == 2 else light @ np.array(weights) for weights in sums]
+        return [np.ascontiguousarray(plane, np.float32) for plane in planes]
 
     def _of_integers(self, image: FrameArray, weights: Weights) -> LumaFrame:
         if image.ndim == 2:

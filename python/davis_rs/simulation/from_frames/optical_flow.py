@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
 from ..._util.extras import load_opencv
+from .light import LumaFrame
 
-LumaFrame = npt.NDArray[np.float32]
 FlowField = npt.NDArray[np.float32]
 """(H, W, 2): by how many pixels (x, y) what is seen there moves until the other frame."""
 
