@@ -1111,6 +1111,28 @@ class SceneRenderer:
             ValueError: as in :meth:`line_luma`, or for a view or pixel that is not there.
         """
 
+    def deform(
+        self,
+        frame: int,
+        first: int,
+        corners: npt.NDArray[np.float64],
+        planes: npt.NDArray[np.float64],
+        u_maps: npt.NDArray[np.float64],
+        v_maps: npt.NDArray[np.float64],
+        normal_maps: npt.NDArray[np.float64] | None,
+    ) -> None:
+        """Deform the mesh of a body: what is rendered after this shows it so. Its BVH keeps its shape.
+
+        Args:
+            frame: number of the body, 1, 2, ...
+            first: number of its first triangle; its d triangles follow each other.
+            corners, planes, u_maps, v_maps, normal_maps: of these triangles, float64, as the renderer was made with.
+
+        Raises:
+            ValueError: for what is no body, one with baked light, arrays that do not fit it, or a triangle that has no
+                area or is not finite; then nothing changes.
+        """
+
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
     """Count events by polarity and pixel.
 

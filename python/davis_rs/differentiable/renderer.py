@@ -75,6 +75,8 @@ class DifferentiableRenderer:
             loaded = load_scene_source(scene.source(), mi)
             simplify_materials(loaded, mi, matte=scene.matte)
             self._motion = scene_motion(scene, loaded, mi)
+            if self._motion.deformations:
+                raise ValueError(f"derivatives need rigid meshes, and {next(iter(scene.deformations))!r} deforms")
             try:
                 table = SceneTable(
                     loaded, mi, shadows=scene.shadows, any_integrator=True, moving=list(self._motion.objects)

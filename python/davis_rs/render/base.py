@@ -164,7 +164,7 @@ class Renderer(ABC):
         """Return optical flow (n, H, W, 2), float32, in pixels/s (x right, y down); NaN where a ray hits nothing.
 
         It is the motion in the image, through the lens, of the surface point that the pixel's centre sees: by the
-        camera's motion, and by its own.
+        camera's motion, and by its own. On meshes that deform Mitsuba's integrators give a bound on its length.
         """
         depth = self.depth(views)
         flows = np.empty((*depth.shape, 2), np.float32)
@@ -182,12 +182,27 @@ class Renderer(ABC):
         for i, depths in enumerate(depth):
             view, z = views[i : i + 1], depths.reshape(1, -1)
             flow = self._centre_flow(view, z)[0]
-            for number, pose in enumerate(poses, 1):
+            for number, (name, pose) in enumerate(zip(self.motion.objects, poses, strict=True), 1):
                 assert owners is not None
-                seen = owners[i].ravel() == number
-                if seen.any():
+                seen = np.flatnonzero(owners[i].ravel() == number)
+                if len(seen):
                     flow[seen] = self._centre_flow(seen_from(view, pose[i : i + 1]), z)[0][seen]
+                if len(seen) and name in self.motion.deformations:
+                    flow[seen] = self._deforming_flow(number, view, seen, z[0, seen], flow[seen])
             yield flow
+
+    def _deforming_flow(
+        self, number: int, view: Views, pixel: Indices, depth: npt.NDArray[np.float32], flow: FloatArray
+    ) -> FloatArray:
+        """Return flow (m, 2) of pixels that see a mesh that deforms, given that of the mesh as if it were rigid.
+
+        Where it is not known which triangle a pixel sees, it is longer by the speed of the mesh's fastest point.
+        """
+        deformation = self.motion.deformations[list(self.motion.objects)[number - 1]]
+        speed = float(deformation.fastest(view.t_s)[0]) * max(self.camera.fx, self.camera.fy) / depth[:, None]
+        length = np.linalg.norm(flow, axis=1, keepdims=True)
+        ahead = np.divide(flow, length, out=np.tile([1.0, 0.0], (len(flow), 1)), where=length > 0)
+        return np.asarray(flow + speed * ahead)
 
     @cached_property
     def _centre_flow(self) -> OpticalFlow:

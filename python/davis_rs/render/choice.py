@@ -144,6 +144,7 @@ class NoiseFreeKind(RendererKind):
             shadows=scene.shadows,
             any_integrator=by_name,
             moving=list(motion.objects),
+            deforming=list(motion.deformations),
             baked=self.baked,
             view=view,
             obstacles=obstacles,
@@ -166,7 +167,7 @@ class NativeKind(NoiseFreeKind):
         scene = request.scene
         with variant(SCALAR) as (mi, _):
             looks = scene.matte, scene.shadows, scene.reflections
-            known = scene.source, looks, request.by_name, tuple(scene.objects), request.weights
+            known = scene.source, looks, request.by_name, (*scene.objects, *scene.deformations), request.weights
 
             def make() -> _SceneTables:
                 return self._tables(scene, request.camera, mi, by_name=request.by_name, weights=request.weights)
@@ -192,6 +193,8 @@ class TableKind(NoiseFreeKind):
         with variant(FAST) as (mi, _):
             made = self._tables(request.scene, request.camera, mi, by_name=request.by_name, weights=request.weights)
             table, motion = made.table, made.motion
+            if motion.deformations:
+                raise Unsuitable("a mesh deforms, which only the native renderer and Mitsuba's integrators show")
             if any(light.kind == "spot" for light in table.lights):
                 raise Unsuitable("a light is a spot light, which only the native renderer has")
             renderer = TableRenderer(

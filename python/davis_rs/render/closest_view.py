@@ -38,6 +38,9 @@ class ClosestView:
         elif scene.start is not None:
             times, positions = np.zeros(1), np.array([scene.start.position], np.float64)
         self.known = len(times) > 0
+        self._boxes = {
+            name: box for name, box in zip(motion.objects, motion.boxes, strict=True) if name in motion.deformations
+        }
         self._positions = {"": positions}
         for name, path in motion.objects.items():
             poses = held(path, times)
@@ -73,13 +76,17 @@ class ClosestView:
         positions = self._positions.get(name, self._positions[""])
         slack = self._slack.get(name, self._slack[""])
         low, high = corners.min(1), corners.max(1)
+        deforms = name in self._boxes
+        if deforms:
+            # A part may get anywhere in the box of the mesh.
+            low, high = (np.broadcast_to(end, low.shape) for end in self._boxes[name])
         closest = np.full(len(corners), np.inf)
         for position in positions:
             # A box around a slanted triangle comes closer than the triangle does, and so may its plane: both are
             # bounds, so the farther counts.
             outside = np.maximum(np.maximum(low - position, position - high), 0.0)
             distance = np.linalg.norm(outside, axis=1)
-            if corners.shape[1] == 3:
+            if corners.shape[1] == 3 and not deforms:
                 distance = np.maximum(distance, _to_planes(corners, position))
             closest = np.minimum(closest, distance)
         with np.errstate(divide="ignore"):

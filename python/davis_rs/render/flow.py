@@ -43,6 +43,18 @@ class OpticalFlow:
         moved = np.einsum("mk,kcm->mc", velocities, by_velocity) / np.asarray(depth, np.float64)[:, None]
         return np.asarray(moved + np.einsum("mk,kcm->mc", views.angular_rates[view], by_rate))
 
+    def of_motion(self, pixel: npt.NDArray[np.int64], velocities: FloatArray, depth: npt.ArrayLike) -> FloatArray:
+        """Return flow (m, 2) in pixels per second, of what moves itself before a camera at rest.
+
+        Args:
+            pixel: (m,), which of the points.
+            velocities: (m, 3), in camera axes, metres per second.
+            depth: (m,), how far away it is.
+        """
+        by_velocity = self._by_velocity.reshape(3, 2, -1)[:, :, pixel]
+        moved = np.einsum("mk,kcm->mc", velocities, by_velocity)
+        return np.asarray(-moved / np.asarray(depth, np.float64)[:, None])
+
     def __call__(self, views: Views, depth: npt.ArrayLike) -> FloatArray:
         """Return flow (n, p, 2) in pixels per second, of surfaces at ``depth`` (n, p) or (p,): z in metres, inf for
         none.

@@ -60,7 +60,13 @@ def find_breaks(trajectory: Trajectory, motion: SceneMotion, start_us: int, end_
     paths = [_path_breaks(trajectory, trajectory.breaks_s(), start_us)]
     for path in motion.objects.values():
         paths.append(_path_breaks(path, _object_breaks(path), 0))
-    paths.append([Break(int(np.ceil(t_s * 1e6 - _ROUNDING_US)) - 1, False) for t_s in motion.bends_s.tolist()])
+    for deformation in motion.deformations.values():
+        # After its end a mesh keeps its form.
+        breaks_s = np.union1d(deformation.breaks_s(), [deformation.duration_s])
+        paths.append(
+            [Break(*item) for item in zip(_before_us(breaks_s, 0), deformation.jumps(breaks_s).tolist(), strict=True)]
+        )
+    paths.append([Break(t_us, False) for t_us in _before_us(motion.bends_s, 0)])
     merged = heapq.merge(*paths, *(_light_breaks(light, start_us, end_us) for light in motion.lights.values()))
     for before_us, same in groupby(merged, key=lambda item: item.before_us):
         if start_us <= before_us < end_us:
@@ -84,11 +90,16 @@ def _path_breaks(path: Trajectory, breaks_s: FloatArray, zero_us: int) -> list[B
     """Return the breaks of a path whose time 0 is at ``zero_us``."""
     if len(breaks_s) == 0:
         return []
-    before = np.ceil(zero_us + breaks_s * 1e6 - _ROUNDING_US).astype(np.int64) - 1
-    return [Break(*item) for item in zip(before.tolist(), _teleports(path, breaks_s).tolist(), strict=True)]
+    return [Break(*item) for item in zip(_before_us(breaks_s, zero_us), _teleports(path, breaks_s), strict=True)]
 
 
-def _teleports(path: Trajectory, t_s: FloatArray) -> BoolArray:
+def _before_us(breaks_s: FloatArray, zero_us: int) -> list[int]:
+    """Return the last microseconds before breaks of what has its time 0 at ``zero_us``."""
+    before: list[int] = (np.ceil(zero_us + breaks_s * 1e6 - _ROUNDING_US).astype(np.int64) - 1).tolist()
+    return before
+
+
+def _teleports(path: Trajectory, t_s: FloatArray) -> list[bool]:
     """Return whether the pose changes at each instant by more than its rates explain."""
     sides = [np.clip(t_s + step, 0.0, path.duration_s) for step in (-_STEP_S, _STEP_S)]
     jumps = np.zeros(len(t_s), np.bool_)
@@ -96,7 +107,8 @@ def _teleports(path: Trajectory, t_s: FloatArray) -> BoolArray:
         moved = np.linalg.norm(poses(sides[1]) - poses(sides[0]), axis=1)
         explained = _STEP_S * sum(np.linalg.norm(rates(side), axis=1) for side in sides)
         jumps |= moved > _UNEXPLAINED * explained + _SMALLEST_JUMP
-    return jumps
+    result: list[bool] = jumps.tolist()
+    return result
 
 
 def _light_breaks(light: LightProfile, start_us: int, end_us: int) -> Iterator[Break]:

@@ -75,7 +75,8 @@ class DisplacementClock:
     and pooled so that the nearest surface in 4 x 4 pixels and at both ends of the 10 ms counts, as if all stood still.
     A moving object counts besides, wherever the box around it may be seen, hidden or not, at the speed of the nearest
     and the farthest point that the box has there; no part of it is taken to be nearer than a tenth of the nearest
-    surface in the depth maps, so that the camera may be in the box. Both rather overestimate than
+    surface in the depth maps, so that the camera may be in the box. Where its mesh deforms, the speed of its fastest
+    point comes on top. Both rather overestimate than
     underestimate; the shadows of moving objects, which may be faster than the objects, do not count.
 
     A light that runs a profile adds the change of its log strength, :data:`LIGHT_PER_PIXEL` of which is a pixel,
@@ -209,6 +210,8 @@ class DisplacementClock:
                 own = held(path, self._start_s + t_s)
                 reach = float(np.linalg.norm(np.abs(box).max(0)))
                 terms += [per_metre * own.velocities, per_metre * reach * own.angular_rates]
+            for deformation in motion.deformations.values():
+                terms.append(per_metre * deformation.fastest(self._start_s + t_s)[:, None])
             together = np.concatenate(terms, 1)
             return np.where(np.abs(together) > _REST_PX_S, together, 0.0)
 
@@ -276,6 +279,7 @@ class _ObjectSpeeds:
     def __init__(self, renderer: Renderer) -> None:
         camera = renderer.camera
         self._motion, self._flow = renderer.motion, _flow_of_tiles(camera, _OBJECT_TILE)
+        self._pixels_per_rad = _pixels_per_rad(camera)
         rays = camera.rays(_centres(camera, _OBJECT_TILE))
         self._rays = np.concatenate([rays, np.ones((len(rays), 1))], -1)
         # How far a ray within a tile may be from the tile's middle ray, per metre of depth.
@@ -285,13 +289,18 @@ class _ObjectSpeeds:
     def __call__(self, views: Views, nearest: float) -> FloatArray:
         """Return pixels per second (n,); nothing is taken to be nearer than ``nearest``."""
         speed = np.zeros(len(views))
-        for trajectory, box in zip(self._motion.objects.values(), self._motion.boxes, strict=True):
+        for (name, trajectory), box in zip(self._motion.objects.items(), self._motion.boxes, strict=True):
             own = seen_from(views, held(trajectory, views.t_s))
             near, far = self._within(own, box)
+            deformation = self._motion.deformations.get(name)
+            deforms = np.zeros(len(views)) if deformation is None else deformation.fastest(views.t_s)
             for depth in (np.maximum(near, np.minimum(nearest, far)), far):
                 seen = ~np.isnan(depth)
                 flow = self._flow(own, np.where(seen, depth, np.inf))
-                speed = np.maximum(speed, _largest(np.where(seen[..., None], flow, 0.0)))
+                own_speed = _largest(np.where(seen[..., None], flow, 0.0))
+                nearest_seen = np.where(seen, depth, np.inf).min(1)
+                by_deforming = self._pixels_per_rad * deforms / np.maximum(nearest_seen, 1e-9)
+                speed = np.maximum(speed, own_speed + by_deforming)
         return speed
 
     def _within(self, own: Views, box: FloatArray) -> tuple[FloatArray, FloatArray]:

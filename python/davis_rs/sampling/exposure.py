@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from ..geometry.pose import FloatArray
 from ..render.base import Renderer
-from ..render.motion.scene_motion import SceneMotion
 from ..scene.light_profile import LightProfile, SampledProfile
 from .displacement import DisplacementClock
 from .keyframes import Stretch
@@ -275,6 +274,6 @@ def _with_lights(renderer: Renderer, lights: Mapping[str, LightProfile]) -> Rend
     """Return a renderer with other profiles for the same lights, which shares all else with the given one."""
     if not lights:
         return renderer
-    motion, other = renderer.motion, copy(renderer)
-    other.motion = SceneMotion(motion.objects, lights, dict(zip(motion.objects, motion.boxes, strict=True)))
+    other = copy(renderer)
+    other.motion = renderer.motion.with_lights(lights)
     return other

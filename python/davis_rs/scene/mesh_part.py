@@ -61,6 +61,20 @@ class MeshPart(NamedTuple):
     lost: tuple[str, ...] = ()
     metal: MetalRoughness | None = None
 
+    def turned(self) -> MeshPart:
+        """Return the part with the corners of each triangle in the opposite order, so that its other side is the
+        front."""
+
+        def reverse(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[:, ::-1]
+
+        return self._replace(
+            corners=self.corners[:, ::-1],
+            uv=reverse(self.uv),
+            normals=reverse(self.normals),
+            colours=reverse(self.colours),
+        )
+
 
 def charge_triangles(budget: Budget, triangles: int, numbers: int, where: str) -> None:
     """Charge a budget for triangles with this many float64 numbers at each corner.

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from .._mitsuba.files import XmlFile
 from .._util.argument_checks import check_type
 from .._util.argument_error import ArgumentError
@@ -16,6 +18,7 @@ from ..geometry.pose import Pose, as_pose
 from ..geometry.trajectory.derived import PacedTrajectory
 from ..geometry.trajectory.steered import SteeredPath
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
+from .deformation import Deformation
 from .light_profile import LightProfile, PacedProfile, ShiftedProfile
 from .lost_looks import LostLook
 from .steered_profile import SteeredProfile
@@ -47,6 +50,7 @@ class Scene:
         objects: what moves: T_world_object over the sequence's time for shapes by their ids (keys of the dictionary,
             ids of the XML file). The source gives such a shape in the object's own frame: its ``to_world`` is its pose
             within the object. Before and after its trajectory an object stands still where that begins and ends.
+        deformations: meshes that deform, by their ids. One without a path in ``objects`` rests.
         lights: the profiles of strength of lights by their ids (of an area light ``shape.emitter``).
         lux_per_luma: how many lux on the sensor one unit of luma stands for.
         ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
@@ -78,6 +82,7 @@ class Scene:
     blur: bool = False
     shadows: bool = True
     objects: Mapping[str, Trajectory] = field(default_factory=dict)
+    deformations: Mapping[str, Deformation] = field(default_factory=dict)
     lights: Mapping[str, LightProfile] = field(default_factory=dict)
     lux_per_luma: float = 1000.0
     ambient: bool = False
@@ -92,6 +97,9 @@ class Scene:
     def __post_init__(self) -> None:
         if self.start is not None:
             object.__setattr__(self, "start", as_pose(self.start, "start"))
+        rests = {name: _resting(each) for name, each in self.deformations.items() if name not in self.objects}
+        if rests:
+            object.__setattr__(self, "objects", {**self.objects, **rests})
 
     def __repr__(self) -> str:
         moves = "no trajectory" if self.trajectory is None else f"{self.trajectory.duration_s:.6g} s"
@@ -105,6 +113,7 @@ class Scene:
             ("camera", "none" if camera is None else f"{camera.width} x {camera.height} px"),
             ("path", "none" if path is None else f"{path.duration_s:.6g} s"),
             ("objects that move", ", ".join(self.objects) or "none"),
+            ("meshes that deform", ", ".join(self.deformations) or "none"),
             ("lights that change", ", ".join(self.lights) or "none"),
             ("contrast threshold", f"{self.contrast_threshold:g}"),
             ("lux per luma", f"{self.lux_per_luma:g}"),
@@ -194,6 +203,7 @@ class Scene:
         return replace(
             self,
             objects={name: _from(path, start_s) for name, path in self.objects.items()},
+            deformations={name: each.retimed(start_s) for name, each in self.deformations.items()},
             lights={
                 name: ShiftedProfile(profile, start_s) if start_s and not _is_steered(profile) else profile
                 for name, profile in self.lights.items()
@@ -218,6 +228,7 @@ class Scene:
             objects={
                 name: path if _is_steered(path) else PacedTrajectory(path, pace) for name, path in self.objects.items()
             },
+            deformations={name: each.retimed(0.0, pace) for name, each in self.deformations.items()},
             lights={
                 name: profile if _is_steered(profile) else PacedProfile(profile, pace)
                 for name, profile in self.lights.items()
@@ -237,6 +248,11 @@ def check_scene(scene: object) -> None:
         raise TypeError(
             f"scene must be a Scene, got {kind}; davis_rs.load_scene({given}) makes one of a name or a file"
         )
+
+
+def _resting(deformation: Deformation) -> Trajectory:
+    here = Pose(np.zeros(3), [0, 0, 0, 1])
+    return SegmentTrajectory(here, here, deformation.duration_s)
 
 
 def _is_steered(motion: Trajectory | LightProfile) -> bool:

@@ -107,6 +107,8 @@ def _describe_scene(scene: Scene) -> dict[str, object]:
     if scene.note:
         described["note"] = scene.note
     described["objects"] = {name: trajectory.describe() for name, trajectory in scene.objects.items()}
+    if scene.deformations:
+        described["deformations"] = {name: each.describe() for name, each in scene.deformations.items()}
     described["lights"] = {name: profile.describe() for name, profile in scene.lights.items()}
     return described
 

@@ -28,7 +28,7 @@
 //! - [`irradiance`]: light at places on surfaces, which is baked into light maps, by rays of any direction
 //!   ([`ray_tracer`](visibility::ray_tracer)).
 //!
-//! What is rendered is a [`scene`]; the [`renderer`] is what the user sees; [`tile`] and [`samples`] join the steps for
+//! What is rendered is a [`scene`], whose meshes may [`deform`]; the [`renderer`] is what the user sees; [`tile`] and [`samples`] join the steps for
 //! whole images and for single pixels; [`tile_hits`] is what rays and taps have in common.
 //!
 //! What must not break: the same view gives the same bits in any batch, on any number of threads and on every
@@ -38,6 +38,7 @@
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
 #![allow(clippy::float_cmp, reason = "ties are exact")]
 
+mod deform;
 mod geometry;
 mod gloss;
 mod gradients;
@@ -53,6 +54,7 @@ mod tile_hits;
 mod time;
 mod visibility;
 
+pub use deform::Deformed;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]

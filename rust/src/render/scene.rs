@@ -108,7 +108,7 @@ pub(crate) struct Surface {
     pub(crate) number: u32,
     pub(crate) plane: [f64; 4],
     /// Affine maps of a point to the texture coordinates; None where the texture is the same everywhere.
-    uv: Option<Box<[[f64; 4]; 2]>>,
+    pub(crate) uv: Option<Box<[[f64; 4]; 2]>>,
     /// None where the shading normal is the plane's.
     pub(crate) normal: Option<Box<[[f64; 4]; 3]>>,
     pub(crate) texture: u32,
@@ -323,7 +323,7 @@ pub(crate) fn has_area(corners: &[Vector; 3]) -> bool {
 }
 
 /// Returns whether the shading normal is another than the plane's.
-fn is_smooth(maps: &[[f64; 4]; 3], plane: &[f64; 4]) -> bool {
+pub(crate) fn is_smooth(maps: &[[f64; 4]; 3], plane: &[f64; 4]) -> bool {
     maps.iter().zip(plane).any(|(map, n)| map[..3] != [0.0; 3] || (map[3] - n).abs() > 1e-6)
 }
 

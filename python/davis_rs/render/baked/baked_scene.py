@@ -167,6 +167,9 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
                 raise Unsuitable(
                     rule, "give it a path (scene.objects), or light that needs no bake", f"object {name!r}"
                 )
+    for name in motion.deformations:
+        with obstacles.collect():
+            raise Unsuitable("deforms: light cannot be baked on it", "take the native renderer", f"object {name!r}")
     for shape in small_lamps(loaded):
         with obstacles.collect():
             if shape.id() in motion.objects:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from ...geometry.pose import FloatArray, Pose, PoseLike, as_pose
 from ...geometry.trajectory.steered import SteeredPath
 from ...geometry.trajectory.trajectory import TIME_TOLERANCE_S, Trajectory
 from ...geometry.trajectory.views import Views
+from ...scene.deformation import Deformation
 from ...scene.light_profile import LightProfile
 from ...scene.steered_profile import SteeredProfile
 
@@ -26,20 +27,25 @@ class SceneState:
         objects: pose and motion of each moving object at the instants: T_world_object, rates in the object's axes.
         factors: (n, lights), by which the strengths of the lights with a profile are multiplied.
         rates: (n, lights), the derivatives of the factors, per second.
+        t_s: (n,), the instants, at which meshes deform.
+        scale: how many times as large the world is as that of the deformations.
     """
 
     objects: tuple[Views, ...]
     factors: FloatArray
     rates: FloatArray
+    t_s: FloatArray
+    scale: float = 1.0
 
     def moved(self, step_s: FloatArray) -> SceneState:
         """Return the state (n,) seconds after each instant, at constant velocity, body rate and rate."""
         factors = self.factors + self.rates * step_s[:, None]
-        return SceneState(tuple(pose.moved(step_s) for pose in self.objects), factors, self.rates)
+        objects = tuple(pose.moved(step_s) for pose in self.objects)
+        return replace(self, objects=objects, factors=factors, t_s=self.t_s + step_s)
 
     def scaled(self, factor: float) -> SceneState:
         """Return the same state in a world that is ``factor`` times as large."""
-        return SceneState(tuple(pose.scaled(factor) for pose in self.objects), self.factors, self.rates)
+        return replace(self, objects=tuple(pose.scaled(factor) for pose in self.objects), scale=factor * self.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +62,7 @@ class SceneMotion:
     Args:
         boxes: for each object the lowest and highest corner (2, 3) around it in its own frame, metres.
         bends_s: seconds at which the rate of luma jumps, besides those that paths and profiles tell.
+        deformations: of the objects whose meshes deform.
     """
 
     def __init__(
@@ -64,6 +71,7 @@ class SceneMotion:
         lights: Mapping[str, LightProfile],
         boxes: Mapping[str, npt.ArrayLike],
         bends_s: npt.ArrayLike = (),
+        deformations: Mapping[str, Deformation] = {},
     ) -> None:
         self.bends_s = np.asarray(bends_s, np.float64)
         # What a caller moves starts anew for each simulation of a scene.
@@ -74,6 +82,7 @@ class SceneMotion:
         self.objects: dict[str, Trajectory] = {**objects, **self._paths}
         self.lights: dict[str, LightProfile] = {**lights, **self._strengths}
         self.boxes = [np.asarray(boxes[name], np.float64) for name in self.objects]
+        self.deformations = dict(deformations)
 
     def __bool__(self) -> bool:
         """Return whether anything moves or changes."""
@@ -83,7 +92,22 @@ class SceneMotion:
         """Return the same motion with ``instants`` as :attr:`bends_s`, if there is more than one."""
         if np.size(instants) < 2:
             return self
-        return SceneMotion(self.objects, self.lights, dict(zip(self.objects, self.boxes, strict=True)), instants)
+        return self._replaced(bends_s=instants)
+
+    def with_lights(self, lights: Mapping[str, LightProfile]) -> SceneMotion:
+        """Return the same motion with other profiles of strength."""
+        return self._replaced(lights=lights)
+
+    def _replaced(
+        self, lights: Mapping[str, LightProfile] | None = None, bends_s: npt.ArrayLike | None = None
+    ) -> SceneMotion:
+        return SceneMotion(
+            self.objects,
+            self.lights if lights is None else lights,
+            dict(zip(self.objects, self.boxes, strict=True)),
+            self.bends_s if bends_s is None else bends_s,
+            self.deformations,
+        )
 
     def restart(self) -> None:
         """Put all that a caller moves where the scene has it."""
@@ -157,7 +181,7 @@ class SceneMotion:
         """
         poses = tuple(held(trajectory, t_s) for trajectory in self.objects.values())
         rates = [_checked(name, "rate", light.rate(t_s), t_s, -np.inf) for name, light in self.lights.items()]
-        return SceneState(poses, self.factors(t_s), _columns(rates, len(t_s)))
+        return SceneState(poses, self.factors(t_s), _columns(rates, len(t_s)), t_s)
 
     def factors(self, t_s: FloatArray) -> FloatArray:
         """Return the factors of :meth:`at` alone."""

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from ..._mitsuba.types import DrJit, Mitsuba, MitsubaParameters, MitsubaScene, MitsubaShape, MitsubaValue
 from ...geometry.pose import FloatArray
+from ...scene.deformation import Deformation
 from ...scene.scene import Scene
 from .scene_motion import SceneMotion, SceneState
 
@@ -37,8 +38,23 @@ def scene_motion(scene: Scene, loaded: MitsubaScene, mi: Mitsuba) -> SceneMotion
         _pose_key(name, shapes[name], parameters)
     for name in scene.lights:
         strength_key(name, parameters)
+    for name, deformation in scene.deformations.items():
+        _check_deformation(name, deformation, shapes[name], parameters)
     boxes = {name: [np.array(end).reshape(3) for end in _corners(shapes[name])] for name in scene.objects}
-    return SceneMotion(scene.objects, scene.lights, boxes)
+    boxes |= {name: list(deformation.box()) for name, deformation in scene.deformations.items()}
+    return SceneMotion(scene.objects, scene.lights, boxes, deformations=scene.deformations)
+
+
+def _check_deformation(name: str, deformation: Deformation, shape: MitsubaShape, parameters: MitsubaParameters) -> None:
+    """Refuse a deformation of another number of vertices than the shape has."""
+    if not _pose_key(name, shape, parameters).endswith("vertex_positions"):
+        raise ValueError(f"object {name!r} is a {shape.class_name()}, which cannot deform; meshes can")
+    mesh = next(iter(deformation.meshes(np.zeros(1))))
+    if mesh.positions.shape != (shape.vertex_count(), 3):
+        raise ValueError(
+            f"the deformation of {name!r} has positions of shape {mesh.positions.shape}, and the mesh has "
+            f"{shape.vertex_count()} vertices"
+        )
 
 
 def _corners(shape: MitsubaShape) -> tuple[MitsubaValue, MitsubaValue]:
@@ -89,6 +105,7 @@ class SceneUpdates:
         self._objects = [MovableShape(self._parameters, key) for key in keys]
         self._lights = [strength_key(name, self._parameters) for name in motion.lights]
         self._strengths = [np.array(self._parameters[key], np.float64) for key in self._lights]
+        self._deformations = [motion.deformations.get(name) for name in motion.objects]
         self._poses = [np.full((4, 4), np.nan)] * len(self._objects)  # nowhere yet
         self._factors: list[float] = [1.0] * len(self._lights)
 
@@ -97,7 +114,11 @@ class SceneUpdates:
         for number, (moving, poses) in enumerate(zip(self._objects, state.objects, strict=True)):
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = poses.rotations[instant], poses.positions[instant]
-            if not np.array_equal(pose, self._poses[number]):
+            deformation = self._deformations[number]
+            if deformation is not None:
+                (mesh,) = deformation.meshes(state.t_s[instant : instant + 1])
+                moving.deform(mesh.positions * state.scale, mesh.normals)
+            if deformation is not None or not np.array_equal(pose, self._poses[number]):
                 moving.move_to(pose)
                 self._poses[number] = pose
         for number, (key, factor) in enumerate(zip(self._lights, state.factors[instant].tolist(), strict=True)):
@@ -128,6 +149,11 @@ class MovableShape:
         self._normals_key = key.removesuffix("positions") + "normals"
         normals = np.array(parameters[self._normals_key], np.float64)
         self._normals = normals.reshape(-1, 3)
+
+    def deform(self, vertices: FloatArray, normals: FloatArray | None) -> None:
+        """Give a mesh other vertices (v, 3) and normals; :meth:`move_to` then puts it where it belongs."""
+        self._vertices = vertices
+        self._normals = np.empty((0, 3)) if normals is None or not len(self._normals) else normals
 
     def move_to(self, pose: FloatArray) -> None:
         """Move the shape by a pose (4, 4), which may also scale it evenly, from where it was loaded."""

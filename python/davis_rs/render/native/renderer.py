@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 
@@ -17,8 +20,11 @@ from ..motion.scene_motion import STILL, SceneMotion, pose_arrays, seen_from
 from ..rays.camera_rays import pixel_rays, ray_table, table_bytes
 from ..rays.shadow_rays import END, STEP
 from ..scene_cache import cached
+from ..scene_tables.deforming_meshes import DeformingMeshes
 from ..scene_tables.scene_table import SceneTable
 from .estimators import ESTIMATORS, ViewArrays
+
+_Pixel = TypeVar("_Pixel", np.float32, np.uint32)
 
 _KINDS = {"spot": "point", "lamp": "point"}
 
@@ -75,7 +81,12 @@ class NativeRenderer(Renderer):
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
         # The last entry is for rays that hit nothing.
         self._frame_of_triangle = np.append(table.frames, np.uint32(0))
-        self._core = cached((table, threads), lambda: _core_of(table, threads))
+        if motion.deformations:
+            # Nobody else may use a core whose meshes change.
+            self._core, self.concurrent = _core_of(table, threads), False
+        else:
+            self._core = cached((table, threads), lambda: _core_of(table, threads))
+        self._deforming = DeformingMeshes(self._core, table.deforming, motion.deformations, table.planes)
 
     @property
     def ray_bytes(self) -> float:
@@ -88,15 +99,34 @@ class NativeRenderer(Renderer):
         Raises:
             ValueError: for lines.
         """
-        self._estimator.known_rays()
+        self._known_rays("derivatives")
         return NativeRenderer(
             self.table, self.camera, rays_per_pixel=self.rays_per_pixel, blur=False, motion=self.motion
         )
 
     def _luma(self, views: Views) -> LumaFrames:
-        return self._estimator.luma(self._core, self._arrays(views)).reshape(self._shape(views))
+        return self._frames(views, lambda arrays: self._estimator.luma(self._core, arrays))
+
+    def _frames(self, views: Views, render: Callable[[ViewArrays], npt.NDArray[_Pixel]]) -> npt.NDArray[_Pixel]:
+        """Render frames (n, H, W): all at once, or one after the other where meshes deform in between."""
+        if not self._deforming:
+            return render(self._arrays(views)).reshape(self._shape(views))
+        frames = [render(self._arrays(views[i : i + 1])) for i in self._deforming.each(views.t_s)]
+        return np.concatenate(frames).reshape(self._shape(views))
+
+    def _known_rays(self, what: str) -> PixelRays:
+        """Return the rays, for what is known of single rays alone.
+
+        Raises:
+            ValueError: for lines, or where meshes deform; ``what`` says in the message what needs them.
+        """
+        if self._deforming:
+            raise ValueError(f"{what} need rigid meshes, and {next(iter(self.motion.deformations))!r} deforms")
+        return self._estimator.known_rays()
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
+        if self._deforming:
+            return super()._luma_and_rate(views)
         both = self._estimator.luma_and_rate(self._core, self._arrays(views))
         if both is None:
             return super()._luma_and_rate(views)
@@ -104,7 +134,15 @@ class NativeRenderer(Renderer):
         return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        return self._estimator.samples(self._core, self._arrays(views), view, pixel, rays)
+        if not self._deforming:
+            return self._estimator.samples(self._core, self._arrays(views), view, pixel, rays)
+        luma = np.empty(len(view), np.float32)
+        seen = np.unique(view)
+        for i in self._deforming.each(views.t_s[seen]):
+            rows = np.flatnonzero(view == seen[i])
+            one = self._arrays(views[int(seen[i]) : int(seen[i]) + 1])
+            luma[rows] = self._estimator.samples(self._core, one, np.zeros_like(rows), pixel[rows], rays)
+        return luma
 
     def gradients(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
@@ -122,7 +160,7 @@ class NativeRenderer(Renderer):
             order of :attr:`table`.
         """
         gradients = self._core.gradients(
-            self._estimator.known_rays(),
+            self._known_rays("derivatives"),
             self._arrays(views),
             view,
             np.ascontiguousarray(pixel).ravel(),
@@ -146,7 +184,7 @@ class NativeRenderer(Renderer):
         textures = self.table.textures
         steps = np.array([weights.sum() for weights in textures.group_weights], np.float64)
         counts, texels, values = self._core.texel_gradients(
-            self._estimator.known_rays(),
+            self._known_rays("derivatives"),
             self._arrays(views),
             view,
             np.ascontiguousarray(pixel).ravel(),
@@ -165,11 +203,14 @@ class NativeRenderer(Renderer):
             n mod 64 is flipped for each light n that something hides); and luma.
         """
         shape = len(pixel), self.rays_per_pixel
-        triangle, hidden, luma = self._core.ray_hits(self._estimator.known_rays(), self._arrays(views), view, pixel)
+        triangle, hidden, luma = self._core.ray_hits(
+            self._known_rays("hits of single rays"), self._arrays(views), view, pixel
+        )
         return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
 
     def ray_luma(self, views: Views, rays: FloatArray) -> FloatArray:
         """Return luma (n,), in float64, along one ray of each of n views: (n, 3), x, y and 1 in camera axes."""
+        self._known_rays("luma along single rays")
         parts = [np.zeros(0)]
         for first in range(0, len(views), _MOST_ACROSS):
             block = views[first : first + _MOST_ACROSS]
@@ -184,7 +225,7 @@ class NativeRenderer(Renderer):
         return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        if not self._estimator.jumps:
+        if self._deforming or not self._estimator.jumps:
             return None
         spans = self._core.edge_tracks(
             self._estimator.known_rays(),
@@ -202,11 +243,24 @@ class NativeRenderer(Renderer):
         ]
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
-        return self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))[0].reshape(self._shape(views))
+        return self._frames(views, lambda arrays: self._core.depth(pixel_rays(self.camera, 1), arrays)[0])
 
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
-        triangles = self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))[1].reshape(self._shape(views))
+        triangles = self._frames(views, lambda arrays: self._core.depth(pixel_rays(self.camera, 1), arrays)[1])
         return self._frame_of_triangle[np.minimum(triangles, len(self._frame_of_triangle) - 1)]
+
+    def _deforming_flow(
+        self, number: int, view: Views, pixel: Indices, depth: npt.NDArray[np.float32], flow: FloatArray
+    ) -> FloatArray:
+        which, camera = np.zeros(len(pixel), np.uint32), self.cameras(view)[number]
+        for _ in self._deforming.each(view.t_s):
+            _, triangle = self._core.hits(
+                pixel_rays(self.camera, 1), self._arrays(view), which, pixel.astype(np.uint32)
+            )
+        rays = np.c_[ray_table(self.camera, 1)[0][pixel], np.ones(len(pixel))]
+        points = (rays * depth[:, None]) @ camera.rotations[0].T + camera.positions[0]
+        velocities = self._deforming.velocities(number, triangle.astype(np.int64), points, float(view.t_s[0]))
+        return np.asarray(flow + self._centre_flow.of_motion(pixel, velocities @ camera.rotations[0], depth))
 
     def shapes_seen(self, views: Views, view: Indices, pixel: Indices) -> tuple[Indices, npt.NDArray[np.bool_]]:
         """Return which shapes the centres of single pixels see, and whether they see the back of its triangles.
@@ -219,6 +273,8 @@ class NativeRenderer(Renderer):
             The number (m,) of a shape in the names of :attr:`table`, -1 where nothing is hit; and bool (m,), whether
             the side is seen on which a triangle's corners run clockwise.
         """
+        if self._deforming:
+            raise ValueError("what shapes pixels see is known of rigid meshes alone")
         _, triangle = self._core.hits(
             pixel_rays(self.camera, 1), self._arrays(views), view.astype(np.uint32), pixel.astype(np.uint32)
         )

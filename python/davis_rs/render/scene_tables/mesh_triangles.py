@@ -12,12 +12,20 @@ from ..mesh_buffers import MeshBuffers
 
 FloatArray = npt.NDArray[np.float64]
 
+_SHRUNK = 1e-7
+"""The size of a triangle that stands for one without an area, as a fraction of its largest coordinate."""
+
 _PART = 1 << 14
 """Triangles of a part of a mesh: what is computed of so many stays in the processor's caches."""
 
 
 class MeshTriangles:
     """The triangles of a mesh, or some of them, in float64.
+
+    Args:
+        buffers: of the mesh.
+        part: of its triangles.
+        uv: (n, 3, 2), texture coordinates of the corners in place of the mesh's own.
 
     Attributes:
         corners: (n, 3, 3), metres.
@@ -26,14 +34,16 @@ class MeshTriangles:
         count: n.
     """
 
-    def __init__(self, shape: MitsubaShape, buffers: MeshBuffers | None = None, part: slice = slice(None)) -> None:
-        self.shape = shape
-        buffers = MeshBuffers.of(shape) if buffers is None else buffers
+    def __init__(self, buffers: MeshBuffers, part: slice = slice(None), uv: FloatArray | None = None) -> None:
         self.first, self.faces = part.start or 0, buffers.faces[part]
-        self.corners = buffers.positions[self.faces]
         self.uv = None if buffers.texcoords is None else buffers.texcoords[self.faces]
+        self.uv = self.uv if uv is None else uv
         self.vertex_normals = None if buffers.normals is None else buffers.normals[self.faces]
         self.count = len(self.faces)
+        self._set_corners(buffers.positions[self.faces])
+
+    def _set_corners(self, corners: FloatArray) -> None:
+        self.corners = corners
         edges = self.corners[:, 1:] - self.corners[:, :1]
         cross = np.cross(edges[:, 0], edges[:, 1])
         area = np.linalg.norm(cross, axis=1, keepdims=True)
@@ -56,10 +66,26 @@ class MeshTriangles:
         buffers = MeshBuffers.of(shape)
         for first in range(0, len(buffers.faces), _PART):
             rows = slice(first, first + _PART)
-            part = cls(shape, buffers, rows)
-            if uv is not None:
-                part.uv = uv[rows]
-            yield part
+            yield cls(buffers, rows, None if uv is None else uv[rows])
+
+    def with_area(self) -> MeshTriangles:
+        """Return the triangles, those without an area replaced by ones too small to be seen.
+
+        The core leaves out what has no area; of a mesh that deforms it keeps all triangles, since each may get one.
+        """
+        flat = ~self.normals.any(1)
+        if flat.any():
+            corners = self.corners.copy()
+            at = corners[flat, 0]
+            size = _SHRUNK * np.maximum(np.abs(at).max(1), 1e-3)[:, None]
+            corners[flat] = np.stack([at, at + size * [1, 0, 0], at + size * [0, 1, 0]], 1)
+            self._set_corners(corners)
+        return self
+
+    def interpolated(self, triangle: npt.NDArray[np.int64], points: FloatArray, values: FloatArray) -> FloatArray:
+        """Return values (m, 3) at points (m, 3) on triangles (m,), given those at their corners (m, 3, 3)."""
+        along = np.einsum("mij,mj->mi", self.gradients[triangle], points - self.corners[triangle, 0])
+        return np.asarray(values[:, 0] + np.einsum("mi,mij->mj", along, values[:, 1:] - values[:, :1]))
 
     def planes(self) -> FloatArray:
         """Return the planes (n, 4): unit normal and offset, normal . p + offset = 0."""
@@ -88,7 +114,7 @@ class MeshTriangles:
         differs = np.abs(self.vertex_normals - self.normals[:, None]).max(initial=0.0) > 1e-5
         return maps, bool(differs)
 
-    def is_turned(self, mi: Mitsuba) -> bool | None:
+    def is_turned(self, shape: MitsubaShape, mi: Mitsuba) -> bool | None:
         """Return whether Mitsuba's normals are the opposite (flipped, or a mirrored rectangle); None without an area.
 
         All triangles of a mesh are turned alike, so the first one that has an area decides.
@@ -100,7 +126,7 @@ class MeshTriangles:
         centre = mi.PreliminaryIntersection3f()
         centre.t, centre.prim_index, centre.prim_uv = 1.0, self.first + number, mi.Point2f(1 / 3)
         ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1))
-        theirs = np.array(self.shape.compute_surface_interaction(ray, centre).sh_frame.n, np.float64).reshape(3)
+        theirs = np.array(shape.compute_surface_interaction(ray, centre).sh_frame.n, np.float64).reshape(3)
         map_of = self.normal_maps()[0][number]
         ours = map_of[:, :3] @ self.corners[number].mean(0) + map_of[:, 3]
         return bool(ours @ theirs < 0)

@@ -36,8 +36,10 @@ from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, integrator_of, small_lamps, textured_lamp
 from ..closest_view import ClosestView
 from ..finishes import Finish
+from ..mesh_buffers import MeshBuffers
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
+from .deforming_meshes import DeformingMesh
 from .gloss_table import CoreGloss, gloss_table
 from .mesh_triangles import MeshTriangles, flat_normal_maps
 from .scene_texture import Added, TextureTable
@@ -80,6 +82,7 @@ class SceneTable:
 
     Args:
         moving: ids of the shapes that move; each has its records in its own frame.
+        deforming: ids of those of them whose meshes deform.
         baked: light of area lights and of other surfaces will be baked, see :meth:`bake`; otherwise there is only
             direct light.
         view: how close the camera comes, for textures with hard edges; without it they have a fixed number of texels.
@@ -102,6 +105,7 @@ class SceneTable:
         two_sided: uint32 (n), 1 where the back of the surface reflects too.
         frames: uint32 (n), 0 for what stands still, 1, 2, ... for the shapes of ``moving``.
         moving: the ids of the shapes that move.
+        deforming: what does not change of the meshes that deform.
         centre: (3,), the middle of what stands still, see :mod:`shadow_rays`.
         lights: the lights.
         gloss: how glossy surfaces reflect, their textures being their base colours; None where all are diffuse.
@@ -121,6 +125,7 @@ class SceneTable:
         shadows: bool,
         any_integrator: bool,
         moving: Sequence[str] = (),
+        deforming: Sequence[str] = (),
         baked: bool = False,
         view: ClosestView | None = None,
         obstacles: Obstacles | None = None,
@@ -168,7 +173,8 @@ class SceneTable:
         self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
-        self._add_triangles(list(zip(scene.shapes(), surfaces, strict=True)), mi, baked=baked)
+        self.deforming: list[DeformingMesh] = []
+        self._add_triangles(list(zip(scene.shapes(), surfaces, strict=True)), mi, baked=baked, deforming=deforming)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
         self.baked: BakedLight | None = None
 
@@ -184,22 +190,30 @@ class SceneTable:
         if line := forecast.line():
             say(line)
 
-    def _add_triangles(self, shapes: Sequence[tuple[MitsubaShape, Added]], mi: Mitsuba, *, baked: bool) -> None:
+    def _add_triangles(
+        self, shapes: Sequence[tuple[MitsubaShape, Added]], mi: Mitsuba, *, baked: bool, deforming: Sequence[str]
+    ) -> None:
         """Compute what each triangle has, a part of a mesh at a time.
 
         Args:
             shapes: each with what its reflectance says.
+            deforming: ids of those whose meshes deform.
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
         # Where a texture is the same everywhere nothing is written, and zeros that nobody writes take no memory.
         self._mesh_uv = np.zeros((count, 4)), np.zeros((count, 4))
         smooth, smooth_parts = False, list[tuple[slice, FloatArray]]()
-        for (shape, added), (_, width, height, _) in zip(shapes, self.textures.sizes.tolist(), strict=True):
+        sizes = zip(shapes, self.textures.sizes.tolist(), self.textures.uv_maps, strict=True)
+        for (shape, added), (_, width, height, _), uv_map in sizes:
+            of_shape, parts = first, list[MeshTriangles]()
             # Which side is the front matters only where the back is another, or the front alone emits.
             turned = None if not added.two_sided or (baked and shape.is_emitter()) else False
             for part in MeshTriangles.parts(shape, added.uv):
-                turned = part.is_turned(mi) if turned is None else turned
+                turned = part.is_turned(shape, mi) if turned is None else turned
+                if shape.id() in deforming:
+                    parts.append(part)
+                    part = part.with_area()
                 side, rows = -1.0 if turned else 1.0, slice(first, first + part.count)
                 first = rows.stop
                 self.corners[rows], self.planes[rows] = part.corners, part.planes() * side
@@ -210,6 +224,11 @@ class SceneTable:
                     maps, is_smooth = part.normal_maps()
                     smooth |= is_smooth
                     smooth_parts.append((rows, maps * side))
+            if parts:
+                textured = (width, height) != (1, 1)
+                self.deforming.append(
+                    _deforming(shape, self.moving, of_shape, parts, uv_map if textured else None, side)
+                )
         self.u_maps, self.v_maps = self.uv_maps(np.float64)
         self.normal_maps = flat_normal_maps(self.planes[:, :3]) if smooth else None
         if self.normal_maps is not None:
@@ -377,9 +396,34 @@ def _triangles(shape: MitsubaShape) -> int:
     return int(shape.face_count())
 
 
+def _deforming(
+    shape: MitsubaShape,
+    moving: Sequence[str],
+    first: int,
+    parts: Sequence[MeshTriangles],
+    uv_map: FloatArray | None,
+    side: float,
+) -> DeformingMesh:
+    """Return what does not change of a mesh that deforms.
+
+    Args:
+        first: the number of its first triangle.
+        uv_map: the texture's own transform (2, 3) of texture coordinates; None where it has one texel.
+    """
+    name = str(shape.id())
+    uv = None
+    if uv_map is not None:
+        # Without texture coordinates Mitsuba takes the barycentric ones.
+        barycentric = np.array([[0.0, 0], [1, 0], [0, 1]])
+        own = [np.tile(barycentric, (part.count, 1, 1)) if part.uv is None else part.uv for part in parts]
+        uv = np.concatenate(own) @ uv_map[:, :2].T + uv_map[:, 2]
+    faces = np.concatenate([part.faces for part in parts])
+    return DeformingMesh(name, moving.index(name) + 1, first, faces, uv, side)
+
+
 def _once(shape: MitsubaShape) -> Callable[[], MeshTriangles]:
     """Return what gives a shape's triangles, read when they are first asked for."""
-    return functools.cache(lambda: MeshTriangles(shape))
+    return functools.cache(lambda: MeshTriangles(MeshBuffers.of(shape)))
 
 
 def _pixels_per_unit(

@@ -16,10 +16,12 @@ from ...geometry.pose import FloatArray
 from ...geometry.trajectory.views import Views
 from ...scene.scene import Scene
 from ..flow import OpticalFlow
+from ..mesh_buffers import MeshBuffers
 from ..motion.scene_motion import pose_arrays, seen_from
 from ..primitives import triangulated
 from ..rays.camera_rays import pixel_centres, pixel_rays, ray_table
 from ..rays.shadow_rays import END, STEP, scene_centre
+from ..scene_tables.deforming_meshes import DeformingMesh, DeformingMeshes
 from ..scene_tables.mesh_triangles import MeshTriangles
 
 _MOST_SHAPES = 65_535
@@ -82,13 +84,19 @@ class SceneSurfaces:
                         f"flow, masks, normals and truth at events need shapes made of triangles, but shape "
                         f"{shape.id()!r} of scene {scene.name!r} is a {shape.class_name()}"
                     )
-            meshes = [MeshTriangles(shape) for shape in shapes]
+            meshes = [MeshTriangles(MeshBuffers.of(shape)) for shape in shapes]
             self.names = tuple(str(shape.id()) for shape in shapes)
         moving = list(self.motion.objects)
         numbers = [moving.index(name) + 1 if name in moving else 0 for name in self.names]
         counts = [mesh.count for mesh in meshes]
         # One more for rays that hit nothing.
         self._frame_of = np.append(np.repeat(np.array(numbers, np.uint32), counts), np.uint32(0))
+        firsts = np.cumsum([0, *counts])
+        deforming = [
+            DeformingMesh(name, number, int(first), mesh.with_area().faces, None, 1.0)
+            for name, number, first, mesh in zip(self.names, numbers, firsts, meshes, strict=False)
+            if name in self.motion.deformations
+        ]
         self._shape_of = np.append(np.repeat(np.arange(1, len(meshes) + 1), counts), 0).astype(np.uint16)
         self._normal_maps = np.concatenate([mesh.normal_maps()[0] for mesh in meshes])
         self._planes = np.concatenate([mesh.planes() for mesh in meshes])
@@ -115,10 +123,12 @@ class SceneSurfaces:
             end=END,
             threads=threads,
         )
+        self._deforming = DeformingMeshes(self._core, deforming, self.motion.deformations, self._planes)
 
     def frame(self, views: Views, number: int = 0) -> Surfaces:
         """Return what all pixels of one of the views see; arrays of H W rows."""
         view = views[number : number + 1]
+        self._deform(view.t_s)
         cameras = self._cameras(view)
         depth, triangle = self._core.depth(self._pixel_rays, _arrays(cameras))
         pixel = np.arange(len(depth))
@@ -131,18 +141,40 @@ class SceneSurfaces:
             view: (m,) which of the views.
             pixel: (m,) which pixel, y W + x.
         """
+        if not self._deforming:
+            return self._hits(views, view, pixel)
+        order = np.argsort(view, kind="stable")
+        parts = []
+        numbers, starts = np.unique(view[order], return_index=True)
+        for number, rows in zip(numbers.tolist(), np.split(order, starts[1:]), strict=True):
+            one = views[number : number + 1]
+            self._deform(one.t_s)
+            parts.append(self._hits(one, np.zeros_like(rows), pixel[rows]))
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        return Surfaces(*(np.concatenate(columns)[back] for columns in zip(*parts, strict=True)))
+
+    def _hits(self, views: Views, view: Indices, pixel: Indices) -> Surfaces:
+        """Return what single pixels see, the meshes being as they are."""
         cameras = self._cameras(views)
         depth, triangle = self._core.hits(
             self._pixel_rays, _arrays(cameras), view.astype(np.uint32), pixel.astype(np.uint32)
         )
         return self._surfaces(cameras, view, pixel, depth, triangle)
 
+    def _deform(self, t_s: FloatArray) -> None:
+        """Deform the meshes as they are at the one time of ``t_s``."""
+        for _ in self._deforming.each(t_s):
+            pass
+
     def displacement(self, views: Views) -> Displacement:
         """Return how far the points seen by the first of two views move in the image until the second.
 
-        Each point is followed with its surface: on a body that moves, with the body.
+        Each point is followed with its surface: on a body that moves, with the body; on a mesh that deforms, with its
+        triangle.
         """
         cameras = self._cameras(views)
+        self._deform(views.t_s[:1])
         first = [camera[:1] for camera in cameras]
         depth, triangle = self._core.depth(self._pixel_rays, _arrays(first))
         triangle = np.minimum(triangle, len(self._frame_of) - 1)
@@ -152,12 +184,14 @@ class SceneSurfaces:
         for number, camera in enumerate(cameras):
             mine = seen & (self._frame_of[triangle] == number)
             point = points[mine] @ camera.rotations[0].T + camera.positions[0]
+            point = self._deforming.followed(number, triangle[mine].astype(np.int64), point, float(views.t_s[1]))
             later[mine] = (point - camera.positions[1]) @ camera.rotations[1]
         ahead = seen & (later[:, 2] > 0)
         later[~ahead] = self._rays[~ahead]  # these rays are traced too, but not used
         ends = PixelRays(
             self.camera.width, self.camera.height, 1, (later[:, :2] / later[:, 2:]).astype(np.float32).ravel()
         )
+        self._deform(views.t_s[1:])
         nearest, _ = self._core.depth(ends, _arrays([camera[1:] for camera in cameras]))
         pixels = np.full((len(depth), 2), np.nan, np.float32)
         pixels[ahead] = self.camera.project(later[ahead]) - self._centres[ahead]
@@ -185,15 +219,21 @@ class SceneSurfaces:
             rays = self._rays[pixel[rows]]
             rotation = camera.rotations[view[rows]]
             point = np.einsum("mij,mj->mi", rotation, rays * depth[rows, None]) + camera.positions[view[rows]]
-            maps = self._normal_maps[triangle[rows]]
+            of_mesh = self._deforming.normal_maps(number, triangle[rows].astype(np.int64))
+            maps = self._normal_maps[triangle[rows]] if of_mesh is None else of_mesh
             own = np.einsum("mij,mj->mi", maps[..., :3], point) + maps[..., 3]
             # The plane decides which side is seen: at the rim of a smooth mesh the shading normal may point away.
-            plane = self._planes[triangle[rows], :3]
+            plane = self._deforming.planes[triangle[rows], :3]
             back[rows] = np.einsum("mi,mij,mj->m", plane, rotation, rays) > 0
             against = np.einsum("mi,mi->m", own, plane) < 0
             own *= np.where(back[rows] != against, -1, 1)[:, None] / np.linalg.norm(own, axis=1, keepdims=True)
             normal[rows] = np.einsum("mji,mj->mi", rotation, own)
             flow[rows] = self._flow.of_pixels(camera, view[rows], pixel[rows], depth[rows])
+            if of_mesh is not None:
+                (t_s,) = np.unique(camera.t_s[view[rows]])
+                own = self._deforming.velocities(number, triangle[rows].astype(np.int64), point, float(t_s))
+                moving = np.einsum("mji,mj->mi", rotation, own)
+                flow[rows] += self._flow.of_motion(pixel[rows], moving, depth[rows])
         return Surfaces(depth, self._shape_of[triangle], normal, flow, back)
 
     def _cameras(self, views: Views) -> list[Views]:

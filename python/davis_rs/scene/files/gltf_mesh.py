@@ -22,9 +22,34 @@ from .triangulation import cut_strip, distinct, has_area
 MOST_TRIANGLES = 4_000_000
 """The most triangles of a scene. Nodes may show one mesh many times, so a small file could ask for any number."""
 
+_MOST_SETS = 8
+"""The most sets of four joints of a vertex that are read; more are not in use."""
+
 _WITHOUT_SURFACE = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
 _COLOURS_LOST = "colours of vertices on the texture"
 _COLOURS_CUT = "colours of vertices beyond 0 to 1 (they are cut there)"
+
+
+class Vertices(NamedTuple):
+    """Holds the vertices of triangles that deform, in their node's own axes.
+
+    Attributes:
+        faces: (m, 3), the vertices of each triangle.
+        positions: (u, 3).
+        normals: (u, 3), unit; None without.
+        joints: (u, k), numbers of joints of the skin.
+        weights: (u, k), of the joints, with a sum of 1.
+        targets: (T, u, 3), displacements of the morph targets.
+        target_normals: (T, u, 3).
+    """
+
+    faces: npt.NDArray[np.int64]
+    positions: FloatArray
+    normals: FloatArray | None
+    joints: npt.NDArray[np.int64]
+    weights: FloatArray
+    targets: FloatArray
+    target_normals: FloatArray
 
 
 class Primitive(NamedTuple):
@@ -35,6 +60,7 @@ class Primitive(NamedTuple):
         normals, colours: (m, 3, 3) or None.
         uv: (m, 3, 2) or None.
         lost: the kinds of their looks that are not shown, besides those of the material.
+        vertices: of triangles that were read to be deformed; None else.
     """
 
     material: int | None
@@ -43,6 +69,7 @@ class Primitive(NamedTuple):
     uv: FloatArray | None
     colours: FloatArray | None
     lost: tuple[str, ...] = ()
+    vertices: Vertices | None = None
 
     def placed(self, matrices: FloatArray) -> Primitive:
         """Return k copies of the primitive, one for each of the transforms (k, 4, 4).
@@ -90,16 +117,8 @@ class GltfMeshes:
     def of(self, node: Item, where: str, count: int = 1) -> list[Primitive]:
         """Return the primitives of a node's mesh, which it shows ``count`` times."""
         file, index = self._file, node.mesh
-        mesh = file.item("meshes", index, f"{where}.mesh")
-        if node.skin is not None:
-            raise file.error(where, "has a skin (an armature's deformation), which is not read: apply it before export")
-        weights = node.weights or mesh.weights or []
-        if any(abs(weight) > ROUNDING for weight in weights):
-            raise file.error(f"meshes[{index}]", "is deformed by morph targets, which are not read: apply them")
         if index not in self._known:
-            named = {f"meshes[{index}].primitives[{i}]": given for i, given in enumerate(mesh.primitives or [])}
-            read = (self._primitive(given, name) for name, given in named.items() if self._has_surface(given, name))
-            self._known[index] = [primitive for primitive in read if len(primitive.corners)]
+            self._known[index] = self._read(node, where)
         each = sum(len(primitive.corners) for primitive in self._known[index])
         charge_triangles(file.budget, count * each, 2 * (3 + 3 + 2 + 3), f"{where}: {count} of its mesh")
         self._triangles += count * each
@@ -107,6 +126,45 @@ class GltfMeshes:
             has = f"this one has {self._triangles} or more"
             raise file.error(where, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
         return self._known[index]
+
+    def deforming(self, node: Item, where: str) -> list[Primitive]:
+        """Return the primitives of a node's mesh with their vertices, joints and morph targets."""
+        primitives = self._read(node, where, joints=0 if node.skin is None else self._joint_count(node, where))
+        counts = {len(primitive.vertices.targets) for primitive in primitives if primitive.vertices is not None}
+        if len(counts) > 1:
+            got = " and ".join(map(str, sorted(counts)))
+            raise self._file.error(where, f"all parts of its mesh must have as many morph targets, got {got}")
+        self._triangles += sum(len(primitive.corners) for primitive in primitives)
+        if self._triangles > MOST_TRIANGLES:
+            raise self._file.error(where, f"a scene may have {MOST_TRIANGLES} triangles, this one has more")
+        return primitives
+
+    def morph_strengths(self, node: Item, where: str) -> FloatArray:
+        """Return the strengths (T,) of a node's morph targets at rest.
+
+        Raises:
+            DecodeError: for another number of them than the mesh has targets.
+        """
+        mesh = self._file.item("meshes", node.mesh, f"{where}.mesh")
+        parts: list[Item] = [part for part in mesh.primitives or [] if isinstance(part, Item)]
+        count = max((len(part.targets or []) for part in parts), default=0)
+        given = node.weights or mesh.weights or []
+        strengths = self._file.numbers(given, f"{where}: weights", len(given) if isinstance(given, list) else count)
+        if not (np.abs(strengths) > ROUNDING).any():
+            return np.zeros(count)
+        if len(strengths) != count:
+            raise self._file.error(where, f"has strengths of {len(strengths)} morph targets, and its mesh has {count}")
+        return strengths
+
+    def _joint_count(self, node: Item, where: str) -> int:
+        return len(self._file.item("skins", node.skin, f"{where}.skin").joints or [])
+
+    def _read(self, node: Item, where: str, joints: int | None = None) -> list[Primitive]:
+        """Read a node's mesh; its vertices too where it deforms, by so many joints."""
+        mesh = self._file.item("meshes", node.mesh, f"{where}.mesh")
+        named = {f"meshes[{node.mesh}].primitives[{i}]": given for i, given in enumerate(mesh.primitives or [])}
+        read = (self._primitive(given, name, joints) for name, given in named.items() if self._has_surface(given, name))
+        return [primitive for primitive in read if len(primitive.corners)]
 
     def _mode(self, item: Item, where: str) -> int:
         return 4 if item.mode is None else self._file.whole(item.mode, f"{where}.mode", "of a kind of primitives", 6)
@@ -118,7 +176,7 @@ class GltfMeshes:
             self._repairs.add(f"parts made of {primitives}, which have no surface, left out", 1, where)
         return primitives is None
 
-    def _primitive(self, item: Item, where: str) -> Primitive:
+    def _primitive(self, item: Item, where: str, joints: int | None) -> Primitive:
         file = self._file
         file.budget.check_time("reading its meshes")
         mode = self._mode(item, where)
@@ -158,7 +216,68 @@ class GltfMeshes:
             None if uv is None else uv[faces],
             None if colours is None else colours[faces] * material.factor,
             lost,
+            None if joints is None else self._vertices(item, attributes, (faces, positions, normals), joints, where),
         )
+
+    def _vertices(
+        self,
+        item: Item,
+        attributes: dict[str, object],
+        mesh: tuple[npt.NDArray[np.int64], FloatArray, FloatArray | None],
+        joint_count: int,
+        where: str,
+    ) -> Vertices:
+        """Return vertices with what deforms them; without joints all follow joint 0."""
+        file, (faces, positions, normals) = self._file, mesh
+        count = len(positions)
+        joints, weights = np.zeros((count, 1), np.int64), np.ones((count, 1))
+        if joint_count:
+            sets = [number for number in range(_MOST_SETS) if f"JOINTS_{number}" in attributes]
+            if not sets:
+                raise file.error(where, "is shown with a skin, so it must have JOINTS_0 and WEIGHTS_0")
+            parts = [self._influences(attributes, number, count, joint_count, where) for number in sets]
+            joints, weights = (np.concatenate(together, 1) for together in zip(*parts, strict=True))
+            total = weights.sum(1, keepdims=True)
+            lost = (total <= 0)[:, 0]
+            self._repairs.add("vertices without a joint follow the skin's first one", int(lost.sum()), where)
+            joints[lost], weights[lost, 0], total[lost] = 0, 1.0, 1.0
+            weights = weights / total
+        moved = item.targets or []
+        if not isinstance(moved, list) or not all(isinstance(target, dict) for target in moved):
+            raise file.error(f"{where}.targets", "must be a list of objects")
+        file.budget.take(2 * 3 * 8 * count * len(moved), f"{where}: {len(moved)} morph targets")
+        targets = np.zeros((2, len(moved), count, 3))
+        for number, target in enumerate(moved):
+            for kind, name in enumerate(("POSITION", "NORMAL")):
+                values = self._attribute({**target}, name, f"{where}.targets[{number}]", (3,))
+                if values is None:
+                    continue
+                if len(values) != count:
+                    rule = f"has {len(values)} of {name} for {count} of POSITION"
+                    raise file.error(f"{where}.targets[{number}]", rule)
+                targets[kind, number] = values
+        if normals is not None:
+            normals = _unit_at_vertices(normals, positions, faces)
+        return Vertices(faces, positions, normals, joints, weights, *targets)
+
+    def _influences(
+        self, attributes: dict[str, object], number: int, count: int, joint_count: int, where: str
+    ) -> tuple[npt.NDArray[np.int64], FloatArray]:
+        """Return the joints (u, 4) of a set, and their weights."""
+        joints = self._file.array(attributes[f"JOINTS_{number}"], f"{where}: JOINTS_{number}", width=(4,))
+        weights = self._attribute(attributes, f"WEIGHTS_{number}", where, (4,))
+        if weights is None or len(weights) != count or len(joints) != count:
+            raise self._file.error(where, f"must have as many of JOINTS_{number} and WEIGHTS_{number} as of POSITION")
+        if joints.dtype.kind not in "iu":
+            raise self._file.error(f"{where}: JOINTS_{number}", "must be integers")
+        weights = np.array(weights)
+        if (weights < -ROUNDING).any():
+            raise self._file.error(f"{where}: WEIGHTS_{number}", f"must not be negative, got {weights.min():g}")
+        weights = np.maximum(weights, 0.0)
+        joints = np.where(weights > 0, joints, 0).astype(np.int64)  # what has no weight may name any joint
+        if count and not (joints.min() >= 0 and joints.max() < joint_count):
+            raise self._file.error(f"{where}: JOINTS_{number}", f"name joint {joints.max()} of {joint_count}")
+        return joints, weights
 
     def _colours(self, given: FloatArray | None, material: GltfMaterial) -> tuple[FloatArray | None, tuple[str, ...]]:
         """Return the colours of vertices (v, 3), None where they are not shown; and the kinds of looks that are
@@ -216,6 +335,41 @@ class GltfMeshes:
             return cut_strip(order)
         first = np.arange(max(0, len(order) - 2))
         return distinct(order[np.stack([0 * first, first + 1, first + 2], 1)])
+
+
+def _unit_at_vertices(normals: FloatArray, positions: FloatArray, faces: npt.NDArray[np.int64]) -> FloatArray:
+    """Return normals (u, 3) of unit length; one without a direction becomes the mean of its triangles' normals."""
+    corners = positions[faces]
+    around = np.zeros_like(positions)
+    np.add.at(around, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    chosen = np.where((length > 0) & (length < np.inf), normals, around)  # False for NaN too
+    length = np.linalg.norm(chosen, axis=1, keepdims=True)
+    return np.divide(chosen, length, out=np.zeros_like(chosen), where=length > 0)
+
+
+def joined_vertices(primitives: list[Primitive]) -> Vertices:
+    """Join the vertices of primitives that deform, and are of one :attr:`Primitive.kind`."""
+    parts = [primitive.vertices for primitive in primitives if primitive.vertices is not None]
+    assert len(parts) == len(primitives)
+    first = np.cumsum([0, *(len(part.positions) for part in parts[:-1])])
+    width = max(part.joints.shape[1] for part in parts)
+
+    def padded(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+        return np.pad(values, ((0, 0), (0, width - values.shape[1])))
+
+    normals = None
+    if parts[0].normals is not None:
+        normals = np.concatenate([part.normals for part in parts if part.normals is not None])
+    return Vertices(
+        np.concatenate([part.faces + start for part, start in zip(parts, first, strict=True)]),
+        np.concatenate([part.positions for part in parts]),
+        normals,
+        np.concatenate([padded(part.joints) for part in parts]).astype(np.int64),
+        np.concatenate([padded(part.weights) for part in parts]).astype(np.float64),
+        np.concatenate([part.targets for part in parts], 1),
+        np.concatenate([part.target_normals for part in parts], 1),
+    )
 
 
 def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..._core import DecodeError
 from ...geometry.pose import FloatArray, hamilton, rotation_matrices
 from ...geometry.trajectory.trajectory import CallableTrajectory, Trajectory
 from .gltf_file import GltfFile, Item, plain
@@ -41,6 +42,10 @@ _AT_ONCE = 1 << 14
 _INSTANCING = "EXT_mesh_gpu_instancing"
 
 
+class NotRigid(DecodeError):
+    """Raised for a node whose animation scales or shears it."""
+
+
 @dataclass(frozen=True)
 class Node:
     """A node of the scene: its number, that of its parent, and what the file says of it."""
@@ -54,13 +59,14 @@ class Node:
 class Track(NamedTuple):
     """The keyframes of one property of a node: times (k,) in seconds, values (k, width), tangents (k, width) or None.
 
-    ``kind`` is LINEAR, STEP or CUBICSPLINE.
+    ``kind`` is LINEAR, STEP or CUBICSPLINE; ``turns`` says that the values are rotations.
     """
 
     times: FloatArray
     values: FloatArray
     tangents: tuple[FloatArray, FloatArray] | None
     kind: str
+    turns: bool = False
 
     def at(self, t: FloatArray, end_s: float) -> tuple[FloatArray, FloatArray]:
         """Return values and rates (n, width) at times (n,); ``end_s`` is the end of the whole scene."""
@@ -78,7 +84,7 @@ class Track(NamedTuple):
             rate = np.zeros_like(result)
         elif self.kind == "CUBICSPLINE":
             result, rate = self._cubic(segment, span[:, None], fraction)
-        elif values.shape[1] == 4:
+        elif self.turns:
             result, rate = _slerp(first, second, fraction, span[:, None])
         else:
             result = first + fraction * (second - first)
@@ -133,6 +139,7 @@ class NodeTree:
     """The nodes of a file's scene, parents before children, and what moves them.
 
     Attributes:
+        tracks: by node and property; the strengths of morph targets are ``weights``.
         duration_s: time of the last keyframe in the scene; 0 where nothing moves.
         lost: by kind, the names of what animations change and the scene does not show.
     """
@@ -155,7 +162,9 @@ class NodeTree:
         tracks = _tracks(file, nodes, lost)
         for path in tracks.values():
             for name in [name for name, track in path.items() if not track.moves and len(track.times) > 1]:
-                path[name] = Track(path[name].times[:1], path[name].values[:1], None, "LINEAR")
+                path[name] = path[name]._replace(
+                    times=path[name].times[:1], values=path[name].values[:1], tangents=None, kind="LINEAR"
+                )
         ends = [track.times[-1] for path in tracks.values() for track in path.values() if len(track.times) > 1]
         return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost)
 
@@ -170,9 +179,27 @@ class NodeTree:
 
     def moves(self, index: int) -> bool:
         """Return whether an animation moves a node or one of its ancestors."""
-        return any(
-            len(track.times) > 1 for node in self.chain(index) for track in self.tracks.get(node.index, {}).values()
-        )
+        return any(len(track.times) > 1 for track in self.tracks_of(index))
+
+    def tracks_of(self, index: int) -> list[Track]:
+        """Return the tracks that place a node: its own, and those of its ancestors."""
+        tracks = (self.tracks.get(node.index, {}) for node in self.chain(index))
+        return [track for path in tracks for name, track in path.items() if name in _WIDTHS]
+
+    def strengths(self, index: int, rest: FloatArray) -> Track:
+        """Return the track of the strengths of a node's morph targets; always ``rest`` (T,) where they do not move.
+
+        Raises:
+            DecodeError: for a track of another number of strengths.
+        """
+        track = self.tracks.get(index, {}).get("weights")
+        if track is None or not (np.abs(track.values) > ROUNDING).any():
+            return Track(np.zeros(1), rest[None], None, "LINEAR")
+        count = len(rest)
+        if track.values.size != count * len(track.times):
+            animated = track.values.size // len(track.times)
+            raise self.file.error(f"nodes[{index}]", f"animates {animated} morph targets, and its mesh has {count}")
+        return track
 
     def matrices(self, index: int, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the node's transform to the scene's axes (n, 4, 4) at times (n,), and its rate."""
@@ -181,6 +208,19 @@ class NodeTree:
             local, local_rate = self._local(node, t)
             matrix, rate = matrix @ local, rate @ local + matrix @ local_rate
         return matrix, rate
+
+    def matrices_of(self, indices: list[int], t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return :meth:`matrices` of several nodes (n, k, 4, 4); what they have in common is computed once."""
+        known: dict[int | None, tuple[FloatArray, FloatArray]] = {
+            None: (np.tile(np.eye(4), (len(t), 1, 1)), np.zeros((len(t), 4, 4)))
+        }
+        for index in indices:
+            for node in self.chain(index):
+                if node.index not in known:
+                    (matrix, rate), (local, local_rate) = known[node.parent], self._local(node, t)
+                    known[node.index] = matrix @ local, rate @ local + matrix @ local_rate
+        matrices, rates = zip(*(known[index] for index in indices), strict=True)
+        return np.stack(matrices, 1), np.stack(rates, 1)
 
     def instances(self, index: int) -> FloatArray:
         """Return the transforms (n, 4, 4) of the copies within a node (EXT_mesh_gpu_instancing); one identity
@@ -215,7 +255,7 @@ class NodeTree:
             duration_s: of the trajectory, > 0.
 
         Raises:
-            DecodeError: for a node that is not a rigid body, because its animation scales it.
+            NotRigid: for a node that is not a rigid body, because its animation scales it.
         """
         self.file.budget.check_time("reading its animations")
         start, _ = self.matrices(index, np.zeros(1))
@@ -223,7 +263,8 @@ class NodeTree:
         left, lengths, right = np.linalg.svd(linear)
         name = self.nodes[index].name
         if lengths[-1] <= 1e-9 * lengths[0] or lengths[0] == 0:
-            raise self.file.error(f"node {name}", "moves, and its scale is 0 at first: it can be no rigid body")
+            rule = "moves, and its scale is 0 at first: it can be no rigid body"
+            raise NotRigid(str(self.file.error(f"node {name}", rule)))
         if np.linalg.det(left @ right) < 0:
             left = left * [1, 1, -1]  # a mirror image belongs to the body
         stretch = (left @ right).T @ linear
@@ -234,7 +275,7 @@ class NodeTree:
             matrix, rate = self.matrices(index, t)
             return to_world @ matrix @ unstretched, to_world @ rate @ unstretched
 
-        tracks = [track for node in self.chain(index) for track in self.tracks.get(node.index, {}).values()]
+        tracks = self.tracks_of(index)
         times = _within([track.times for track in tracks], duration_s)
         self.file.budget.take(_CHECKED_BYTES * _CHECKED * len(times), f"the path of node {name}")
         times = np.concatenate([[0.0], times, [duration_s]])
@@ -246,9 +287,8 @@ class NodeTree:
             off = np.abs(np.swapaxes(axes, 1, 2) @ axes - np.eye(3)).max((1, 2))
             if off.max() > _RIGID:
                 worst = float(grid[piece][off.argmax()])
-                raise self.file.error(
-                    f"node {name}", f"its animation scales or shears it (at {worst:g} s): only rigid bodies may move"
-                )
+                rule = f"its animation scales or shears it (at {worst:g} s): only rigid bodies may move"
+                raise NotRigid(str(self.file.error(f"node {name}", rule)))
             reference[piece] = _quaternions(axes * flip)
         reference = _continuous(reference)
         signs = np.diag(flip)
@@ -264,7 +304,7 @@ class NodeTree:
             skew = signs @ (turning - np.swapaxes(turning, 1, 2)) @ signs / 2
             return np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], 1)
 
-        corners = _within([track.corners for track in tracks if len(track.times) > 1], duration_s)
+        corners = breaks(tracks, duration_s)
         trajectory = CallableTrajectory(
             duration_s,
             position=lambda t: rigid(t)[0][:, :3, 3],
@@ -350,18 +390,12 @@ def _tracks(file: GltfFile, nodes: dict[int, Node], lost: dict[str, dict[str, No
             if path not in (*_WIDTHS, "weights") or node not in nodes:
                 continue
             which = file.whole(channel.sampler, f"{where}.channels", "of its samplers", len(samplers) - 1)
-            if path == "weights":
-                weights = file.array(samplers[which].output, f"{where}.samplers[{which}].output", width=(1,))
-                if (np.abs(weights) > ROUNDING).any():
-                    name = nodes[node].name
-                    raise file.error(where, f"moves the shape of node {name} (morph targets), which is not read")
-                continue
             if path in tracks.setdefault(node, {}):
                 lost.setdefault("a second animation", {})[nodes[node].name] = None
                 continue
-            if nodes[node].item.matrix is not None:
+            if nodes[node].item.matrix is not None and path != "weights":
                 raise file.error(f"nodes[{node}]", "is animated, so it must have no matrix")
-            tracks[node][path] = _track(file, samplers[which], f"{where}.samplers[{which}]", _WIDTHS[path])
+            tracks[node][path] = _track(file, samplers[which], f"{where}.samplers[{which}]", path)
     return tracks
 
 
@@ -375,8 +409,9 @@ def _target(target: Item) -> tuple[int | None, str]:
     return (int(match[1]), match[2]) if match else (None, pointer)
 
 
-def _track(file: GltfFile, sampler: Item, where: str, width: int) -> Track:
+def _track(file: GltfFile, sampler: Item, where: str, path: str) -> Track:
     times = np.asarray(file.array(sampler.input, f"{where}.input", width=(1,)).ravel(), np.float64)
+    width = _WIDTHS.get(path, 1)
     values = np.asarray(file.array(sampler.output, f"{where}.output", width=(width,)), np.float64)
     file.budget.take(_KEYFRAME_BYTES * len(times), f"{where}: {len(times)} keyframes")
     kind = sampler.interpolation or "LINEAR"
@@ -385,16 +420,19 @@ def _track(file: GltfFile, sampler: Item, where: str, width: int) -> Track:
     if len(times) == 0 or times[0] < 0 or not (np.diff(times) > 0).all() or times[-1] > 1e6:
         raise file.error(f"{where}.input", "times must increase, from 0 s or later to 1e6 s at most")
     each = 3 if kind == "CUBICSPLINE" else 1
+    if path == "weights" and len(values) % (each * len(times)) == 0:
+        width = len(values) // (each * len(times))  # all strengths of a keyframe follow each other
+        values = values.reshape(-1, width)
     if len(values) != each * len(times):
         raise file.error(f"{where}.output", f"must have {each * len(times)} values for its times, got {len(values)}")
     tangents = None
     if each == 3:
         incoming, values, outgoing = values.reshape(len(times), 3, width).swapaxes(0, 1)
         tangents = (incoming, outgoing)
-    if width == 4:
+    if path == "rotation":
         unit = _unit(file, values, f"{where}.output")
         values = unit if each == 1 else values
-    return Track(times, values, tangents, kind)
+    return Track(times, values, tangents, kind, path == "rotation")
 
 
 def _unit(file: GltfFile, quaternions: FloatArray, where: str) -> FloatArray:
@@ -413,6 +451,11 @@ def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) 
     matrix[:, :3, :3] = rotation_matrices(rotation) * scale[:, None]
     matrix[:, :3, 3] = translation
     return matrix
+
+
+def breaks(tracks: list[Track], duration_s: float) -> FloatArray:
+    """Return the times within a duration at which some track is not smooth, each once, in order."""
+    return _within([track.corners for track in tracks if len(track.times) > 1], duration_s)
 
 
 def _within(times: list[FloatArray], end_s: float) -> FloatArray:

@@ -6,6 +6,7 @@ Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113:2022), and its exte
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +17,18 @@ from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray, Pose
 from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..default_paths import CAMERA
+from ..deformation import Deformation, DeformedMesh
 from ..lost_looks import LostLook, lost_looks, shown
 from ..mesh_part import MeshPart
 from ..parts import DIRECT, GLOSSY_DIRECT
 from ..repairs import Repairs
 from ..scene import Scene
+from ..skinned_mesh import SkinnedMesh
 from .default_view import default_view
 from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
-from .gltf_mesh import GltfMeshes, Primitive, joined
-from .gltf_nodes import Node, NodeTree
+from .gltf_mesh import GltfMeshes, Primitive, joined, joined_vertices
+from .gltf_nodes import Node, NodeTree, NotRigid, breaks
 from .mesh_scene import Axis, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .rounding import ROUNDING
 
@@ -39,6 +42,11 @@ WHITE_LUX = LUMENS_PER_WATT * np.pi
 _WIDTH = 240
 _HARD_EDGE = 0.999
 """Largest fraction of a spot's cone in which its light may be even: Mitsuba needs a soft edge."""
+_MOST_JOINTS = 10_000
+_JOINT_BYTES = 1 << 16
+"""About what a joint takes while a batch of instants is computed."""
+_VERTEX_BYTES = 400
+"""About what a vertex that deforms takes, besides its morph targets."""
 _FLIP = np.array([1.0, -1.0, -1.0])
 """glTF's cameras look along -z, and their y points up."""
 
@@ -52,7 +60,8 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     shine, 683 lux or candela as one unit; a file without any gets those of a mesh file. The first perspective camera
     gives the lens and the path: that of its animation, or one at rest where other things move. A file without a camera
     gets the path around of a mesh file. Nodes that are animated are moving objects with the ids ``NODE_MATERIAL``; all
-    others are one shape for each material, ``mesh_MATERIAL``. Copies of a mesh (``EXT_mesh_gpu_instancing``) are all
+    others are one shape for each material, ``mesh_MATERIAL``. Meshes with a skin, with morph targets, or with an
+    animated scale deform (:attr:`Scene.deformations`). Copies of a mesh (``EXT_mesh_gpu_instancing``) are all
     there. Looks that are not shown (light of their own, transparency) are in :attr:`Scene.lost_looks`, and a simulator
     warns of them.
 
@@ -63,7 +72,7 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     Raises:
         OSError: if the file, or one that it names, cannot be read.
         DecodeError: naming the file and the place that breaks a rule, or has shapes that would be missing or in the
-            wrong where: skins, morph targets in use, animated scales, points and lines, compression.
+            wrong where: points and lines, compression.
         ValueError: for another axis or scale.
 
     Warns:
@@ -92,7 +101,7 @@ class _GltfScene:
 
     def scene(self) -> Scene:
         """Build the scene."""
-        shapes, objects = self._shapes()
+        shapes, objects, deformations = self._shapes()
         corners = self._corners(shapes, objects)
         if not len(corners):
             left_out = f" ({self.repairs})" if self.repairs else ""
@@ -133,49 +142,140 @@ class _GltfScene:
             start=start,
             trajectory=trajectory,
             objects=objects,
+            deformations=deformations,
             reflections=True,
             soft_light=True,
             lux_per_luma=WHITE_LUX if lights else 1000.0,
-            note=f"{file_name} is {size}; {shining}; {of_camera}; {_counted(len(objects), 'moving object')}",
+            note=f"{file_name} is {size}; {shining}; {of_camera}; {_moving(objects, deformations)}",
             lost_looks=(*lost_looks(shapes), *(LostLook(what, tuple(of)) for what, of in self.lost.items())),
         )
 
-    def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory]]:
-        """Return all parts by their ids, and the paths of those that move, which are in their own axes."""
+    def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory], dict[str, Deformation]]:
+        """Return all parts by their ids, the paths of those that move, which are in their own axes, and how meshes
+        deform."""
         at_rest: dict[tuple[int | None, bool, bool], list[Primitive]] = {}
         moving: list[tuple[Node, list[Primitive], Trajectory]] = []
+        deforming: list[Node] = []
         start = np.zeros(1)
         for node in self.tree.nodes.values():
             if node.item.mesh is None:
                 continue
-            copies = self.tree.instances(node.index)
-            primitives = self.meshes.of(node.item, f"nodes[{node.index}]", len(copies))
-            if self.tree.moves(node.index):
-                trajectory, stretch = self.tree.path(node.index, self.to_world, np.ones(3), self.tree.duration_s)
-                own = np.eye(4)
-                own[:3, :3] = stretch
-                moving.append((node, [primitive.placed(own @ copies) for primitive in primitives], trajectory))
+            if self._deforms(node):
+                deforming.append(node)
                 continue
-            matrices = self.to_world @ self.tree.matrices(node.index, start)[0] @ copies
-            for primitive in primitives:
-                at_rest.setdefault(primitive.kind, []).append(primitive.placed(matrices))
+            copies = self.tree.instances(node.index)
+            if not self.tree.moves(node.index):
+                matrices = self.to_world @ self.tree.matrices(node.index, start)[0] @ copies
+                for primitive in self.meshes.of(node.item, f"nodes[{node.index}]", len(copies)):
+                    at_rest.setdefault(primitive.kind, []).append(primitive.placed(matrices))
+                continue
+            try:
+                trajectory, stretch = self.tree.path(node.index, self.to_world, np.ones(3), self.tree.duration_s)
+            except NotRigid:
+                deforming.append(node)
+                continue
+            own = np.eye(4)
+            own[:3, :3] = stretch
+            primitives = self.meshes.of(node.item, f"nodes[{node.index}]", len(copies))
+            moving.append((node, [primitive.placed(own @ copies) for primitive in primitives], trajectory))
         shapes: dict[str, MeshPart] = {}
         objects: dict[str, Trajectory] = {}
+        deformations: dict[str, Deformation] = {}
         names = _UniqueNames()
         for primitives in at_rest.values():
             part = self._part(primitives)
             shapes[names.unused(f"mesh_{part.material}")] = part
         for node, primitives, trajectory in moving:
-            by_kind: dict[tuple[int | None, bool, bool], list[Primitive]] = {}
-            for primitive in primitives:
-                by_kind.setdefault(primitive.kind, []).append(primitive)
-            for alike in by_kind.values():
+            for alike in _by_kind(primitives):
                 part = self._part(alike)
                 name = names.unused(f"{node.name}_{part.material}")
                 shapes[name], objects[name] = part, trajectory
-        return {name: part for name, part in shapes.items() if len(part.corners)}, {
-            name: path for name, path in objects.items() if len(shapes[name].corners)
-        }
+        for node in deforming:
+            for part, deformation in self._deformed(node):
+                name = names.unused(f"{node.name}_{part.material}")
+                shapes[name], deformations[name] = part, deformation
+        shapes = {name: part for name, part in shapes.items() if len(part.corners)}
+        return (
+            shapes,
+            {name: path for name, path in objects.items() if name in shapes},
+            {name: deformation for name, deformation in deformations.items() if name in shapes},
+        )
+
+    def _deforms(self, node: Node) -> bool:
+        """Return whether joints or morph targets deform a node's mesh."""
+        if node.item.skin is not None:
+            return True
+        strengths = self.meshes.morph_strengths(node.item, f"nodes[{node.index}]")
+        track = self.tree.strengths(node.index, strengths)
+        return bool((np.abs(track.values) > ROUNDING).any())
+
+    def _deformed(self, node: Node) -> Iterator[tuple[MeshPart, Deformation]]:
+        """Yield the parts of a node that deforms, as they are at first, and what deforms each."""
+        where, tree = f"nodes[{node.index}]", self.tree
+        if len(tree.instances(node.index)) > 1:
+            raise self.file.error(where, "has copies, and deforms, which is not read: export the copies as nodes")
+        nodes, inverse = [node.index], np.eye(4)[None]
+        if node.item.skin is not None:
+            nodes, inverse = self._joints(node.item.skin, where)
+        track = tree.strengths(node.index, self.meshes.morph_strengths(node.item, where))
+        tracks = [track, *(placing for index in nodes for placing in tree.tracks_of(index))]
+        duration_s = tree.duration_s or 1.0
+
+        def matrices(t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+            matrix, rate = tree.matrices_of(nodes, t_s)
+            return self.to_world @ matrix @ inverse, self.to_world @ rate @ inverse
+
+        for alike in _by_kind(self.meshes.deforming(node.item, where)):
+            vertices = joined_vertices(alike)
+            count = len(vertices.targets)
+            self.file.budget.take(_VERTEX_BYTES * len(vertices.positions), f"{where}: its vertices, which deform")
+            tangents = [] if track.tangents is None else list(track.tangents)
+            strongest = np.max([np.abs(values).max(0) for values in (track.values, *tangents)], 0) if count else []
+
+            def strengths(t_s: FloatArray, count: int = count) -> tuple[FloatArray, FloatArray]:
+                values, rates = track.at(t_s, tree.duration_s)
+                return values[:, :count], rates[:, :count]
+
+            skinned = SkinnedMesh(
+                rest=DeformedMesh(vertices.positions, vertices.normals),
+                vertices=vertices.faces.ravel(),
+                joint_count=len(nodes),
+                joints=vertices.joints,
+                weights=vertices.weights,
+                matrices=matrices,
+                targets=vertices.targets,
+                target_normals=vertices.target_normals,
+                strengths=strengths,
+                most=np.asarray(strongest, np.float64)[:count],
+                duration_s=duration_s,
+                breaks=breaks(tracks, duration_s),
+                name=node.name,
+            )
+            part = self._part(alike)
+            if skinned.is_mirrored():
+                skinned, part = skinned.turned(), part.turned()
+            (at_first,) = skinned.meshes(np.zeros(1))
+            corners = at_first.positions.reshape(-1, 3, 3)
+            normals = None if at_first.normals is None else at_first.normals.reshape(-1, 3, 3)
+            yield part._replace(corners=corners, normals=normals), skinned
+
+    def _joints(self, index: object, where: str) -> tuple[list[int], FloatArray]:
+        """Return the nodes of a skin's joints, and the inverses (J, 4, 4) of where they were bound."""
+        skin = self.file.item("skins", index, f"{where}.skin")
+        joints = skin.joints if isinstance(skin.joints, list) else []
+        if not 0 < len(joints) <= _MOST_JOINTS:
+            raise self.file.error(f"skins[{index}]", f"must have 1 to {_MOST_JOINTS} joints, got {len(joints)}")
+        for joint in joints:
+            if joint not in self.tree.nodes:
+                raise self.file.error(f"skins[{index}]", f"its joint {plain(joint)} is no node of the scene")
+        inverse = np.tile(np.eye(4), (len(joints), 1, 1))
+        if skin.inverseBindMatrices is not None:
+            given = self.file.array(skin.inverseBindMatrices, f"skins[{index}].inverseBindMatrices", width=(16,))
+            if len(given) != len(joints):
+                raise self.file.error(f"skins[{index}]", f"has {len(given)} matrices for {len(joints)} joints")
+            inverse = np.asarray(given, np.float64).reshape(-1, 4, 4).swapaxes(1, 2)
+        self.file.budget.take(_JOINT_BYTES * len(joints), f"skins[{index}]: {len(joints)} joints")
+        return joints, inverse
 
     def _part(self, primitives: list[Primitive]) -> MeshPart:
         index = primitives[0].material
@@ -303,6 +403,19 @@ class _GltfScene:
     def _lose(self, look: str, name: str) -> None:
         """Note that the look ``look`` of ``name`` is not shown."""
         self.lost.setdefault(look, {})[name] = None
+
+
+def _by_kind(primitives: list[Primitive]) -> Iterable[list[Primitive]]:
+    """Return the primitives by what those of one shape have in common."""
+    by_kind: dict[tuple[int | None, bool, bool], list[Primitive]] = {}
+    for primitive in primitives:
+        by_kind.setdefault(primitive.kind, []).append(primitive)
+    return by_kind.values()
+
+
+def _moving(objects: dict[str, Trajectory], deformations: dict[str, Deformation]) -> str:
+    moving = _counted(len({*objects, *deformations}), "moving object")
+    return f"{moving}, of which {len(deformations)} deform{'s' * (len(deformations) == 1)}" if deformations else moving
 
 
 def _counted(number: int, noun: str) -> str:

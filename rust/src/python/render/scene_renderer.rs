@@ -1,6 +1,7 @@
 //! `SceneRenderer` for Python.
 
 use std::borrow::Cow;
+use std::sync::{PoisonError, RwLock, RwLockReadGuard};
 
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -13,8 +14,8 @@ use super::scene_tables::{
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{column, grouped, groups, lists, matrices, numbers};
 use crate::render::{
-    BEFORE_LIGHTS, EdgeTracks, GlossTables, LightMapTables, LinePattern, RayHit, Renderer, Scene, SceneTables,
-    TrackSettings,
+    BEFORE_LIGHTS, Deformed, EdgeTracks, GlossTables, LightMapTables, LinePattern, RayHit, Renderer, Scene,
+    SceneTables, TrackSettings, View,
 };
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
@@ -68,7 +69,24 @@ use crate::render::{
 /// Raises:
 ///     ValueError: for arrays that do not belong together, or no threads.
 #[pyclass(name = "SceneRenderer", module = "davis_rs._core", frozen)]
-pub(crate) struct PySceneRenderer(Renderer);
+pub(crate) struct PySceneRenderer {
+    /// Who waits for it, or holds it, does not hold Python's lock: two threads could wait for each other.
+    renderer: RwLock<Renderer>,
+    frames: usize,
+    lights: usize,
+}
+
+impl PySceneRenderer {
+    /// Returns the renderer, which nobody deforms meanwhile.
+    fn renderer(&self) -> RwLockReadGuard<'_, Renderer> {
+        // Who deforms checks first, and then does not fail.
+        self.renderer.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn views(&self, views: &Views<'_>) -> PyResult<Vec<View>> {
+        views_of(self.frames, self.lights, views)
+    }
+}
 
 /// An array without its shape.
 type Flat<'py, T> = Bound<'py, PyArray1<T>>;
@@ -155,7 +173,48 @@ impl PySceneRenderer {
             step,
             end,
         };
-        Ok(Self(Renderer::new(Scene::new(&tables)?, threads)?))
+        let renderer = Renderer::new(Scene::new(&tables)?, threads)?;
+        let (frames, lights) = (renderer.scene().frames(), renderer.scene().lights());
+        Ok(Self { renderer: RwLock::new(renderer), frames, lights })
+    }
+
+    /// Deform the mesh of a body: what is rendered after this shows it so. Its BVH keeps its shape.
+    ///
+    /// Args:
+    ///     frame: number of the body, 1, 2, ...
+    ///     first: number of its first triangle; its d triangles follow each other.
+    ///     corners, planes, u_maps, v_maps, normal_maps: of these triangles, float64, as the renderer was made with.
+    ///
+    /// Raises:
+    ///     ValueError: for what is no body, one with baked light, arrays that do not fit it, or a triangle that has no
+    ///         area or is not finite; then nothing changes.
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn deform(
+        &self,
+        py: Python<'_>,
+        frame: usize,
+        first: u32,
+        corners: &Bound<'_, PyAny>,
+        planes: &Bound<'_, PyAny>,
+        u_maps: &Bound<'_, PyAny>,
+        v_maps: &Bound<'_, PyAny>,
+        normal_maps: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let (corners, planes) = (column::<f64>(corners, "corners")?, column::<f64>(planes, "planes")?);
+        let (u_maps, v_maps) = (column::<f64>(u_maps, "u_maps")?, column::<f64>(v_maps, "v_maps")?);
+        let normal_maps = normal_maps.map(|maps| column::<f64>(maps, "normal_maps")).transpose()?;
+        let deformed = Deformed {
+            corners: matrices(&corners, "corners")?,
+            planes: grouped(&planes, "planes")?,
+            u_maps: grouped(&u_maps, "u_maps")?,
+            v_maps: grouped(&v_maps, "v_maps")?,
+            normal_maps: normal_maps.as_ref().map_or(Ok(&[][..]), |maps| matrices(maps, "normal_maps"))?,
+        };
+        py.detach(|| {
+            let mut renderer = self.renderer.write().unwrap_or_else(PoisonError::into_inner);
+            renderer.deform(frame, first, &deformed)
+        })?;
+        Ok(())
     }
 
     /// Render linear luma of each view, and its rate.
@@ -182,10 +241,10 @@ impl PySceneRenderer {
         views: Views<'py>,
         rate: bool,
     ) -> PyResult<(Flat<'py, f32>, Option<Flat<'py, f32>>)> {
-        let views = views_of(self.0.scene(), &views)?;
+        let views = self.views(&views)?;
         let zeros = || vec![0f32; views.len() * rays.0.pixels()];
         let (mut luma, mut rates) = (zeros(), rate.then(zeros));
-        py.detach(|| self.0.luma(&rays.0, &views, &mut luma, rates.as_deref_mut()))?;
+        py.detach(|| self.renderer().luma(&rays.0, &views, &mut luma, rates.as_deref_mut()))?;
         Ok((luma.into_pyarray(py), rates.map(|rates| rates.into_pyarray(py))))
     }
 
@@ -209,9 +268,9 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<Flat<'py, f32>> {
-        let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
+        let (pixels, views) = (view_pixels(view, pixel)?, self.views(&views)?);
         let mut luma = vec![0f32; pixels.len()];
-        py.detach(|| self.0.samples(&rays.0, &views, &pixels, &mut luma))?;
+        py.detach(|| self.renderer().samples(&rays.0, &views, &pixels, &mut luma))?;
         Ok(luma.into_pyarray(py))
     }
 
@@ -235,9 +294,9 @@ impl PySceneRenderer {
         lines: usize,
         views: Views<'py>,
     ) -> PyResult<Flat<'py, f32>> {
-        let (pattern, views) = (LinePattern::new(lines)?, views_of(self.0.scene(), &views)?);
+        let (pattern, views) = (LinePattern::new(lines)?, self.views(&views)?);
         let mut luma = vec![0f32; views.len() * corners.0.pixels()];
-        py.detach(|| self.0.line_luma(&corners.0, &pattern, &views, &mut luma))?;
+        py.detach(|| self.renderer().line_luma(&corners.0, &pattern, &views, &mut luma))?;
         Ok(luma.into_pyarray(py))
     }
 
@@ -262,10 +321,10 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<Flat<'py, f32>> {
-        let (pattern, views) = (LinePattern::new(lines)?, views_of(self.0.scene(), &views)?);
+        let (pattern, views) = (LinePattern::new(lines)?, self.views(&views)?);
         let pixels = view_pixels(view, pixel)?;
         let mut luma = vec![0f32; pixels.len()];
-        py.detach(|| self.0.line_samples(&corners.0, &pattern, &views, &pixels, &mut luma))?;
+        py.detach(|| self.renderer().line_samples(&corners.0, &pattern, &views, &pixels, &mut luma))?;
         Ok(luma.into_pyarray(py))
     }
 
@@ -300,9 +359,9 @@ impl PySceneRenderer {
         tolerated: f32,
         log_eps: f32,
     ) -> PyResult<Vec<TrackTuple<'py>>> {
-        let (views, t_us) = (views_of(self.0.scene(), &views)?, numbers::<i64>(t_us, "t_us")?);
+        let (views, t_us) = (self.views(&views)?, numbers::<i64>(t_us, "t_us")?);
         let settings = TrackSettings { reach, tolerated, log_eps };
-        let tracks = py.detach(|| self.0.edge_tracks(&rays.0, &views, &t_us, settings))?;
+        let tracks = py.detach(|| self.renderer().edge_tracks(&rays.0, &views, &t_us, settings))?;
         let tuple = |tracks: EdgeTracks| {
             (
                 tracks.pixels.into_pyarray(py),
@@ -334,10 +393,10 @@ impl PySceneRenderer {
         rays: &PyPixelRays,
         views: Views<'py>,
     ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
-        let views = views_of(self.0.scene(), &views)?;
+        let views = self.views(&views)?;
         let size = views.len() * rays.0.pixels();
         let (mut depth, mut triangles) = (vec![0f32; size], vec![0u32; size]);
-        py.detach(|| self.0.depth(&rays.0, &views, &mut depth, &mut triangles))?;
+        py.detach(|| self.renderer().depth(&rays.0, &views, &mut depth, &mut triangles))?;
         Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
     }
 
@@ -362,9 +421,9 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
-        let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
+        let (pixels, views) = (view_pixels(view, pixel)?, self.views(&views)?);
         let mut hits = vec![(0f32, 0u32); pixels.len()];
-        py.detach(|| self.0.hits(&rays.0, &views, &pixels, &mut hits))?;
+        py.detach(|| self.renderer().hits(&rays.0, &views, &pixels, &mut hits))?;
         let (depth, triangles): (Vec<f32>, Vec<u32>) = hits.into_iter().unzip();
         Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
     }
@@ -397,12 +456,12 @@ impl PySceneRenderer {
         pixel: &Bound<'py, PyAny>,
         weights: &Bound<'py, PyAny>,
     ) -> PyResult<Flat<'py, f64>> {
-        let views = views_of(self.0.scene(), &views)?;
+        let views = self.views(&views)?;
         let view = numbers::<u32>(view, "view")?;
         let pixel = numbers::<u32>(pixel, "pixel")?;
         let weights = numbers::<f64>(weights, "weights")?;
-        let mut gradients = vec![0.0; view.len() * (BEFORE_LIGHTS + self.0.scene().lights())];
-        py.detach(|| self.0.gradients(&rays.0, &views, &view, &pixel, &weights, &mut gradients))?;
+        let mut gradients = vec![0.0; view.len() * (BEFORE_LIGHTS + self.lights)];
+        py.detach(|| self.renderer().gradients(&rays.0, &views, &view, &pixel, &weights, &mut gradients))?;
         Ok(gradients.into_pyarray(py))
     }
 
@@ -433,12 +492,13 @@ impl PySceneRenderer {
         weights: &Bound<'py, PyAny>,
         steps: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, u32>, Flat<'py, u32>, Flat<'py, f64>)> {
-        let views = views_of(self.0.scene(), &views)?;
+        let views = self.views(&views)?;
         let view = numbers::<u32>(view, "view")?;
         let pixel = numbers::<u32>(pixel, "pixel")?;
         let weights = numbers::<f64>(weights, "weights")?;
         let steps = numbers::<f64>(steps, "steps")?;
-        let gradients = py.detach(|| self.0.texel_gradients(&rays.0, &views, &view, &pixel, &weights, &steps))?;
+        let gradients =
+            py.detach(|| self.renderer().texel_gradients(&rays.0, &views, &view, &pixel, &weights, &steps))?;
         Ok((gradients.counts.into_pyarray(py), gradients.texels.into_pyarray(py), gradients.values.into_pyarray(py)))
     }
 
@@ -464,25 +524,27 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, u32>, Flat<'py, u64>, Flat<'py, f64>)> {
-        let views = views_of(self.0.scene(), &views)?;
+        let views = self.views(&views)?;
         let (view, pixel): (Vec<u32>, Vec<u32>) = view_pixels(view, pixel)?.into_iter().unzip();
         let mut hits = vec![RayHit::default(); pixel.len() * rays.0.rays()];
-        py.detach(|| self.0.ray_hits(&rays.0, &views, &view, &pixel, &mut hits))?;
+        py.detach(|| self.renderer().ray_hits(&rays.0, &views, &view, &pixel, &mut hits))?;
         let triangles: Vec<u32> = hits.iter().map(|hit| hit.triangle).collect();
         let hidden: Vec<u64> = hits.iter().map(|hit| hit.hidden).collect();
         let luma: Vec<f64> = hits.iter().map(|hit| hit.luma).collect();
         Ok((triangles.into_pyarray(py), hidden.into_pyarray(py), luma.into_pyarray(py)))
     }
 
-    fn __repr__(&self) -> String {
-        let scene = self.0.scene();
-        let shadows = if scene.shadows() { "True" } else { "False" };
-        let threads = self.0.threads().map_or("None".to_owned(), |threads| threads.to_string());
-        format!(
-            "SceneRenderer(triangles={}, frames={}, lights={}, shadows={shadows}, threads={threads})",
-            scene.triangles(),
-            scene.frames(),
-            scene.lights()
-        )
+    fn __repr__(&self, py: Python<'_>) -> String {
+        py.detach(|| {
+            let renderer = self.renderer();
+            let shadows = if renderer.scene().shadows() { "True" } else { "False" };
+            let threads = renderer.threads().map_or("None".to_owned(), |threads| threads.to_string());
+            format!(
+                "SceneRenderer(triangles={}, frames={}, lights={}, shadows={shadows}, threads={threads})",
+                renderer.scene().triangles(),
+                self.frames,
+                self.lights
+            )
+        })
     }
 }

@@ -4,16 +4,15 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::python::arrays::{column, groups, rows};
-use crate::render::{Pose, Scene, View};
+use crate::render::{Pose, View};
 
 /// Where cameras are, and what surrounds them: positions, rotations, velocities and rates of each view in each frame;
 /// factors and their rates of each view and light.
 pub(super) type Views<'py> =
     (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
 
-/// Returns the views that arrays describe, in all frames and under all lights of a scene.
-pub(super) fn views_of(scene: &Scene, views: &Views<'_>) -> PyResult<Vec<View>> {
-    let (frames, lights) = (scene.frames(), scene.lights());
+/// Returns the views that arrays describe, in all frames and under all lights of a scene, of which there are so many.
+pub(super) fn views_of(frames: usize, lights: usize, views: &Views<'_>) -> PyResult<Vec<View>> {
     let positions = groups::<f64, 3>(&views.0, "positions")?;
     let rotations = groups::<f64, 9>(&views.1, "rotations")?;
     let velocities = groups::<f64, 3>(&views.2, "velocities")?;

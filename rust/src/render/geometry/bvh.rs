@@ -61,6 +61,11 @@ pub(crate) struct Bvh {
     pub(crate) reach: f64,
 }
 
+/// Returns the largest magnitude of a coordinate within bounds.
+fn reach(bounds: &Bounds) -> f64 {
+    largest(bounds.low).max(largest(bounds.high))
+}
+
 impl Bvh {
     /// Builds the BVH of triangles with these bounds, on the threads of this pool where it is `parallel`. Returns it,
     /// and the triangles' old indices in its order.
@@ -71,9 +76,28 @@ impl Bvh {
             return (bvh, vec![]);
         }
         let (nodes, around) = build(&mut items, parallel);
-        (bvh.nodes, bvh.reach) = (nodes, largest(around.low).max(largest(around.high)));
+        (bvh.nodes, bvh.reach) = (nodes, reach(&around));
         let order = bvh.number_by_visits();
         (bvh, order.into_iter().map(|at| items[at].number).collect())
+    }
+
+    /// Puts boxes around triangles that have moved, given the bounds of all in this BVH's order.
+    pub(crate) fn refit(&mut self, bounds: &[Bounds]) {
+        let mut around = vec![Bounds::NONE; self.nodes.len()];
+        // The nodes below a node come after it.
+        for at in (0..self.nodes.len()).rev() {
+            let node = &mut self.nodes[at];
+            for lane in 0..node.used {
+                let (first, count) = (node.first[lane] as usize, node.count[lane] as usize);
+                let below = match count {
+                    0 => around[first],
+                    _ => bounds[first..first + count].iter().fold(Bounds::NONE, |all, one| all.with(one)),
+                };
+                node.boxes.put(lane, &below);
+                around[at] = around[at].with(&below);
+            }
+        }
+        self.reach = around.first().map_or(0.0, reach);
     }
 
     /// Numbers triangles in the order in which a visit finds them; returns their indices in the builder's order.

@@ -22,7 +22,7 @@
 
 use std::ops::Range;
 
-use super::bvh_node::{Boxes, Node, WIDTH, below, index};
+use super::bvh_node::{Boxes, Node, WIDTH, index};
 use super::vector::{Bounds, Vector};
 
 /// Triangles in a leaf, at most; unless they all lie at one point.
@@ -93,10 +93,7 @@ fn subtree(mut members: Vec<Member>, items: &mut [Item], spare: &mut [Item], alo
     let boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
     let mut node = Node { boxes, first: [0; WIDTH], count: [0; WIDTH], used: members.len() };
     for (lane, member) in members.iter().enumerate() {
-        for axis in 0..3 {
-            node.boxes.low[axis][lane] = below(member.bounds.low[axis]);
-            node.boxes.high[axis][lane] = -below(-member.bounds.high[axis]);
-        }
+        node.boxes.put(lane, &member.bounds);
     }
     let mut nodes = vec![node];
     for (lane, child) in children(&members, items, spare, alone).into_iter().enumerate() {

@@ -1,5 +1,7 @@
 //! A node of the BVH: boxes side by side, rounded outwards to float32.
 
+use super::vector::Bounds;
+
 /// Boxes side by side in a node, which are tested together.
 pub(crate) const WIDTH: usize = 8;
 
@@ -8,6 +10,16 @@ pub(crate) const WIDTH: usize = 8;
 pub(crate) struct Boxes {
     pub(crate) low: [[f32; WIDTH]; 3],
     pub(crate) high: [[f32; WIDTH]; 3],
+}
+
+impl Boxes {
+    /// Puts a box that holds these bounds into a lane.
+    pub(crate) fn put(&mut self, lane: usize, bounds: &Bounds) {
+        for axis in 0..3 {
+            self.low[axis][lane] = below(bounds.low[axis]);
+            self.high[axis][lane] = -below(-bounds.high[axis]);
+        }
+    }
 }
 
 #[derive(Clone, Debug)]

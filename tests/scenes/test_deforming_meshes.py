@@ -1,0 +1,444 @@
+"""Meshes that deform: skins, morph targets and animated scales of glTF files, against the same meshes at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_erosion
+from scipy.spatial.transform import Rotation
+
+from davis_rs import DecodeError, Scene, SegmentTrajectory, load_scene, simulate
+from davis_rs.geometry.pose import Pose
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.truth.scene_surfaces import SceneSurfaces
+from davis_rs.scene.deformation import Deformation
+from davis_rs.scene.meshes import Mesh, shape
+from gltf_files import Gltf
+
+ROWS = 9
+"""Rows of vertices of the strip, from the bottom up."""
+HIGH = 2.0
+END_S = 1.0
+
+
+def strip() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """A strip in the plane z = 0, 0.6 m wide and 2 m high, which y points up along."""
+    y = np.linspace(0.0, HIGH, ROWS)
+    corners = np.stack([np.stack([np.full(ROWS, x), y, np.zeros(ROWS)], 1) for x in (-0.3, 0.3)], 1).reshape(-1, 3)
+    first = 2 * np.arange(ROWS - 1)[:, None]
+    faces = (first[:, None] + np.array([[0, 1, 3], [0, 3, 2]])).reshape(-1, 3)
+    return corners, faces
+
+
+def bent(
+    *, normals: bool = True, kind: str = "LINEAR", joints: Any = None, weights: Any = None, axis: Any = (0, 0, 1)
+) -> Gltf:
+    """A file whose strip bends at half of its height: the second joint turns by 60 degrees, then goes back."""
+    gltf = Gltf()
+    corners, faces = strip()
+    of_second = np.clip(corners[:, 1] - 0.5, 0.0, 1.0)
+    joints = np.tile([0, 1, 0, 0], (len(corners), 1)) if joints is None else joints
+    weights = np.stack([1 - of_second, of_second, *np.zeros((2, len(corners)))], 1) if weights is None else weights
+    more = {"normals": np.tile([0, 0, 1.0], (len(corners), 1))} if normals else {}
+    mesh = gltf.mesh(corners, faces, material=gltf.material(baseColorFactor=[0.5, 0.5, 0.5, 1.0]), **more)
+    attributes = gltf.document["meshes"][mesh]["primitives"][0]["attributes"]
+    attributes |= {"JOINTS_0": gltf.array(joints, "u1"), "WEIGHTS_0": gltf.array(weights)}
+    second = gltf.node(root=False, name="second", translation=[0, 1, 0])
+    first = gltf.node(name="first", children=[second])
+    inverse = np.tile(np.eye(4), (2, 1, 1))
+    inverse[1, :3, 3] = [0, -1, 0]
+    skin = gltf.add(
+        "skins", {"joints": [first, second], "inverseBindMatrices": gltf.array(inverse.swapaxes(1, 2).reshape(2, 16))}
+    )
+    gltf.node(name="body", mesh=mesh, skin=skin, translation=[9, 9, 9])  # a skin's own node places nothing
+    turn = Rotation.from_rotvec(np.radians([[0], [60], [0]]) * np.array(axis)).as_quat()
+    gltf.animate(second, "rotation", [0.0, 0.4, END_S], turn, kind)
+    camera = gltf.add("cameras", {"type": "perspective", "perspective": {"yfov": 0.9, "aspectRatio": 4 / 3}})
+    gltf.node(camera=camera, translation=[0.2, 1.0, 3.0])
+    gltf.light({"type": "point", "intensity": 6000.0}, translation=[1.5, 2.0, 2.5])
+    return gltf
+
+
+def wall(gltf: Gltf) -> None:
+    """A wall behind the strip, on which its shadow falls."""
+    corners = np.array([[-4, -3, -0.8], [4, -3, -0.8], [4, 5, -0.8], [-4, 5, -0.8]])
+    paint = gltf.material("wall", baseColorFactor=[0.8, 0.8, 0.8, 1.0])
+    gltf.node(mesh=gltf.mesh(corners, [[0, 1, 2], [0, 2, 3]], material=paint))
+
+
+def load(gltf: Gltf, folder: Path) -> Scene:
+    return load_scene(gltf.save(folder / "scene.glb"))
+
+
+def deformation_of(scene: Scene) -> tuple[str, Deformation]:
+    ((name, deformation),) = scene.deformations.items()
+    return name, deformation
+
+
+def frozen(scene: Scene, t_s: float) -> Scene:
+    """The scene as it is at a time, from a mesh of its own that is rigid."""
+    name, deformation = deformation_of(scene)
+    (mesh,) = deformation.meshes(np.array([t_s]))
+    count = len(mesh.positions)
+
+    def source() -> Any:
+        given = dict(scene.source())  # type: ignore[arg-type]
+        of = Mesh(mesh.positions, np.arange(count).reshape(-1, 3), np.zeros((count, 2)))
+        return {**given, name: shape(of, np.full(3, 0.5), normals=mesh.normals)}
+
+    return replace(scene, source=source, deformations={}, objects={})
+
+
+def views_at(scene: Scene, *t_s: float) -> Views:
+    return Views.along(scene.path, np.array(t_s))
+
+
+def test_a_skin_bends_by_hand(tmp_path: Path) -> None:
+    """At 0.2 s the upper joint has turned by 30 degrees; below half a metre nothing moves; z up is y up of the file."""
+    scene = load(bent(), tmp_path)
+    name, deformation = deformation_of(scene)
+    assert (name, deformation.duration_s) == ("body_paint", END_S)
+    assert "1 moving object, of which 1 deforms" in scene.note
+    (mesh,) = deformation.meshes(np.array([0.2]))
+    corners, faces = strip()
+    joint = np.array([0, 1.0, 0])
+    turned = joint + Rotation.from_euler("z", 30, degrees=True).apply(corners - joint)
+    weight = np.clip(corners[:, 1] - 0.5, 0.0, 1.0)[:, None]
+    expected = ((1 - weight) * corners + weight * turned)[faces.ravel()]
+    np.testing.assert_allclose(mesh.positions, expected[:, [0, 2, 1]] * [1, -1, 1], atol=1e-6)
+    assert mesh.normals is not None
+    np.testing.assert_allclose(mesh.normals, np.tile([0, -1.0, 0], (len(expected), 1)), atol=1e-9)
+    before, after = deformation.meshes(np.array([0.2 - 1e-5, 0.2 + 1e-5]))
+    (velocities,) = deformation.velocities(np.array([0.2]))
+    np.testing.assert_allclose(velocities, (after.positions - before.positions) / 2e-5, atol=1e-6)
+    assert list(deformation.breaks_s()) == [pytest.approx(0.4)]
+
+
+@pytest.mark.parametrize("t_s", [0.0, 0.13, 0.4, 0.77])
+@pytest.mark.parametrize("normals", [True, False])
+def test_it_looks_like_the_same_mesh_at_rest(tmp_path: Path, t_s: float, normals: bool) -> None:
+    """Luma with shadows, by rays and by lines, depths and single pixels are those of a rigid mesh of that form."""
+    gltf = bent(normals=normals)
+    wall(gltf)
+    scene = load(gltf, tmp_path)
+    still = frozen(scene, t_s)
+    # Other instants come first: what is seen depends on the time alone.
+    views = views_at(scene, 0.9, t_s, 0.3)
+    for pixel in ("rays", "lines"):
+        ours, theirs = (
+            make_renderer(each, scene.own_camera, kind="native", pixel=pixel, lattice_rays_per_pixel=8)
+            for each in (scene, still)
+        )
+        luma, expected = ours.luma(views)[1], theirs.luma(views)[1]
+        # Coordinates are rounded relative to other centres: a ray on an edge may see the neighbour.
+        assert np.mean(np.abs(luma - expected) > 1e-4 * expected.max()) < 2e-3
+        assert luma.std() > 0.1 * luma.mean()
+        assert not np.allclose(luma, ours.luma(views)[0], rtol=0.05)
+        np.testing.assert_array_equal(ours.luma(views[1:2])[0], luma)
+        pixels = np.arange(0, luma.size, 97)
+        np.testing.assert_array_equal(ours.samples(views, np.full_like(pixels, 1), pixels), luma.ravel()[pixels])
+        depth, true = ours.depth(views)[1], theirs.depth(views)[1]
+        assert np.mean(np.abs(depth - true) > 1e-4) < 2e-3
+
+
+def test_mitsuba_sees_the_same(tmp_path: Path) -> None:
+    """The integrators move the vertices of Mitsuba's own mesh."""
+    gltf = bent()
+    wall(gltf)
+    scene = load(gltf, tmp_path)
+    views = views_at(scene, 0.3, 0.0)
+    native, mitsuba = (
+        make_renderer(scene, scene.own_camera, kind=kind, rays_per_pixel=8) for kind in ("native", "integrator")
+    )
+    luma, theirs = native.luma(views), mitsuba.luma(views)
+    assert np.sqrt(np.mean((luma - theirs) ** 2)) < 0.02 * theirs.mean()
+    assert np.mean(np.abs(native.depth(views) - mitsuba.depth(views)) > 1e-3) < 2e-3
+    assert not np.allclose(luma[0], luma[1], rtol=0.05)
+
+
+def test_rates_are_those_of_luma(tmp_path: Path) -> None:
+    """dY/dt counts the deformation: inside of surfaces it is the difference of frames close by."""
+    scene = load(bent(axis=(1, 0, 0)), tmp_path)
+    renderer = make_renderer(scene, scene.own_camera, kind="native", lattice_rays_per_pixel=8)
+    _, rate = renderer.luma_and_rate(views_at(scene, 0.2))
+    before, after = renderer.luma(views_at(scene, 0.2 - 2e-4, 0.2 + 2e-4))
+    difference = (after - before) / 4e-4
+    inside = binary_erosion(np.isfinite(renderer.depth(views_at(scene, 0.2))[0]), iterations=3)
+    strong = inside & (np.abs(difference) > 0.3 * np.abs(difference[inside]).max())
+    assert strong.sum() > 300
+    np.testing.assert_allclose(rate[0][strong], difference[strong], rtol=0.02)
+
+
+def test_flow_follows_the_surface(tmp_path: Path) -> None:
+    """Flow of pixels on the mesh is how far their points move in 100 us; displacement follows them over 50 ms."""
+    scene = load(bent(), tmp_path)
+    surfaces = SceneSurfaces(scene, scene.own_camera)
+    camera = scene.own_camera
+    renderer = make_renderer(scene, camera, kind="native")
+    seen = surfaces.frame(views_at(scene, 0.2))
+    on_mesh = np.flatnonzero(np.isfinite(seen.depth))
+    assert len(on_mesh) > 1000
+    step_s = 1e-4
+    moved = surfaces.displacement(views_at(scene, 0.2, 0.2 + step_s)).pixels.reshape(-1, 2)[on_mesh]
+    np.testing.assert_allclose(seen.flow[on_mesh], moved / step_s, atol=0.02 * np.abs(moved / step_s).max())
+    assert np.linalg.norm(seen.flow[on_mesh], axis=1).max() > 50
+    ours = renderer.flow(views_at(scene, 0.2))[0].reshape(-1, 2)[on_mesh]
+    np.testing.assert_allclose(ours, seen.flow[on_mesh], atol=1e-3)
+    some = on_mesh[::37]
+    views = views_at(scene, 0.6, 0.2)
+    single = surfaces.of_pixels(views, np.arange(len(some)) % 2, some)
+    of_frames = [surfaces.frame(views, number) for number in (0, 1)]
+    for column in ("depth", "flow", "normal"):
+        both = np.stack([getattr(each, column)[some] for each in of_frames])
+        np.testing.assert_array_equal(getattr(single, column), both[np.arange(len(some)) % 2, np.arange(len(some))])
+    far = surfaces.displacement(views_at(scene, 0.2, 0.25))
+    # The strip turns about a point half way up: what is above moves to the left, by up to a third of the image.
+    assert far.pixels.reshape(-1, 2)[on_mesh, 0].min() < -5
+
+
+def test_bounds_hold(tmp_path: Path) -> None:
+    """No vertex is outside of the box, or faster than the bound, also with morph targets."""
+    gltf = bent()
+    corners, _ = strip()
+    primitive = gltf.document["meshes"][0]["primitives"][0]
+    bulge = np.zeros_like(corners)
+    bulge[8:12, 2] = 0.5
+    primitive["targets"] = [{"POSITION": gltf.array(bulge)}, {"POSITION": gltf.array(bulge[:, [2, 0, 1]])}]
+    gltf.animate(len(gltf.document["nodes"]) - 3, "weights", [0.0, 0.3, 0.9], [0, 0, 1.0, -0.5, 0.2, 1.0])
+    _, deformation = deformation_of(load(gltf, tmp_path))
+    low, high = deformation.box()
+    times = np.linspace(-0.1, 1.1, 61)
+    fastest, hull = deformation.fastest(times), deformation.hull(times)
+    reached = np.zeros(2)
+    for i, (mesh, velocities) in enumerate(zip(deformation.meshes(times), deformation.velocities(times), strict=True)):
+        for ends in ((low, high), (hull[i].min(0), hull[i].max(0))):
+            assert (mesh.positions >= ends[0] - 1e-9).all()
+            assert (mesh.positions <= ends[1] + 1e-9).all()
+        speed = np.linalg.norm(velocities, axis=1).max()
+        assert speed <= fastest[i] * (1 + 1e-9)
+        reached = np.maximum(reached, [speed / max(fastest[i], 1e-9), speed])
+    assert (reached > [0.3, 1.0]).all()
+    assert (high - low < 2 * HIGH).all()
+
+
+def test_morph_targets_move_vertices(tmp_path: Path) -> None:
+    """Four targets, whose strengths are no quaternion; those of the node come before those of the mesh."""
+    gltf = Gltf()
+    corners, faces = strip()
+    mesh = gltf.mesh(corners, faces)
+    shifts = 0.1 * np.eye(4, 3) + [0, 0, 0.05]
+    primitive = gltf.document["meshes"][mesh]["primitives"][0]
+    primitive["targets"] = [{"POSITION": gltf.array(np.tile(shift, (len(corners), 1)))} for shift in shifts]
+    gltf.document["meshes"][mesh]["weights"] = [9, 9, 9, 9]
+    node = gltf.node(mesh=mesh, name="face", weights=[0, 0, 0, 0], translation=[1, 0, 0])
+    strengths = np.array([[0, 0, 0, 0], [1, 0.5, 0.25, 2.0], [0, 1, 0, 0]])
+    gltf.animate(node, "weights", [0.0, 0.5, 1.0], strengths.ravel())
+    _, deformation = deformation_of(load(gltf, tmp_path))
+    (mesh_at,) = deformation.meshes(np.array([0.25]))
+    moved = (corners + strengths[1] @ shifts / 2 + [1, 0, 0])[faces.ravel()]
+    np.testing.assert_allclose(mesh_at.positions, moved[:, [0, 2, 1]] * [1, -1, 1], atol=1e-6)
+    assert mesh_at.normals is None
+    (velocities,) = deformation.velocities(np.array([0.75]))
+    expected = (2 * (strengths[2] - strengths[1]) @ shifts)[[0, 2, 1]] * [1, -1, 1]
+    np.testing.assert_allclose(velocities, np.tile(expected, (len(moved), 1)), atol=1e-6)
+
+
+def test_a_morph_that_rests_is_a_form(tmp_path: Path) -> None:
+    """Strengths that are not animated deform once and for all."""
+    gltf = Gltf()
+    corners, faces = strip()
+    mesh = gltf.mesh(corners, faces)
+    gltf.document["meshes"][mesh]["primitives"][0]["targets"] = [{"POSITION": gltf.array(corners)}]
+    gltf.node(mesh=mesh, weights=[0.5])
+    _, deformation = deformation_of(load(gltf, tmp_path))
+    (at_rest,) = deformation.meshes(np.zeros(1))
+    assert at_rest.positions[:, 2].max() == pytest.approx(1.5 * HIGH)
+    assert deformation.fastest(np.array([0.0, 0.5])).max() == 0
+
+
+def test_a_scale_that_is_animated_deforms(tmp_path: Path) -> None:
+    """A node that grows unevenly; one that grows from nothing has triangles without area, which are not seen yet."""
+    for start in ([1.0, 1.0, 1.0], [0.0, 0.0, 0.0]):
+        gltf = Gltf()
+        corners, faces = strip()
+        node = gltf.node(mesh=gltf.mesh(corners, faces), name="plant")
+        gltf.animate(node, "scale", [0.0, 1.0], [start, [1.0, 2.0, 1.0]])
+        camera = gltf.add("cameras", {"type": "perspective", "perspective": {"yfov": 0.9}})
+        gltf.node(camera=camera, translation=[0, 2.0, 9.0])
+        wall(gltf)
+        scene = load(gltf, tmp_path)
+        _, deformation = deformation_of(scene)
+        (grown,) = deformation.meshes(np.array([1.0]))
+        assert grown.positions[:, 2].max() == pytest.approx(2 * HIGH)
+        renderer = make_renderer(scene, scene.own_camera, kind="native")
+        near = (renderer.depth(views_at(scene, 0.0, 0.5, 1.0)) < 9.5).sum((1, 2))
+        assert (near[0] > 0) == (start[0] > 0)
+        assert (np.diff(near) > 0).all()
+
+
+def test_a_rigid_skin_makes_the_events_of_a_body(tmp_path: Path) -> None:
+    """One joint that moves a mesh as a whole: the same events as the node's own animation, but for rounding."""
+    found = []
+    for skinned in (True, False):
+        gltf = Gltf()
+        corners, faces = strip()
+        mesh = gltf.mesh(corners, faces, material=gltf.material())
+        if skinned:
+            attributes = gltf.document["meshes"][mesh]["primitives"][0]["attributes"]
+            joints, weights = np.zeros((len(corners), 4)), np.tile([0.5, 0, 0, 0], (len(corners), 1))
+            attributes |= {"JOINTS_0": gltf.array(joints, "u1"), "WEIGHTS_0": gltf.array(weights)}
+            mover = gltf.node(name="bone")
+            gltf.node(mesh=mesh, skin=gltf.add("skins", {"joints": [mover]}))
+        else:
+            mover = gltf.node(mesh=mesh)
+        gltf.animate(mover, "translation", [0.0, 1.0], [[0.0, 0, 0], [1.0, 0, 0]])
+        camera = gltf.add("cameras", {"type": "perspective", "perspective": {"yfov": 0.9}})
+        gltf.node(camera=camera, translation=[0.5, 1.0, 4.0])
+        wall(gltf)
+        folder = tmp_path / str(skinned)
+        folder.mkdir()
+        scene = load(gltf, folder)
+        packets = simulate(scene.crop(0.0, 0.1), renderer="native", threads=1)
+        found.append(np.concatenate([packet.events for packet in packets]))
+    ours, theirs = found
+    assert len(theirs) > 2000
+    assert len(ours) == pytest.approx(len(theirs), rel=0.02)
+    images = [np.zeros((180, 240)) for _ in found]
+    for image, events in zip(images, found, strict=True):
+        np.add.at(image, (events["y"], events["x"]), np.where(events["p"], 1, -1))
+    assert np.abs(images[0] - images[1]).sum() < 0.05 * np.abs(images[1]).sum()
+
+
+def test_other_clocks(tmp_path: Path) -> None:
+    """A part of the scene, and one by a clock of another pace, show the same forms; rates follow the pace."""
+    scene = load(bent(), tmp_path)
+    _, whole = deformation_of(scene)
+    _, part = deformation_of(scene.crop(0.3, 0.5))
+    _, paced = deformation_of(scene.later(0.1).paced(2.0))
+    for own, t_s, own_s, pace in ((part, 0.2, 0.5, 1.0), (paced, 0.15, 0.4 - 1e-9, 2.0), (paced, 2.0, 1.0, 0.0)):
+        (mesh,), (expected,) = own.meshes(np.array([t_s])), whole.meshes(np.array([own_s]))
+        np.testing.assert_allclose(mesh.positions, expected.positions, atol=1e-8)
+        (velocities,), (true,) = own.velocities(np.array([t_s])), whole.velocities(np.array([own_s]))
+        np.testing.assert_allclose(velocities, pace * true, atol=1e-6)
+        assert own.fastest(np.array([t_s]))[0] == pytest.approx(pace * whole.fastest(np.array([own_s]))[0], abs=1e-6)
+    assert list(part.breaks_s()) == [pytest.approx(0.1)]
+    assert paced.duration_s == pytest.approx(0.45)
+
+
+def test_steps_jump(tmp_path: Path) -> None:
+    """Keyframes without interpolation are jumps, across which luma is not interpolated; others are not."""
+    _, smooth = deformation_of(load(bent(), tmp_path))
+    _, stepped = deformation_of(load(bent(kind="STEP"), tmp_path))
+    assert not smooth.jumps(smooth.breaks_s()).any()
+    assert stepped.jumps(stepped.breaks_s()).all()
+
+
+def test_a_mirrored_skeleton_keeps_its_front(tmp_path: Path) -> None:
+    """Joints that mirror turn the triangles over, and normals still point to their front."""
+    gltf = bent()
+    gltf.document["nodes"][1]["scale"] = [-1, 1, 1]
+    scene = load(gltf, tmp_path)
+    _, deformation = deformation_of(scene)
+    (mesh,) = deformation.meshes(np.array([0.1]))
+    assert mesh.normals is not None
+    a, b, c = mesh.positions.reshape(-1, 3, 3).swapaxes(0, 1)
+    front = np.cross(b - a, c - a)
+    assert (np.einsum("ij,ij->i", front, mesh.normals.reshape(-1, 3, 3)[:, 0]) > 0).all()
+
+
+def changed(change: Callable[[Gltf], None]) -> Gltf:
+    gltf = bent()
+    change(gltf)
+    return gltf
+
+
+CORRUPT: dict[str, tuple[Callable[[Gltf], Any], str]] = {
+    "a joint that is no node": (lambda g: g.document["skins"][0].update(joints=[0, 99]), "its joint 99 is no node"),
+    "no joints": (lambda g: g.document["skins"][0].update(joints=[]), "must have 1 to"),
+    "too few matrices": (
+        lambda g: g.document["skins"][0].update(inverseBindMatrices=g.array(np.zeros((1, 16)))),
+        "has 1 matrices for 2 joints",
+    ),
+    "no such skin": (lambda g: g.document["nodes"][2].update(skin=5), "of the 1 skins"),
+    "no weights": (
+        lambda g: g.document["meshes"][0]["primitives"][0]["attributes"].pop("WEIGHTS_0"),
+        "as many of JOINTS_0 and WEIGHTS_0",
+    ),
+    "no joints of vertices": (
+        lambda g: g.document["meshes"][0]["primitives"][0]["attributes"].pop("JOINTS_0"),
+        "must have JOINTS_0",
+    ),
+    "targets of another length": (
+        lambda g: g.document["meshes"][0]["primitives"][0].update(targets=[{"POSITION": g.array(np.zeros((2, 3)))}]),
+        "has 2 of POSITION for 18",
+    ),
+    "targets that are no list": (
+        lambda g: g.document["meshes"][0]["primitives"][0].update(targets=[3]),
+        "must be a list of objects",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CORRUPT)
+def test_corrupt_skins_are_refused(tmp_path: Path, case: str) -> None:
+    change, message = CORRUPT[case]
+    with pytest.raises(DecodeError, match=message):
+        load(changed(change), tmp_path)
+
+
+def test_corrupt_numbers_of_skins_are_refused(tmp_path: Path) -> None:
+    count = 2 * ROWS
+    with pytest.raises(DecodeError, match="name joint 7 of 2"):
+        load(bent(joints=np.full((count, 4), 7)), tmp_path)
+    with pytest.raises(DecodeError, match="must not be negative"):
+        load(bent(weights=np.tile([1.5, -0.5, 0, 0], (count, 1))), tmp_path)
+    with pytest.warns(UserWarning, match="vertices without a joint follow the skin's first one: 18"):
+        load(bent(weights=np.zeros((count, 4))), tmp_path)
+
+
+def test_deformations_that_fit_no_mesh_are_refused(tmp_path: Path) -> None:
+    """One of another number of vertices, or of a shape that the scene does not have; and who needs rigid meshes says
+    so."""
+    scene = load(bent(), tmp_path)
+    gltf = bent()
+    wall(gltf)
+    (tmp_path / "walled").mkdir()
+    walled = load(gltf, tmp_path / "walled")
+    name, deformation = deformation_of(walled)
+    of_wall = replace(walled, deformations={"mesh_wall": deformation}, objects={})
+    with pytest.raises(ValueError, match="the deformation of 'mesh_wall' has positions of shape"):
+        make_renderer(of_wall, scene.own_camera, kind="native")
+    nowhere = replace(scene, deformations={"ghost": deformation}, objects={})
+    with pytest.raises(ValueError, match="has no object 'ghost'"):
+        make_renderer(nowhere, scene.own_camera, kind="native")
+    with pytest.raises(ValueError, match="deforms: light cannot be baked on it"):
+        make_renderer(scene, scene.own_camera, kind="baked")
+    with pytest.raises(ValueError, match="a mesh deforms, which only"):
+        make_renderer(scene, scene.own_camera, kind="table")
+    renderer = make_renderer(scene, scene.own_camera)
+    assert renderer.name == "native renderer"
+    assert "deforms: light cannot be baked on it" in renderer.reason
+    one = np.zeros(1, np.uint32)
+    with pytest.raises(ValueError, match=f"derivatives need rigid meshes, and '{name}' deforms"):
+        renderer.gradients(views_at(scene, 0.0), one, one, np.ones(1))  # type: ignore[attr-defined]
+
+
+def test_a_path_comes_on_top(tmp_path: Path) -> None:
+    """A mesh that deforms may move as a body too: it is seen where both together take it."""
+    scene = load(bent(), tmp_path)
+    name, _ = deformation_of(scene)
+    here, there = Pose([0, 0, 0], [0, 0, 0, 1]), Pose([0.5, 0, 0], [0, 0, 0, 1])
+    moved = replace(scene, objects={name: SegmentTrajectory(here, there, END_S)})
+    depth, still = (
+        make_renderer(each, scene.own_camera, kind="native").depth(views_at(scene, 0.0, END_S))
+        for each in (moved, scene)
+    )
+    np.testing.assert_array_equal(depth[0], still[0])
+    shift = [np.nonzero(np.isfinite(each[1]))[1].mean() for each in (depth, still)]
+    assert shift[0] - shift[1] == pytest.approx(0.5 / 3 * scene.own_camera.fx, rel=0.1)
