@@ -352,6 +352,41 @@ def test_a_mirrored_skeleton_keeps_its_front(tmp_path: Path) -> None:
     assert (np.einsum("ij,ij->i", front, mesh.normals.reshape(-1, 3, 3)[:, 0]) > 0).all()
 
 
+def clips(*paths: tuple[int, str, Any]) -> Gltf:
+    """A file of two squares, and an animation for each of the paths: (node, name, end)."""
+    gltf = Gltf()
+    for x in (0, 3):
+        corners = np.array([[x, 0, 0], [x + 1, 0, 0], [x, 1, 0]])
+        gltf.node(mesh=gltf.mesh(corners, [[0, 1, 2]]), name=f"at{x}")
+    for node, name, end in paths:
+        gltf.document.setdefault("animations", []).insert(0, {"samplers": [], "channels": []})
+        gltf.animate(node, "translation", [0.0, 1.0], [[0, 0, 0], end])
+        if name:
+            gltf.document["animations"][0]["name"] = name
+    gltf.document["animations"].reverse()
+    return gltf
+
+
+def test_animations_of_the_same_node_are_played_one_at_a_time(tmp_path: Path) -> None:
+    """The first, or the one that is named; those of different nodes are played together."""
+    path = clips((0, "Walk", [1, 0, 0]), (0, "Run", [2, 0, 0]), (1, "", [0, 0, 3])).save(tmp_path / "clips.glb")
+    scene = load_scene(path)
+    assert scene.objects.keys() == {"at0_material"}
+    np.testing.assert_allclose(scene.objects["at0_material"].pose(1.0).position, [1, 0, 0], atol=1e-9)
+    assert scene.note.endswith("; of 3 animations Walk is played, not Run, animation_2 (--animation)")
+    assert not scene.lost_looks
+    run = load_scene(path, animation="Run")
+    np.testing.assert_allclose(run.objects["at0_material"].pose(1.0).position, [2, 0, 0], atol=1e-9)
+    assert load_scene(path, animation="animation_2").objects.keys() == {"at3_material"}
+    with pytest.raises(ValueError, match=r"animation must be one of those of clips\.glb: Walk, Run, animation_2, got"):
+        load_scene(path, animation="Sit")
+    together = load_scene(clips((0, "A", [1, 0, 0]), (1, "B", [2, 0, 0])).save(tmp_path / "both.glb"))
+    assert together.objects.keys() == {"at0_material", "at3_material"}
+    assert "animations" not in together.note
+    with pytest.raises(ValueError, match="animation is for a glTF file that is there, got 'fence'"):
+        load_scene("fence", animation="Walk")
+
+
 def changed(change: Callable[[Gltf], None]) -> Gltf:
     gltf = bent()
     change(gltf)

@@ -702,7 +702,7 @@ def test_animations_by_pointer(tmp_path: Path) -> None:
         gltf.animate(node, "pointer", [0.0, 1.0], [[0, 0, 0], [2, 0, 0]])
         channel = gltf.document["animations"][0]["channels"][-1]
         channel["target"] = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": pointer}}}
-    gltf.animate(node, "translation", [0.0, 1.0], [[0, 0, 0], [9, 0, 0]])
+    gltf.animate(node, "translation", [0.0, 1.0], [[0, 0, 0], [9, 0, 0]])  # a second time in one animation
     scene = saved(gltf, tmp_path)
     np.testing.assert_allclose(scene.objects["body_paint"].pose(0.5).position, [1, 0, 0], atol=1e-9)
     assert looks_of(scene) == {

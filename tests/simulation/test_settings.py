@@ -165,7 +165,8 @@ def test_every_setting_has_an_option_and_a_key(name: str, monkeypatch: pytest.Mo
 
 def test_a_plan_has_no_keys_but_those_of_settings_scene_and_path() -> None:
     """A key that nothing declares could come to nothing."""
-    assert KEYS.keys() == {"scene", "up", "scale", "motion", "start", "start_pose", "rig", "duration", *SETTINGS}
+    of_files = {"up", "scale", "animation"}
+    assert KEYS.keys() == {"scene", *of_files, "motion", "start", "start_pose", "rig", "duration", *SETTINGS}
     assert {setting.name for setting in SETTINGS.values()} <= {*NAMES}
 
 

@@ -40,6 +40,11 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         help="the axis of the file that points up (if not given: y for OBJ and glTF, z for PLY)",
     )
     group.add_argument("--scale", type=float, metavar="M", help="metres in the file's unit: 0.001 for millimetres")
+    group.add_argument(
+        "--animation",
+        metavar="NAME",
+        help="the animation of a glTF file that is played (if not given: all, or the first where two move the same)",
+    )
     xml = parser.add_argument_group("Mitsuba file")
     xml.add_argument(
         "-D",
@@ -63,7 +68,13 @@ def _variable(text: str) -> tuple[str, str]:
 def scene_of(options: argparse.Namespace, quiet: bool = False) -> Scene:
     """Load the scene that the options name; says what is to be known of its file."""
     with stage(f"loading {options.scene}", show=not quiet):
-        scene = load_scene(options.scene, up=options.up, scale=options.scale, variables=dict(options.variables))
+        scene = load_scene(
+            options.scene,
+            up=options.up,
+            scale=options.scale,
+            animation=options.animation,
+            variables=dict(options.variables),
+        )
     if scene.note and not quiet:
         say(f"{scene.note} (--scale, --up)")
     return scene

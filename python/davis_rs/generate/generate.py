@@ -15,14 +15,12 @@ from .._util.memory_forecast import MemoryForecast
 from .._util.platforms import usable_cores
 from .._util.progress import each, progress
 from .._util.progress import say as say_above
-from ..scene.files.mesh_scene import Axis
-from ..scene.load import load_scene
 from ..scene.scene import Scene
 from ..simulation.noise_estimate import NoiseError
 from .folder import ManifestLine, discard_hidden
 from .job import begin_worker, make_sequence, noise_of, warn_of_looks
 from .manifest import Manifest, claim_root, describe_folder, read_manifest, write_plan
-from .sequence import DrawnSequence
+from .sequence import DrawnSequence, SceneKey
 from .sequence_plan import SequencePlan, sequence_name
 from .shards import Packing
 from .verify import taken_up
@@ -210,11 +208,11 @@ def check_sequences(
     """
 
     @cache
-    def scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
-        return load_scene(name, up=up, scale=scale)
+    def scene_at(key: SceneKey) -> Scene:
+        return key.load()
 
     def scene_of(drawn: DrawnSequence) -> Scene:
-        return drawn.scene() if drawn.scene_key is None else scene_at(*drawn.scene_key)
+        return drawn.scene() if drawn.scene_key is None else scene_at(drawn.scene_key)
 
     try:
         checked = each(sequences, "checking", len(sequences), unit="sequences", show=not quiet)

@@ -15,8 +15,6 @@ from .._util.folder_report import FolderReport
 from ..render.scene_cache import enable_scene_cache
 from ..render.truth import lost_look_fractions
 from ..render.truth.lost_look_fractions import warn_of_lost_looks
-from ..scene.files.mesh_scene import Axis
-from ..scene.load import load_scene
 from ..scene.lost_looks import LostLookWarning
 from ..scene.scene import Scene
 from ..simulation.folder import simulate_to_folder
@@ -28,7 +26,7 @@ from ..simulation.rig.rig_cameras import scene_of_camera, settings_of_camera
 from ..simulation.settings import FolderSettings, complete, view_scene
 from .folder import ManifestLine, discard, publish, working_folder
 from .manifest import describe_folder
-from .sequence import DrawnSequence
+from .sequence import DrawnSequence, SceneKey
 
 
 def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> ManifestLine:
@@ -123,9 +121,9 @@ def warn_of_looks(sequence: DrawnSequence) -> None:
 
 
 @lru_cache(maxsize=4)
-def _scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
+def _scene_at(key: SceneKey) -> Scene:
     """Load a scene that sequences share: the same object each time, by which what is made of it is known again."""
-    return load_scene(name, up=up, scale=scale)
+    return key.load()
 
 
 def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
@@ -136,7 +134,7 @@ def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
         warnings.simplefilter("ignore", NoiseWarning)
         warnings.simplefilter("ignore", LostLookWarning)
         warnings.simplefilter("ignore", NoEventsWarning)  # the run says at its end which sequences have none
-        scene = sequence.on_path(sequence.scene() if key is None else _scene_at(*key))
+        scene = sequence.on_path(sequence.scene() if key is None else _scene_at(key))
         if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine
             scene = replace(scene, file_name=sequence.parameters["scene"])
         more: JsonObject = {"meta": meta, "quiet": True, "threads": threads, **_settings(sequence)}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from .._core import CrossingEngine
 from .._util.argument_error import Argument, told
@@ -37,6 +37,22 @@ from .random_scene import make_random_scene
 from .sequence_plan import FORMER_KEYS, KEYS, SETTINGS, resolve
 
 Made = TypeVar("Made")
+
+OF_FILES = ("up", "scale", "animation")
+"""The keys of a plan that go with the name of a file."""
+
+
+class SceneKey(NamedTuple):
+    """Holds what :func:`~davis_rs.load_scene` takes."""
+
+    name: str
+    up: Axis | None
+    scale: float | None
+    animation: str | None
+
+    def load(self) -> Scene:
+        """Load the scene."""
+        return load_scene(self.name, up=self.up, scale=self.scale, animation=self.animation)
 
 
 @dataclass(frozen=True)
@@ -83,19 +99,19 @@ class DrawnSequence:
         return None if named is None else load_rig(resolve("rig", named, self.base))
 
     @property
-    def scene_key(self) -> tuple[str, Axis | None, float | None] | None:
+    def scene_key(self) -> SceneKey | None:
         """Return what :func:`~davis_rs.load_scene` takes; None for a scene that is drawn for this sequence."""
         named = self.parameters["scene"]
         if not isinstance(named, str):
             return None
-        return resolve("scene", named, self.base), self.parameters.get("up"), self.parameters.get("scale")
+        up, scale, animation = (self.parameters.get(key) for key in OF_FILES)
+        return SceneKey(resolve("scene", named, self.base), up, scale, animation)
 
     def scene(self) -> Scene:
         """Load or draw the scene, without the settings' light."""
         if self.scene_key is not None:
-            name, up, scale = self.scene_key
-            return load_scene(name, up=up, scale=scale)
-        if given := [key for key in ("up", "scale") if self.parameters.get(key) is not None]:
+            return self.scene_key.load()
+        if given := [key for key in OF_FILES if self.parameters.get(key) is not None]:
             raise ValueError(f"{' and '.join(given)}: for a mesh or a glTF file, not for a scene that is drawn")
         return make_random_scene(self.parameters["scene"], self._end_s, self.base)
 
@@ -150,7 +166,7 @@ class DrawnSequence:
         Raises:
             ValueError: naming sequence, keys, values and rule.
         """
-        scene = self._named(lambda: scene_of(self), "scene", "up", "scale")
+        scene = self._named(lambda: scene_of(self), "scene", *OF_FILES)
         self._named(lambda: self.on_path(scene), "motion", "start_pose", "start", "duration")
         declared = settings_of(FolderSettings)
         for name, value in self.settings.items():

@@ -58,6 +58,7 @@ KEYS: dict[str, Parser] = {
     "scene": scene,
     "up": value_of("a text"),
     "scale": value_of("a number"),
+    "animation": value_of("a text"),
     "motion": motion,
     "start_pose": start_pose,
     "rig": value_of("a text", none=True),

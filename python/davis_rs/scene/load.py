@@ -44,6 +44,7 @@ def load_scene(
     *,
     up: Axis | None = None,
     scale: float | None = None,
+    animation: str | None = None,
     variables: Mapping[str, str] | None = None,
 ) -> Scene:
     """Load a built-in scene or a public sequence by name, a Mitsuba XML or glTF file, or an OBJ or PLY mesh.
@@ -58,21 +59,25 @@ def load_scene(
     Args:
         up: of a mesh or a glTF file, the axis that points up, ``"y"`` or ``"z"``; None: y for OBJ and glTF, z for PLY.
         scale: of these, metres in the file's unit; None: 1.
+        animation: of a glTF file, the name of the one that is played; None: all, or the first where two move the same.
         variables: of a Mitsuba XML file, a value as text for each ``$name`` in it, before the file's own defaults.
 
     Raises:
         ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
-            ``scale`` of what is no mesh, and ``variables`` of what is no XML file or does not have them.
+            ``scale`` of what is no mesh, ``animation`` of what is no glTF file or does not have it, and ``variables``
+            of what is no XML file or does not have them.
         OSError: if the file cannot be read.
     """
     path = Path(name_or_path)
     suffix = path.suffix.lower()
     if variables and (suffix != ".xml" or not path.is_file()):
         raise ArgumentError("{variables} are for a Mitsuba XML file that is there, got {!r}", str(name_or_path))
+    if animation is not None and (suffix not in GLTF or not path.is_file()):
+        raise ArgumentError("{animation} is for a glTF file that is there, got {!r}", str(name_or_path))
     if suffix in MESH_READERS and path.is_file():
         return mesh_scene(path, up=up, scale=1.0 if scale is None else scale)
     if suffix in GLTF and path.is_file():
-        return gltf_scene(path, up=up, scale=1.0 if scale is None else scale)
+        return gltf_scene(path, up=up, scale=1.0 if scale is None else scale, animation=animation)
     if suffix == ".blend":
         raise ValueError(f"{path}: Blender's files are not read; in Blender choose File, Export, glTF 2.0 (.glb)")
     if suffix in _CONVERTIBLE:

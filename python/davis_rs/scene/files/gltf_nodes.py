@@ -1,6 +1,6 @@
-"""Reads the nodes of a glTF file: their transforms, and how animations move them.
+"""Reads the nodes of a glTF file, and the animations that move them.
 
-Source: Khronos Group, glTF 2.0 Specification, sections 3.5 (scenes), 3.11 (animations) and appendix C (interpolation).
+Source: Khronos Group, glTF 2.0 Specification, sections 3.5 (scenes) and 3.11 (animations).
 """
 
 from __future__ import annotations
@@ -8,27 +8,23 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from ..._core import DecodeError
-from ...geometry.pose import FloatArray, hamilton, rotation_matrices
+from ..._util.argument_error import ArgumentError
+from ...geometry.pose import FloatArray
 from ...geometry.trajectory.trajectory import CallableTrajectory, Trajectory
 from .gltf_file import GltfFile, Item, plain
+from .gltf_poses import REST, WIDTHS, Node, NodePoses, Track, composed, unit_quaternions
 from .rounding import ROUNDING
 
 DEEPEST = 100
 """How deep nodes may be nested."""
 
-_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
-_REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 _RIGID = 1e-4
 """A node is not a rigid body if the length of its axes changes by more than this."""
-_STILL = 1e-12
-_UNIT = 0.01
-"""By how much a quaternion's length may differ from 1: four numbers of 8 bits."""
 _KEYFRAME_BYTES = 200
 """About what a keyframe takes besides its own numbers."""
 _COPY_BYTES = 300
@@ -47,94 +43,6 @@ class NotRigid(DecodeError):
 
 
 @dataclass(frozen=True)
-class Node:
-    """A node of the scene: its number, that of its parent, and what the file says of it."""
-
-    index: int
-    parent: int | None
-    item: Item
-    name: str
-
-
-class Track(NamedTuple):
-    """The keyframes of one property of a node: times (k,) in seconds, values (k, width), tangents (k, width) or None.
-
-    ``kind`` is LINEAR, STEP or CUBICSPLINE; ``turns`` says that the values are rotations.
-    """
-
-    times: FloatArray
-    values: FloatArray
-    tangents: tuple[FloatArray, FloatArray] | None
-    kind: str
-    turns: bool = False
-
-    def at(self, t: FloatArray, end_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return values and rates (n, width) at times (n,); ``end_s`` is the end of the whole scene."""
-        times, values = self.times, self.values
-        if len(times) == 1:
-            return np.repeat(values, len(t), 0), np.zeros((len(t), values.shape[1]))
-        # At a keyframe the segment after it counts; at the very end the one before it.
-        segment = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
-        held = (t < times[0]) | (t > times[-1]) | ((t == times[-1]) & (times[-1] < end_s))
-        span = times[segment + 1] - times[segment]
-        fraction = np.clip((t - times[segment]) / span, 0.0, 1.0)[:, None]
-        first, second = values[segment], values[segment + 1]
-        if self.kind == "STEP":
-            result = np.where(fraction >= 1, second, first)
-            rate = np.zeros_like(result)
-        elif self.kind == "CUBICSPLINE":
-            result, rate = self._cubic(segment, span[:, None], fraction)
-        elif self.turns:
-            result, rate = _slerp(first, second, fraction, span[:, None])
-        else:
-            result = first + fraction * (second - first)
-            rate = (second - first) / span[:, None]
-        return result, np.where(held[:, None], 0.0, rate)
-
-    def _cubic(self, segment: npt.NDArray[np.intp], span: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        assert self.tangents is not None
-        incoming, outgoing = self.tangents
-        first, second = self.values[segment], self.values[segment + 1]
-        start, end = span * outgoing[segment], span * incoming[segment + 1]
-        result = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * start
-        result = result + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * end
-        rate = (6 * s**2 - 6 * s) * (first - second) + (3 * s**2 - 4 * s + 1) * start + (3 * s**2 - 2 * s) * end
-        return result, rate / span
-
-    @property
-    def moves(self) -> bool:
-        """Whether the value changes."""
-        tangents = () if self.tangents is None else self.tangents
-        return bool((np.abs(self.values - self.values[0]) > _STILL).any()) or any(tangent.any() for tangent in tangents)
-
-    @property
-    def corners(self) -> FloatArray:
-        """The times at which the value is not smooth."""
-        if self.kind != "CUBICSPLINE" or self.tangents is None:
-            return self.times
-        incoming, outgoing = self.tangents
-        smooth = np.abs(incoming - outgoing).max(1) <= 1e-6 * (1 + np.abs(outgoing).max(1))
-        smooth[[0, -1]] = False
-        return self.times[~smooth]
-
-
-def _slerp(
-    first: FloatArray, second: FloatArray, fraction: FloatArray, span: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the interpolation along the shorter arc between unit quaternions, and its rate."""
-    dot = (first * second).sum(1, keepdims=True)
-    second, dot = np.where(dot < 0, -second, second), np.abs(dot)
-    angle = np.arccos(np.minimum(dot, 1.0))
-    sine = np.where(angle > 1e-6, np.sin(angle), 1.0)
-    near = angle <= 1e-6
-    a = np.where(near, 1 - fraction, np.sin((1 - fraction) * angle) / sine)
-    b = np.where(near, fraction, np.sin(fraction * angle) / sine)
-    da = np.where(near, -1.0, -angle * np.cos((1 - fraction) * angle) / sine) / span
-    db = np.where(near, 1.0, angle * np.cos(fraction * angle) / sine) / span
-    return a * first + b * second, da * first + db * second
-
-
-@dataclass(frozen=True)
 class NodeTree:
     """The nodes of a file's scene, parents before children, and what moves them.
 
@@ -142,6 +50,8 @@ class NodeTree:
         tracks: by node and property; the strengths of morph targets are ``weights``.
         duration_s: time of the last keyframe in the scene; 0 where nothing moves.
         lost: by kind, the names of what animations change and the scene does not show.
+        played: the names of the animations that are played.
+        others: the names of those that are not.
     """
 
     file: GltfFile
@@ -149,24 +59,32 @@ class NodeTree:
     tracks: dict[int, dict[str, Track]]
     duration_s: float
     lost: dict[str, dict[str, None]]
+    played: tuple[str, ...]
+    others: tuple[str, ...]
 
     @classmethod
-    def of(cls, file: GltfFile) -> NodeTree:
+    def of(cls, file: GltfFile, animation: str | None = None) -> NodeTree:
         """Read the nodes of the file's default scene.
+
+        Args:
+            animation: the name of the one that is played, ``animation_1`` for the second without a name. None: all of
+                them together, or where two move the same node, the first.
 
         Raises:
             DecodeError: naming the part of the file that breaks a rule.
+            ValueError: for an animation that the file does not have, with those that it has.
         """
         nodes = {node.index: node for node in _walk(file)}
         lost: dict[str, dict[str, None]] = {}
-        tracks = _tracks(file, nodes, lost)
+        played, others = _played(file, nodes, animation)
+        tracks = _tracks(file, nodes, played, lost)
         for path in tracks.values():
             for name in [name for name, track in path.items() if not track.moves and len(track.times) > 1]:
                 path[name] = path[name]._replace(
                     times=path[name].times[:1], values=path[name].values[:1], tangents=None, kind="LINEAR"
                 )
         ends = [track.times[-1] for path in tracks.values() for track in path.values() if len(track.times) > 1]
-        return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost)
+        return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost, tuple(played), others)
 
     def chain(self, index: int) -> list[Node]:
         """Return a node and its ancestors, the outermost first."""
@@ -184,7 +102,7 @@ class NodeTree:
     def tracks_of(self, index: int) -> list[Track]:
         """Return the tracks that place a node: its own, and those of its ancestors."""
         tracks = (self.tracks.get(node.index, {}) for node in self.chain(index))
-        return [track for path in tracks for name, track in path.items() if name in _WIDTHS]
+        return [track for path in tracks for name, track in path.items() if name in WIDTHS]
 
     def strengths(self, index: int, rest: FloatArray) -> Track:
         """Return the track of the strengths of a node's morph targets; always ``rest`` (T,) where they do not move.
@@ -203,24 +121,17 @@ class NodeTree:
 
     def matrices(self, index: int, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the node's transform to the scene's axes (n, 4, 4) at times (n,), and its rate."""
-        matrix, rate = np.tile(np.eye(4), (len(t), 1, 1)), np.zeros((len(t), 4, 4))
-        for node in self.chain(index):
-            local, local_rate = self._local(node, t)
-            matrix, rate = matrix @ local, rate @ local + matrix @ local_rate
-        return matrix, rate
+        matrices, rates = self.matrices_of([index], t)
+        return matrices[:, 0], rates[:, 0]
 
     def matrices_of(self, indices: list[int], t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return :meth:`matrices` of several nodes (n, k, 4, 4); what they have in common is computed once."""
-        known: dict[int | None, tuple[FloatArray, FloatArray]] = {
-            None: (np.tile(np.eye(4), (len(t), 1, 1)), np.zeros((len(t), 4, 4)))
-        }
-        for index in indices:
-            for node in self.chain(index):
-                if node.index not in known:
-                    (matrix, rate), (local, local_rate) = known[node.parent], self._local(node, t)
-                    known[node.index] = matrix @ local, rate @ local + matrix @ local_rate
-        matrices, rates = zip(*(known[index] for index in indices), strict=True)
-        return np.stack(matrices, 1), np.stack(rates, 1)
+        return self._poses.of(indices, t)
+
+    @cached_property
+    def _poses(self) -> NodePoses:
+        moving = [node for node in self.nodes.values() if self.moves(node.index)]
+        return NodePoses(self.file, self.nodes, moving, self.tracks, self.duration_s)
 
     def instances(self, index: int) -> FloatArray:
         """Return the transforms (n, 4, 4) of the copies within a node (EXT_mesh_gpu_instancing); one identity
@@ -234,15 +145,15 @@ class NodeTree:
             raise self.file.error(where, f"must have attributes, got {plain(given)}")
         read = {
             name: self.file.array(accessors[name.upper()], where, width=(width,)).astype(np.float64)
-            for name, width in _WIDTHS.items()
+            for name, width in WIDTHS.items()
             if name.upper() in accessors
         }
         counts = sorted({len(values) for values in read.values()}) or [1]  # none: at the node, with marks of their own
         if len(counts) > 1:
             raise self.file.error(where, f"must have as many of each attribute, got {' and '.join(map(str, counts))}")
         self.file.budget.take(_COPY_BYTES * counts[0], f"{where}: {counts[0]} copies")
-        every = {name: read.get(name, np.tile(_REST[name], (counts[0], 1))) for name in _WIDTHS}
-        return _composed(every["translation"], _unit(self.file, every["rotation"], where), every["scale"])
+        every = {name: read.get(name, np.tile(REST[name], (counts[0], 1))) for name in WIDTHS}
+        return composed(every["translation"], unit_quaternions(self.file, every["rotation"], where), every["scale"])
 
     def path(
         self, index: int, to_world: FloatArray, flip: FloatArray, duration_s: float
@@ -316,36 +227,6 @@ class NodeTree:
         )
         return trajectory, stretch
 
-    def _local(self, node: Node, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        tracks, item, where = self.tracks.get(node.index, {}), node.item, f"nodes[{node.index}]"
-        if not tracks and item.matrix is not None:
-            matrix = self.file.numbers(item.matrix, f"{where}.matrix", 16).reshape(4, 4).T
-            if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
-                raise self.file.error(f"{where}.matrix", "must be an affine transform")
-            return np.tile(matrix, (len(t), 1, 1)), np.zeros((len(t), 4, 4))
-        result: dict[str, tuple[FloatArray, FloatArray]] = {}
-        for name, width in _WIDTHS.items():
-            if name in tracks:
-                result[name] = tracks[name].at(t, self.duration_s)
-                continue
-            given = getattr(item, name)
-            rest = np.array(_REST[name]) if given is None else self.file.numbers(given, f"{where}.{name}", width)
-            if name == "rotation":
-                rest = _unit(self.file, rest[None], f"{where}.rotation")[0]
-            result[name] = np.tile(rest, (len(t), 1)), np.zeros((len(t), width))
-        quaternion, turning = result["rotation"]
-        length = np.linalg.norm(quaternion, axis=1, keepdims=True)
-        if not (length > 1e-6).all():
-            raise self.file.error(f"{where}.rotation", "an animation takes it through 0: it has no direction there")
-        unit = quaternion / length
-        turning = (turning - unit * (unit * turning).sum(1, keepdims=True)) / length
-        spin = rotation_matrices(unit) @ _skew(2 * hamilton(unit * [-1, -1, -1, 1], turning)[:, :3])
-        (translation, speed), (scale, growing) = result["translation"], result["scale"]
-        change = np.zeros((len(t), 4, 4))
-        change[:, :3, :3] = spin * scale[:, None] + rotation_matrices(unit) * growing[:, None]
-        change[:, :3, 3] = speed
-        return _composed(translation, unit, scale), change
-
 
 def _walk(file: GltfFile) -> Iterator[Node]:
     """Yield the nodes of the default scene, parents first."""
@@ -374,20 +255,54 @@ def _walk(file: GltfFile) -> Iterator[Node]:
         waiting += [(child, index, depth + 1) for child in reversed(node.children or [])]
 
 
-def _tracks(file: GltfFile, nodes: dict[int, Node], lost: dict[str, dict[str, None]]) -> dict[int, dict[str, Track]]:
-    tracks: dict[int, dict[str, Track]] = {}
+def _played(
+    file: GltfFile, nodes: dict[int, Node], wanted: str | None
+) -> tuple[dict[str, tuple[str, Item]], tuple[str, ...]]:
+    """Return the animations that are played, each with its place in the file, and the names of the others."""
+    every: dict[str, tuple[str, Item]] = {}
     for number, animation in enumerate(file.document.animations or []):
-        where = f"animations[{number}]"
+        name = plain(animation.name)[1:-1] if isinstance(animation.name, str) and animation.name else ""
+        if not name or name in every:
+            name = f"animation_{number}"
+        every[name] = f"animations[{number}]", animation
+    if wanted is not None:
+        if wanted not in every:
+            raise ArgumentError(
+                "{animation} must be one of those of {}: {}, got {!r}",
+                file.path.name,
+                ", ".join(every) or "none",
+                wanted,
+            )
+        return {wanted: every[wanted]}, tuple(name for name in every if name != wanted)
+    moved: set[tuple[int, str]] = set()
+    for _, animation in every.values():
+        targets = [_target(channel.target) for channel in animation.channels or [] if channel.target is not None]
+        own = {(node, path) for node, path in targets if node in nodes}
+        if own & moved:
+            first, *others = every
+            return {first: every[first]}, tuple(others)
+        moved |= own
+    return every, ()
+
+
+def _tracks(
+    file: GltfFile,
+    nodes: dict[int, Node],
+    played: dict[str, tuple[str, Item]],
+    lost: dict[str, dict[str, None]],
+) -> dict[int, dict[str, Track]]:
+    tracks: dict[int, dict[str, Track]] = {}
+    for where, animation in played.values():
         samplers = animation.samplers or []
         for channel in animation.channels or []:
             if channel.target is None:
                 continue
             node, path = _target(channel.target)
-            if path not in (*_WIDTHS, "weights"):
+            if path not in (*WIDTHS, "weights"):
                 if path.startswith(("/nodes/", "/meshes/", "/cameras/")):
                     raise file.error(where, f"animates {plain(path)}, which is not read")
                 lost.setdefault("the animation", {})[plain(path)] = None
-            if path not in (*_WIDTHS, "weights") or node not in nodes:
+            if path not in (*WIDTHS, "weights") or node not in nodes:
                 continue
             which = file.whole(channel.sampler, f"{where}.channels", "of its samplers", len(samplers) - 1)
             if path in tracks.setdefault(node, {}):
@@ -411,7 +326,7 @@ def _target(target: Item) -> tuple[int | None, str]:
 
 def _track(file: GltfFile, sampler: Item, where: str, path: str) -> Track:
     times = np.asarray(file.array(sampler.input, f"{where}.input", width=(1,)).ravel(), np.float64)
-    width = _WIDTHS.get(path, 1)
+    width = WIDTHS.get(path, 1)
     values = np.asarray(file.array(sampler.output, f"{where}.output", width=(width,)), np.float64)
     file.budget.take(_KEYFRAME_BYTES * len(times), f"{where}: {len(times)} keyframes")
     kind = sampler.interpolation or "LINEAR"
@@ -430,27 +345,9 @@ def _track(file: GltfFile, sampler: Item, where: str, path: str) -> Track:
         incoming, values, outgoing = values.reshape(len(times), 3, width).swapaxes(0, 1)
         tangents = (incoming, outgoing)
     if path == "rotation":
-        unit = _unit(file, values, f"{where}.output")
+        unit = unit_quaternions(file, values, f"{where}.output")
         values = unit if each == 1 else values
     return Track(times, values, tangents, kind, path == "rotation")
-
-
-def _unit(file: GltfFile, quaternions: FloatArray, where: str) -> FloatArray:
-    """Normalise quaternions (n, 4) that have length 1 but for rounding; refuse others."""
-    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    wrong = np.abs(length - 1) > _UNIT
-    if wrong.any():
-        result = quaternions[int(wrong.argmax())].tolist()
-        raise file.error(where, f"rotations must be unit quaternions, got {plain(result)}")
-    return quaternions / length
-
-
-def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
-    """Compose transforms (n, 4, 4) of translations (n, 3), unit quaternions (n, 4) and scales (n, 3)."""
-    matrix = np.tile(np.eye(4), (len(translation), 1, 1))
-    matrix[:, :3, :3] = rotation_matrices(rotation) * scale[:, None]
-    matrix[:, :3, 3] = translation
-    return matrix
 
 
 def breaks(tracks: list[Track], duration_s: float) -> FloatArray:
@@ -475,9 +372,3 @@ def _continuous(quaternions: FloatArray) -> FloatArray:
     """Choose the signs of quaternions so that neighbours are close."""
     dots = (quaternions[1:] * quaternions[:-1]).sum(1)
     return quaternions * np.concatenate([[1.0], np.cumprod(np.where(dots < 0, -1.0, 1.0))])[:, None]
-
-
-def _skew(vector: FloatArray) -> FloatArray:
-    x, y, z = vector.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], 1).reshape(-1, 3, 3)

@@ -28,7 +28,8 @@ from .default_view import default_view
 from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
 from .gltf_mesh import GltfMeshes, Primitive, joined, joined_vertices
-from .gltf_nodes import Node, NodeTree, NotRigid, breaks
+from .gltf_nodes import NodeTree, NotRigid, breaks
+from .gltf_poses import Node
 from .mesh_scene import Axis, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .rounding import ROUNDING
 
@@ -51,7 +52,7 @@ _FLIP = np.array([1.0, -1.0, -1.0])
 """glTF's cameras look along -z, and their y points up."""
 
 
-def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
+def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, animation: str | None = None) -> Scene:
     """Return a glTF 2.0 file (.gltf, .glb) as a scene.
 
     Surfaces are opaque and seen from both sides, and diffuse where they have no metal: base colours and their textures
@@ -68,12 +69,14 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     Args:
         up: the file's axis that points up; None: y, as glTF says.
         scale: metres in the file's unit; glTF's is the metre.
+        animation: the name of the animation that is played (``animation_1`` for the second one without a name). None:
+            all of them together, or the first where two move the same node; the scene's note tells.
 
     Raises:
         OSError: if the file, or one that it names, cannot be read.
         DecodeError: naming the file and the place that breaks a rule, or has shapes that would be missing or in the
             wrong where: points and lines, compression.
-        ValueError: for another axis or scale.
+        ValueError: for another axis or scale, or an animation that the file does not have.
 
     Warns:
         SceneFileWarning: in one line, of triangles that are left out, and of normals that are mended.
@@ -82,15 +85,15 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     check_axis_and_scale(up, scale)
     file = GltfFile(path)
     with decoding(path):
-        return _GltfScene(file, up or "y", scale).scene()
+        return _GltfScene(file, up or "y", scale, animation).scene()
 
 
 class _GltfScene:
     """Builds a scene from a file."""
 
-    def __init__(self, file: GltfFile, up: Axis, scale: float) -> None:
+    def __init__(self, file: GltfFile, up: Axis, scale: float, animation: str | None) -> None:
         self.file, self.up, self.scale = file, up, scale
-        self.tree = NodeTree.of(file)
+        self.tree = NodeTree.of(file, animation)
         self.to_world = np.eye(4)
         self.to_world[:3, :3] = to_z_up(up) * scale
         self.materials = GltfMaterials(file)
@@ -146,9 +149,17 @@ class _GltfScene:
             reflections=True,
             soft_light=True,
             lux_per_luma=WHITE_LUX if lights else 1000.0,
-            note=f"{file_name} is {size}; {shining}; {of_camera}; {_moving(objects, deformations)}",
+            note=f"{file_name} is {size}; {shining}; {of_camera}; {_moving(objects, deformations)}{self._animations()}",
             lost_looks=(*lost_looks(shapes), *(LostLook(what, tuple(of)) for what, of in self.lost.items())),
         )
+
+    def _animations(self) -> str:
+        """Say which animation is played, where others are not."""
+        tree = self.tree
+        if not tree.others:
+            return ""
+        count = len(tree.played) + len(tree.others)
+        return f"; of {count} animations {', '.join(tree.played)} is played, not {shown(tree.others)} (--animation)"
 
     def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory], dict[str, Deformation]]:
         """Return all parts by their ids, the paths of those that move, which are in their own axes, and how meshes

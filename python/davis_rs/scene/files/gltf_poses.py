@@ -1,0 +1,296 @@
+"""Computes where animations take the nodes of a glTF file.
+
+Source: Khronos Group, glTF 2.0 Specification, section 3.11 (animations) and appendix C (interpolation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...geometry.pose import FloatArray, hamilton, rotation_matrices
+from .gltf_file import GltfFile, Item, plain
+
+WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+"""How many numbers each property has that places a node."""
+REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+"""Their values where a file gives none."""
+
+_STILL = 1e-12
+_UNIT = 0.01
+"""By how much a quaternion's length may differ from 1: four numbers of 8 bits."""
+_KEPT = 4
+"""Of how many sets of instants all poses are kept, because several objects ask for the same."""
+_MOST_KEPT = 1 << 17
+"""No set is kept that has more poses than this, with 256 bytes each."""
+
+Poses = tuple[FloatArray, FloatArray]
+"""Transforms (n, ..., 4, 4) at n times, and their rates per second."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of the scene: its number, that of its parent, and what the file says of it."""
+
+    index: int
+    parent: int | None
+    item: Item
+    name: str
+
+
+class Track(NamedTuple):
+    """The keyframes of one property of a node: times (k,) in seconds, values (k, width), tangents (k, width) or None.
+
+    Values of several nodes, (k, nodes, width), are interpolated alike.
+
+    ``kind`` is LINEAR, STEP or CUBICSPLINE; ``turns`` says that the values are rotations.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    tangents: tuple[FloatArray, FloatArray] | None
+    kind: str
+    turns: bool = False
+
+    def at(self, t: FloatArray, end_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return values and rates (n, width) at times (n,); ``end_s`` is the end of the whole scene."""
+        times, values = self.times, self.values
+        if len(times) == 1:
+            return np.repeat(values, len(t), 0), np.zeros((len(t), *values.shape[1:]))
+        each = (-1, *(1 for _ in values.shape[1:]))
+        # At a keyframe the segment after it counts; at the very end the one before it.
+        segment = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+        held = (t < times[0]) | (t > times[-1]) | ((t == times[-1]) & (times[-1] < end_s))
+        span = times[segment + 1] - times[segment]
+        fraction, span = np.clip((t - times[segment]) / span, 0.0, 1.0).reshape(each), span.reshape(each)
+        first, second = values[segment], values[segment + 1]
+        if self.kind == "STEP":
+            result = np.where(fraction >= 1, second, first)
+            rate = np.zeros_like(result)
+        elif self.kind == "CUBICSPLINE":
+            result, rate = self._cubic(segment, span, fraction)
+        elif self.turns:
+            result, rate = _slerp(first, second, fraction, span)
+        else:
+            result = first + fraction * (second - first)
+            rate = (second - first) / span
+        return result, np.where(held.reshape(each), 0.0, rate)
+
+    def _cubic(self, segment: npt.NDArray[np.intp], span: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        assert self.tangents is not None
+        incoming, outgoing = self.tangents
+        first, second = self.values[segment], self.values[segment + 1]
+        start, end = span * outgoing[segment], span * incoming[segment + 1]
+        result = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * start
+        result = result + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * end
+        rate = (6 * s**2 - 6 * s) * (first - second) + (3 * s**2 - 4 * s + 1) * start + (3 * s**2 - 2 * s) * end
+        return result, rate / span
+
+    @property
+    def moves(self) -> bool:
+        """Whether the value changes."""
+        tangents = () if self.tangents is None else self.tangents
+        return bool((np.abs(self.values - self.values[0]) > _STILL).any()) or any(tangent.any() for tangent in tangents)
+
+    @property
+    def corners(self) -> FloatArray:
+        """The times at which the value is not smooth."""
+        if self.kind != "CUBICSPLINE" or self.tangents is None:
+            return self.times
+        incoming, outgoing = self.tangents
+        smooth = np.abs(incoming - outgoing).max(1) <= 1e-6 * (1 + np.abs(outgoing).max(1))
+        smooth[[0, -1]] = False
+        return self.times[~smooth]
+
+
+def _slerp(
+    first: FloatArray, second: FloatArray, fraction: FloatArray, span: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the interpolation along the shorter arc between unit quaternions, and its rate."""
+    dot = (first * second).sum(-1, keepdims=True)
+    second, dot = np.where(dot < 0, -second, second), np.abs(dot)
+    angle = np.arccos(np.minimum(dot, 1.0))
+    sine = np.where(angle > 1e-6, np.sin(angle), 1.0)
+    near = angle <= 1e-6
+    a = np.where(near, 1 - fraction, np.sin((1 - fraction) * angle) / sine)
+    b = np.where(near, fraction, np.sin(fraction * angle) / sine)
+    da = np.where(near, -1.0, -angle * np.cos((1 - fraction) * angle) / sine) / span
+    db = np.where(near, 1.0, angle * np.cos(fraction * angle) / sine) / span
+    return a * first + b * second, da * first + db * second
+
+
+class NodePoses:
+    """Computes the transforms of nodes to the scene's axes, those of all nodes together.
+
+    Tracks with the same keyframes, as exporters write them for all bones of a skeleton, are interpolated together.
+
+    Args:
+        nodes: of the scene, parents before children.
+        moving: those that an animation moves, in the same order.
+        tracks: by node and property.
+        duration_s: the end of the whole scene.
+    """
+
+    def __init__(
+        self,
+        file: GltfFile,
+        nodes: Mapping[int, Node],
+        moving: Sequence[Node],
+        tracks: Mapping[int, Mapping[str, Track]],
+        duration_s: float,
+    ) -> None:
+        self._file, self._nodes, self._tracks, self._duration_s = file, nodes, tracks, duration_s
+        self._moving = {node.index: node for node in moving}
+        self._still: dict[int | None, FloatArray] = {None: np.eye(4)}
+        self._kept: tuple[tuple[FloatArray, dict[int, Poses]], ...] = ()
+
+    def of(self, indices: Sequence[int], t: FloatArray) -> Poses:
+        """Return transforms (n, k, 4, 4) of k nodes at times (n,), and their rates."""
+        moving = [index for index in indices if index in self._moving]
+        poses = self._poses(moving, t) if moving else {}
+        matrices, rates = np.empty((len(t), len(indices), 4, 4)), np.zeros((len(t), len(indices), 4, 4))
+        for number, index in enumerate(indices):
+            if index in poses:
+                matrices[:, number], rates[:, number] = poses[index]
+            else:
+                matrices[:, number] = self._at_rest(index)
+        return matrices, rates
+
+    def _poses(self, indices: Sequence[int], t: FloatArray) -> dict[int, Poses]:
+        """Return the poses of nodes that move, and of those that they are in."""
+        for times, poses in self._kept:
+            if np.array_equal(times, t):
+                return poses
+        if len(t) * len(self._moving) > _MOST_KEPT:
+            return self._computed(self._with_parents(indices), t)
+        poses = self._computed(list(self._moving.values()), t)
+        self._kept = ((t.copy(), poses), *self._kept[: _KEPT - 1])
+        return poses
+
+    def _with_parents(self, indices: Sequence[int]) -> list[Node]:
+        wanted: set[int] = set()
+        for index in indices:
+            at: int | None = index
+            while at in self._moving and at not in wanted:
+                wanted.add(at)
+                at = self._moving[at].parent
+        return [node for index, node in self._moving.items() if index in wanted]
+
+    def _computed(self, nodes: Sequence[Node], t: FloatArray) -> dict[int, Poses]:
+        animated = [node for node in nodes if any(name in WIDTHS for name in self._tracks.get(node.index, {}))]
+        local = dict(zip((node.index for node in animated), self._animated(animated, t), strict=True))
+        poses: dict[int, Poses] = {}
+        for node in nodes:
+            at_rest = node.parent not in self._moving
+            if at_rest:
+                around, turning = self._at_rest(node.parent), np.zeros((1, 4, 4))
+            else:
+                assert node.parent is not None
+                around, turning = poses[node.parent]
+            if node.index in local:
+                matrix, rate = local[node.index]
+                poses[node.index] = around @ matrix, around @ rate if at_rest else turning @ matrix + around @ rate
+            else:
+                matrix = self._local_at_rest(node)
+                poses[node.index] = around @ matrix, turning @ matrix
+        return poses
+
+    def _animated(self, nodes: Sequence[Node], t: FloatArray) -> list[Poses]:
+        """Return the transforms of animated nodes within those that they are in."""
+        n, k = len(t), len(nodes)
+        together: dict[tuple[str, str, bytes], list[int]] = {}
+        values = {name: np.empty((n, k, width)) for name, width in WIDTHS.items()}
+        rates = {name: np.zeros((n, k, width)) for name, width in WIDTHS.items()}
+        for number, node in enumerate(nodes):
+            tracks = self._tracks.get(node.index, {})
+            for name in WIDTHS:
+                if name in tracks:
+                    key = name, tracks[name].kind, tracks[name].times.tobytes()
+                    together.setdefault(key, []).append(number)
+                else:
+                    values[name][:, number] = self._given(node, name)
+        for (name, _, _), numbers in together.items():
+            alike = [self._tracks[nodes[number].index][name] for number in numbers]
+            values[name][:, numbers], rates[name][:, numbers] = _joined(alike).at(t, self._duration_s)
+        quaternion, turning = values["rotation"], rates["rotation"]
+        length = np.linalg.norm(quaternion, axis=2, keepdims=True)
+        if not (length > 1e-6).all():
+            wrong = nodes[int(np.argmin(length.min((0, 2))))]
+            rule = "an animation takes it through 0: it has no direction there"
+            raise self._file.error(f"nodes[{wrong.index}].rotation", rule)
+        unit = quaternion / length
+        turning = (turning - unit * (unit * turning).sum(2, keepdims=True)) / length
+        flat = unit.reshape(-1, 4)
+        rotation = rotation_matrices(flat).reshape(n, k, 3, 3)
+        spin = rotation @ _skew(2 * hamilton(flat * [-1, -1, -1, 1], turning.reshape(-1, 4))[:, :3]).reshape(n, k, 3, 3)
+        scale = values["scale"][:, :, None]
+        matrix, rate = np.tile(np.eye(4), (n, k, 1, 1)), np.zeros((n, k, 4, 4))
+        matrix[..., :3, :3], matrix[..., :3, 3] = rotation * scale, values["translation"]
+        rate[..., :3, :3] = spin * scale + rotation * rates["scale"][:, :, None]
+        rate[..., :3, 3] = rates["translation"]
+        return [(matrix[:, number], rate[:, number]) for number in range(k)]
+
+    def _at_rest(self, index: int | None) -> FloatArray:
+        """Return the transform (4, 4) of a node that no animation moves; the identity for the scene itself."""
+        chain = []
+        while index not in self._still:
+            assert index is not None
+            chain.append(self._nodes[index])
+            index = chain[-1].parent
+        matrix = self._still[index]
+        for node in reversed(chain):
+            matrix = self._still[node.index] = matrix @ self._local_at_rest(node)
+        return matrix
+
+    def _local_at_rest(self, node: Node) -> FloatArray:
+        if node.item.matrix is None:
+            given = [self._given(node, name)[None] for name in WIDTHS]
+            return composed(*given)[0]
+        where = f"nodes[{node.index}].matrix"
+        matrix = self._file.numbers(node.item.matrix, where, 16).reshape(4, 4).T
+        if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
+            raise self._file.error(where, "must be an affine transform")
+        return np.asarray(matrix)
+
+    def _given(self, node: Node, name: str) -> FloatArray:
+        """Return what the file gives for a property of a node."""
+        given, where = getattr(node.item, name), f"nodes[{node.index}].{name}"
+        rest = np.array(REST[name]) if given is None else self._file.numbers(given, where, WIDTHS[name])
+        return unit_quaternions(self._file, rest[None], where)[0] if name == "rotation" else rest
+
+
+def _joined(tracks: Sequence[Track]) -> Track:
+    """Return tracks of the same kind and keyframes as one, whose values (times, k, width) lie side by side."""
+    tangents = None
+    if tracks[0].tangents is not None:
+        both = [track.tangents for track in tracks if track.tangents is not None]
+        tangents = np.stack([ends[0] for ends in both], 1), np.stack([ends[1] for ends in both], 1)
+    return tracks[0]._replace(values=np.stack([track.values for track in tracks], 1), tangents=tangents)
+
+
+def unit_quaternions(file: GltfFile, quaternions: FloatArray, where: str) -> FloatArray:
+    """Normalise quaternions (n, 4) that have length 1 but for rounding; refuse others."""
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    wrong = np.abs(length - 1) > _UNIT
+    if wrong.any():
+        result = quaternions[int(wrong.argmax())].tolist()
+        raise file.error(where, f"rotations must be unit quaternions, got {plain(result)}")
+    return quaternions / length
+
+
+def composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
+    """Compose transforms (n, 4, 4) of translations (n, 3), unit quaternions (n, 4) and scales (n, 3)."""
+    matrix = np.tile(np.eye(4), (len(translation), 1, 1))
+    matrix[:, :3, :3] = rotation_matrices(rotation) * scale[:, None]
+    matrix[:, :3, 3] = translation
+    return matrix
+
+
+def _skew(vector: FloatArray) -> FloatArray:
+    x, y, z = vector.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], 1).reshape(-1, 3, 3)
