@@ -173,6 +173,8 @@ from .sampling.rules import FixedRate as FixedRate
 from .sampling.rules import MaxDisplacement as MaxDisplacement
 from .sampling.tolerance import Tolerance as Tolerance
 from .scene.default_motion import with_default_motion as with_default_motion
+from .scene.deformation import Deformation as Deformation
+from .scene.deformation import DeformedMesh as DeformedMesh
 from .scene.light_profile import Flicker as Flicker
 from .scene.light_profile import LightProfile as LightProfile
 from .scene.light_profile import SampledProfile as SampledProfile
@@ -182,6 +184,7 @@ from .scene.lost_looks import LostLook as LostLook
 from .scene.lost_looks import LostLookWarning as LostLookWarning
 from .scene.repairs import SceneFileWarning as SceneFileWarning
 from .scene.scene import Scene as Scene
+from .scene.vertex_keyframes import VertexKeyframes as VertexKeyframes
 from .sensor.biases import BIAS_SETS as BIAS_SETS
 from .sensor.biases import CoarseFineBias as CoarseFineBias
 from .sensor.clocks import ClockAlignment as ClockAlignment

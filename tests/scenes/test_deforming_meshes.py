@@ -12,7 +12,7 @@ import pytest
 from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
-from davis_rs import DecodeError, Scene, SegmentTrajectory, load_scene, simulate
+from davis_rs import DecodeError, Scene, SegmentTrajectory, VertexKeyframes, load_scene, simulate
 from davis_rs.geometry.pose import Pose
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
@@ -462,6 +462,55 @@ def test_deformations_that_fit_no_mesh_are_refused(tmp_path: Path) -> None:
     one = np.zeros(1, np.uint32)
     with pytest.raises(ValueError, match=f"derivatives need rigid meshes, and '{name}' deforms"):
         renderer.gradients(views_at(scene, 0.0), one, one, np.ones(1))  # type: ignore[attr-defined]
+
+
+def test_vertices_at_keyframes() -> None:
+    """Straight lines in between, rest before and after; normals turn with the mean of both."""
+    rng = np.random.default_rng(5)
+    times, positions = np.array([0.0, 0.2, 1.0]), rng.normal(size=(3, 7, 3))
+    keyframes = VertexKeyframes(times, positions, 3 * positions)
+    assert keyframes.duration_s == 1.0
+    assert list(keyframes.breaks_s()) == [0.2]
+    (mesh,) = keyframes.meshes(np.array([0.4]))
+    expected = 0.75 * positions[1] + 0.25 * positions[2]
+    np.testing.assert_allclose(mesh.positions, expected)
+    assert mesh.normals is not None
+    np.testing.assert_allclose(mesh.normals, expected / np.linalg.norm(expected, axis=1, keepdims=True))
+    before, early, late, after = keyframes.velocities(np.array([-0.1, 0.1, 0.9, 1.1]))
+    np.testing.assert_allclose(early, (positions[1] - positions[0]) / 0.2)
+    np.testing.assert_allclose(late, (positions[2] - positions[1]) / 0.8)
+    assert not before.any()
+    assert not after.any()
+    (end,) = keyframes.meshes(np.array([2.0]))
+    np.testing.assert_array_equal(end.positions, positions[2])
+    some = np.linspace(-0.1, 1.1, 25)
+    low, high = keyframes.box()
+    for form, hull, speed, own in zip(
+        keyframes.meshes(some), keyframes.hull(some), keyframes.fastest(some), keyframes.velocities(some), strict=True
+    ):
+        assert (form.positions >= hull.min(0) - 1e-12).all()
+        assert (form.positions <= hull.max(0) + 1e-12).all()
+        assert (hull >= low - 1e-12).all()
+        assert (hull <= high + 1e-12).all()
+        assert np.linalg.norm(own, axis=1).max() <= speed + 1e-12
+    moved = np.linalg.norm(np.diff(keyframes.hull(np.array([0.3, 0.31])), axis=0), axis=2).max()
+    assert moved <= 0.01 * keyframes.fastest(np.array([0.3]))[0] * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("times", "positions", "normals", "message"),
+    [
+        ([0.0], np.zeros((1, 4, 3)), None, "two or more times"),
+        ([0.1, 0.2], np.zeros((2, 4, 3)), None, "increase from 0"),
+        ([0.0, 0.0], np.zeros((2, 4, 3)), None, "increase from 0"),
+        ([0.0, 1.0], np.zeros((3, 4, 3)), None, r"shape \(2, vertices, 3\), got \(3, 4, 3\)"),
+        ([0.0, 1.0], np.zeros((2, 4, 3)), np.zeros((2, 3, 3)), "normals must have the shape"),
+        ([0.0, 1.0], np.full((2, 4, 3), np.nan), None, "positions must be finite"),
+    ],
+)
+def test_keyframes_that_are_none_are_refused(times: Any, positions: Any, normals: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        VertexKeyframes(times, positions, normals)
 
 
 def test_a_path_comes_on_top(tmp_path: Path) -> None:

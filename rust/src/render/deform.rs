@@ -54,7 +54,10 @@ impl Scene {
                 **uv = [moved(new.u_maps[at]), moved(new.v_maps[at])];
             }
             let normal = new.normal_maps.get(at).map(|maps| maps.map(moved));
-            surface.normal = normal.filter(|maps| is_smooth(maps, &surface.plane)).map(Box::new);
+            match (&mut surface.normal, normal.filter(|maps| is_smooth(maps, &surface.plane))) {
+                (Some(own), Some(maps)) => **own = maps,
+                (own, maps) => *own = maps.map(Box::new),
+            }
         }
         let bounds: Vec<Bounds> = self.corners[range].iter().map(|corners| Bounds::of(corners)).collect();
         body.bvh.refit(&bounds);
