@@ -314,6 +314,18 @@ def _gltf(folder: Path) -> list[Path]:
     camera = gltf.node(camera=gltf.add("cameras", lens), translation=[0, 0, 3])
     gltf.animate(camera, "rotation", [0.0, 1.0], np.array([[0, 0, 0, 1], [0, 0.6, 0, 0.8]]))
     gltf.animate(body, "translation", [0.0, 1.0], np.zeros((6, 3)), "CUBICSPLINE")
+    soft = quad(gltf)
+    soft_part = gltf.document["meshes"][soft]["primitives"][0]
+    joints = {
+        "JOINTS_0": gltf.array(np.tile([0, 1, 0, 0], (4, 1)), "u1"),
+        "WEIGHTS_0": gltf.array(np.full((4, 4), 0.25)),
+    }
+    soft_part["attributes"] |= joints
+    soft_part["targets"] = [{"POSITION": gltf.array(CORNERS), "NORMAL": gltf.array(CORNERS)}]
+    bound = gltf.array(np.tile(np.eye(4).ravel(), (2, 1)))
+    skin = gltf.add("skins", {"joints": [body, child], "inverseBindMatrices": bound})
+    walker = gltf.node(mesh=soft, skin=skin, weights=[0.5])
+    gltf.animate(walker, "weights", [0.0, 1.0], [0.0, 1.0])
     gltf.light({"type": "spot", "intensity": 100.0, "spot": {"outerConeAngle": 0.5}}, translation=[0, 0, 2])
     return [gltf.save(folder / "seed.gltf"), gltf.save(folder / "embedded.gltf"), _zeros(folder / "zeros.gltf")]
 
@@ -411,6 +423,11 @@ def read_scene(path: Path, _: random.Random) -> None:
     for trajectory in (scene.path, *scene.objects.values()) if scene.trajectory is not None else ():
         assert np.isfinite(trajectory.pose(trajectory.duration_s / 2).matrix).all(), "a pose that is not finite"
         assert np.isfinite(trajectory.velocities([0.0])).all(), "a speed that is not finite"
+    for deformation in scene.deformations.values():
+        middle = np.array([deformation.duration_s / 2])
+        (mesh,), (velocities,) = deformation.meshes(middle), deformation.velocities(middle)
+        for values in (mesh.positions, velocities, deformation.box(), deformation.fastest(middle)):
+            assert np.isfinite(values).all(), "a vertex that is not finite"
 
 
 DATASET = {

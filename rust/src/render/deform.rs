@@ -126,13 +126,15 @@ mod tests {
         let planes: Vec<[f64; 4]> = corners.iter().map(plane).collect();
         let n = corners.len();
         // Smooth where it is bent: a normal that changes over each triangle.
-        let normal_maps = planes.iter().map(|p| [0, 1, 2].map(|k| [0.2 * bend, 0.0, 0.1 * bend, p[k]])).collect();
+        let own = |i: usize| if i == 0 { 0.0 } else { bend };
+        let map = |i: usize, n: f64| [0.2 * own(i), 0.0, 0.1 * own(i), n];
+        let normal_maps = planes.iter().enumerate().map(|(i, p)| [0, 1, 2].map(|k| map(i, p[k]))).collect();
         let light = |kind| Light { kind, group: 0, strength: 2.0, background: 0.0, beam: None };
         let tables = SceneTables {
             corners: corners.into(),
             planes: planes.into(),
-            u_maps: vec![[1.0 + bend, 0.0, 0.0, 0.2]; n].into(),
-            v_maps: vec![[0.0, 1.0 - bend, 0.0, 0.4]; n].into(),
+            u_maps: (0..n).map(|i| [1.0 + own(i), 0.0, 0.0, 0.2]).collect(),
+            v_maps: (0..n).map(|i| [0.0, 1.0 - own(i), 0.0, 0.4]).collect(),
             normal_maps: Vec::into(normal_maps),
             textures: vec![0; n],
             two_sided: vec![true; n],

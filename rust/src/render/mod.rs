@@ -54,6 +54,7 @@ mod tile_hits;
 mod time;
 mod visibility;
 
+#[cfg(feature = "python")]
 pub use deform::Deformed;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
