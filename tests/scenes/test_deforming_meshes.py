@@ -247,6 +247,7 @@ def test_morph_targets_move_vertices(tmp_path: Path) -> None:
     (velocities,) = deformation.velocities(np.array([0.75]))
     expected = (2 * (strengths[2] - strengths[1]) @ shifts)[[0, 2, 1]] * [1, -1, 1]
     np.testing.assert_allclose(velocities, np.tile(expected, (len(moved), 1)), atol=1e-6)
+    assert deformation.fastest(np.array([0.75]))[0] >= np.linalg.norm(expected) > 0.1
 
 
 def test_a_morph_that_rests_is_a_form(tmp_path: Path) -> None:
@@ -328,7 +329,11 @@ def test_other_clocks(tmp_path: Path) -> None:
         np.testing.assert_allclose(velocities, pace * true, atol=1e-6)
         assert own.fastest(np.array([t_s]))[0] == pytest.approx(pace * whole.fastest(np.array([own_s]))[0], abs=1e-6)
     assert list(part.breaks_s()) == [pytest.approx(0.1)]
+    assert list(paced.breaks_s()) == [pytest.approx(0.15)]
     assert paced.duration_s == pytest.approx(0.45)
+    _, later = deformation_of(scene.paced(2.0).later(0.1))
+    (mesh,), (expected,) = later.meshes(np.array([0.05])), whole.meshes(np.array([0.3]))
+    np.testing.assert_allclose(mesh.positions, expected.positions, atol=1e-8)
 
 
 def test_steps_jump(tmp_path: Path) -> None:

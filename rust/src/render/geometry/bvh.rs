@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use super::bvh_builder::{Item, build};
 pub(crate) use super::bvh_node::{Boxes, Node, WIDTH, below, index};
-use super::vector::{Bounds, largest};
+use super::vector::{Bounds, Vector, dot, largest, scale, sub};
 use crate::prefetch::prefetch;
 
 /// A part of space that boxes are tested for.
@@ -59,12 +59,12 @@ pub(crate) struct Bvh {
     pub(crate) nodes: Vec<Node>,
     /// No coordinate of its triangles is larger.
     pub(crate) reach: f64,
+    /// A ball that holds all triangles: its middle and its radius, 0 where there are none.
+    ball: (Vector, f64),
 }
 
-/// Returns the largest magnitude of a coordinate within bounds.
-fn reach(bounds: &Bounds) -> f64 {
-    largest(bounds.low).max(largest(bounds.high))
-}
+/// A ball is larger than it would have to be by this fraction of what it lies in, so that rounding leaves nothing out.
+const ROUNDED: f64 = 1e-9;
 
 impl Bvh {
     /// Builds the BVH of triangles with these bounds, on the threads of this pool where it is `parallel`. Returns it,
@@ -76,7 +76,8 @@ impl Bvh {
             return (bvh, vec![]);
         }
         let (nodes, around) = build(&mut items, parallel);
-        (bvh.nodes, bvh.reach) = (nodes, reach(&around));
+        bvh.nodes = nodes;
+        bvh.set_around(&around);
         let order = bvh.number_by_visits();
         (bvh, order.into_iter().map(|at| items[at].number).collect())
     }
@@ -97,7 +98,26 @@ impl Bvh {
                 around[at] = around[at].with(&below);
             }
         }
-        self.reach = around.first().map_or(0.0, reach);
+        if let Some(all) = around.first() {
+            self.set_around(all);
+        }
+    }
+
+    fn set_around(&mut self, bounds: &Bounds) {
+        self.reach = largest(bounds.low).max(largest(bounds.high));
+        let half = scale(sub(bounds.high, bounds.low), 0.5);
+        self.ball = (bounds.centre(), dot(half, half).sqrt() + ROUNDED * self.reach);
+    }
+
+    /// Returns whether a ray from an origin passes all triangles at a distance, so that none has to be looked at.
+    pub(crate) fn is_missed(&self, origin: Vector, direction: Vector) -> bool {
+        let ((middle, radius), length) = (self.ball, dot(direction, direction));
+        let way = sub(middle, origin);
+        let (along, away) = (dot(way, direction), dot(way, way));
+        let aside = away * length - along * along;
+        // Rounding errors are fractions of the terms, so of the way there.
+        let least = (radius * radius + ROUNDED * away) * length;
+        aside > least || (along < 0.0 && away > radius * radius)
     }
 
     /// Numbers triangles in the order in which a visit finds them; returns their indices in the builder's order.

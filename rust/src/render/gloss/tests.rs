@@ -4,7 +4,7 @@
 use super::finish::{Distribution, Finish, Fresnel, Under};
 use super::tables::{DIFFUSE, GlossTables};
 use crate::render::geometry::vector::{cross, dot, sub};
-use crate::render::visibility::first_hit::{FirstHits, Ray};
+use crate::render::visibility::first_hit::{FirstHits, Ray, is_blocked};
 use crate::render::{Emission, Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
 
 const SIZE: usize = 16;
@@ -424,7 +424,8 @@ fn distance([a, b, c]: [[f64; 3]; 3], ray: &Ray) -> Option<f64> {
     (second >= 0.0 && third >= 0.0 && second + third <= 1.0 && along > 0.0).then_some(along)
 }
 
-/// The first triangle that a ray meets, and the first but that one or but what is nearer, as a search of all has it.
+/// The first triangle that a ray meets, and the first but that one or but what is nearer, as a search of all has it; also
+/// among small bodies, most of which a ray passes at a distance.
 #[test]
 fn rays_meet_what_a_search_of_all_finds() {
     let mut state = 7u64;
@@ -432,15 +433,23 @@ fn rays_meet_what_a_search_of_all_finds() {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 40) as f64 / f64::from(1 << 23) - 1.0
     };
-    let mut tables = room(None);
-    for number in 0..400 {
+    let mut tables = SceneTables { frame_count: 12, ..room(None) };
+    let middles: [[f64; 3]; 12] = std::array::from_fn(|_| std::array::from_fn(|_| next()));
+    for number in 0..1000 {
         let [corner, u, v]: [[f64; 3]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| next()));
-        add(&mut tables, [corner, u.map(|x| 0.4 * x), v.map(|x| 0.4 * x)], (1.0, DIFFUSE, number % 2));
+        let (body, frame) = (number >= 400, if number < 400 { number % 2 } else { 2 + number % 10 });
+        let size = if body { 0.1 } else { 0.4 };
+        let middle = middles[frame as usize];
+        let corner = if body { std::array::from_fn(|i| middle[i] + 0.1 * corner[i]) } else { corner };
+        add(&mut tables, [corner, u.map(|x| size * x), v.map(|x| size * x)], (1.0, DIFFUSE, frame));
     }
     let scene = Scene::new(&tables).unwrap();
-    let (mut hits, mut met) = (FirstHits::default(), 0);
-    for _ in 0..200 {
+    let (mut hits, mut met, mut missed, mut of_bodies) = (FirstHits::default(), 0, 0, 0);
+    for number in 0..400 {
         let [origin, direction]: [[f64; 3]; 2] = std::array::from_fn(|_| std::array::from_fn(|_| next()));
+        // Every second one goes past a body, near or through it.
+        let aim = |i: usize| middles[2 + number % 10][i] + 0.2 * direction[i] - origin[i];
+        let direction = if number % 2 == 0 { direction } else { std::array::from_fn(aim) };
         let rays: Vec<Ray> =
             scene.frames.iter().map(|frame| Ray { origin: sub(origin, frame.centre), direction }).collect();
         let mut all: Vec<(f64, u32)> = vec![];
@@ -449,6 +458,9 @@ fn rays_meet_what_a_search_of_all_finds() {
             all.extend(found);
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        missed += scene.frames.iter().zip(&rays).filter(|(f, ray)| f.bvh.is_missed(ray.origin, ray.direction)).count();
+        of_bodies += usize::from(all.first().is_some_and(|hit| scene.surfaces[hit.1 as usize].frame > 1));
+        assert_eq!(is_blocked(&scene, &rays, f64::INFINITY, u32::MAX, &mut vec![]), !all.is_empty());
         let number = |at: usize| all.get(at).map(|hit| hit.1);
         assert_eq!(hits.nearest(&scene, &rays, 0.0, u32::MAX), number(0));
         if let [first, second, ..] = all[..] {
@@ -457,5 +469,5 @@ fn rays_meet_what_a_search_of_all_finds() {
             assert_eq!(hits.nearest(&scene, &rays, f64::midpoint(first.0, second.0), u32::MAX), Some(second.1));
         }
     }
-    assert!(met > 100, "{met}");
+    assert!(met > 100 && missed > 1000 && of_bodies > 15, "{met} {missed} {of_bodies}");
 }

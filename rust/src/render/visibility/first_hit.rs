@@ -249,6 +249,9 @@ impl FirstHits {
     pub(crate) fn nearest(&mut self, scene: &Scene, rays: &[Ray], after: f64, but: u32) -> Option<u32> {
         let (mut nearest, mut distance) = (None, f64::INFINITY);
         for (frame, ray) in scene.frames.iter().zip(rays) {
+            if frame.bvh.is_missed(ray.origin, ray.direction) {
+                continue;
+            }
             let mut looking = Looking { scene, first: frame.triangles.start, ray, but, after, nearest, distance };
             look(&mut looking, &frame.bvh, &mut self.0);
             (nearest, distance) = (looking.nearest, looking.distance);
@@ -278,6 +281,9 @@ fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
     for (frame, ray) in scene.frames.iter().zip(rays) {
+        if frame.bvh.is_missed(ray.origin, ray.direction) {
+            continue;
+        }
         let (first, mut blocked) = (frame.triangles.start, false);
         frame.bvh.visit(stack, &Reaching::new(ray, end), |range| {
             blocked = (first + range.start..first + range.end).any(|triangle| {
