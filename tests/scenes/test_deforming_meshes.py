@@ -16,9 +16,13 @@ from davis_rs import DecodeError, Scene, SegmentTrajectory, VertexKeyframes, loa
 from davis_rs.geometry.pose import Pose
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
+from davis_rs.render.closest_view import ClosestView
+from davis_rs.render.motion.scene_motion import SceneMotion
 from davis_rs.render.truth.scene_surfaces import SceneSurfaces
+from davis_rs.sampling.breaks import find_breaks
+from davis_rs.sampling.displacement import DisplacementClock
 from davis_rs.scene.deformation import Deformation
-from davis_rs.scene.meshes import Mesh, shape
+from davis_rs.scene.meshes import Mesh, mitsuba_mesh, shape
 from gltf_files import Gltf
 
 ROWS = 9
@@ -121,10 +125,13 @@ def test_a_skin_bends_by_hand(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("t_s", [0.0, 0.13, 0.4, 0.77])
-@pytest.mark.parametrize("normals", [True, False])
-def test_it_looks_like_the_same_mesh_at_rest(tmp_path: Path, t_s: float, normals: bool) -> None:
-    """Luma with shadows, by rays and by lines, depths and single pixels are those of a rigid mesh of that form."""
-    gltf = bent(normals=normals)
+@pytest.mark.parametrize("axis", [(0, 0, 1), (1, 0, 0)])
+def test_it_looks_like_the_same_mesh_at_rest(tmp_path: Path, t_s: float, axis: tuple[int, int, int]) -> None:
+    """Luma with shadows, by rays and by lines, depths and single pixels are those of a rigid mesh of that form.
+
+    Once it is flat, once it has normals that turn with it.
+    """
+    gltf = bent(normals=axis[0] == 1, axis=axis)
     wall(gltf)
     scene = load(gltf, tmp_path)
     still = frozen(scene, t_s)
@@ -162,6 +169,83 @@ def test_mitsuba_sees_the_same(tmp_path: Path) -> None:
     assert not np.allclose(luma[0], luma[1], rtol=0.05)
 
 
+def test_mitsuba_has_the_same_rates(tmp_path: Path) -> None:
+    scene = load(bent(axis=(1, 0, 0)), tmp_path)
+    views = views_at(scene, 0.2)
+    native, mitsuba = (
+        make_renderer(scene, scene.own_camera, kind=kind, rays_per_pixel=4) for kind in ("native", "integrator")
+    )
+    rate, theirs = (each.luma_and_rate(views)[1][0] for each in (native, mitsuba))
+    inside = binary_erosion(np.isfinite(native.depth(views)[0]), iterations=3)
+    strong = inside & (np.abs(rate) > 0.3 * np.abs(rate[inside]).max())
+    assert strong.sum() > 300
+    np.testing.assert_allclose(theirs[strong], rate[strong], rtol=0.1)
+
+
+def test_parts_of_one_material_deform_together(tmp_path: Path) -> None:
+    """Two primitives are one shape, each with its own vertices and joints."""
+    gltf = bent(normals=False)
+    corners, _ = strip()
+    (part,) = gltf.document["meshes"][0]["primitives"]
+    other = {**part["attributes"], "POSITION": gltf.array(corners + np.array([1.0, 0, 0]))}
+    other["JOINTS_0"] = gltf.array(np.ones((len(corners), 4)), "u1")
+    gltf.document["meshes"][0]["primitives"].append({**part, "attributes": other})
+    _, deformation = deformation_of(load(gltf, tmp_path))
+    at_rest, turned = (mesh.positions for mesh in deformation.meshes(np.array([0.0, 0.2])))
+    first, second = np.split(at_rest, 2)
+    np.testing.assert_allclose(second, first + np.array([1.0, 0, 0]), atol=1e-6)
+    first, second = np.split(turned, 2)
+    axis = Rotation.from_euler("y", -30, degrees=True)  # the file's z is -y here
+    expected = axis.apply(np.split(at_rest, 2)[1] - np.array([0, 0, 1])) + np.array([0, 0, 1])
+    np.testing.assert_allclose(second, expected, atol=1e-6)
+    assert not np.allclose(first, second - np.array([1.0, 0, 0]), atol=0.05)
+
+
+@pytest.mark.parametrize("inner", [True, False])
+def test_joints_within_joints_that_turn(tmp_path: Path, inner: bool) -> None:
+    """Velocities count the turn of the outer joint, and that of the inner one, or that it has none."""
+    gltf = bent()
+    if not inner:
+        gltf.document["animations"] = [{"samplers": [], "channels": []}]
+    turn = Rotation.from_rotvec(np.radians([[0, 0, 0], [40, 0, 0]])).as_quat()
+    gltf.animate(1, "rotation", [0.0, END_S], turn)
+    _, deformation = deformation_of(load(gltf, tmp_path))
+    before, after = deformation.meshes(np.array([0.2 - 1e-5, 0.2 + 1e-5]))
+    (velocities,) = deformation.velocities(np.array([0.2]))
+    np.testing.assert_allclose(velocities, (after.positions - before.positions) / 2e-5, atol=1e-6)
+    assert np.abs(velocities[:, 1:]).max(0).min() > 0.1
+    assert (np.abs(velocities[:, 0]).max() > 0.1) == inner
+
+
+def test_joints_that_step_next_to_some_that_turn(tmp_path: Path) -> None:
+    """Of two joints with the same keyframes, each is interpolated in its own way."""
+    _, plain = deformation_of(load(bent(), tmp_path))
+    gltf = bent()
+    turn = Rotation.from_rotvec(np.radians([[0, 0, 0], [40, 0, 0], [40, 0, 0]])).as_quat()
+    gltf.animate(1, "rotation", [0.0, 0.4, END_S], turn, "STEP")
+    _, deformation = deformation_of(load(gltf, tmp_path))
+    for t_s, same in ((0.2, True), (0.5, False)):
+        (mesh,), (expected,) = (each.meshes(np.array([t_s])) for each in (deformation, plain))
+        assert np.allclose(mesh.positions, expected.positions, atol=1e-6) == same
+
+
+def test_parts_that_come_closer_are_made_finer() -> None:
+    """The bound on pixels per metre counts where the mesh comes, not only where it is at first."""
+    corners = np.array([[-1, 0, 9], [1, 0, 9], [0, 1, 9.0]])
+    keyframes = VertexKeyframes([0.0, 1.0], np.stack([corners, corners - [[0, 0, 7]]]))
+    here = Pose([0, 0, 0], [0, 0, 0, 1])
+    path = SegmentTrajectory(here, here, 1.0)
+    scene = Scene("one", dict, trajectory=path, deformations={"one": keyframes})
+    camera = scene.own_camera
+    motion = SceneMotion({"one": path}, {}, {"one": keyframes.box()}, deformations={"one": keyframes})
+    rigid = SceneMotion({"one": path}, {}, {"one": keyframes.box()})
+    near, far = (ClosestView(scene, camera, of).pixels_per_metre(corners[None], "one")[0] for of in (motion, rigid))
+    assert near >= camera.fx / 2
+    assert far < 0.3 * near
+    # What takes other lights keeps how meshes deform.
+    assert motion.with_lights({}).deformations == motion.with_bends([0.1, 0.2]).deformations == {"one": keyframes}
+
+
 def test_rates_are_those_of_luma(tmp_path: Path) -> None:
     """dY/dt counts the deformation: inside of surfaces it is the difference of frames close by."""
     scene = load(bent(axis=(1, 0, 0)), tmp_path)
@@ -181,13 +265,14 @@ def test_flow_follows_the_surface(tmp_path: Path) -> None:
     surfaces = SceneSurfaces(scene, scene.own_camera)
     camera = scene.own_camera
     renderer = make_renderer(scene, camera, kind="native")
-    seen = surfaces.frame(views_at(scene, 0.2))
-    on_mesh = np.flatnonzero(np.isfinite(seen.depth))
-    assert len(on_mesh) > 1000
     step_s = 1e-4
-    moved = surfaces.displacement(views_at(scene, 0.2, 0.2 + step_s)).pixels.reshape(-1, 2)[on_mesh]
-    np.testing.assert_allclose(seen.flow[on_mesh], moved / step_s, atol=0.02 * np.abs(moved / step_s).max())
-    assert np.linalg.norm(seen.flow[on_mesh], axis=1).max() > 50
+    for t_s in (0.7, 0.2):
+        seen = surfaces.frame(views_at(scene, t_s))
+        on_mesh = np.flatnonzero(np.isfinite(seen.depth))
+        assert len(on_mesh) > 1000
+        moved = surfaces.displacement(views_at(scene, t_s, t_s + step_s)).pixels.reshape(-1, 2)[on_mesh]
+        np.testing.assert_allclose(seen.flow[on_mesh], moved / step_s, atol=0.02 * np.abs(moved / step_s).max())
+        assert np.linalg.norm(seen.flow[on_mesh], axis=1).max() > 50
     ours = renderer.flow(views_at(scene, 0.2))[0].reshape(-1, 2)[on_mesh]
     np.testing.assert_allclose(ours, seen.flow[on_mesh], atol=1e-3)
     some = on_mesh[::37]
@@ -200,6 +285,96 @@ def test_flow_follows_the_surface(tmp_path: Path) -> None:
     far = surfaces.displacement(views_at(scene, 0.2, 0.25))
     # The strip turns about a point half way up: what is above moves to the left, by up to a third of the image.
     assert far.pixels.reshape(-1, 2)[on_mesh, 0].min() < -5
+
+
+def test_normals_and_occlusion_follow_the_form(tmp_path: Path) -> None:
+    """Normals are those of a rigid mesh of that form; what the mesh covers later is occluded, and is not else."""
+    gltf = bent(axis=(1, 0, 0))
+    scene = load(gltf, tmp_path)
+    views = views_at(scene, 0.3)
+    ours, theirs = (SceneSurfaces(each, scene.own_camera).frame(views) for each in (scene, frozen(scene, 0.3)))
+    both = np.isfinite(ours.depth) & np.isfinite(theirs.depth)
+    assert np.percentile(np.abs(ours.normal[both] - theirs.normal[both]).max(1), 99) < 1e-4
+    assert ours.normal[both].std(0).max() > 0.1
+    gltf = bent()
+    wall(gltf)
+    scene = load(gltf, tmp_path)
+    surfaces = SceneSurfaces(scene, scene.own_camera)
+    occluded = surfaces.displacement(views_at(scene, 0.0, 0.4)).occluded
+    number = 1 + surfaces.names.index("body_paint")
+    before, after = (surfaces.frame(views_at(scene, t_s)).shape.reshape(occluded.shape) == number for t_s in (0.0, 0.4))
+    covered = after & ~before
+    assert covered.sum() > 300
+    assert occluded[binary_erosion(covered)].all()
+    assert not occluded[binary_erosion(~after & ~before)].any()
+
+
+def one_sided(texture: bool) -> Scene:
+    """A square before a lamp and a camera, seen from its front alone, in a texture or a colour; the mesh is a shape of
+    its own."""
+    corners = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1.0]])
+
+    def source() -> Any:
+        import mitsuba as mi
+
+        texels = mi.TensorXf(np.linspace(0.2, 0.9, 48, dtype=np.float32).reshape(4, 4, 3))
+        colour = {"type": "bitmap", "data": texels, "raw": True} if texture else {"type": "rgb", "value": 0.5}
+        properties = mi.Properties()
+        properties["bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": colour})
+        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+        return {
+            "type": "scene",
+            "lamp": {"type": "point", "position": [0.5, -3.0, 1.0], "intensity": 20.0},
+            "square": mitsuba_mesh(Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), uv), properties, None),
+        }
+
+    here = Pose([0, -4, 0], Rotation.from_euler("x", -90, degrees=True).as_quat())
+    forms = np.stack([corners, corners + np.array([0.3, 0.5, 0.2]), corners[[1, 0, 3, 2]]])
+    return Scene(
+        "square",
+        source,
+        trajectory=SegmentTrajectory(here, here, 1.0),
+        deformations={"square": VertexKeyframes([0.0, 0.5, 1.0], forms)},
+    )
+
+
+@pytest.mark.parametrize("texture", [True, False])
+def test_textures_and_fronts_follow_the_form(texture: bool) -> None:
+    """Texture coordinates stay with the vertices, and a surface with one side is seen from its front alone."""
+    scene = one_sided(texture)
+    renderer = make_renderer(scene, scene.own_camera, kind="native")
+    luma = renderer.luma(views_at(scene, 0.0, 0.5, 1.0))
+    rigid = replace(scene, deformations={}, objects={})
+    at_rest = make_renderer(rigid, scene.own_camera, kind="native").luma(views_at(scene, 0.0))[0]
+    assert at_rest.max() > 0.1
+    np.testing.assert_allclose(luma[0], at_rest, atol=1e-5)
+    # Half a metre farther away; at the end it has turned its back.
+    assert 0 < luma[1].max() < luma[0].max()
+    assert luma[2].max() == 0
+
+
+def test_the_clock_knows_the_fastest_point(tmp_path: Path) -> None:
+    """The path of the fastest pixel is at least as long as any point's of the mesh, and it ends with the motion; the
+    end is a break."""
+    scene = load(bent(), tmp_path)
+    renderer = make_renderer(scene, scene.own_camera, kind="native")
+    (box,) = renderer.motion.boxes
+    _, deformation = deformation_of(scene)
+    points = deformation.hull(np.array([0.0, 0.2, 0.4]))
+    assert (box[0] <= points.min((0, 1)) + 1e-9).all()
+    assert (box[1] >= points.max((0, 1)) - 1e-9).all()
+    still = SegmentTrajectory(scene.path.pose(0.0), scene.path.pose(0.0), 2.0)
+    clock = DisplacementClock(renderer, still, 2_000_000)
+    views = Views.along(still, np.array([0.1, 0.11]))
+    moved = SceneSurfaces(scene, scene.own_camera).displacement(views).pixels
+    longest = np.nanmax(np.linalg.norm(moved, axis=2))
+    first, second = clock.path_at(100_000), clock.path_at(110_000)
+    assert longest <= second - first < 5 * longest
+    assert longest > 0.5
+    assert clock.path_at(1_200_000) == clock.path_at(1_900_000)
+    breaks = list(find_breaks(still, renderer.motion, 0, 2_000_000))
+    assert [item.before_us for item in breaks] == [400_000, 999_999]  # the file's float32 lies just after 0.4 s
+    assert not any(item.jump for item in breaks)
 
 
 def test_bounds_hold(tmp_path: Path) -> None:
@@ -342,6 +517,10 @@ def test_steps_jump(tmp_path: Path) -> None:
     _, stepped = deformation_of(load(bent(kind="STEP"), tmp_path))
     assert not smooth.jumps(smooth.breaks_s()).any()
     assert stepped.jumps(stepped.breaks_s()).all()
+    scene = load(bent(kind="STEP"), tmp_path)
+    motion = make_renderer(scene, scene.own_camera, kind="native").motion
+    still = SegmentTrajectory(scene.path.pose(0.0), scene.path.pose(0.0), 2.0)
+    assert [item.jump for item in find_breaks(still, motion, 0, 2_000_000)] == [True, True]
 
 
 def test_a_mirrored_skeleton_keeps_its_front(tmp_path: Path) -> None:
