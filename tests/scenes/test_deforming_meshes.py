@@ -623,6 +623,7 @@ def test_corrupt_numbers_of_skins_are_refused(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="corners whose normal has no direction"):
         _, deformation = deformation_of(load(gltf, tmp_path))
     (mesh,) = deformation.meshes(np.zeros(1))
+    assert mesh.normals is not None
     np.testing.assert_allclose(mesh.normals, np.tile([0, -1.0, 0], (len(mesh.positions), 1)), atol=1e-6)
     with pytest.warns(UserWarning, match="vertices without a joint follow the skin's first one: 18"):
         load(bent(weights=np.zeros((count, 4))), tmp_path)

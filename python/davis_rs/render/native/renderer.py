@@ -53,6 +53,7 @@ class NativeRenderer(Renderer):
     Attributes:
         baked: the baked light; None without any.
         table: the tables of the scene.
+        deforming: its meshes that deform.
     """
 
     name = "native renderer"
@@ -86,7 +87,7 @@ class NativeRenderer(Renderer):
             self._core, self.concurrent = _core_of(table, threads), False
         else:
             self._core = cached((table, threads), lambda: _core_of(table, threads))
-        self._deforming = DeformingMeshes(self._core, table.deforming, motion.deformations, table.planes)
+        self.deforming = DeformingMeshes(self._core, table.deforming, motion.deformations, table.planes)
 
     @property
     def ray_bytes(self) -> float:
@@ -109,9 +110,9 @@ class NativeRenderer(Renderer):
 
     def _frames(self, views: Views, render: Callable[[ViewArrays], npt.NDArray[_Pixel]]) -> npt.NDArray[_Pixel]:
         """Render frames (n, H, W): all at once, or one after the other where meshes deform in between."""
-        if not self._deforming:
+        if not self.deforming:
             return render(self._arrays(views)).reshape(self._shape(views))
-        frames = [render(self._arrays(views[i : i + 1])) for i in self._deforming.each(views.t_s)]
+        frames = [render(self._arrays(views[i : i + 1])) for i in self.deforming.each(views.t_s)]
         return np.concatenate(frames).reshape(self._shape(views))
 
     def _known_rays(self, what: str) -> PixelRays:
@@ -120,12 +121,12 @@ class NativeRenderer(Renderer):
         Raises:
             ValueError: for lines, or where meshes deform; ``what`` says in the message what needs them.
         """
-        if self._deforming:
+        if self.deforming:
             raise ValueError(f"{what} need rigid meshes, and {next(iter(self.motion.deformations))!r} deforms")
         return self._estimator.known_rays()
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
-        if self._deforming:
+        if self.deforming:
             return super()._luma_and_rate(views)
         both = self._estimator.luma_and_rate(self._core, self._arrays(views))
         if both is None:
@@ -134,11 +135,11 @@ class NativeRenderer(Renderer):
         return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        if not self._deforming:
+        if not self.deforming:
             return self._estimator.samples(self._core, self._arrays(views), view, pixel, rays)
         luma = np.empty(len(view), np.float32)
         seen = np.unique(view)
-        for i in self._deforming.each(views.t_s[seen]):
+        for i in self.deforming.each(views.t_s[seen]):
             rows = np.flatnonzero(view == seen[i])
             one = self._arrays(views[int(seen[i]) : int(seen[i]) + 1])
             luma[rows] = self._estimator.samples(self._core, one, np.zeros_like(rows), pixel[rows], rays)
@@ -225,7 +226,7 @@ class NativeRenderer(Renderer):
         return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        if self._deforming or not self._estimator.jumps:
+        if self.deforming or not self._estimator.jumps:
             return None
         spans = self._core.edge_tracks(
             self._estimator.known_rays(),
@@ -253,13 +254,13 @@ class NativeRenderer(Renderer):
         self, number: int, view: Views, pixel: Indices, depth: npt.NDArray[np.float32], flow: FloatArray
     ) -> FloatArray:
         which, camera = np.zeros(len(pixel), np.uint32), self.cameras(view)[number]
-        for _ in self._deforming.each(view.t_s):
+        for _ in self.deforming.each(view.t_s):
             _, triangle = self._core.hits(
                 pixel_rays(self.camera, 1), self._arrays(view), which, pixel.astype(np.uint32)
             )
         rays = np.c_[ray_table(self.camera, 1)[0][pixel], np.ones(len(pixel))]
         points = (rays * depth[:, None]) @ camera.rotations[0].T + camera.positions[0]
-        velocities = self._deforming.velocities(number, triangle.astype(np.int64), points, float(view.t_s[0]))
+        velocities = self.deforming.velocities(number, triangle.astype(np.int64), points, float(view.t_s[0]))
         return np.asarray(flow + self._centre_flow.of_motion(pixel, velocities @ camera.rotations[0], depth))
 
     def shapes_seen(self, views: Views, view: Indices, pixel: Indices) -> tuple[Indices, npt.NDArray[np.bool_]]:
@@ -273,7 +274,7 @@ class NativeRenderer(Renderer):
             The number (m,) of a shape in the names of :attr:`table`, -1 where nothing is hit; and bool (m,), whether
             the side is seen on which a triangle's corners run clockwise.
         """
-        if self._deforming:
+        if self.deforming:
             raise ValueError("what shapes pixels see is known of rigid meshes alone")
         _, triangle = self._core.hits(
             pixel_rays(self.camera, 1), self._arrays(views), view.astype(np.uint32), pixel.astype(np.uint32)
