@@ -93,7 +93,8 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Light, LightKind, PixelRays, Pose, SceneTables, View};
+    use super::super::time::edges::Edges;
+    use super::super::{Emission, Light, LightKind, PixelRays, Pose, SceneTables, View};
     use super::*;
 
     /// A sheet of triangles before a wall; the sheet is a body.
@@ -190,7 +191,9 @@ mod tests {
         let (flat, bent, other) = (sheet(0.0), sheet(0.6), sheet(-0.4));
         let mut renderer_of = renderer(&flat);
         let at_first = seen(&renderer_of);
+        assert!(renderer_of.edges.set(Edges::of_scene(&renderer_of.scene)).is_ok());
         renderer_of.deform(1, bent.first, &of(&bent)).unwrap();
+        assert!(renderer_of.edges.get().is_none());
         let deformed = seen(&renderer_of);
         let made = seen(&renderer(&bent));
         // Coordinates are rounded relative to another centre: a ray on an edge may see the neighbour.
@@ -203,6 +206,9 @@ mod tests {
         assert!(same * 200 >= 199 * deformed.2.len());
         assert!(!close(&deformed.0, &at_first.0) && !close(&deformed.1, &at_first.1));
         renderer_of.deform(1, other.first, &of(&other)).unwrap();
+        let mut straight_there = renderer(&flat);
+        straight_there.deform(1, other.first, &of(&other)).unwrap();
+        assert_eq!(seen(&renderer_of), seen(&straight_there));
         renderer_of.deform(1, bent.first, &of(&bent)).unwrap();
         assert_eq!(seen(&renderer_of), deformed);
         renderer_of.deform(1, flat.first, &of(&flat)).unwrap();
@@ -236,5 +242,9 @@ mod tests {
         }
         renderer.deform(1, 1, &good).unwrap();
         assert_ne!(seen(&renderer), before);
+        let emissions = vec![Some(Emission { light: 0, luma: 1.0 }); flat.tables.corners.len()];
+        let shining = SceneTables { emissions, ..flat.tables.clone() };
+        let mut renderer = Renderer::new(Scene::new(&shining).unwrap(), Some(1)).unwrap();
+        assert!(matches!(renderer.deform(1, 1, &good), Err(Error::Argument(_))));
     }
 }

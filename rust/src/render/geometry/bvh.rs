@@ -320,4 +320,64 @@ mod tests {
             assert_eq!(sorted, (0..index(count)).collect::<Vec<_>>());
         }
     }
+
+    /// A tree that was fitted to what has moved holds it: in the boxes of its leaves, in those around them, and in its ball.
+    #[test]
+    fn a_refitted_tree_holds_what_has_moved() {
+        let bounds: Vec<Bounds> = (0..300u32)
+            .map(|i| {
+                let low = [f64::from(i % 7), f64::from(i % 11), f64::from(i % 13)].map(|x| 0.1 * x);
+                Bounds { low, high: low.map(|x| x + 0.05) }
+            })
+            .collect();
+        let (mut bvh, order) = Bvh::new(bounds.iter().copied(), false);
+        let moved = |at: &u32| {
+            let Bounds { low, high } = bounds[*at as usize];
+            let by = [10.0, f64::from(at % 5), -3.0];
+            Bounds { low: std::array::from_fn(|i| low[i] + by[i]), high: std::array::from_fn(|i| high[i] + by[i]) }
+        };
+        let now: Vec<Bounds> = order.iter().map(moved).collect();
+        assert!(bvh.is_missed([10.5, 1.0, -50.0], [0.0, 0.0, 1.0]));
+        bvh.refit(&now);
+        let holds = |boxes: &Boxes, lane: usize, inner: &Bounds| {
+            (0..3).all(|i| {
+                f64::from(boxes.low[i][lane]) <= inner.low[i] && f64::from(boxes.high[i][lane]) >= inner.high[i]
+            })
+        };
+        let mut leaves = 0;
+        for node in &bvh.nodes {
+            for lane in 0..node.used {
+                let (first, count) = (node.first[lane] as usize, node.count[lane] as usize);
+                leaves += count;
+                assert!(now[first..first + count * usize::from(count > 0)].iter().all(|one| holds(
+                    &node.boxes,
+                    lane,
+                    one
+                )));
+                if count == 0 {
+                    let below = &bvh.nodes[first];
+                    let inner = |k: usize| Bounds {
+                        low: [0, 1, 2].map(|i| f64::from(below.boxes.low[i][k])),
+                        high: [0, 1, 2].map(|i| f64::from(below.boxes.high[i][k])),
+                    };
+                    assert!((0..below.used).all(|k| holds(&node.boxes, lane, &inner(k))));
+                }
+            }
+        }
+        assert_eq!(leaves, 300);
+        let around = now.iter().fold(Bounds::NONE, |all, one| all.with(one));
+        assert!((bvh.reach - around.high[0]).abs() < 1e-12);
+        // Past a corner of the box, across its diagonal: just inside of the ball, and just outside.
+        let (middle, corner) = (around.centre(), around.high);
+        let across = [corner[1] - middle[1], middle[0] - corner[0], 0.0];
+        for (reach, missed) in [(0.999, false), (1.001, true)] {
+            let near: Vector = std::array::from_fn(|i| middle[i] + reach * (corner[i] - middle[i]));
+            let origin = std::array::from_fn(|i| near[i] - 4.0 * across[i]);
+            assert_eq!(bvh.is_missed(origin, across), missed);
+        }
+        for (x, missed) in [(10.5, false), (0.5, true)] {
+            assert_eq!(bvh.is_missed([x, 1.0, -50.0], [0.0, 0.0, 1.0]), missed);
+            assert!(bvh.is_missed([x, 1.0, -50.0], [0.0, 0.0, -1.0]));
+        }
+    }
 }
