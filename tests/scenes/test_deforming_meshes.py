@@ -13,6 +13,7 @@ from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
 from davis_rs import DecodeError, Scene, SegmentTrajectory, VertexKeyframes, load_scene, simulate
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.geometry.pose import Pose
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
@@ -425,17 +426,45 @@ def test_morph_targets_move_vertices(tmp_path: Path) -> None:
     assert deformation.fastest(np.array([0.75]))[0] >= np.linalg.norm(expected) > 0.1
 
 
-def test_a_morph_that_rests_is_a_form(tmp_path: Path) -> None:
-    """Strengths that are not animated deform once and for all."""
+def test_what_does_not_move_has_its_form_for_good(tmp_path: Path) -> None:
+    """Strengths and joints that are not animated deform once, also in a mirror; light can be baked on such a mesh."""
+    gltf = Gltf()
+    corners, faces = strip()
+    mesh = gltf.mesh(corners, faces, uv=corners[:, :2])
+    gltf.document["meshes"][mesh]["primitives"][0]["targets"] = [{"POSITION": gltf.array(corners)}]
+    gltf.node(mesh=mesh, weights=[0.5], scale=[-1, 1, 1])
+    still = bent()
+    still.document["animations"] = []
+    still.document["nodes"][0]["rotation"] = Rotation.from_euler("z", 30, degrees=True).as_quat().tolist()
+    (tmp_path / "bent").mkdir()
+    for scene, high in ((load(gltf, tmp_path), 1.5 * HIGH), (load(still, tmp_path / "bent"), 1 + 3**0.5 / 2 + 0.15)):
+        assert not scene.deformations
+        assert not scene.objects
+        with variant(SCALAR) as (mi, _):
+            (shape_of,) = (each for each in load_scene_source(scene.source(), mi).shapes() if each.is_mesh())
+            at = np.array(shape_of.vertex_positions_buffer()).reshape(-1, 3)
+            normal = np.array(shape_of.face_normal(0)).ravel()
+        assert at[:, 2].max() == pytest.approx(high, abs=1e-5)
+        assert normal[1] == pytest.approx(-1.0, abs=1e-5)
+
+
+def test_cubic_strengths_stay_within_their_bound(tmp_path: Path) -> None:
     gltf = Gltf()
     corners, faces = strip()
     mesh = gltf.mesh(corners, faces)
-    gltf.document["meshes"][mesh]["primitives"][0]["targets"] = [{"POSITION": gltf.array(corners)}]
-    gltf.node(mesh=mesh, weights=[0.5])
+    gltf.document["meshes"][mesh]["primitives"][0]["targets"] = [{"POSITION": gltf.array(np.full((18, 3), 1.0))}]
+    node = gltf.node(mesh=mesh)
+    # Tangents of 10 on both sides: it overshoots by far.
+    gltf.animate(node, "weights", [0.0, 1.0], [10.0, 0.0, 10.0, -10.0, 0.5, -10.0], "CUBICSPLINE")
     _, deformation = deformation_of(load(gltf, tmp_path))
-    (at_rest,) = deformation.meshes(np.zeros(1))
-    assert at_rest.positions[:, 2].max() == pytest.approx(1.5 * HIGH)
-    assert deformation.fastest(np.array([0.0, 0.5])).max() == 0
+    times = np.linspace(0, 1, 41)
+    hull = deformation.hull(times)
+    reached = 0.0
+    for points, form in zip(hull, deformation.meshes(times), strict=True):
+        assert (form.positions >= points.min(0) - 1e-9).all()
+        assert (form.positions <= points.max(0) + 1e-9).all()
+        reached = max(reached, form.positions[:, 0].max() - 0.3)
+    assert reached > 2
 
 
 def test_a_scale_that_is_animated_deforms(tmp_path: Path) -> None:

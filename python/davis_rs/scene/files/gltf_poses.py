@@ -90,6 +90,15 @@ class Track(NamedTuple):
         rate = (6 * s**2 - 6 * s) * (first - second) + (3 * s**2 - 4 * s + 1) * start + (3 * s**2 - 2 * s) * end
         return result, rate / span
 
+    def largest(self) -> FloatArray:
+        """Return bounds (width,) on the magnitude of the values at any time."""
+        largest = np.abs(self.values).max(0)
+        if self.tangents is None or len(self.times) == 1:
+            return largest
+        # Between two keyframes each tangent adds at most 4/27 of what it goes in the time between them.
+        steepest = np.max([np.abs(tangents).max(0) for tangents in self.tangents], 0)
+        return np.asarray(largest + 8 / 27 * np.diff(self.times).max() * steepest)
+
     @property
     def moves(self) -> bool:
         """Whether the value changes."""

@@ -27,9 +27,9 @@ from ..skinned_mesh import SkinnedMesh
 from .default_view import default_view
 from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
-from .gltf_mesh import GltfMeshes, Primitive, joined, joined_vertices
+from .gltf_mesh import GltfMeshes, Primitive, Vertices, joined, joined_vertices
 from .gltf_nodes import NodeTree, NotRigid, breaks
-from .gltf_poses import Node
+from .gltf_poses import Node, Track
 from .mesh_scene import Axis, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .rounding import ROUNDING
 
@@ -172,7 +172,11 @@ class _GltfScene:
             if node.item.mesh is None:
                 continue
             if self._deforms(node):
-                deforming.append(node)
+                if self._keeps_its_form(node):
+                    for primitive in self._formed(node):
+                        at_rest.setdefault(primitive.kind, []).append(primitive)
+                else:
+                    deforming.append(node)
                 continue
             copies = self.tree.instances(node.index)
             if not self.tree.moves(node.index):
@@ -222,13 +226,48 @@ class _GltfScene:
 
     def _deformed(self, node: Node) -> Iterator[tuple[MeshPart, Deformation]]:
         """Yield the parts of a node that deforms, as they are at first, and what deforms each."""
+        for alike in _by_kind(self.meshes.deforming(node.item, f"nodes[{node.index}]")):
+            skinned, mirrored = self._skinned(node, joined_vertices(alike))
+            part = self._part(alike)
+            (at_first,) = skinned.meshes(np.zeros(1))
+            normals = None if at_first.normals is None else at_first.normals.reshape(-1, 3, 3)
+            part = part.turned() if mirrored else part
+            yield part._replace(corners=at_first.positions.reshape(-1, 3, 3), normals=normals), skinned
+
+    def _formed(self, node: Node) -> Iterator[Primitive]:
+        """Yield the primitives of a node whose skin and morph targets give it a form for good, in the world."""
+        for primitive in self.meshes.deforming(node.item, f"nodes[{node.index}]"):
+            skinned, mirrored = self._skinned(node, joined_vertices([primitive]))
+            (form,) = skinned.meshes(np.zeros(1))
+            turn = slice(None, None, -1) if mirrored else slice(None)
+            yield primitive._replace(
+                corners=form.positions.reshape(-1, 3, 3),
+                normals=None if form.normals is None else form.normals.reshape(-1, 3, 3),
+                uv=None if primitive.uv is None else primitive.uv[:, turn],
+                colours=None if primitive.colours is None else primitive.colours[:, turn],
+                vertices=None,
+            )
+
+    def _deforming_tracks(self, node: Node) -> tuple[Track, list[int], FloatArray]:
+        """Return the strengths of a node's morph targets, its joints, and the inverses of where these were bound."""
         where, tree = f"nodes[{node.index}]", self.tree
         if len(tree.instances(node.index)) > 1:
             raise self.file.error(where, "has copies, and deforms, which is not read: export the copies as nodes")
         nodes, inverse = [node.index], np.eye(4)[None]
         if node.item.skin is not None:
             nodes, inverse = self._joints(node.item.skin, where)
-        track = tree.strengths(node.index, self.meshes.morph_strengths(node.item, where))
+        return tree.strengths(node.index, self.meshes.morph_strengths(node.item, where)), nodes, inverse
+
+    def _keeps_its_form(self, node: Node) -> bool:
+        """Return whether a node that deforms does so once and for all, because nothing moves its joints."""
+        strengths, nodes, _ = self._deforming_tracks(node)
+        return len(strengths.times) == 1 and not any(self.tree.moves(index) for index in nodes)
+
+    def _skinned(self, node: Node, vertices: Vertices) -> tuple[SkinnedMesh, bool]:
+        """Return what deforms vertices of a node, and whether it turns their triangles over."""
+        tree, count = self.tree, len(vertices.targets)
+        self.file.budget.take(_VERTEX_BYTES * len(vertices.positions), f"nodes[{node.index}]: vertices that deform")
+        track, nodes, inverse = self._deforming_tracks(node)
         tracks = [track, *(placing for index in nodes for placing in tree.tracks_of(index))]
         duration_s = tree.duration_s or 1.0
 
@@ -236,39 +275,27 @@ class _GltfScene:
             matrix, rate = tree.matrices_of(nodes, t_s)
             return self.to_world @ matrix @ inverse, self.to_world @ rate @ inverse
 
-        for alike in _by_kind(self.meshes.deforming(node.item, where)):
-            vertices = joined_vertices(alike)
-            count = len(vertices.targets)
-            self.file.budget.take(_VERTEX_BYTES * len(vertices.positions), f"{where}: its vertices, which deform")
-            tangents = [] if track.tangents is None else list(track.tangents)
-            strongest = np.max([np.abs(values).max(0) for values in (track.values, *tangents)], 0) if count else []
+        def strengths(t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+            values, rates = track.at(t_s, tree.duration_s)
+            return values[:, :count], rates[:, :count]
 
-            def strengths(t_s: FloatArray, count: int = count) -> tuple[FloatArray, FloatArray]:
-                values, rates = track.at(t_s, tree.duration_s)
-                return values[:, :count], rates[:, :count]
-
-            skinned = SkinnedMesh(
-                rest=DeformedMesh(vertices.positions, vertices.normals),
-                vertices=vertices.faces.ravel(),
-                joint_count=len(nodes),
-                joints=vertices.joints,
-                weights=vertices.weights,
-                matrices=matrices,
-                targets=vertices.targets,
-                target_normals=vertices.target_normals,
-                strengths=strengths,
-                most=np.asarray(strongest, np.float64)[:count],
-                duration_s=duration_s,
-                breaks=breaks(tracks, duration_s),
-                name=node.name,
-            )
-            part = self._part(alike)
-            if skinned.is_mirrored():
-                skinned, part = skinned.turned(), part.turned()
-            (at_first,) = skinned.meshes(np.zeros(1))
-            corners = at_first.positions.reshape(-1, 3, 3)
-            normals = None if at_first.normals is None else at_first.normals.reshape(-1, 3, 3)
-            yield part._replace(corners=corners, normals=normals), skinned
+        skinned = SkinnedMesh(
+            rest=DeformedMesh(vertices.positions, vertices.normals),
+            vertices=vertices.faces.ravel(),
+            joint_count=len(nodes),
+            joints=vertices.joints,
+            weights=vertices.weights,
+            matrices=matrices,
+            targets=vertices.targets,
+            target_normals=vertices.target_normals,
+            strengths=strengths,
+            most=track.largest()[:count],
+            duration_s=duration_s,
+            breaks=breaks(tracks, duration_s),
+            name=node.name,
+        )
+        mirrored = skinned.is_mirrored()
+        return skinned.turned() if mirrored else skinned, mirrored
 
     def _joints(self, index: object, where: str) -> tuple[list[int], FloatArray]:
         """Return the nodes of a skin's joints, and the inverses (J, 4, 4) of where they were bound."""
