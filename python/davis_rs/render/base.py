@@ -199,7 +199,7 @@ class Renderer(ABC):
         Where it is not known which triangle a pixel sees, it is longer by the speed of the mesh's fastest point.
         """
         deformation = self.motion.deformations[list(self.motion.objects)[number - 1]]
-        speed = float(deformation.fastest(view.t_s)[0]) * max(self.camera.fx, self.camera.fy) / depth[:, None]
+        speed = self._centre_flow.fastest_of_motion(pixel, float(deformation.fastest(view.t_s)[0]), depth)[:, None]
         length = np.linalg.norm(flow, axis=1, keepdims=True)
         ahead = np.divide(flow, length, out=np.tile([1.0, 0.0], (len(flow), 1)), where=length > 0)
         return np.asarray(flow + speed * ahead)

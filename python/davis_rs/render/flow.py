@@ -55,6 +55,13 @@ class OpticalFlow:
         moved = np.einsum("mk,kcm->mc", velocities, by_velocity)
         return np.asarray(-moved / np.asarray(depth, np.float64)[:, None])
 
+    def fastest_of_motion(
+        self, pixel: npt.NDArray[np.int64], speed: float, depth: npt.NDArray[np.float32]
+    ) -> FloatArray:
+        """Return a bound (m,) on :meth:`of_motion`, in pixels per second, for whatever direction of this speed."""
+        by_velocity = self._by_velocity.reshape(3, 2, -1)[:, :, pixel]
+        return np.asarray(speed * np.sqrt((by_velocity**2).sum((0, 1))) / depth)
+
     def __call__(self, views: Views, depth: npt.ArrayLike) -> FloatArray:
         """Return flow (n, p, 2) in pixels per second, of surfaces at ``depth`` (n, p) or (p,): z in metres, inf for
         none.

@@ -61,11 +61,8 @@ def find_breaks(trajectory: Trajectory, motion: SceneMotion, start_us: int, end_
     for path in motion.objects.values():
         paths.append(_path_breaks(path, _object_breaks(path), 0))
     for deformation in motion.deformations.values():
-        # After its end a mesh keeps its form.
-        breaks_s = np.union1d(deformation.breaks_s(), [deformation.duration_s])
-        paths.append(
-            [Break(*item) for item in zip(_before_us(breaks_s, 0), deformation.jumps(breaks_s).tolist(), strict=True)]
-        )
+        breaks_s, jumps = deformation.breaks_and_jumps
+        paths.append([Break(*item) for item in zip(_before_us(breaks_s, 0), jumps, strict=True)])
     paths.append([Break(t_us, False) for t_us in _before_us(motion.bends_s, 0)])
     merged = heapq.merge(*paths, *(_light_breaks(light, start_us, end_us) for light in motion.lights.values()))
     for before_us, same in groupby(merged, key=lambda item: item.before_us):

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..geometry.pose import FloatArray
+
+AT_ONCE = 64
+"""Instants that are computed together: matrices of thousands of joints take megabytes each."""
 
 _STEP_S = 1e-6
 _SMALLEST_JUMP = 1e-9
@@ -67,22 +71,47 @@ class Deformation(ABC):
 
     def box(self) -> FloatArray:
         """Return the lowest and the highest corner (2, 3) of a box that holds the mesh at all times."""
+        return self._box
+
+    @cached_property
+    def _box(self) -> FloatArray:
         grid = np.unique(np.concatenate([np.linspace(0.0, self.duration_s, 129), self.breaks_s()]))
-        points = self.hull(grid)
+        hulls = [self.hull(some) for some in _blocks(grid)]
         # Between two instants a point goes no farther from the nearer one than for half of the time.
-        speed = self.fastest(np.unique(np.concatenate([grid, (grid[1:] + grid[:-1]) / 2])))
-        slack = float(np.diff(grid).max(initial=0.0)) / 2 * float(speed.max())
-        return np.stack([points.min((0, 1)) - slack, points.max((0, 1)) + slack])
+        times = np.unique(np.concatenate([grid, (grid[1:] + grid[:-1]) / 2]))
+        speed = max(float(self.fastest(some).max()) for some in _blocks(times))
+        slack = float(np.diff(grid).max(initial=0.0)) / 2 * speed
+        low, high = (np.min([hull.min((0, 1)) for hull in hulls], 0), np.max([hull.max((0, 1)) for hull in hulls], 0))
+        return np.stack([low - slack, high + slack])
 
     def jumps(self, t_s: FloatArray) -> npt.NDArray[np.bool_]:
         """Return whether the mesh jumps at each of the times (n,), by more than its velocities explain."""
-        before, after = self.hull(t_s - _STEP_S), self.hull(t_s + _STEP_S)
-        explained = _STEP_S * (self.fastest(t_s - _STEP_S) + self.fastest(t_s + _STEP_S))
-        return np.asarray(np.linalg.norm(after - before, axis=2).max(1) > 2 * explained + _SMALLEST_JUMP)
+        jumps = [np.zeros(0, np.bool_)]
+        for some in _blocks(t_s):
+            before, after = self.hull(some - _STEP_S), self.hull(some + _STEP_S)
+            explained = _STEP_S * (self.fastest(some - _STEP_S) + self.fastest(some + _STEP_S))
+            jumps.append(np.linalg.norm(after - before, axis=2).max(1) > 2 * explained + _SMALLEST_JUMP)
+        return np.concatenate(jumps)
+
+    @cached_property
+    def breaks_and_jumps(self) -> tuple[FloatArray, list[bool]]:
+        """The times of :meth:`breaks_s` and the end, from which on the mesh keeps its form; and whether it jumps
+        there."""
+        times = np.union1d(self.breaks_s(), [self.duration_s])
+        jumps: list[bool] = self.jumps(times).tolist()
+        return times, jumps
+
+    def moves(self, t_s: FloatArray) -> npt.NDArray[np.bool_]:
+        """Return whether each of the times (n,) lies within the motion."""
+        return np.asarray((t_s >= 0) & (t_s <= self.duration_s))
 
     def retimed(self, start_s: float, pace: float = 1.0) -> Deformation:
         """Return the same motion by another clock, whose second t is ``start_s + pace * t`` of this one's."""
         return self if (start_s, pace) == (0.0, 1.0) else _Retimed(self, start_s, pace)
+
+
+def _blocks(t_s: FloatArray) -> Iterator[FloatArray]:
+    return (t_s[first : first + AT_ONCE] for first in range(0, len(t_s), AT_ONCE))
 
 
 class _Retimed(Deformation):
@@ -99,16 +128,14 @@ class _Retimed(Deformation):
         return self._of.meshes(self._own(t_s))
 
     def velocities(self, t_s: FloatArray) -> Iterator[FloatArray]:
-        moves = (t_s >= 0) & (t_s <= self.duration_s)
-        for own, moving in zip(self._of.velocities(self._own(t_s)), moves, strict=True):
+        for own, moving in zip(self._of.velocities(self._own(t_s)), self.moves(t_s), strict=True):
             yield own * (self._pace * moving)
 
     def hull(self, t_s: FloatArray) -> FloatArray:
         return self._of.hull(self._own(t_s))
 
     def fastest(self, t_s: FloatArray) -> FloatArray:
-        moves = (t_s >= 0) & (t_s <= self.duration_s)
-        return self._of.fastest(self._own(t_s)) * (self._pace * moves)
+        return self._of.fastest(self._own(t_s)) * (self._pace * self.moves(t_s))
 
     def breaks_s(self) -> FloatArray:
         breaks = (self._of.breaks_s() - self._start_s) / self._pace

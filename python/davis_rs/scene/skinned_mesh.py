@@ -10,17 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from ..geometry.box import box_corners
 from ..geometry.pose import FloatArray
-from .deformation import Deformation, DeformedMesh
+from .deformation import AT_ONCE, Deformation, DeformedMesh
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 OverTime = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """A function of times (n,) in seconds that gives values and their rates per second, (n, ...) each."""
-
-_AT_ONCE = 1 << 12
-"""Instants for which the joints' matrices are in memory at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +95,12 @@ class SkinnedMesh(Deformation):
     def fastest(self, t_s: FloatArray) -> FloatArray:
         """Return a bound on speed, see :meth:`Deformation.fastest`: that of the corners of the joints' boxes."""
         matrices, rates = self.matrices(self._within(t_s))
-        moving = self._moves(t_s)
         speed = np.linalg.norm(self._moved(rates), axis=2).max(1)
         if len(self.most):
             _, changes = self.strengths(self._within(t_s))
             stretch = np.linalg.norm(matrices[:, :, :3, :3], axis=(2, 3)).max(1)
             speed = speed + stretch * (np.abs(changes) @ np.linalg.norm(self.targets, axis=2).max(1))
-        return np.asarray(speed * moving)
+        return np.asarray(speed * self.moves(t_s))
 
     def breaks_s(self) -> FloatArray:
         """Return the times at which the animation is not smooth."""
@@ -123,18 +120,15 @@ class SkinnedMesh(Deformation):
         return replace(self, vertices=self.vertices.reshape(-1, 3)[:, ::-1].ravel())
 
     def _states(self, t_s: FloatArray) -> Iterator[tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]]:
-        for first in range(0, len(t_s), _AT_ONCE):
-            t = t_s[first : first + _AT_ONCE]
+        for first in range(0, len(t_s), AT_ONCE):
+            t = t_s[first : first + AT_ONCE]
             matrices, rates = self.matrices(self._within(t))
             strengths, changes = self.strengths(self._within(t))
-            for i, moves in enumerate(self._moves(t)):
+            for i, moves in enumerate(self.moves(t)):
                 yield (matrices[i], rates[i] * moves), (strengths[i], changes[i] * moves)
 
     def _within(self, t_s: FloatArray) -> FloatArray:
         return np.clip(t_s, 0.0, self.duration_s)
-
-    def _moves(self, t_s: FloatArray) -> npt.NDArray[np.bool_]:
-        return np.asarray((t_s >= 0) & (t_s <= self.duration_s))
 
     def _morphed(self, strengths: FloatArray) -> FloatArray:
         return self.rest.positions + np.tensordot(strengths, self.targets, 1)
@@ -160,12 +154,9 @@ class SkinnedMesh(Deformation):
         low, high = self.rest.positions - around, self.rest.positions + around
         moved = self.weights > 0
         used = np.unique(self.joints[moved])
-        corners = np.empty((len(used), 8, 3))
-        for number, joint in enumerate(used):
-            rows = ((self.joints == joint) & moved).any(1)
-            ends = np.stack([low[rows].min(0), high[rows].max(0)])
-            corners[number] = [[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-        return used, corners
+        of_joint = [((self.joints == joint) & moved).any(1) for joint in used]
+        ends = np.stack([[low[rows].min(0) for rows in of_joint], [high[rows].max(0) for rows in of_joint]])
+        return used, box_corners(ends)
 
     def _moved(self, matrices: FloatArray) -> FloatArray:
         """Return the corners of the boxes where matrices (n, J, 4, 4) take them, (n, k, 3); of rates, the velocities

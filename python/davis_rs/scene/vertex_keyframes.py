@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.argument_error import ArgumentError
+from ..geometry.box import box_corners
 from ..geometry.pose import FloatArray
 from .deformation import Deformation, DeformedMesh
 
@@ -46,10 +47,7 @@ class VertexKeyframes(Deformation):
         moved = np.diff(self._positions, axis=0) / span
         self._speeds = np.linalg.norm(moved, axis=2).max(1)
         ends = np.stack([self._positions.min(1), self._positions.max(1)])
-        which = [(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-        self._corners = np.stack([[ends[end, :, axis] for axis, end in enumerate(each)] for each in which]).transpose(
-            2, 0, 1
-        )
+        self._corners = box_corners(ends)
 
     def meshes(self, t_s: FloatArray) -> Iterator[DeformedMesh]:
         """Yield the mesh at each of the times, see :meth:`Deformation.meshes`."""
@@ -63,7 +61,7 @@ class VertexKeyframes(Deformation):
 
     def velocities(self, t_s: FloatArray) -> Iterator[FloatArray]:
         """Yield the vertices' velocities, see :meth:`Deformation.velocities`."""
-        for number, moves in zip(self._segments(t_s)[0], self._moves(t_s), strict=True):
+        for number, moves in zip(self._segments(t_s)[0], self.moves(t_s), strict=True):
             moved = self._positions[number + 1] - self._positions[number]
             yield moved * (moves / (self._t_s[number + 1] - self._t_s[number]))
 
@@ -77,7 +75,7 @@ class VertexKeyframes(Deformation):
         """Return the speed of the fastest vertex, or of a corner of the box if that is faster."""
         span = np.diff(self._t_s)
         of_box = np.linalg.norm(np.diff(self._corners, axis=0), axis=2).max(1) / span
-        return np.asarray(np.maximum(self._speeds, of_box)[self._segments(t_s)[0]] * self._moves(t_s))
+        return np.asarray(np.maximum(self._speeds, of_box)[self._segments(t_s)[0]] * self.moves(t_s))
 
     def breaks_s(self) -> FloatArray:
         """Return the times at which vertices change their direction."""
@@ -92,9 +90,6 @@ class VertexKeyframes(Deformation):
         number = np.clip(np.searchsorted(self._t_s, t_s, side="right") - 1, 0, len(self._t_s) - 2)
         span = self._t_s[number + 1] - self._t_s[number]
         return number, np.clip((t_s - self._t_s[number]) / span, 0.0, 1.0)
-
-    def _moves(self, t_s: FloatArray) -> npt.NDArray[np.bool_]:
-        return np.asarray((t_s >= 0) & (t_s <= self.duration_s))
 
 
 def _between(values: FloatArray, number: int, fraction: float) -> FloatArray:

@@ -5,9 +5,11 @@
 //!
 //! What must not break: a scene depends on the corners that it was given last, not on those before.
 
-use super::geometry::vector::{Bounds, Vector, dot, sub};
+use std::sync::OnceLock;
+
+use super::geometry::vector::{Bounds, Vector, sub};
 use super::renderer::Renderer;
-use super::scene::{Scene, has_area, is_smooth};
+use super::scene::{Scene, about, has_area, is_smooth};
 use crate::error::{Error, Result};
 
 /// What a body's triangles are after a deformation, in the order of their numbers, as in
@@ -35,7 +37,8 @@ impl Renderer {
     /// changes.
     pub fn deform(&mut self, frame: usize, first: u32, new: &Deformed) -> Result<()> {
         self.scene.deform(frame, first, new)?;
-        self.forget_edges();
+        // The scene has others now.
+        self.edges = OnceLock::new();
         Ok(())
     }
 }
@@ -45,7 +48,7 @@ impl Scene {
         self.check_deformed(frame, first, new)?;
         let body = &mut self.frames[frame];
         let (range, centre) = (body.triangles.clone(), body.centre);
-        let moved = |map: [f64; 4]| [map[0], map[1], map[2], map[3] + dot([map[0], map[1], map[2]], centre)];
+        let moved = |map: [f64; 4]| about(centre, map);
         for (surface, corners) in self.surfaces[range.clone()].iter_mut().zip(&mut self.corners[range.clone()]) {
             let at = (surface.number - first) as usize;
             *corners = new.corners[at].map(|corner: Vector| sub(corner, centre));
@@ -93,6 +96,7 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
+    use super::super::geometry::vector::{cross, dot, scale};
     use super::super::time::edges::Edges;
     use super::super::{Emission, Light, LightKind, PixelRays, Pose, SceneTables, View};
     use super::*;
@@ -106,7 +110,6 @@ mod tests {
     const SIDE: usize = 12;
 
     fn plane(corners: &[[f64; 3]; 3]) -> [f64; 4] {
-        use super::super::geometry::vector::{cross, scale};
         let [a, b, c] = *corners;
         let normal = cross(sub(b, a), sub(c, a));
         let normal = scale(normal, 1.0 / dot(normal, normal).sqrt());

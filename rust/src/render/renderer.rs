@@ -105,11 +105,6 @@ impl Renderer {
         &self.scene
     }
 
-    /// Forgets the edges, because the scene has others now.
-    pub(crate) fn forget_edges(&mut self) {
-        self.edges = OnceLock::new();
-    }
-
     /// Returns how many threads of its own it has; none where it takes all that there are.
     #[must_use]
     pub fn threads(&self) -> Option<usize> {

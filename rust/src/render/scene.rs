@@ -230,7 +230,7 @@ impl Scene {
         let textures = &self.textures;
         let surface = |at: &u32| {
             let i = members[*at as usize];
-            let moved = |map: [f64; 4]| [map[0], map[1], map[2], map[3] + dot([map[0], map[1], map[2]], centre)];
+            let moved = |map: [f64; 4]| about(centre, map);
             let plane = moved(tables.planes[i]);
             let normal = tables.normal_maps.get(i).map(|maps| maps.map(moved)).filter(|maps| is_smooth(maps, &plane));
             Surface {
@@ -320,6 +320,12 @@ pub(crate) fn has_area(corners: &[Vector; 3]) -> bool {
     let [a, b, c] = *corners;
     let normal = cross(sub(b, a), sub(c, a));
     largest(normal) > 0.0 && largest(normal).is_finite() && corners.iter().flatten().all(|x| x.is_finite())
+}
+
+/// Returns an affine map of points for points that are given less a centre.
+pub(crate) fn about(centre: Vector, map: [f64; 4]) -> [f64; 4] {
+    let [x, y, z, offset] = map;
+    [x, y, z, offset + dot([x, y, z], centre)]
 }
 
 /// Returns whether the shading normal is another than the plane's.

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from ...geometry.box import box_corners
 from ..motion.scene_motion import SceneMotion, held
 
 FloatArray = npt.NDArray[np.float64]
@@ -77,7 +78,7 @@ def motion_times(motion: SceneMotion, duration_s: float | None) -> MotionTimes:
         poses = held(path, looks)
         size = max(float(np.linalg.norm(box[1] - box[0])), 1e-9)
         # How far the corners of its box go, which tells shifts and turns in one.
-        corners = np.stack(np.meshgrid(*box.T, indexing="ij"), -1).reshape(-1, 3)
+        corners = box_corners(box)
         at = np.einsum("nij,kj->nki", poses.rotations, corners) + poses.positions[:, None]
         steps = np.linalg.norm(np.diff(at, axis=0), axis=-1).max(1)
         gone = np.maximum(gone, steps / size / _SIZES_PER_TEST)

@@ -121,9 +121,12 @@ class NativeRenderer(Renderer):
         Raises:
             ValueError: for lines, or where meshes deform; ``what`` says in the message what needs them.
         """
+        self._check_rigid(what)
+        return self._estimator.known_rays()
+
+    def _check_rigid(self, what: str) -> None:
         if self.deforming:
             raise ValueError(f"{what} need rigid meshes, and {next(iter(self.motion.deformations))!r} deforms")
-        return self._estimator.known_rays()
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
         if self.deforming:
@@ -135,14 +138,9 @@ class NativeRenderer(Renderer):
         return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        if not self.deforming:
-            return self._estimator.samples(self._core, self._arrays(views), view, pixel, rays)
         luma = np.empty(len(view), np.float32)
-        seen = np.unique(view)
-        for i in self.deforming.each(views.t_s[seen]):
-            rows = np.flatnonzero(view == seen[i])
-            one = self._arrays(views[int(seen[i]) : int(seen[i]) + 1])
-            luma[rows] = self._estimator.samples(self._core, one, np.zeros_like(rows), pixel[rows], rays)
+        for some, number, rows in self.deforming.batches(views, view):
+            luma[rows] = self._estimator.samples(self._core, self._arrays(some), number, pixel[rows], rays)
         return luma
 
     def gradients(
@@ -204,14 +202,12 @@ class NativeRenderer(Renderer):
             n mod 64 is flipped for each light n that something hides); and luma.
         """
         shape = len(pixel), self.rays_per_pixel
-        triangle, hidden, luma = self._core.ray_hits(
-            self._known_rays("hits of single rays"), self._arrays(views), view, pixel
-        )
+        triangle, hidden, luma = self._core.ray_hits(self._known_rays("hits of rays"), self._arrays(views), view, pixel)
         return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
 
     def ray_luma(self, views: Views, rays: FloatArray) -> FloatArray:
         """Return luma (n,), in float64, along one ray of each of n views: (n, 3), x, y and 1 in camera axes."""
-        self._known_rays("luma along single rays")
+        self._check_rigid("single rays")
         parts = [np.zeros(0)]
         for first in range(0, len(views), _MOST_ACROSS):
             block = views[first : first + _MOST_ACROSS]
@@ -254,13 +250,11 @@ class NativeRenderer(Renderer):
         self, number: int, view: Views, pixel: Indices, depth: npt.NDArray[np.float32], flow: FloatArray
     ) -> FloatArray:
         which, camera = np.zeros(len(pixel), np.uint32), self.cameras(view)[number]
-        for _ in self.deforming.each(view.t_s):
-            _, triangle = self._core.hits(
-                pixel_rays(self.camera, 1), self._arrays(view), which, pixel.astype(np.uint32)
-            )
+        self.deforming.deform(view.t_s)
+        _, triangle = self._core.hits(pixel_rays(self.camera, 1), self._arrays(view), which, pixel.astype(np.uint32))
         rays = np.c_[ray_table(self.camera, 1)[0][pixel], np.ones(len(pixel))]
         points = (rays * depth[:, None]) @ camera.rotations[0].T + camera.positions[0]
-        velocities = self.deforming.velocities(number, triangle.astype(np.int64), points, float(view.t_s[0]))
+        velocities = self.deforming.velocities(number, triangle.astype(np.int64), points)
         return np.asarray(flow + self._centre_flow.of_motion(pixel, velocities @ camera.rotations[0], depth))
 
     def shapes_seen(self, views: Views, view: Indices, pixel: Indices) -> tuple[Indices, npt.NDArray[np.bool_]]:
@@ -274,19 +268,20 @@ class NativeRenderer(Renderer):
             The number (m,) of a shape in the names of :attr:`table`, -1 where nothing is hit; and bool (m,), whether
             the side is seen on which a triangle's corners run clockwise.
         """
-        if self.deforming:
-            raise ValueError("what shapes pixels see is known of rigid meshes alone")
-        _, triangle = self._core.hits(
-            pixel_rays(self.camera, 1), self._arrays(views), view.astype(np.uint32), pixel.astype(np.uint32)
-        )
-        missed = triangle >= len(self.table.planes)
-        triangle = np.where(missed, 0, triangle)
-        rays = np.c_[ray_table(self.camera, 1)[0][pixel], np.ones(len(pixel))]
-        rotations = np.stack([camera.rotations for camera in self.cameras(views)])
-        along = rotations[self._frame_of_triangle[triangle], view] @ rays[:, :, None]
-        back = np.einsum("mi,mij->m", self.table.planes[triangle, :3], along) > 0
-        shapes = np.repeat(np.arange(len(self.table.counts)), self.table.counts)[triangle]
-        return np.where(missed, -1, shapes), back & ~missed
+        shapes, back = np.empty(len(view), np.int64), np.empty(len(view), np.bool_)
+        of_triangle = np.repeat(np.arange(len(self.table.counts)), self.table.counts)
+        for some, number, rows in self.deforming.batches(views, view):
+            _, triangle = self._core.hits(
+                pixel_rays(self.camera, 1), self._arrays(some), number.astype(np.uint32), pixel[rows].astype(np.uint32)
+            )
+            missed = triangle >= len(of_triangle)
+            triangle = np.where(missed, 0, triangle)
+            rays = np.c_[ray_table(self.camera, 1)[0][pixel[rows]], np.ones(len(rows))]
+            rotations = np.stack([camera.rotations for camera in self.cameras(some)])
+            along = rotations[self._frame_of_triangle[triangle], number] @ rays[:, :, None]
+            shapes[rows] = np.where(missed, -1, of_triangle[triangle])
+            back[rows] = (np.einsum("mi,mij->m", self.deforming.planes[triangle, :3], along) > 0) & ~missed
+        return shapes, back
 
     def _shape(self, views: Views) -> tuple[int, int, int]:
         return len(views), self.camera.height, self.camera.width

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._core import SceneRenderer
+from ...geometry.trajectory.views import Views
 from ...scene.deformation import Deformation, DeformedMesh
 from ..mesh_buffers import MeshBuffers
-from .mesh_triangles import MeshTriangles
+from .mesh_triangles import MeshTriangles, flat_normal_maps
 
 FloatArray = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,24 +42,15 @@ class DeformingMesh:
     def triangles(self, mesh: DeformedMesh) -> MeshTriangles:
         """Return the triangles of the deformed mesh."""
         triangles = MeshTriangles(MeshBuffers(self.faces, mesh.positions, None, mesh.normals), uv=self.uv)
-        return triangles.with_area()
+        triangles.replace_flat()
+        return triangles
 
-    def put(self, core: SceneRenderer, triangles: MeshTriangles) -> FloatArray:
-        """Give the core the triangles, and return their planes (m, 4)."""
-        planes = triangles.planes() * self.side
-        none = np.zeros((triangles.count, 4))
-        u, v = (none, none) if self.uv is None else triangles.texture_maps()
-        normals = None if triangles.vertex_normals is None else triangles.normal_maps()[0] * self.side
-        core.deform(
-            self.frame,
-            self.first,
-            triangles.corners.ravel(),
-            planes.ravel(),
-            u.ravel(),
-            v.ravel(),
-            None if normals is None else normals.ravel(),
-        )
-        return planes
+
+class _Form(NamedTuple):
+    """Holds a mesh as it is at an instant; normal maps are None where it is flat."""
+
+    triangles: MeshTriangles
+    normal_maps: FloatArray | None
 
 
 class DeformingMeshes:
@@ -64,7 +58,7 @@ class DeformingMeshes:
 
     Args:
         core: with all triangles of the scene.
-        meshes: those that deform.
+        meshes: those that deform; the others of the scene are rigid.
         deformations: by the meshes' names.
         planes: (n, 4), of all triangles.
 
@@ -79,53 +73,97 @@ class DeformingMeshes:
         deformations: Mapping[str, Deformation],
         planes: FloatArray,
     ) -> None:
-        self._core, self._meshes, self._deformations = core, meshes, deformations
+        self._core, self._deformations = core, deformations
+        self._meshes = {mesh.frame: mesh for mesh in meshes}
         self.planes = planes.copy() if meshes else planes
-        self._now: dict[int, MeshTriangles] = {}
+        self._now: dict[int, _Form] = {}
+        self._t_s = np.zeros(1)
 
     def __bool__(self) -> bool:
+        """Return whether any mesh deforms."""
         return bool(self._meshes)
 
     def each(self, t_s: FloatArray) -> Iterator[int]:
         """Deform the meshes as they are at each of the times (n,), and yield its number."""
-        every = [self._deformations[mesh.name].meshes(t_s) for mesh in self._meshes]
+        every = [self._deformations[mesh.name].meshes(t_s) for mesh in self._meshes.values()]
         for number, deformed in enumerate(zip(*every, strict=True)):
-            for mesh, form in zip(self._meshes, deformed, strict=True):
-                triangles = mesh.triangles(form)
-                self.planes[mesh.first : mesh.first + triangles.count] = mesh.put(self._core, triangles)
-                self._now[mesh.frame] = triangles
+            for mesh, form in zip(self._meshes.values(), deformed, strict=True):
+                self._put(mesh, mesh.triangles(form))
+            self._t_s = t_s[number : number + 1]
             yield number
 
-    def normal_maps(self, frame: int, triangle: npt.NDArray[np.int64]) -> FloatArray | None:
+    def deform(self, t_s: FloatArray) -> None:
+        """Deform the meshes as they are at the one time (1,)."""
+        for _ in self.each(t_s):
+            pass
+
+    def batches(self, views: Views, view: Indices) -> Iterator[tuple[Views, Indices, Indices]]:
+        """Yield single pixels that see the meshes in the same form, deformed as they are then.
+
+        Args:
+            view: (m,) which of the views each pixel belongs to.
+
+        Yields:
+            Some of the views; of k pixels which of these they belong to (k,), and their rows (k,) in ``view``. Where no
+            mesh deforms that is all at once, else one view after the other.
+        """
+        if not self or not len(view):
+            yield views, view, np.arange(len(view))
+            return
+        seen = np.unique(view)
+        for i in self.each(views.t_s[seen]):
+            rows = np.flatnonzero(view == seen[i])
+            yield views[int(seen[i]) : int(seen[i]) + 1], np.zeros_like(rows), rows
+
+    def normal_maps(self, frame: int, triangle: Indices) -> FloatArray | None:
         """Return affine maps (m, 3, 4) to the shading normals of triangles (m,) of a mesh at the last instant; None
         for another object."""
-        mesh = self._mesh(frame)
-        return None if mesh is None else self._now[frame].normal_maps()[0][triangle - mesh.first]
+        if frame not in self._meshes:
+            return None
+        maps = self._now[frame].normal_maps
+        return (
+            flat_normal_maps(self.planes[triangle, :3]) if maps is None else maps[triangle - self._meshes[frame].first]
+        )
 
-    def velocities(self, frame: int, triangle: npt.NDArray[np.int64], points: FloatArray, t_s: float) -> FloatArray:
+    def velocities(self, frame: int, triangle: Indices, points: FloatArray) -> FloatArray:
         """Return the velocities (m, 3) of points (m, 3) on triangles of a mesh, in its frame, at the last instant.
 
         Args:
-            frame: the mesh's; 0 for those of other objects.
+            frame: the mesh's; others are rigid, and 0.
             triangle: (m,), numbers in the scene.
-            t_s: the instant.
         """
-        mesh = self._mesh(frame)
-        if mesh is None or not len(triangle):
+        if frame not in self._meshes:
             return np.zeros_like(points)
-        (velocities,) = self._deformations[mesh.name].velocities(np.array([t_s]))
-        return self._now[frame].interpolated(
-            triangle - mesh.first, points, velocities[mesh.faces[triangle - mesh.first]]
-        )
+        mesh = self._meshes[frame]
+        (velocities,) = self._deformations[mesh.name].velocities(self._t_s)
+        return self._at_points(frame, triangle, points, velocities)
 
-    def followed(self, frame: int, triangle: npt.NDArray[np.int64], points: FloatArray, later_s: float) -> FloatArray:
-        """Return where points (m, 3) on triangles of a mesh at the last instant are at a later one, in its frame."""
-        mesh = self._mesh(frame)
-        if mesh is None or not len(triangle):
+    def followed(self, frame: int, triangle: Indices, points: FloatArray, later_s: FloatArray) -> FloatArray:
+        """Return where points (m, 3) on triangles of a mesh at the last instant are at a later one (1,), in its
+        frame."""
+        if frame not in self._meshes:
             return points
-        (form,) = self._deformations[mesh.name].meshes(np.array([later_s]))
-        own = triangle - mesh.first
-        return self._now[frame].interpolated(own, points, form.positions[mesh.faces[own]])
+        (form,) = self._deformations[self._meshes[frame].name].meshes(later_s)
+        return self._at_points(frame, triangle, points, form.positions)
 
-    def _mesh(self, frame: int) -> DeformingMesh | None:
-        return next((mesh for mesh in self._meshes if mesh.frame == frame), None)
+    def _at_points(self, frame: int, triangle: Indices, points: FloatArray, values: FloatArray) -> FloatArray:
+        """Return values at points on triangles, given those at the mesh's vertices."""
+        own = triangle - self._meshes[frame].first
+        return self._now[frame].triangles.interpolated(own, points, values[self._meshes[frame].faces[own]])
+
+    def _put(self, mesh: DeformingMesh, triangles: MeshTriangles) -> None:
+        """Give the core the triangles of a mesh."""
+        planes, none = triangles.planes() * mesh.side, np.zeros((triangles.count, 4))
+        u, v = (none, none) if mesh.uv is None else triangles.texture_maps()
+        normals = None if triangles.vertex_normals is None else triangles.normal_maps()[0] * mesh.side
+        self._core.deform(
+            mesh.frame,
+            mesh.first,
+            triangles.corners.ravel(),
+            planes.ravel(),
+            u.ravel(),
+            v.ravel(),
+            None if normals is None else normals.ravel(),
+        )
+        self.planes[mesh.first : mesh.first + triangles.count] = planes
+        self._now[mesh.frame] = _Form(triangles, normals)

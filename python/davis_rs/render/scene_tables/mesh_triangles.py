@@ -68,10 +68,10 @@ class MeshTriangles:
             rows = slice(first, first + _PART)
             yield cls(buffers, rows, None if uv is None else uv[rows])
 
-    def with_area(self) -> MeshTriangles:
-        """Return the triangles, those without an area replaced by ones too small to be seen.
+    def replace_flat(self) -> None:
+        """Replace triangles without an area by ones too small to be seen.
 
-        The core leaves out what has no area; of a mesh that deforms it keeps all triangles, since each may get one.
+        The core leaves out what has no area; of a mesh that deforms it keeps all triangles, because each may get one.
         """
         flat = ~self.normals.any(1)
         if flat.any():
@@ -80,7 +80,6 @@ class MeshTriangles:
             size = _SHRUNK * np.maximum(np.abs(at).max(1), 1e-3)[:, None]
             corners[flat] = np.stack([at, at + size * [1, 0, 0], at + size * [0, 1, 0]], 1)
             self._set_corners(corners)
-        return self
 
     def interpolated(self, triangle: npt.NDArray[np.int64], points: FloatArray, values: FloatArray) -> FloatArray:
         """Return values (m, 3) at points (m, 3) on triangles (m,), given those at their corners (m, 3, 3)."""
@@ -100,11 +99,15 @@ class MeshTriangles:
 
     def texture_maps(self) -> tuple[FloatArray, FloatArray]:
         """Return affine maps (n, 4) of a point to the texture coordinates u and v."""
-        if self.uv is None:
-            # Without texture coordinates Mitsuba takes the barycentric ones.
-            barycentric = np.broadcast_to(np.array([[0.0, 1, 0], [0, 0, 1]]), (self.count, 2, 3))
-            return self.affine(barycentric[:, 0]), self.affine(barycentric[:, 1])
-        return self.affine(self.uv[..., 0]), self.affine(self.uv[..., 1])
+        uv = self.corner_uv()
+        return self.affine(uv[..., 0]), self.affine(uv[..., 1])
+
+    def corner_uv(self) -> FloatArray:
+        """Return the texture coordinates (n, 3, 2) of the corners; without any, as Mitsuba does, the barycentric
+        ones."""
+        if self.uv is not None:
+            return self.uv
+        return np.broadcast_to(np.array([[0.0, 0], [1, 0], [0, 1]]), (self.count, 3, 2))
 
     def normal_maps(self) -> tuple[FloatArray, bool]:
         """Return affine maps (n, 3, 4) of a point to the shading normal, and whether any triangle's normals vary."""

@@ -213,7 +213,7 @@ class SceneTable:
                 turned = part.is_turned(shape, mi) if turned is None else turned
                 if shape.id() in deforming:
                     parts.append(part)
-                    part = part.with_area()
+                    part.replace_flat()
                 side, rows = -1.0 if turned else 1.0, slice(first, first + part.count)
                 first = rows.stop
                 self.corners[rows], self.planes[rows] = part.corners, part.planes() * side
@@ -413,10 +413,7 @@ def _deforming(
     name = str(shape.id())
     uv = None
     if uv_map is not None:
-        # Without texture coordinates Mitsuba takes the barycentric ones.
-        barycentric = np.array([[0.0, 0], [1, 0], [0, 1]])
-        own = [np.tile(barycentric, (part.count, 1, 1)) if part.uv is None else part.uv for part in parts]
-        uv = np.concatenate(own) @ uv_map[:, :2].T + uv_map[:, 2]
+        uv = np.concatenate([part.corner_uv() for part in parts]) @ uv_map[:, :2].T + uv_map[:, 2]
     faces = np.concatenate([part.faces for part in parts])
     return DeformingMesh(name, moving.index(name) + 1, first, faces, uv, side)
 

@@ -42,7 +42,7 @@ def lost_look_fractions(scene: Scene, camera: Camera, renderer: Renderer | None 
         return fractions
     pixels = _pixels(camera)
     view, pixel = np.repeat(np.arange(len(views)), len(pixels)), np.tile(pixels, len(views))
-    if isinstance(renderer, NativeRenderer) and not scene.deformations:
+    if isinstance(renderer, NativeRenderer):
         names: Sequence[str] = renderer.table.names
         shape, back = renderer.shapes_seen(views, view, pixel)
     else:

@@ -91,12 +91,11 @@ class SceneSurfaces:
         counts = [mesh.count for mesh in meshes]
         # One more for rays that hit nothing.
         self._frame_of = np.append(np.repeat(np.array(numbers, np.uint32), counts), np.uint32(0))
-        firsts = np.cumsum([0, *counts])
-        deforming = [
-            DeformingMesh(name, number, int(first), mesh.with_area().faces, None, 1.0)
-            for name, number, first, mesh in zip(self.names, numbers, firsts, meshes, strict=False)
-            if name in self.motion.deformations
-        ]
+        deforming = []
+        for name, number, first, mesh in zip(self.names, numbers, np.cumsum([0, *counts]), meshes, strict=False):
+            if name in self.motion.deformations:
+                mesh.replace_flat()
+                deforming.append(DeformingMesh(name, number, int(first), mesh.faces, None, 1.0))
         self._shape_of = np.append(np.repeat(np.arange(1, len(meshes) + 1), counts), 0).astype(np.uint16)
         self._normal_maps = np.concatenate([mesh.normal_maps()[0] for mesh in meshes])
         self._planes = np.concatenate([mesh.planes() for mesh in meshes])
@@ -128,7 +127,7 @@ class SceneSurfaces:
     def frame(self, views: Views, number: int = 0) -> Surfaces:
         """Return what all pixels of one of the views see; arrays of H W rows."""
         view = views[number : number + 1]
-        self._deform(view.t_s)
+        self._deforming.deform(view.t_s)
         cameras = self._cameras(view)
         depth, triangle = self._core.depth(self._pixel_rays, _arrays(cameras))
         pixel = np.arange(len(depth))
@@ -141,18 +140,15 @@ class SceneSurfaces:
             view: (m,) which of the views.
             pixel: (m,) which pixel, y W + x.
         """
-        if not self._deforming:
-            return self._hits(views, view, pixel)
-        order = np.argsort(view, kind="stable")
-        parts = []
-        numbers, starts = np.unique(view[order], return_index=True)
-        for number, rows in zip(numbers.tolist(), np.split(order, starts[1:]), strict=True):
-            one = views[number : number + 1]
-            self._deform(one.t_s)
-            parts.append(self._hits(one, np.zeros_like(rows), pixel[rows]))
-        back = np.empty_like(order)
-        back[order] = np.arange(len(order))
-        return Surfaces(*(np.concatenate(columns)[back] for columns in zip(*parts, strict=True)))
+        parts, rows = zip(
+            *(
+                (self._hits(some, number, pixel[rows]), rows)
+                for some, number, rows in self._deforming.batches(views, view)
+            ),
+            strict=True,
+        )
+        order = np.argsort(np.concatenate(rows))
+        return Surfaces(*(np.concatenate(columns)[order] for columns in zip(*parts, strict=True)))
 
     def _hits(self, views: Views, view: Indices, pixel: Indices) -> Surfaces:
         """Return what single pixels see, the meshes being as they are."""
@@ -162,11 +158,6 @@ class SceneSurfaces:
         )
         return self._surfaces(cameras, view, pixel, depth, triangle)
 
-    def _deform(self, t_s: FloatArray) -> None:
-        """Deform the meshes as they are at the one time of ``t_s``."""
-        for _ in self._deforming.each(t_s):
-            pass
-
     def displacement(self, views: Views) -> Displacement:
         """Return how far the points seen by the first of two views move in the image until the second.
 
@@ -174,7 +165,7 @@ class SceneSurfaces:
         triangle.
         """
         cameras = self._cameras(views)
-        self._deform(views.t_s[:1])
+        self._deforming.deform(views.t_s[:1])
         first = [camera[:1] for camera in cameras]
         depth, triangle = self._core.depth(self._pixel_rays, _arrays(first))
         triangle = np.minimum(triangle, len(self._frame_of) - 1)
@@ -184,14 +175,14 @@ class SceneSurfaces:
         for number, camera in enumerate(cameras):
             mine = seen & (self._frame_of[triangle] == number)
             point = points[mine] @ camera.rotations[0].T + camera.positions[0]
-            point = self._deforming.followed(number, triangle[mine].astype(np.int64), point, float(views.t_s[1]))
+            point = self._deforming.followed(number, triangle[mine].astype(np.int64), point, views.t_s[1:])
             later[mine] = (point - camera.positions[1]) @ camera.rotations[1]
         ahead = seen & (later[:, 2] > 0)
         later[~ahead] = self._rays[~ahead]  # these rays are traced too, but not used
         ends = PixelRays(
             self.camera.width, self.camera.height, 1, (later[:, :2] / later[:, 2:]).astype(np.float32).ravel()
         )
-        self._deform(views.t_s[1:])
+        self._deforming.deform(views.t_s[1:])
         nearest, _ = self._core.depth(ends, _arrays([camera[1:] for camera in cameras]))
         pixels = np.full((len(depth), 2), np.nan, np.float32)
         pixels[ahead] = self.camera.project(later[ahead]) - self._centres[ahead]
@@ -230,8 +221,7 @@ class SceneSurfaces:
             normal[rows] = np.einsum("mji,mj->mi", rotation, own)
             flow[rows] = self._flow.of_pixels(camera, view[rows], pixel[rows], depth[rows])
             if of_mesh is not None:
-                (t_s,) = np.unique(camera.t_s[view[rows]])
-                own = self._deforming.velocities(number, triangle[rows].astype(np.int64), point, float(t_s))
+                own = self._deforming.velocities(number, triangle[rows].astype(np.int64), point)
                 moving = np.einsum("mji,mj->mi", rotation, own)
                 flow[rows] += self._flow.of_motion(pixel[rows], moving, depth[rows])
         return Surfaces(depth, self._shape_of[triangle], normal, flow, back)

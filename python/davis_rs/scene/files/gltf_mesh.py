@@ -22,8 +22,11 @@ from .triangulation import cut_strip, distinct, has_area
 MOST_TRIANGLES = 4_000_000
 """The most triangles of a scene. Nodes may show one mesh many times, so a small file could ask for any number."""
 
-_MOST_SETS = 8
-"""The most sets of four joints of a vertex that are read; more are not in use."""
+_SUM_OFF = 0.05
+"""By how much the sum of a vertex's weights may differ from 1: a few numbers of 8 bits."""
+
+_MORPHED = ("POSITION", "NORMAL")
+"""What morph targets move; nothing here depends on tangents."""
 
 _WITHOUT_SURFACE = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
 _COLOURS_LOST = "colours of vertices on the texture"
@@ -121,23 +124,25 @@ class GltfMeshes:
             self._known[index] = self._read(node, where)
         each = sum(len(primitive.corners) for primitive in self._known[index])
         charge_triangles(file.budget, count * each, 2 * (3 + 3 + 2 + 3), f"{where}: {count} of its mesh")
-        self._triangles += count * each
-        if self._triangles > MOST_TRIANGLES:
-            has = f"this one has {self._triangles} or more"
-            raise file.error(where, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
+        self._count(count * each, where)
         return self._known[index]
 
-    def deforming(self, node: Item, where: str) -> list[Primitive]:
-        """Return the primitives of a node's mesh with their vertices, joints and morph targets."""
-        primitives = self._read(node, where, joints=0 if node.skin is None else self._joint_count(node, where))
+    def deforming(self, node: Item, where: str, joints: int) -> list[Primitive]:
+        """Return the primitives of a node's mesh with their vertices and morph targets, and how so many joints of a
+        skin move them; without a skin there are none."""
+        primitives = self._read(node, where, joints)
         counts = {len(primitive.vertices.targets) for primitive in primitives if primitive.vertices is not None}
         if len(counts) > 1:
             got = " and ".join(map(str, sorted(counts)))
             raise self._file.error(where, f"all parts of its mesh must have as many morph targets, got {got}")
-        self._triangles += sum(len(primitive.corners) for primitive in primitives)
-        if self._triangles > MOST_TRIANGLES:
-            raise self._file.error(where, f"a scene may have {MOST_TRIANGLES} triangles, this one has more")
+        self._count(sum(len(primitive.corners) for primitive in primitives), where)
         return primitives
+
+    def _count(self, triangles: int, where: str) -> None:
+        self._triangles += triangles
+        if self._triangles > MOST_TRIANGLES:
+            has = f"this one has {self._triangles} or more"
+            raise self._file.error(where, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
 
     def morph_strengths(self, node: Item, where: str) -> FloatArray:
         """Return the strengths (T,) of a node's morph targets at rest.
@@ -155,9 +160,6 @@ class GltfMeshes:
         if len(strengths) != count:
             raise self._file.error(where, f"has strengths of {len(strengths)} morph targets, and its mesh has {count}")
         return strengths
-
-    def _joint_count(self, node: Item, where: str) -> int:
-        return len(self._file.item("skins", node.skin, f"{where}.skin").joints or [])
 
     def _read(self, node: Item, where: str, joints: int | None = None) -> list[Primitive]:
         """Read a node's mesh; its vertices too where it deforms, by so many joints."""
@@ -232,7 +234,7 @@ class GltfMeshes:
         count = len(positions)
         joints, weights = np.zeros((count, 1), np.int64), np.ones((count, 1))
         if joint_count:
-            sets = [number for number in range(_MOST_SETS) if f"JOINTS_{number}" in attributes]
+            sets = sorted(name.removeprefix("JOINTS_") for name in attributes if name.startswith("JOINTS_"))
             if not sets:
                 raise file.error(where, "is shown with a skin, so it must have JOINTS_0 and WEIGHTS_0")
             parts = [self._influences(attributes, number, count, joint_count, where) for number in sets]
@@ -241,6 +243,8 @@ class GltfMeshes:
             lost = (total <= 0)[:, 0]
             self._repairs.add("vertices without a joint follow the skin's first one", int(lost.sum()), where)
             joints[lost], weights[lost, 0], total[lost] = 0, 1.0, 1.0
+            off = int((np.abs(total - 1) > _SUM_OFF).sum())
+            self._repairs.add("vertices whose joints' weights do not add up to 1 have them scaled", off, where)
             weights = weights / total
         moved = item.targets or []
         if not isinstance(moved, list) or not all(isinstance(target, dict) for target in moved):
@@ -248,7 +252,9 @@ class GltfMeshes:
         file.budget.take(2 * 3 * 8 * count * len(moved), f"{where}: {len(moved)} morph targets")
         targets = np.zeros((2, len(moved), count, 3))
         for number, target in enumerate(moved):
-            for kind, name in enumerate(("POSITION", "NORMAL")):
+            others = sorted(name for name in map(str, target) if name not in (*_MORPHED, "TANGENT"))
+            self._repairs.add(f"morph targets of {' and '.join(others)}, which are left out", bool(others), where)
+            for kind, name in enumerate(_MORPHED):
                 values = self._attribute({**target}, name, f"{where}.targets[{number}]", (3,))
                 if values is None:
                     continue
@@ -261,7 +267,7 @@ class GltfMeshes:
         return Vertices(faces, positions, normals, joints, weights, *targets)
 
     def _influences(
-        self, attributes: dict[str, object], number: int, count: int, joint_count: int, where: str
+        self, attributes: dict[str, object], number: str, count: int, joint_count: int, where: str
     ) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """Return the joints (u, 4) of a set, and their weights."""
         joints = self._file.array(attributes[f"JOINTS_{number}"], f"{where}: JOINTS_{number}", width=(4,))

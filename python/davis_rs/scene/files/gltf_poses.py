@@ -132,6 +132,20 @@ def _slerp(
     return a * first + b * second, da * first + db * second
 
 
+class _Animated(NamedTuple):
+    """Holds what is animated of some nodes.
+
+    Attributes:
+        indices: of those that are animated, k.
+        given: (k, width) for each property, what the file gives where it is not animated.
+        tracks: each with its property and the numbers of its nodes, whose values it has side by side.
+    """
+
+    indices: list[int]
+    given: dict[str, FloatArray]
+    tracks: list[tuple[str, list[int], Track]]
+
+
 class NodePoses:
     """Computes the transforms of nodes to the scene's axes, those of all nodes together.
 
@@ -155,6 +169,8 @@ class NodePoses:
         self._file, self._nodes, self._tracks, self._duration_s = file, nodes, tracks, duration_s
         self._moving = {node.index: node for node in moving}
         self._still: dict[int | None, FloatArray] = {None: np.eye(4)}
+        self._local: dict[int, FloatArray] = {}
+        self._animations: dict[tuple[int, ...], _Animated] = {}
         self._kept: tuple[tuple[FloatArray, dict[int, Poses]], ...] = ()
 
     def of(self, indices: Sequence[int], t: FloatArray) -> Poses:
@@ -190,8 +206,7 @@ class NodePoses:
         return [node for index, node in self._moving.items() if index in wanted]
 
     def _computed(self, nodes: Sequence[Node], t: FloatArray) -> dict[int, Poses]:
-        animated = [node for node in nodes if any(name in WIDTHS for name in self._tracks.get(node.index, {}))]
-        local = dict(zip((node.index for node in animated), self._animated(animated, t), strict=True))
+        local = self._animated(nodes, t)
         poses: dict[int, Poses] = {}
         for node in nodes:
             at_rest = node.parent not in self._moving
@@ -208,29 +223,42 @@ class NodePoses:
                 poses[node.index] = around @ matrix, turning @ matrix
         return poses
 
-    def _animated(self, nodes: Sequence[Node], t: FloatArray) -> list[Poses]:
-        """Return the transforms of animated nodes within those that they are in."""
-        n, k = len(t), len(nodes)
-        together: dict[tuple[str, str, bytes], list[int]] = {}
-        values = {name: np.empty((n, k, width)) for name, width in WIDTHS.items()}
+    def _prepared(self, nodes: Sequence[Node]) -> _Animated:
+        """Return what is animated of some nodes, gathered once for all instants."""
+        known = tuple(node.index for node in nodes)
+        if known not in self._animations:
+            tracks = {index: self._tracks.get(index, {}) for index in known}
+            animated = [node for node in nodes if any(name in WIDTHS for name in tracks[node.index])]
+            together: dict[tuple[str, str, bytes], list[int]] = {}
+            given = {name: np.empty((len(animated), width)) for name, width in WIDTHS.items()}
+            for number, node in enumerate(animated):
+                for name in WIDTHS:
+                    if name in tracks[node.index]:
+                        track = tracks[node.index][name]
+                        together.setdefault((name, track.kind, track.times.tobytes()), []).append(number)
+                    else:
+                        given[name][number] = self._given(node, name)
+            alike = [
+                (name, numbers, _joined([tracks[animated[number].index][name] for number in numbers]))
+                for (name, _, _), numbers in together.items()
+            ]
+            self._animations[known] = _Animated([node.index for node in animated], given, alike)
+        return self._animations[known]
+
+    def _animated(self, nodes: Sequence[Node], t: FloatArray) -> dict[int, Poses]:
+        """Return the transforms of those nodes that are animated, within those that they are in."""
+        animated = self._prepared(nodes)
+        n, k = len(t), len(animated.indices)
+        values = {name: np.tile(given, (n, 1, 1)) for name, given in animated.given.items()}
         rates = {name: np.zeros((n, k, width)) for name, width in WIDTHS.items()}
-        for number, node in enumerate(nodes):
-            tracks = self._tracks.get(node.index, {})
-            for name in WIDTHS:
-                if name in tracks:
-                    key = name, tracks[name].kind, tracks[name].times.tobytes()
-                    together.setdefault(key, []).append(number)
-                else:
-                    values[name][:, number] = self._given(node, name)
-        for (name, _, _), numbers in together.items():
-            alike = [self._tracks[nodes[number].index][name] for number in numbers]
-            values[name][:, numbers], rates[name][:, numbers] = _joined(alike).at(t, self._duration_s)
+        for name, numbers, track in animated.tracks:
+            values[name][:, numbers], rates[name][:, numbers] = track.at(t, self._duration_s)
         quaternion, turning = values["rotation"], rates["rotation"]
         length = np.linalg.norm(quaternion, axis=2, keepdims=True)
         if not (length > 1e-6).all():
-            wrong = nodes[int(np.argmin(length.min((0, 2))))]
+            wrong = animated.indices[int(np.argmin(length.min((0, 2))))]
             rule = "an animation takes it through 0: it has no direction there"
-            raise self._file.error(f"nodes[{wrong.index}].rotation", rule)
+            raise self._file.error(f"nodes[{wrong}].rotation", rule)
         unit = quaternion / length
         turning = (turning - unit * (unit * turning).sum(2, keepdims=True)) / length
         flat = unit.reshape(-1, 4)
@@ -241,7 +269,7 @@ class NodePoses:
         matrix[..., :3, :3], matrix[..., :3, 3] = rotation * scale, values["translation"]
         rate[..., :3, :3] = spin * scale + rotation * rates["scale"][:, :, None]
         rate[..., :3, 3] = rates["translation"]
-        return [(matrix[:, number], rate[:, number]) for number in range(k)]
+        return {index: (matrix[:, number], rate[:, number]) for number, index in enumerate(animated.indices)}
 
     def _at_rest(self, index: int | None) -> FloatArray:
         """Return the transform (4, 4) of a node that no animation moves; the identity for the scene itself."""
@@ -256,6 +284,11 @@ class NodePoses:
         return matrix
 
     def _local_at_rest(self, node: Node) -> FloatArray:
+        if node.index not in self._local:
+            self._local[node.index] = self._given_matrix(node)
+        return self._local[node.index]
+
+    def _given_matrix(self, node: Node) -> FloatArray:
         if node.item.matrix is None:
             given = [self._given(node, name)[None] for name in WIDTHS]
             return composed(*given)[0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,7 +76,7 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, 
     Raises:
         OSError: if the file, or one that it names, cannot be read.
         DecodeError: naming the file and the place that breaks a rule, or has shapes that would be missing or in the
-            wrong where: points and lines, compression.
+            wrong place, such as those of a compression that is not read.
         ValueError: for another axis or scale, or an animation that the file does not have.
 
     Warns:
@@ -86,6 +87,29 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, 
     file = GltfFile(path)
     with decoding(path):
         return _GltfScene(file, up or "y", scale, animation).scene()
+
+
+class _Deformer(NamedTuple):
+    """Holds what may deform the mesh of a node.
+
+    Attributes:
+        deforms: whether it has a skin, or morph targets in use; others deform only if their animation scales them.
+        nodes: the joints of the skin; the node itself without one.
+        inverse: (J, 4, 4), from the mesh's axes to those of each joint.
+        strengths: of the morph targets.
+        tracks: all that moves the mesh.
+    """
+
+    deforms: bool
+    nodes: list[int]
+    inverse: FloatArray
+    strengths: Track
+    tracks: list[Track]
+
+    @property
+    def moves(self) -> bool:
+        """Whether an animation moves it, so that it has no form for good."""
+        return any(len(track.times) > 1 for track in self.tracks)
 
 
 class _GltfScene:
@@ -166,17 +190,18 @@ class _GltfScene:
         deform."""
         at_rest: dict[tuple[int | None, bool, bool], list[Primitive]] = {}
         moving: list[tuple[Node, list[Primitive], Trajectory]] = []
-        deforming: list[Node] = []
+        deforming: list[tuple[Node, _Deformer]] = []
         start = np.zeros(1)
         for node in self.tree.nodes.values():
             if node.item.mesh is None:
                 continue
-            if self._deforms(node):
-                if self._keeps_its_form(node):
-                    for primitive in self._formed(node):
-                        at_rest.setdefault(primitive.kind, []).append(primitive)
-                else:
-                    deforming.append(node)
+            deformer = self._deformer(node)
+            if deformer.deforms and not deformer.moves:
+                for primitive in self._formed(node, deformer):
+                    at_rest.setdefault(primitive.kind, []).append(primitive)
+                continue
+            if deformer.deforms:
+                deforming.append((node, deformer))
                 continue
             copies = self.tree.instances(node.index)
             if not self.tree.moves(node.index):
@@ -187,7 +212,7 @@ class _GltfScene:
             try:
                 trajectory, stretch = self.tree.path(node.index, self.to_world, np.ones(3), self.tree.duration_s)
             except NotRigid:
-                deforming.append(node)
+                deforming.append((node, deformer))
                 continue
             own = np.eye(4)
             own[:3, :3] = stretch
@@ -205,8 +230,8 @@ class _GltfScene:
                 part = self._part(alike)
                 name = names.unused(f"{node.name}_{part.material}")
                 shapes[name], objects[name] = part, trajectory
-        for node in deforming:
-            for part, deformation in self._deformed(node):
+        for node, deformer in deforming:
+            for part, deformation in self._deformed(node, deformer):
                 name = names.unused(f"{node.name}_{part.material}")
                 shapes[name], deformations[name] = part, deformation
         shapes = {name: part for name, part in shapes.items() if len(part.corners)}
@@ -216,82 +241,75 @@ class _GltfScene:
             {name: deformation for name, deformation in deformations.items() if name in shapes},
         )
 
-    def _deforms(self, node: Node) -> bool:
-        """Return whether joints or morph targets deform a node's mesh."""
+    def _deformer(self, node: Node) -> _Deformer:
+        """Return what may deform a node's mesh."""
+        where, tree = f"nodes[{node.index}]", self.tree
+        strengths = tree.strengths(node.index, self.meshes.morph_strengths(node.item, where))
+        deforms = node.item.skin is not None or bool((np.abs(strengths.values) > ROUNDING).any())
+        nodes, inverse = [node.index], np.eye(4)[None]
         if node.item.skin is not None:
-            return True
-        strengths = self.meshes.morph_strengths(node.item, f"nodes[{node.index}]")
-        track = self.tree.strengths(node.index, strengths)
-        return bool((np.abs(track.values) > ROUNDING).any())
+            nodes, inverse = self._joints(node.item.skin, where)
+        tracks = [strengths, *(placing for index in nodes for placing in tree.tracks_of(index))]
+        return _Deformer(deforms, nodes, inverse, strengths, tracks)
 
-    def _deformed(self, node: Node) -> Iterator[tuple[MeshPart, Deformation]]:
+    def _deforming_parts(self, node: Node, deformer: _Deformer) -> list[Primitive]:
+        """Return the primitives of a node that deforms, with their vertices."""
+        where = f"nodes[{node.index}]"
+        if len(self.tree.instances(node.index)) > 1:
+            raise self.file.error(where, "has copies, and deforms, which is not read: export the copies as nodes")
+        joints = 0 if node.item.skin is None else len(deformer.nodes)
+        return self.meshes.deforming(node.item, where, joints)
+
+    def _deformed(self, node: Node, deformer: _Deformer) -> Iterator[tuple[MeshPart, Deformation]]:
         """Yield the parts of a node that deforms, as they are at first, and what deforms each."""
-        for alike in _by_kind(self.meshes.deforming(node.item, f"nodes[{node.index}]")):
-            skinned, mirrored = self._skinned(node, joined_vertices(alike))
+        for alike in _by_kind(self._deforming_parts(node, deformer)):
+            skinned, mirrored = self._skinned(node, deformer, joined_vertices(alike))
+            corners, normals = _at_first(skinned)
             part = self._part(alike)
-            (at_first,) = skinned.meshes(np.zeros(1))
-            normals = None if at_first.normals is None else at_first.normals.reshape(-1, 3, 3)
             part = part.turned() if mirrored else part
-            yield part._replace(corners=at_first.positions.reshape(-1, 3, 3), normals=normals), skinned
+            yield part._replace(corners=corners, normals=normals), skinned
 
-    def _formed(self, node: Node) -> Iterator[Primitive]:
+    def _formed(self, node: Node, deformer: _Deformer) -> Iterator[Primitive]:
         """Yield the primitives of a node whose skin and morph targets give it a form for good, in the world."""
-        for primitive in self.meshes.deforming(node.item, f"nodes[{node.index}]"):
-            skinned, mirrored = self._skinned(node, joined_vertices([primitive]))
-            (form,) = skinned.meshes(np.zeros(1))
-            turn = slice(None, None, -1) if mirrored else slice(None)
+        for primitive in self._deforming_parts(node, deformer):
+            skinned, mirrored = self._skinned(node, deformer, joined_vertices([primitive]))
+            corners, normals = _at_first(skinned)
+            turn = slice(None, None, -1 if mirrored else 1)
             yield primitive._replace(
-                corners=form.positions.reshape(-1, 3, 3),
-                normals=None if form.normals is None else form.normals.reshape(-1, 3, 3),
+                corners=corners,
+                normals=normals,
                 uv=None if primitive.uv is None else primitive.uv[:, turn],
                 colours=None if primitive.colours is None else primitive.colours[:, turn],
                 vertices=None,
             )
 
-    def _deforming_tracks(self, node: Node) -> tuple[Track, list[int], FloatArray]:
-        """Return the strengths of a node's morph targets, its joints, and the inverses of where these were bound."""
-        where, tree = f"nodes[{node.index}]", self.tree
-        if len(tree.instances(node.index)) > 1:
-            raise self.file.error(where, "has copies, and deforms, which is not read: export the copies as nodes")
-        nodes, inverse = [node.index], np.eye(4)[None]
-        if node.item.skin is not None:
-            nodes, inverse = self._joints(node.item.skin, where)
-        return tree.strengths(node.index, self.meshes.morph_strengths(node.item, where)), nodes, inverse
-
-    def _keeps_its_form(self, node: Node) -> bool:
-        """Return whether a node that deforms does so once and for all, because nothing moves its joints."""
-        strengths, nodes, _ = self._deforming_tracks(node)
-        return len(strengths.times) == 1 and not any(self.tree.moves(index) for index in nodes)
-
-    def _skinned(self, node: Node, vertices: Vertices) -> tuple[SkinnedMesh, bool]:
+    def _skinned(self, node: Node, deformer: _Deformer, vertices: Vertices) -> tuple[SkinnedMesh, bool]:
         """Return what deforms vertices of a node, and whether it turns their triangles over."""
         tree, count = self.tree, len(vertices.targets)
         self.file.budget.take(_VERTEX_BYTES * len(vertices.positions), f"nodes[{node.index}]: vertices that deform")
-        track, nodes, inverse = self._deforming_tracks(node)
-        tracks = [track, *(placing for index in nodes for placing in tree.tracks_of(index))]
         duration_s = tree.duration_s or 1.0
 
         def matrices(t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-            matrix, rate = tree.matrices_of(nodes, t_s)
-            return self.to_world @ matrix @ inverse, self.to_world @ rate @ inverse
+            matrix, rate = tree.matrices_of(deformer.nodes, t_s)
+            return self.to_world @ matrix @ deformer.inverse, self.to_world @ rate @ deformer.inverse
 
         def strengths(t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-            values, rates = track.at(t_s, tree.duration_s)
+            values, rates = deformer.strengths.at(t_s, tree.duration_s)
             return values[:, :count], rates[:, :count]
 
         skinned = SkinnedMesh(
             rest=DeformedMesh(vertices.positions, vertices.normals),
             vertices=vertices.faces.ravel(),
-            joint_count=len(nodes),
+            joint_count=len(deformer.nodes),
             joints=vertices.joints,
             weights=vertices.weights,
             matrices=matrices,
             targets=vertices.targets,
             target_normals=vertices.target_normals,
             strengths=strengths,
-            most=track.largest()[:count],
+            most=deformer.strengths.largest()[:count],
             duration_s=duration_s,
-            breaks=breaks(tracks, duration_s),
+            breaks=breaks(deformer.tracks, duration_s),
             name=node.name,
         )
         mirrored = skinned.is_mirrored()
@@ -441,6 +459,13 @@ class _GltfScene:
     def _lose(self, look: str, name: str) -> None:
         """Note that the look ``look`` of ``name`` is not shown."""
         self.lost.setdefault(look, {})[name] = None
+
+
+def _at_first(deformation: Deformation) -> tuple[FloatArray, FloatArray | None]:
+    """Return the corners (m, 3, 3) of the triangles of a mesh at time 0, and the normals there."""
+    (form,) = deformation.meshes(np.zeros(1))
+    normals = None if form.normals is None else form.normals.reshape(-1, 3, 3)
+    return form.positions.reshape(-1, 3, 3), normals
 
 
 def _by_kind(primitives: list[Primitive]) -> Iterable[list[Primitive]]:
