@@ -16,7 +16,7 @@ def test_ctrl_c_at_random_instants_ends_in_one_line() -> None:
     """The short form of the program: its long one is in .ci/nightly."""
     only = [word for name in ("sensors", "convert", "completion", "help") for word in ("--only", name)]
     done = subprocess.run(
-        [sys.executable, str(PROGRAM), "--runs", "8", "--seed", "3", *only],
+        [sys.executable, str(PROGRAM), "--runs", "4", "--seed", "3", *only],
         capture_output=True,
         text=True,
         timeout=300,

@@ -16,6 +16,7 @@ from scipy import stats
 from davis_rs import EVENT_DTYPE, CrossingEngine, log_intensity, reconstruct
 from davis_rs.events.arrays import EventArray
 from effects_reference import START_PHASE, Draw
+from long_form import long_values
 from reference import ExactEngine, ExactPixel, LogFrame, exact_events
 from strategies import EPOCH_US, EXAMPLES, Sequence, intervals, nudged, random_paths, sequences, start_times
 
@@ -286,13 +287,12 @@ def on_and_beside_levels(base: LogFrame, frames: int, c_on: float, c_off: float)
 @pytest.mark.parametrize(
     ("log_eps", "least", "most", "c"),
     [
-        (1e-300, 1e-6, 1e5, 0.13),
+        *long_values((1e-300, 1e-6, 1e5, 0.13), (1e-3, 1e-6, 1e5, 0.13)),
         (1e-9, 1e-6, 1e5, 0.13),
-        (1e-3, 1e-6, 1e5, 0.13),
         (10.0, 1e-6, 1e5, 0.13),
         # Faint against log_eps: a float32 step of luma is a thousandth of what 1e-9 is of luma + log_eps.
         (11.31, 1e-3, 1e-2, 1.3e-5),
-        (11.32, 1e-3, 1e-2, 1.3e-5),
+        *long_values((11.32, 1e-3, 1e-2, 1.3e-5)),
     ],
 )
 def test_luma_on_and_beside_levels_gives_the_oracles_events(
@@ -317,7 +317,7 @@ def test_luma_on_and_beside_levels_gives_the_oracles_events(
     assert total > 15_000
 
 
-@pytest.mark.parametrize("gap_us", [1, 1_000, (1 << 52) + 1])
+@pytest.mark.parametrize("gap_us", [1, (1 << 52) + 1, *long_values(1_000)])
 def test_log_intensity_on_and_beside_levels_gives_the_oracles_events(gap_us: int) -> None:
     """Log intensity within a few float64 of every level, over intervals of any length."""
     width, height, c_on, c_off = 61, 43, 0.13, 0.17

@@ -22,6 +22,7 @@ from davis_rs.events.luma import blur_3x3
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.scene.light_profile import Flicker
+from long_form import long_values
 from places import ROOT
 
 FloatArray = npt.NDArray[np.float64]
@@ -180,8 +181,8 @@ def directions(shape: tuple[int, ...]) -> FloatArray:
 
 
 QUANTITIES = [
-    *["poses", "quaternions", "control points", "floor.reflectance"],
-    *["lamp.intensity", "lamp.position", "sun.irradiance", "sun.direction", "sky.radiance"],
+    *["poses", "floor.reflectance", "lamp.position", "sun.direction"],
+    *long_values("quaternions", "control points", "lamp.intensity", "sun.irradiance", "sky.radiance"),
 ]
 
 
@@ -204,7 +205,7 @@ def test_derivatives_agree_with_differences(quantity: str, mi: Any) -> None:
     assert max(steps) < 1e-3
 
 
-@pytest.mark.parametrize("quantity", ["poses", "lamp.position", "sky.radiance", "floor.reflectance"])
+@pytest.mark.parametrize("quantity", ["poses", "sky.radiance", *long_values("lamp.position", "floor.reflectance")])
 def test_both_modes_agree_at_edges_and_shadows(quantity: str, mi: Any) -> None:
     """Rays that hit nothing, or meet a shadow, disturb neither mode, and the background is the sky's."""
     renderer = DifferentiableRenderer(SCENES["edges, shadows and background"], CAMERA, blur=True)
@@ -295,7 +296,8 @@ def edges_by_differences(llvm: str) -> list[FloatArray]:
 
 
 @pytest.mark.parametrize(
-    ("rays_per_pixel", "blur", "bound"), [(16, False, 0.17), (256, False, 0.06), (256, True, 0.04)]
+    ("rays_per_pixel", "blur", "bound"),
+    [(16, False, 0.17), *long_values((256, False, 0.06), (256, True, 0.04))],
 )
 def test_derivatives_at_edges_agree_with_differences(
     rays_per_pixel: int, blur: bool, bound: float, edges_by_differences: list[FloatArray], mi: Any

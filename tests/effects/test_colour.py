@@ -24,9 +24,8 @@ from davis_rs.sensor.parameters import SensorParameters
 from davis_rs.sensor.presets import read_sensor_file, save_sensor
 from davis_rs.simulation.settings import SimulatorSettings, resolve
 from lit_scenes import DOWN, Parts, area, build, diffuse, environment, make_scene, plate
+from long_form import long_values
 from moving_scene import BOX, DIRECT, FLOOR, LAMP, PATH
-
-pytestmark = pytest.mark.without_llvm
 
 CAMERA = Camera(41, 30, 33.0, 33.0, 20.0, 14.5)
 LOOK = davis_rs.Pose([0.5, -0.9, 1.8], [0.965061, 0.0517277, -0.1125492, -0.2308985])
@@ -260,7 +259,7 @@ def test_resolved_settings_hold_the_filter() -> None:
 
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(
-    "case", ["diffuse under a sky", "diffuse under a map", "glossy under a sky", "glossy under a map"]
+    "case", ["glossy under a map", *long_values("diffuse under a sky", "diffuse under a map", "glossy under a sky")]
 )
 def test_baked_light_has_the_colours_of_its_lights_and_surfaces(case: str) -> None:
     """Weights of luma are a sum of filters; what each filter passes is what the path tracer has through it.

@@ -22,6 +22,7 @@ from davis_rs.geometry.camera import Camera
 from davis_rs.sampling.exposure import KeyframeExposure
 from davis_rs.sensor.effects import Aps, CustomEffects, event_draws
 from davis_rs.sensor.effects.custom_effects import load_custom_effect
+from long_form import long_values
 
 SMALL = Camera(48, 36, 40.0, 40.0, 23.5, 17.5)
 PLANES = load_scene("three_planes").crop(0.5, 0.3)
@@ -123,7 +124,7 @@ def test_what_is_held_back_comes_at_the_end() -> None:
     [{"frame_rate_hz": 0.0, "depth_rate_hz": 0.0}, {"frame_rate_hz": 200.0}, {"poses_per_launch": 3}, {"threads": 2}],
     ids=["no frames", "many frames", "launches", "threads"],
 )
-@pytest.mark.parametrize("custom", [Crosstalk, Dimmer, Drift])
+@pytest.mark.parametrize("custom", [Crosstalk, *long_values(Dimmer, Drift)])
 def test_how_a_run_is_cut_changes_nothing(custom: Callable[[], object], cut: dict[str, Any]) -> None:
     """Packets end where frames fall due: the stream is the same bytes, however often that is."""
     whole = stream(custom(), effects=Effects(readout=1e6, shot_noise_rms=0.05))

@@ -17,6 +17,7 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.exposure import SUBFRAME_PX, KeyframeExposure, expose, subframe_instants
 from davis_rs.sampling.keyframes import Stretch
 from davis_rs.sensor.effects.aps import Aps
+from long_form import long_values
 from stretches import CAMERA, DOWN, NARROW, built_in, shift, stretch
 
 SIGNIFICANCE = 1e-6
@@ -183,7 +184,9 @@ def test_launches_do_not_matter() -> None:
 
 
 @pytest.mark.usefixtures("llvm")
-@pytest.mark.parametrize(("kind", "exposure_us"), [("table", 5_000), ("table", 10_000), ("integrator", 7_300)])
+@pytest.mark.parametrize(
+    ("kind", "exposure_us"), [("table", 5_000), ("integrator", 7_300), *long_values(("table", 10_000))]
+)
 @pytest.mark.parametrize(
     "profile",
     [

@@ -23,6 +23,7 @@ from davis_rs.render.edges.neighbours import mirrored
 from davis_rs.sensor.effects.lens_blur import LensBlur
 from davis_rs.sensor.effects.optics import Optics, with_optics
 from davis_rs.sensor.effects.vignetting import Vignetting
+from long_form import long_values
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -251,7 +252,7 @@ def test_whole_frames_of_samples(behind_a_lens: tuple[Renderer, Views, LumaFrame
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("vignetting", [None, Vignetting()])
 @pytest.mark.parametrize("lens_blur", [None, LensBlur(), LensBlur(2.5)])
-@pytest.mark.parametrize("size", [(1, 1), (1, 7), (9, 1), (5, 4)])
+@pytest.mark.parametrize("size", [*long_values(((1, 1),), ((1, 7),)), (9, 1), (5, 4)])
 def test_samples_of_frames_smaller_than_the_spot(
     vignetting: Vignetting | None, lens_blur: LensBlur | None, size: tuple[int, int]
 ) -> None:

@@ -27,6 +27,7 @@ from davis_rs.generate import load_sequence_plan
 from davis_rs.generate.generate import draw_sequences
 from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.usb.raw_file import RawRecording
+from long_form import long_values
 from recording_files import aedat4, aedat4_events
 
 DTYPE = davis_rs.EVENT_DTYPE
@@ -488,7 +489,7 @@ with davis_rs.open_writer(sys.argv[1], (240, 180), overwrite=True) as writer:
 
 
 @pytest.mark.parametrize("name", ["e.txt", "e.npz", "e.aedat4", "e.parquet", "e.h5", "e.bag"])
-@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("there", [True, *long_values(False)])
 def test_a_file_has_one_writer(tmp_path: Path, name: str, there: bool) -> None:
     """The second one is refused by name, and changes nothing; so it is in another process and in this one."""
     path = tmp_path / name

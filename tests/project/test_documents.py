@@ -120,6 +120,7 @@ LONG = (
     "davis-rs calibrate sensor FILE",
     "--effects auto --effect aps=500",
     "--sensor davis346 --fit pad",
+    "davis-rs generate PLAN.yaml",
 )
 """Blocks with one of these in them take long, and what they show is tested elsewhere in less time: --long runs them."""
 

@@ -24,8 +24,6 @@ from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.sampling.breaks import find_breaks
 from lit_scenes import CAMERA, DOWN, PATH, FloatArray, Parts, build, diffuse, lamp, make_scene, plate, shift
 
-pytestmark = pytest.mark.without_llvm
-
 DURATION_S = 0.4
 UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 

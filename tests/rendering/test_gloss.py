@@ -18,6 +18,7 @@ from davis_rs.render.finishes import Finish, NumberTexels, dielectric, read_fini
 from davis_rs.render.integrator.renderer import IntegratorRenderer
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.render.scene_tables.gloss_table import GlossTable
+from long_form import long_values
 
 CAMERA = Camera(16, 12, 16.0, 16.0, 7.5, 5.5)
 POSE = Pose([0.2, -0.4, 1.8], [1.0, 0.0, 0.0, 0.0])
@@ -89,7 +90,7 @@ def mitsubas(scene: Scene, rays: int = 2) -> npt.NDArray[np.float32]:
 
 
 @pytest.mark.usefixtures("llvm")
-@pytest.mark.parametrize("lights", [{"lamp": POINT}, {"sun": SUN}, {"lamp": SPOT}], ids=["point", "sun", "spot"])
+@pytest.mark.parametrize("lights", [{"lamp": SPOT}, *long_values({"lamp": POINT}, {"sun": SUN})])
 @pytest.mark.parametrize(("bsdf", "tolerance"), ROUGH.values(), ids=ROUGH)
 def test_sharp_lights_have_mitsubas_closed_form(bsdf: dict[str, Any], tolerance: float, lights: dict[str, Any]) -> None:
     """Highlight and base, pixel by pixel: both renderers follow the same rays, and draw nothing at random."""

@@ -19,6 +19,7 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.render.rays.camera_rays import pixel_centres, pixel_corners
 from davis_rs.scene import meshes
 from davis_rs.scene.scene import Scene
+from long_form import long_values
 
 C = 0.15
 
@@ -170,7 +171,7 @@ def test_what_lines_cannot_do_is_an_error() -> None:
 @pytest.mark.parametrize(
     ("seed", "camera"),
     [
-        (1, Camera(33, 19, 25.0, 31.0, 15.2, 9.9)),
+        *long_values((1, Camera(33, 19, 25.0, 31.0, 15.2, 9.9))),
         (2, Camera(33, 19, 60.0, 65.0, 15.2, 9.9, k1=-0.4, k2=0.05, p2=-0.003)),
     ],
 )

@@ -24,6 +24,7 @@ from davis_rs.render.integrator.scalar import ScalarRenderer
 from davis_rs.render.motion.scene_motion import held, seen_from
 from davis_rs.render.motion.scene_updates import scene_motion
 from davis_rs.sampling.displacement import DisplacementClock
+from long_form import long_values
 from moving_scene import BOX, DIRECT, FLOOR, LAMP, OTHER, PATH, SKY, SUN, diffuse, placed, turned, write_ball
 
 FloatArray = npt.NDArray[np.float64]
@@ -58,7 +59,7 @@ SCENES = pytest.mark.parametrize(
     "name", ["shadows", "no shadows", "two objects", "behind", "smooth normals", "all moves"]
 )
 every_renderer = pytest.mark.parametrize("kind", ["native", "table", FAST, SCALAR])
-TABLES = pytest.mark.parametrize("kind", ["native", "table"])
+TABLES = pytest.mark.parametrize("kind", ["native", *long_values("table")])
 
 
 def build(

@@ -18,6 +18,7 @@ from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.integrator.renderer import IntegratorRenderer
 from davis_rs.render.integrator.scalar import ScalarRenderer
+from long_form import long_values
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -88,7 +89,7 @@ SCENES: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-TABLES = pytest.mark.parametrize("kind", ["native", "table"])
+TABLES = pytest.mark.parametrize("kind", ["native", *long_values("table")])
 
 
 def build(name: str, tmp_path: Path, *, camera: Camera = PLAIN, **settings: Any) -> Renderer:

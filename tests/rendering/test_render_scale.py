@@ -13,8 +13,6 @@ from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
 from exact_scene import ExactRenderer
 
-pytestmark = pytest.mark.without_llvm
-
 SCALES = (1e-4, 1e-2, 1.0, 1e3, 1e5)
 
 

@@ -23,6 +23,7 @@ from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.render.primitives import MOST_TRIANGLES, OUTLINE_PX, round_mesh
 from davis_rs.render.scene_tables.sharp_textures import RAMP_PX, divide
 from davis_rs.render.truth.scene_surfaces import SceneSurfaces
+from long_form import long_values
 
 CAMERA = Camera(48, 36, 40.0, 40.0, 23.5, 17.5)
 DOWN = Pose([0.0, 0.0, 3.0], [1.0, 0.0, 0.0, 0.0])
@@ -95,7 +96,7 @@ def differences(scene: Scene, kind: str = "native") -> npt.NDArray[np.float64]:
 
 
 @pytest.mark.usefixtures("llvm")
-@pytest.mark.parametrize("kind", ["native", "table"])
+@pytest.mark.parametrize("kind", ["native", *long_values("table")])
 @pytest.mark.parametrize("name", TEXTURES)
 def test_textures_with_hard_edges_look_as_mitsubas(name: str, kind: str) -> None:
     off = differences(scene_of(floor={"type": "rectangle", "bsdf": TEXTURES[name]}), kind)
@@ -165,7 +166,7 @@ ROUND: dict[str, Parts] = {
 
 
 @pytest.mark.usefixtures("llvm")
-@pytest.mark.parametrize("kind", ["native", "table"])
+@pytest.mark.parametrize("kind", ["native", *long_values("table")])
 @pytest.mark.parametrize("name", ROUND)
 def test_round_shapes_look_as_mitsubas(name: str, kind: str) -> None:
     """Outline, shading and texture; front and back; how many triangles there are is told."""

@@ -16,8 +16,6 @@ from davis_rs.sampling.displacement import DisplacementClock, _least_of_tiles
 from davis_rs.sampling.rules import periodic_instants
 from moving_scene import BOX, DIRECT, FLOOR, LAMP
 
-pytestmark = pytest.mark.without_llvm
-
 
 @pytest.mark.parametrize("rate_hz", [1.0, 24.0, 30.0, 1000 / 3, 123.456, 1e6, 7.0])
 @pytest.mark.parametrize(("start_us", "end_us"), [(0, 100_000), (99_999, 140_001), (10**12, 10**12 + 50_000)])

@@ -16,8 +16,6 @@ from davis_rs.events.arrays import concatenate_events
 from davis_rs.sampling.keyframes import Keyframe, Stretch
 from davis_rs.sampling.rules import TimeSampling
 
-pytestmark = pytest.mark.without_llvm
-
 SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
 
 
