@@ -353,7 +353,7 @@ def _glb(folder: Path) -> list[Path]:
 def _obj(folder: Path) -> list[Path]:
     """Two materials, one of them with a texture."""
     (folder / "seed.png").write_bytes(base64.b64decode(_PNG))
-    (folder / "seed.mtl").write_text("newmtl a\nKd 1 0.5 0\nnewmtl b\nmap_Kd seed.png\n")
+    (folder / "seed.mtl").write_text("newmtl a\nKd 1 0.5 0\nnewmtl b\nmap_Kd seed.png\nmap_d seed.png\n")
     path = folder / "seed.obj"
     path.write_text(
         "mtllib seed.mtl\nmtllib seed.mtl\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 1 1 0 1 1 1\nvt 0 0\nvt 1 0\n"
@@ -414,7 +414,10 @@ def read_picture(path: Path, _: random.Random) -> None:
     assert image.size > 0, "an image without pixels"
 
 
-_PNG = "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAFklEQVR4nGM8kWLkw8DAwMBo9D/lPwAZowRB0xAnPAAAAABJRU5ErkJggg=="
+_PNG = (
+    "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAYAAABytg0kAAAAG0lEQVR4nGM4ESX3X+5E1H+GKLkT/3/9EmEAAE+zCMZgmdWgAAAAAElFTkSuQmCC"
+)
+"""2 x 2 texels, one of them clear."""
 
 
 def read_scene(path: Path, _: random.Random) -> None:

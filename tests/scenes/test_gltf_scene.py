@@ -364,7 +364,7 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
     shiny = {"emissiveFactor": [1, 0, 0], "normalTexture": {"index": 0}, "alphaMode": "BLEND", **coat}
     image = gltf.texture({"bufferView": gltf.view(png(np.full((2, 2, 4), 100)))}, {"magFilter": 9728, "wrapT": 33071})
     glass = gltf.material("glass", baseColorTexture=image, metallicFactor=1.0, double_sided=False, more=shiny)
-    pane = gltf.material("pane", baseColorTexture=image, more={"alphaMode": "MASK"})
+    pane = gltf.material("pane", baseColorTexture=image, more={"alphaMode": "BLEND"})
     dark = {"emissiveTexture": {"index": 0}}  # times a factor of 0
     solid = gltf.material("solid", baseColorTexture=image, baseColorFactor=[1, 1, 1, 0.9999999], more=dark)
     gltf.node(mesh=quad(gltf, uv=UV, material=glass, colours=np.full((4, 3), 0.5)))

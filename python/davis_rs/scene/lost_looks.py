@@ -9,6 +9,7 @@ from .mesh_part import MeshPart
 from .repairs import SceneFileWarning
 
 TRANSPARENCY = "transparency"
+SOFT = "soft transparency (it is cut where it is half opaque)"
 OWN_LIGHT = "light of their own"
 METAL = "metal"
 BUMPS = "normal maps"

@@ -41,13 +41,18 @@ class EncodedTexture:
 
     Attributes:
         texels: uint8 (H, W, 3), in sRGB; row 0 is the upper edge.
-        opaque: whether the image is opaque everywhere.
+        alpha: uint8 (H, W), how opaque each is; None where the image is opaque everywhere.
         tint: (3,), factors of red, green and blue in linear light.
     """
 
     texels: npt.NDArray[np.uint8]
-    opaque: bool
+    alpha: npt.NDArray[np.uint8] | None
     tint: FloatArray
+
+    @property
+    def opaque(self) -> bool:
+        """Whether the image is opaque everywhere."""
+        return self.alpha is None
 
     def tinted(self, factor: FloatArray) -> EncodedTexture:
         """Return the same texels with another tint (3,)."""
@@ -155,12 +160,16 @@ def _decoded(image: Image, name: str, budget: Budget) -> EncodedTexture:
     budget.take(_TEXEL_BYTES * width * height, size)
     with budget.borrow(_DECODED_BYTES * width * height, f"{size}, while it is decoded,"):
         image.load()
-        texels, opaque = np.empty((height, width, 3), np.uint8), True
+        texels, alpha = np.empty((height, width, 3), np.uint8), None
         for rows in _strips(height, width):
             strip = np.asarray(image.crop((0, rows.start, width, rows.stop)).convert("RGBA"))
             texels[rows] = strip[..., :3]
-            opaque = opaque and bool(strip[..., 3].min() == 255)
-    return EncodedTexture(texels, opaque, np.ones(3))
+            if alpha is None and strip[..., 3].min() < 255:
+                budget.take(width * height, f"{size}, with alpha,")
+                alpha = np.full((height, width), 255, np.uint8)
+            if alpha is not None:
+                alpha[rows] = strip[..., 3]
+    return EncodedTexture(texels, alpha, np.ones(3))
 
 
 def _strips(height: int, width: int) -> Iterator[slice]:

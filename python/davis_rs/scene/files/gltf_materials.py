@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import BACKS, BUMPS, OWN_LIGHT, TRANSPARENCY
+from ..lost_looks import BACKS, BUMPS, OWN_LIGHT
 from ..mesh_part import MetalRoughness
 from ..texture_file import EncodedTexture, texture_of_bytes
+from .alpha_mask import AlphaMask, blended
 from .gltf_file import GltfFile, Item, plain
-from .rounding import ROUNDING
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = {9728, 9984, 9986}
@@ -41,6 +42,8 @@ class GltfMaterial(NamedTuple):
         wrap: repeat, clamp or mirror.
         files: those that the texture was read from.
         transparent: whether alpha makes it transparent.
+        mask: where it is to be seen; None where its alpha is not looked up.
+        hidden: whether its alpha hides all of it.
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides; None where it is diffuse.
     """
@@ -55,6 +58,8 @@ class GltfMaterial(NamedTuple):
     transparent: bool = False
     lost: tuple[str, ...] = ()
     metal: MetalRoughness | None = None
+    mask: AlphaMask | None = None
+    hidden: bool = False
 
 
 class GltfMaterials:
@@ -83,27 +88,48 @@ class GltfMaterials:
         lost = dict.fromkeys(self._lost(item))
         factor = file.numbers([1.0] * 4 if given is None else given, f"{where}Factor", 4, low=0, high=1)
         transparent = item.alphaMode in ("MASK", "BLEND")
-        opaque = factor[3] >= 1 - ROUNDING
-        colour = factor[:3]
+        colour, alpha = factor[:3], None
         made = GltfMaterial(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent)
         if info is not None:
-            made, solid = self._textured(made, info, f"{where}Texture", lost)
-            opaque = opaque and solid
+            made, alpha = self._textured(made, info, f"{where}Texture", lost)
         made = self._metallic(made, item, f"materials[{index}]", lost)
-        if transparent and not opaque:
-            lost[TRANSPARENCY] = None
+        if transparent:
+            made = self._masked(made, item, alpha, factor[3], lost)
         return made._replace(lost=tuple(lost))
+
+    def _masked(
+        self,
+        made: GltfMaterial,
+        item: Item,
+        alpha: npt.NDArray[np.uint8] | None,
+        factor: float,
+        lost: dict[str, None],
+    ) -> GltfMaterial:
+        """Return a material with the mask that its alpha is, and note what that does not show."""
+        if item.alphaMode == "BLEND":
+            mask, looks = blended(alpha, factor=factor, wrap=made.wrap)
+            lost.update(dict.fromkeys(looks))
+            return made._replace(mask=mask)
+        cutoff = 0.5
+        if item.alphaCutoff is not None:
+            cutoff = self._file.numbers(item.alphaCutoff, f"the material {made.name}: alphaCutoff", 1, low=0)[0]
+        if alpha is not None and factor > 0:
+            mask = AlphaMask(alpha, cutoff / factor, made.wrap)
+            if mask.is_divided:
+                return made._replace(mask=mask)
+        most = factor if alpha is None else factor * float(alpha.max()) / 255
+        return made._replace(hidden=most < cutoff)
 
     def _textured(
         self, made: GltfMaterial, given: object, where: str, lost: dict[str, None]
-    ) -> tuple[GltfMaterial, bool]:
-        """Return a material with its texture, and whether the texture is opaque everywhere."""
+    ) -> tuple[GltfMaterial, npt.NDArray[np.uint8] | None]:
+        """Return a material with its texture, and the texture's alpha, None where it is opaque."""
         image, files, wrap = self._texture(given, where, lost)
         uv_set, transform = self._coordinates(given, where)
         tinted = image.tinted(made.factor)
         tinted.charge(self._file.budget, where)
         textured = made._replace(reflectance=tinted, uv_set=uv_set, uv_transform=transform, wrap=wrap, files=files)
-        return textured, image.opaque
+        return textured, image.alpha
 
     def _metallic(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with its metal and roughness, if it has any metal."""
@@ -141,7 +167,7 @@ class GltfMaterials:
         if isinstance(material.reflectance, EncodedTexture):
             material.reflectance.charge(self._file.budget, where)
         if material.metal is not None and material.metal.texels is not None:
-            EncodedTexture(material.metal.texels, True, np.ones(3)).charge(self._file.budget, where)
+            EncodedTexture(material.metal.texels, None, np.ones(3)).charge(self._file.budget, where)
 
     def _texture(
         self, given: object, where: str, lost: dict[str, None]

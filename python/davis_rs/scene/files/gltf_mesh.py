@@ -197,6 +197,10 @@ class GltfMeshes:
         whole = has_area(positions[faces])
         self._repairs.add("triangles without area are left out", int((~whole).sum()), where)
         faces = faces[whole]
+        material = self._materials[item.material]
+        if material.hidden:
+            self._repairs.add("triangles that the alpha of their material hides are left out", len(faces), where)
+            faces = faces[:0]
         if len(faces) > MOST_TRIANGLES:
             raise file.error(where, f"a scene may have {MOST_TRIANGLES} triangles, this one has more")
         vertices = {
@@ -208,7 +212,6 @@ class GltfMeshes:
                 raise file.error(where, f"has {len(values)} of {name} for {len(positions)} of POSITION")
         charge_triangles(file.budget, len(faces), 3 + 3 + 2 + 3, where)
         corners, normals = positions[faces], vertices["NORMAL"]
-        material = self._materials[item.material]
         uv = self._uv(attributes, material, len(positions), where)
         colours, lost = self._colours(vertices["COLOR_0"], material)
         return Primitive(

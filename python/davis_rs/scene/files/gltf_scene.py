@@ -19,12 +19,13 @@ from ...geometry.pose import FloatArray, Pose
 from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..default_paths import CAMERA
 from ..deformation import Deformation, DeformedMesh
-from ..lost_looks import LostLook, lost_looks, shown
+from ..lost_looks import TRANSPARENCY, LostLook, lost_looks, shown
 from ..mesh_part import MeshPart
 from ..parts import DIRECT, GLOSSY_DIRECT
 from ..repairs import Repairs
 from ..scene import Scene
 from ..skinned_mesh import SkinnedMesh
+from .alpha_mask import masked
 from .default_view import default_view
 from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
@@ -56,16 +57,16 @@ _FLIP = np.array([1.0, -1.0, -1.0])
 def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, animation: str | None = None) -> Scene:
     """Return a glTF 2.0 file (.gltf, .glb) as a scene.
 
-    Surfaces are opaque and seen from both sides, and diffuse where they have no metal: base colours and their textures
-    are taken, with ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the
-    colours of vertices. Those with metal reflect by the metallic-roughness model. Lights of ``KHR_lights_punctual``
-    shine, 683 lux or candela as one unit; a file without any gets those of a mesh file. The first perspective camera
-    gives the lens and the path: that of its animation, or one at rest where other things move. A file without a camera
-    gets the path around of a mesh file. Nodes that are animated are moving objects with the ids ``NODE_MATERIAL``; all
-    others are one shape for each material, ``mesh_MATERIAL``. Meshes with a skin, with morph targets, or with an
-    animated scale deform (:attr:`Scene.deformations`). Copies of a mesh (``EXT_mesh_gpu_instancing``) are all
-    there. Looks that are not shown (light of their own, transparency) are in :attr:`Scene.lost_looks`, and a simulator
-    warns of them.
+    Surfaces are opaque, seen from both sides, and diffuse where they have no metal. Where an alpha masks them, they are
+    cut along its outline. Base colours and their textures are taken, with ``KHR_texture_transform``, or the diffuse
+    ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of vertices. Those with metal reflect by the
+    metallic-roughness model. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela as one unit; a file without
+    any gets those of a mesh file. The first perspective camera gives the lens and the path: that of its animation, or
+    one at rest where other things move. A file without a camera gets the path around of a mesh file. Nodes that are
+    animated are moving objects with the ids ``NODE_MATERIAL``; all others are one shape for each material,
+    ``mesh_MATERIAL``. Meshes with a skin, with morph targets, or with an animated scale deform
+    (:attr:`Scene.deformations`). Copies of a mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not shown
+    (light of their own, soft transparency) are in :attr:`Scene.lost_looks`, and a simulator warns of them.
 
     Args:
         up: the file's axis that points up; None: y, as glTF says.
@@ -223,11 +224,11 @@ class _GltfScene:
         deformations: dict[str, Deformation] = {}
         names = _UniqueNames()
         for primitives in at_rest.values():
-            part = self._part(primitives)
+            part = self._masked(primitives)
             shapes[names.unused(f"mesh_{part.material}")] = part
         for node, primitives, trajectory in moving:
             for alike in _by_kind(primitives):
-                part = self._part(alike)
+                part = self._masked(alike)
                 name = names.unused(f"{node.name}_{part.material}")
                 shapes[name], objects[name] = part, trajectory
         for node, deformer in deforming:
@@ -267,6 +268,8 @@ class _GltfScene:
             corners, normals = _at_first(skinned)
             part = self._part(alike)
             part = part.turned() if mirrored else part
+            if self.materials[alike[0].material].mask is not None:
+                part = part._replace(lost=(*part.lost, TRANSPARENCY))
             yield part._replace(corners=corners, normals=normals), skinned
 
     def _formed(self, node: Node, deformer: _Deformer) -> Iterator[Primitive]:
@@ -340,6 +343,13 @@ class _GltfScene:
             self.materials.charge(material, f"one more shape of the material {material.name}")
         self.shown.add(index)
         return joined(primitives, material)
+
+    def _masked(self, primitives: list[Primitive]) -> MeshPart:
+        """Return what the mask of their material shows of primitives.
+
+        A mesh that deforms stays whole, because pieces of its triangles do not follow a skin as the triangles do.
+        """
+        return masked(self._part(primitives), self.materials[primitives[0].material].mask, self.file.budget)
 
     def _corners(self, shapes: dict[str, MeshPart], objects: dict[str, Trajectory]) -> FloatArray:
         """Return all corners (n, 3) in the world at the start."""

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from ..._util.budget import Budget
 from ..._util.untrusted import read_charged
@@ -20,7 +21,6 @@ from .rounding import ROUNDING, within
 _LOOKS = {
     "d": TRANSPARENCY,
     "Tr": TRANSPARENCY,
-    "map_d": TRANSPARENCY,
     "Ke": OWN_LIGHT,
     "map_Ke": OWN_LIGHT,
     "Pm": METAL,
@@ -37,7 +37,7 @@ _USUAL = {"d": 1.0, "Tr": 0.0, "Ke": 0.0, "Pm": 0.0}
 class Materials:
     """The materials of a file by name: ``Kd`` (linear RGB), or ``map_Kd`` (a texture, which replaces ``Kd``).
 
-    Surfaces are diffuse and opaque: highlights are not read.
+    Surfaces are diffuse: highlights are not read.
 
     Args:
         folder: the scene's own, in which textures must lie.
@@ -52,6 +52,7 @@ class Materials:
         self.path, self._folder = path, folder
         self.colours: dict[str, FloatArray] = {}
         self._textures: dict[str, tuple[str, str]] = {}
+        self._opacities: dict[str, tuple[str, str]] = {}
         self._lost: dict[str, dict[str, None]] = {}
         name = ""
         for number, line in enumerate(text_lines(read_charged(path, budget), budget), 1):
@@ -69,6 +70,8 @@ class Materials:
                 if rest.startswith("-"):
                     raise ValueError(f"{where}: options of map_Kd are not read, got {rest!r}; remove them")
                 self._textures[name] = (rest, where)
+            elif key == "map_d" and name:
+                self._opacities[name] = (rest, where)
             elif key in _LOOKS and name and _is_different(key, rest):
                 self._lost[name][_LOOKS[key]] = None
 
@@ -83,17 +86,37 @@ class Materials:
         given, where = self._textures[name]
         return named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: map_Kd")
 
-    def reflectance(self, name: str, textures: TextureFiles) -> tuple[EncodedTexture | FloatArray, tuple[str, ...]]:
-        """Return a material's texture, or its colour (3,), and the kinds of its looks that are lost.
+    def lost(self, name: str) -> tuple[str, ...]:
+        """Return the kinds of a material's looks that are lost, besides those of its opacity's texture."""
+        return tuple(self._lost[name])
+
+    def reflectance(self, name: str, textures: TextureFiles) -> EncodedTexture | FloatArray:
+        """Return a material's texture, or its colour (3,).
 
         Raises:
             OSError, ValueError: if its texture cannot be read.
         """
-        image, lost = self.texture(name), dict(self._lost[name])
-        if image is None:
-            return self.colours[name], tuple(lost)
-        texture = textures.read(image, self._textures[name][1])
-        return texture, tuple(lost if texture.opaque else lost | {TRANSPARENCY: None})
+        image = self.texture(name)
+        return self.colours[name] if image is None else textures.read(image, self._textures[name][1])
+
+    def opacity(self, name: str, textures: TextureFiles) -> tuple[Path | None, npt.NDArray[np.uint8] | None, bool]:
+        """Return what ``map_d`` says of a material's opacity, or the alpha of its texture without such a line.
+
+        Returns:
+            the file of ``map_d``; the opacity, uint8 (H, W): the file's alpha, or without one its red channel, None
+            where it is opaque; and whether the line cannot be followed, because it has options or its file is missing.
+        """
+        if name not in self._opacities:
+            texture = self.reflectance(name, textures)
+            return None, texture.alpha if isinstance(texture, EncodedTexture) else None, False
+        given, where = self._opacities[name]
+        if given.startswith("-"):
+            return None, None, True
+        path = named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: map_d")
+        if not path.is_file():
+            return None, None, True
+        texture = textures.read(path, where)
+        return path, texture.texels[..., 0] if texture.alpha is None else texture.alpha, False
 
 
 def text_lines(data: bytes, budget: Budget) -> Iterator[str]:

@@ -12,11 +12,13 @@ from ..._core import DecodeError
 from ..._util.budget import Budget
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
+from ..lost_looks import TRANSPARENCY
 from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
 from ..repairs import Repairs
 from ..texture_file import EncodedTexture, TextureFiles
 from ..textures import from_srgb
+from .alpha_mask import blended, masked
 from .mtl_file import Materials, text_lines
 from .rounding import within
 from .triangulation import cut_polygons
@@ -199,9 +201,14 @@ class _ObjFile:
             own = None if colours is None else colours[position]
             return MeshPart(points, uv, normals, np.full(3, GREY), own, material)
         materials = self.materials[material]
-        reflectance, lost = materials.reflectance(material, self.textures)
-        image = materials.texture(material)
-        files = (materials.path,) if image is None else (materials.path, image)
+        reflectance, image = materials.reflectance(material, self.textures), materials.texture(material)
+        of_opacity, alpha, unread = materials.opacity(material, self.textures)
+        named = [file for file in (image, of_opacity) if file is not None]
+        files = tuple(dict.fromkeys([materials.path, *named]))
+        mask, looks = blended(alpha)
+        if unread or (mask is not None and uv is None):
+            looks = (TRANSPARENCY,)
+        lost = tuple(dict.fromkeys([*materials.lost(material), *looks]))
         if isinstance(reflectance, EncodedTexture):
             if uv is None:
                 raise ValueError(
@@ -209,4 +216,5 @@ class _ObjFile:
                     "texture needs; unwrap the mesh before you export it"
                 )
             reflectance.charge(self.budget, f"the material {material!r}")
-        return MeshPart(points, uv, normals, reflectance, None, material, files, lost=lost)
+        part = MeshPart(points, uv, normals, reflectance, None, material, files, lost=lost)
+        return masked(part, mask, self.budget)

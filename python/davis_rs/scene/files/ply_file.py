@@ -19,6 +19,7 @@ from ..named_file import named_file
 from ..repairs import Repairs
 from ..texture_file import EncodedTexture, TextureFiles
 from ..textures import from_srgb
+from .alpha_mask import AlphaMask, blended, masked
 from .rounding import ROUNDING, within
 from .triangulation import cut_polygons, cut_strip, has_area
 
@@ -317,15 +318,17 @@ def _part(
         )
     normals = _stacked(vertices, ("nx", "ny", "nz"))
     colours, opaque = (None, True) if texture else _colours(path, vertices)
+    mask: AlphaMask | None = None
+    looks: tuple[str, ...] = () if opaque else (TRANSPARENCY,)
     reflectance: EncodedTexture | FloatArray = np.full(3, GREY)
     files: tuple[Path, ...] = ()
     if texture:
         files = (named_file(texture, path, path.parent, f"{path}: TextureFile"),)
         reflectance = TextureFiles(budget).read(files[0], str(path))
         reflectance.charge(budget, str(path))
-        opaque = reflectance.opaque
+        mask, looks = blended(reflectance.alpha)
     points = positions[corners]
-    return MeshPart(
+    part = MeshPart(
         points,
         None if uv is None else uv[corners],
         None if normals is None else unit_normals(normals[corners], points, "the mesh", repairs),
@@ -333,8 +336,9 @@ def _part(
         None if colours is None else colours[corners],
         "",
         files,
-        lost=() if opaque else (TRANSPARENCY,),
+        lost=looks,
     )
+    return masked(part, mask, budget)
 
 
 def _colours(path: Path, vertices: Columns) -> tuple[FloatArray | None, bool]:
