@@ -86,8 +86,9 @@ def examined(path: Path, limit_s: float) -> Row:
         return Row("too slow", [f"more than {limit_s:g} s"], [], limit_s, 0.0)
     if done.returncode:
         return Row("crashed", [done.stderr.strip().rpartition("\n")[2]], [], 0.0, 0.0)
-    # Mitsuba's plug-ins print lines of their own.
-    last = next((line for line in reversed(done.stdout.splitlines()) if line.startswith('["')), None)
+    # Mitsuba's plug-ins print lines of their own, in colour.
+    printed = re.sub(r"\x1b\[\d*m", "", done.stdout)
+    last = next((line for line in reversed(printed.splitlines()) if line.startswith('["')), None)
     return Row("crashed", ["no result"], [], 0.0, 0.0) if last is None else Row(*json.loads(last))
 
 

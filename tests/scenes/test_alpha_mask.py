@@ -20,9 +20,10 @@ from davis_rs._util.budget import Budget
 from davis_rs.geometry.pose import Pose
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
-from davis_rs.scene.files.alpha_mask import TOLERANCE_TEXELS, AlphaMask, Pieces, blended
+from davis_rs.scene.files.alpha_mask import TOLERANCE_TEXELS, AlphaMask, Pieces, blended, masked
 from davis_rs.scene.files.obj_file import read_obj
 from davis_rs.scene.files.ply_file import read_ply
+from davis_rs.scene.mesh_part import MeshPart
 from gltf_files import UV, Gltf, quad
 
 FloatArray = npt.NDArray[np.float64]
@@ -129,7 +130,7 @@ def test_the_area_of_a_disc(wrap: str) -> None:
 
 def test_a_triangle_without_area_among_coordinates_takes_its_texel() -> None:
     """As palettes of colours have: all corners lie at one point, or on a line."""
-    alpha = np.array([[255, 0]], np.uint8)
+    alpha = np.array([[128, 127]], np.uint8)
     mask = AlphaMask(alpha, 0.5, "repeat")
     points = np.array([[0.25, 0.5], [0.75, 0.5], [1.25, 0.5], [-0.25, 0.5]])
     uv = np.repeat(points[:, None], 3, 1)
@@ -154,9 +155,12 @@ def test_outlines_get_coarser_before_there_are_too_many_pieces() -> None:
     assert few is not None
     assert many is not None
     assert few.tolerance_texels == TOLERANCE_TEXELS < many.tolerance_texels <= 8
-    assert len(many.source) <= 500_000
+    assert len(many.source) <= 300_000
     assert areas(many, 500) == pytest.approx(np.tile(areas(few, 2), 250), rel=0.05)
     assert mask.cut(1000.0 * square) is None
+    wire = np.zeros((4, 4), np.uint8)
+    wire[1] = 255
+    assert AlphaMask(wire, 0.5, "repeat").cut(500.0 * square) is None  # coarser, there would be nothing left
 
 
 def test_a_mask_as_fine_as_noise_is_taken_in_larger_cells() -> None:
@@ -165,6 +169,85 @@ def test_a_mask_as_fine_as_noise_is_taken_in_larger_cells() -> None:
     pieces = AlphaMask(noise, 0.5, "repeat").cut(np.array([[[0.0, 0], [0.1, 0], [0, 0.1]]]))
     assert pieces is not None
     assert pieces.tolerance_texels >= 2 * TOLERANCE_TEXELS
+
+
+def test_many_triangles_are_cut_as_a_few() -> None:
+    """However they are divided for the work."""
+    mask = AlphaMask(blobs(4, (128, 128)), 0.5, "repeat")
+    rng = np.random.default_rng(5)
+    uv = rng.uniform(size=(6000, 1, 2)) + rng.uniform(-0.01, 0.01, (6000, 3, 2))
+    whole, *parts = (mask.cut(some) for some in (uv, uv[:100], uv[-100:]))
+    assert whole is not None
+    for first, part in zip((0, 5900), parts, strict=True):
+        assert part is not None
+        rows = (whole.source >= first) & (whole.source < first + 100)
+        assert np.array_equal(whole.source[rows] - first, part.source)
+        assert np.array_equal(whole.weights[rows], part.weights)
+
+
+def test_large_and_plain_textures_keep_their_texels() -> None:
+    """Cells are counted where the outline passes."""
+    alpha = np.full((600, 600), 255, np.uint8)
+    alpha[250:350, 250:350] = 0
+    pieces = AlphaMask(alpha, 0.5, "repeat").cut(np.array([[[0.0, 0], [1, 0], [1, 1]]]))
+    assert pieces is not None
+    assert pieces.tolerance_texels == TOLERANCE_TEXELS
+    huge = np.full((5000, 5000), 255, np.uint8)
+    huge[2000:3000] = 0
+    band = AlphaMask(huge, 0.5, "repeat").cut(np.array([[[0.0, 0], [1, 0], [1, 1]]]))
+    assert band is not None
+    assert areas(band, 1) == pytest.approx(0.8, rel=1e-3)
+    assert band.tolerance_texels == 2 * TOLERANCE_TEXELS
+
+
+def test_texels_with_hard_edges() -> None:
+    """Texels are seen or not, each as a whole, over tiles."""
+    alpha = np.where(np.random.default_rng(2).uniform(size=(6, 8)) < 0.5, 255, 0).astype(np.uint8)
+    weights = np.random.default_rng(3).dirichlet([1, 1, 1], 500)
+    for wrap in WRAPS:
+        mask = AlphaMask(alpha, 0.5, wrap, nearest=True)
+        uv = np.array([[[-0.7, -0.4], [1.8, 0.1], [0.2, 1.9]]])
+        pieces = mask.cut(uv)
+        assert pieces is not None
+        points = weights @ uv[0]
+        inside = (np.abs((points * (8, 6)) % 1 - 0.5) < 0.49).all(1)
+        shown = covered(pieces, 0, weights) > 0
+        assert np.array_equal(shown[inside], mask._seen(points)[inside])
+    single = AlphaMask(np.full((1, 1), 255, np.uint8), 0.5, "clamp", nearest=True).cut(uv)
+    assert single is not None
+    assert np.array_equal(single.weights, [np.eye(3)])
+
+
+def test_coarser_outlines_of_a_part_are_told(tmp_path: Path) -> None:
+    """And so is a mask that cannot be followed; a part without texture coordinates is as it was."""
+    budget = Budget(tmp_path / "part")
+    corners = np.random.default_rng(1).uniform(size=(2, 3, 3))
+    square = np.array([[[0.0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]])
+    part = MeshPart(corners, square, None, np.ones(3), None, "leaf", lost=("gloss",))
+    noise = np.random.default_rng(1).integers(0, 256, (1024, 1024), np.uint8)
+    coarse = masked(part, AlphaMask(noise, 0.5, "repeat"), budget)
+    assert coarse.lost[0] == "gloss"
+    assert coarse.lost[1].startswith("outlines of the alpha mask to less than ")
+    fine = masked(part, AlphaMask(disc(), 0.5, "repeat"), budget)
+    assert fine.lost == ("gloss",)
+    far = masked(part._replace(uv=1000 * square), AlphaMask(disc(), 0.5, "repeat"), budget)
+    assert far.lost == ("gloss", "transparency")
+    assert np.array_equal(far.corners, corners)
+    assert masked(part._replace(uv=None), AlphaMask(disc(), 0.5, "repeat"), budget).lost == ("gloss",)
+
+
+@pytest.mark.parametrize("wrap", WRAPS)
+@pytest.mark.parametrize("size", [1e6, 1e12, 1e30])
+def test_coordinates_of_any_size(wrap: str, size: float) -> None:
+    """Triangles over more tiles than can be followed, far away, or at one point there, take no time."""
+    mask = AlphaMask(disc(), 0.5, wrap)
+    wide = np.array([[[0.0, 0], [size, 0], [0, size]]])
+    point = np.full((1, 3, 2), size + 0.5)
+    far = np.array([[[0.0, 0], [0.1, 0], [0, 0.1]]]) + size
+    found = mask.cut(np.concatenate([wide, point, far, -wide]))
+    assert found is None if wrap != "clamp" else found is not None
+    assert mask.cut(point) is not None
+    assert mask.cut(far) is not None
 
 
 def test_values_of_pieces_are_interpolated() -> None:

@@ -376,7 +376,6 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         scene = saved(gltf, tmp_path)
-    nearest = "texels with hard edges (they are taken as bilinear)"
     wrapped = "the wrap mode clamp along v (repeat is taken both ways)"
     assert looks_of(scene) == {
         "light of their own": ("glass",),
@@ -385,7 +384,6 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
         "KHR_materials_clearcoat": ("glass",),
         "transparency": ("glass", "pane", "bright"),
         wrapped: ("glass", "pane", "solid"),
-        nearest: ("glass", "pane", "solid"),
         "colours of vertices on the texture": ("glass",),
         "colours of vertices beyond 0 to 1 (they are cut there)": ("bright",),
         "the range of the light (it shines without end)": ("bulb",),
@@ -394,6 +392,33 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
     shapes = {look.what: look.shapes for look in scene.lost_looks}
     assert shapes["transparency"] == ("mesh_glass", "mesh_pane", "mesh_bright")
     assert shapes["what unknown extensions say"] == ()
+
+
+def test_texels_with_hard_edges(tmp_path: Path) -> None:
+    """A filter for large texels shows as it is, one for small ones is for previews alone; metal's is lost."""
+    seen = {}
+    for name, sampler in {"hard": {"magFilter": 9728}, "soft": {"magFilter": 9729, "minFilter": 9984}}.items():
+        gltf = Gltf()
+        texels = np.zeros((2, 2, 3))
+        texels[:, 1] = 255
+        image = gltf.texture({"bufferView": gltf.view(png(texels))}, sampler)
+        gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(baseColorTexture=image)))
+        with_camera(gltf, 2.0)
+        scene = saved(gltf, tmp_path)
+        assert looks_of(scene) == {}
+        assert scene.camera is not None
+        assert scene.start is not None
+        renderer = make_renderer(replace(scene, soft_light=False), scene.camera, rays_per_pixel=4)
+        luma = renderer.luma(Views.at_rest([scene.start]))[0][90, 80:160]  # of the square, not of what is around it
+        seen[name] = np.count_nonzero((luma > 0.02 * luma.max()) & (luma < 0.98 * luma.max()))
+    assert seen["hard"] <= 3
+    assert seen["soft"] > 30
+    gltf = Gltf()
+    rough = gltf.texture({"bufferView": gltf.view(png(np.full((2, 2, 3), 200)))}, {"magFilter": 9728})
+    metal = gltf.material(metallicFactor=1.0, metallicRoughnessTexture=rough, baseColorTexture=rough)
+    gltf.node(mesh=quad(gltf, uv=UV, material=metal))
+    lost = "hard edges of texels of metal and roughness (they are taken as bilinear)"
+    assert looks_of(saved(gltf, tmp_path)) == {lost: ("paint",)}
 
 
 def halves(**right: Any) -> Gltf:

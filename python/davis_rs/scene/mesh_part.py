@@ -48,6 +48,7 @@ class MeshPart(NamedTuple):
         wrap: how the texture continues beyond its edges: repeat, clamp or mirror.
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides its base colour; None where it is diffuse.
+        nearest: the texture's texels have hard edges; others are bilinear.
     """
 
     corners: FloatArray
@@ -60,6 +61,7 @@ class MeshPart(NamedTuple):
     wrap: str = "repeat"
     lost: tuple[str, ...] = ()
     metal: MetalRoughness | None = None
+    nearest: bool = False
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

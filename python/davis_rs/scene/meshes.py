@@ -118,6 +118,7 @@ def shape(
     *,
     normals: FloatArray | None = None,
     wrap: str = "repeat",
+    nearest: bool = False,
     metal: MetalRoughness | None = None,
 ) -> MitsubaShape:
     """Make a Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
@@ -127,14 +128,15 @@ def shape(
             ``mi.Bitmap`` of 8 bits in sRGB.
         normals: (n, 3) at the vertices of a smooth surface; None where every triangle is flat.
         wrap: what lies beyond a texture's edges: repeat, clamp or mirror.
+        nearest: its texels have hard edges; others are bilinear.
         metal: how it reflects besides its reflectance, which is the base colour then; None where it is diffuse.
     """
     import mitsuba as mi
 
     if isinstance(reflectance, mi.Bitmap):
-        colour = encoded_bitmap(reflectance, wrap=wrap)
+        colour = encoded_bitmap(reflectance, wrap=wrap, nearest=nearest)
     elif isinstance(reflectance, mi.TensorXf) or (isinstance(reflectance, np.ndarray) and reflectance.ndim == 3):
-        colour = bitmap(mi.TensorXf(reflectance), wrap=wrap)
+        colour = bitmap(mi.TensorXf(reflectance), wrap=wrap, nearest=nearest)
     else:
         colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
     surface = {"type": "diffuse", "reflectance": colour} if metal is None else _metallic(colour, metal)

@@ -18,6 +18,9 @@ FloatArray = npt.NDArray[np.float64]
 Texture = npt.NDArray[np.float32]
 """Reflectance, (height, width, 3), linear RGB; row 0 is the upper edge."""
 
+_FILTERS = {False: "bilinear", True: "nearest"}
+"""Mitsuba's names, by whether texels have hard edges."""
+
 
 def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
     """Decode values of sRGB's curve to linear ones (IEC 61966-2-1), both in 0 to 1."""
@@ -26,26 +29,32 @@ def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
 
 
 def bitmap(
-    data: Texture | MitsubaValue, *, repeats: tuple[float, float] | None = None, wrap: str = "repeat"
+    data: Texture | MitsubaValue,
+    *,
+    repeats: tuple[float, float] | None = None,
+    wrap: str = "repeat",
+    nearest: bool = False,
 ) -> SceneDictionary:
     """Describe a texture for Mitsuba, at the surface's own coordinates or repeated over its width and height.
 
     Args:
         data: a :data:`Texture`, or Mitsuba's tensor of one.
         wrap: what lies beyond its edges: repeat, clamp or mirror.
+        nearest: texels have hard edges; others are bilinear.
     """
-    texture = {"type": "bitmap", "raw": True, "wrap_mode": wrap, "data": data}
+    texture = {"type": "bitmap", "raw": True, "wrap_mode": wrap, "filter_type": _FILTERS[nearest], "data": data}
     return texture if repeats is None else {**texture, "to_uv": np.diag([*repeats, 1.0])}
 
 
-def encoded_bitmap(data: MitsubaValue, *, wrap: str = "repeat") -> SceneDictionary:
+def encoded_bitmap(data: MitsubaValue, *, wrap: str = "repeat", nearest: bool = False) -> SceneDictionary:
     """Describe a texture for Mitsuba that keeps the 8 bits in sRGB of its file, a quarter of what linear light takes.
 
     Args:
         data: a ``mi.Bitmap`` of them.
-        wrap: as in :func:`bitmap`.
+        wrap, nearest: as in :func:`bitmap`.
     """
-    return {"type": "bitmap", "raw": False, "format": "auto", "wrap_mode": wrap, "bitmap": data}
+    texture = {"type": "bitmap", "raw": False, "format": "auto", "wrap_mode": wrap, "filter_type": _FILTERS[nearest]}
+    return {**texture, "bitmap": data}
 
 
 def patchwork(

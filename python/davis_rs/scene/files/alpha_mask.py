@@ -27,16 +27,20 @@ IntArray = npt.NDArray[np.int64]
 
 TOLERANCE_TEXELS = 0.0625
 """How far an outline may move where corners are left out."""
-_COARSEST_TEXELS = 8.0
-"""An outline that needs more than this is not followed."""
-_MOST_CELLS = 1 << 17
-"""The most cells of a texture that outlines pass; of finer masks 2 x 2 texels are taken together."""
-_MOST_PIECES = 500_000
+_COARSEST_TEXELS, _AREA_OFF = 8.0, 0.1
+"""An outline that would have to move farther, or that would lose or gain more of its area, is not followed."""
+_MOST_CELLS, _MOST_TEXELS = 1 << 17, 1 << 24
+"""The most cells of a texture that outlines pass, and its most texels; of larger ones 2 x 2 are taken together."""
+_MOST_PIECES = 300_000
 """The most pieces of a part: outlines get coarser until there are no more."""
+_MOST_TILES = 1 << 22
+"""The most tiles of a repeated texture that the triangles of a part may touch."""
 _FEW = 0.05
 """Edges of leaves are soft, too: more than this fraction of texels that let some light through is noted."""
 _PARTS, _MOST_NODES = 4, 1 << 22
 """Lines follow the curves of bilinear alpha in so many parts of a cell's side, if the texture has no more texels."""
+_RAMP = 1e-3
+"""Half the width of a hard edge between texels, in texels."""
 _CHUNK = 1 << 16
 """How many pieces are cut at a time."""
 _FLAT = 1e-12
@@ -77,11 +81,13 @@ class AlphaMask:
         alpha: uint8 (H, W); row 0 is at v = 0.
         cutoff: alpha / 255 from which on the texture is seen.
         wrap: how the texels continue beyond their edges: repeat, clamp or mirror.
+        nearest: the texels have hard edges; others are bilinear.
     """
 
     alpha: npt.NDArray[np.uint8]
     cutoff: float
     wrap: str
+    nearest: bool = False
 
     @property
     def is_divided(self) -> bool:
@@ -102,15 +108,19 @@ class AlphaMask:
         size = _size(uv)
         area = _area(uv)
         flat = np.abs(area) <= _FLAT * size**2
-        tolerance = TOLERANCE_TEXELS
+        tolerance, full = TOLERANCE_TEXELS, np.nan
         while tolerance <= _COARSEST_TEXELS:
             outline, cell_texels = self._outline(low, high, tolerance)
+            seen = _area(outline).sum()
+            full = seen if np.isnan(full) else full
+            if abs(seen - full) > _AREA_OFF * full:
+                return None
             cut = _cut(uv, np.flatnonzero(~flat), outline, self.wrap)
             if cut is not None:
                 source, weights = _whole(*cut, len(uv))
-                seen = np.flatnonzero(flat)[self._seen(uv[flat].mean(1))]
-                source = np.concatenate([source, seen])
-                weights = np.concatenate([weights, np.broadcast_to(np.eye(3), (len(seen), 3, 3))])
+                shown = np.flatnonzero(flat)[self._seen(uv[flat].mean(1))]
+                source = np.concatenate([source, shown])
+                weights = np.concatenate([weights, np.broadcast_to(np.eye(3), (len(shown), 3, 3))])
                 order = np.argsort(source, kind="stable")
                 return Pieces(source[order], weights[order], tolerance * cell_texels)
             tolerance *= 2
@@ -118,15 +128,14 @@ class AlphaMask:
 
     def _seen(self, uv: FloatArray) -> BoolArray:
         """Return whether the texels at coordinates (n, 2) are seen."""
-        height, width = self.alpha.shape
-        texel = np.floor(uv * (width, height)).astype(np.int64)
-        sides = np.array([width, height])
         if self.wrap == "clamp":
-            texel = np.clip(texel, 0, sides - 1)
+            uv = np.clip(uv, 0, 1)
         elif self.wrap == "mirror":
-            texel = texel % (2 * sides)
-            texel = np.minimum(texel, 2 * sides - 1 - texel)
-        column, row = (texel % sides).T
+            uv = np.minimum(uv % 2, 2 - uv % 2)
+        else:
+            uv = uv % 1
+        height, width = self.alpha.shape
+        column, row = np.minimum(np.floor(uv * (width, height)), (width - 1, height - 1)).astype(np.int64).T
         return self.alpha[row, column] >= 255 * self.cutoff
 
     def _outline(self, low: FloatArray, high: FloatArray, tolerance: float) -> tuple[FloatArray, int]:
@@ -136,11 +145,10 @@ class AlphaMask:
         import mapbox_earcut
 
         alpha, cell_texels = self.alpha, 1
-        grid = self._grid(alpha, low, high)
-        while _crossed_cells(grid[2] >= 255 * self.cutoff) > _MOST_CELLS:
+        while alpha.size > _MOST_TEXELS or _crossed_cells(alpha >= 255 * self.cutoff) > _MOST_CELLS:
             alpha, cell_texels = _halved(alpha), 2 * cell_texels
-            grid = self._grid(alpha, low, high)
-        x, y, values = _finer(*grid)
+        grid = self._grid(alpha, low, high)
+        x, y, values = grid if self.nearest else _finer(*grid)
         # What lies on the cutoff is seen.
         level = 255 * self.cutoff - 1e-6
         generator = contourpy.contour_generator(x, y, values, fill_type=contourpy.FillType.OuterOffset)
@@ -148,7 +156,7 @@ class AlphaMask:
         found = []
         for points, offsets in zip(*generator.filled(level, 256.0), strict=True):
             rings = [points[start:end][:-1] for start, end in itertools.pairwise(offsets)]
-            rings = [_simplified(ring, cells, (x[0], x[-1], y[0], y[-1]), tolerance) for ring in rings]
+            rings = [_simplified(ring, cells, tolerance) for ring in rings]
             rings = [rings[0], *(ring for ring in rings[1:] if len(ring) >= 3)]
             if len(rings[0]) < 3:
                 continue
@@ -163,7 +171,14 @@ class AlphaMask:
     def _grid(
         self, alpha: npt.NDArray[np.uint8], low: FloatArray, high: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the coordinates of texels along u and v, with both ends, and alpha there."""
+        """Return coordinates along u and v, with both ends, and the alpha between which it is linear."""
+        if self.nearest:
+            edges = [
+                np.concatenate([[start], np.repeat(np.arange(1, count), 2) / count + ramp, [end]])
+                for count, start, end in zip(alpha.shape[::-1], low, high, strict=True)
+                for ramp in [_RAMP / count * np.resize([-1, 1], 2 * count - 2)]
+            ]
+            return edges[0], edges[1], alpha.repeat(2, 0).repeat(2, 1).astype(np.float64)
         values = alpha.astype(np.float64)
         axes = []
         for axis, count in ((1, alpha.shape[1]), (0, alpha.shape[0])):
@@ -194,17 +209,17 @@ def _divided(values: FloatArray, parts: int) -> FloatArray:
 
 
 def blended(
-    alpha: npt.NDArray[np.uint8] | None, *, factor: float = 1.0, wrap: str = "repeat"
+    alpha: npt.NDArray[np.uint8] | None, *, factor: float = 1.0, wrap: str = "repeat", nearest: bool = False
 ) -> tuple[AlphaMask | None, tuple[str, ...]]:
     """Return the mask that shows best how an alpha blends, and the kinds of looks that are lost.
 
     Args:
         alpha: uint8 (H, W); None where it is 1 everywhere.
         factor: by which it is multiplied, 0 to 1.
-        wrap: as in :class:`AlphaMask`.
+        wrap, nearest: as in :class:`AlphaMask`.
     """
     if alpha is not None and factor > 0:
-        mask = AlphaMask(alpha, 0.5 / factor, wrap)
+        mask = AlphaMask(alpha, 0.5 / factor, wrap, nearest)
         if mask.is_divided:
             return mask, (SOFT,) if mask.soft_fraction > _FEW else ()
     least = factor if alpha is None else factor * float(alpha.min()) / 255
@@ -259,29 +274,14 @@ def _halved(alpha: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     return ((even[::2, ::2] + even[::2, 1::2] + even[1::2, ::2] + even[1::2, 1::2] + 2) // 4).astype(np.uint8)
 
 
-def _simplified(
-    ring: FloatArray, cells: FloatArray, borders: tuple[float, float, float, float], tolerance: float
-) -> FloatArray:
-    """Return a ring (n, 2) with fewer corners, none of which moves; lines move by at most ``tolerance`` cells.
-
-    Where the ring meets a border of the texture (left, right, upper, lower), it keeps its corner, because the
-    neighbouring tile has the same.
-    """
+def _simplified(ring: FloatArray, cells: FloatArray, tolerance: float) -> FloatArray:
+    """Return a ring (n, 2) with fewer corners, none of which moves; lines move by at most ``tolerance`` cells."""
     points = ring * cells
-    on = np.stack(
-        [ring[:, 0] == borders[0], ring[:, 0] == borders[1], ring[:, 1] == borders[2], ring[:, 1] == borders[3]]
-    )
-    inside = (on & np.roll(on, 1, 1) & np.roll(on, -1, 1)).any(0)
-    kept = on.any(0) & ~inside
-    if kept.sum() < 2:
-        first = int(kept.argmax())
-        far = int(np.linalg.norm(points - points[first], axis=1).argmax())
-        kept[[first, far]] = True
-    start = int(kept.argmax())
-    points, kept, ring = (np.roll(values, -start, 0) for values in (points, kept, ring))
-    anchors = [*np.flatnonzero(kept).tolist(), len(points)]
+    far = int(np.linalg.norm(points - points[0], axis=1).argmax())
     points = np.concatenate([points, points[:1]])
-    chains = list(itertools.pairwise(anchors))
+    kept = np.zeros(len(ring), bool)
+    kept[[0, far]] = True
+    chains = [(0, far), (far, len(ring))]
     while chains:
         begin, end = chains.pop()
         if end - begin < 2:
@@ -290,9 +290,9 @@ def _simplified(
         square = along @ along
         place = np.clip(between @ along / square, 0, 1)[:, None] if square > 0 else 0.0
         distance = np.linalg.norm(between - place * along, axis=1)
-        far = int(distance.argmax())
-        if distance[far] > tolerance:
-            middle = begin + 1 + far
+        middle = int(distance.argmax())
+        if distance[middle] > tolerance:
+            middle += begin + 1
             kept[middle] = True
             chains += [(begin, middle), (middle, end)]
     return ring[kept]
@@ -300,18 +300,21 @@ def _simplified(
 
 def _cut(uv: FloatArray, triangles: IntArray, outline: FloatArray, wrap: str) -> tuple[IntArray, FloatArray] | None:
     """Return the pieces (p,), (p, 3, 3) of triangles that lie in any triangle of an outline; None for too many."""
-    source, weights, count = [np.zeros(0, np.int64)], [np.zeros((0, 3, 3))], 0
+    if wrap != "clamp" and _tiles(uv[triangles])[1].prod(1).sum() > _MOST_TILES:
+        return None
+    pairs, count = [], 0
     low, high = outline.min(1), outline.max(1)
     for rows, local in _in_tiles(uv, triangles, wrap):
-        for numbers, others in _overlapping(local, low, high):
+        for numbers, others in _overlapping(local, outline, low, high):
             count += len(numbers)
             if count > _MOST_PIECES:
                 return None
-            for start in range(0, len(numbers), _CHUNK):
-                pairs = slice(start, start + _CHUNK)
-                piece, corners = _clipped(local[numbers[pairs]], outline[others[pairs]])
-                source.append(rows[numbers[pairs]][piece])
-                weights.append(corners)
+            pairs.append((rows[numbers], local[numbers], others))
+    source, weights = [np.zeros(0, np.int64)], [np.zeros((0, 3, 3))]
+    for row, corners, others in pairs:
+        piece, found = _clipped(corners, outline[others])
+        source.append(row[piece])
+        weights.append(found)
     return np.concatenate(source), np.concatenate(weights)
 
 
@@ -321,8 +324,7 @@ def _in_tiles(uv: FloatArray, triangles: IntArray, wrap: str) -> Iterator[tuple[
     if wrap == "clamp":
         yield triangles, uv[triangles]
         return
-    first = np.floor(uv[triangles].min(1)).astype(np.int64)
-    count = np.maximum(np.ceil(uv[triangles].max(1)).astype(np.int64) - first, 1)
+    first, count = _tiles(uv[triangles])
     tiles = count.prod(1)
     for start, end in _runs(tiles, _CHUNK):
         number = np.repeat(np.arange(start, end), tiles[start:end])
@@ -332,6 +334,12 @@ def _in_tiles(uv: FloatArray, triangles: IntArray, wrap: str) -> Iterator[tuple[
         if wrap == "mirror":
             local = np.where(tile[:, None] % 2 == 1, 1 - local, local)
         yield triangles[number], local
+
+
+def _tiles(uv: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return the first tile (m, 2) that each triangle may touch, and how many along both axes."""
+    first = np.floor(uv.min(1))
+    return first, np.clip(np.ceil(uv.max(1)) - first, 1, _MOST_TILES).astype(np.int64)
 
 
 def _runs(sizes: IntArray, most: int) -> Iterator[tuple[int, int]]:
@@ -344,14 +352,30 @@ def _runs(sizes: IntArray, most: int) -> Iterator[tuple[int, int]]:
         start = end
 
 
-def _overlapping(local: FloatArray, low: FloatArray, high: FloatArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield pairs of triangles and of boxes (k, 2) that they may overlap, by their numbers."""
+def _overlapping(
+    local: FloatArray, outline: FloatArray, low: FloatArray, high: FloatArray
+) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield pairs of triangles that may overlap, by their numbers; ``low`` and ``high`` (k, 2) bound the outline's."""
     step = max(1, (1 << 22) // max(1, len(low)))
     for start in range(0, len(local), step):
         part = local[start : start + step]
         least, most = part.min(1)[:, None], part.max(1)[:, None]
         numbers, others = np.nonzero(((least < high) & (most > low)).all(2))
-        yield start + numbers, others
+        for at in range(0, len(numbers), _CHUNK):
+            number, other = numbers[at : at + _CHUNK], others[at : at + _CHUNK]
+            beside = np.any(np.all(_weights(part[number], outline[other]) <= 0, 1), 1)
+            yield start + number[~beside], other[~beside]
+
+
+def _weights(uv: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the weights (p, n, 3) of the corners of triangles (p, 3, 2) at points (p, n, 2)."""
+    base = uv[:, 0]
+    a, b = uv[:, 1] - base, uv[:, 2] - base
+    twice = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
+    offset = points - base[:, None]
+    second = (offset[..., 0] * b[:, None, 1] - offset[..., 1] * b[:, None, 0]) / twice
+    third = (a[:, None, 0] * offset[..., 1] - a[:, None, 1] * offset[..., 0]) / twice
+    return np.stack([1 - second - third, second, third], 2)
 
 
 def _clipped(uv: FloatArray, others: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -360,14 +384,8 @@ def _clipped(uv: FloatArray, others: FloatArray) -> tuple[IntArray, FloatArray]:
     Returns:
         the numbers (q,) of the pairs that each piece is of, and the weights (q, 3, 3) of the corners of uv at its own.
     """
-    base = uv[:, 0]
-    a, b = uv[:, 1] - base, uv[:, 2] - base
-    twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    offset = others - base[:, None]
-    second = (offset[..., 0] * b[:, None, 1] - offset[..., 1] * b[:, None, 0]) / twice[:, None]
-    third = (a[:, None, 0] * offset[..., 1] - a[:, None, 1] * offset[..., 0]) / twice[:, None]
-    polygon = np.stack([1 - second - third, second, third], 2)
-    polygon = np.where(twice[:, None, None] < 0, polygon[:, ::-1], polygon)
+    polygon = _weights(uv, others)
+    polygon = np.where((_area(uv) < 0)[:, None, None], polygon[:, ::-1], polygon)
     corners = np.full(len(polygon), 3)
     for side in range(3):
         polygon, corners = _behind(polygon, corners, side)

@@ -21,7 +21,7 @@ from .alpha_mask import AlphaMask, blended
 from .gltf_file import GltfFile, Item, plain
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-_NEAREST = {9728, 9984, 9986}
+_NEAREST = 9728
 _GLOSS = "KHR_materials_pbrSpecularGlossiness"
 _WEBP = "EXT_texture_webp"
 _MEAN_METAL = "metal that differs from place to place (its mean is taken)"
@@ -44,6 +44,7 @@ class GltfMaterial(NamedTuple):
         transparent: whether alpha makes it transparent.
         mask: where it is to be seen; None where its alpha is not looked up.
         hidden: whether its alpha hides all of it.
+        nearest: whether the texture's texels have hard edges.
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides; None where it is diffuse.
     """
@@ -60,6 +61,7 @@ class GltfMaterial(NamedTuple):
     metal: MetalRoughness | None = None
     mask: AlphaMask | None = None
     hidden: bool = False
+    nearest: bool = False
 
 
 class GltfMaterials:
@@ -107,14 +109,14 @@ class GltfMaterials:
     ) -> GltfMaterial:
         """Return a material with the mask that its alpha is, and note what that does not show."""
         if item.alphaMode == "BLEND":
-            mask, looks = blended(alpha, factor=factor, wrap=made.wrap)
+            mask, looks = blended(alpha, factor=factor, wrap=made.wrap, nearest=made.nearest)
             lost.update(dict.fromkeys(looks))
             return made._replace(mask=mask)
         cutoff = 0.5
         if item.alphaCutoff is not None:
             cutoff = self._file.numbers(item.alphaCutoff, f"the material {made.name}: alphaCutoff", 1, low=0)[0]
         if alpha is not None and factor > 0:
-            mask = AlphaMask(alpha, cutoff / factor, made.wrap)
+            mask = AlphaMask(alpha, cutoff / factor, made.wrap, made.nearest)
             if mask.is_divided:
                 return made._replace(mask=mask)
         most = factor if alpha is None else factor * float(alpha.max()) / 255
@@ -124,11 +126,12 @@ class GltfMaterials:
         self, made: GltfMaterial, given: object, where: str, lost: dict[str, None]
     ) -> tuple[GltfMaterial, npt.NDArray[np.uint8] | None]:
         """Return a material with its texture, and the texture's alpha, None where it is opaque."""
-        image, files, wrap = self._texture(given, where, lost)
+        image, files, wrap, nearest = self._texture(given, where, lost)
         uv_set, transform = self._coordinates(given, where)
         tinted = image.tinted(made.factor)
         tinted.charge(self._file.budget, where)
-        textured = made._replace(reflectance=tinted, uv_set=uv_set, uv_transform=transform, wrap=wrap, files=files)
+        made = made._replace(reflectance=tinted, wrap=wrap, nearest=nearest, files=files)
+        textured = made._replace(uv_set=uv_set, uv_transform=transform)
         return textured, image.alpha
 
     def _metallic(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
@@ -146,7 +149,7 @@ class GltfMaterials:
             return made
         if given is None:
             return made._replace(metal=MetalRoughness(metal, rough))
-        image, files, wrap = self._texture(given, where, lost)
+        image, files, wrap, nearest = self._texture(given, where, lost)
         if not image.texels[..., 2].any():
             return made
         made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
@@ -156,6 +159,8 @@ class GltfMaterials:
             roughness, metals = (float(image.texels[..., channel].mean()) / 255 for channel in (1, 2))
             return made._replace(metal=MetalRoughness(metal * metals, rough * roughness))
         image.charge(file.budget, where)
+        if nearest:
+            lost["hard edges of texels of metal and roughness (they are taken as bilinear)"] = None
         return made._replace(metal=MetalRoughness(metal, rough, image.texels, wrap))
 
     def charge(self, material: GltfMaterial, where: str) -> None:
@@ -171,8 +176,9 @@ class GltfMaterials:
 
     def _texture(
         self, given: object, where: str, lost: dict[str, None]
-    ) -> tuple[EncodedTexture, tuple[Path, ...], str]:
-        """Return the image of a texture, the files that it is from, and its wrap mode."""
+    ) -> tuple[EncodedTexture, tuple[Path, ...], str, bool]:
+        """Return the image of a texture, the files that it is from, its wrap mode, and whether texels have hard
+        edges."""
         texture = self._file.item("textures", _dictionary(given).get("index"), where)
         source = texture.source
         if source is None:
@@ -180,7 +186,7 @@ class GltfMaterials:
         if source is None:
             message = "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures"
             raise self._file.error(where, message)
-        return *self._image(source, where), self._wrap(texture, lost)
+        return *self._image(source, where), *self._sampler(texture, lost)
 
     def _coordinates(self, given: object, where: str) -> tuple[int, FloatArray]:
         """Return which texture coordinates a texture takes, and their transform (2, 3)."""
@@ -216,9 +222,13 @@ class GltfMaterials:
         uv_set = self._file.whole(given.get("texCoord", uv_set), f"{where}.texCoord", "of texture coordinates", 15)
         return uv_set, np.concatenate([turn * scale, offset[:, None]], 1)
 
-    def _wrap(self, texture: Item, lost: dict[str, None]) -> str:
+    def _sampler(self, texture: Item, lost: dict[str, None]) -> tuple[str, bool]:
+        """Return a texture's wrap mode, and whether its texels have hard edges where they are larger than pixels.
+
+        Filters for smaller texels are approximations of what a pixel sees, which is computed here.
+        """
         if texture.sampler is None:
-            return "repeat"
+            return "repeat", False
         sampler = self._file.item("samplers", texture.sampler, "a texture's sampler")
         wraps = []
         for value in (sampler.wrapS, sampler.wrapT):
@@ -228,9 +238,7 @@ class GltfMaterials:
             wraps.append(_WRAPS[value])
         if wraps[0] != wraps[1]:
             lost[f"the wrap mode {wraps[1]} along v ({wraps[0]} is taken both ways)"] = None
-        if sampler.magFilter in _NEAREST or sampler.minFilter in _NEAREST:
-            lost["texels with hard edges (they are taken as bilinear)"] = None
-        return wraps[0]
+        return wraps[0], sampler.magFilter == _NEAREST
 
     def _lost(self, item: Item) -> Iterator[str]:
         """Yield the kinds of looks of a material that are not shown."""

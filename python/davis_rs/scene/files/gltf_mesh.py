@@ -402,4 +402,5 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         material.wrap,
         tuple(dict.fromkeys([*material.lost, *(what for primitive in primitives for what in primitive.lost)])),
         material.metal,
+        material.nearest,
     )

@@ -166,7 +166,7 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
     count = 3 * len(part.corners)
     mesh = Mesh(part.corners.reshape(-1, 3), np.arange(count).reshape(-1, 3), flipped.reshape(-1, 2))
     normals = None if part.normals is None else part.normals.reshape(-1, 3)
-    return shape(mesh, reflectance, normals=normals, wrap=part.wrap, metal=part.metal)
+    return shape(mesh, reflectance, normals=normals, wrap=part.wrap, nearest=part.nearest, metal=part.metal)
 
 
 def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
