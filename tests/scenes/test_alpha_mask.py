@@ -268,9 +268,10 @@ def test_how_an_alpha_blends() -> None:
     assert mask is not None
     assert mask.cutoff == 0.5
     assert looks == ("soft transparency (it is cut where it is half opaque)",)
-    mask, looks = blended(sharp, factor=0.8, wrap="clamp")
+    assert not mask.nearest
+    mask, looks = blended(sharp, factor=0.8, wrap="clamp", nearest=True)
     assert mask is not None
-    assert (mask.cutoff, mask.wrap, looks) == (0.625, "clamp", ())
+    assert (mask.cutoff, mask.wrap, mask.nearest, looks) == (0.625, "clamp", True, ())
     assert blended(sharp, factor=0.4) == (None, ("transparency",))
     assert blended(None, factor=0.4) == (None, ("transparency",))
     assert blended(None) == (None, ())
@@ -324,6 +325,17 @@ def test_a_gltf_leaf(tmp_path: Path, more: dict[str, Any], factor: float, cutoff
     seen = bilinear(AlphaMask(disc(), cutoff, "repeat"), points) >= 255 * cutoff
     assert area_of(scene, "mesh_leaf") == pytest.approx(4 * seen.mean(), rel=4e-3)
     assert lost(scene) == []
+
+
+@pytest.mark.parametrize("mode", ["MASK", "BLEND"])
+def test_a_gltf_leaf_of_hard_texels(tmp_path: Path, mode: str) -> None:
+    """Whole texels are seen; the bilinear outline of one of four would have another area."""
+    gltf = Gltf()
+    alpha = np.array([[255, 0], [0, 0]], np.uint8)
+    image = gltf.texture({"bufferView": gltf.view(png(alpha))}, {"magFilter": 9728})
+    material = gltf.material("leaf", baseColorTexture=image, more={"alphaMode": mode, "alphaCutoff": 0.5})
+    gltf.node(mesh=quad(gltf, uv=UV, material=material))
+    assert area_of(loaded(gltf, tmp_path), "mesh_leaf") == pytest.approx(1.0, rel=0.01)
 
 
 @pytest.mark.parametrize("more", [{}, {"alphaMode": "OPAQUE"}])
