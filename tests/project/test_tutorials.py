@@ -26,7 +26,7 @@ def test_tutorials_are_python_without_outputs(path: Path) -> None:
 
 
 def test_the_site_runs_all_of_them() -> None:
-    """Each is in a toctree, and a cell that fails ends the build; .ci/run builds the site."""
+    """Each is in a toctree, and a cell that fails ends the build; .ci/nightly runs all."""
     index = (ROOT / "docs" / "index.rst").read_text()
     listed = re.findall(r"^   tutorials/(\S+)$", index, re.M)
     assert sorted(listed) == [path.stem for path in TUTORIALS]
