@@ -22,6 +22,7 @@ from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 from davis_rs.io.files.read import open_reader
 from davis_rs.io.formats import FORMATS, EventWriter, TruncatedFileWarning
 from event_files import FORMAT_VARIANTS, SIZE, assert_same, events_of, many
+from long_form import long_values
 from places import ROOT
 
 pytest.importorskip("h5py")
@@ -267,9 +268,7 @@ with open_writer(sys.argv[1], (240, 180), sys.argv[2]) as writer:
 
 
 @pytest.mark.parametrize("name", ["dsec", "e2vid", "bag"])
-@pytest.mark.parametrize(
-    "delay_ms", [20, 190, *(pytest.param(delay, marks=pytest.mark.long) for delay in (1, 53, 111, 307))]
-)
+@pytest.mark.parametrize("delay_ms", [20, 190, *long_values(1, 53, 111, 307)])
 def test_a_killed_writer_leaves_all_that_was_flushed(tmp_path: Path, name: str, delay_ms: int) -> None:
     """kill -9 at any moment: every packet whose flush() had returned reads back, bit by bit, and a warning is given."""
     events, path = many(2_000_000), tmp_path / FILE_NAMES[name]

@@ -20,6 +20,7 @@ from davis_rs import TruncatedFileWarning, open_writer, read_events
 from davis_rs.events.arrays import EventArray
 from davis_rs.io.formats import EventWriter
 from event_files import FORMAT_VARIANTS, SIZE, FormatVariant, assert_same, events_of, many, write_events
+from long_form import long_values
 
 every_kind = pytest.mark.parametrize("kind", FORMAT_VARIANTS.values(), ids=FORMAT_VARIANTS)
 
@@ -44,7 +45,7 @@ def read_what_is_left(path: Path) -> EventArray:
 
 
 @every_kind
-@pytest.mark.parametrize("delay_ms", [3, *(pytest.param(delay, marks=pytest.mark.long) for delay in (0, 17, 60))])
+@pytest.mark.parametrize("delay_ms", [3, *long_values(0, 17, 60)])
 def test_a_killed_writer_leaves_every_packet_that_was_written(
     tmp_path: Path, kind: FormatVariant, delay_ms: int
 ) -> None:

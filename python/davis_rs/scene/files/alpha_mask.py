@@ -38,7 +38,8 @@ _MOST_TILES = 1 << 22
 _FEW = 0.05
 """Edges of leaves are soft, too: more than this fraction of texels that let some light through is noted."""
 _PARTS, _MOST_NODES = 4, 1 << 22
-"""Lines follow the curves of bilinear alpha in so many parts of a cell's side, if the texture has no more texels."""
+"""Into how many parts a cell's side is divided, because bilinear alpha has curved outlines; fewer where that would make
+more nodes than this."""
 _RAMP = 1e-3
 """Half the width of a hard edge between texels, in texels."""
 _CHUNK = 1 << 16
@@ -73,6 +74,20 @@ class Pieces(NamedTuple):
         return np.where(length > 1e-6, found / np.maximum(length, 1e-6), values[self.source][:, :1])
 
 
+class _Contours(NamedTuple):
+    """Holds the outlines of what is seen of a texture.
+
+    Attributes:
+        polygons: the rings of each, (n, 2): its outer outline, then its holes.
+        cells: (2,), how many cells the texture has along u and v.
+        cell_texels: how many texels a side of a cell has.
+    """
+
+    polygons: list[list[FloatArray]]
+    cells: FloatArray
+    cell_texels: int
+
+
 @dataclass(frozen=True, eq=False)
 class AlphaMask:
     """Says where a texture is to be seen.
@@ -100,19 +115,21 @@ class AlphaMask:
         return float(((self.alpha > 25) & (self.alpha < 230)).mean())
 
     def cut(self, uv: FloatArray) -> Pieces | None:
-        """Cut triangles with texture coordinates (m, 3, 2), v downwards; None if there would be too many pieces."""
-        wrapped = self.wrap != "clamp"
+        """Cut triangles with texture coordinates (m, 3, 2), v downwards.
+
+        Returns:
+            None if there would be too many pieces, or if outlines so coarse that there are fewer lose too much area.
+        """
         low, high = np.zeros(2), np.ones(2)
-        if not wrapped and len(uv):
+        if self.wrap == "clamp" and len(uv):
             low, high = np.minimum(low, uv.min((0, 1))), np.maximum(high, uv.max((0, 1)))
-        size = _size(uv)
-        area = _area(uv)
-        flat = np.abs(area) <= _FLAT * size**2
-        tolerance, full = TOLERANCE_TEXELS, np.nan
+        flat = np.abs(_area(uv)) <= _FLAT * _size(uv) ** 2
+        contours = self._contours(low, high)
+        tolerance, full = TOLERANCE_TEXELS, None
         while tolerance <= _COARSEST_TEXELS:
-            outline, cell_texels = self._outline(low, high, tolerance)
+            outline = _triangulated(contours, tolerance)
             seen = _area(outline).sum()
-            full = seen if np.isnan(full) else full
+            full = seen if full is None else full
             if abs(seen - full) > _AREA_OFF * full:
                 return None
             cut = _cut(uv, np.flatnonzero(~flat), outline, self.wrap)
@@ -122,7 +139,7 @@ class AlphaMask:
                 source = np.concatenate([source, shown])
                 weights = np.concatenate([weights, np.broadcast_to(np.eye(3), (len(shown), 3, 3))])
                 order = np.argsort(source, kind="stable")
-                return Pieces(source[order], weights[order], tolerance * cell_texels)
+                return Pieces(source[order], weights[order], tolerance * contours.cell_texels)
             tolerance *= 2
         return None
 
@@ -138,11 +155,9 @@ class AlphaMask:
         column, row = np.minimum(np.floor(uv * (width, height)), (width - 1, height - 1)).astype(np.int64).T
         return self.alpha[row, column] >= 255 * self.cutoff
 
-    def _outline(self, low: FloatArray, high: FloatArray, tolerance: float) -> tuple[FloatArray, int]:
-        """Return triangles (k, 3, 2) of what is seen of a texture from ``low`` to ``high``, counterclockwise, and how
-        many texels a side of a cell has."""
+    def _contours(self, low: FloatArray, high: FloatArray) -> _Contours:
+        """Return the outlines of what is seen of a texture from ``low`` to ``high``."""
         import contourpy
-        import mapbox_earcut
 
         alpha, cell_texels = self.alpha, 1
         while alpha.size > _MOST_TEXELS or _crossed_cells(alpha >= 255 * self.cutoff) > _MOST_CELLS:
@@ -152,21 +167,11 @@ class AlphaMask:
         # What lies on the cutoff is seen.
         level = 255 * self.cutoff - 1e-6
         generator = contourpy.contour_generator(x, y, values, fill_type=contourpy.FillType.OuterOffset)
-        cells = np.array(alpha.shape[::-1], np.float64)
-        found = []
-        for points, offsets in zip(*generator.filled(level, 256.0), strict=True):
-            rings = [points[start:end][:-1] for start, end in itertools.pairwise(offsets)]
-            rings = [_simplified(ring, cells, tolerance) for ring in rings]
-            rings = [rings[0], *(ring for ring in rings[1:] if len(ring) >= 3)]
-            if len(rings[0]) < 3:
-                continue
-            corners = np.concatenate(rings)
-            ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
-            found.append(corners[mapbox_earcut.triangulate_float64(corners, ends).astype(np.int64)].reshape(-1, 3, 2))
-        triangles = np.concatenate([np.zeros((0, 3, 2)), *found])
-        turned = _area(triangles) < 0
-        triangles[turned] = triangles[turned, ::-1]
-        return triangles, cell_texels
+        polygons = [
+            [points[start : end - 1] for start, end in itertools.pairwise(offsets)]  # the last corner is the first
+            for points, offsets in zip(*generator.filled(level, 256.0), strict=True)
+        ]
+        return _Contours(polygons, np.array(alpha.shape[::-1], np.float64), cell_texels)
 
     def _grid(
         self, alpha: npt.NDArray[np.uint8], low: FloatArray, high: FloatArray
@@ -274,6 +279,26 @@ def _halved(alpha: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     return ((even[::2, ::2] + even[::2, 1::2] + even[1::2, ::2] + even[1::2, 1::2] + 2) // 4).astype(np.uint8)
 
 
+def _triangulated(contours: _Contours, tolerance: float) -> FloatArray:
+    """Return triangles (k, 3, 2), counterclockwise, that fill contours whose lines move by at most ``tolerance``
+    cells."""
+    import mapbox_earcut
+
+    found = [np.zeros((0, 3, 2))]
+    for polygon in contours.polygons:
+        outer, *holes = (_simplified(ring, contours.cells, tolerance) for ring in polygon)
+        if len(outer) < 3:
+            continue
+        rings = [outer, *(hole for hole in holes if len(hole) >= 3)]
+        corners = np.concatenate(rings)
+        ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+        found.append(corners[mapbox_earcut.triangulate_float64(corners, ends).astype(np.int64)].reshape(-1, 3, 2))
+    triangles = np.concatenate(found)
+    turned = _area(triangles) < 0
+    triangles[turned] = triangles[turned, ::-1]
+    return triangles
+
+
 def _simplified(ring: FloatArray, cells: FloatArray, tolerance: float) -> FloatArray:
     """Return a ring (n, 2) with fewer corners, none of which moves; lines move by at most ``tolerance`` cells."""
     points = ring * cells
@@ -363,15 +388,15 @@ def _overlapping(
         numbers, others = np.nonzero(((least < high) & (most > low)).all(2))
         for at in range(0, len(numbers), _CHUNK):
             number, other = numbers[at : at + _CHUNK], others[at : at + _CHUNK]
-            beside = np.any(np.all(_weights(part[number], outline[other]) <= 0, 1), 1)
-            yield start + number[~beside], other[~beside]
+            apart = np.any(np.all(_weights(part[number], outline[other]) <= 0, 1), 1)
+            yield start + number[~apart], other[~apart]
 
 
 def _weights(uv: FloatArray, points: FloatArray) -> FloatArray:
     """Return the weights (p, n, 3) of the corners of triangles (p, 3, 2) at points (p, n, 2)."""
     base = uv[:, 0]
     a, b = uv[:, 1] - base, uv[:, 2] - base
-    twice = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
+    twice = _area(uv)[:, None]
     offset = points - base[:, None]
     second = (offset[..., 0] * b[:, None, 1] - offset[..., 1] * b[:, None, 0]) / twice
     third = (a[:, None, 0] * offset[..., 1] - a[:, None, 1] * offset[..., 0]) / twice

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
 from ..lost_looks import BACKS, BUMPS, OWN_LIGHT
@@ -90,24 +89,18 @@ class GltfMaterials:
         lost = dict.fromkeys(self._lost(item))
         factor = file.numbers([1.0] * 4 if given is None else given, f"{where}Factor", 4, low=0, high=1)
         transparent = item.alphaMode in ("MASK", "BLEND")
-        colour, alpha = factor[:3], None
+        colour = factor[:3]
         made = GltfMaterial(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent)
         if info is not None:
-            made, alpha = self._textured(made, info, f"{where}Texture", lost)
+            made = self._textured(made, info, f"{where}Texture", lost)
         made = self._metallic(made, item, f"materials[{index}]", lost)
         if transparent:
-            made = self._masked(made, item, alpha, factor[3], lost)
+            made = self._masked(made, item, factor[3], lost)
         return made._replace(lost=tuple(lost))
 
-    def _masked(
-        self,
-        made: GltfMaterial,
-        item: Item,
-        alpha: npt.NDArray[np.uint8] | None,
-        factor: float,
-        lost: dict[str, None],
-    ) -> GltfMaterial:
-        """Return a material with the mask that its alpha is, and note what that does not show."""
+    def _masked(self, made: GltfMaterial, item: Item, factor: float, lost: dict[str, None]) -> GltfMaterial:
+        """Return a material with the mask that its alpha is, times a factor, and note what that does not show."""
+        alpha = made.reflectance.alpha if isinstance(made.reflectance, EncodedTexture) else None
         if item.alphaMode == "BLEND":
             mask, looks = blended(alpha, factor=factor, wrap=made.wrap, nearest=made.nearest)
             lost.update(dict.fromkeys(looks))
@@ -122,17 +115,14 @@ class GltfMaterials:
         most = factor if alpha is None else factor * float(alpha.max()) / 255
         return made._replace(hidden=most < cutoff)
 
-    def _textured(
-        self, made: GltfMaterial, given: object, where: str, lost: dict[str, None]
-    ) -> tuple[GltfMaterial, npt.NDArray[np.uint8] | None]:
-        """Return a material with its texture, and the texture's alpha, None where it is opaque."""
+    def _textured(self, made: GltfMaterial, given: object, where: str, lost: dict[str, None]) -> GltfMaterial:
+        """Return a material with its texture."""
         image, files, wrap, nearest = self._texture(given, where, lost)
         uv_set, transform = self._coordinates(given, where)
         tinted = image.tinted(made.factor)
         tinted.charge(self._file.budget, where)
         made = made._replace(reflectance=tinted, wrap=wrap, nearest=nearest, files=files)
-        textured = made._replace(uv_set=uv_set, uv_transform=transform)
-        return textured, image.alpha
+        return made._replace(uv_set=uv_set, uv_transform=transform)
 
     def _metallic(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with its metal and roughness, if it has any metal."""

@@ -83,8 +83,15 @@ class Materials:
         """
         if name not in self._textures:
             return None
-        given, where = self._textures[name]
-        return named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: map_Kd")
+        return self._image("map_Kd", *self._textures[name])
+
+    def _image(self, key: str, given: str, where: str) -> Path:
+        """Return the file that a line with a key names.
+
+        Raises:
+            DecodeError: if it does not lie in the scene's folder.
+        """
+        return named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: {key}")
 
     def lost(self, name: str) -> tuple[str, ...]:
         """Return the kinds of a material's looks that are lost, besides those of its opacity's texture."""
@@ -105,6 +112,9 @@ class Materials:
         Returns:
             the file of ``map_d``; the opacity, uint8 (H, W): the file's alpha, or without one its red channel, None
             where it is opaque; and whether the line cannot be followed, because it has options or its file is missing.
+
+        Raises:
+            OSError, ValueError: if an image cannot be read; DecodeError if it does not lie in the scene's folder.
         """
         if name not in self._opacities:
             texture = self.reflectance(name, textures)
@@ -112,7 +122,7 @@ class Materials:
         given, where = self._opacities[name]
         if given.startswith("-"):
             return None, None, True
-        path = named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: map_d")
+        path = self._image("map_d", given, where)
         if not path.is_file():
             return None, None, True
         texture = textures.read(path, where)
