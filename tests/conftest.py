@@ -65,10 +65,27 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Without ``--long``, tests marked long are skipped: others test the same promise in a cheaper way."""
+    mark_all_but_few(items)
     if not config.getoption("long"):
         for item in items:
             if item.get_closest_marker("long") is not None:
                 item.add_marker(pytest.mark.skip(reason="long: run with --long"))
+
+
+def mark_all_but_few(items: list[pytest.Item]) -> None:
+    """Mark as long all sets of parameters of a test but the ``few(count)`` of its mark, spread evenly over all."""
+    sets: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("few") is not None and item.get_closest_marker("long") is None:
+            sets.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for all_sets in sets.values():
+        mark = all_sets[0].get_closest_marker("few")
+        assert mark is not None
+        (count,) = mark.args
+        kept = {i * len(all_sets) // count for i in range(count)}
+        for i, item in enumerate(all_sets):
+            if i not in kept:
+                item.add_marker(pytest.mark.long)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -219,6 +219,7 @@ def measured(prepared: Sweep) -> list[Measurement]:
     return runs[-1]
 
 
+@pytest.mark.long
 def test_what_a_sweep_measures(prepared: Sweep, measured: list[Measurement]) -> None:
     """Close renders are better in time than wide ones, cubics than lines; random rays have no exact crossings."""
     close, wide, cubic, loose, unkept, usual = measured
@@ -311,6 +312,7 @@ def test_an_interrupted_sweep_keeps_its_rows(prepared: Sweep, capsys: pytest.Cap
     assert left == {"accuracy.csv", "accuracy.md", "accuracy.png", "reference_64_rays.npz"}
 
 
+@pytest.mark.long
 def test_the_report(prepared: Sweep, measured: list[Measurement], tmp_path: Path) -> None:
     """A row for each setting, by time; how it was measured; and a figure."""
     facts = facts_of(prepared, measured, command="davis-rs accuracy three_planes", interrupted=True)

@@ -36,6 +36,7 @@ def exact_poses(duration_s: float) -> list[BoardPose]:
     return [board_pose(exact_view(board_camera(s), k), BOARD, CAMERA) for k, s in enumerate(t)]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["ideal", "mpu6150"])
 @pytest.mark.usefixtures("llvm")
 def test_the_papers_transform_and_lag_are_recovered(name: str) -> None:

@@ -83,6 +83,7 @@ def test_without_noise_x_is_exact() -> None:
     assert result.rms_px < 1e-6
 
 
+@pytest.mark.long
 def test_the_covariance_tells_the_scatter() -> None:
     """Over many draws of the motion capture's noise the errors of X scatter as its covariance says, within a third."""
     hands, views = exact()
@@ -134,6 +135,7 @@ def test_views_close_in_time_have_a_larger_covariance_than_scattered_ones() -> N
     assert np.median(np.diag(in_time) / np.diag(scattered)) > 1.3
 
 
+@pytest.mark.long
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3))
 def test_the_linear_solution_holds_for_any_orientation(vector: list[float]) -> None:
     """Half turns too, at which the equations in Rodrigues' parameters break down."""

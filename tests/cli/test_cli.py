@@ -84,6 +84,7 @@ def test_a_run_without_events_says_why(tmp_path: Path, threshold: float, line: s
     assert done.stderr.count("warning") == 1
 
 
+@pytest.mark.long
 def test_two_runs_into_one_folder_do_not_mix(tmp_path: Path) -> None:
     """The second is refused while the first one writes, --overwrite or not; the first one's dataset is whole."""
     out = tmp_path / "out"

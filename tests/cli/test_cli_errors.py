@@ -294,6 +294,7 @@ def test_ctrl_c_while_an_error_is_told_prints_no_traceback(monkeypatch: pytest.M
     assert main(["info", "none.txt"]) == 130
 
 
+@pytest.mark.long
 def test_ctrl_c_while_it_imports_prints_no_traceback(tmp_path: Path) -> None:
     """Wherever it comes, once our own code runs."""
     for delay_s in (0.15, 0.3, 0.6):
@@ -361,6 +362,7 @@ print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)
     ]
 
 
+@pytest.mark.long
 def test_a_signal_at_the_very_start_leaves_a_dataset_that_holds(tmp_path: Path) -> None:
     """As soon as the folder is there: the dataset has at least two frames, so that the check can be made."""
     out = tmp_path / "out"
@@ -394,6 +396,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 def test_ctrl_c_while_workers_import_prints_no_traceback(tmp_path: Path) -> None:
     """A terminal sends it to the workers too, also before they can say that they don't want it."""
     script = tmp_path / "slow.py"
@@ -414,6 +417,7 @@ def test_ctrl_c_while_workers_import_prints_no_traceback(tmp_path: Path) -> None
     assert process.returncode == 130
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("line", "some"),
     [

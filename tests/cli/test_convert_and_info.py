@@ -113,6 +113,7 @@ def test_a_closed_pipe_ends_the_conversion(tmp_path: Path) -> None:
     assert told == ""
 
 
+@pytest.mark.long
 def test_memory_stays_constant(tmp_path: Path, run_python: Callable[..., str]) -> None:
     """Three times the events take no more than 30 MB more; the first million does not fill all buffers yet."""
     pytest.importorskip("pyarrow")

@@ -14,7 +14,7 @@ PROGRAM = Path(__file__).with_name("signals.py")
 
 def test_ctrl_c_at_random_instants_ends_in_one_line() -> None:
     """The short form of the program: its long one is in .ci/nightly."""
-    only = [word for name in ("sensors", "convert", "completion", "help") for word in ("--only", name)]
+    only = [word for name in ("convert", "help") for word in ("--only", name)]
     done = subprocess.run(
         [sys.executable, str(PROGRAM), "--runs", "4", "--seed", "3", *only],
         capture_output=True,
@@ -56,6 +56,7 @@ def printed(program: str, awaited: str = "none") -> str:
     return ended.stdout
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("awaited", ["argparse", "davis_rs.cli.parser", "davis_rs.cli.sensors", "numpy.linalg", "yaml"])
 def test_ctrl_c_while_modules_load(awaited: str) -> None:
     """Modules of Python, of the command line, of a command, of NumPy amid its own import, and what is needed late."""

@@ -284,6 +284,7 @@ def on_and_beside_levels(base: LogFrame, frames: int, c_on: float, c_off: float)
     return walk
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("log_eps", "least", "most", "c"),
     [

@@ -51,6 +51,7 @@ def test_one_microsecond_holds_any_jump() -> None:
     assert set(events["p"].tolist()) == {1}
 
 
+@pytest.mark.long
 def test_a_slow_ramp_of_a_million_frames_misses_nothing() -> None:
     """1e-9 a frame under C = 1e-4: nine levels up, nine down, each at its exact tick, whatever the base.
 
@@ -77,6 +78,7 @@ def test_a_slow_ramp_of_a_million_frames_misses_nothing() -> None:
         assert set(found[found["x"] == x]["p"].tolist()) == {int(slope > 0)}
 
 
+@pytest.mark.long
 def test_an_hour_is_the_same_from_zero_later_and_from_the_unix_epoch() -> None:
     """At 100 Hz, from 0, 1e9 us and 1.7e15 us on: identical events, shifted; no error adds up.
 

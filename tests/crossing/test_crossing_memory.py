@@ -29,6 +29,7 @@ def states_equal(a: dict[str, Any], b: dict[str, Any]) -> bool:
     )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("kind", ["linear", "hermite", "sparse", "log", "effects"])
 def test_a_tiny_threshold_is_refused_and_the_engine_goes_on(kind: str, threads: int) -> None:
@@ -116,6 +117,7 @@ print(len(engine.push(1_000_000, small)))
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="limits its own memory as Linux does")
 def test_memory_that_does_not_suffice_is_an_error() -> None:
     """With 1 GiB to go, a push of 1.6 GB of events is a MemoryError, and the process lives on."""

@@ -84,6 +84,7 @@ def test_lines_between_sparse_samples_are_the_oracles(
         assert as_tuples(engine.push_log(t, frame[None], sparse=arrays(samples))) == events
 
 
+@pytest.mark.long
 def test_sparse_samples_anywhere_on_a_large_sensor_are_the_oracles() -> None:
     """Many tiles, batches, bands and threads: first and last pixels, runs of neighbours, pixels that never fire."""
     width, height, gap_us = 160, 70, 1_000

@@ -87,6 +87,7 @@ SCENES = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", SCENES)
 def test_frames_are_the_table_renderers(name: str, mi: Any) -> None:
     """Derivatives are of the frames that are simulated, whether anything is attached or replaced, or nothing."""
@@ -186,6 +187,7 @@ QUANTITIES = [
 ]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_derivatives_agree_with_differences(quantity: str, mi: Any) -> None:
     """Inside a smooth surface all three ways give one derivative: reverse, forward, differences of the same samples."""
@@ -205,6 +207,7 @@ def test_derivatives_agree_with_differences(quantity: str, mi: Any) -> None:
     assert max(steps) < 1e-3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("quantity", ["poses", "sky.radiance", *long_values("lamp.position", "floor.reflectance")])
 def test_both_modes_agree_at_edges_and_shadows(quantity: str, mi: Any) -> None:
     """Rays that hit nothing, or meet a shadow, disturb neither mode, and the background is the sky's."""
@@ -230,6 +233,7 @@ HALF_PLANE = {
 }
 
 
+@pytest.mark.long
 def test_an_edge_in_closed_form(mi: Any) -> None:
     """A bright half-plane covers more and more of a dark one: all of that change is the edge's. It is
     rows x fx / depth x contrast, brighter as the camera moves to the right; and none of it is there without edges.
@@ -295,6 +299,7 @@ def edges_by_differences(llvm: str) -> list[FloatArray]:
         return finely(EDGES, CameraPoses.at([POSE, OTHER]))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("rays_per_pixel", "blur", "bound"),
     [(16, False, 0.17), *long_values((256, False, 0.06), (256, True, 0.04))],
@@ -496,6 +501,7 @@ def test_what_is_refused(mi: Any) -> None:
         spline(np.zeros((4, 6)), [1.5], duration_s=1.0)
 
 
+@pytest.mark.long
 def test_torch_sees_a_function(mi: Any) -> None:
     """Through dr.wrap the frames belong to torch's graph; the gradient is Dr.Jit's own."""
     import drjit as dr
@@ -530,6 +536,7 @@ def test_a_pose_is_recovered(mi: Any) -> None:
     assert errors[-1][1] < 0.1
 
 
+@pytest.mark.long
 def test_a_texture_is_recovered(mi: Any) -> None:
     """From uniform grey to less than a tenth of the error."""
     before, after = example("recover_texture").main(["--iterations", "60", "--frames", "4"])

@@ -140,6 +140,7 @@ def texels_changed(scene: Scene, shape: str, change: FloatArray) -> Scene:
     return replace(scene, source=lambda: {**source, shape: parts})
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["shadows", "moving"])
 def test_luma_by_texels(name: str) -> None:
     """Luma is linear in reflectance: of the floor under lights of two colours, and of the box's mirrored texture."""
@@ -182,6 +183,7 @@ def test_residuals_at_the_truth(events: EventArray) -> None:
     assert not np.concatenate([block.count_differs for block in blocks])[ok].mean() > 0.03
 
 
+@pytest.mark.long
 def test_residuals_far_from_the_truth(events: EventArray) -> None:
     """Gauss-Newton finds the pose again from 5 mm and a quarter of a degree off."""
     estimate = np.array([4e-3, -2e-3, 2e-3, 3e-3, -2e-3, 2e-3])

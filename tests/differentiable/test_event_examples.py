@@ -17,6 +17,7 @@ def example(name: str, monkeypatch: pytest.MonkeyPatch) -> Any:
     return importlib.import_module(name)
 
 
+@pytest.mark.long
 def test_thresholds_are_recovered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those that the events tell follow the true ones."""
     short = ["--noise-us", "1", "--width", "40", "--duration", "0.2"]

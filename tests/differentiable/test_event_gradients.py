@@ -147,6 +147,7 @@ def crossings(scene: Scene, events: EventArray, settings: dict[str, Any]) -> Flo
     return np.where(enclosed, (low + high) / 2, np.nan)
 
 
+@pytest.mark.long
 def test_event_times_move_as_the_jacobian_says() -> None:
     """For shifts of a fraction of a microsecond, of the pose, the thresholds and the dark level."""
     scene = replace(SCENES["shadows"], blur=True)

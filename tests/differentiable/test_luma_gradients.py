@@ -52,6 +52,7 @@ def compare(renderer: NativeRenderer, *, kinks: int) -> None:
         assert np.count_nonzero(off > 1e-4 * np.abs(own).max()) <= kinks
 
 
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("sky", ["constant", "map"])
 def test_baked_light(light_cache: Path, sky: str) -> None:

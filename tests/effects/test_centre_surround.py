@@ -18,6 +18,7 @@ def laplacian(h: Frame) -> Frame:
     return padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:] - 4 * h
 
 
+@pytest.mark.long
 def test_it_is_the_grid() -> None:
     """Frames that are held between keyframes: small explicit steps give the same surround."""
     random = np.random.default_rng(0)

@@ -138,6 +138,7 @@ def test_all_renderers_have_colours(kind: str) -> None:
     assert np.abs(luma - native).mean() > 0.05 * luma.mean()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "sampling", [FixedRate(500), FixedRate(500, hermite=True), MaxDisplacement(0.3), Tolerance(0.3)]
 )
@@ -257,6 +258,7 @@ def test_resolved_settings_hold_the_filter() -> None:
     assert resolve(SCENE, settings).view.colour_filter is FILTER
 
 
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(
     "case", ["glossy under a map", *long_values("diffuse under a sky", "diffuse under a map", "glossy under a sky")]

@@ -233,6 +233,7 @@ def near_the_limit(percent: float) -> bool:
     return 0.67 <= percent <= 1.5
 
 
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("llvm")
 @SCENES
 def test_a_sequence_calls_for_what_it_was_built_for(name: str) -> None:
@@ -245,6 +246,7 @@ def test_a_sequence_calls_for_what_it_was_built_for(name: str) -> None:
     assert not any(getattr(plan.effects, item.effect.name) for item in plan.items if not item.called_for)
 
 
+@pytest.mark.few(3)
 @pytest.mark.usefixtures("llvm")
 @SCENES
 def test_the_plan_is_right(name: str) -> None:
@@ -265,6 +267,7 @@ def test_the_plan_is_right(name: str) -> None:
             assert (item.called_for and not item.with_others) == (came.worst_percent > 1), said
 
 
+@pytest.mark.few(3)
 @pytest.mark.usefixtures("llvm")
 @SCENES
 def test_the_set_does_together_what_was_forecast(name: str) -> None:

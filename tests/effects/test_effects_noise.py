@@ -96,6 +96,7 @@ def oracle_counts(noise: ShotNoise, light: float, phase: float, seconds: float, 
     return np.bincount(pixel.astype(int), minlength=pixels)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("light", "phase"), [(0.3, 0.5), (1.5, 0.3)])
 def test_noise_makes_as_many_events_as_when_followed_in_small_steps(light: float, phase: float) -> None:
     """300 pixels for half a second against 4,096: means of their counts, by their own scatter."""
@@ -129,6 +130,7 @@ def test_rates_over_phase_light_and_threshold_are_those_of_small_steps() -> None
     assert 0.5 < np.mean(counted**2) < 1.6
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("slope", [5.0, 40.0])
 def test_noise_moves_the_events_of_a_signal_as_in_small_steps(slope: float) -> None:
     """A ramp from rest: mean and scatter of each pixel's first event, the scatter within 5 %."""
@@ -198,6 +200,7 @@ def test_the_noise_of_a_rate_has_that_rate(rate_hz: float) -> None:
         ShotNoise.of_rate(1e5, 0.2)
 
 
+@pytest.mark.long
 def test_noise_of_a_static_scene_does_not_depend_on_its_frames() -> None:
     """One interval, many, and irregular ones, on any number of threads: the same bytes."""
     random = np.random.default_rng(3)

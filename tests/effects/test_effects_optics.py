@@ -224,6 +224,7 @@ def behind_a_lens(request: pytest.FixtureRequest, llvm: str) -> tuple[Renderer, 
     return lens, views, lens.luma(views)
 
 
+@pytest.mark.few(1)
 @settings(max_examples=40)
 @given(
     pairs=st.lists(st.tuples(st.integers(0, 5), st.integers(0, 33 * 17 - 1)), max_size=60),
@@ -249,6 +250,7 @@ def test_whole_frames_of_samples(behind_a_lens: tuple[Renderer, Views, LumaFrame
     assert np.array_equal(alone, luma.reshape(6, -1)[np.arange(6), np.arange(6) * 97])
 
 
+@pytest.mark.few(7)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("vignetting", [None, Vignetting()])
 @pytest.mark.parametrize("lens_blur", [None, LensBlur(), LensBlur(2.5)])

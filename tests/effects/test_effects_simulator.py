@@ -193,6 +193,7 @@ def test_auto_takes_what_the_plan_calls_for(tmp_path: Path) -> None:
     assert "photoreceptor_bandwidth_hz" in meta["effects"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "lux"), [("three_planes", 5.0), ("fence", 300.0), ("three_walls", 20_000.0)])
 def test_planned_effects_make_as_many_events_as_all_of_them(name: str, lux: float) -> None:
     """Whole runs within 2 %, and as the plan foresaw: what it leaves out has no say over the first references."""
@@ -209,6 +210,7 @@ def test_planned_effects_make_as_many_events_as_all_of_them(name: str, lux: floa
     assert abs(made.plan.together.omission.count_percent) < 2
 
 
+@pytest.mark.long
 def test_the_tolerance_of_the_plan_is_a_setting(tmp_path: Path) -> None:
     """It reaches the plan from Python and the command line; without a plan it would be ignored, which is refused."""
     report = simulate_to_folder(planes(0.05), tmp_path / "out", effects="auto", effects_tolerance=1.0, quiet=True)

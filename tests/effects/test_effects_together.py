@@ -220,6 +220,7 @@ def test_any_combination_keeps_order_bounds_and_state(
         np.testing.assert_array_equal(engine.last_event_us, last_stamps(stream, (5, 7)))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("count", [1, 2, 7])
 def test_events_do_not_depend_on_threads(count: int) -> None:
     """Each effect, each pair and all at once, on 1, 2 and 3 threads and as many as there are: the same bytes."""

@@ -320,6 +320,7 @@ def test_a_cameras_bytes_and_a_folder_are_read(tmp_path: Path) -> None:
         measure_stream(tmp_path / "folder")
 
 
+@pytest.mark.long
 def test_the_command_prints_writes_and_draws(tmp_path: Path, noisy: tuple[EventArray, Any]) -> None:
     """A table with both streams, all numbers as JSON, and a page of pictures."""
     for name, events in (("real.npy", noisy[0]), ("simulated.npy", noisy[0][noisy[0]["t"] < 5_000_000])):

@@ -72,6 +72,7 @@ def streams(draw: st.DrawFn) -> EventArray:
     return events
 
 
+@pytest.mark.few(2)
 @every_format
 @settings(max_examples=30)
 @given(events=streams(), cuts=st.lists(st.integers(0, 40), max_size=3), flush=st.booleans())
@@ -267,6 +268,7 @@ with open_writer(sys.argv[1], (240, 180), sys.argv[2]) as writer:
 """
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", ["dsec", "e2vid", "bag"])
 @pytest.mark.parametrize("delay_ms", [20, 190, *long_values(1, 53, 111, 307)])
 def test_a_killed_writer_leaves_all_that_was_flushed(tmp_path: Path, name: str, delay_ms: int) -> None:
@@ -366,6 +368,7 @@ def test_every_format_is_tested_fuzzed_and_documented() -> None:
         assert f"`{name}`" in documents, name
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "module", "extra"),
     [("dsec", "h5py", "hdf5"), ("e2vid", "h5py", "hdf5"), ("parquet", "pyarrow", "parquet"), ("bag", "rosbags", "ros")],

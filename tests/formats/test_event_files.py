@@ -31,6 +31,7 @@ def streams(draw: st.DrawFn) -> EventArray:
     return events
 
 
+@pytest.mark.few(3)
 @every_kind
 @settings(max_examples=60)
 @given(events=streams(), cuts=st.lists(st.integers(0, 40), max_size=3), flush=st.booleans())

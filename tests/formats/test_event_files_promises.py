@@ -44,6 +44,7 @@ def read_what_is_left(path: Path) -> EventArray:
         return read_events(path)
 
 
+@pytest.mark.few(6)
 @every_kind
 @pytest.mark.parametrize("delay_ms", [3, *long_values(0, 17, 60)])
 def test_a_killed_writer_leaves_every_packet_that_was_written(
@@ -104,6 +105,7 @@ def test_a_full_disk_is_told_at_once_and_loses_nothing(small_disk: Path, kind: F
     assert_same(left, events[: len(left)])
 
 
+@pytest.mark.few(2)
 @every_kind
 def test_a_file_that_may_not_grow_is_told_through_the_context_manager(
     tmp_path: Path, kind: FormatVariant, run_python: Callable[..., str]

@@ -252,6 +252,7 @@ def test_a_forbidden_folder_is_a_permission_error(tmp_path: Path) -> None:
     tmp_path.chmod(0o700)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("operation", ["write", "flush", "finish", "__exit__"])
 def test_a_file_that_may_not_grow_is_reported(tmp_path: Path, run_python: Callable[..., str], operation: str) -> None:
     """A system that takes no more bytes is an OSError with errno and path, from whichever call meets it; what it took

@@ -183,6 +183,7 @@ def test_functions_take_every_kind(files: dict[str, Path], tmp_path: Path, kind:
         assert_same(windows[4].events, EVENTS[200:250])
 
 
+@pytest.mark.few(8)
 @every_kind
 def test_commands_take_every_kind(files: dict[str, Path], tmp_path: Path, kind: str) -> None:
     """All that take an event file end well, and count alike."""

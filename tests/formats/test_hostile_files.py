@@ -108,6 +108,7 @@ def parquet_bomb(path: Path) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("make", "most"),
     [
@@ -149,6 +150,7 @@ def test_chunks_of_bags_are_limited(tmp_path: Path, compression: str, indexed: b
         davis_rs.read_events(path)
 
 
+@pytest.mark.long
 def test_more_is_unpacked_if_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By argument and by option."""
     path = tmp_path / "large.aedat4"
@@ -351,6 +353,7 @@ def test_headers_of_npy(tmp_path: Path, header: bytes) -> None:
         davis_rs.read_events(tmp_path / "e.npz")
 
 
+@pytest.mark.long
 def test_one_changed_byte_of_parquet_does_not_end_the_process(tmp_path: Path) -> None:
     """Arrow ends the process at a physical type that there is not: the metadata are looked at first."""
     pytest.importorskip("pyarrow")
@@ -466,6 +469,7 @@ def test_plans_that_would_fill_the_memory(tmp_path: Path, lines: list[str], rule
         load_sequence_plan(path)
 
 
+@pytest.mark.long
 def test_a_large_plan_is_drawn_as_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A million sequences are not held; --dry-run shows the first ones, and says so."""
     path = tmp_path / "plan.yaml"
@@ -488,6 +492,7 @@ with davis_rs.open_writer(sys.argv[1], (240, 180), overwrite=True) as writer:
 """
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["e.txt", "e.npz", "e.aedat4", "e.parquet", "e.h5", "e.bag"])
 @pytest.mark.parametrize("there", [True, *long_values(False)])
 def test_a_file_has_one_writer(tmp_path: Path, name: str, there: bool) -> None:

@@ -402,6 +402,7 @@ def test_aedat4_events_outside(folder: Path) -> None:
     assert "3 events outside of 346 x 260 pixels left out" in recording.notes
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("compression", [1, 3])
 def test_packets_that_grow_without_end_are_refused(folder: Path, compression: int) -> None:
     """A few kilobytes may not fill the memory."""

@@ -141,6 +141,7 @@ def test_a_missing_library_is_told_before_a_simulation(
     assert names(tmp_path) == []
 
 
+@pytest.mark.long
 def test_a_killed_conversion_leaves_what_the_next_one_removes(source: Path, run_python: Callable[..., str]) -> None:
     """kill -9 leaves a hidden folder that has the target's name in its own. It does not stop the second try."""
     program = """

@@ -237,6 +237,7 @@ def flip(path: Path) -> None:
     path.write_bytes(data)
 
 
+@pytest.mark.long
 def test_what_is_there_is_kept(root: Path) -> None:
     """With the manifest's word for it, or, where a run was killed before it wrote that, after reading it."""
     before = files_of(root)
@@ -247,6 +248,7 @@ def test_what_is_there_is_kept(root: Path) -> None:
     assert files_of(root) == before
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "names", [["events.txt", "images/frame_00000001.png", "meta.json"], [CHECKSUMS]], ids=["files", "checksums"]
 )
@@ -318,6 +320,7 @@ def test_verify_takes_no_options_of_making(root: Path, option: list[str], capsys
     assert f"unrecognized arguments: {' '.join(option)}" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_files_of_others_are_kept(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """In a folder that is as it was they are no fault; one that is damaged keeps all, under another name."""
     before = files_of(root)

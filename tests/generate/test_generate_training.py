@@ -227,6 +227,7 @@ def test_another_image_makes_another_plan(tmp_path: Path) -> None:
     assert load_sequence_plan(tmp_path / "plan.yaml").sha256 != before
 
 
+@pytest.mark.long
 def test_a_path_starts_where_it_is_drawn(tmp_path: Path) -> None:
     """Moved in the camera's own axes, from the scene's own path at a time; a sequence's path keeps its shape."""
     offset = {"position_m": [0.1, 0, {"uniform": [0.2, 0.3]}], "rotation_deg": [0, 0, 90]}
@@ -283,6 +284,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "root"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["hdf5", "webdataset"])
 def test_shards_hold_what_the_folders_do(folders: Path, tmp_path: Path, kind: str) -> None:
     """All of it, as other people's readers see it; verify reads them, the next run keeps them, and one that was damaged

@@ -59,6 +59,7 @@ def test_a_task_that_kills_its_workers_is_given_up_alone(tmp_path: Path, workers
     assert not any(psutil.pid_exists(int(pid)) for pids in tries.values() for pid in pids)
 
 
+@pytest.mark.long
 def test_workers_are_gone_when_the_caller_leaves(tmp_path: Path) -> None:
     """In the midst of their tasks too."""
     outcomes = run(tmp_path, ["a", "long"], 2, [])
@@ -69,6 +70,7 @@ def test_workers_are_gone_when_the_caller_leaves(tmp_path: Path) -> None:
     assert not psutil.pid_exists(int((tmp_path / "long").read_text()))
 
 
+@pytest.mark.long
 def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     """Also in the midst of a task that would go on for a minute, when the parent has no time to say a word."""
     program = (

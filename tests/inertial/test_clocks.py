@@ -99,6 +99,7 @@ class TestAlignment:
         back = found.camera_times_us(poses.t_us)
         assert np.abs(back - (poses.t_us - offset * 1e6) / (1 + drift)).max() < 20
 
+    @pytest.mark.long
     @pytest.mark.skipif(not POSTER.exists(), reason="needs ../shared/data")
     def test_a_noisy_minute_gives_the_clock_back(self) -> None:
         """With motion-capture noise and all effects of the MPU-6150: 0.3 ms, and 0.5 of the 2 ms a minute of drift."""
@@ -113,6 +114,7 @@ class TestAlignment:
         assert abs(found.offset_s - clock.offset_s) < 4 * found.offset_sigma_s
         assert abs(found.drift - clock.drift) < 4 * found.drift_sigma
 
+    @pytest.mark.few(1)
     @pytest.mark.usefixtures("llvm")
     @pytest.mark.parametrize(("offset", "drift"), [(0.0137, 0.0), (-0.04, 0.01)])
     def test_events_give_the_clock_back_to_a_few_milliseconds(self, offset: float, drift: float) -> None:

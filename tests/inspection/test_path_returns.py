@@ -44,6 +44,7 @@ def test_returns(truth: GroundTruth, expected: list[int]) -> None:
     assert returns_us(truth).tolist() == expected
 
 
+@pytest.mark.long
 def test_info_says_so_of_pixels_in_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """three_planes is back at 1.999 s; with start phases of their own its pixels are not in step."""
     scene = davis_rs.load_scene("three_planes")

@@ -49,6 +49,7 @@ def count_of(pixels: npt.NDArray[np.uint8], rgb: tuple[int, int, int], *, within
     return int(np.count_nonzero((np.abs(pixels.astype(int) - rgb) <= within).all(-1)))
 
 
+@pytest.mark.long
 def test_the_figure_has_its_size_and_colours(folder: Path, tmp_path: Path) -> None:
     """7.2 inches at 200 dpi on white, with ON pixels in red and OFF pixels in blue over a grey frame."""
     assert view_dataset(folder, tmp_path / "figure.png") == tmp_path / "figure.png"
@@ -136,6 +137,7 @@ def test_frames_are_drawn_with_the_srgb_curve() -> None:
     assert grey[2] == pytest.approx(0.5, abs=0.005)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_the_video_shows_frames_and_events(folder: Path, tmp_path: Path, suffix: str) -> None:
     """60 ms, ten times slower, at 25 pictures a second are 15 pictures: panels of 480 x 360, events on the right."""
@@ -212,6 +214,7 @@ def test_senseless_videos_are_refused(
     assert not (tmp_path / name).exists()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("module", "call"), [("matplotlib", "view"), ("imageio", "make_video")])
 def test_a_missing_library_says_how_to_get_it(folder: Path, tmp_path: Path, module: str, call: str) -> None:
     """Without the view extra the error names the command that installs it."""
@@ -230,6 +233,7 @@ def test_a_missing_library_says_how_to_get_it(folder: Path, tmp_path: Path, modu
 # ---- formats, sources and edge cases ----
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")])
 def test_the_suffix_chooses_the_format(folder: Path, tmp_path: Path, suffix: str, magic: bytes) -> None:
     output = tmp_path / f"figure{suffix}"

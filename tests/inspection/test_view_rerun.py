@@ -49,6 +49,7 @@ def rows_of(path: Path, entity: str, component: str) -> list[tuple[int | None, A
     return sorted(found, key=lambda row: row[0] or 0)
 
 
+@pytest.mark.long
 def test_all_parts_are_in_the_file(folder: Path, tmp_path: Path) -> None:
     """Each at its own times, with its own values."""
     output = tmp_path / "r.rrd"

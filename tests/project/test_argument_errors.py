@@ -67,6 +67,7 @@ def arguments_of_commands() -> set[str]:
     return set(of(make_parser()))
 
 
+@pytest.mark.long
 def test_no_message_names_an_argument_that_the_error_does_not_carry() -> None:
     """The command line could only call it by Python's name."""
     known = {*arguments_of_commands(), *settings_of(FolderSettings), *settings_of(FrameFolderSettings)}

@@ -1,7 +1,8 @@
 """The documents keep their promises: every code block and every command of README.md and docs/ is run.
 
 A command that no longer parses fails here, as does a Python block that no longer runs. Commands that take long are
-shortened by options, and what cannot run in a test is named with its reason in the tables below, and still parsed.
+shortened by options, and what cannot run in a test is named with its reason in the tables below, and still parsed. What
+README.md shows runs in every run of the tests; what the other documents show is parsed, and runs with ``--long``.
 """
 
 from __future__ import annotations
@@ -255,16 +256,17 @@ def alternatives(command: str) -> list[str]:
 
 
 def marked(some: list[Snippet]) -> Any:
-    """The snippets as parameters, with the place that each stands at; those of :data:`LONG` are long."""
-    return [
-        pytest.param(one, id=one.where, marks=[pytest.mark.long] if any(text in one.text for text in LONG) else [])
-        for one in some
-    ]
+    """The snippets as parameters, with the place that each stands at; most are long."""
+
+    def is_long(one: Snippet) -> bool:
+        return not one.where.startswith("README.md") or any(text in one.text for text in LONG)
+
+    return [pytest.param(one, id=one.where, marks=[pytest.mark.long] if is_long(one) else []) for one in some]
 
 
-@pytest.mark.parametrize("snippet", marked(with_commands()))
-def test_commands_run(snippet: Snippet, folder: Path) -> None:
-    """One after the other in one folder; what a command writes to is removed first: lines are often alternatives."""
+@pytest.mark.parametrize("snippet", with_commands(), ids=lambda one: one.where)
+def test_commands_parse(snippet: Snippet) -> None:
+    """Each command and each option that has a line of its own is one that there is; help is printed."""
     for command in (one for one in snippet.commands if one.startswith("davis-rs ")):
         if "--help" in command:
             with pytest.raises(SystemExit, match="0"):
@@ -272,7 +274,15 @@ def test_commands_run(snippet: Snippet, folder: Path) -> None:
             continue
         for one in alternatives(command):
             make_parser().parse_args(words_of(one))
-        if command not in NOT_RUN:
+    for command in snippet.with_options:
+        make_parser().parse_args(words_of(command))
+
+
+@pytest.mark.parametrize("snippet", marked(with_commands()))
+def test_commands_run(snippet: Snippet, folder: Path) -> None:
+    """One after the other in one folder; what a command writes to is removed first: lines are often alternatives."""
+    for command in (one for one in snippet.commands if one.startswith("davis-rs ")):
+        if "--help" not in command and command not in NOT_RUN:
             words = words_of(RUN_INSTEAD.get(command, f"{command} {SHORTENED.get(command.split()[1], '')}"))
             if "-o" in words:
                 make_way(folder / words[words.index("-o") + 1])
@@ -281,8 +291,6 @@ def test_commands_run(snippet: Snippet, folder: Path) -> None:
                     written = (folder / command.partition(" > ")[2]).open("w")
                     stack.enter_context(redirect_stdout(stack.enter_context(written)))
                 assert main(words) == 0, command
-    for command in snippet.with_options:
-        make_parser().parse_args(words_of(command))
 
 
 def make_way(output: Path) -> None:
@@ -347,6 +355,18 @@ def test_other_commands_name_what_there_is() -> None:
                 assert f"\n{extra} = [" in project, f"{one.where}: {command}"
 
 
+@pytest.mark.parametrize("snippet", PYTHON, ids=lambda one: one.where)
+def test_python_blocks_name_what_there_is(snippet: Snippet) -> None:
+    """Each block is Python, and what it takes from this package is there."""
+    tree = ast.parse(snippet.text, snippet.where)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("davis_rs"):
+            module = import_module(node.module or "")
+            assert all(hasattr(module, name.name) for name in node.names), snippet.where
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "davis_rs":
+            assert hasattr(import_module("davis_rs"), node.attr), f"{snippet.where}: davis_rs.{node.attr}"
+
+
 @pytest.mark.parametrize("snippet", marked(PYTHON))
 def test_python_blocks_run_by_themselves(
     snippet: Snippet, folder: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
@@ -355,13 +375,6 @@ def test_python_blocks_run_by_themselves(
     for library in OPTIONAL:
         if library in snippet.text:
             pytest.importorskip(library)
-    tree = ast.parse(snippet.text, snippet.where)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("davis_rs"):
-            module = import_module(node.module or "")
-            assert all(hasattr(module, name.name) for name in node.names), snippet.where
-        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "davis_rs":
-            assert hasattr(import_module("davis_rs"), node.attr), f"{snippet.where}: davis_rs.{node.attr}"
     if any(mark in snippet.text for mark in NOT_RUN_PYTHON):
         return
     if OWN_INTERPRETER not in snippet.text:

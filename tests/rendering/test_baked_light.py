@@ -141,6 +141,7 @@ def test_lamps_without_a_name_are_told_apart(tmp_path: Path) -> None:
     np.testing.assert_allclose(luma(large, small), alone[0] + alone[1], rtol=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_coloured_light_that_bounces_is_the_path_tracers(long: bool) -> None:
     """All kinds of light at once, in colour: the path tracer's luma, but for its noise."""
@@ -243,6 +244,7 @@ def moving_camera() -> Scene:
     )
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_what_baking_saves_and_errs(folder: Path) -> None:
     """Baked light is nearer to the reference than few samples of the path tracer; runs of the reference are kept."""
@@ -458,6 +460,7 @@ def test_the_same_bits_with_and_without_cache_and_on_any_threads(
     assert "was baked in" in capsys.readouterr().err
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("damage", ["bit", "cut", "empty", "other"])
 def test_a_damaged_cache_is_rebuilt(
     damage: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -538,6 +541,7 @@ def test_a_bake_that_is_stopped_goes_on_where_it_was(
     assert [file.suffix for file in folder.iterdir()] == [".light"]
 
 
+@pytest.mark.long
 def test_two_bakes_at_once_leave_one_whole_file(folder: Path, run_python: Callable[..., str]) -> None:
     program = """
 import multiprocessing, sys

@@ -80,6 +80,7 @@ def off_path_tracer(scene: Scene, renderer: Renderer, t_s: FloatArray) -> tuple[
     return renderer.luma(views) / mean - 1, float(np.median(noise))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_a_body_that_moves_is_lit_as_by_the_path_tracer(long: bool) -> None:
     """At the bake's instants only edges and noise differ; between them as much as is told, where light changes."""

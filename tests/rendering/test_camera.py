@@ -85,6 +85,7 @@ def test_the_jacobian_is_the_slope_of_the_projection(camera: Camera) -> None:
         np.testing.assert_allclose(camera.distortion_jacobian(xy), np.stack(columns, 1), rtol=0, atol=1e-5)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["table", "integrator"])
 @pytest.mark.parametrize("distorted", [False, True])
 @pytest.mark.usefixtures("llvm")

@@ -50,6 +50,7 @@ def microseconds_off(tracks: EdgeTracks, renderer: Renderer, scene: Scene, start
     return np.array(found)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("through", ["bare", "blur", "vignetting", "lens"])
 def test_tracks_are_what_the_renderer_shows(through: str) -> None:
     """At every microsecond a known pixel is within the tolerance, but for a jump that rounding puts in the next one."""

@@ -31,6 +31,7 @@ sys.exit("\\n".join(errors) or None)
 """
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("attempt", range(4))
 def test_threads_wait_until_mitsuba_is_imported(attempt: int) -> None:
     """Without a lock a thread finds the module half made, about every second time."""

@@ -89,6 +89,7 @@ def mitsubas(scene: Scene, rays: int = 2) -> npt.NDArray[np.float32]:
     return IntegratorRenderer(loaded, CAMERA, rays_per_pixel=rays, blur=False, seed=0, reason="").luma(VIEWS)
 
 
+@pytest.mark.few(12)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("lights", [{"lamp": SPOT}, *long_values({"lamp": POINT}, {"sun": SUN})])
 @pytest.mark.parametrize(("bsdf", "tolerance"), ROUGH.values(), ids=ROUGH)

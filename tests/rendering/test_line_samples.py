@@ -44,6 +44,7 @@ def views_of(scene: Scene, *fractions: float) -> Views:
     return Views.along(scene.path, scene.path.duration_s * np.array(fractions))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "camera", "factor"),
     [("three_planes", None, 0.8), ("fence", None, 0.3), ("urban", None, 0.9), ("fence", BENT, 0.3)],
@@ -167,6 +168,7 @@ def test_what_lines_cannot_do_is_an_error() -> None:
         renderer.samples(views, number, number, rays=8)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["large", "small", "slivers", "mesh"])
 @pytest.mark.parametrize(
     ("seed", "camera"),

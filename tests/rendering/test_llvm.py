@@ -159,6 +159,7 @@ def test_an_unusable_choice_is_named(system: Path, monkeypatch: pytest.MonkeyPat
     assert _llvm.why_none().endswith("names /nonexistent/libLLVM.so, which is no library that can be loaded")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     next(iter(Path(RUST_SYSROOT or "/nonexistent").glob("lib/libLLVM.so.*")), None) is None,
     reason="needs the Rust toolchain that built davis_rs, with a libLLVM of its own",
@@ -207,6 +208,7 @@ def test_an_llvm_that_would_abort_is_never_run(run_python: Callable[..., str]) -
     assert "no usable LLVM (>= 17) was found" in reason
 
 
+@pytest.mark.long
 @needs_llvm_15
 @needs_usable_llvm
 def test_an_llvm_that_is_loaded_already_is_not_run(run_python: Callable[..., str]) -> None:

@@ -55,6 +55,7 @@ def test_what_is_diffuse_in_fact_is_rendered_as_such(bsdf: dict[str, Any]) -> No
     np.testing.assert_array_equal(renderer.luma(Views.at_rest([POSE])), luma(scene_of(MATTE)))
 
 
+@pytest.mark.few(3)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("bsdf", DIFFUSE_IN_FACT.values(), ids=DIFFUSE_IN_FACT)
 def test_mitsuba_agrees_that_it_is(bsdf: dict[str, Any]) -> None:
@@ -81,6 +82,7 @@ WITH_A_COLOUR = {
 }
 
 
+@pytest.mark.few(3)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(("bsdf", "plugins"), WITH_A_COLOUR.values(), ids=WITH_A_COLOUR)
 def test_what_has_a_diffuse_colour_is_matte_on_wish(bsdf: dict[str, Any], plugins: str) -> None:

@@ -142,6 +142,7 @@ def test_the_measuring_of_noise_is_told(monkeypatch: pytest.MonkeyPatch) -> None
     assert told == [f"measuring noise, {done} of {count} renderings" for done in range(count)]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_more_light_paths_have_less_noise_by_their_root(of_the_box: NoiseEstimate) -> None:
     """Log luma's noise is told in C, and halves with four times the samples."""
@@ -263,6 +264,7 @@ def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFix
         Simulator(scene, rays_per_pixel="auto")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.usefixtures("few_seeds")
 def test_plan_says_it_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -334,6 +336,7 @@ def test_a_run_that_would_be_mostly_noise_is_refused(tmp_path: Path) -> None:
     assert open_visual_sequence(out).label.endswith(f"sensor 32 x 24, ideal, {percent(share)} Monte Carlo noise")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.usefixtures("few_seeds")
 def test_a_plan_says_whether_noise_is_accepted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -411,6 +414,7 @@ def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
         refuse_noise(noise, floor, complete(FolderSettings, settings, taker="the test"))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.usefixtures("few_seeds")
 def test_the_frames_of_the_run_follow_from_its_sampling(monkeypatch: pytest.MonkeyPatch) -> None:

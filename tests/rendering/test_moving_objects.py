@@ -99,6 +99,7 @@ def moving(t_s: list[float], camera_moves: bool = True) -> Views:
     return Views(still.t_s, still.positions, still.rotations, ones * velocity, ones * angular_rate)
 
 
+@pytest.mark.few(7)
 @SCENES
 @pytest.mark.usefixtures("llvm")
 @TABLES
@@ -123,6 +124,7 @@ def test_frames_are_those_of_a_still_scene(kind: str, name: str, tmp_path: Path)
     assert np.array_equal(renderer.luma(views[2:3])[0], frames[2])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["shadows", "two objects", "smooth normals", "all moves"])
 @pytest.mark.parametrize("kind", [FAST, SCALAR])
 def test_integrators_show_the_same(name: str, kind: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:

@@ -273,6 +273,7 @@ def test_a_scene_in_other_units_looks_the_same(scale: float) -> None:
     assert (np.abs(other - ours) > 1e-4 * ours.max()).mean() < 1e-5
 
 
+@pytest.mark.few(2)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(
     "name", ["three_planes", "three_walls", "boxes_6dof", "office_zigzag", "dynamic_6dof", "wires", "grazing"]

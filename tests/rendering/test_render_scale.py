@@ -32,6 +32,7 @@ def truth() -> EventArray:
     return events_of(ExactRenderer(scene, scene.own_camera, rays_per_pixel=4), scene)
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("scale", SCALES)
 def test_events_are_those_of_float64_at_any_scale(kind: str, scale: float, truth: EventArray) -> None:
     """From a ten-thousandth of the size to a hundred thousand times it: as many events to 1e-3, and the same ones."""
@@ -43,6 +44,7 @@ def test_events_are_those_of_float64_at_any_scale(kind: str, scale: float, truth
     assert compared.missing_percent + compared.spurious_percent < 0.2
 
 
+@pytest.mark.few(1)
 def test_a_simulation_at_any_scale_makes_as_many_events(kind: str) -> None:
     """The sampling in time asks in pixels, so it does not see the scale either."""
 

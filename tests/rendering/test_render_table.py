@@ -208,6 +208,7 @@ SCENES: dict[str, Parts] = {
 }
 
 
+@pytest.mark.few(9)
 @pytest.mark.parametrize("name", SCENES)
 def test_light_of_a_scene_is_mitsubas(kind: str, name: str) -> None:
     """Pixel for pixel the luma that Mitsuba's direct integrator finds through its own camera."""
@@ -300,6 +301,7 @@ def test_lights_of_one_hue_and_of_none(kind: str) -> None:
     assert (luma_of(kind, {"floor": floor}) == 0).all()
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("raw", [True, False])
 @pytest.mark.parametrize("mode", ["RGB", "L"])
 def test_image_files_are_linearised_unless_raw(kind: str, tmp_path: Path, raw: bool, mode: str) -> None:
@@ -356,6 +358,7 @@ def write_ball(path: Path, *, normals: bool, uv: bool, rings: int = 5) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("uv", [False, True])
@@ -530,6 +533,7 @@ print("alive")
 """
 
 
+@pytest.mark.few(1)
 def test_rays_that_miss_do_no_harm(kind: str, run_python: Callable[..., str]) -> None:
     """Rays that hit nothing are dark and at inf; in a process of its own: an integer division by zero would kill it."""
     assert run_python(MISSES, kind) == "alive\n"
@@ -595,6 +599,7 @@ UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
 }
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", UNSUITABLE)
 def test_what_has_no_tables_falls_back(kind: str, name: str) -> None:
     """Such a scene goes to Mitsuba's integrator, with the reason named; the others, asked for by name, refuse it."""

@@ -120,6 +120,7 @@ def _events(scene: Scene) -> EventArray:
     return np.concatenate([packet.events for packet in packets])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("make", FORMATS.values(), ids=FORMATS)
 def test_every_format_gives_the_same_scene(tmp_path: Path, make: Callable[[Path], Path]) -> None:
     """Next to OBJ with MTL: luma to 1e-5, and every event, of XML to the microsecond."""

@@ -117,6 +117,7 @@ def shape(kind: str, scale: float, folder: Path) -> dict[str, Any]:
     return {"thing": {"type": kind, "to_world": placed(scale, 0.3, 0.2, 0.1, 0.5), "bsdf": WHITE}}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["cube", "sphere", "disk", "cylinder", "linearcurve"])
 @pytest.mark.usefixtures("llvm")
 def test_shapes(kind: str, tmp_path: Path) -> None:
@@ -155,6 +156,7 @@ def light(kind: str, scale: float) -> dict[str, Any]:
     return {"type": "constant", "radiance": 0.5}
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["spot", "projector", "directional", "area", "constant"])
 @pytest.mark.usefixtures("llvm")
 def test_lights(kind: str) -> None:

@@ -98,6 +98,7 @@ MOTIONS = {
 }
 
 
+@pytest.mark.few(3)
 @CAMERAS
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_no_pixel_with_an_outline_is_missed(llvm: str, camera: Camera, motion: str) -> None:
@@ -108,6 +109,7 @@ def test_no_pixel_with_an_outline_is_missed(llvm: str, camera: Camera, motion: s
     assert motion == "far in one step" or mask.mean() < 0.4
 
 
+@pytest.mark.few(1)
 @CAMERAS
 def test_little_more_than_needed_is_marked(llvm: str, camera: Camera) -> None:
     """Around a bar in front of a wall, each marked pixel is next to one in which rays find the outline."""
@@ -231,6 +233,7 @@ def torus(path: Path) -> dict[str, Any]:
     return {**placed("obj", (0, 0, 3), (1, 1, 1), (1.25, 0.2, 0)), "filename": str(path)}
 
 
+@pytest.mark.few(1)
 @CAMERAS
 def test_a_smooth_mesh_that_hides_itself(llvm: str, tmp_path: Path, camera: Camera) -> None:
     """Of a ring its outline, and where its near side ends before its far side; not the thousands of edges between."""

@@ -92,6 +92,7 @@ def test_what_is_no_clip_is_told_in_a_line(clip: RecordedClip) -> None:
         reproduce(RecordedClip.of("black", clip.size, clip.events, black))
 
 
+@pytest.mark.long
 def test_the_command_writes_tables_and_says_what_is_missing(tmp_path: Path) -> None:
     """Of a dataset folder; a file without frames gets one line."""
     out = tmp_path / "run"

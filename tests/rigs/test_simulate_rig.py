@@ -68,6 +68,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("clock", [(0.0, 0.0), (0.004, 0.0), (-0.003, 2e-3)], ids=["one", "ahead", "behind"])
 def test_two_cameras_are_two_runs_of_one(clock: tuple[float, float], scene: Scene, tmp_path: Path) -> None:
     """Byte for byte, clocks included; and the body is the same in all three folders."""

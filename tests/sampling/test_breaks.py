@@ -274,6 +274,7 @@ def lights(draw: st.DrawFn) -> LightProfile:
     return SampledProfile(np.cumsum([first, *gaps]) * 1e-6, factors)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("changing", ["motion", "light", "both"])
 @given(data=st.data(), preset=st.sampled_from(["paper", "fast", "balanced"]))
 @settings(max_examples=12)

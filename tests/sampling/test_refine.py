@@ -122,6 +122,7 @@ def excess(found: list[Sign], t_us: npt.NDArray[np.int64], part: Stretch) -> npt
     return np.array([one.sign for one in found]) * (log - [one.level for one in found])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("name", "sampling"),
     [

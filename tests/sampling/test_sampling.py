@@ -149,6 +149,7 @@ def largest_displacements(renderer: Renderer, trajectory: Trajectory, instants: 
     return np.array(largest)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(("camera", "pixels"), [(PLAIN, 1 / 3), (PLAIN, 1.0), (LENS, 1.0)])
 @pytest.mark.parametrize("path", [translation, approach, rotation, shaken])
 @pytest.mark.usefixtures("llvm")

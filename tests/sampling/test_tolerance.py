@@ -72,6 +72,7 @@ def crossings(
     )
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", ["three_planes", "three_walls"])
 @pytest.mark.parametrize("paired", [False, True], ids=["even", "paired"])
 @pytest.mark.parametrize("contrast", [0.3, 0.1, 0.05])

@@ -147,6 +147,7 @@ def test_a_triangle_without_area_among_coordinates_takes_its_texel() -> None:
     assert reflected.source.tolist() == [0, 3]
 
 
+@pytest.mark.long
 def test_outlines_get_coarser_before_there_are_too_many_pieces() -> None:
     """By how much is told; what would still be too much is not cut."""
     mask = AlphaMask(blobs(3, (128, 128)), 0.5, "repeat")
@@ -163,6 +164,7 @@ def test_outlines_get_coarser_before_there_are_too_many_pieces() -> None:
     assert AlphaMask(wire, 0.5, "repeat").cut(500.0 * square) is None  # coarser, there would be nothing left
 
 
+@pytest.mark.long
 def test_a_mask_as_fine_as_noise_is_taken_in_larger_cells() -> None:
     """So it takes neither hours nor all memory."""
     noise = np.random.default_rng(1).integers(0, 256, (1024, 1024), np.uint8)
@@ -218,6 +220,7 @@ def test_texels_with_hard_edges() -> None:
     assert np.array_equal(single.weights, [np.eye(3)])
 
 
+@pytest.mark.long
 def test_coarser_outlines_of_a_part_are_told(tmp_path: Path) -> None:
     """And so is a mask that cannot be followed; a part without texture coordinates is as it was."""
     budget = Budget(tmp_path / "part")

@@ -180,6 +180,7 @@ def test_a_camera_at_rest_gets_a_small_motion(tmp_path: Path, capsys: pytest.Cap
     assert "has a camera, but no path: it goes once around a small circle" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_little_things_near_the_camera_do_not_make_the_motion_small(tmp_path: Path) -> None:
     near = (
         '<shape type="rectangle"><transform name="to_world"><scale value="0.05"/><translate z="2"/></transform></shape>'

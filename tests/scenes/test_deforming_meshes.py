@@ -129,6 +129,7 @@ def test_a_skin_bends_by_hand(tmp_path: Path) -> None:
     assert list(deformation.breaks_s()) == [pytest.approx(0.4)]
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("t_s", [0.0, 0.13, 0.4, 0.77])
 @pytest.mark.parametrize("axis", [(0, 0, 1), (1, 0, 0)])
 def test_it_looks_like_the_same_mesh_at_rest(tmp_path: Path, t_s: float, axis: tuple[int, int, int]) -> None:
@@ -358,6 +359,7 @@ def test_textures_and_fronts_follow_the_form(texture: bool) -> None:
     assert luma[2].max() == 0
 
 
+@pytest.mark.long
 def test_the_clock_knows_the_fastest_point(tmp_path: Path) -> None:
     """The path of the fastest pixel is at least as long as any point's of the mesh, and it ends with the motion; the
     end is a break."""

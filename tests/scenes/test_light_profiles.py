@@ -185,6 +185,7 @@ def test_frames_are_scaled(kind: str, request: pytest.FixtureRequest) -> None:
     assert np.array_equal(flickering.samples(views, of, pixels), frames.reshape(4, -1)[of, pixels])
 
 
+@pytest.mark.few(1)
 @every_renderer
 def test_of_two_lights_one_flickers(kind: str, request: pytest.FixtureRequest) -> None:
     """Light adds up, background included: a steady sun and sky plus a lamp, or a lamp plus a dimmed sky."""

@@ -49,6 +49,7 @@ def made(make: Callable[[], Scene]) -> tuple[Scene, Renderer]:
     return scene, rendered(scene)
 
 
+@pytest.mark.few(2)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("make", SCENES)
 def test_there_is_something_to_see_wherever_a_hand_turns_the_camera(make: Callable[[], Scene]) -> None:
@@ -61,6 +62,7 @@ def test_there_is_something_to_see_wherever_a_hand_turns_the_camera(make: Callab
     assert (spread > 2 * scene.contrast_threshold).all()
 
 
+@pytest.mark.few(2)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("make", SCENES)
 def test_the_same_scene_is_made_each_time(make: Callable[[], Scene]) -> None:
@@ -108,6 +110,7 @@ def test_the_path_outdoors_is_free_for_300_m() -> None:
         assert not near.any(), name
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_the_light_is_that_of_the_place() -> None:
     """White under the lamp's light is some 500 lx, in the sun above 20,000 lx, and a shadow takes half of that away."""
@@ -178,6 +181,7 @@ def test_the_person_is_as_high_as_an_adult_and_stands_on_the_floor() -> None:
     assert -0.04 < lowest.min() < -0.03
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("make", [office, dynamic])
 def test_an_integrator_warns_of_black_shadows(make: Callable[[], Scene]) -> None:
     """Constant light comes from without: the walls shut it out. Under a real sky nothing is amiss."""

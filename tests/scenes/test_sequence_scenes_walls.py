@@ -72,6 +72,7 @@ def along_the_slide(scene: Scene, metres: float) -> Views:
     return poses(scene, shifts, np.zeros((14, 3)))
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.usefixtures("llvm")
 def test_there_is_something_to_see_all_around(name: str) -> None:
@@ -88,6 +89,7 @@ def test_there_is_something_to_see_all_around(name: str) -> None:
     assert luma[0].std() > 0.02
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_is_the_same_each_time(name: str) -> None:
     """Two scenes have the same parts, to the last texel; settings are those that a DAVIS240C's sequence has."""
@@ -172,6 +174,7 @@ def test_boxes_are_many_and_stand_apart() -> None:
         assert low[2] == pytest.approx(0, abs=1e-9) or np.isclose(tops, low[2]).any()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [name for name, make in SCENES.items() if not make().shadows])
 @pytest.mark.usefixtures("llvm")
 def test_no_shadow_is_missed(name: str) -> None:
@@ -212,6 +215,7 @@ def test_walls_at_impossible_distances_are_refused(distance: float) -> None:
         slider_wall(distance)
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.usefixtures("llvm")
 def test_light_is_what_it_is_said_to_be(name: str) -> None:

@@ -69,6 +69,7 @@ def test_the_table_is_the_papers() -> None:
     assert {s.biases for s in SEQUENCES.values()} == {*davis_rs.BIAS_SETS, None}
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", NAMES)
 def test_duration_and_top_speeds_are_the_tables(name: str) -> None:
     """T within 1 %, TS and RS within 10 %, by one definition of a top speed; nothing jumps when it starts."""
@@ -98,6 +99,7 @@ def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
     assert 0.3 < count.on_events / count.events < 0.7
 
 
+@pytest.mark.few(10)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("name", [*COUNTED[::3], *long_values(*(name for name in COUNTED if name not in COUNTED[::3]))])
 def test_the_counts_on_record_are_of_these_scenes(name: str) -> None:
@@ -114,6 +116,7 @@ def test_the_counts_on_record_are_those_of_the_sequences(name: str) -> None:
     assert count_events(SEQUENCES[name]).events == pytest.approx(read_counts()[name].events, rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_recorded_sensor_is_counted(tmp_path: Path) -> None:
     """Its OFF threshold is far below its ON threshold, so OFF events are more; the count says whose it is."""
     count = count_events(SEQUENCES["slider_depth"], sensor="recorded", duration_s=0.05)

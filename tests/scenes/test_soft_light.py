@@ -63,6 +63,7 @@ def hidden_sky() -> npt.NDArray[np.float64]:
     return ALBEDO * SKY * (1 - x / np.hypot(x, HEIGHT)) / 2
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("most_corners", "error"), [(None, 0.05), (90, 0.15)], ids=["every corner", "corners share"])
 def test_a_wall_hides_as_much_of_the_sky_as_its_view_factor_says(
     most_corners: int | None, error: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -76,6 +77,7 @@ def test_a_wall_hides_as_much_of_the_sky_as_its_view_factor_says(
     np.testing.assert_allclose(soft, flat - hidden_sky(), rtol=error)
 
 
+@pytest.mark.long
 def test_a_bake_that_was_asked_for_is_not_a_quick_one(tmp_path: Path) -> None:
     scene = floor_and_wall(tmp_path)
     asked, reason = floor_luma(scene, "baked", 0.2)

@@ -123,6 +123,7 @@ def test_each_file_has_its_row(surveyed: str, name: str) -> None:
     assert " MB" in row
 
 
+@pytest.mark.long
 def test_outcomes_are_counted(surveyed: str) -> None:
     counts = surveyed.partition("\noutcome\n")[2].partition("\n\n")[0]
     found = {line.split(maxsplit=1)[1]: line.split(maxsplit=1)[0] for line in counts.splitlines()}

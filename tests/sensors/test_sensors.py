@@ -109,6 +109,7 @@ TEXTS = st.text(st.characters(codec="utf-8"), max_size=40)
 SENSORS_OF_ANY_VALUES = st.fixed_dictionaries({}, optional={name: values(name) for name in parameter_names()})
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(parameters=SENSORS_OF_ANY_VALUES, description=TEXTS, source=TEXTS, sigma=st.floats(0, 1e9))
 @example(parameters={"width": 3}, description="\x85", source="a\u2028b", sigma=0.0)

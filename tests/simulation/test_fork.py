@@ -55,6 +55,7 @@ print(made == here, min(here) > 10)
 """
 
 
+@pytest.mark.long
 def test_a_forked_child_simulates_as_its_parent_does(run_python: Callable[..., str]) -> None:
     """A fork copies no threads: the child starts its own, in place of waiting for those of its parent. So it is with
     those that all share, and with those of a simulator that was begun before."""

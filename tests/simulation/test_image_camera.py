@@ -198,6 +198,7 @@ def seen_by_mitsuba(path: Path) -> tuple[tuple[int, int], np.ndarray[Any, Any]]:
     return (depth.shape[1], depth.shape[0]), np.array(found)
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("point", POINTS, ids=["middle", "right", "left"])
 @pytest.mark.parametrize(
     ("lens", "film"),

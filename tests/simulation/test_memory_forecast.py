@@ -142,6 +142,7 @@ def test_the_limits_of_control_groups_count(tmp_path: Path) -> None:
     assert found is None or 1 << 20 < found < 1 << 50
 
 
+@pytest.mark.long
 def test_each_way_forecasts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Simulations and frames say what is much; both refuse what is too much, and so does a plan, before it begins."""
     frames = tmp_path / "frames.npy"

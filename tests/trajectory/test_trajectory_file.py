@@ -211,6 +211,7 @@ def noisy(
     return t, position + position_m * random.standard_normal(position.shape), turned.as_quat()
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("rate_hz", [25.0, 100.0, 200.0, 1000.0])
 @pytest.mark.parametrize("digits", ["r", ".9f", ".6f", ".4f"])
 def test_exact_poses_are_not_bent(tmp_path: Path, digits: str, rate_hz: float) -> None:

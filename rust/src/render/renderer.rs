@@ -794,7 +794,8 @@ mod tests {
                 (triangles, bits(depth), bits(luma), bits(rate))
             };
             let seen = see(false, usize::MAX);
-            for (beams, receivers) in [(false, 0), (true, usize::MAX), (true, 0), (true, 48)] {
+            let ways = [(true, 48), (false, 0), (true, usize::MAX), (true, 0)];
+            for (beams, receivers) in ways.into_iter().take(if cfg!(debug_assertions) { 2 } else { 4 }) {
                 let other = see(beams, receivers);
                 assert!(seen.0 == other.0, "triangles of {count} by {beams} and {receivers}");
                 assert!(seen == other, "luma of {count} by {beams} and {receivers}");

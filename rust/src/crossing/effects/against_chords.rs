@@ -59,7 +59,7 @@ fn nodes(line: Line, slopes: (f64, f64), tolerance: f64) -> Vec<(i64, f64)> {
 #[test]
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small")]
 fn cubics_are_the_chords_that_stand_for_them() {
-    let frames = if cfg!(debug_assertions) { 12 } else { 40 };
+    let frames = if cfg!(debug_assertions) { 6 } else { 40 };
     for (source_follower_hz, strength) in [(f64::INFINITY, 1.0), (250.0, 1.0), (250.0, 0.1), (5000.0, 3.0)] {
         let (lines, effects) = (CrossingParameters::default(), effects(source_follower_hz));
         let cubics = CrossingParameters { interpolation: Interpolation::Hermite, ..lines.clone() };

@@ -629,7 +629,8 @@ mod tests {
         }
     }
 
-    /// Rays in a packet, in many packets, and alone meet the same boxes: a mesh of many triangles, by both ways.
+    /// Rays in a packet, in many packets, and alone meet the same boxes: a mesh of many triangles, by both ways. Builds
+    /// without optimization try fewer rays.
     #[test]
     fn a_ray_hits_the_same_in_any_packet() {
         let at = |i: u32, j: u32| [f64::from(i), f64::from(j), 0.3 * libm::sin(f64::from(i * 7 + j * 3))];
@@ -642,7 +643,9 @@ mod tests {
             .collect();
         let tracer = RayTracer::new(&triangles, false);
         let origin = [29.3, 30.4, 2.0];
+        let every = if cfg!(debug_assertions) { 3 } else { 1 };
         let directions: Vec<Vector> = (0..500u32)
+            .step_by(every)
             .map(|i| [libm::cos(f64::from(i) * 2.4), libm::sin(f64::from(i) * 2.4), 0.1 - 0.004 * f64::from(i)])
             .collect();
         let mut all = fan(&tracer, origin, &directions, f32::INFINITY);
@@ -660,7 +663,7 @@ mod tests {
             assert_eq!(hits, all.hits[ray].triangle != NOTHING, "{direction:?}");
             down += usize::from(hits);
         }
-        assert!(down > 200);
+        assert!(down > 200 / every);
     }
 
     /// Scenes of any size have coordinates up to 1 and no NaN; an empty one has no hits.
