@@ -24,6 +24,7 @@ def measured() -> list[VideoErrors]:
     return list(sweep.measure([*settings, VideoSetting(120, 8, "linear")]))
 
 
+@pytest.mark.long
 def test_errors_fall_with_the_frame_rate_and_flow_helps_where_it_is_low(measured: list[VideoErrors]) -> None:
     by = {tuple(one.setting): one for one in measured}
     assert [one.displacement_px for one in measured[::2]] == pytest.approx(
@@ -54,6 +55,7 @@ def test_all_settings_are_there() -> None:
     assert len(settings) == len(set(settings)) == 5 * 2 * 4
 
 
+@pytest.mark.long
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("davis_rs.cli.accuracy.video_settings", lambda: video_settings((60.0,))[:3])
     words = [

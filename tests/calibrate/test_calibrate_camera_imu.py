@@ -36,7 +36,7 @@ def exact_poses(duration_s: float) -> list[BoardPose]:
     return [board_pose(exact_view(board_camera(s), k), BOARD, CAMERA) for k, s in enumerate(t)]
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["ideal", "mpu6150"])
 @pytest.mark.usefixtures("llvm")
 def test_the_papers_transform_and_lag_are_recovered(name: str) -> None:
@@ -145,6 +145,7 @@ def test_rates_of_a_turning_body_are_the_derivative_of_its_rotation() -> None:
     np.testing.assert_allclose(spline.rates(coefficients, at), rates, atol=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_the_command_reads_imu_txt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Transform and lag are printed and written; a folder without an IMU is refused."""

@@ -118,6 +118,7 @@ def test_the_covariance_of_a_sum_counts_neighbours_that_are_alike(likeness: floa
     assert (0.94 if likeness == 0 else 0.78) < ratio < 1.06
 
 
+@pytest.mark.long
 def test_views_close_in_time_have_a_larger_covariance_than_scattered_ones() -> None:
     """Smoothed poses err alike from one view to the next: what counts is the order of their stamps."""
     t = np.arange(1.0, 19.0, 1 / 15)
@@ -242,6 +243,7 @@ def test_levenberg_marquardt_finds_the_least_and_says_when_it_does_not() -> None
         levenberg_marquardt(np.array([np.nan, 1.0]), residuals, jacobian, np.add)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_the_command_reads_the_bodys_poses_from_the_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """groundtruth.txt holds the body's poses: X is printed and written; without them it is refused."""

@@ -335,6 +335,7 @@ print(main.main([]))
     assert run_python(program) == "davis-rs: stopped by Ctrl-C\n130\n"
 
 
+@pytest.mark.long
 def test_ctrl_c_while_mitsuba_is_loaded_waits_until_it_is_whole(run_python: Callable[..., str]) -> None:
     """Python aborts in a half-made extension, or when it ends."""
     program = """

@@ -97,6 +97,7 @@ def test_what_cannot_be_converted_is_refused(tmp_path: Path, capsys: pytest.Capt
     assert not (tmp_path / "new.parquet").exists()
 
 
+@pytest.mark.long
 def test_a_closed_pipe_ends_the_conversion(tmp_path: Path) -> None:
     """Standard output that nobody reads any more: exit status 1 and no word, as of any program before `head`."""
     source = text_file(tmp_path / "events.txt", many(200_000))

@@ -176,6 +176,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 def test_ctrl_c_while_a_worker_is_started_waits_until_it_has_all(tmp_path: Path) -> None:
     """Also if another thread than the one that starts it receives the signal; the worker would miss what it is sent."""
     script = tmp_path / "starts.py"

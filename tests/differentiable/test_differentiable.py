@@ -207,7 +207,7 @@ def test_derivatives_agree_with_differences(quantity: str, mi: Any) -> None:
     assert max(steps) < 1e-3
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("quantity", ["poses", "sky.radiance", *long_values("lamp.position", "floor.reflectance")])
 def test_both_modes_agree_at_edges_and_shadows(quantity: str, mi: Any) -> None:
     """Rays that hit nothing, or meet a shadow, disturb neither mode, and the background is the sky's."""
@@ -299,7 +299,7 @@ def edges_by_differences(llvm: str) -> list[FloatArray]:
         return finely(EDGES, CameraPoses.at([POSE, OTHER]))
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rays_per_pixel", "blur", "bound"),
     [(16, False, 0.17), *long_values((256, False, 0.06), (256, True, 0.04))],
@@ -387,6 +387,7 @@ def test_edges_that_are_not_found_are_told(mi: Any, monkeypatch: pytest.MonkeyPa
     assert found.sum() == pytest.approx(18 * 22.0 / 1.5 * (0.9 - 0.1) / 2, rel=0.1)
 
 
+@pytest.mark.long
 def test_shadows_of_moved_lights_have_no_edges(mi: Any) -> None:
     world = SCENES["edges, shadows and background"]
     place = {"lamp.position": [0.3, -0.5, 2.5]}

@@ -258,7 +258,7 @@ def test_resolved_settings_hold_the_filter() -> None:
     assert resolve(SCENE, settings).view.colour_filter is FILTER
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(
     "case", ["glossy under a map", *long_values("diffuse under a sky", "diffuse under a map", "glossy under a sky")]

@@ -369,6 +369,7 @@ def test_shifts_below_the_sampling_error_are_no_errors() -> None:
     assert error.time_percent == 100.0  # no partner: an interval each
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("name", ["static", "fine texture", "fast"])
 def test_frames_change_as_foreseen(name: str) -> None:
@@ -485,6 +486,7 @@ def test_nonsense_is_refused() -> None:
     assert plan_effects_of(renderer, sequence.path, Effects(), contrast_threshold=C).items == ()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_the_command_prints_the_table() -> None:
     """davis-rs plan, of a sensor's effects or of given ones."""

@@ -183,7 +183,7 @@ def test_launches_do_not_matter() -> None:
     assert np.array_equal(frames[0], frames[2])
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(
     ("kind", "exposure_us"), [("table", 5_000), ("integrator", 7_300), *long_values(("table", 10_000))]

@@ -248,6 +248,7 @@ def test_crossings_are_those_of_the_filtered_curve(profile: Course) -> None:
         assert -profile.c_off < float(oracle.output) - engine.reference[0, 0] < profile.c_on
 
 
+@pytest.mark.long
 @EXAMPLES
 @given(profiles())
 def test_sparse_samples_are_intervals_of_their_own(profile: Course) -> None:

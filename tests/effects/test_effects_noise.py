@@ -130,7 +130,7 @@ def test_rates_over_phase_light_and_threshold_are_those_of_small_steps() -> None
     assert 0.5 < np.mean(counted**2) < 1.6
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("slope", [5.0, 40.0])
 def test_noise_moves_the_events_of_a_signal_as_in_small_steps(slope: float) -> None:
     """A ramp from rest: mean and scatter of each pixel's first event, the scatter within 5 %."""
@@ -216,6 +216,7 @@ def test_noise_of_a_static_scene_does_not_depend_on_its_frames() -> None:
     assert streams[2].tobytes() == streams[0].tobytes()
 
 
+@pytest.mark.long
 def test_a_moving_scene_has_the_same_law_for_any_frames() -> None:
     """A sine of three thresholds seen by 20 and by 200 frames: counts of pixels, by their scatter."""
     counts = []
@@ -440,6 +441,7 @@ def test_a_hot_pixel_is_reset_by_its_own_events() -> None:
     assert len(streams[1]) > 2 * len(alone)
 
 
+@pytest.mark.long
 def test_shot_noise_and_hot_pixels_do_not_know_of_each_other() -> None:
     """Pixels that are not hot have the shot noise's events, hot ones their own among all."""
     both = Effects(shot_noise_rms=NOISE, hot_pixels=hot(0.2, 150.0).hot_pixels)

@@ -224,7 +224,7 @@ def behind_a_lens(request: pytest.FixtureRequest, llvm: str) -> tuple[Renderer, 
     return lens, views, lens.luma(views)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @settings(max_examples=40)
 @given(
     pairs=st.lists(st.tuples(st.integers(0, 5), st.integers(0, 33 * 17 - 1)), max_size=60),

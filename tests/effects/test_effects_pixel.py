@@ -365,6 +365,7 @@ def test_an_hour_in_one_interval_is_an_hour_in_many() -> None:
     np.testing.assert_allclose(whole.reference, parts.reference, rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate_hz", [0.1, 50.0])
 def test_no_pixel_is_muted_after_an_hour_of_leaking(rate_hz: float) -> None:
     """A step up then has an event for each threshold between the leaked reference and its top, and down likewise."""

@@ -159,6 +159,7 @@ def test_a_folder_holds_what_the_bus_still_held(
     assert report.void == ["readout"]
 
 
+@pytest.mark.long
 def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None:
     """Packets and folders hold both: images are exposed, the check compares events with exact luma."""
     blurred = Simulator(planes(0.05), effects=Effects(aps=Aps(20_000, 0)), depth_rate_hz=0)
@@ -254,6 +255,7 @@ def test_a_sensor_brings_back_nothing_that_the_plan_left_out() -> None:
     assert not left_out & {effect.name for effect in effects}
 
 
+@pytest.mark.long
 def test_effects_that_are_all_off_are_not_none_given() -> None:
     """Over a sensor they switch its effects off, in a simulator, in a run and in a plan."""
     sensor = SENSORS["davis240c"]

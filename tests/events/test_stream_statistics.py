@@ -75,6 +75,7 @@ STREAMS = st.lists(
 CUTS = st.lists(st.integers(0, 60), max_size=4)
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(rows=STREAMS, cuts=CUTS, scale=st.sampled_from([1, 7, 100_000]))
 def test_sums_are_those_of_plain_loops(rows: list[tuple[int, int, int, int]], cuts: list[int], scale: int) -> None:

@@ -108,6 +108,7 @@ def double(sample: dict[str, Any]) -> dict[str, Any]:
     return sample | {"events": 2 * sample["events"]}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no fork")
 @pytest.mark.parametrize("start", ["fork", pytest.param("spawn", marks=pytest.mark.long)])
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")

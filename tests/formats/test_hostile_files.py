@@ -108,7 +108,7 @@ def parquet_bomb(path: Path) -> None:
     )  # fmt: skip
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("make", "most"),
     [

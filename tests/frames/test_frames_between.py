@@ -64,6 +64,7 @@ def test_cubics_are_monotone(steps: list[int], seed: int) -> None:
             assert (np.abs(slope) <= 3 * np.abs(chord) + tolerance).all()
 
 
+@pytest.mark.long
 def test_cubics_are_exact_for_a_steady_change_and_better_for_a_curved_one() -> None:
     t = np.arange(5) * 0.03
 

@@ -201,6 +201,7 @@ def test_a_folder_that_is_not_empty_stays(clip: Path, tmp_path: Path, capsys: py
     assert (out / "events.txt").read_bytes() != before
 
 
+@pytest.mark.long
 def test_ctrl_c_leaves_a_valid_shorter_dataset(tmp_path: Path) -> None:
     """An interrupted run ends at a frame."""
     stack = np.lib.format.open_memmap(tmp_path / "stack.npy", mode="w+", dtype=np.uint8, shape=(4000, 120, 160))

@@ -400,6 +400,7 @@ def test_the_error_of_a_frame_comes_after_the_packets_before_it() -> None:
     assert all(np.array_equal(a.events, b.events) for a, b in zip(taken, whole, strict=True))
 
 
+@pytest.mark.long
 def test_nothing_heavy_is_imported(run_python: Callable[..., str]) -> None:
     """Neither Mitsuba nor SciPy, OpenCV or PyAV for arrays by lines."""
     program = (

@@ -248,7 +248,7 @@ def test_what_is_there_is_kept(root: Path) -> None:
     assert files_of(root) == before
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(
     "names", [["events.txt", "images/frame_00000001.png", "meta.json"], [CHECKSUMS]], ids=["files", "checksums"]
 )

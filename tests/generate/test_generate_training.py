@@ -284,7 +284,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "root"
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["hdf5", "webdataset"])
 def test_shards_hold_what_the_folders_do(folders: Path, tmp_path: Path, kind: str) -> None:
     """All of it, as other people's readers see it; verify reads them, the next run keeps them, and one that was damaged

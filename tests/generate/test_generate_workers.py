@@ -22,6 +22,7 @@ def run(folder: Path, tasks: list[str], workers: int, told: list[str]) -> Iterat
     return run_locally(partial(write_or_fail, folder), tasks, workers=workers, begin=nothing, report=told.append)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("workers", "named"),
     [(1, "a killed b wrong"), pytest.param(3, "a killed b wrong once bug c exit d", marks=pytest.mark.long)],

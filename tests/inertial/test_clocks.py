@@ -114,7 +114,7 @@ class TestAlignment:
         assert abs(found.offset_s - clock.offset_s) < 4 * found.offset_sigma_s
         assert abs(found.drift - clock.drift) < 4 * found.drift_sigma
 
-    @pytest.mark.few(1)
+    @pytest.mark.long
     @pytest.mark.usefixtures("llvm")
     @pytest.mark.parametrize(("offset", "drift"), [(0.0137, 0.0), (-0.04, 0.01)])
     def test_events_give_the_clock_back_to_a_few_milliseconds(self, offset: float, drift: float) -> None:

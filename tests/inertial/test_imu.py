@@ -280,7 +280,7 @@ def test_bad_settings_are_refused() -> None:
         as_imu(samples[[0, 2, 1]])
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.skipif(not POSTER.exists(), reason="needs ../shared/data")
 @pytest.mark.parametrize(("start_s", "rate_hz"), [(0.0, 1000.0), (20.0, 1000.0), (40.0, 1000.0), (30.0, 4000.0)])
 def test_preintegration_returns_the_pose(start_s: float, rate_hz: float) -> None:

@@ -64,6 +64,7 @@ def test_the_figure_has_its_size_and_colours(folder: Path, tmp_path: Path) -> No
     assert np.ptp(frame) > 100
 
 
+@pytest.mark.long
 def test_the_moment_and_the_window_can_be_chosen(folder: Path, tmp_path: Path) -> None:
     """Another time and a longer window give another figure, with more events; the same ones give the same bytes."""
     first = pixels_of(view_dataset(folder, tmp_path / "a.png", t_s=0.02, window_s=0.001))[:560, 760:]

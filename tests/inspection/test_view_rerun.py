@@ -91,6 +91,7 @@ def test_all_parts_are_in_the_file(folder: Path, tmp_path: Path) -> None:
     assert sum(on + off for _, (on, off) in rates) * 0.06 / len(rates) == pytest.approx(n)
 
 
+@pytest.mark.long
 def test_the_cloud_is_sampled_and_the_pictures_are_not(folder: Path, tmp_path: Path) -> None:
     """A point for each kept event, between the instants of the frames around it."""
     ran = davis_rs("view", folder, "--rerun", tmp_path / "r.rrd", "--max-events", "300", "--max-frames", "3")

@@ -293,6 +293,7 @@ def test_the_command_line_compares_light(
     assert "--bake-error is for --light" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_places_apart_err_independently() -> None:
     """A lamp over a floor, from few points: errors average out over the floor, and between neighbours hardly differ."""
     across = np.linspace(-0.95, 0.95, 96)
@@ -419,6 +420,7 @@ def test_the_rate_of_a_lamp_that_is_seen_is_that_of_its_flicker() -> None:
     np.testing.assert_allclose(rate[0], (luma[1] - luma[0]) / 0.5, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.long
 def test_lights_flicker_one_by_one() -> None:
     """A lamp on a profile and one without: the first one's light and look change, the other's stay."""
     profile = SampledProfile([0.0, 1.0], [1.0, 0.25])

@@ -169,6 +169,7 @@ def test_the_same_bits_with_and_without_cache(
     assert [file.suffix for file in folder.iterdir()] == [".light", ".light"]
 
 
+@pytest.mark.long
 def test_times_that_are_not_baked_are_refused() -> None:
     """A camera path that ends while the block still moves: what is beyond it has no light; with a longer one it has."""
     short, long = crossing(duration_s=0.1), crossing(duration_s=0.8)
@@ -179,6 +180,7 @@ def test_times_that_are_not_baked_are_refused() -> None:
     assert np.array_equal(renderer.luma(at(long, np.array([0.5]))), renderer.luma(at(long, np.array([0.8]))))
 
 
+@pytest.mark.long
 def test_a_lamp_that_moves_takes_its_light_with_it() -> None:
     """It looks alike at all times, and the floor is brightest below it."""
     path = SegmentTrajectory(Pose([-0.4, 0.0, 0.0], UPRIGHT), Pose([0.4, 0.0, 0.0], UPRIGHT), DURATION_S)

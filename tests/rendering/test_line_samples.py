@@ -168,7 +168,7 @@ def test_what_lines_cannot_do_is_an_error() -> None:
         renderer.samples(views, number, number, rays=8)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["large", "small", "slivers", "mesh"])
 @pytest.mark.parametrize(
     ("seed", "camera"),

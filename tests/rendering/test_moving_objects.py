@@ -374,6 +374,7 @@ def test_no_edge_of_an_object_sweeps_a_pixel_unmarked(camera_moves: bool) -> Non
         silhouettes.swept(CAMERA, [POSE], [POSE], t_before_s=[0.0, 1.0], t_after_s=[0.0], margin_px=0.0)
 
 
+@pytest.mark.long
 def test_a_part_of_a_scene_goes_on_from_there(llvm: str) -> None:
     """Objects that still move, one that has come to rest, and light run on: frames are those of the whole sequence."""
     short = SegmentTrajectory(PATH.start, PATH.end, 0.2)

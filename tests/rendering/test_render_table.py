@@ -533,7 +533,7 @@ print("alive")
 """
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 def test_rays_that_miss_do_no_harm(kind: str, run_python: Callable[..., str]) -> None:
     """Rays that hit nothing are dark and at inf; in a process of its own: an integer division by zero would kill it."""
     assert run_python(MISSES, kind) == "alive\n"

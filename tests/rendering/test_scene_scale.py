@@ -125,6 +125,7 @@ def test_shapes(kind: str, tmp_path: Path) -> None:
     assert_same(lambda scale: {"lamp": lamp(scale), "floor": floor(scale), **shape(kind, scale, tmp_path)})
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_instances() -> None:
     """What they repeat keeps its size; their places are scaled."""
@@ -156,7 +157,7 @@ def light(kind: str, scale: float) -> dict[str, Any]:
     return {"type": "constant", "radiance": 0.5}
 
 
-@pytest.mark.few(2)
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["spot", "projector", "directional", "area", "constant"])
 @pytest.mark.usefixtures("llvm")
 def test_lights(kind: str) -> None:
@@ -164,6 +165,7 @@ def test_lights(kind: str) -> None:
     assert_same(lambda scale: {"light": light(kind, scale), "floor": floor(scale), "ball": sphere(scale)})
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_the_suns_shadows_reach_as_far_as_the_scene() -> None:
     """Also in its middle, where Mitsuba looks as far as the sun's light knows the scene to be large."""

@@ -205,6 +205,7 @@ def test_outlines_are_within_a_fiftieth_of_a_pixel_or_it_is_told(kind: str, radi
     assert (1 - deepest) * radius_px <= off_px * 1.001
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_instances_are_copies_of_all_shapes_of_their_group() -> None:
     """Each where it belongs, a mirrored one too; a sphere and a cube, which have no names."""
@@ -247,6 +248,7 @@ def test_shapes_without_names_stay_so(tmp_path: Path) -> None:
     assert SceneSurfaces(load_scene(file), CAMERA).names == ("floor", "", "", "")
 
 
+@pytest.mark.long
 def test_a_nearer_path_gets_more_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where the tables of the scene are kept; for the same path they are the same."""
     monkeypatch.setattr(scene_cache, "_cache", OrderedDict())

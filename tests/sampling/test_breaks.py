@@ -299,6 +299,7 @@ def floor(motion: Trajectory, light: LightProfile) -> Scene:
     return replace(whole, source=lambda: {name: part for name, part in parts.items() if name != "box"})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shadows", [pytest.param(True, marks=pytest.mark.long), False], ids=["shadows", "no-shadows"])
 @pytest.mark.usefixtures("llvm")
 def test_wires_thinner_than_a_pixel(shadows: bool) -> None:

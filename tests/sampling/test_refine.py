@@ -266,6 +266,7 @@ def test_no_events_are_no_work() -> None:
     np.testing.assert_array_equal(handed, step.crude)
 
 
+@pytest.mark.long
 def test_any_renderer_will_do() -> None:
     """A mirror, for Mitsuba's own integrator: its single pixels are those of its frames, so levels are found."""
     renderer = make_renderer(mirror(), TINY, rays_per_pixel=4, kind="integrator")

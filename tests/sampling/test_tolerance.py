@@ -101,6 +101,7 @@ def test_due_instants_side_by_side_do_not_hide_the_error() -> None:
     assert max(rms) < 0.1
 
 
+@pytest.mark.long
 def test_a_smaller_contrast_has_a_smaller_error() -> None:
     """What is asked for is what is got: root mean square and 99th percentile fall, and renders are spent on it."""
     renderer, trajectory = built_in()
@@ -159,6 +160,7 @@ def test_halvings_bound_the_samples_of_a_pixel(halvings: int) -> None:
     assert max(counts, default=0) == 2**halvings - 1
 
 
+@pytest.mark.long
 def test_sparse_samples_make_event_times_better() -> None:
     """Against a dense reference, with the same keyframes: more events found, and their times nearer."""
     renderer, trajectory = built_in()
@@ -287,6 +289,7 @@ def test_a_camera_that_leaps_costs_no_more_than_microseconds() -> None:
     assert (times > 2000).sum() < 500
 
 
+@pytest.mark.long
 def test_a_tolerance_below_all_noise_stays_affordable() -> None:
     """What nothing can satisfy does not bring keyframes ever closer: a displacement of pixels / 32, halved once."""
     renderer, trajectory = built_in()

@@ -173,6 +173,7 @@ def test_a_mask_as_fine_as_noise_is_taken_in_larger_cells() -> None:
     assert pieces.tolerance_texels >= 2 * TOLERANCE_TEXELS
 
 
+@pytest.mark.long
 def test_many_triangles_are_cut_as_a_few() -> None:
     """However they are divided for the work."""
     mask = AlphaMask(blobs(4, (128, 128)), 0.5, "repeat")
@@ -187,6 +188,7 @@ def test_many_triangles_are_cut_as_a_few() -> None:
         assert np.array_equal(whole.weights[rows], part.weights)
 
 
+@pytest.mark.long
 def test_large_and_plain_textures_keep_their_texels() -> None:
     """Cells are counted where the outline passes."""
     alpha = np.full((600, 600), 255, np.uint8)

@@ -88,6 +88,7 @@ def test_a_hand_has_room_to_move(make: Callable[[], Scene], air_m: float) -> Non
         assert depth.min() > air_m
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_the_path_outdoors_is_free_for_300_m() -> None:
     """Nothing but the ground comes within half a metre of a head that is carried ahead."""
@@ -181,7 +182,7 @@ def test_the_person_is_as_high_as_an_adult_and_stands_on_the_floor() -> None:
     assert -0.04 < lowest.min() < -0.03
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("make", [office, dynamic])
 def test_an_integrator_warns_of_black_shadows(make: Callable[[], Scene]) -> None:
     """Constant light comes from without: the walls shut it out. Under a real sky nothing is amiss."""

@@ -200,6 +200,7 @@ def test_frames_and_imu_are_those_of_the_dataset() -> None:
         assert sequence.settings["imu"] == (None if simulated or name.startswith("slider") else "mpu6150")
 
 
+@pytest.mark.long
 def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -251,6 +252,7 @@ def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.Captu
     assert capsys.readouterr().out.splitlines()[2].startswith("| slider_depth | motorized slider | davis240c |")
 
 
+@pytest.mark.long
 def test_the_table_in_the_docs_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
     """All 27 rows, as they are now."""
     assert tables(["table"]) == 0
@@ -259,6 +261,7 @@ def test_the_table_in_the_docs_is_what_the_command_prints(capsys: pytest.Capture
     assert printed in (ROOT / "docs" / "sequences.md").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_counting_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What the file has is not counted again."""
@@ -278,6 +281,7 @@ def test_counting_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.Ca
     assert read_counts(recorded) == {}  # nothing was recorded
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_the_sheet_shows_frames_and_events(tmp_path: Path) -> None:
     """One tile a sequence, three a row: a grey frame, and the same faded with red and blue events."""

@@ -63,7 +63,7 @@ def hidden_sky() -> npt.NDArray[np.float64]:
     return ALBEDO * SKY * (1 - x / np.hypot(x, HEIGHT)) / 2
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(("most_corners", "error"), [(None, 0.05), (90, 0.15)], ids=["every corner", "corners share"])
 def test_a_wall_hides_as_much_of_the_sky_as_its_view_factor_says(
     most_corners: int | None, error: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -136,6 +136,7 @@ def test_a_photoreceptor_that_is_found_is_that_of_the_quiet_pixels_light() -> No
     assert nothing.source_follower_bandwidth_hz is not None
 
 
+@pytest.mark.long
 def test_a_lag_of_all_brightnesses_is_no_photoreceptor(ideal: EventArray) -> None:
     """Frames that are stamped early: light is known, and one bandwidth is told all the same."""
     source = FrameSource(lambda: iter(frames(lag_us=1_000.0)), "DN")

@@ -74,6 +74,7 @@ def test_what_is_no_scene_is_refused_with_the_call_that_makes_one(given: Any, tm
 # ---- sizes ----
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_a_sensor_brings_its_size_and_the_lens_keeps_its_view(tmp_path: Path) -> None:
     """346 x 260 for a DAVIS346, into the folder; the scene's principal point stays at its share of the image."""

@@ -104,6 +104,7 @@ def test_a_sensor_that_no_memory_holds_is_refused_at_once(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_limit_of_the_address_space_counts(run_python: Callable[..., str]) -> None:
     program = """
 import resource

@@ -511,7 +511,7 @@ mod tests {
                     (engine(&effects, interpolation, threads), engine(&effects, interpolation, threads));
                 let pixel: Vec<u32> = (0..SIZE.pixels() as u32).step_by(3).collect();
                 let (mut got, mut expected) = (vec![], vec![]);
-                for k in 0..if cfg!(debug_assertions) { 4 } else { 6u32 } {
+                for k in 0..if cfg!(debug_assertions) { 3 } else { 6u32 } {
                     let (samples, rates, t_us) = (frame(k), rates(k), i64::from(k) * 10_000);
                     let (times, between) = (vec![t_us - 4000; pixel.len()], vec![0.3f32; pixel.len()]);
                     let mut frame = Frame::new(t_us, &samples[..]);
