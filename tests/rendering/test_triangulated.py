@@ -294,3 +294,17 @@ def test_the_bound_on_pixels_holds_between_instants_and_for_objects_that_come_cl
     assert not ClosestView(replace(scene, trajectory=None, start=None), CAMERA, STILL).known
     assert view == ClosestView(scene, CAMERA, STILL)
     assert view != ClosestView(scene_of(), CAMERA, STILL)
+
+
+def test_materials_of_instances_may_be_glossy() -> None:
+    """As those of the same shape that stands for itself."""
+    plastic = {"type": "plastic", "diffuse_reflectance": 0.3}
+    alone = scene_of(ball={"type": "sphere", "radius": 0.8, "bsdf": plastic})
+    group = {"type": "shapegroup", "ball": {"type": "sphere", "radius": 0.8, "bsdf": plastic}}
+    copy = {"type": "instance", "group": {"type": "ref", "id": "group"}}
+    views = Views.at_rest([DOWN])
+    same = [
+        make_renderer(scene, CAMERA, kind="native").luma(views) for scene in (alone, scene_of(group=group, copy=copy))
+    ]
+    assert np.ptp(same[0]) > 0.05
+    np.testing.assert_allclose(same[1], same[0], rtol=1e-4, atol=1e-5)

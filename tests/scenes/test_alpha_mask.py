@@ -112,6 +112,26 @@ def test_what_is_left_is_where_alpha_reaches_the_cutoff(wrap: str, data: st.Data
 
 
 @pytest.mark.parametrize("wrap", WRAPS)
+def test_tiles_meet_without_cracks(wrap: str) -> None:
+    """Points as near as a 300th of a texel to the seam between two tiles are covered where alpha is far above the
+    cutoff."""
+    seen = 0
+    for seed in range(30):
+        mask = AlphaMask(blobs(seed, (16, 16)), 0.3, wrap)
+        uv = np.array([[[-0.7, 0.1], [1.9, 0.1], [0.6, 3.0]]])
+        pieces = mask.cut(uv)
+        assert pieces is not None
+        along, off = np.linspace(0.15, 0.99, 200), np.array([-1, 1])[:, None] / (300 * 16)
+        points = np.stack(np.broadcast_arrays(1 + off, along), -1).reshape(-1, 2)
+        second, third = np.linalg.solve((uv[0, 1:] - uv[0, 0]).T, (points - uv[0, 0]).T)
+        weights = np.stack([1 - second - third, second, third], 1)
+        inside = (weights > 0).all(1) & (bilinear(mask, points) > 255 * mask.cutoff + 60)
+        assert (covered(pieces, 0, weights[inside]) > 0).all(), seed
+        seen += int(inside.sum())
+    assert seen > 2000
+
+
+@pytest.mark.parametrize("wrap", WRAPS)
 def test_the_area_of_a_disc(wrap: str) -> None:
     """Of a soft edge the middle counts; a triangle that is seen as a whole stays as it is; one that is not, goes."""
     mask = AlphaMask(disc(), 0.5, wrap)

@@ -132,8 +132,8 @@ class NoiseFreeKind(RendererKind):
                 raise
             # Its other variants may have the plugin.
             raise Unsuitable(f"{mi.variant()} cannot load it") from error
-        replaced, finishes = simplify_materials(loaded, mi, matte=scene.matte, glossy=self.glossy)
         loaded, motion, view, made = triangulated(scene, camera, loaded, mi)
+        replaced, finishes = simplify_materials(loaded, mi, matte=scene.matte, glossy=self.glossy)
         obstacles = Obstacles()
         if self.baked:
             with obstacles.collect():

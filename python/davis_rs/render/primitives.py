@@ -1,20 +1,22 @@
-"""Replaces Mitsuba's spheres, disks, cylinders and instances by triangles, the surfaces of the renderers without noise.
+"""Makes triangles of Mitsuba's spheres, disks, cylinders, instances and masked meshes, for renderers without noise.
 
 The outline of a round shape becomes a polygon. Its corners lie as far outside of the true outline as the middles of its
 sides lie inside, and it has so many sides that both stay within :data:`OUTLINE_PX` wherever the camera's path is
-closest. Normals and texture coordinates are those of the true shape at the corners, and linear in between.
+closest. Normals and texture coordinates are those of the true shape at the corners, and linear in between. Meshes whose
+material has an opacity mask are cut along its outline, see :mod:`opacity_masks`.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from .._mitsuba.types import Mitsuba, MitsubaScene, MitsubaShape
+from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaScene, MitsubaShape
 from ..geometry.camera import Camera
 from ..scene.meshes import Mesh, mitsuba_mesh
 from ..scene.scene import Scene
@@ -24,6 +26,7 @@ from .mesh_buffers import MeshBuffers
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .obstacles import plugin_name
+from .opacity_masks import CutMesh, cut_mesh, is_masked
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -65,28 +68,34 @@ class Triangulated:
 
     Attributes:
         scene: the scene to render: a new one where anything was replaced.
-        shapes: how many shapes were.
+        shapes: how many round shapes and instances were.
         triangles: how many triangles they have.
+        cut: how many meshes were cut along their opacity masks.
         off_px: how far an outline lies from the true one at most; NaN where no path is known.
     """
 
     scene: MitsubaScene
     shapes: int = 0
     triangles: int = 0
+    cut: int = 0
     off_px: float = 0.0
 
     @property
     def description(self) -> str:
         """Say what was replaced, for the message that names the renderer; empty if nothing was."""
+        meshes = "1 mesh" if self.cut == 1 else f"{self.cut} meshes"
+        cut = f"; {meshes} cut along the outlines of opacity masks" if self.cut else ""
         if not self.shapes:
-            return ""
+            return cut
         off = f", up to {self.off_px:.2g} px from their outlines" if self.off_px > OUTLINE_PX else ""
         shapes = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
-        return f"; {shapes} made of {self.triangles:,} triangles{off}"
+        return f"; {shapes} made of {self.triangles:,} triangles{off}{cut}"
 
 
-def as_triangles(scene: MitsubaScene, view: ClosestView, mi: Mitsuba) -> Triangulated:
-    """Replace round shapes and instances of a loaded scene by meshes.
+def as_triangles(
+    scene: MitsubaScene, view: ClosestView, mi: Mitsuba, *, deforming: Collection[str] = ()
+) -> Triangulated:
+    """Replace round shapes and instances of a loaded scene by meshes, and cut meshes along their opacity masks.
 
     Shapes keep their order and ids. An instance of several shapes becomes as many, ``<id>_<number>``. A scene without
     such shapes is returned as it is.
@@ -94,10 +103,11 @@ def as_triangles(scene: MitsubaScene, view: ClosestView, mi: Mitsuba) -> Triangu
     Args:
         scene: loaded under the variant in force. Its parts belong to the new scene afterwards.
         view: the path that the shapes are made for.
+        deforming: ids of meshes that deform, which are not cut.
     """
     result = Triangulated(scene)
     shapes = list(scene.shapes())
-    if not any(plugin_name(shape) in (*_ROUND, "instance") for shape in shapes):
+    if not any(plugin_name(shape) in (*_ROUND, "instance") or is_masked(shape) for shape in shapes):
         return result
     groups = {str(child.id()): child for child in nested_objects(scene) if _is_group(child)}
     meshes: list[tuple[str, MitsubaShape]] = []
@@ -105,6 +115,10 @@ def as_triangles(scene: MitsubaScene, view: ClosestView, mi: Mitsuba) -> Triangu
     of_instances = 0
     for shape in shapes:
         made: list[MitsubaShape] = []
+        if is_masked(shape) and shape.id() not in deforming and (cut := cut_mesh(shape, mi)) is not None:
+            result.cut += cut.is_part
+            meshes.append((str(shape.id()), _moved(shape, cut, np.eye(4), mi)))
+            continue
         if plugin_name(shape) in _ROUND:
             made = [_round(shape, np.eye(4), view, mi, result)]
         elif plugin_name(shape) == "instance":
@@ -137,8 +151,8 @@ def triangulated(
     """
     motion = scene_motion(scene, loaded, mi)
     view = ClosestView(scene, camera, motion)
-    made = as_triangles(loaded, view, mi)
-    if made.shapes:
+    made = as_triangles(loaded, view, mi, deforming=motion.deformations)
+    if made.scene is not loaded:
         # Light profiles and paths name parts of the scene that is rendered.
         motion = scene_motion(scene, made.scene, mi)
     return made.scene, motion, view, made
@@ -178,7 +192,9 @@ def _copies(
     made = []
     for shape in nested_objects(group):
         if shape.is_mesh():
-            made.append(_moved(shape, matrix, mi))
+            cut = cut_mesh(shape, mi) if is_masked(shape) else None
+            result.cut += cut is not None and cut.is_part
+            made.append(_moved(shape, cut or CutMesh(MeshBuffers.of(shape), shape.bsdf(), False), matrix, mi))
         elif plugin_name(shape) in _ROUND:
             made.append(_round(shape, matrix, view, mi, result))
         else:
@@ -190,10 +206,10 @@ def _matrix(shape: MitsubaShape, mi: Mitsuba) -> FloatArray:
     return np.array(mi.traverse(shape)["to_world"].matrix, np.float64).reshape(4, 4)
 
 
-def _moved(shape: MitsubaShape, matrix: FloatArray, mi: Mitsuba) -> MitsubaShape:
-    """Return a copy of a mesh, moved by a transform (4, 4)."""
-    mesh = MeshBuffers.of(shape)
-    return _placed(shape, mesh.positions, mesh.faces.astype(np.int64), mesh.texcoords, mesh.normals, matrix, mi)
+def _moved(shape: MitsubaShape, left: CutMesh, matrix: FloatArray, mi: Mitsuba) -> MitsubaShape:
+    """Return a copy of what is left of a mesh, moved by a transform (4, 4)."""
+    mesh, faces = left.mesh, left.mesh.faces.astype(np.int64)
+    return _placed(shape, left.bsdf, mesh.positions, faces, mesh.texcoords, mesh.normals, matrix, mi)
 
 
 def _round(
@@ -218,7 +234,7 @@ def _round(
     faces = mesh.faces
     if _faces_inwards(shape, mi):
         faces, normals = faces[:, ::-1], -normals
-    return _placed(shape, mesh.vertices, faces, mesh.uv, normals, matrix, mi)
+    return _placed(shape, shape.bsdf(), mesh.vertices, faces, mesh.uv, normals, matrix, mi)
 
 
 def _faces_inwards(shape: MitsubaShape, mi: Mitsuba) -> bool:
@@ -239,6 +255,7 @@ def _faces_inwards(shape: MitsubaShape, mi: Mitsuba) -> bool:
 
 def _placed(
     shape: MitsubaShape,
+    bsdf: MitsubaBsdf,
     vertices: FloatArray,
     faces: npt.NDArray[np.int64],
     uv: FloatArray | None,
@@ -246,7 +263,7 @@ def _placed(
     matrix: FloatArray,
     mi: Mitsuba,
 ) -> MitsubaShape:
-    """Return a mesh with a shape's material and light, whose vertices are moved by a transform (4, 4)."""
+    """Return a mesh with a material and a shape's light, whose vertices are moved by a transform (4, 4)."""
     linear = matrix[:3, :3]
     if np.linalg.det(linear) < 0:
         faces = faces[:, ::-1]
@@ -254,7 +271,7 @@ def _placed(
         normals = normals @ np.linalg.inv(linear)
         normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     properties = mi.Properties()
-    properties["bsdf"] = shape.bsdf()
+    properties["bsdf"] = bsdf
     if shape.is_emitter():
         light = shape.emitter()
         properties[str(light.id()) or "emitter"] = mi.load_dict(

@@ -141,6 +141,28 @@ def bilinear_meaning(
     return None
 
 
+def nearest_meaning(
+    data: npt.NDArray[np.generic], uv: FloatArray, looked_up: FloatArray, weights: FloatArray | None = None
+) -> tuple[Texels, int] | None:
+    """Find the encoding and the wrap mode by which the texels at places are what Mitsuba looks up there.
+
+    Args and Returns:
+        as of :func:`bilinear_meaning`.
+    """
+    height, width = data.shape[:2]
+    position, texels_off = uv * [[width], [height]], rounding_texels(data, uv)
+    # Next to an edge between texels the rounding of float32 decides.
+    away = (np.abs(position - np.round(position)) > 1e-3 + texels_off).all(0)
+    column, row = np.floor(position[:, away]).astype(np.int64)
+    for texels in decoded(data) if away.any() else ():
+        for wrap in range(len(WRAP_MODES)):
+            values = texels[wrap_index(row, height, wrap), wrap_index(column, width, wrap)]
+            values = values if weights is None else values @ weights
+            if (np.abs(values - looked_up[away]) < 1e-3 + 1e-3 * texels.range).all():
+                return texels, wrap
+    return None
+
+
 def rounding_texels(data: npt.NDArray[np.generic], uv: FloatArray) -> FloatArray:
     """Return by how many texels Mitsuba may look beside: its coordinates are float32, and far out on a fine texture
     they are wrong by a good part of a texel."""

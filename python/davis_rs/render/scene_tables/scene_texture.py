@@ -14,15 +14,12 @@ from ...scene.files.mesh_scene import colours_as_texture
 from ..diffuse_materials import is_plain, is_two_sided, reflectance_of, surface_kind, surface_name, surface_remedy
 from ..obstacles import Unsuitable, plugin_name
 from ..texels import (
-    WRAP_MODES,
     Texels,
     bilinear_meaning,
-    decoded,
     fill_border,
     lookup_positions,
-    rounding_texels,
+    nearest_meaning,
     uv_map_of,
-    wrap_index,
 )
 from .mesh_triangles import MeshTriangles
 from .sharp_textures import RAMP_PX, Ramp, checkerboard, divide, vertex_colours
@@ -240,20 +237,13 @@ class TextureTable:
         own = _looked_up(mi, shape.bsdf(), uv)
         if (meant := bilinear_meaning(data, mapped, own)) is not None:
             return meant
-        height, width = data.shape[:2]
-        position, texels_off = mapped * [[width], [height]], rounding_texels(data, mapped)
-        # Next to an edge between texels the rounding of float32 decides.
-        away = (np.abs(position - np.round(position)) > 1e-3 + texels_off).all(0)
-        column, row = np.floor(position[:, away]).astype(np.int64)
-        for texels in decoded(data) if away.any() else ():
-            for wrap in range(len(WRAP_MODES)):
-                found = texels[wrap_index(row, height, wrap), wrap_index(column, width, wrap)]
-                if (np.abs(found - own[away]) < 1e-3 + 1e-3 * texels.range).all():
-                    per_unit = None if pixels_per_unit is None else pixels_per_unit(uv_map)
-                    pixels = None if per_unit is None else (per_unit[0] / width, per_unit[1] / height)
-                    ramp = divide(pixels, 1, width * height)
-                    self._ramped(ramp)
-                    return texels.repeated(ramp.rows, ramp.columns), wrap
+        if (meant := nearest_meaning(data, mapped, own)) is not None:
+            (texels, wrap), (height, width) = meant, data.shape[:2]
+            per_unit = None if pixels_per_unit is None else pixels_per_unit(uv_map)
+            pixels = None if per_unit is None else (per_unit[0] / width, per_unit[1] / height)
+            ramp = divide(pixels, 1, width * height)
+            self._ramped(ramp)
+            return texels.repeated(ramp.rows, ramp.columns), wrap
         name = surface_name(shape.bsdf(), shape)
         raise Unsuitable(
             "has a texture whose lookup is neither bilinear nor nearest",

@@ -79,11 +79,14 @@ class _Contours(NamedTuple):
 
     Attributes:
         polygons: the rings of each, (n, 2): its outer outline, then its holes.
+        low, high: (2,), the ends of the texture along u and v.
         cells: (2,), how many cells the texture has along u and v.
         cell_texels: how many texels a side of a cell has.
     """
 
     polygons: list[list[FloatArray]]
+    low: FloatArray
+    high: FloatArray
     cells: FloatArray
     cell_texels: int
 
@@ -110,9 +113,9 @@ class AlphaMask:
         return bool(self.alpha.min() < 255 * self.cutoff <= self.alpha.max())
 
     @property
-    def soft_fraction(self) -> float:
-        """The fraction of texels that are neither clear nor opaque to a tenth."""
-        return float(((self.alpha > 25) & (self.alpha < 230)).mean())
+    def is_soft(self) -> bool:
+        """Whether more than a few texels are neither clear nor opaque to a tenth."""
+        return bool(((self.alpha > 25) & (self.alpha < 230)).mean() > _FEW)
 
     def cut(self, uv: FloatArray) -> Pieces | None:
         """Cut triangles with texture coordinates (m, 3, 2), v downwards.
@@ -171,7 +174,7 @@ class AlphaMask:
             [points[start : end - 1] for start, end in itertools.pairwise(offsets)]  # the last corner is the first
             for points, offsets in zip(*generator.filled(level, 256.0), strict=True)
         ]
-        return _Contours(polygons, np.array(alpha.shape[::-1], np.float64), cell_texels)
+        return _Contours(polygons, low, high, np.array(alpha.shape[::-1], np.float64), cell_texels)
 
     def _grid(
         self, alpha: npt.NDArray[np.uint8], low: FloatArray, high: FloatArray
@@ -226,7 +229,7 @@ def blended(
     if alpha is not None and factor > 0:
         mask = AlphaMask(alpha, 0.5 / factor, wrap, nearest)
         if mask.is_divided:
-            return mask, (SOFT,) if mask.soft_fraction > _FEW else ()
+            return mask, (SOFT,) if mask.is_soft else ()
     least = factor if alpha is None else factor * float(alpha.min()) / 255
     return None, () if least >= 1 - ROUNDING else (TRANSPARENCY,)
 
@@ -286,7 +289,7 @@ def _triangulated(contours: _Contours, tolerance: float) -> FloatArray:
 
     found = [np.zeros((0, 3, 2))]
     for polygon in contours.polygons:
-        outer, *holes = (_simplified(ring, contours.cells, tolerance) for ring in polygon)
+        outer, *holes = (_simplified(ring, contours, tolerance) for ring in polygon)
         if len(outer) < 3:
             continue
         rings = [outer, *(hole for hole in holes if len(hole) >= 3)]
@@ -299,14 +302,18 @@ def _triangulated(contours: _Contours, tolerance: float) -> FloatArray:
     return triangles
 
 
-def _simplified(ring: FloatArray, cells: FloatArray, tolerance: float) -> FloatArray:
-    """Return a ring (n, 2) with fewer corners, none of which moves; lines move by at most ``tolerance`` cells."""
-    points = ring * cells
+def _simplified(ring: FloatArray, contours: _Contours, tolerance: float) -> FloatArray:
+    """Return a ring (n, 2) with fewer corners, none of which moves; lines move by at most ``tolerance`` cells.
+
+    Along the texture's ends no line moves: there would be cracks between a repeated texture's tiles.
+    """
+    points = ring * contours.cells
     far = int(np.linalg.norm(points - points[0], axis=1).argmax())
     points = np.concatenate([points, points[:1]])
-    kept = np.zeros(len(ring), bool)
+    at_end = np.concatenate([ring == contours.low, ring == contours.high], 1)
+    kept = (at_end & ~(np.roll(at_end, 1, 0) & np.roll(at_end, -1, 0))).any(1)
     kept[[0, far]] = True
-    chains = [(0, far), (far, len(ring))]
+    chains = list(itertools.pairwise([*np.flatnonzero(kept).tolist(), len(ring)]))
     while chains:
         begin, end = chains.pop()
         if end - begin < 2:
