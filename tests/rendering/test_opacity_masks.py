@@ -190,6 +190,8 @@ def test_what_shines_or_deforms_is_not_cut() -> None:
         make_renderer(scene_of(WHITE, lamp=lamp), CAMERA, rays_per_pixel=1, kind="baked")
     corners = np.array([[-1.0, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
     plain = scene_of(WHITE, lift=-1.0)
+    without_cloth = plain.source()
+    assert isinstance(without_cloth, dict)
 
     def with_cloth() -> Any:
         import mitsuba as mi
@@ -199,7 +201,7 @@ def test_what_shines_or_deforms_is_not_cut() -> None:
         properties["bsdf"] = mi.load_dict({"type": "mask", "opacity": opacity, "nested": WHITE})
         faces = np.array([[0, 1, 2], [0, 2, 3]])
         return {
-            **plain.source(),
+            **without_cloth,
             "cloth": mitsuba_mesh(Mesh(corners, faces, corners[:, :2] / 2 + 0.5), properties, None),
         }
 
