@@ -16,6 +16,7 @@ from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.truth.scene_surfaces import SceneSurfaces
+from davis_rs.scene.files.alpha_mask import AlphaMask, Pieces
 from davis_rs.scene.meshes import Mesh, mitsuba_mesh
 from davis_rs.scene.textures import from_srgb
 
@@ -133,8 +134,16 @@ def test_the_test_sees_a_mask_that_is_shifted() -> None:
 
 
 @pytest.mark.usefixtures("llvm")
-def test_instances_are_cut() -> None:
-    """Each copy of a masked card in a group."""
+def test_instances_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each copy of a masked card in a group; the card itself is cut once."""
+    cuts: list[AlphaMask] = []
+    cut = AlphaMask.cut
+
+    def counted(mask: AlphaMask, uv: npt.NDArray[np.float64]) -> Pieces | None:
+        cuts.append(mask)
+        return cut(mask, uv)
+
+    monkeypatch.setattr(AlphaMask, "cut", counted)
     group = {"type": "shapegroup", "card": {"type": "rectangle", "bsdf": MASKS["bilinear"]}}
     copies = {
         f"copy_{k}": {
@@ -146,6 +155,7 @@ def test_instances_are_cut() -> None:
     }
     scene = scene_of(WHITE, lift=-1.0, group=group, **copies)
     assert rms(scene) < 0.006
+    assert len(cuts) == 1
 
 
 def test_it_is_told_and_truth_knows_the_holes() -> None:

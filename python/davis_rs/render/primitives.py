@@ -8,8 +8,9 @@ material has an opacity mask are cut along its outline, see :mod:`opacity_masks`
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -109,20 +110,22 @@ def as_triangles(
     shapes = list(scene.shapes())
     if not any(plugin_name(shape) in (*_ROUND, "instance") or is_masked(shape) for shape in shapes):
         return result
+    # A mesh that many instances show is cut once.
+    cut_once = functools.cache(functools.partial(cut_mesh, mi=mi))
     groups = {str(child.id()): child for child in nested_objects(scene) if _is_group(child)}
     meshes: list[tuple[str, MitsubaShape]] = []
     kept_group = False
     of_instances = 0
     for shape in shapes:
         made: list[MitsubaShape] = []
-        if is_masked(shape) and shape.id() not in deforming and (cut := cut_mesh(shape, mi)) is not None:
+        if is_masked(shape) and shape.id() not in deforming and (cut := cut_once(shape)) is not None:
             result.cut += cut.is_part
             meshes.append((str(shape.id()), _moved(shape, cut, np.eye(4), mi)))
             continue
         if plugin_name(shape) in _ROUND:
             made = [_round(shape, np.eye(4), view, mi, result)]
         elif plugin_name(shape) == "instance":
-            made = _copies(shape, groups, view, mi, result)
+            made = _copies(shape, groups, cut_once, view, mi, result)
             of_instances += sum(int(mesh.face_count()) for mesh in made)
             if of_instances > _MOST_OF_INSTANCES:
                 made = []
@@ -181,9 +184,18 @@ def _scene_of(
 
 
 def _copies(
-    instance: MitsubaShape, groups: dict[str, MitsubaShape], view: ClosestView, mi: Mitsuba, result: Triangulated
+    instance: MitsubaShape,
+    groups: dict[str, MitsubaShape],
+    cut_of: Callable[[MitsubaShape], CutMesh | None],
+    view: ClosestView,
+    mi: Mitsuba,
+    result: Triangulated,
 ) -> list[MitsubaShape]:
-    """Return meshes in place of an instance; none if its group holds shapes that cannot become meshes."""
+    """Return meshes in place of an instance; none if its group holds shapes that cannot become meshes.
+
+    Args:
+        cut_of: cuts a masked mesh.
+    """
     named = re.search(r'name = "([^"\n]*)"', str(instance))
     group = groups.get(named[1]) if named else None
     if group is None:
@@ -192,7 +204,7 @@ def _copies(
     made = []
     for shape in nested_objects(group):
         if shape.is_mesh():
-            cut = cut_mesh(shape, mi) if is_masked(shape) else None
+            cut = cut_of(shape) if is_masked(shape) else None
             result.cut += cut is not None and cut.is_part
             made.append(_moved(shape, cut or CutMesh(MeshBuffers.of(shape), shape.bsdf(), False), matrix, mi))
         elif plugin_name(shape) in _ROUND:
