@@ -78,6 +78,31 @@ def rms(scene: Scene) -> float:
     return float(np.sqrt(np.mean((ours - theirs) ** 2)))
 
 
+def with_cloth(
+    corners: npt.NDArray[np.float64], normals: npt.NDArray[np.float64] | None = None, *, coloured: bool = False
+) -> Scene:
+    """Return a scene whose card is a mesh of two triangles, with a mask."""
+    plain = scene_of(WHITE, lift=-1.0)
+    without_cloth = plain.source()
+    assert isinstance(without_cloth, dict)
+
+    def source() -> dict[str, Any]:
+        import mitsuba as mi
+
+        properties = mi.Properties()
+        opacity = {"type": "bitmap", "raw": True, "data": mi.TensorXf(blobs())}
+        nested = {"type": "twosided", "nested": WHITE}
+        properties["bsdf"] = mi.load_dict({"type": "mask", "opacity": opacity, "nested": nested})
+        mesh = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), corners[:, :2] / 2 + 0.5)
+        cloth = mitsuba_mesh(mesh, properties, normals)
+        if coloured:
+            cloth.add_attribute("vertex_color", 3, np.full(12, 0.5, np.float32))
+        return {**without_cloth, "cloth": cloth}
+
+    return replace(plain, source=source)
+
+
+SQUARE = np.array([[-1.0, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
 TURNED = np.array([[1.3, 0.4, 0.2], [-0.3, 1.7, -0.4], [0, 0, 1.0]])
 
 MASKS = {
@@ -182,7 +207,7 @@ def test_a_mask_that_is_opaque_everywhere_changes_nothing() -> None:
 LEFT = {
     "soft": masked(blobs(96, softness=1.5)),
     "half clear": {"type": "mask", "opacity": 0.5, "nested": WHITE},
-    "hidden": masked(np.linspace(0, 0.4, 64).reshape(8, 8, 1)),
+    "hidden": masked(np.zeros((8, 8, 1), np.float32)),
     "checkerboard": {"type": "mask", "opacity": {"type": "checkerboard"}, "nested": WHITE},
 }
 
@@ -193,29 +218,21 @@ def test_what_cannot_be_cut_is_left_to_mitsuba(kind: str) -> None:
         make_renderer(scene_of(LEFT[kind]), CAMERA, rays_per_pixel=1, kind="native")
 
 
-def test_what_shines_or_deforms_is_not_cut() -> None:
-    """A lamp's mask does not hide its light in Mitsuba; and what moves vertices knows those of the file."""
+def test_what_shines_deforms_or_has_attributes_is_not_cut() -> None:
+    """A lamp's mask does not hide its light in Mitsuba; what moves vertices, or has a value for each, knows those of
+    the file."""
     lamp = {"type": "rectangle", "bsdf": MASKS["bilinear"], "light": {"type": "area", "radiance": 1.0}}
     with pytest.raises(ValueError, match=r"mask\("):
         make_renderer(scene_of(WHITE, lamp=lamp), CAMERA, rays_per_pixel=1, kind="baked")
-    corners = np.array([[-1.0, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
-    plain = scene_of(WHITE, lift=-1.0)
-    without_cloth = plain.source()
-    assert isinstance(without_cloth, dict)
+    scene = with_cloth(SQUARE)
+    waving = VertexKeyframes([0.0, 1.0], np.stack([SQUARE, SQUARE + 0.1]))
+    for left in (replace(scene, deformations={"cloth": waving}), with_cloth(SQUARE, coloured=True)):
+        with pytest.raises(ValueError, match=r"mask\("):
+            make_renderer(left, CAMERA, rays_per_pixel=1, kind="native")
+    assert make_renderer(scene, CAMERA, rays_per_pixel=1, kind="native")
 
-    def with_cloth() -> Any:
-        import mitsuba as mi
 
-        properties = mi.Properties()
-        opacity = {"type": "bitmap", "raw": True, "data": mi.TensorXf(blobs())}
-        properties["bsdf"] = mi.load_dict({"type": "mask", "opacity": opacity, "nested": WHITE})
-        faces = np.array([[0, 1, 2], [0, 2, 3]])
-        return {
-            **without_cloth,
-            "cloth": mitsuba_mesh(Mesh(corners, faces, corners[:, :2] / 2 + 0.5), properties, None),
-        }
-
-    waving = VertexKeyframes([0.0, 1.0], np.stack([corners, corners + 0.1]))
-    scene = replace(plain, source=with_cloth, deformations={"cloth": waving})
-    with pytest.raises(ValueError, match=r"mask\("):
-        make_renderer(scene, CAMERA, rays_per_pixel=1, kind="native")
+@pytest.mark.usefixtures("llvm")
+def test_what_is_left_of_a_smooth_mesh_is_smooth() -> None:
+    normals = np.array([[-0.6, -0.3, 0.8], [0.6, -0.3, 0.8], [0.6, 0.3, 0.8], [-0.6, 0.3, 0.8]])
+    assert rms(with_cloth(SQUARE, normals / np.linalg.norm(normals[0]))) < 0.006
