@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.truth.scene_surfaces import SceneSurfaces
+from davis_rs.scene.files import alpha_mask
 from davis_rs.scene.files.alpha_mask import AlphaMask, Pieces
 from davis_rs.scene.meshes import Mesh, mitsuba_mesh
 from davis_rs.scene.textures import from_srgb
@@ -146,7 +148,6 @@ def test_image_files_are_linearised_unless_raw(tmp_path: Path, raw: bool) -> Non
     assert np.abs(ours - other).mean() > 1e-3
 
 
-@pytest.mark.usefixtures("llvm")
 def test_the_test_sees_a_mask_that_is_shifted() -> None:
     """By two texels of 96, a pixel or so."""
     views = Views.at_rest([DOWN])
@@ -187,11 +188,18 @@ def test_it_is_told_and_truth_knows_the_holes() -> None:
     scene = scene_of(MASKS["bilinear"])
     renderer = make_renderer(scene, CAMERA, rays_per_pixel=1, kind="native")
     assert "1 mesh cut along the outlines of opacity masks" in renderer.reason
+    assert "texels" not in renderer.reason
     surfaces = SceneSurfaces(scene, CAMERA)
     depth = renderer.depth(Views.at_rest([DOWN]))[0]
     shown = surfaces.frame(Views.at_rest([DOWN])).shape == surfaces.names.index("card") + 1
     assert 500 < shown.sum() < 900, "about half of the card"
     assert np.array_equal(shown, depth.ravel() < 2.5)
+
+
+def test_outlines_that_had_to_be_coarse_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(alpha_mask, "_MOST_PIECES", 100)
+    renderer = make_renderer(scene_of(MASKS["bilinear"]), CAMERA, rays_per_pixel=1, kind="native")
+    assert re.search(r"1 mesh cut along the outlines of opacity masks, to less than [\d.]+ texels", renderer.reason)
 
 
 def test_a_mask_that_is_opaque_everywhere_changes_nothing() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
-from .texels import bilinear_meaning, fill_border, lookup_positions, uv_map_of
+from .texels import LUMINANCE, bilinear_meaning, fill_border, looked_up, lookup_positions, uv_map_of
 
 FloatArray = npt.NDArray[np.float64]
 _Rgb = tuple[float, float, float]
@@ -33,7 +33,6 @@ _COSINES, _WEIGHTS = (np.polynomial.legendre.leggauss(64)[0] + 1) / 2, np.polyno
 _ROUND = 1e-3
 """A principled material is never smoother than this."""
 
-_LUMINANCE = np.array([[0.212671], [0.715160], [0.072169]])
 """Of red, green and blue (3, 1), as Mitsuba makes one number of a colour."""
 
 _PASSING_NODES = 33
@@ -318,21 +317,15 @@ def _scalar(texture: MitsubaTexture, mi: Mitsuba) -> _Scalar | None:
         return None
     data = np.asarray(mi.traverse(texture)["data"])
     uv, mapped = lookup_positions(uv_map)
-    meant = bilinear_meaning(data, mapped, np.array([[_number_at(texture, pair, mi)] for pair in uv.T]), _LUMINANCE)
+    meant = bilinear_meaning(data, mapped, looked_up(texture.eval_1, uv, mi), LUMINANCE)
     if meant is None:
         return None
     texels, wrap = meant
-    values = np.concatenate([piece @ _LUMINANCE for _, piece in texels.pieces()]).astype(np.float32)
+    values = np.concatenate([piece @ LUMINANCE for _, piece in texels.pieces()]).astype(np.float32)
     if not (values.min() >= 0 and values.max() <= 1):
         return None
     height, width = texels.shape[:2]
     return _Scalar(float(values.mean()), NumberTexels(height, width, wrap, values.tobytes()), uv_map)
-
-
-def _number_at(texture: MitsubaTexture, uv: npt.NDArray[np.float32], mi: Mitsuba) -> float:
-    interaction = mi.SurfaceInteraction3f()
-    interaction.uv = mi.Point2f(*uv.tolist())
-    return float(np.array(texture.eval_1(interaction)).reshape(-1)[0])
 
 
 def _uv_map(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:

@@ -7,9 +7,21 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .._mitsuba.types import JitFloat, MitsubaShape
+from .._mitsuba.types import JitFloat, Mitsuba, MitsubaShape, MitsubaValue
 
 FloatArray = npt.NDArray[np.float64]
+
+
+_BUFFERS = ("vertex_positions", "vertex_normals", "vertex_texcoords")
+
+
+def mesh_attributes(shape: MitsubaShape, mi: Mitsuba) -> list[tuple[str, MitsubaValue]]:
+    """Return the names and values of what a mesh has at its vertices or faces besides :class:`MeshBuffers`."""
+    return [
+        (name, value)
+        for name, value in mi.traverse(shape)
+        if name.startswith(("vertex_", "face_")) and name not in _BUFFERS
+    ]
 
 
 class MeshBuffers(NamedTuple):

@@ -12,13 +12,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaShape
-from .._mitsuba.variants import FAST
-from ..events.luma import LUMA_WEIGHTS
+from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaShape, MitsubaTexture
 from ..scene.files.alpha_mask import AlphaMask
 from .diffuse_materials import children
-from .mesh_buffers import MeshBuffers
-from .texels import WRAP_MODES, Texels, bilinear_meaning, lookup_positions, nearest_meaning, uv_map_of
+from .mesh_buffers import MeshBuffers, mesh_attributes
+from .texels import (
+    LUMINANCE,
+    WRAP_MODES,
+    Texels,
+    bilinear_meaning,
+    looked_up,
+    lookup_positions,
+    nearest_meaning,
+    uv_map_of,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -32,12 +39,12 @@ class CutMesh(NamedTuple):
     Attributes:
         mesh: its triangles.
         bsdf: the material that the mask was around.
-        is_part: whether the mask hides anything.
+        tolerance_texels: how far the outline may have moved; None where no mask hides anything.
     """
 
     mesh: MeshBuffers
     bsdf: MitsubaBsdf
-    is_part: bool
+    tolerance_texels: float | None = None
 
 
 def is_masked(shape: MitsubaShape) -> bool:
@@ -57,7 +64,7 @@ def cut_mesh(shape: MitsubaShape, mi: Mitsuba) -> CutMesh | None:
         None where the mesh has to stay as it is: the mask is soft, hides all or has no texels, it would have too many
         pieces, or the mesh shines or has attributes of its own.
     """
-    if not shape.is_mesh() or shape.is_emitter() or _has_attributes(shape, mi):
+    if not shape.is_mesh() or shape.is_emitter() or mesh_attributes(shape, mi):
         return None
     inside, mesh = children(shape.bsdf()), MeshBuffers.of(shape)
     parameters = mi.traverse(inside["opacity"])
@@ -67,11 +74,13 @@ def cut_mesh(shape: MitsubaShape, mi: Mitsuba) -> CutMesh | None:
     mask = _alpha_mask(inside["opacity"], np.asarray(parameters["data"]), uv_map, mi)
     if mask is None or mask.is_soft:
         return None
+    tolerance = None
     if mask.is_divided:
         uv = mesh.texcoords @ uv_map[:2, :2].T + uv_map[:2, 2]
         pieces = mask.cut(uv[mesh.faces])
         if pieces is None or not len(pieces.source):
             return None
+        tolerance = pieces.tolerance_texels
         mesh = MeshBuffers(
             np.arange(3 * len(pieces.source), dtype=np.uint32).reshape(-1, 3),
             pieces.of(mesh.positions[mesh.faces]).reshape(-1, 3),
@@ -80,38 +89,22 @@ def cut_mesh(shape: MitsubaShape, mi: Mitsuba) -> CutMesh | None:
         )
     elif mask.alpha.max() < 255 * _CUTOFF:
         return None
-    return CutMesh(mesh, inside["nested_bsdf"], mask.is_divided)
-
-
-def _has_attributes(shape: MitsubaShape, mi: Mitsuba) -> bool:
-    own = ("vertex_positions", "vertex_normals", "vertex_texcoords")
-    return any(name.startswith(("vertex_", "face_")) and name not in own for name, _ in mi.traverse(shape))
+    return CutMesh(mesh, inside["nested_bsdf"], tolerance)
 
 
 def _alpha_mask(
-    texture: MitsubaBsdf, data: npt.NDArray[np.generic], uv_map: FloatArray, mi: Mitsuba
+    texture: MitsubaTexture, data: npt.NDArray[np.generic], uv_map: FloatArray, mi: Mitsuba
 ) -> AlphaMask | None:
     """Return the mask that a bitmap is; None where its lookups are neither bilinear nor nearest."""
     uv, mapped = lookup_positions(uv_map)
-    looked_up, weights = _opacity_at(texture, uv, mi), np.array(LUMA_WEIGHTS)[:, None]
-    meant, nearest = bilinear_meaning(data, mapped, looked_up, weights), False
+    opacity = looked_up(texture.eval_1, uv, mi)
+    meant, nearest = bilinear_meaning(data, mapped, opacity, LUMINANCE), False
     if meant is None:
-        meant, nearest = nearest_meaning(data, mapped, looked_up, weights), True
+        meant, nearest = nearest_meaning(data, mapped, opacity, LUMINANCE), True
     return None if meant is None else AlphaMask(_alpha(meant[0]), _CUTOFF, WRAP_MODES[meant[1]], nearest)
-
-
-def _opacity_at(texture: MitsubaBsdf, uv: npt.NDArray[np.float32], mi: Mitsuba) -> FloatArray:
-    """Return the opacity (n, 1) that Mitsuba looks up at uv (2, n)."""
-
-    def at(uv: npt.NDArray[np.float32] | list[float]) -> FloatArray:
-        si = mi.SurfaceInteraction3f()
-        si.uv = mi.Point2f(uv)
-        return np.array(texture.eval_1(si), np.float64)
-
-    return at(uv).reshape(-1, 1) if mi.variant() == FAST else np.array([[at(pair)] for pair in uv.T.tolist()])
 
 
 def _alpha(texels: Texels) -> npt.NDArray[np.uint8]:
     """Return opacity (H, W) in 256 steps."""
-    opacity = np.concatenate([piece @ np.array(LUMA_WEIGHTS) for _, piece in texels.pieces()])
+    opacity = np.concatenate([piece @ LUMINANCE for _, piece in texels.pieces()])
     return np.round(255 * np.clip(opacity, 0, 1)).astype(np.uint8).reshape(texels.shape[:2])

@@ -19,11 +19,12 @@ import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaScene, MitsubaShape
 from ..geometry.camera import Camera
+from ..scene.files.alpha_mask import TOLERANCE_TEXELS
 from ..scene.meshes import Mesh, mitsuba_mesh
 from ..scene.scene import Scene
 from .closest_view import ClosestView
 from .diffuse_materials import children, nested_objects
-from .mesh_buffers import MeshBuffers
+from .mesh_buffers import MeshBuffers, mesh_attributes
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .obstacles import plugin_name
@@ -72,6 +73,7 @@ class Triangulated:
         shapes: how many round shapes and instances were.
         triangles: how many triangles they have.
         cut: how many meshes were cut along their opacity masks.
+        outline_texels: how far an outline of a mask may have moved at most.
         off_px: how far an outline lies from the true one at most; NaN where no path is known.
     """
 
@@ -79,18 +81,26 @@ class Triangulated:
     shapes: int = 0
     triangles: int = 0
     cut: int = 0
+    outline_texels: float = 0.0
     off_px: float = 0.0
 
     @property
     def description(self) -> str:
         """Say what was replaced, for the message that names the renderer; empty if nothing was."""
         meshes = "1 mesh" if self.cut == 1 else f"{self.cut} meshes"
-        cut = f"; {meshes} cut along the outlines of opacity masks" if self.cut else ""
+        coarse = f", to less than {self.outline_texels:g} texels" if self.outline_texels > TOLERANCE_TEXELS else ""
+        cut = f"; {meshes} cut along the outlines of opacity masks{coarse}" if self.cut else ""
         if not self.shapes:
             return cut
         off = f", up to {self.off_px:.2g} px from their outlines" if self.off_px > OUTLINE_PX else ""
         shapes = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
         return f"; {shapes} made of {self.triangles:,} triangles{off}{cut}"
+
+    def note(self, cut: CutMesh) -> None:
+        """Count a mesh of which a mask hides a part."""
+        if cut.tolerance_texels is not None:
+            self.cut += 1
+            self.outline_texels = max(self.outline_texels, cut.tolerance_texels)
 
 
 def as_triangles(
@@ -119,7 +129,7 @@ def as_triangles(
     for shape in shapes:
         made: list[MitsubaShape] = []
         if is_masked(shape) and shape.id() not in deforming and (cut := cut_once(shape)) is not None:
-            result.cut += cut.is_part
+            result.note(cut)
             meshes.append((str(shape.id()), _moved(shape, cut, np.eye(4), mi)))
             continue
         if plugin_name(shape) in _ROUND:
@@ -204,9 +214,10 @@ def _copies(
     made = []
     for shape in nested_objects(group):
         if shape.is_mesh():
-            cut = cut_of(shape) if is_masked(shape) else None
-            result.cut += cut is not None and cut.is_part
-            made.append(_moved(shape, cut or CutMesh(MeshBuffers.of(shape), shape.bsdf(), False), matrix, mi))
+            left = cut_of(shape) if is_masked(shape) else None
+            left = left or CutMesh(MeshBuffers.of(shape), shape.bsdf())
+            result.note(left)
+            made.append(_moved(shape, left, matrix, mi))
         elif plugin_name(shape) in _ROUND:
             made.append(_round(shape, matrix, view, mi, result))
         else:
@@ -291,14 +302,10 @@ def _placed(
         )
     mesh = Mesh(vertices @ linear.T + matrix[:3, 3], faces, np.zeros((len(vertices), 2)) if uv is None else uv)
     made = mitsuba_mesh(mesh, properties, normals)
-    for name, value in mi.traverse(shape):
-        if name.startswith(("vertex_", "face_")) and name not in _OWN_BUFFERS:
-            values = np.array(value, np.float32)
-            made.add_attribute(name, values.size // (len(faces) if name.startswith("face_") else len(vertices)), values)
+    for name, value in mesh_attributes(shape, mi):
+        values = np.array(value, np.float32)
+        made.add_attribute(name, values.size // (len(faces) if name.startswith("face_") else len(vertices)), values)
     return made
-
-
-_OWN_BUFFERS = ("vertex_positions", "vertex_normals", "vertex_texcoords")
 
 
 def round_mesh(kind: str, radius_px: float | None, *, rings: int = 1) -> RoundMesh:

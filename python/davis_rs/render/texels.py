@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
 
-from .._mitsuba.types import MitsubaParameters
+from .._mitsuba.types import Mitsuba, MitsubaParameters, MitsubaValue
+from .._mitsuba.variants import FAST
 from ..scene.textures import from_srgb
 
 FloatArray = npt.NDArray[np.float64]
@@ -17,6 +18,9 @@ _TEXELS_AT_ONCE = 1 << 18
 """How many texels are decoded and weighted at a time."""
 
 WRAP_MODES = ("repeat", "clamp", "mirror")
+
+LUMINANCE = np.array([[0.212671], [0.715160], [0.072169]])
+"""Weights (3, 1) of linear red, green and blue where Mitsuba takes a coloured texture for a number."""
 
 
 def bilinear(texels: FloatArray | Texels, uv: FloatArray, wrap: int) -> FloatArray:
@@ -103,6 +107,24 @@ def lookup_positions(uv_map: FloatArray) -> tuple[npt.NDArray[np.float32], Float
     """Return texture coordinates (2, n) at which a lookup shows how it is made, and the same after a transform."""
     uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
     return uv, uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
+
+
+def looked_up(evaluate: Callable[[MitsubaValue], MitsubaValue], uv: npt.NDArray[np.float32], mi: Mitsuba) -> FloatArray:
+    """Return what Mitsuba looks up at texture coordinates, (n, k).
+
+    Args:
+        evaluate: returns k numbers for a surface interaction, which is seen along the normal.
+        uv: (2, n), before the texture's own transform.
+        mi: Mitsuba, under the variant that loaded the texture.
+    """
+
+    def at(uv: npt.NDArray[np.float32] | list[float]) -> FloatArray:
+        interaction = mi.SurfaceInteraction3f()
+        interaction.uv, interaction.wi = mi.Point2f(uv), mi.Vector3f(0, 0, 1)
+        return np.array(evaluate(interaction), np.float64)
+
+    values = at(uv).T if mi.variant() == FAST else np.array([at(pair) for pair in uv.T.tolist()])
+    return values.reshape(uv.shape[1], -1)
 
 
 def decoded(data: npt.NDArray[np.generic]) -> Iterator[Texels]:

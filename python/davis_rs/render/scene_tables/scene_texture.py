@@ -8,8 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ..._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaParameters, MitsubaShape, MitsubaValue
-from ..._mitsuba.variants import FAST
+from ..._mitsuba.types import Mitsuba, MitsubaParameters, MitsubaShape, MitsubaValue
 from ...scene.files.mesh_scene import colours_as_texture
 from ..diffuse_materials import is_plain, is_two_sided, reflectance_of, surface_kind, surface_name, surface_remedy
 from ..obstacles import Unsuitable, plugin_name
@@ -17,6 +16,7 @@ from ..texels import (
     Texels,
     bilinear_meaning,
     fill_border,
+    looked_up,
     lookup_positions,
     nearest_meaning,
     uv_map_of,
@@ -232,9 +232,8 @@ class TextureTable:
         Mitsuba does not tell a bitmap's encoding, wrap mode or filter. So each is tried, until a lookup agrees with
         Mitsuba's own.
         """
-        mi = self._mi
         uv, mapped = lookup_positions(uv_map)
-        own = _looked_up(mi, shape.bsdf(), uv)
+        own = looked_up(shape.bsdf().eval_diffuse_reflectance, uv, self._mi)
         if (meant := bilinear_meaning(data, mapped, own)) is not None:
             return meant
         if (meant := nearest_meaning(data, mapped, own)) is not None:
@@ -250,17 +249,6 @@ class TextureTable:
             "give its bitmap the filter_type bilinear",
             name,
         )
-
-
-def _looked_up(mi: Mitsuba, bsdf: MitsubaBsdf, uv: npt.NDArray[np.float32]) -> FloatArray:
-    """Return the reflectances (n, 3) at uv (2, n) that Mitsuba looks up."""
-
-    def at(uv: npt.NDArray[np.float32] | list[float]) -> FloatArray:
-        si = mi.SurfaceInteraction3f()
-        si.uv, si.wi = mi.Point2f(uv), mi.Vector3f(0, 0, 1)
-        return np.array(bsdf.eval_diffuse_reflectance(si), np.float64)
-
-    return at(uv).T if mi.variant() == FAST else np.array([at(pair) for pair in uv.T.tolist()])
 
 
 def _same_on_both_sides(parameters: MitsubaParameters) -> bool:
