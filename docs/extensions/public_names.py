@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -88,6 +89,7 @@ def scopes(node: pending_xref) -> list[str]:
     return ["", inner, home, module, PACKAGE]
 
 
+@cache  # a package whose names are not there suggests close ones, which takes long
 def look_up(dotted: str) -> tuple[Any, list[str]] | None:
     """A module or what it has, and names of what that has in turn; None if there is no such thing in the package."""
     parts = dotted.split(".")

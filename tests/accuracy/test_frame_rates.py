@@ -41,6 +41,7 @@ def test_errors_fall_with_the_frame_rate_and_flow_helps_where_it_is_low(measured
     assert by[120, 8, "linear"].median_us > line[1].median_us  # rounding costs too
 
 
+@pytest.mark.long
 def test_the_report(measured: list[VideoErrors], tmp_path: Path) -> None:
     page = frame_rates_markdown(measured, {"scene": "three_planes"})
     rows = [line for line in page.splitlines() if line.startswith("| ") and "frames/s" not in line]

@@ -529,6 +529,7 @@ def example(name: str) -> Any:
     return module
 
 
+@pytest.mark.long
 def test_a_pose_is_recovered(mi: Any) -> None:
     """From 2 cm and 1 degree off, in a frame with occlusion edges, to less than a tenth of both."""
     errors = example("recover_pose").main(["--iterations", "3", "--rays-per-pixel", "4"])

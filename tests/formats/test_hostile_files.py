@@ -112,7 +112,7 @@ def parquet_bomb(path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "most"),
     [
-        (aedat4_bomb, 200), (npz_bomb, 100), (npz_header_bomb, 20), (hdf5_bomb, 100), (hdf5_chunk_bomb, 100),
+        (npz_bomb, 100), (aedat4_bomb, 200), (npz_header_bomb, 20), (hdf5_bomb, 100), (hdf5_chunk_bomb, 100),
         (parquet_bomb, 100),
     ],
 )  # fmt: skip

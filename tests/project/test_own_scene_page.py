@@ -16,6 +16,7 @@ from places import ROOT
 PAGE = ROOT / "docs" / "own_scene.md"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_everything_on_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Programs, commands and the scene file, in their order in one folder; both datasets hold events."""
