@@ -17,7 +17,7 @@ from davis_rs.render.baked import baked_scene, cache
 
 # The same examples in every run, and no time limit for one: kernels are compiled on first use. For more of them:
 # pytest --hypothesis-profile=long
-settings.register_profile("davis_rs", derandomize=True, deadline=None, max_examples=30)
+settings.register_profile("davis_rs", derandomize=True, deadline=None, max_examples=20)
 settings.register_profile("long", derandomize=True, deadline=None, max_examples=300)
 settings.load_profile("davis_rs")
 

@@ -21,7 +21,7 @@ from reference import LogFrame
 _RANDOM_EXAMPLES = os.environ.get("DAVIS_RS_EXAMPLES")
 
 EXAMPLES = settings(
-    max_examples=int(_RANDOM_EXAMPLES or 100),
+    max_examples=int(_RANDOM_EXAMPLES or 50),
     derandomize=_RANDOM_EXAMPLES is None,
     database=None,
     deadline=None,
