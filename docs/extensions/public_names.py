@@ -89,7 +89,7 @@ def scopes(node: pending_xref) -> list[str]:
     return ["", inner, home, module, PACKAGE]
 
 
-@cache  # a package whose names are not there suggests close ones, which takes long
+@cache  # a name that is not there takes long, because the package searches for close ones
 def look_up(dotted: str) -> tuple[Any, list[str]] | None:
     """A module or what it has, and names of what that has in turn; None if there is no such thing in the package."""
     parts = dotted.split(".")

@@ -97,6 +97,17 @@ def test_lag_and_black_level_are_found_with_the_thresholds(ideal: EventArray) ->
     assert found.off.value == pytest.approx(OFF, rel=0.01)
 
 
+def test_noise_makes_lags_larger_and_less_certain(ideal: EventArray) -> None:
+    """By 4 times its variance, up to 16 %; beyond that lags stay as they are, and err by 16 %."""
+    sampler = SignalSampler(40, 32, frames(lag_us=1_000.0))
+    sampler.add(ideal)
+    samples = sampler.finish()
+    below, above = (fit_thresholds(samples, 40, leak_hz=Measured(0.0, 1e-4), noise=noise) for noise in (0.199, 0.201))
+    assert below.lag_s.value * (1 - 4 * 0.199**2) == pytest.approx(above.lag_s.value, rel=5e-3)
+    assert below.lag_s.sigma > 0.039 * below.lag_s.value
+    assert above.lag_s.sigma > 0.16 * above.lag_s.value
+
+
 @pytest.mark.long
 def test_a_lag_is_divided_into_what_goes_with_light_and_what_does_not() -> None:
     """Of 1.6 ms where it is as bright as the strip; thresholds that scatter leave both parts as they are."""
