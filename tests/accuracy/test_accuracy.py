@@ -267,6 +267,7 @@ class CtrlC(MaxDisplacement):
         return super().instants(renderer, trajectory, end_us, start_us=start_us)
 
 
+@pytest.mark.long
 def test_meshes_are_made_for_each_setting(tmp_path: Path) -> None:
     """What is made under one of Mitsuba's variants is nothing to another, and what moves is left where a run ends."""
     made = []

@@ -52,6 +52,7 @@ def test_the_papers_transform_and_lag_are_recovered(name: str) -> None:
     assert "lag 2." in report(result)
 
 
+@pytest.mark.long
 def test_any_orientation_and_lag_is_found_without_a_guess() -> None:
     """An IMU upside down, 20 cm off and 31 ms early, with biases: the start comes from the angular rates alone."""
     matrix = np.eye(4)

@@ -55,6 +55,7 @@ def exact() -> tuple[FloatArray, list[BoardPose]]:
     return hands, [board_pose(exact_view(board_camera(s), k), BOARD, CAMERA) for k, s in enumerate(t)]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_a_known_x_is_recovered_from_frames_and_noisy_motion_capture() -> None:
     """Poses at 200 Hz with 0.65 mm and 4.3 mrad of noise, corners as found in frames: within 1 mm and 0.1 degrees."""

@@ -260,6 +260,7 @@ BALL = """<scene version="3.0.0"><integrator type="direct"/>
 <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/></film></sensor></scene>"""
 
 
+@pytest.mark.long
 def test_without_llvm_the_native_renderer_does_it(tmp_path: Path) -> None:
     """README's first command renders with all of its rays, asks for nothing to be installed; the dataset is whole."""
     out = tmp_path / "out"
@@ -273,6 +274,7 @@ def test_without_llvm_the_native_renderer_does_it(tmp_path: Path) -> None:
     assert checked.returncode == 0, checked.stdout
 
 
+@pytest.mark.long
 def test_without_llvm_what_needs_mitsuba_is_slow_and_says_so(tmp_path: Path) -> None:
     """For frosted glass, one sentence says how to get the fast variant."""
     scene, out = tmp_path / "ball.xml", tmp_path / "out"

@@ -391,6 +391,7 @@ def item_of(plan: EffectPlan, name: str) -> PlannedEffect:
     return next(item for item in plan.items if item.effect.name == name)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_a_long_sequence_is_seen_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Eight parts with gaps, levels as if nothing lay between: the plan stays close to that of all keyframes."""

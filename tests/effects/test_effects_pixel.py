@@ -127,6 +127,7 @@ def test_on_and_off_thresholds_may_be_correlated(correlation: float) -> None:
     assert stats.pearsonr(on, off).statistic == pytest.approx(correlation, abs=5 / 200)
 
 
+@pytest.mark.long
 def test_even_and_odd_columns_have_events_by_their_parity() -> None:
     """With the davis240c preset's parity 1.127 times as many in even columns where light goes far, as recorded."""
     effects = Effects(threshold_mismatch=ThresholdMismatch(0.1085, 0.06))

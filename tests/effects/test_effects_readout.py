@@ -266,7 +266,7 @@ def test_after_a_flush_the_bus_goes_on_in_order() -> None:
     assert np.all(np.diff(stream["t"]) >= 0)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [1e6, 12e6])
 def test_at_a_unix_time_it_is_the_same(rate: float) -> None:
     """From 0 and from 1.7e15 us: the same events, shifted, at the same pace."""

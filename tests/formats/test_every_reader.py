@@ -152,6 +152,7 @@ def test_every_format_is_there(files: dict[str, Path]) -> None:
     assert found | {"folder"} == set(FORMATS)
 
 
+@pytest.mark.few(12)
 @pytest.mark.filterwarnings("ignore::davis_rs.io.formats.TruncatedFileWarning")
 @pytest.mark.filterwarnings("ignore::davis_rs.io.files.sensor_size.SensorSizeWarning")
 @every_kind

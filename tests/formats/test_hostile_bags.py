@@ -61,6 +61,7 @@ def refused(path: Path, content: bytes | bytearray) -> tuple[str, int]:
     return message, peak
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("operation", "part"),
     [(CHUNK, "header"), (CHUNK, "data"), (ENTRIES, "header"), (ENTRIES, "data"), (CHUNK_INFO, "header")],

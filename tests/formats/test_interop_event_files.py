@@ -96,6 +96,7 @@ def expelliarmus(name: str) -> Any:
     return pytest.importorskip("expelliarmus").Wizard(encoding=name)
 
 
+@pytest.mark.long
 @every_stream
 def test_expelliarmus_reads_our_evt2(tmp_path: Path, events: EventArray) -> None:
     """All events in their order, past 2^32 us as well."""

@@ -107,6 +107,7 @@ def test_the_cloud_is_sampled_and_the_pictures_are_not(folder: Path, tmp_path: P
     assert (np.diff(points[:, 2]) >= 0).all()
 
 
+@pytest.mark.long
 def test_an_event_file_has_pictures_of_equal_intervals(folder: Path, tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="leaves out"):
         convert(folder, tmp_path / "e.npy")

@@ -292,6 +292,7 @@ def test_endless_empty_transfers_are_silence() -> None:
         assert davis.received_bytes == 0
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("number", [errno.EIO, errno.EPIPE, errno.EOVERFLOW, errno.ENOMEM, 12345, -5, None])
 def test_an_error_amid_the_stream_comes_after_the_data(number: int | None) -> None:
     """Whatever its number: all that had arrived is given first, and the camera can be let go of."""

@@ -187,6 +187,7 @@ def test_no_noise_is_not_told_as_noise(capsys: pytest.CaptureFixture[str], tmp_p
         simulate(planes, renderer="integrator", rays_per_pixel=1)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.usefixtures("few_seeds")
 def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

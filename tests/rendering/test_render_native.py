@@ -329,6 +329,7 @@ def test_threads_and_arrays_are_checked() -> None:
         soup.core().depth(pixel_rays(np.stack([RAYS, RAYS]), rays=2), soup.view())
 
 
+@pytest.mark.long
 def test_no_llvm_is_needed(run_python: Callable[..., str]) -> None:
     """Without any libLLVM auto takes the native renderer too, with all of its rays; its frames have the same bits.
 

@@ -75,6 +75,7 @@ def test_the_same_scene_is_made_each_time(make: Callable[[], Scene]) -> None:
     assert images[0] == images[1]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(("make", "air_m"), [(office, 0.7), (dynamic, 1.1), (urban, 0.9)])
 def test_a_hand_has_room_to_move(make: Callable[[], Scene], air_m: float) -> None:

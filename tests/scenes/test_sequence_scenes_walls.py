@@ -72,7 +72,7 @@ def along_the_slide(scene: Scene, metres: float) -> Views:
     return poses(scene, shifts, np.zeros((14, 3)))
 
 
-@pytest.mark.few(4)
+@pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.usefixtures("llvm")
 def test_there_is_something_to_see_all_around(name: str) -> None:
@@ -138,6 +138,7 @@ def test_shapes_are_plain_black_few_and_apart() -> None:
     assert plain.mean() > 0.98
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", HAND_HELD)
 def test_a_hand_has_room(name: str) -> None:
     """Nothing comes within 0.3 m of a camera that is up to 0.7 m from its start along every axis."""
@@ -232,6 +233,7 @@ def test_light_is_what_it_is_said_to_be(name: str) -> None:
         assert lux.max() / lux.min() < 8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
 def test_rooms_are_lit_from_all_sides(name: str) -> None:
     """Each says so of itself: a renderer that shuts their constant light out warns."""

@@ -69,7 +69,7 @@ def test_the_table_is_the_papers() -> None:
     assert {s.biases for s in SEQUENCES.values()} == {*davis_rs.BIAS_SETS, None}
 
 
-@pytest.mark.few(6)
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_duration_and_top_speeds_are_the_tables(name: str) -> None:
     """T within 1 %, TS and RS within 10 %, by one definition of a top speed; nothing jumps when it starts."""
@@ -99,7 +99,7 @@ def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
     assert 0.3 < count.on_events / count.events < 0.7
 
 
-@pytest.mark.few(10)
+@pytest.mark.few(5)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("name", [*COUNTED[::3], *long_values(*(name for name in COUNTED if name not in COUNTED[::3]))])
 def test_the_counts_on_record_are_of_these_scenes(name: str) -> None:
@@ -109,6 +109,7 @@ def test_the_counts_on_record_are_of_these_scenes(name: str) -> None:
     assert mean_luma(SEQUENCES[name]) == pytest.approx(count.luma, rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("name", ["simulation_3planes", pytest.param("slider_depth", marks=pytest.mark.long)])
 def test_the_counts_on_record_are_those_of_the_sequences(name: str) -> None:
@@ -127,6 +128,7 @@ def test_the_recorded_sensor_is_counted(tmp_path: Path) -> None:
     assert read_counts(tmp_path / "one.csv") == {"slider_depth": count}
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", list(read_counts(MEASURED_RECORDED)))
 def test_the_counts_of_the_recorded_sensor_are_of_these_scenes(name: str) -> None:
     """Whole, of the sensor and the scene as they are now."""

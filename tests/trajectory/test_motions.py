@@ -79,7 +79,7 @@ def test_slider_has_one_speed_and_no_turn() -> None:
     assert not path.accelerations(t).any()
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["rotation", "translation", "6dof"])
 def test_hand_held_motion_grows_as_in_the_paper(kind: str) -> None:
     """One degree of freedom after the other in the first half, then all; faster to the end; the two tops reached."""

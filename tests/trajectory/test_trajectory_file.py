@@ -337,6 +337,7 @@ def test_slider_recording_is_a_straight_line() -> None:
     assert np.abs(v[:, 1:]).max() == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not POSTER.exists(), reason="needs ../shared/data")
 def test_top_speeds_of_the_recording_are_those_of_the_paper() -> None:
     """poster_6dof over 100 ms: within 2 % of the table's 2.51 m/s and 937 deg/s, whether smoothed or not."""
