@@ -822,8 +822,10 @@ class SceneRenderer:
             uint32 (t), the finish of each triangle, 2^32 - 1 for none; float32 (texels, 3), all texels in the
             layout of ``texels``; for each light colour what strength 1 is in red, green and blue; for each light
             such a background; float64 (t, 3), radiance that each triangle emits, or nothing; the number of a sky's
-            light, its side and float32 (side, side, 3); the most segments of a path; and layouts and float32 texels
-            of the textures of roughness and metal, as those of other textures. Fresnel's equations are
+            light, its side and float32 (side, side, 3); the most segments of a path; layouts and float32 texels
+            of the textures of roughness and metal, as those of other textures; and emissive textures: uint32
+            (textures), the number of the one on the same triangles, 2^32 - 1 for none, or nothing; their layouts,
+            the numbers of their lights, and float32 (texels, 3), radiance from either side. Fresnel's equations are
             (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or (``mixed``, [index,
             metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1 if nonlinear,
             and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
@@ -879,6 +881,7 @@ class SceneRenderer:
             tuple[int, int, npt.NDArray[np.float32]] | None,
             int,
             tuple[list[list[int]], npt.NDArray[np.float32]],
+            tuple[npt.NDArray[np.uint32], list[list[int]], list[int], npt.NDArray[np.float32]],
         ]
         | None = None,
         shadows: bool,
@@ -1307,10 +1310,10 @@ class IrradianceSampler:
         layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
         texels: float32 (n, 3), reflectance, red, green and blue.
         groups: of lights that are baked together, each (lamps, constant, map, points, directions, small lamps). A lamp
-            is (first triangle, number of triangles, radiance); ``constant`` is the radiance from all sides or None;
-            ``map`` is an environment map (width, height, float32 texels (height, width, 3), rotation (3, 3) of the
-            world to its axes) or None; points are (position, intensity, beam), with the beams of
-            :class:`SceneRenderer`; directions are (unit vector along which light travels, irradiance).
+            is (first triangle, number of triangles, radiance, whether it shines from its back too); ``constant`` is the
+            radiance from all sides or None; ``map`` is an environment map (width, height, float32 texels (height,
+            width, 3), rotation (3, 3) of the world to its axes) or None; points are (position, intensity, beam), with
+            the beams of :class:`SceneRenderer`; directions are (unit vector along which light travels, irradiance).
 
     Raises:
         ValueError: for arrays that do not belong together, or light that is not finite or negative.
@@ -1329,14 +1332,14 @@ class IrradianceSampler:
         texels: npt.NDArray[np.float32],
         groups: Sequence[
             tuple[
-                Sequence[tuple[int, int, Sequence[float]]],
+                Sequence[tuple[int, int, Sequence[float], bool]],
                 Sequence[float] | None,
                 tuple[int, int, npt.NDArray[np.float32], Sequence[Sequence[float]]] | None,
                 Sequence[
                     tuple[Sequence[float], Sequence[float], tuple[Sequence[float], tuple[float, float] | None] | None]
                 ],
                 Sequence[tuple[Sequence[float], Sequence[float]]],
-                Sequence[tuple[int, int, Sequence[float]]],
+                Sequence[tuple[int, int, Sequence[float], bool]],
             ]
         ],
     ) -> IrradianceSampler: ...

@@ -301,7 +301,10 @@ def _gltf(folder: Path) -> list[Path]:
     texture = gltf.texture({"uri": "data:image/png;base64," + _PNG}, {"wrapS": 33071, "wrapT": 33071})
     texture |= {"extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}  # type: ignore[dict-item]
     gloss = {"diffuseFactor": [1, 0.5, 0.5, 1], "diffuseTexture": texture}
-    more = {"extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}, "alphaMode": "MASK"}
+    emits = {"emissiveFactor": [1, 0.5, 0], "emissiveTexture": texture}
+    strength = {"emissiveStrength": 2}
+    extensions = {"KHR_materials_pbrSpecularGlossiness": gloss, "KHR_materials_emissive_strength": strength}
+    more = {"extensions": extensions, "alphaMode": "MASK", **emits}
     paint = gltf.material(baseColorTexture=texture, more=more)
     body = gltf.node(mesh=quad(gltf, uv=UV, material=paint), name="body")
     child = gltf.node(root=False, mesh=quad(gltf, colours=np.full((4, 3), 0.5)), scale=[1, 2, 3])
@@ -353,7 +356,9 @@ def _glb(folder: Path) -> list[Path]:
 def _obj(folder: Path) -> list[Path]:
     """Two materials, one of them with a texture."""
     (folder / "seed.png").write_bytes(base64.b64decode(_PNG))
-    (folder / "seed.mtl").write_text("newmtl a\nKd 1 0.5 0\nnewmtl b\nmap_Kd seed.png\nmap_d seed.png\n")
+    (folder / "seed.mtl").write_text(
+        "newmtl a\nKd 1 0.5 0\nnewmtl b\nmap_Kd seed.png\nmap_d seed.png\nmap_Ke seed.png\nKe 1 2 3\n"
+    )
     path = folder / "seed.obj"
     path.write_text(
         "mtllib seed.mtl\nmtllib seed.mtl\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 1 1 0 1 1 1\nvt 0 0\nvt 1 0\n"

@@ -381,13 +381,13 @@ def test_a_scene_that_is_kept_gives_the_same_bytes(tmp_path: Path, monkeypatch: 
 @pytest.mark.long
 def test_looks_that_are_lost_are_told_once(tmp_path: Path) -> None:
     """Of the first sequence before all; each sequence's meta.json has its own share."""
-    (tmp_path / "lamp.mtl").write_text("newmtl lamp\nKd 1 1 1\nKe 1 1 1\n")
+    (tmp_path / "lamp.mtl").write_text("newmtl lamp\nKd 1 1 1\nPm 1\n")
     (tmp_path / "lamp.obj").write_text("mtllib lamp.mtl\nusemtl lamp\n" + TETRAHEDRON)
     plan = {"seed": 1, "sequences": 2, "scene": "lamp.obj", "duration": 0.01, "size": "64x48", "accuracy": "fast"}
     (tmp_path / "plan.yaml").write_text(yaml.safe_dump(plan | {"start": {"uniform": [0, 5]}}))
-    with pytest.warns(LostLookWarning, match=r"light of their own of lamp \([\d.]+ %\)$") as caught:
+    with pytest.warns(LostLookWarning, match=r"metal of lamp \([\d.]+ %\)$") as caught:
         generate_sequences(load_sequence_plan(tmp_path / "plan.yaml"), tmp_path / "root", workers=1, quiet=True)
     assert len(caught) == 1
     for folder in ("sequence_00000", "sequence_00001"):
         described = json.loads((tmp_path / "root" / folder / "meta.json").read_text())
-        assert 0.02 < described["lost_looks"]["light of their own of lamp"] < 0.4
+        assert 0.02 < described["lost_looks"]["metal of lamp"] < 0.4

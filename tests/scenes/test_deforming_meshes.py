@@ -770,7 +770,7 @@ def test_more_than_four_joints_of_a_vertex(tmp_path: Path) -> None:
 def test_lost_looks_are_counted_where_the_mesh_is(tmp_path: Path) -> None:
     """The native renderer and the surfaces' truth see the same share of a look along the path."""
     gltf = bent()
-    gltf.document["materials"][0]["emissiveFactor"] = [1, 1, 1]
+    gltf.document["materials"][0]["occlusionTexture"] = {"index": 0}
     scene = load(gltf, tmp_path)
     renderer = make_renderer(scene, scene.own_camera, kind="native")
     ours, theirs = (lost_look_fractions(scene, scene.own_camera, each) for each in (renderer, None))

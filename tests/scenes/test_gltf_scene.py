@@ -361,7 +361,7 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
     """Of materials by their names, of the rest by what it is; a plain file has none, nor what only looks like one."""
     gltf = Gltf(extensionsUsed=["KHR_materials_clearcoat", "ACME_fog", "KHR_texture_basisu", "EXT_mesh_features"])
     coat = {"extensions": {"KHR_materials_clearcoat": {}, "KHR_materials_emissive_strength": {"emissiveStrength": 2}}}
-    shiny = {"emissiveFactor": [1, 0, 0], "normalTexture": {"index": 0}, "alphaMode": "BLEND", **coat}
+    shiny = {"occlusionTexture": {"index": 0}, "normalTexture": {"index": 0}, "alphaMode": "BLEND", **coat}
     image = gltf.texture({"bufferView": gltf.view(png(np.full((2, 2, 4), 100)))}, {"magFilter": 9728, "wrapT": 33071})
     glass = gltf.material("glass", baseColorTexture=image, metallicFactor=1.0, double_sided=False, more=shiny)
     pane = gltf.material("pane", baseColorTexture=image, more={"alphaMode": "BLEND"})
@@ -378,7 +378,7 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
         scene = saved(gltf, tmp_path)
     wrapped = "the wrap mode clamp along v (repeat is taken both ways)"
     assert looks_of(scene) == {
-        "light of their own": ("glass",),
+        "occlusion maps": ("glass",),
         "normal maps": ("glass",),
         "backs that cannot be seen (they are seen from both sides)": ("glass",),
         "KHR_materials_clearcoat": ("glass",),
@@ -436,7 +436,7 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
     """Half of the pixels see bumps and nothing sees a lamp: in one line, which meta.json repeats."""
     gltf = halves(more={"normalTexture": {"index": 0}})
     gltf.node(
-        mesh=quad(gltf, material=gltf.material("lamp", more={"emissiveFactor": [1, 1, 1]})), translation=[0, 0, 9]
+        mesh=quad(gltf, material=gltf.material("lamp", more={"occlusionTexture": {"index": 0}})), translation=[0, 0, 9]
     )
     gltf.light({"type": "point", "intensity": 1.0, "range": 3.0}, name="bulb", translation=[0, 0, 5])
     scene = saved(gltf, tmp_path)
@@ -445,12 +445,12 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
     (warning,) = caught
     assert str(warning.message) == (
         f"{tmp_path / 'scene.glb'}: these looks are lost, with their fraction of "
-        "the image along the camera path: normal maps of right (50 %); not in view: light of their own of lamp; "
+        "the image along the camera path: normal maps of right (50 %); not in view: occlusion maps of lamp; "
         "fraction not known: the range of the light (it shines without end) of bulb"
     )
     assert simulator.describe()["lost_looks"] == {
         "normal maps of right": 0.5,
-        "light of their own of lamp": 0.0,
+        "occlusion maps of lamp": 0.0,
         "the range of the light (it shines without end) of bulb": None,
     }
 

@@ -220,7 +220,7 @@ def test_what_is_not_shown_is_known(tmp_path: Path) -> None:
     looks = "newmtl {}\nKd 1 1 1\n{}\n"
     lines = {
         "glass": "Tr 0.4",
-        "lamp": "Ke 1 1 1",
+        "lamp": "Ke spectral lamp.rfl",
         "steel": "Pm 1",
         "hammered": "bump b.png",
         "plain": "d 0.9999999\nKe 0",

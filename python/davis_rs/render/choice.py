@@ -19,6 +19,7 @@ from ..geometry.camera import PRESETS, Camera
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
 from .baked.baked_scene import baked_light, check_baking
+from .baked.lights import light_groups
 from .base import Renderer
 from .closest_view import ClosestView
 from .diffuse_materials import simplify_materials
@@ -151,6 +152,7 @@ class NoiseFreeKind(RendererKind):
             weights=weights,
             finishes=finishes,
             reflections=scene.reflections,
+            emission=light_groups(loaded, list(motion.lights)) if scene.soft_light else None,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
         told = made.description + _ramps_told(table.textures)
@@ -197,6 +199,8 @@ class TableKind(NoiseFreeKind):
                 raise Unsuitable("a mesh deforms, which only the native renderer and Mitsuba's integrators show")
             if any(light.kind == "spot" for light in table.lights):
                 raise Unsuitable("a light is a spot light, which only the native renderer has")
+            if any(light.kind == "emission" for light in table.lights):
+                raise Unsuitable("a shape emits light, which only the native renderer shows")
             renderer = TableRenderer(
                 table, request.camera, rays_per_pixel=_rays(request), blur=request.blur, motion=motion
             )

@@ -11,6 +11,7 @@ from .repairs import SceneFileWarning
 TRANSPARENCY = "transparency"
 SOFT = "soft transparency (it is cut where it is half opaque)"
 OWN_LIGHT = "light of their own"
+MEAN_EMISSION = "light of their own that differs from place to place (its mean is taken)"
 METAL = "metal"
 BUMPS = "normal maps"
 BACKS = "backs that cannot be seen (they are seen from both sides)"

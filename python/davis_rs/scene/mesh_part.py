@@ -49,6 +49,8 @@ class MeshPart(NamedTuple):
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides its base colour; None where it is diffuse.
         nearest: the texture's texels have hard edges; others are bilinear.
+        emission: radiance that it emits, a texture or a colour (3,), linear RGB; None for none. As a texture it is
+            looked up as ``reflectance`` is.
     """
 
     corners: FloatArray
@@ -62,6 +64,7 @@ class MeshPart(NamedTuple):
     lost: tuple[str, ...] = ()
     metal: MetalRoughness | None = None
     nearest: bool = False
+    emission: EncodedTexture | FloatArray | None = None
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

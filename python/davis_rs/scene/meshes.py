@@ -120,6 +120,7 @@ def shape(
     wrap: str = "repeat",
     nearest: bool = False,
     metal: MetalRoughness | None = None,
+    emission: Texture | FloatArray | None = None,
 ) -> MitsubaShape:
     """Make a Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
 
@@ -130,6 +131,7 @@ def shape(
         wrap: what lies beyond a texture's edges: repeat, clamp or mirror.
         nearest: its texels have hard edges; others are bilinear.
         metal: how it reflects besides its reflectance, which is the base colour then; None where it is diffuse.
+        emission: radiance of an area light (``emitter``), a texture (H, W, 3) or a colour (3,); None for none.
     """
     import mitsuba as mi
 
@@ -142,6 +144,11 @@ def shape(
     surface = {"type": "diffuse", "reflectance": colour} if metal is None else _metallic(colour, metal)
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": surface})
+    if emission is not None:
+        radiance: SceneDictionary = {"type": "rgb", "value": emission.tolist()}
+        if emission.ndim == 3:
+            radiance = bitmap(mi.TensorXf(emission), wrap=wrap, nearest=nearest)
+        properties["emitter"] = mi.load_dict({"type": "area", "id": "emitter", "radiance": radiance})
     return mitsuba_mesh(mesh, properties, normals)
 
 

@@ -60,8 +60,9 @@ class Scene:
         reflections: mirrors and metal show all surfaces. Otherwise Mitsuba's integrator ``direct`` shows lights and
             skies alone in them.
         soft_light: its file does not say which light counts (glTF, OBJ, PLY). Then ``auto`` bakes the light of its
-            sky, with what hides it, and the light that bounces, if that is quick; otherwise its light is direct, and
-            that of the sky throws no shadow.
+            sky, with what hides it, of surfaces that emit, and the light that bounces, if that is quick; otherwise its
+            light is direct, that of the sky throws no shadow, and what surfaces emit is seen but lights nothing. They
+            emit from both sides.
         biases: of a sequence of the public dataset: the set of biases, a key of :data:`~davis_rs.BIAS_SETS`, that its
             recording was made with. ``sensor="recorded"`` takes the sensor that follows from it.
         variables: of the file, the values that were given for its variables; for records.

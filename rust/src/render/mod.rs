@@ -59,6 +59,8 @@ pub use deform::Deformed;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
+pub use gloss::emissive::EmissiveTextures;
+#[cfg(feature = "python")]
 pub use gloss::finish::{Distribution, Finish, Fresnel, PASSING, Under};
 #[cfg(feature = "python")]
 pub use gloss::tables::GlossTables;

@@ -263,6 +263,7 @@ impl Scene {
     fn owner_of_gloss(&self, triangles: usize) -> Owner<'_> {
         Owner {
             triangles,
+            textures: self.textures.len(),
             texels: self.texels.first().map_or(0, Vec::len),
             groups: self.texels.len(),
             lights: self.lights.len(),

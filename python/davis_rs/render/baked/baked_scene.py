@@ -159,7 +159,7 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
     with obstacles.collect():
         light_paths(scene, loaded)
     with obstacles.collect():
-        check_lights(loaded, mi)
+        check_lights(loaded, mi, soft=scene.soft_light)
     for name, path in motion.objects.items():
         with obstacles.collect():
             if isinstance(path, SteeredPath):
@@ -170,7 +170,7 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
     for name in motion.deformations:
         with obstacles.collect():
             raise Unsuitable("deforms: light cannot be baked on it", "take the native renderer", f"object {name!r}")
-    for shape in small_lamps(loaded):
+    for shape in () if scene.soft_light else small_lamps(loaded):
         with obstacles.collect():
             if shape.id() in motion.objects:
                 rule = "moves: its sharp shadows would have to move with it"
@@ -244,7 +244,11 @@ def baked_light(
     names = light_groups(loaded, list(motion.lights))
     duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
     times = motion_times(motion, duration_s)
-    emitted, emitters = emissions(loaded, mi, surfaces.counts, names, weights)
+    triangles = sum(surfaces.counts)
+    if scene.soft_light:  # what its shapes emit is in their textures
+        emitted, emitters = np.zeros(triangles), np.zeros(triangles, np.int64)
+    else:
+        emitted, emitters = emissions(loaded, mi, surfaces.counts, names, weights)
     content = _content(loaded, mi, surfaces, _poses(motion, times))
     settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, effort, content)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()
@@ -254,7 +258,7 @@ def baked_light(
         say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
     if maps is None:
         kept = cache.load_partial(key)
-        lights_at = irradiance_of(loaded, mi, surfaces, names, kept, motion, paths=paths)
+        lights_at = irradiance_of(loaded, mi, surfaces, names, kept, motion, paths=paths, soft=scene.soft_light)
         if effort is QUICK_EFFORT:
             _check_reach(scene, lights_at(0.0), sum(background_luma(loaded, mi, names)))
         with progress("baking light", 0, unit="points") as bar, cache.kept_if_stopped(key, kept):
@@ -279,7 +283,7 @@ def baked_light(
         sky_map(loaded, mi, names, weights),
         content,
         cache.holds(key),
-        coloured_light(loaded, mi, surfaces.counts, names) if surfaces.looks else None,
+        coloured_light(loaded, mi, surfaces.counts, names, soft=scene.soft_light) if surfaces.looks else None,
         effort,
     )
 

@@ -24,6 +24,7 @@ from ..._mitsuba.types import (
 )
 from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
+from ...geometry.lattice import rank1_lattice
 from ..diffuse_materials import nested_objects
 from ..motion.scene_motion import STILL, SceneMotion
 from ..obstacles import Obstacles, Unsuitable
@@ -44,6 +45,8 @@ SMALL_LAMP = 4 / 512
 blur its shadows."""
 
 _LARGEST_SKY, _LARGEST_REFLECTED_SKY = 4096, 2048
+_RADIANCE_POINTS = 1024
+"""Points on a shape from which the mean of its emission is taken where a texture says it."""
 _PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
 _VOLUMETRIC = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl")
 """Without media they follow the same paths as ``path``."""
@@ -95,8 +98,11 @@ def _has_media(scene: MitsubaScene) -> bool:
     )
 
 
-def check_lights(scene: MitsubaScene, mi: Mitsuba) -> None:
+def check_lights(scene: MitsubaScene, mi: Mitsuba, *, soft: bool = False) -> None:
     """Refuse kinds of light that are not baked.
+
+    Args:
+        soft: area lights may have textures, see :attr:`~davis_rs.Scene.soft_light`.
 
     Raises:
         Unsuitable: with all of them.
@@ -110,7 +116,7 @@ def check_lights(scene: MitsubaScene, mi: Mitsuba) -> None:
             if kind not in (*SHARP, *_SOFT):
                 lights = "point, spot, directional, area and constant lights and environment maps"
                 raise Unsuitable(f"is not baked: {lights} are", "give it as one of these", name)
-            if kind == "AreaLight" and "radiance.value" not in mi.traverse(emitter):
+            if kind == "AreaLight" and not soft and "radiance.value" not in mi.traverse(emitter):
                 raise textured_lamp(own_name)
             if kind == "EnvironmentMapEmitter" and not _is_rotation(mi.traverse(emitter)):
                 raise Unsuitable("is stretched by its transform", "turn it only", name)
@@ -137,6 +143,21 @@ def textured_lamp(name: str) -> Unsuitable:
     """Make the error for a shape that shines with a texture."""
     rule = "has a radiance that differs from place to place"
     return Unsuitable(rule, "give it one colour", f"light {name!r}")
+
+
+def mean_radiance(shape: MitsubaShape, mi: Mitsuba) -> FloatArray:
+    """Return the radiance (3,) of a shape's area light, the mean over its area."""
+    emitter = shape.emitter()
+    parameters = mi.traverse(emitter)
+    if "radiance.value" in parameters:
+        return _rgb(parameters["radiance.value"])
+    total = np.zeros(3)
+    for x, y in rank1_lattice(_RADIANCE_POINTS) + 0.5:
+        interaction = mi.SurfaceInteraction3f()
+        interaction.uv = shape.sample_position(0.0, mi.Point2f(float(x), float(y))).uv
+        interaction.wi = mi.Vector3f(0, 0, 1)
+        total += np.array(emitter.eval(interaction), np.float64).reshape(3)
+    return total / _RADIANCE_POINTS
 
 
 def emissions(
@@ -265,16 +286,19 @@ class ColouredLight:
     sky: SkyMap | None
 
 
-def coloured_light(scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str]) -> ColouredLight:
+def coloured_light(
+    scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str], *, soft: bool = False
+) -> ColouredLight:
     """Find what glossy surfaces reflect of the lights themselves, also of those that the integrator hides.
 
     Args:
         counts: of the triangles of the scene's shapes.
         names: of the groups, see :func:`light_groups`.
+        soft: what shapes emit is in their textures.
     """
     emitted = np.zeros((len(counts), 3))
     for number, shape in enumerate(scene.shapes()):
-        if shape.is_emitter():
+        if shape.is_emitter() and not soft:
             emitted[number] = _rgb(mi.traverse(shape.emitter())["radiance.value"])
     backgrounds, sky = np.zeros((len(names), 3)), None
     for name, emitter in named_emitters(scene):
@@ -329,6 +353,11 @@ def light_groups(scene: MitsubaScene, changing: Sequence[str]) -> list[str]:
     return ["", *(name for name in changing if name in known)]
 
 
+def group_name(name: str, names: Sequence[str]) -> str:
+    """Return the name of the group that a light of this name belongs to, see :func:`group_of`."""
+    return names[group_of(name, names)]
+
+
 def group_of(name: str, names: Sequence[str]) -> int:
     """Return the group that a light of this name belongs to: 0 for all that no other group has."""
     return names.index(name, 1) if name in names[1:] else 0
@@ -350,6 +379,7 @@ def irradiance_of(
     motion: SceneMotion = STILL,
     *,
     paths: Paths | None = None,
+    soft: bool = False,
 ) -> Callable[[float], list[Irradiance]]:
     """Return a function that gives the light of each group of lights at a time in seconds.
 
@@ -359,9 +389,10 @@ def irradiance_of(
         kept: what was computed before.
         motion: of the scene's objects.
         paths: of light; None: those that the scene's integrator follows.
+        soft: area lights shine from both sides, and none counts as small, see :attr:`~davis_rs.Scene.soft_light`.
     """
     paths = paths_of(scene) if paths is None else paths
-    groups = [_LightGroup(scene, mi, surfaces.counts, number, names) for number in range(len(names))]
+    groups = [_LightGroup(scene, mi, surfaces.counts, number, names, soft=soft) for number in range(len(names))]
     boxes = dict(zip(motion.objects, motion.boxes, strict=True))
     moving = SceneMotion(motion.objects, {}, boxes)
     still = functools.cache(lambda: _sampler(surfaces, groups, None))
@@ -417,7 +448,7 @@ def _sampler(surfaces: Surfaces, groups: Sequence[_LightGroup], poses: FloatArra
 
 
 _Rgb = list[float]
-_LampTuple = tuple[int, int, _Rgb]
+_LampTuple = tuple[int, int, _Rgb, bool]
 
 
 class _LightGroup:
@@ -426,6 +457,7 @@ class _LightGroup:
     Args:
         counts: of the triangles of the scene's shapes.
         number: of the group among its ``names``.
+        soft: as of :func:`irradiance_of`.
 
     Attributes:
         kinds: those that it has: ``lamps``, ``sky``, ``sharp``.
@@ -433,16 +465,16 @@ class _LightGroup:
     """
 
     def __init__(
-        self, scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], number: int, names: Sequence[str]
+        self, scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], number: int, names: Sequence[str], *, soft: bool
     ) -> None:
         first = np.cumsum([0, *counts]).tolist()
-        small = small_lamps(scene)
+        small = [] if soft else small_lamps(scene)
         lamps, small_ones = list[_LampTuple](), list[_LampTuple]()
         # Lights are told apart by what they are, not by their names: those without one are called alike.
         for index, shape in enumerate(scene.shapes()):
             if shape.is_emitter() and group_of(area_light_name(shape), names) == number:
-                radiance = _rgb(mi.traverse(shape.emitter())["radiance.value"]).tolist()
-                (small_ones if shape in small else lamps).append((first[index], counts[index], radiance))
+                radiance = mean_radiance(shape, mi).tolist()
+                (small_ones if shape in small else lamps).append((first[index], counts[index], radiance, soft))
         constant: _Rgb | None = None
         environment: tuple[int, int, npt.NDArray[np.float32], list[_Rgb]] | None = None
         points, directions = list[Any](), list[Any]()

@@ -26,7 +26,7 @@ from .estimators import ESTIMATORS, ViewArrays
 
 _Pixel = TypeVar("_Pixel", np.float32, np.uint32)
 
-_KINDS = {"spot": "point", "lamp": "point"}
+_KINDS = {"spot": "point", "lamp": "point", "emission": "constant"}
 
 _PIXELS_PER_LAUNCH = 1 << 21
 

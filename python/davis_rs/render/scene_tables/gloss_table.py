@@ -26,6 +26,7 @@ CoreGloss = tuple[
     tuple[int, int, _Texels] | None,
     int,
     tuple[list[list[int]], _Texels],
+    tuple[npt.NDArray[np.uint32], list[list[int]], list[int], _Texels],
 ]
 """What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
 

@@ -33,7 +33,7 @@ from ...geometry.lattice import rank1_lattice
 from ..baked.baked_scene import BakedLight
 from ..baked.irradiance import Surfaces
 from ..baked.light_maps import map_coordinates
-from ..baked.lights import SHARP, area_light_name, integrator_of, small_lamps, textured_lamp
+from ..baked.lights import SHARP, area_light_name, group_name, integrator_of, small_lamps, textured_lamp
 from ..closest_view import ClosestView
 from ..finishes import Finish
 from ..mesh_buffers import MeshBuffers
@@ -58,7 +58,8 @@ class Light:
     spot's beam, and the normal at a point of a small area light (kind ``lamp``); ``angles`` (radians from a spot's
     axis) are those up to which it shines fully, and up to which it shines at all. ``instant`` is the number of the
     instant of baked light, see :class:`BakedLight`. What a camera sees directly of the same area lights and skies is a
-    light of kind ``visible``.
+    light of kind ``visible``. What shapes emit, where that is shown without a bake, is of kind ``emission``: constant
+    light on texels of emission.
     """
 
     kind: str
@@ -90,6 +91,9 @@ class SceneTable:
             millions of triangles take gigabytes.
         finishes: for materials that stand for glossy ones, how these reflect.
         reflections: mirrors show all surfaces, whatever the integrator says.
+        emission: the names of the groups of lights, see :func:`~..baked.lights.light_groups`. Then area lights are
+            shown from both sides, also by textures, and light of theirs that falls on other surfaces comes from a bake
+            alone. None: they need a bake to be shown at all.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -132,6 +136,7 @@ class SceneTable:
         weights: Weights = LUMA_WEIGHTS,
         finishes: Mapping[MitsubaBsdf, Finish] | None = None,
         reflections: bool = False,
+        emission: Sequence[str] | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._weights = np.asarray(weights)
@@ -143,13 +148,22 @@ class SceneTable:
         colours: list[FloatArray] = []
         self.lights: list[Light] = []
         for emitter in scene.emitters():
+            if emission is not None and emitter.class_name() == "AreaLight":
+                continue
             if not baked or emitter.class_name() in SHARP:
                 with obstacles.collect():
                     self.lights.append(_light(emitter, mi, colours))
-        for shape in small_lamps(scene) if baked else ():
+        for shape in small_lamps(scene) if baked and emission is None else ():
             with obstacles.collect():
                 self.lights += _area_light_points(shape, mi, colours)
         self.textures = TextureTable(mi, [self._weights * colour for colour in colours])
+        shining = dict[MitsubaShape, str]()
+        if emission is not None:
+            emitters = [shape for shape in scene.shapes() if shape.is_emitter()]
+            shining = {shape: group_name(area_light_name(shape), emission) for shape in emitters}
+        for name in dict.fromkeys(shining.values()):
+            group = self.textures.add_emission_group(name, self._weights)
+            self.lights.append(Light("emission", group, 1.0, np.zeros(3), name))
         self.names = [str(shape.id()) for shape in scene.shapes()]
         self.counts: list[int] = []
         surfaces: list[Added] = []
@@ -162,7 +176,7 @@ class SceneTable:
                 per_unit = None
                 if view is not None and view.known and faces:
                     per_unit = functools.partial(_pixels_per_unit, view, shape, read)
-                added = self.textures.add(shape, faces, read, per_unit)
+                added = self.textures.add(shape, faces, read, per_unit, emission=shining.get(shape))
             self.counts.append(faces)
             surfaces.append(added)
         obstacles.refuse()
@@ -184,7 +198,7 @@ class SceneTable:
             sum(self.counts),
             textured=bool((self.textures.sizes[:, 1:3] > 1).any()),
             smooth=any(shape.has_vertex_normals() for shape in self.scene.shapes()),
-            sharp_lights=sum(light.kind != "constant" for light in self.lights) if self.shadows else 0,
+            sharp_lights=sum(light.kind not in _EVEN for light in self.lights) if self.shadows else 0,
         )
         forecast.refuse()
         if line := forecast.line():
@@ -314,6 +328,7 @@ class SceneTable:
         of_luma = self._weights / LUMA_WEIGHTS
         backgrounds = np.zeros((len(self.lights), 3))
         emitted, sky = np.zeros(0), None
+        shining = {light.name: number for number, light in enumerate(self.lights) if light.kind == "emission"}
         for number, light in enumerate(self.lights):
             if light.kind == "constant":
                 backgrounds[number] = colours[light.group]
@@ -335,6 +350,7 @@ class SceneTable:
             sky,
             self.gloss.longest,
             self.gloss.core_lobes(),
+            self.textures.emissive(shining, of_luma),
         )
 
     def uv_maps(self, precision: type[_Float]) -> tuple[npt.NDArray[_Float], npt.NDArray[_Float]]:
@@ -354,7 +370,7 @@ class SceneTable:
         surfaces = "diffuse triangles" if self.gloss is None else "diffuse and glossy triangles"
         if self.baked is not None:
             return f"{surfaces} under {self.baked.description}"
-        kinds = sorted({light.kind for light in self.lights})
+        kinds = sorted({light.kind for light in self.lights} - {"emission"})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
         return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows"
 
@@ -376,6 +392,9 @@ class SceneTable:
             return 0.0
         return float(self.textures.group_weights[light.group].sum())
 
+
+_EVEN = ("constant", "emission")
+"""Kinds of light that throw no shadow."""
 
 AREA_LIGHT_POINTS = 16
 """Points on a small area light that stand for all of it, each with its exact shadow."""

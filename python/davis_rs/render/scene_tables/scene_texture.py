@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -21,11 +21,15 @@ from ..texels import (
     nearest_meaning,
     uv_map_of,
 )
+from .emissive_textures import TextureImage, alike
 from .mesh_triangles import MeshTriangles
 from .sharp_textures import RAMP_PX, Ramp, checkerboard, divide, vertex_colours
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+_DARK = 2**32 - 1
+"""The number of its emissive texture of a texture whose surfaces emit nothing."""
 
 _Number = TypeVar("_Number", bound=np.generic)
 
@@ -49,7 +53,8 @@ PixelsPerUnit = Callable[[FloatArray], tuple[float, float]]
 class TextureTable:
     """The diffuse reflectances of a scene's shapes: bitmaps with bilinear lookup, or constants (bitmaps of one texel).
 
-    Other textures become bitmaps, see :mod:`sharp_textures`.
+    Other textures become bitmaps, see :mod:`sharp_textures`. What shapes emit is a colour group of its own: it lies in
+    the same texels as their reflectance, and constant light of strength 1 shows it.
 
     Args:
         mi: Mitsuba, under the variant that loaded the scene.
@@ -71,6 +76,8 @@ class TextureTable:
         self._uv_maps: list[FloatArray] = []
         self._texture_of: list[npt.NDArray[np.uint32]] = []
         self.ramp_px, self.has_ramps = 0.0, False
+        self._emission_groups: dict[int, tuple[str, FloatArray]] = {}
+        self._emissions: dict[int, tuple[str, Texels]] = {}
 
     @property
     def sizes(self) -> npt.NDArray[np.int32]:
@@ -109,15 +116,61 @@ class TextureTable:
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
         """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode."""
-        return self._framed(lambda number: self._products(number, self.group_weights[group]), np.float32)
+        if group in self._emission_groups:
+            return self._framed(lambda number: self._emitted(number, group), np.float32)
+        weights = self.group_weights[group]
+        return self._framed(lambda number: self._products(self._texels[number], weights), np.float32)
 
     def framed_rgb(self) -> npt.NDArray[np.float32]:
         """Return :attr:`reflectances` (texels, 3) with the borders of :meth:`framed`."""
-        return self._framed(lambda number: self._products(number, np.eye(3)), np.float32, (3,))
+        return self._framed(lambda number: self._products(self._texels[number], np.eye(3)), np.float32, (3,))
 
-    def _products(self, number: int, weights: FloatArray) -> npt.NDArray[np.float32]:
-        """Return weighted sums (H, W, ...) of the red, green and blue of a texture, by weights (3, ...)."""
-        texels = self._texels[number]
+    def add_emission_group(self, name: str, weights: FloatArray) -> int:
+        """Add a colour group that holds what shapes emit under a name, and return its number.
+
+        Args:
+            weights: (3,) of red, green and blue in its luma.
+        """
+        group = len(self.group_weights)
+        self.group_weights.append(np.zeros(3))  # light of this group falls on nothing and has no background
+        self._emission_groups[group] = name, weights
+        return group
+
+    def emissive(
+        self, lights: Mapping[str, int], factors: FloatArray
+    ) -> tuple[npt.NDArray[np.uint32], list[list[int]], list[int], npt.NDArray[np.float32]]:
+        """Return what shapes emit in red, green and blue, as the core takes it for glossy surfaces.
+
+        Args:
+            lights: the number of the light of each emission group, by its name.
+            factors: (3,) on red, green and blue.
+        """
+        of_texture = np.full(len(self._sizes), _DARK, np.uint32)
+        layouts, numbers, framed, first = list[list[int]](), list[int](), [np.zeros((0, 3), np.float32)], 0
+        for number, (name, texels) in self._emissions.items():
+            of_texture[number] = len(layouts)
+            height, width = texels.shape[:2]
+            image = np.empty((height + 2, width + 2, 3), np.float32)
+            image[1:-1, 1:-1] = self._products(texels, np.diag(factors))
+            wrap = self._sizes[number][3]
+            fill_border(image, wrap)
+            layouts.append([first, width, height, wrap])
+            numbers.append(lights[name])
+            framed.append(image.reshape(-1, 3))
+            first += len(framed[-1])
+        return of_texture, layouts, numbers, np.concatenate(framed).ravel()
+
+    def _emitted(self, number: int, group: int) -> npt.NDArray[np.float32]:
+        """Return the luma (H, W) that a texture's surfaces emit in an emission group."""
+        name, weights = self._emission_groups[group]
+        its_name, texels = self._emissions.get(number, (None, self._texels[number]))
+        if its_name != name:
+            return np.zeros(texels.shape[:2], np.float32)
+        return self._products(texels, weights)
+
+    @staticmethod
+    def _products(texels: Texels, weights: FloatArray) -> npt.NDArray[np.float32]:
+        """Return weighted sums (H, W, ...) of the red, green and blue of texels, by weights (3, ...)."""
         image = np.empty((*texels.shape[:2], *weights.shape[1:]), np.float32)
         flat = image.reshape(-1, *weights.shape[1:])
         for start, piece in texels.pieces():
@@ -160,12 +213,15 @@ class TextureTable:
         records: int,
         mesh: Callable[[], MeshTriangles],
         pixels_per_unit: PixelsPerUnit | None = None,
+        *,
+        emission: str | None = None,
     ) -> Added:
         """Add the reflectance of a shape that has ``records`` records.
 
         Args:
             mesh: gives its triangles.
             pixels_per_unit: of the shape, along the camera's path; None if that is not known.
+            emission: the name of the emission group that its area light belongs to; None where none is shown.
 
         Raises:
             Unsuitable: if its BSDF is not diffuse, or its texture none that can be made of texels.
@@ -186,7 +242,8 @@ class TextureTable:
             texels = Texels(np.broadcast_to(value, (1, 1, 3)))
         elif f"{prefix}.data" in parameters:
             uv_map = uv_map_of(parameters, f"{prefix}.")
-            texels, wrap = self._lookup(shape, np.asarray(parameters[f"{prefix}.data"]), uv_map, pixels_per_unit)
+            data, evaluate = np.asarray(parameters[f"{prefix}.data"]), bsdf.eval_diffuse_reflectance
+            texels, wrap = self._lookup(data, evaluate, uv_map, pixels_per_unit, named)
         else:
             texture = reflectance_of(bsdf)
             kind = plugin_name(texture)
@@ -207,6 +264,10 @@ class TextureTable:
             else:
                 rule = f"has a {kind} as its reflectance, neither a constant nor a bitmap"
                 raise Unsuitable(rule, "give it as a bitmap", named)
+        if emission is not None:
+            emitted = self._emission_of(shape, pixels_per_unit)
+            (texels, wrap, uv_map), emitted_texels = alike(TextureImage(texels, wrap, uv_map), emitted, named)
+            self._emissions[len(self._sizes)] = emission, emitted_texels
         height, width = texels.shape[:2]
         first, self._count = self._count, self._count + height * width
         self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
@@ -215,6 +276,19 @@ class TextureTable:
         self._texels.append(texels)
         return Added(two_sided, uv)
 
+    def _emission_of(self, shape: MitsubaShape, pixels_per_unit: PixelsPerUnit | None) -> TextureImage:
+        """Return the radiance that a shape with an area light emits."""
+        emitter, named = shape.emitter(), f"the area light of {shape.id()!r}"
+        parameters = self._mi.traverse(emitter)
+        if "radiance.value" in parameters:
+            value = np.array(parameters["radiance.value"], np.float64).reshape(-1)
+            return TextureImage(Texels(np.broadcast_to(value, (1, 1, 3))), 0, np.eye(3))
+        if "radiance.data" not in parameters:
+            raise Unsuitable("has a texture that is no bitmap", "give it as one", named)
+        uv_map = uv_map_of(parameters, "radiance.")
+        data = np.asarray(parameters["radiance.data"])
+        return TextureImage(*self._lookup(data, emitter.eval, uv_map, pixels_per_unit, named), uv_map)
+
     def _ramped(self, ramp: Ramp) -> None:
         self.has_ramps = True
         if not ramp.width_px <= RAMP_PX:
@@ -222,18 +296,23 @@ class TextureTable:
 
     def _lookup(
         self,
-        shape: MitsubaShape,
         data: npt.NDArray[np.generic],
+        evaluate: Callable[[MitsubaValue], MitsubaValue],
         uv_map: FloatArray,
         pixels_per_unit: PixelsPerUnit | None,
+        named: str,
     ) -> tuple[Texels, int]:
-        """Find the reflectances (H, W, 3) and the wrap mode of a bitmap; of one that is not filtered, made finer.
+        """Find the values (H, W, 3) and the wrap mode of a bitmap; of one that is not filtered, made finer.
 
         Mitsuba does not tell a bitmap's encoding, wrap mode or filter. So each is tried, until a lookup agrees with
         Mitsuba's own.
+
+        Args:
+            evaluate: gives Mitsuba's for a surface interaction.
+            named: what has the bitmap, for messages.
         """
         uv, mapped = lookup_positions(uv_map)
-        own = looked_up(shape.bsdf().eval_diffuse_reflectance, uv, self._mi)
+        own = looked_up(evaluate, uv, self._mi)
         if (meant := bilinear_meaning(data, mapped, own)) is not None:
             return meant
         if (meant := nearest_meaning(data, mapped, own)) is not None:
@@ -243,12 +322,8 @@ class TextureTable:
             ramp = divide(pixels, 1, width * height)
             self._ramped(ramp)
             return texels.repeated(ramp.rows, ramp.columns), wrap
-        name = surface_name(shape.bsdf(), shape)
-        raise Unsuitable(
-            "has a texture whose lookup is neither bilinear nor nearest",
-            "give its bitmap the filter_type bilinear",
-            name,
-        )
+        rule = "has a texture whose lookup is neither bilinear nor nearest"
+        raise Unsuitable(rule, "give its bitmap the filter_type bilinear", named)
 
 
 def _same_on_both_sides(parameters: MitsubaParameters) -> bool:

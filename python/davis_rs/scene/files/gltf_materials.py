@@ -1,7 +1,9 @@
-"""Reads the materials of a glTF file: base colours, metal and roughness, and their textures. What is lost, is noted.
+"""Reads the materials of a glTF file: base colours, metal and roughness, emission, and their textures.
+
+What is lost, is noted.
 
 Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp and
-KHR_materials_pbrSpecularGlossiness.
+KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import BACKS, BUMPS, OWN_LIGHT
+from ..lost_looks import BACKS, BUMPS, MEAN_EMISSION
 from ..mesh_part import MetalRoughness
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
@@ -25,7 +27,8 @@ _GLOSS = "KHR_materials_pbrSpecularGlossiness"
 _WEBP = "EXT_texture_webp"
 _MEAN_METAL = "metal that differs from place to place (its mean is taken)"
 _IMAGES = ("PNG", "JPEG", "WEBP")
-_UNTOLD = {_GLOSS, "KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_unlit"}
+_EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
+_UNTOLD = {_GLOSS, _EMISSIVE_STRENGTH, "KHR_materials_ior", "KHR_materials_unlit"}
 """Extensions of materials that lose nothing, or whose loss is noted under another name."""
 
 
@@ -44,6 +47,7 @@ class GltfMaterial(NamedTuple):
         mask: where it is to be seen; None where its alpha is not looked up.
         hidden: whether its alpha hides all of it.
         nearest: whether the texture's texels have hard edges.
+        emission: radiance, a texture or a colour (3,); None where it is dark.
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides; None where it is diffuse.
     """
@@ -61,6 +65,7 @@ class GltfMaterial(NamedTuple):
     mask: AlphaMask | None = None
     hidden: bool = False
     nearest: bool = False
+    emission: EncodedTexture | FloatArray | None = None
 
 
 class GltfMaterials:
@@ -94,6 +99,7 @@ class GltfMaterials:
         if info is not None:
             made = self._textured(made, info, f"{where}Texture", lost)
         made = self._metallic(made, item, f"materials[{index}]", lost)
+        made = self._emissive(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
         return made._replace(lost=tuple(lost))
@@ -153,6 +159,36 @@ class GltfMaterials:
             lost["hard edges of texels of metal and roughness (they are taken as bilinear)"] = None
         return made._replace(metal=MetalRoughness(metal, rough, image.texels, wrap))
 
+    def _emissive(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
+        """Return a material with the radiance that it emits, if any."""
+        file, extensions = self._file, _dictionary(item.extensions)
+        given = [0.0] * 3 if item.emissiveFactor is None else item.emissiveFactor
+        factor = file.numbers(given, f"{where}: emissiveFactor", 3, low=0, high=1)
+        strength = _dictionary(extensions.get(_EMISSIVE_STRENGTH)).get("emissiveStrength")
+        if strength is not None:
+            factor = factor * file.numbers(strength, f"{where}: {_EMISSIVE_STRENGTH}.emissiveStrength", 1, low=0)[0]
+        if not factor.any():
+            return made
+        if item.emissiveTexture is None:
+            return made._replace(emission=factor)
+        where = f"{where}: emissiveTexture"
+        image, files, wrap, nearest = self._texture(item.emissiveTexture, where, lost)
+        if not image.texels.any():
+            return made
+        made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
+        uv_set, transform = self._coordinates(item.emissiveTexture, where)
+        if made.uv_set is None:
+            made = made._replace(uv_set=uv_set, uv_transform=transform, wrap=wrap, nearest=nearest)
+        alike = made.uv_set == uv_set and np.array_equal(made.uv_transform, transform) and made.wrap == wrap
+        image = image.tinted(factor)
+        if not alike:
+            lost[MEAN_EMISSION] = None
+            return made._replace(emission=image.linear().mean((0, 1), np.float64))
+        if made.nearest != nearest:
+            lost["how texels of their own light are filtered (as those of the base colour are)"] = None
+        image.charge(file.budget, where)
+        return made._replace(emission=image)
+
     def charge(self, material: GltfMaterial, where: str) -> None:
         """Charge the file's budget for the textures of one more shape that shows a material.
 
@@ -161,6 +197,8 @@ class GltfMaterials:
         """
         if isinstance(material.reflectance, EncodedTexture):
             material.reflectance.charge(self._file.budget, where)
+        if isinstance(material.emission, EncodedTexture):
+            material.emission.charge(self._file.budget, where)
         if material.metal is not None and material.metal.texels is not None:
             EncodedTexture(material.metal.texels, None, np.ones(3)).charge(self._file.budget, where)
 
@@ -237,8 +275,6 @@ class GltfMaterials:
             yield "being unlit"
         elif _GLOSS in extensions:
             yield "gloss"
-        if any(item.emissiveFactor or []):
-            yield OWN_LIGHT
         if item.normalTexture is not None:
             yield BUMPS
         if item.occlusionTexture is not None:

@@ -403,4 +403,5 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         tuple(dict.fromkeys([*material.lost, *(what for primitive in primitives for what in primitive.lost)])),
         material.metal,
         material.nearest,
+        material.emission,
     )

@@ -1,4 +1,4 @@
-"""Reads material files (MTL) of OBJ meshes: the diffuse colour or texture of each material."""
+"""Reads material files (MTL) of OBJ meshes: the diffuse colour or texture of each material, and what it emits."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ from .rounding import ROUNDING, within
 _LOOKS = {
     "d": TRANSPARENCY,
     "Tr": TRANSPARENCY,
-    "Ke": OWN_LIGHT,
-    "map_Ke": OWN_LIGHT,
     "Pm": METAL,
     "map_Pm": METAL,
     **dict.fromkeys(("bump", "map_bump", "map_Bump", "norm", "disp"), BUMPS),
@@ -30,14 +28,17 @@ _LOOKS = {
 """The kind of look that is lost if a material has one of these lines."""
 _MATERIAL_BYTES = 1000
 """About what a material takes in memory, without its texture."""
-_USUAL = {"d": 1.0, "Tr": 0.0, "Ke": 0.0, "Pm": 0.0}
+_BRIGHTEST = 1e18
+"""The most radiance that is read: its square must fit in float32."""
+_USUAL = {"d": 1.0, "Tr": 0.0, "Pm": 0.0}
 """Values with which nothing is lost."""
 
 
 class Materials:
     """The materials of a file by name: ``Kd`` (linear RGB), or ``map_Kd`` (a texture, which replaces ``Kd``).
 
-    Surfaces are diffuse: highlights are not read.
+    Surfaces are diffuse: highlights are not read. They emit ``Ke`` (radiance, linear RGB), or ``map_Ke``, a texture
+    that ``Ke`` multiplies where it is not 0.
 
     Args:
         folder: the scene's own, in which textures must lie.
@@ -53,6 +54,8 @@ class Materials:
         self.colours: dict[str, FloatArray] = {}
         self._textures: dict[str, tuple[str, str]] = {}
         self._opacities: dict[str, tuple[str, str]] = {}
+        self._emissions: dict[str, FloatArray] = {}
+        self._emissive_textures: dict[str, tuple[str, str]] = {}
         self._lost: dict[str, dict[str, None]] = {}
         name = ""
         for number, line in enumerate(text_lines(read_charged(path, budget), budget), 1):
@@ -72,6 +75,12 @@ class Materials:
                 self._textures[name] = (rest, where)
             elif key == "map_d" and name:
                 self._opacities[name] = (rest, where)
+            elif key == "Ke" and name and (emission := _radiance(rest)) is not None:
+                self._emissions[name] = emission
+            elif key == "map_Ke" and name and not rest.startswith("-"):
+                self._emissive_textures[name] = (rest, where)
+            elif key in ("Ke", "map_Ke") and name:
+                self._lost[name][OWN_LIGHT] = None
             elif key in _LOOKS and name and _is_different(key, rest):
                 self._lost[name][_LOOKS[key]] = None
 
@@ -105,6 +114,30 @@ class Materials:
         """
         image = self.texture(name)
         return self.colours[name] if image is None else textures.read(image, self._textures[name][1])
+
+    def emission(
+        self, name: str, textures: TextureFiles
+    ) -> tuple[Path | None, EncodedTexture | FloatArray | None, bool]:
+        """Return what a material emits.
+
+        Returns:
+            the file of ``map_Ke``; that texture, or a colour (3,), None where it is dark; and whether that file is
+            missing.
+
+        Raises:
+            OSError, ValueError: if the texture cannot be read; DecodeError if it does not lie in the scene's folder.
+        """
+        colour = self._emissions.get(name)
+        if colour is not None and not colour.any():
+            colour = None
+        if name not in self._emissive_textures:
+            return None, colour, False
+        given, where = self._emissive_textures[name]
+        path = self._image("map_Ke", given, where)
+        if not path.is_file():
+            return None, None, True
+        texture = textures.read(path, where)
+        return path, texture if colour is None else texture.tinted(colour), False
 
     def opacity(self, name: str, textures: TextureFiles) -> tuple[Path | None, npt.NDArray[np.uint8] | None, bool]:
         """Return what ``map_d`` says of a material's opacity, or the alpha of its texture without such a line.
@@ -150,8 +183,18 @@ def _colour(text: str, where: str) -> FloatArray:
     return np.broadcast_to(colour, 3).copy()
 
 
+def _radiance(text: str) -> FloatArray | None:
+    """Return linear RGB (3,); None for another text, such as the name of a spectrum."""
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        return None
+    colour = within(values, 0, _BRIGHTEST)
+    return None if len(values) not in (1, 3) or colour is None else np.broadcast_to(colour, 3).copy()
+
+
 def _is_different(key: str, text: str) -> bool:
-    """Return whether a line says more than that a surface is opaque, dark, smooth and not metallic."""
+    """Return whether a line says more than that a surface is opaque, smooth and not metallic."""
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:

@@ -12,7 +12,7 @@ from ..._core import DecodeError
 from ..._util.budget import Budget
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
-from ..lost_looks import TRANSPARENCY
+from ..lost_looks import MEAN_EMISSION, OWN_LIGHT, TRANSPARENCY
 from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
 from ..repairs import Repairs
@@ -203,11 +203,19 @@ class _ObjFile:
         materials = self.materials[material]
         reflectance, image = materials.reflectance(material, self.textures), materials.texture(material)
         of_opacity, alpha, unread = materials.opacity(material, self.textures)
-        named = [file for file in (image, of_opacity) if file is not None]
+        of_emission, emission, dark = materials.emission(material, self.textures)
+        named = [file for file in (image, of_opacity, of_emission) if file is not None]
         files = tuple(dict.fromkeys([materials.path, *named]))
         mask, looks = blended(alpha)
         if unread or (mask is not None and uv is None):
             looks = (TRANSPARENCY,)
+        if dark:
+            looks = (*looks, OWN_LIGHT)
+        if isinstance(emission, EncodedTexture):
+            if uv is None:
+                emission, looks = emission.linear().mean((0, 1), np.float64), (*looks, MEAN_EMISSION)
+            else:
+                emission.charge(self.budget, f"the material {material!r}")
         lost = tuple(dict.fromkeys([*materials.lost(material), *looks]))
         if isinstance(reflectance, EncodedTexture):
             if uv is None:
@@ -216,5 +224,5 @@ class _ObjFile:
                     "texture needs; unwrap the mesh before you export it"
                 )
             reflectance.charge(self.budget, f"the material {material!r}")
-        part = MeshPart(points, uv, normals, reflectance, None, material, files, lost=lost)
+        part = MeshPart(points, uv, normals, reflectance, None, material, files, lost=lost, emission=emission)
         return masked(part, mask, self.budget)

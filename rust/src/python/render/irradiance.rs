@@ -11,8 +11,8 @@ use crate::render::{
     SurfacePoint, SurfaceTables,
 };
 
-/// First triangle, number of triangles, and radiance of a lamp.
-type LampTuple = (usize, usize, [f64; 3]);
+/// First triangle, number of triangles, radiance of a lamp, and whether it shines from its back too.
+type LampTuple = (usize, usize, [f64; 3], bool);
 
 /// Width, height, texels, and the rotation to its axes, of an environment map.
 type MapTuple<'py> = (usize, usize, Bound<'py, PyAny>, [[f64; 3]; 3]);
@@ -27,8 +27,8 @@ type GroupTuple<'py> = (
     Vec<LampTuple>,
 );
 
-fn lamp((first, count, radiance): LampTuple) -> AreaLamp {
-    AreaLamp { first, count, radiance }
+fn lamp((first, count, radiance, two_sided): LampTuple) -> AreaLamp {
+    AreaLamp { first, count, radiance, two_sided }
 }
 
 fn group_light((lamps, constant, map, points, directions, small): GroupTuple<'_>) -> PyResult<GroupLight> {
@@ -110,10 +110,10 @@ impl PyReflectedLight {
 ///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
 ///     texels: float32 (n, 3), reflectance, red, green and blue.
 ///     groups: of lights that are baked together, each (lamps, constant, map, points, directions, small lamps). A lamp
-///         is (first triangle, number of triangles, radiance); ``constant`` is the radiance from all sides or None;
-///         ``map`` is an environment map (width, height, float32 texels (height, width, 3), rotation (3, 3) of the
-///         world to its axes) or None; points are (position, intensity, beam), with the beams of
-///         :class:`SceneRenderer`; directions are (unit vector along which light travels, irradiance).
+///         is (first triangle, number of triangles, radiance, whether it shines from its back too); ``constant`` is the
+///         radiance from all sides or None; ``map`` is an environment map (width, height, float32 texels (height,
+///         width, 3), rotation (3, 3) of the world to its axes) or None; points are (position, intensity, beam), with
+///         the beams of :class:`SceneRenderer`; directions are (unit vector along which light travels, irradiance).
 ///
 /// Raises:
 ///     ValueError: for arrays that do not belong together, or light that is not finite or negative.

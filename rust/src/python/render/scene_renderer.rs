@@ -55,8 +55,10 @@ use crate::render::{
 ///         uint32 (t), the finish of each triangle, 2^32 - 1 for none; float32 (texels, 3), all texels in the
 ///         layout of ``texels``; for each light colour what strength 1 is in red, green and blue; for each light
 ///         such a background; float64 (t, 3), radiance that each triangle emits, or nothing; the number of a sky's
-///         light, its side and float32 (side, side, 3); the most segments of a path; and layouts and float32 texels
-///         of the textures of roughness and metal, as those of other textures. Fresnel's equations are
+///         light, its side and float32 (side, side, 3); the most segments of a path; layouts and float32 texels
+///         of the textures of roughness and metal, as those of other textures; and emissive textures: uint32
+///         (textures), the number of the one on the same triangles, 2^32 - 1 for none, or nothing; their layouts,
+///         the numbers of their lights, and float32 (texels, 3), radiance from either side. Fresnel's equations are
 ///         (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or (``mixed``, [index,
 ///         metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1 if nonlinear,
 ///         and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),

@@ -5,7 +5,8 @@ use pyo3::prelude::*;
 
 use crate::python::arrays::{column, groups, lists, numbers};
 use crate::render::{
-    Beam, Distribution, Emission, Finish, Fresnel, GlossTables, Light, LightKind, LightMapTables, PASSING, Sky, Under,
+    Beam, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light, LightKind, LightMapTables,
+    PASSING, Sky, Under,
 };
 
 /// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
@@ -30,8 +31,11 @@ type KindTuple = (String, Vec<f64>);
 /// numbers of textures of roughness and of metal.
 type FinishTuple = (f64, String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple, [Option<u32>; 2]);
 
+/// For each texture the number of its emissive one, and layouts, lights and texels of these.
+type EmissiveTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Vec<u32>, Bound<'py, PyAny>);
+
 /// Finishes, that of each triangle, texels, colours of groups, backgrounds of lights, what each triangle emits, the sky,
-/// the longest path, and layouts and texels of textures of roughness and metal.
+/// the longest path, layouts and texels of textures of roughness and metal, and emissive textures.
 pub(super) type GlossTuple<'py> = (
     Vec<FinishTuple>,
     Bound<'py, PyAny>,
@@ -42,12 +46,15 @@ pub(super) type GlossTuple<'py> = (
     Option<SkyTuple<'py>>,
     usize,
     (Vec<[i64; 4]>, Bound<'py, PyAny>),
+    EmissiveTuple<'py>,
 );
 
 /// Returns the tables of glossy surfaces.
 pub(super) fn gloss_tables(
-    (finishes, finish_of, texels, colours, backgrounds, emitted, sky, longest, (lobe_layouts, lobes)): GlossTuple<'_>,
+    (finishes, finish_of, texels, colours, backgrounds, emitted, sky, longest, lobes, emissive): GlossTuple<'_>,
 ) -> PyResult<GlossTables> {
+    let (lobe_layouts, lobes) = lobes;
+    let (of_texture, layouts, lights, radiance) = emissive;
     Ok(GlossTables {
         finishes: finishes.into_iter().map(finish).collect::<PyResult<_>>()?,
         finish_of: numbers(&finish_of, "finish_of")?,
@@ -55,6 +62,12 @@ pub(super) fn gloss_tables(
         colours,
         backgrounds,
         emitted: groups(&emitted, "emitted")?,
+        emissive: EmissiveTextures {
+            of_texture: numbers(&of_texture, "of_texture")?,
+            layouts,
+            lights,
+            texels: groups(&radiance, "emissive texels")?,
+        },
         sky: match sky {
             None => None,
             Some((light, side, texels)) => Some((light, side, groups(&texels, "sky")?)),

@@ -2,6 +2,7 @@
 //!
 //! What must not break: a scene without glossy surfaces has none of this, and is rendered as if it did not exist.
 
+use super::emissive::{Emissive, EmissiveTextures};
 use super::finish::Finish;
 use super::lamps::Lamps;
 use super::sky_levels::SkyLevels;
@@ -27,6 +28,8 @@ pub struct GlossTables {
     pub backgrounds: Vec<[f64; 3]>,
     /// Radiance that each triangle emits from its front, for a factor of 1; empty where none does.
     pub emitted: Vec<[f64; 3]>,
+    /// Radiance that surfaces emit by a texture.
+    pub emissive: EmissiveTextures,
     /// The number of its light, the side and the texels (side^2) of an environment map on an octahedral map.
     pub sky: Option<(u32, usize, Vec<[f32; 3]>)>,
     /// How many segments a path of light has at most, from the camera on.
@@ -46,6 +49,7 @@ pub(crate) struct Gloss {
     pub(crate) colours: Vec<[f64; 3]>,
     pub(crate) backgrounds: Vec<[f64; 3]>,
     emitted: Vec<[f64; 3]>,
+    pub(crate) emissive: Emissive,
     pub(crate) sky: Option<SkyLevels>,
     pub(crate) lamps: Lamps,
     pub(crate) longest: usize,
@@ -57,7 +61,8 @@ pub(crate) struct Gloss {
 pub(crate) struct Owner<'a> {
     /// How many triangles its tables have.
     pub(crate) triangles: usize,
-    /// How many texels they have, and in how many colours.
+    /// How many textures and texels they have, and in how many colours.
+    pub(crate) textures: usize,
     pub(crate) texels: usize,
     pub(crate) groups: usize,
     pub(crate) lights: usize,
@@ -128,6 +133,7 @@ impl Gloss {
             } else {
                 numbers().map(|number| tables.emitted[number]).collect()
             },
+            emissive: Emissive::new(&tables.emissive, owner.textures, owner.lights)?,
             sky,
             lamps: Lamps::new(owner.corners, |number| owner.emitted[number]),
             longest: tables.longest,

@@ -1,6 +1,7 @@
 //! Oracles of glossy surfaces: a mirror shows what a mirrored camera sees, a thin sheet what lies behind it, and rates
 //! are differences in time.
 
+use super::emissive::{DARK, EmissiveTextures};
 use super::finish::{Distribution, Finish, Fresnel, Under};
 use super::tables::{DIFFUSE, GlossTables};
 use crate::render::geometry::vector::{cross, dot, sub};
@@ -158,6 +159,63 @@ fn a_mirror_shows_what_a_mirrored_camera_sees() {
     assert!(off(&seen_rate, &rate, 1e-3) <= 3, "{}", off(&seen_rate, &rate, 1e-3));
     // It shows shadows, textures and the sky.
     assert!(seen.iter().any(|&x| x > 0.4) && seen.iter().any(|&x| x > 0.0 && x < 0.07), "{seen:?}");
+}
+
+/// A mirror shows what a surface emits by a texture, whose luma is that of light from all sides, and what it emits
+/// itself.
+#[test]
+fn a_mirror_shows_what_shines_by_a_texture() {
+    let (of_wall, of_mirror) = ([0.2_f32, 0.9], 0.25);
+    let shining = |mirror: Option<Finish>| {
+        let mut tables = room(mirror);
+        // The texels of the wall, between those of the post and the mirror, in their frame.
+        let mut emitted = vec![0.0; tables.texels[0].len()];
+        for (at, luma) in emitted[24..36].iter_mut().enumerate() {
+            *luma = of_wall[at % 4 / 2];
+        }
+        tables.gloss.emissive = EmissiveTextures {
+            of_texture: [DARK, DARK, 1, 0][..tables.layouts.len()].to_vec(),
+            layouts: vec![[0, 1, 1, 0], [9, 2, 1, 1]],
+            lights: vec![3, 3],
+            texels: [&[of_mirror; 9][..], &emitted[24..36]].concat().into_iter().map(|x| [x; 3]).collect(),
+        };
+        tables.texels.push(emitted);
+        tables.lights.push(Light { group: 1, ..light(LightKind::Constant, 1.0) });
+        tables.gloss.colours.push([0.0; 3]);
+        tables.gloss.backgrounds.push([0.0; 3]);
+        tables
+    };
+    let factor = [0.9, 0.3];
+    let with_factor = |mut view: View| {
+        view.factors.push(factor);
+        view
+    };
+    let here = with_factor(view([0.4, 0.9, 2.0], LEVEL, [0.2, 0.1, -0.3], [0.05, -0.1, 0.2]));
+    let turned = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]];
+    let there = with_factor(view([0.4, 0.9, 4.0], turned, [0.2, 0.1, 0.3], [0.05, 0.1, -0.2]));
+    let (shown, rate) = luma(&renderer(&shining(Some(MIRROR))), &rays(false, 1), &here);
+    let (seen, seen_rate) = luma(&renderer(&shining(None)), &rays(true, 1), &there);
+    let own = factor.map(|x| of_mirror * x as f32);
+    let more = |luma: &[f32], own: f32| luma.iter().map(|x| x + own).collect::<Vec<_>>();
+    assert!(off(&more(&seen, own[0]), &shown, 1e-4) <= 3, "{seen:?} {shown:?}");
+    assert!(off(&more(&seen_rate, own[1]), &rate, 1e-3) <= 3, "{seen_rate:?} {rate:?}");
+    let of_room = View { factors: there.factors[..3].to_vec(), ..there };
+    let (dark, _) = luma(&renderer(&room(None)), &rays(true, 1), &of_room);
+    let most = seen.iter().zip(&dark).map(|(a, b)| a - b).fold(0.0, f32::max);
+    assert!((most - 0.9 * of_wall[1]).abs() < 1e-3, "{most}");
+    // What does not belong together is refused.
+    let wrong: [fn(&mut EmissiveTextures); 5] = [
+        |emissive| emissive.of_texture[2] = 2,
+        |emissive| emissive.lights[0] = 4,
+        |emissive| emissive.lights.truncate(1),
+        |emissive| emissive.of_texture.truncate(2),
+        |emissive| emissive.texels[0][1] = -0.5,
+    ];
+    for change in wrong {
+        let mut tables = shining(Some(MIRROR));
+        change(&mut tables.gloss.emissive);
+        assert!(Scene::new(&tables).is_err());
+    }
 }
 
 /// A thin sheet lets through what it does not reflect.

@@ -152,6 +152,7 @@ impl Tracer<'_> {
         let direction: Triple<N> = constant(unit([x, y, 1.0]));
         let hit = self.hit_on(triangle, constant([0.0; 3]), direction);
         let mut radiance = self.shaded(&hit, negated(direction), &Path { segments: 1, weight: 1.0, ray });
+        radiance = add(radiance, self.emitted_by_texture(&hit));
         if hit.front {
             radiance = add(radiance, self.emitted(triangle));
         }
@@ -375,7 +376,7 @@ impl Tracer<'_> {
             None => self.background(towards, density),
             Some(triangle) => {
                 let hit = self.hit_on(triangle, spot.hit.point, towards);
-                let mut light = [N::constant(0.0); 3];
+                let mut light = self.emitted_by_texture(&hit);
                 if hit.front {
                     let mut emitted = self.emitted(triangle);
                     let points = self.gloss.lamps.density(triangle);
@@ -384,7 +385,7 @@ impl Tracer<'_> {
                         let by_lamps = hit.distance.squared().scaled(points) / facing;
                         emitted = scale(emitted, density / (density + by_lamps));
                     }
-                    light = emitted;
+                    light = add(light, emitted);
                 }
                 if path.segments < self.longest() {
                     light = add(light, self.shaded(&hit, negated(towards), &path));
@@ -419,6 +420,15 @@ impl Tracer<'_> {
         match &self.lit.scene.surfaces[triangle as usize].emission {
             None => [N::constant(0.0); 3],
             Some(emission) => scale(constant(self.gloss.emitted(triangle)), self.factor(emission.light as usize)),
+        }
+    }
+
+    /// Returns the radiance that a surface emits by its emissive texture, from either side.
+    fn emitted_by_texture<N: Number>(&self, hit: &Hit<N>) -> Triple<N> {
+        let surface = &self.lit.scene.surfaces[hit.triangle as usize];
+        match self.gloss.emissive.at(surface.texture, surface.uv().each_ref(), hit.in_frame) {
+            None => [N::constant(0.0); 3],
+            Some((radiance, light)) => scale(radiance, self.factor(light as usize)),
         }
     }
 

@@ -17,7 +17,7 @@ const PARALLEL: f64 = 1e-5;
 /// What lies in this last fraction of the way to a point on a light throws no shadow.
 const END: f32 = 2e-4;
 
-/// A lamp with a surface, which shines from the fronts of some triangles.
+/// A lamp with a surface, which shines from some triangles.
 #[derive(Clone, Copy, Debug)]
 pub struct AreaLamp {
     /// Its first triangle.
@@ -26,6 +26,8 @@ pub struct AreaLamp {
     pub count: usize,
     /// Red, green and blue.
     pub radiance: [f64; 3],
+    /// Whether it shines from its back too.
+    pub two_sided: bool,
 }
 
 /// A light that is not baked where it shines directly, because its shadows are sharp.
@@ -103,6 +105,7 @@ impl Arriving {
 #[derive(Debug)]
 pub(crate) struct Lamp {
     radiance: Colour,
+    two_sided: bool,
     area: f32,
     shape: LampShape,
 }
@@ -171,7 +174,7 @@ impl Lamp {
                     .collect(),
             )
         };
-        Ok(Self { radiance: colour(lamp.radiance), area: single([area])[0], shape })
+        Ok(Self { radiance: colour(lamp.radiance), two_sided: lamp.two_sided, area: single([area])[0], shape })
     }
 
     /// Returns a point on the lamp, evenly over its area, and the normal there; None where it has no area.
@@ -202,7 +205,8 @@ impl Lamp {
     pub(crate) fn arriving(&self, receiver: &[f32; 3], normal: &[f32; 3], origin: &[f32; 3], at: [f32; 2]) -> Arriving {
         let Some((point, facing)) = self.point(at) else { return Arriving::NONE };
         let away = [0, 1, 2].map(|i| point[i] - receiver[i]);
-        let (own, its) = (dots(*normal, away), -dots(facing, away));
+        let (own, along) = (dots(*normal, away), dots(facing, away));
+        let its = if self.two_sided { along.abs() } else { -along };
         let squared = dots(away, away);
         let lit = own > 0.0 && its > 0.0 && squared > 0.0;
         let weight = if lit { own * its * self.area / (squared * squared * PI) } else { 0.0 };

@@ -619,7 +619,7 @@ mod tests {
     /// A lamp of 2 x 2 that faces down, 1 above the origin, by its form factor (Howell, B-4): 4 x 0.13853.
     fn ceiling(first: usize) -> (Vec<[Vector; 3]>, AreaLamp) {
         let squares = vec![[[-1.0, -1.0, 1.0], [0.0, 2.0, 0.0], [2.0, 0.0, 0.0]]];
-        (squares, AreaLamp { first, count: 2, radiance: ONE })
+        (squares, AreaLamp { first, count: 2, radiance: ONE, two_sided: false })
     }
 
     #[test]
@@ -635,6 +635,12 @@ mod tests {
         let irradiance = sampler.of_lamps(0, &there, 4096).unwrap();
         close(irradiance[0], ONE.map(|x| 4.0 * corner * x), 1e-3);
         assert_eq!(irradiance[1..], [[0.0; 3]; 3]); // it faces away, or lies behind the lamp
+        // A lamp that shines from its back too lights both sides alike.
+        let lamps = vec![AreaLamp { two_sided: true, ..lamp }];
+        let both = scene(&squares, 0.0, &[GroupLight { lamps, ..GroupLight::default() }]);
+        let irradiance = both.of_lamps(0, &[there[0], point([0.0, 0.0, 2.0], down)], 4096).unwrap();
+        close(irradiance[0], ONE.map(|x| 4.0 * corner * x), 1e-3);
+        close(irradiance[1], ONE.map(|x| 4.0 * corner * x), 1e-3);
         // Half of it is hidden.
         squares.push([[0.0, -9.0, 0.5], [9.0, 0.0, 0.0], [0.0, 18.0, 0.0]]);
         let sampler = scene(&squares, 0.0, std::slice::from_ref(&light));
@@ -650,7 +656,7 @@ mod tests {
     fn points_lie_evenly_on_a_lamp() {
         let strip = |x: f64, width: f64| [[x, -1.0, 1.0], [0.0, 2.0, 0.0], [width, 0.0, 0.0]];
         let squares = [strip(-1.0, 0.3), strip(-0.7, 1.7)];
-        let lamp = |first, count| AreaLamp { first, count, radiance: ONE };
+        let lamp = |first, count| AreaLamp { first, count, radiance: ONE, two_sided: false };
         let groups = [vec![lamp(0, 4)], vec![lamp(0, 2), lamp(2, 2)]];
         let groups = groups.map(|lamps| GroupLight { lamps, ..GroupLight::default() });
         let sampler = scene(&squares, 0.0, &groups);
@@ -745,7 +751,7 @@ mod tests {
             [high, back(z), back(y)],
             [high, back(x), back(z)],
         ];
-        let lamps = (0..6).map(|i| AreaLamp { first: 2 * i, count: 2, radiance: ONE }).collect();
+        let lamps = (0..6).map(|i| AreaLamp { first: 2 * i, count: 2, radiance: ONE, two_sided: false }).collect();
         let groups = [GroupLight { lamps, ..GroupLight::default() }];
         let sampler = scene(&squares, 0.5, &groups);
         let there: Vec<SurfacePoint> = (0..5).map(|i| point([0.3, f64::from(i) * 0.1, -1.0], UP)).collect();
@@ -786,7 +792,7 @@ mod tests {
             let mut vector = |scale: f64| [0, 1, 2].map(|_| scale * random());
             squares.push([vector(2.0), vector(0.5), vector(0.5)]);
         }
-        let lamps = vec![AreaLamp { first: 0, count: 2, radiance: ONE }];
+        let lamps = vec![AreaLamp { first: 0, count: 2, radiance: ONE, two_sided: false }];
         let sharp = vec![SharpLight::Point { position: [0.4, -0.3, 1.5], intensity: ONE, beam: None }];
         let (texels, to_map) = ((0..32).map(|texel| [0.1 + (texel % 7) as f32; 3]).collect(), TURNED);
         let sky = Some(SkyLight::Map(EnvironmentMap { width: 8, height: 4, texels, to_map }));
