@@ -58,7 +58,13 @@ def world(gltf: Gltf, folder: Path, *, light: dict[str, Any] | None = DIM, eye: 
 
 
 def shining(
-    factor: npt.ArrayLike, *, texture: Any = None, strength: float | None = None, surface: Any = None, gltf: Gltf
+    factor: npt.ArrayLike,
+    *,
+    texture: Any = None,
+    strength: float | None = None,
+    surface: Any = None,
+    gltf: Gltf,
+    uv: FloatArray = UV,
 ) -> int:
     """A square of 2 x 2 m that emits, and reflects nothing unless ``surface`` says more."""
     more: dict[str, Any] = {"emissiveFactor": np.asarray(factor).tolist()}
@@ -67,7 +73,7 @@ def shining(
     if strength is not None:
         more["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
     material = gltf.material("lamp", more=more, **({"baseColorFactor": [0, 0, 0, 1]} | (surface or {})))
-    return gltf.node(mesh=quad(gltf, uv=UV, material=material))
+    return gltf.node(mesh=quad(gltf, uv=uv, material=material))
 
 
 def luma(scene: Scene, kind: str = "auto", *, rays: int = 1, **more: Any) -> FloatArray:
@@ -133,14 +139,19 @@ def test_a_texture_is_seen_as_mitsuba_sees_it(base: str, tmp_path: Path) -> None
     np.testing.assert_allclose(ours[inside].mean(), theirs[inside].mean(), rtol=0.01)
 
 
-def test_texels_are_where_their_coordinates_say(tmp_path: Path) -> None:
-    """The luma at the middle of a pixel is that of the bilinear texture, worked out by hand."""
+@pytest.mark.parametrize("base", ["no texture", "metal"])
+def test_texels_are_where_their_coordinates_say(base: str, tmp_path: Path) -> None:
+    """The luma at the middle of a pixel is that of the bilinear texture, worked out by hand; beyond its edges too."""
     gltf = Gltf()
-    shining([1, 1, 1], texture=image(gltf, TEXELS, wrapS=33071, wrapT=33071), gltf=gltf)
+    texture = image(gltf, TEXELS, wrapS=33071, wrapT=33071)
+    shining([1, 1, 1], texture=texture, surface=BASES[base](gltf), gltf=gltf, uv=1.6 * UV - 0.3)
     shown = luma(world(gltf, tmp_path), "native", rays=1)
     rows, columns = np.mgrid[7:17, 11:21]
     # The square lies 3 m away; the one ray of a pixel passes its middle.
     u, v = ((columns - CAMERA.cx) / 16 * 3 + 1) / 2, ((rows - CAMERA.cy) / 16 * 3 + 1) / 2
+    u, v = 1.6 * u - 0.3, 1.6 * v - 0.3
+    assert u.min() < 0
+    assert v.max() > 1
     x, y = np.clip(u * 10 - 0.5, 0, 9), np.clip(v * 6 - 0.5, 0, 5)
     column, row = np.clip(np.floor(x).astype(int), 0, 8), np.clip(np.floor(y).astype(int), 0, 4)
     right, below = (x - column)[..., None], (y - row)[..., None]

@@ -176,7 +176,7 @@ fn a_mirror_shows_what_shines_by_a_texture() {
         tables.gloss.emissive = EmissiveTextures {
             of_texture: [DARK, DARK, 1, 0][..tables.layouts.len()].to_vec(),
             layouts: vec![[0, 1, 1, 0], [9, 2, 1, 1]],
-            lights: vec![3, 3],
+            lights: vec![2, 3],
             texels: [&[of_mirror; 9][..], &emitted[24..36]].concat().into_iter().map(|x| [x; 3]).collect(),
         };
         tables.texels.push(emitted);
@@ -195,7 +195,7 @@ fn a_mirror_shows_what_shines_by_a_texture() {
     let there = with_factor(view([0.4, 0.9, 4.0], turned, [0.2, 0.1, 0.3], [0.05, 0.1, -0.2]));
     let (shown, rate) = luma(&renderer(&shining(Some(MIRROR))), &rays(false, 1), &here);
     let (seen, seen_rate) = luma(&renderer(&shining(None)), &rays(true, 1), &there);
-    let own = factor.map(|x| of_mirror * x as f32);
+    let own = here.factors[2].map(|x| of_mirror * x as f32);
     let more = |luma: &[f32], own: f32| luma.iter().map(|x| x + own).collect::<Vec<_>>();
     assert!(off(&more(&seen, own[0]), &shown, 1e-4) <= 3, "{seen:?} {shown:?}");
     assert!(off(&more(&seen_rate, own[1]), &rate, 1e-3) <= 3, "{seen_rate:?} {rate:?}");
