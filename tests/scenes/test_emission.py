@@ -64,7 +64,7 @@ def shining(
     strength: float | None = None,
     surface: Any = None,
     gltf: Gltf,
-    uv: FloatArray = UV,
+    uv: npt.ArrayLike = UV,
 ) -> int:
     """A square of 2 x 2 m that emits, and reflects nothing unless ``surface`` says more."""
     more: dict[str, Any] = {"emissiveFactor": np.asarray(factor).tolist()}
@@ -383,6 +383,35 @@ def test_metal_that_emits_shows_nothing_else_in_the_dark(kind: str, tmp_path: Pa
     shining(ORANGE, texture=texture, surface=BASES["metal"](gltf), gltf=gltf)
     shown = luma(world(gltf, tmp_path), kind, rays=4)
     np.testing.assert_allclose(shown[8:16, 12:20], ORANGE @ LUMA_WEIGHTS, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["native", "baked"])
+@pytest.mark.parametrize("look", ["a colour", "a texture", "colours of vertices"])
+def test_an_unlit_surface_has_its_base_colour_in_any_light(look: str, kind: str, tmp_path: Path) -> None:
+    """And none of the material's other looks."""
+    shown = []
+    for sun in (DIM, {"type": "directional", "intensity": 6830.0}):
+        gltf = Gltf(extensionsUsed=["KHR_materials_unlit"])
+        surface: dict[str, Any] = {"baseColorFactor": [*ORANGE, 1], "metallicFactor": 1.0}
+        colours = {}
+        if look == "a texture":
+            surface["baseColorTexture"] = image(gltf, np.full((2, 2, 3), 188))
+        elif look == "colours of vertices":
+            # Where they rise most, the plane through three colours is negative beyond the triangle.
+            colours = {"colours": np.array([[1, 1, 1], [0.02, 0.02, 0.02], [0.02, 0.02, 0.02], [0.02, 0.02, 0.02]])}
+        more = {"extensions": {"KHR_materials_unlit": {}}, "emissiveFactor": [1, 1, 1], "normalTexture": {"index": 0}}
+        material = gltf.material("flat", more=more, **surface)
+        gltf.node(mesh=quad(gltf, uv=UV, material=material, **colours))
+        scene = world(gltf, tmp_path, light=sun)
+        assert scene.lost_looks == ()
+        shown.append(luma(scene, kind)[8:16, 12:20])
+    np.testing.assert_array_equal(shown[0], shown[1])
+    rows, columns = np.mgrid[8:16, 12:20]
+    x, y = (columns - CAMERA.cx) / 16 * 3, (CAMERA.cy - rows) / 16 * 3
+    of_first = (1 - np.maximum(x, y)) / 2
+    factors = {"a colour": 1.0, "a texture": from_srgb(188 / 255), "colours of vertices": 0.02 + 0.98 * of_first}
+    expected = np.broadcast_to(factors[look] * (ORANGE @ LUMA_WEIGHTS), x.shape)
+    np.testing.assert_allclose(shown[0], expected, rtol=1e-4)
 
 
 @pytest.mark.usefixtures("llvm")

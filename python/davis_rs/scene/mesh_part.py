@@ -51,6 +51,7 @@ class MeshPart(NamedTuple):
         nearest: the texture's texels have hard edges; others are bilinear.
         emission: radiance that it emits, a texture or a colour (3,), linear RGB; None for none. As a texture it is
             looked up as ``reflectance`` is.
+        unlit: it reflects nothing, and emits what ``reflectance`` or ``colours`` say.
     """
 
     corners: FloatArray
@@ -65,6 +66,7 @@ class MeshPart(NamedTuple):
     metal: MetalRoughness | None = None
     nearest: bool = False
     emission: EncodedTexture | FloatArray | None = None
+    unlit: bool = False
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

@@ -237,7 +237,7 @@ def baked_light(
         ValueError: for lights that cannot be.
         Unsuitable: if the bake is a quick one, and no light reaches the scene's camera.
     """
-    check_strengths(loaded, mi)
+    check_strengths(loaded, mi, soft=scene.soft_light)
     paths = light_paths(scene, loaded)
     effort = QUICK_EFFORT if scene.soft_light and not by_name else FULL_EFFORT
     error = max(error, effort.least_error)

@@ -126,14 +126,19 @@ def check_lights(scene: MitsubaScene, mi: Mitsuba, *, soft: bool = False) -> Non
     obstacles.refuse()
 
 
-def check_strengths(scene: MitsubaScene, mi: Mitsuba) -> None:
-    """Refuse, by a ValueError, lights whose radiance is negative or not finite."""
+def check_strengths(scene: MitsubaScene, mi: Mitsuba, *, soft: bool = False) -> None:
+    """Refuse, by a ValueError, lights whose radiance is negative or not finite.
+
+    Args:
+        soft: area lights may have textures, of which single texels may be negative where the lookup is not.
+    """
     for name, emitter in named_emitters(scene):
         parameters = mi.traverse(emitter)
         for key, values in ((key, _flat(parameters[key])) for key in parameters.keys()):  # noqa: SIM118
             if key.partition(".")[0] not in ("radiance", "intensity", "irradiance", "data", "scale"):
                 continue
-            wrong = ~(np.isfinite(values) & (values >= 0))
+            texels = soft and emitter.class_name() == "AreaLight" and key == "radiance.data"
+            wrong = ~(np.isfinite(values) & (texels | (values >= 0)))
             if wrong.any():
                 fault = f"light {name!r}, a {emitter.class_name()}, has {key} {values[wrong][0]:g}"
                 raise ValueError(f"{fault}; light is finite and not negative")

@@ -2,8 +2,8 @@
 
 What is lost, is noted.
 
-Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp and
-KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength.
+Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp,
+KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength and KHR_materials_unlit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ _WEBP = "EXT_texture_webp"
 _MEAN_METAL = "metal that differs from place to place (its mean is taken)"
 _IMAGES = ("PNG", "JPEG", "WEBP")
 _EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
-_UNTOLD = {_GLOSS, _EMISSIVE_STRENGTH, "KHR_materials_ior", "KHR_materials_unlit"}
+_UNLIT = "KHR_materials_unlit"
+_UNTOLD = {_GLOSS, _EMISSIVE_STRENGTH, "KHR_materials_ior", _UNLIT}
 """Extensions of materials that lose nothing, or whose loss is noted under another name."""
 
 
@@ -48,6 +49,7 @@ class GltfMaterial(NamedTuple):
         hidden: whether its alpha hides all of it.
         nearest: whether the texture's texels have hard edges.
         emission: radiance, a texture or a colour (3,); None where it is dark.
+        unlit: it reflects nothing, and emits its base colour.
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides; None where it is diffuse.
     """
@@ -66,6 +68,7 @@ class GltfMaterial(NamedTuple):
     hidden: bool = False
     nearest: bool = False
     emission: EncodedTexture | FloatArray | None = None
+    unlit: bool = False
 
 
 class GltfMaterials:
@@ -95,11 +98,13 @@ class GltfMaterials:
         factor = file.numbers([1.0] * 4 if given is None else given, f"{where}Factor", 4, low=0, high=1)
         transparent = item.alphaMode in ("MASK", "BLEND")
         colour = factor[:3]
-        made = GltfMaterial(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent)
+        unlit = _UNLIT in _dictionary(item.extensions)
+        made = GltfMaterial(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent, unlit=unlit)
         if info is not None:
             made = self._textured(made, info, f"{where}Texture", lost)
-        made = self._metallic(made, item, f"materials[{index}]", lost)
-        made = self._emissive(made, item, f"materials[{index}]", lost)
+        if not unlit:
+            made = self._metallic(made, item, f"materials[{index}]", lost)
+            made = self._emissive(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
         return made._replace(lost=tuple(lost))
@@ -133,7 +138,7 @@ class GltfMaterials:
     def _metallic(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with its metal and roughness, if it has any metal."""
         file, surface = self._file, _dictionary(item.pbrMetallicRoughness)
-        if _GLOSS in _dictionary(item.extensions) or "KHR_materials_unlit" in _dictionary(item.extensions):
+        if _GLOSS in _dictionary(item.extensions):
             return made
         factors = {}
         for name in ("metallicFactor", "roughnessFactor"):
@@ -271,14 +276,13 @@ class GltfMaterials:
     def _lost(self, item: Item) -> Iterator[str]:
         """Yield the kinds of looks of a material that are not shown."""
         extensions = _dictionary(item.extensions)
-        if "KHR_materials_unlit" in extensions:
-            yield "being unlit"
-        elif _GLOSS in extensions:
-            yield "gloss"
-        if item.normalTexture is not None:
-            yield BUMPS
-        if item.occlusionTexture is not None:
-            yield "occlusion maps"
+        if _UNLIT not in extensions:
+            if _GLOSS in extensions:
+                yield "gloss"
+            if item.normalTexture is not None:
+                yield BUMPS
+            if item.occlusionTexture is not None:
+                yield "occlusion maps"
         if item.doubleSided is not True:
             yield BACKS
         yield from (plain(name)[1:-1] for name in extensions if name not in _UNTOLD)

@@ -404,4 +404,5 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         material.metal,
         material.nearest,
         material.emission,
+        material.unlit,
     )

@@ -152,24 +152,30 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
     """Make a shape of a part in world axes; call it under the variant that loads the scene."""
     import mitsuba as mi
 
-    given, uv = part.reflectance, part.uv
-    reflectance: Texture | FloatArray | MitsubaValue = given
-    if isinstance(given, EncodedTexture):
-        if (given.tint == 1.0).all():
-            reflectance = mi.Bitmap(given.texels, mi.Bitmap.PixelFormat.RGB)
-            reflectance.set_srgb_gamma(True)
-        else:  # of a large texture there is only this tensor, which Mitsuba copies
-            reflectance = mi.TensorXf(given.linear())
+    uv, emission = part.uv, _linear(part.emission)
+    reflectance: Texture | FloatArray | MitsubaValue = part.reflectance
     if part.colours is not None:
         reflectance, uv = colours_as_texture(part.colours)
+    if part.unlit:
+        emission, reflectance = _linear(reflectance), np.zeros(3)
+    if isinstance(reflectance, EncodedTexture):
+        if (reflectance.tint == 1.0).all():
+            texels = reflectance.texels
+            reflectance = mi.Bitmap(texels, mi.Bitmap.PixelFormat.RGB)
+            reflectance.set_srgb_gamma(True)
+        else:  # of a large texture there is only this tensor, which Mitsuba copies
+            reflectance = mi.TensorXf(reflectance.linear())
     flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0
     count = 3 * len(part.corners)
     mesh = Mesh(part.corners.reshape(-1, 3), np.arange(count).reshape(-1, 3), flipped.reshape(-1, 2))
     normals = None if part.normals is None else part.normals.reshape(-1, 3)
-    emission = part.emission.linear() if isinstance(part.emission, EncodedTexture) else part.emission
     return shape(
         mesh, reflectance, normals=normals, wrap=part.wrap, nearest=part.nearest, metal=part.metal, emission=emission
     )
+
+
+def _linear(light: EncodedTexture | Texture | FloatArray | None) -> Texture | FloatArray | None:
+    return light.linear() if isinstance(light, EncodedTexture) else light
 
 
 def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:

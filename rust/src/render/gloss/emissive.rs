@@ -41,7 +41,8 @@ impl Emissive {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for what does not belong together, and for radiance that is negative or not finite.
+    /// [`Error::Argument`] for what does not belong together, and for radiance that is not finite. Texels may be negative
+    /// where a bilinear lookup is not, as those beyond the edge of a triangle.
     pub(crate) fn new(tables: &EmissiveTextures, scene_textures: usize, scene_lights: usize) -> Result<Self> {
         let textures = checked_layouts(&tables.layouts, Some(tables.texels.len()), 1)?;
         let known = |&number: &u32| number == DARK || (number as usize) < textures.len();
@@ -58,8 +59,8 @@ impl Emissive {
                 tables.lights.len()
             )));
         }
-        if tables.texels.iter().flatten().any(|x| !(x.is_finite() && *x >= 0.0)) {
-            return Err(Error::Argument("radiance of emissive textures must be finite and not negative".to_owned()));
+        if tables.texels.iter().flatten().any(|x| !(x.is_finite())) {
+            return Err(Error::Argument("radiance of emissive textures must be finite".to_owned()));
         }
         Ok(Self {
             of_texture: tables.of_texture.clone(),

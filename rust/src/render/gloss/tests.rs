@@ -209,7 +209,7 @@ fn a_mirror_shows_what_shines_by_a_texture() {
         |emissive| emissive.lights[0] = 4,
         |emissive| emissive.lights.truncate(1),
         |emissive| emissive.of_texture.truncate(2),
-        |emissive| emissive.texels[0][1] = -0.5,
+        |emissive| emissive.texels[0][1] = f32::NAN,
     ];
     for change in wrong {
         let mut tables = shining(Some(MIRROR));
