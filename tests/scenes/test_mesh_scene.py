@@ -219,7 +219,7 @@ def test_what_is_not_shown_is_known(tmp_path: Path) -> None:
     """Of which materials and shapes: glass, a lamp, metal, bumps, and a cut-out texture; nothing of a plain one."""
     looks = "newmtl {}\nKd 1 1 1\n{}\n"
     lines = {
-        "glass": "Tr 0.4",
+        "glass": "Tr -halo 0.4",
         "lamp": "Ke spectral lamp.rfl",
         "steel": "Pm 1",
         "hammered": "bump b.png",

@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
-from .._mitsuba.types import Mitsuba, MitsubaScene
+from .._mitsuba.types import Mitsuba, MitsubaScene, MitsubaShape
 from .._mitsuba.variants import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from .._util.argument_error import ArgumentError
 from .._util.former_names import takes_former_names
@@ -19,7 +19,7 @@ from ..geometry.camera import PRESETS, Camera
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
 from .baked.baked_scene import baked_light, check_baking
-from .baked.lights import light_groups
+from .baked.lights import follows_media, light_groups
 from .base import Renderer
 from .closest_view import ClosestView
 from .diffuse_materials import simplify_materials
@@ -134,7 +134,9 @@ class NoiseFreeKind(RendererKind):
             # Its other variants may have the plugin.
             raise Unsuitable(f"{mi.variant()} cannot load it") from error
         loaded, motion, view, made = triangulated(scene, camera, loaded, mi)
-        replaced, finishes = simplify_materials(loaded, mi, matte=scene.matte, glossy=self.glossy)
+        replaced, finishes = simplify_materials(
+            loaded, mi, matte=scene.matte, glossy=self.glossy, may_blend=_may_blend(scene, loaded)
+        )
         obstacles = Obstacles()
         if self.baked:
             with obstacles.collect():
@@ -425,6 +427,18 @@ _OBSTACLES_TOLD = 3
 def _fewest(lists: Sequence[tuple[Obstacle, ...]]) -> tuple[Obstacle, ...]:
     """Return the shortest list of obstacles; among equally short ones the last, because its renderer can do more."""
     return min(reversed(lists), key=len)
+
+
+def _may_blend(scene: Scene, loaded: MitsubaScene) -> Callable[[MitsubaShape], bool]:
+    """Return what says whether a shape may be seen through in part, as the renderers without noise show it.
+
+    It has the shadow of a whole shape, as with most of Mitsuba's integrators; with the volumetric ones it has not. And
+    in Mitsuba an area light shines unseen where a mask hides its shape.
+    """
+    if scene.soft_light:
+        return lambda _: True
+    volumetric = follows_media(loaded)
+    return lambda shape: not volumetric and not shape.is_emitter()
 
 
 def _native(request: _RendererRequest, made: _SceneTables) -> Renderer:

@@ -10,6 +10,7 @@ does that of ``plastic``, behind its coat.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from .._mitsuba.types import (
     MitsubaTexture,
     MitsubaValue,
 )
-from .finishes import Finish, read_finish
+from .finishes import Finish, read_blend, read_finish
 from .obstacles import plugin_name, shape_name
 
 _COLOURS = {
@@ -70,13 +71,21 @@ class Simplified(NamedTuple):
     finishes: dict[MitsubaBsdf, Finish]
 
 
-def simplify_materials(scene: MitsubaScene, mi: Mitsuba, *, matte: bool, glossy: bool = False) -> Simplified:
+def simplify_materials(
+    scene: MitsubaScene,
+    mi: Mitsuba,
+    *,
+    matte: bool,
+    glossy: bool = False,
+    may_blend: Callable[[MitsubaShape], bool] = lambda _: True,
+) -> Simplified:
     """Give a loaded scene's shapes diffuse materials where theirs are diffuse in fact, or where it is asked for.
 
     Args:
         scene: loaded under the variant in force; it is changed.
         matte: replace materials that have a diffuse colour by that colour alone.
         glossy: replace glossy materials that have a finish by their base colours, and tell the finishes.
+        may_blend: says of a shape whether a part of what lies behind it may be seen through it.
     """
     replaced = dict[str, None]()
     known: dict[MitsubaBsdf, _DiffuseMaterial | None] = {}
@@ -92,6 +101,8 @@ def simplify_materials(scene: MitsubaScene, mi: Mitsuba, *, matte: bool, glossy:
                 known[bsdf] = _diffuse_within(bsdf, mi, glossy=True)
         diffuse = known[bsdf]
         if diffuse is None or (diffuse.lost and not matte):
+            continue
+        if diffuse.finish is not None and diffuse.finish.blends and not may_blend(shape):
             continue
         if diffuse.lost:
             replaced[f"{material_id(bsdf) or shape.id() or shape_name(shape)} ({', '.join(diffuse.lost)})"] = None
@@ -166,9 +177,13 @@ def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> 
             return None
         return front._replace(two_sided=True, lost=tuple(dict.fromkeys(front.lost + back.lost)))
     if kind == "MaskBSDF":
-        value = _constant(inside["opacity"], mi)
-        opaque = value is not None and (value == 1).all()
-        return _diffuse_within(inside["nested_bsdf"], mi, glossy=glossy) if opaque else None
+        value, nested = _constant(inside["opacity"], mi), _diffuse_within(inside["nested_bsdf"], mi, glossy=glossy)
+        if value is not None and (value == 1).all():
+            return nested
+        if not glossy or nested is None or nested.lost or nested.finish is not None:
+            return None
+        blend = read_blend(nested.colour, inside["opacity"], mi)
+        return None if blend is None else nested._replace(colour=blend[0], finish=blend[1])
     if kind == "BlendBSDF":
         value = _constant(inside["weight"], mi)
         if value is None or not ((value == 0).all() or (value == 1).all()):

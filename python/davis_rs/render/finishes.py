@@ -1,7 +1,7 @@
 """Reads how glossy materials reflect, as the native renderer knows it: one lobe over a diffuse colour, or glass.
 
-Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric and thindielectric become a
-:class:`Finish` and a base colour. docs/light.md says what is approximate.
+Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric, thindielectric and diffuse mask
+become a :class:`Finish` and a base colour. docs/light.md says what is approximate.
 """
 
 from __future__ import annotations
@@ -34,6 +34,9 @@ _ROUND = 1e-3
 """A principled material is never smoother than this."""
 
 """Of red, green and blue (3, 1), as Mitsuba makes one number of a colour."""
+
+_HALF = 0.5
+"""The mean opacity from which on a surface stops light that is baked."""
 
 _PASSING_NODES = 33
 """Cosines at which it is known what passes a rough coat."""
@@ -79,9 +82,10 @@ class Finish:
         base_tints: the base colour is a factor on the lobe.
         under: what is below: ``nothing``, ``coated`` (index, reflected inside, entering, 1 if nonlinear; for a rough
             coat the fractions that pass it follow, at :data:`_PASSING_NODES` cosines from 0 to 1), ``rough``
-            (roughness, factor), ``solid`` (index) or ``sheet`` (index).
+            (roughness, factor), ``solid`` (index), ``sheet`` (index) or ``blend`` (opacity: a diffuse base covers so
+            much, and the rest is seen through).
         lobe: roughness and metal from place to place, of ``mixed`` over ``rough``, whose own numbers are then means;
-            None for what is the same everywhere.
+            or opacity and None, of ``blend``; None for what is the same everywhere.
     """
 
     alpha: float
@@ -94,9 +98,15 @@ class Finish:
     lobe: tuple[NumberTexels | None, NumberTexels | None] = (None, None)
 
     @property
+    def blends(self) -> bool:
+        """Whether it covers a part of its area, and the rest is seen through."""
+        return self.under[0] == "blend"
+
+    @property
     def is_clear(self) -> bool:
-        """Whether light passes through."""
-        return self.under[0] in ("solid", "sheet")
+        """Whether light that is baked passes through as if it were not there."""
+        kind, values = self.under
+        return kind in ("solid", "sheet") or (self.blends and values[0] < _HALF)
 
     def core(self, numbers_of: Mapping[NumberTexels, int]) -> CoreFinish:
         """Return it as the core takes it, with the numbers of its textures of roughness and metal."""
@@ -113,6 +123,8 @@ class Finish:
         """
         if self.is_clear:
             return np.zeros_like(base)
+        if self.blends:
+            return base
         kind, values = self.fresnel
         if kind == "dielectric":
             lobe = np.full_like(base, self._lobe(lambda c: dielectric(c, values[0])))
@@ -164,6 +176,23 @@ def read_finish(
     """
     reader = _READERS.get(bsdf.class_name())
     return None if reader is None else reader(bsdf, inside, mi)
+
+
+def read_blend(base: MitsubaTexture, opacity: MitsubaTexture, mi: Mitsuba) -> tuple[MitsubaTexture, Finish] | None:
+    """Return the colour and the finish of a diffuse surface that covers a part of its area.
+
+    None where the opacity is neither a number nor a bilinear bitmap at the texture coordinates of the colour.
+    """
+    covered = _scalar(opacity, mi)
+    if covered is None or not 0 <= covered.mean <= 1:
+        return None
+    if covered.uv_map is not None:
+        placed = _placed_alike(base, [covered.uv_map], mi)
+        if placed is None:
+            return None
+        base = placed
+    under = "blend", (covered.mean,)
+    return base, Finish(0.0, "ggx", ("dielectric", (1.5,)), under=under, lobe=(covered.texels, None))
 
 
 def constant_of(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
@@ -277,20 +306,29 @@ def _lobe(
     lobe = rough.texels, metal.texels
     uv_maps = [number.uv_map for number in (rough, metal) if number.uv_map is not None]
     if uv_maps:
-        colour = constant_of(base, mi)
-        if colour is None:
-            of_base = _uv_map(base, mi)
-            if of_base is None:
-                return None
-            uv_maps.append(of_base)
-        else:
-            # A texture of one texel has no coordinates, so it gets a second one.
-            texels = np.broadcast_to(_rgb(colour), (1, 2, 3)).astype(np.float32)
-            to_uv = mi.ScalarTransform3f(uv_maps[0].tolist())
-            base = mi.load_dict({"type": "bitmap", "raw": True, "data": mi.TensorXf(texels), "to_uv": to_uv})
-        if any(not np.array_equal(other, uv_maps[0]) for other in uv_maps):
+        placed = _placed_alike(base, uv_maps, mi)
+        if placed is None:
             return None
+        base = placed
     return base, lobe, rough.mean, metal.mean
+
+
+def _placed_alike(base: MitsubaTexture, uv_maps: list[FloatArray], mi: Mitsuba) -> MitsubaTexture | None:
+    """Return a base colour that is looked up at the same texture coordinates as other textures; None where it is not.
+
+    Args:
+        uv_maps: (3, 3) each, the transforms of their coordinates, one or more.
+    """
+    colour = constant_of(base, mi)
+    if colour is None:
+        of_base = _uv_map(base, mi)
+        return base if of_base is not None and all(np.array_equal(of_base, other) for other in uv_maps) else None
+    if any(not np.array_equal(other, uv_maps[0]) for other in uv_maps):
+        return None
+    # A texture of one texel has no coordinates, so it gets a second one.
+    texels = np.broadcast_to(_rgb(colour), (1, 2, 3)).astype(np.float32)
+    to_uv = mi.ScalarTransform3f(uv_maps[0].tolist())
+    return mi.load_dict({"type": "bitmap", "raw": True, "data": mi.TensorXf(texels), "to_uv": to_uv})
 
 
 class _Scalar(NamedTuple):

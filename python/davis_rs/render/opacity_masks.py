@@ -1,8 +1,8 @@
 """Cuts Mitsuba's meshes along the opacity masks of their materials, so that the renderers without noise show them.
 
 Mitsuba's ``mask`` lets a part of the rays through, by a texture (Mitsuba 3 documentation, Opacity mask). Where that
-texture is opaque or clear almost everywhere, what is left of the mesh is the part that is more than half opaque. Soft
-masks are left to Mitsuba's integrators.
+texture is opaque or clear almost everywhere, what is left of the mesh is the part that is more than half opaque. Meshes
+with other masks stay whole, and blend.
 """
 
 from __future__ import annotations

@@ -34,6 +34,18 @@ class MetalRoughness(NamedTuple):
     wrap: str = "repeat"
 
 
+class Blend(NamedTuple):
+    """How much of its area a part covers; the rest is seen through.
+
+    Attributes:
+        opacity: the fraction, 0 to 1.
+        alpha: uint8 (H, W), looked up as the base colour: 1 / 255 of it is a factor on the opacity; None for 1.
+    """
+
+    opacity: float
+    alpha: npt.NDArray[np.uint8] | None = None
+
+
 class MeshPart(NamedTuple):
     """Holds triangles of one material.
 
@@ -52,6 +64,7 @@ class MeshPart(NamedTuple):
         emission: radiance that it emits, a texture or a colour (3,), linear RGB; None for none. As a texture it is
             looked up as ``reflectance`` is.
         unlit: it reflects nothing, and emits what ``reflectance`` or ``colours`` say.
+        blend: how much of its area it covers; None where it is opaque. A part that blends is diffuse.
     """
 
     corners: FloatArray
@@ -67,6 +80,7 @@ class MeshPart(NamedTuple):
     nearest: bool = False
     emission: EncodedTexture | FloatArray | None = None
     unlit: bool = False
+    blend: Blend | None = None
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

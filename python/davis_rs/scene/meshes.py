@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba.types import MitsubaShape, MitsubaValue, SceneDictionary
 from ..geometry.pose import FloatArray
-from .mesh_part import MetalRoughness
+from .mesh_part import Blend, MetalRoughness
 from .textures import Texture, bitmap, encoded_bitmap
 
 Window = tuple[float, float, float, float]
@@ -121,6 +121,7 @@ def shape(
     nearest: bool = False,
     metal: MetalRoughness | None = None,
     emission: Texture | FloatArray | None = None,
+    blend: Blend | None = None,
 ) -> MitsubaShape:
     """Make a Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
 
@@ -132,6 +133,7 @@ def shape(
         nearest: its texels have hard edges; others are bilinear.
         metal: how it reflects besides its reflectance, which is the base colour then; None where it is diffuse.
         emission: radiance of an area light (``emitter``), a texture (H, W, 3) or a colour (3,); None for none.
+        blend: how much of its area a diffuse surface covers; None where it is opaque.
     """
     import mitsuba as mi
 
@@ -143,7 +145,10 @@ def shape(
         colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
     surface = {"type": "diffuse", "reflectance": colour} if metal is None else _metallic(colour, metal)
     properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": surface})
+    material: SceneDictionary = {"type": "twosided", "nested": surface}
+    if blend is not None:
+        material = {"type": "mask", "opacity": _opacity(blend, wrap=wrap, nearest=nearest), "nested": material}
+    properties["bsdf"] = mi.load_dict(material)
     if emission is not None:
         radiance: SceneDictionary = {"type": "rgb", "value": emission.tolist()}
         if emission.ndim == 3:
@@ -162,6 +167,16 @@ def _metallic(colour: SceneDictionary, metal: MetalRoughness) -> SceneDictionary
             values = metal.texels[..., channel : channel + 1] * np.float32(factor / 255)
             surface[name] = bitmap(mi.TensorXf(values), wrap=metal.wrap)
     return surface
+
+
+def _opacity(blend: Blend, *, wrap: str, nearest: bool) -> SceneDictionary | float:
+    """Describe how much of its area a surface covers, for Mitsuba."""
+    import mitsuba as mi
+
+    if blend.alpha is None:
+        return blend.opacity
+    values = blend.alpha[..., None] * np.float32(blend.opacity / 255)
+    return bitmap(mi.TensorXf(values), wrap=wrap, nearest=nearest)
 
 
 def mitsuba_mesh(mesh: Mesh, properties: MitsubaValue, normals: FloatArray | None) -> MitsubaShape:

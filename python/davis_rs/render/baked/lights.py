@@ -64,6 +64,12 @@ def integrator_of(scene: MitsubaScene) -> MitsubaIntegrator:
     return integrator
 
 
+def follows_media(scene: MitsubaScene) -> bool:
+    """Return whether a scene's integrator is one for volumes."""
+    integrator = integrator_of(scene)
+    return integrator is not None and integrator.class_name() in _VOLUMETRIC
+
+
 def paths_of(scene: MitsubaScene) -> Paths:
     """Return the paths that a scene's integrator follows.
 

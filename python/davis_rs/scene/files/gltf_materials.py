@@ -16,7 +16,7 @@ import numpy as np
 
 from ...geometry.pose import FloatArray
 from ..lost_looks import BACKS, BUMPS, MEAN_EMISSION
-from ..mesh_part import MetalRoughness
+from ..mesh_part import Blend, MetalRoughness
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
 from .gltf_file import GltfFile, Item, plain
@@ -50,6 +50,7 @@ class GltfMaterial(NamedTuple):
         nearest: whether the texture's texels have hard edges.
         emission: radiance, a texture or a colour (3,); None where it is dark.
         unlit: it reflects nothing, and emits its base colour.
+        blend: how much of its area it covers; None where it is opaque, or cut along a mask.
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides; None where it is diffuse.
     """
@@ -69,6 +70,7 @@ class GltfMaterial(NamedTuple):
     nearest: bool = False
     emission: EncodedTexture | FloatArray | None = None
     unlit: bool = False
+    blend: Blend | None = None
 
 
 class GltfMaterials:
@@ -114,6 +116,10 @@ class GltfMaterials:
         alpha = made.reflectance.alpha if isinstance(made.reflectance, EncodedTexture) else None
         if item.alphaMode == "BLEND":
             mask, looks = blended(alpha, factor=factor, wrap=made.wrap, nearest=made.nearest)
+            if factor == 0:
+                return made._replace(hidden=True)
+            if looks and made.metal is None and (alpha is None or not made.nearest):
+                return made._replace(blend=Blend(float(factor), alpha))
             lost.update(dict.fromkeys(looks))
             return made._replace(mask=mask)
         cutoff = 0.5

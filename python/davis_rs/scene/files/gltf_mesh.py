@@ -405,4 +405,5 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         material.nearest,
         material.emission,
         material.unlit,
+        material.blend,
     )

@@ -44,12 +44,12 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     """Make a scene of an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from
     all around, or from within if it is a room.
 
-    Surfaces are diffuse, opaque, and seen from both sides; where an alpha masks them, they are cut along its outline.
-    Materials of an OBJ file emit ``Ke`` or ``map_Ke``. A shape's id is ``mesh``, or ``mesh_MATERIAL`` where faces use
-    several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30 degrees above its middle, so far
-    away that a ball around the mesh fills 60 % of the image's height. Surfaces that lie far off do not decide. The sun
-    stands behind the camera's start, to its left and above. In a room the camera turns once in 10 s at eye height,
-    where there is most space, and a lamp hangs above it in place of the sun.
+    Surfaces are diffuse and seen from both sides; where an alpha masks them, they are cut along its outline. Materials
+    of an OBJ file blend by ``d``, ``Tr`` and ``map_d``, and emit ``Ke`` or ``map_Ke``. A shape's id is ``mesh``, or
+    ``mesh_MATERIAL`` where faces use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30
+    degrees above its middle, so far away that a ball around the mesh fills 60 % of the image's height. Surfaces that
+    lie far off do not decide. The sun stands behind the camera's start, to its left and above. In a room the camera
+    turns once in 10 s at eye height, where there is most space, and a lamp hangs above it in place of the sun.
 
     Args:
         up: the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY, as Blender exports them.
@@ -170,7 +170,14 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
     mesh = Mesh(part.corners.reshape(-1, 3), np.arange(count).reshape(-1, 3), flipped.reshape(-1, 2))
     normals = None if part.normals is None else part.normals.reshape(-1, 3)
     return shape(
-        mesh, reflectance, normals=normals, wrap=part.wrap, nearest=part.nearest, metal=part.metal, emission=emission
+        mesh,
+        reflectance,
+        normals=normals,
+        wrap=part.wrap,
+        nearest=part.nearest,
+        metal=part.metal,
+        emission=emission,
+        blend=part.blend,
     )
 
 

@@ -19,8 +19,6 @@ from ..texture_file import EncodedTexture, TextureFiles
 from .rounding import ROUNDING, within
 
 _LOOKS = {
-    "d": TRANSPARENCY,
-    "Tr": TRANSPARENCY,
     "Pm": METAL,
     "map_Pm": METAL,
     **dict.fromkeys(("bump", "map_bump", "map_Bump", "norm", "disp"), BUMPS),
@@ -30,7 +28,7 @@ _MATERIAL_BYTES = 1000
 """About what a material takes in memory, without its texture."""
 _BRIGHTEST = 1e18
 """The most radiance that is read: its square must fit in float32."""
-_USUAL = {"d": 1.0, "Tr": 0.0, "Pm": 0.0}
+_USUAL = {"Pm": 0.0}
 """Values with which nothing is lost."""
 
 
@@ -54,6 +52,7 @@ class Materials:
         self.colours: dict[str, FloatArray] = {}
         self._textures: dict[str, tuple[str, str]] = {}
         self._opacities: dict[str, tuple[str, str]] = {}
+        self._opaque: dict[str, float] = {}
         self._emissions: dict[str, FloatArray] = {}
         self._emissive_textures: dict[str, tuple[str, str]] = {}
         self._lost: dict[str, dict[str, None]] = {}
@@ -75,6 +74,10 @@ class Materials:
                 self._textures[name] = (rest, where)
             elif key == "map_d" and name:
                 self._opacities[name] = (rest, where)
+            elif key in ("d", "Tr") and name and (given := _fraction(rest)) is not None:
+                self._opaque[name] = given if key == "d" else 1.0 - given
+            elif key in ("d", "Tr") and name:
+                self._lost[name][TRANSPARENCY] = None
             elif key == "Ke" and name and (emission := _radiance(rest)) is not None:
                 self._emissions[name] = emission
             elif key == "map_Ke" and name and not rest.startswith("-"):
@@ -139,6 +142,10 @@ class Materials:
         texture = textures.read(path, where)
         return path, texture if colour is None else texture.tinted(colour), False
 
+    def opaque(self, name: str) -> float:
+        """Return the fraction of its area that a material covers (``d``, or 1 - ``Tr``)."""
+        return self._opaque.get(name, 1.0)
+
     def opacity(self, name: str, textures: TextureFiles) -> tuple[Path | None, npt.NDArray[np.uint8] | None, bool]:
         """Return what ``map_d`` says of a material's opacity, or the alpha of its texture without such a line.
 
@@ -183,6 +190,15 @@ def _colour(text: str, where: str) -> FloatArray:
     return np.broadcast_to(colour, 3).copy()
 
 
+def _fraction(text: str) -> float | None:
+    """Return a number from 0 to 1; None for another text, such as an option."""
+    try:
+        value = within(np.array([float(text)]), 0, 1)
+    except ValueError:
+        return None
+    return None if value is None else float(value[0])
+
+
 def _radiance(text: str) -> FloatArray | None:
     """Return linear RGB (3,); None for another text, such as the name of a spectrum."""
     try:
@@ -194,7 +210,7 @@ def _radiance(text: str) -> FloatArray | None:
 
 
 def _is_different(key: str, text: str) -> bool:
-    """Return whether a line says more than that a surface is opaque, smooth and not metallic."""
+    """Return whether a line says more than that a surface is smooth and not metallic."""
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:

@@ -13,7 +13,7 @@ from ..._util.budget import Budget
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
 from ..lost_looks import MEAN_EMISSION, OWN_LIGHT, TRANSPARENCY
-from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
+from ..mesh_part import GREY, Blend, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
 from ..repairs import Repairs
 from ..texture_file import EncodedTexture, TextureFiles
@@ -206,17 +206,22 @@ class _ObjFile:
         of_emission, emission, dark = materials.emission(material, self.textures)
         named = [file for file in (image, of_opacity, of_emission) if file is not None]
         files = tuple(dict.fromkeys([materials.path, *named]))
-        mask, looks = blended(alpha)
-        if unread or (mask is not None and uv is None):
-            looks = (TRANSPARENCY,)
+        opacity, blend, told = materials.opaque(material), None, tuple[str, ...]()
+        if unread or (alpha is not None and uv is None):
+            alpha, told = None, (TRANSPARENCY,)
+        mask, soft = blended(alpha, factor=opacity)
+        if soft and of_opacity is None and opacity == 1:
+            told = (*told, *soft)  # the alpha of a base colour's texture may mean something else
+        elif soft:
+            mask, blend = None, Blend(opacity, alpha)
         if dark:
-            looks = (*looks, OWN_LIGHT)
+            told = (*told, OWN_LIGHT)
         if isinstance(emission, EncodedTexture):
             if uv is None:
-                emission, looks = emission.linear().mean((0, 1), np.float64), (*looks, MEAN_EMISSION)
+                emission, told = emission.linear().mean((0, 1), np.float64), (*told, MEAN_EMISSION)
             else:
                 emission.charge(self.budget, f"the material {material!r}")
-        lost = tuple(dict.fromkeys([*materials.lost(material), *looks]))
+        lost = tuple(dict.fromkeys([*materials.lost(material), *told]))
         if isinstance(reflectance, EncodedTexture):
             if uv is None:
                 raise ValueError(
@@ -224,5 +229,7 @@ class _ObjFile:
                     "texture needs; unwrap the mesh before you export it"
                 )
             reflectance.charge(self.budget, f"the material {material!r}")
-        part = MeshPart(points, uv, normals, reflectance, None, material, files, lost=lost, emission=emission)
+        part = MeshPart(
+            points, uv, normals, reflectance, None, material, files, lost=lost, emission=emission, blend=blend
+        )
         return masked(part, mask, self.budget)

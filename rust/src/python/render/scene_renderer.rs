@@ -62,7 +62,8 @@ use crate::render::{
 ///         (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or (``mixed``, [index,
 ///         metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1 if nonlinear,
 ///         and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
-///         (``solid``, [index]) or (``sheet``, [index]).
+///         (``solid``, [index]), (``sheet``, [index]) or (``blend``, [opacity], whose texture takes the place of
+///         that of roughness).
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
 ///     step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.

@@ -28,7 +28,7 @@ pub(super) type SkyTuple<'py> = (u32, usize, Bound<'py, PyAny>);
 type KindTuple = (String, Vec<f64>);
 
 /// Roughness, distribution, Fresnel's equations, tint, what passes, whether the base tints, what is below, and the
-/// numbers of textures of roughness and of metal.
+/// numbers of textures of roughness (or opacity) and of metal.
 type FinishTuple = (f64, String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple, [Option<u32>; 2]);
 
 /// For each texture the number of its emissive one, and layouts, lights and texels of these.
@@ -103,9 +103,10 @@ fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under, lobe)
         ("rough", &[roughness, factor]) => Under::Rough(roughness, factor),
         ("solid", &[index]) => Under::Solid(index),
         ("sheet", &[index]) => Under::Sheet(index),
+        ("blend", &[opacity]) => Under::Blend(opacity),
         (kind, values) => {
             return Err(unknown(
-                "nothing (0 numbers), coated (4, or 37 if rough), rough (2), solid (1) or sheet (1)",
+                "nothing (0 numbers), coated (4, or 37 if rough), rough (2), solid (1), sheet (1) or blend (1)",
                 kind,
                 values,
             ));

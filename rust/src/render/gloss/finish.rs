@@ -63,6 +63,8 @@ pub enum Under {
     Solid(f64),
     /// Light passes straight through a thin sheet with this index of refraction.
     Sheet(f64),
+    /// A diffuse base covers this fraction; through the rest light passes straight.
+    Blend(f64),
 }
 
 /// How a surface reflects.
@@ -82,7 +84,8 @@ pub struct Finish {
     pub base_tints: bool,
     /// What is below.
     pub under: Under,
-    /// The number of a texture of the roughness and of one of the metal, where they differ from place to place.
+    /// The number of a texture of the roughness, or of the opacity, and of one of the metal, where they differ from place
+    /// to place.
     pub lobe: [Option<u32>; 2],
 }
 
@@ -125,22 +128,31 @@ impl Finish {
             }
             Under::Rough(roughness, factor) => fraction(roughness) && fraction(factor),
             Under::Solid(eta) | Under::Sheet(eta) => index(eta),
+            Under::Blend(opacity) => fraction(opacity),
         };
-        let mixed = matches!((&self.fresnel, &self.under), (Fresnel::Mixed(..), Under::Rough(..)));
+        let textured = match (&self.fresnel, &self.under) {
+            (Fresnel::Mixed(..), Under::Rough(..)) => true,
+            (_, Under::Blend(_)) => self.lobe[1].is_none(),
+            _ => self.lobe == [None; 2],
+        };
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
-        if (0.0..=2.0).contains(&self.alpha) && fresnel && under && tints && (mixed || self.lobe == [None; 2]) {
+        if (0.0..=2.0).contains(&self.alpha) && fresnel && under && tints && textured {
             return Ok(());
         }
         Err(Error::Argument(format!(
             "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, and a \
-             texture of roughness or metal only if it is a mix of both, got {self:?}"
+             texture of roughness or metal only if it is a mix of both, of opacity only if it blends, got {self:?}"
         )))
     }
 
-    /// Returns the finish of a place where textures say how rough the surface is, or how much of it is metal.
+    /// Returns the finish of a place where textures say how rough the surface is, how much of it is metal, or how opaque
+    /// it is.
     ///
-    /// Rates take both as constant.
+    /// Rates take all as constant.
     pub(crate) fn with_lobe(&self, [rough, metal]: [Option<f64>; 2]) -> Self {
+        if let Under::Blend(opacity) = self.under {
+            return Self { under: Under::Blend(rough.unwrap_or(opacity)), ..self.clone() };
+        }
         let (Fresnel::Mixed(index, own_metal), &Under::Rough(own_rough, _)) = (self.fresnel, &self.under) else {
             return self.clone();
         };
@@ -213,7 +225,7 @@ impl Finish {
     /// radiance.
     pub(crate) fn below<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
         match &self.under {
-            Under::Nothing | Under::Solid(_) | Under::Sheet(_) => [N::constant(0.0); 3],
+            Under::Nothing | Under::Solid(_) | Under::Sheet(_) | Under::Blend(_) => [N::constant(0.0); 3],
             Under::Coated { index, passing, .. } => {
                 self.coated(base, cosines.out, passed(cosines.into, *index, passing.as_deref()))
             }
@@ -228,7 +240,7 @@ impl Finish {
     /// Returns the same for light from all sides.
     pub(crate) fn below_evenly<N: Number>(&self, base: Triple<N>, out: N) -> Triple<N> {
         match self.under {
-            Under::Nothing | Under::Solid(_) | Under::Sheet(_) => [N::constant(0.0); 3],
+            Under::Nothing | Under::Solid(_) | Under::Sheet(_) | Under::Blend(_) => [N::constant(0.0); 3],
             Under::Coated { entering, .. } => self.coated(base, out, N::constant(entering)),
             Under::Rough(roughness, factor) => {
                 // Means over directions that follow the cosine: 1/21 of (1 - c)^5, and 2/3 of c.

@@ -1,4 +1,4 @@
-//! Glossy surfaces: metal, plastic, varnish and glass, without noise.
+//! Glossy surfaces: metal, plastic, varnish, glass and what is half opaque, without noise.
 //!
 //! ```text
 //! a ray that sees a glossy triangle -> tracer: the lights in closed form, and rays along the pattern of its pixel

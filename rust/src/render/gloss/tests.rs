@@ -252,6 +252,43 @@ fn a_sheet_shows_what_lies_behind_it() {
     }
 }
 
+/// What covers a part of its area shows as much of itself and the rest of what lies behind it, on both sides alike; the
+/// back of one side alone shows what lies behind it.
+#[test]
+fn what_blends_shows_itself_and_what_lies_behind_it() {
+    let opacity = 0.3;
+    let blend = Finish { under: Under::Blend(opacity), ..MIRROR };
+    let by_texture = Finish { under: Under::Blend(0.9), lobe: [Some(0), None], ..MIRROR };
+    let turned = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]];
+    let there = view([0.4, 0.9, 4.0], turned, [0.1, 0.2, -0.4], [0.0; 3]);
+    let open = SceneTables { shadows: false, ..room(None) };
+    let (behind, behind_rate) = luma(&renderer(&open), &rays(false, 1), &there);
+    for (finish, two_sided) in [(blend.clone(), true), (blend, false), (by_texture, true)] {
+        let mut tables = SceneTables { shadows: false, ..room(Some(finish)) };
+        tables.gloss.lobe_layouts = vec![[0, 1, 1, 0]];
+        tables.gloss.lobes = vec![opacity as f32; 9];
+        let wall = tables.corners.len() - 2;
+        tables.two_sided[wall..].fill(two_sided);
+        let (shown, rate) = luma(&renderer(&tables), &rays(false, 1), &there);
+        tables.gloss.finish_of[wall..].fill(DIFFUSE);
+        let (own, own_rate) = luma(&renderer(&tables), &rays(false, 1), &there);
+        let mixed = |behind: &[f32], own: &[f32]| -> Vec<f32> {
+            behind.iter().zip(own).map(|(a, b)| (1.0 - opacity as f32) * a + opacity as f32 * b).collect()
+        };
+        assert_eq!(own.iter().any(|&x| x > 0.1), two_sided);
+        let (expected, expected_rate) = (mixed(&behind, &own), mixed(&behind_rate, &own_rate));
+        assert!(off(&expected, &shown, 1e-4) <= 3, "{expected:?} {shown:?}");
+        assert!(off(&expected_rate, &rate, 1e-3) <= 3, "{expected_rate:?} {rate:?}");
+    }
+    // What makes no sense is refused.
+    for (opacity, lobe) in [(1.5, [None; 2]), (f64::NAN, [None; 2]), (0.5, [None, Some(0)])] {
+        let mut tables = room(Some(Finish { under: Under::Blend(opacity), lobe, ..MIRROR }));
+        tables.gloss.lobe_layouts = vec![[0, 1, 1, 0]];
+        tables.gloss.lobes = vec![0.5; 9];
+        assert!(Scene::new(&tables).is_err());
+    }
+}
+
 /// Rates of rough, coated and clear surfaces are differences in time, and single pixels have the bits of frames.
 #[test]
 fn rates_are_differences_in_time() {

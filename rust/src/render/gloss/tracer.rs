@@ -174,6 +174,7 @@ impl Tracer<'_> {
         match finish {
             Some(Finish { under: Under::Solid(index), .. }) => self.through_solid(&spot, *index, path),
             Some(Finish { under: Under::Sheet(index), .. }) => self.through_sheet(&spot, *index, path),
+            Some(Finish { under: Under::Blend(opacity), .. }) => self.blended(spot, surface, *opacity, path),
             _ if !hit.front && !surface.two_sided => [N::constant(0.0); 3],
             None => self.lit_by_all(&spot, surface, path),
             Some(finish) => {
@@ -358,6 +359,17 @@ impl Tracer<'_> {
         add(self.arriving(spot, spot.mirrored(), image, None, path), behind)
     }
 
+    /// Returns what a diffuse surface reflects that covers a fraction of its area, and what is seen through the rest.
+    fn blended<N: Number>(&mut self, spot: Spot<N>, surface: &Surface, opacity: f64, path: &Path) -> Triple<N> {
+        let passed = [N::constant(1.0 - opacity); 3];
+        let behind = self.arriving(&spot, negated(spot.viewer), passed, None, path);
+        if !spot.hit.front && !surface.two_sided {
+            return behind;
+        }
+        let diffuse = Spot { finish: None, ..spot };
+        add(scale(self.lit_by_all(&diffuse, surface, path), N::constant(opacity)), behind)
+    }
+
     /// Returns the light that arrives at a surface from a direction, times its weight there; `density` is that of a
     /// lobe's directions, None where there is only one.
     fn arriving<N: Number>(
@@ -428,7 +440,14 @@ impl Tracer<'_> {
         let surface = &self.lit.scene.surfaces[hit.triangle as usize];
         match self.gloss.emissive.at(surface.texture, surface.uv().each_ref(), hit.in_frame) {
             None => [N::constant(0.0); 3],
-            Some((radiance, light)) => scale(radiance, self.factor(light as usize)),
+            Some((radiance, light)) => {
+                let finish = self.gloss.finish(hit.triangle).map(|finish| self.finish_at(finish, surface, hit));
+                let covered = match finish.as_deref() {
+                    Some(Finish { under: Under::Blend(opacity), .. }) => *opacity,
+                    _ => 1.0,
+                };
+                scale(radiance, self.factor::<N>(light as usize).scaled(covered))
+            }
         }
     }
 
