@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import BACKS, BUMPS, MEAN_EMISSION
+from ..lost_looks import BACKS, BUMPS, MEAN_EMISSION, METAL
 from ..mesh_part import Blend, MetalRoughness
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
@@ -118,8 +118,10 @@ class GltfMaterials:
             mask, looks = blended(alpha, factor=factor, wrap=made.wrap, nearest=made.nearest)
             if factor == 0:
                 return made._replace(hidden=True)
-            if looks and made.metal is None and (alpha is None or not made.nearest):
-                return made._replace(blend=Blend(float(factor), alpha))
+            if looks and (alpha is None or not made.nearest):
+                if made.metal is not None:
+                    lost[METAL] = None
+                return made._replace(blend=Blend(float(factor), alpha), metal=None)
             lost.update(dict.fromkeys(looks))
             return made._replace(mask=mask)
         cutoff = 0.5
