@@ -304,6 +304,9 @@ def _gltf(folder: Path) -> list[Path]:
     emits = {"emissiveFactor": [1, 0.5, 0], "emissiveTexture": texture}
     strength = {"emissiveStrength": 2}
     extensions = {"KHR_materials_pbrSpecularGlossiness": gloss, "KHR_materials_emissive_strength": strength}
+    clear = {"KHR_materials_transmission": {"transmissionFactor": 0.9}, "KHR_materials_ior": {"ior": 1.4}}
+    pane = gltf.material("pane", more={"extensions": {**clear, "KHR_materials_volume": {"thicknessFactor": 0.1}}})
+    gltf.node(mesh=quad(gltf, material=pane))
     more = {"extensions": extensions, "alphaMode": "MASK", **emits}
     paint = gltf.material(baseColorTexture=texture, more=more)
     body = gltf.node(mesh=quad(gltf, uv=UV, material=paint), name="body")

@@ -46,6 +46,20 @@ class Blend(NamedTuple):
     alpha: npt.NDArray[np.uint8] | None = None
 
 
+class Glass(NamedTuple):
+    """What a part of clear glass does to light, which it reflects by Fresnel's equations.
+
+    Attributes:
+        refraction: its index, other than 1.
+        tint: (3,), factors on red, green and blue that pass.
+        is_solid: it is the surface of a solid, which bends light; else a thin sheet, which does not.
+    """
+
+    refraction: float
+    tint: FloatArray
+    is_solid: bool
+
+
 class MeshPart(NamedTuple):
     """Holds triangles of one material.
 
@@ -65,6 +79,7 @@ class MeshPart(NamedTuple):
             looked up as ``reflectance`` is.
         unlit: it reflects nothing, and emits what ``reflectance`` or ``colours`` say.
         blend: how much of its area it covers; None where it is opaque. A part that blends is diffuse.
+        glass: what it does to light; None where it is opaque. Then ``reflectance`` does not count.
     """
 
     corners: FloatArray
@@ -81,6 +96,7 @@ class MeshPart(NamedTuple):
     emission: EncodedTexture | FloatArray | None = None
     unlit: bool = False
     blend: Blend | None = None
+    glass: Glass | None = None
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

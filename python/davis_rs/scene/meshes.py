@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba.types import MitsubaShape, MitsubaValue, SceneDictionary
 from ..geometry.pose import FloatArray
-from .mesh_part import Blend, MetalRoughness
+from .mesh_part import Blend, Glass, MetalRoughness
 from .textures import Texture, bitmap, encoded_bitmap
 
 Window = tuple[float, float, float, float]
@@ -122,6 +122,7 @@ def shape(
     metal: MetalRoughness | None = None,
     emission: Texture | FloatArray | None = None,
     blend: Blend | None = None,
+    glass: Glass | None = None,
 ) -> MitsubaShape:
     """Make a Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
 
@@ -134,6 +135,7 @@ def shape(
         metal: how it reflects besides its reflectance, which is the base colour then; None where it is diffuse.
         emission: radiance of an area light (``emitter``), a texture (H, W, 3) or a colour (3,); None for none.
         blend: how much of its area a diffuse surface covers; None where it is opaque.
+        glass: what a surface of glass does to light, whatever its reflectance is; None where it is opaque.
     """
     import mitsuba as mi
 
@@ -148,6 +150,8 @@ def shape(
     material: SceneDictionary = {"type": "twosided", "nested": surface}
     if blend is not None:
         material = {"type": "mask", "opacity": _opacity(blend, wrap=wrap, nearest=nearest), "nested": material}
+    if glass is not None:
+        material = _clear(glass)
     properties["bsdf"] = mi.load_dict(material)
     if emission is not None:
         radiance: SceneDictionary = {"type": "rgb", "value": emission.tolist()}
@@ -167,6 +171,13 @@ def _metallic(colour: SceneDictionary, metal: MetalRoughness) -> SceneDictionary
             values = metal.texels[..., channel : channel + 1] * np.float32(factor / 255)
             surface[name] = bitmap(mi.TensorXf(values), wrap=metal.wrap)
     return surface
+
+
+def _clear(glass: Glass) -> SceneDictionary:
+    """Describe glass for Mitsuba."""
+    passing = {"type": "rgb", "value": glass.tint.tolist()}
+    kind = "dielectric" if glass.is_solid else "thindielectric"
+    return {"type": kind, "int_ior": glass.refraction, "ext_ior": 1.0, "specular_transmittance": passing}
 
 
 def _opacity(blend: Blend, *, wrap: str, nearest: bool) -> SceneDictionary | float:

@@ -3,7 +3,8 @@
 What is lost, is noted.
 
 Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp,
-KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength and KHR_materials_unlit.
+KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength, KHR_materials_unlit, KHR_materials_transmission,
+KHR_materials_ior and KHR_materials_volume.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from ...geometry.pose import FloatArray
 from ..lost_looks import BACKS, BUMPS, MEAN_EMISSION, METAL
-from ..mesh_part import Blend, MetalRoughness
+from ..mesh_part import Blend, Glass, MetalRoughness
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
 from .gltf_file import GltfFile, Item, plain
@@ -29,8 +30,17 @@ _MEAN_METAL = "metal that differs from place to place (its mean is taken)"
 _IMAGES = ("PNG", "JPEG", "WEBP")
 _EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 _UNLIT = "KHR_materials_unlit"
-_UNTOLD = {_GLOSS, _EMISSIVE_STRENGTH, "KHR_materials_ior", _UNLIT}
-"""Extensions of materials that lose nothing, or whose loss is noted under another name."""
+_TRANSMISSION = "KHR_materials_transmission"
+_IOR = "KHR_materials_ior"
+_VOLUME = "KHR_materials_volume"
+_UNTOLD = {_GLOSS, _EMISSIVE_STRENGTH, _IOR, _TRANSMISSION, _UNLIT}
+"""Extensions of materials that lose nothing, or whose loss is noted elsewhere."""
+_CLEAR = 0.5
+"""The fraction of light that passes from which on a material is glass."""
+_CLEAR_WITHIN = 0.1
+"""How far glass may be from clear and smooth without a word."""
+_LEAST_INDEX = 1.001
+"""Of refraction: at 1 there would be no surface."""
 
 
 class GltfMaterial(NamedTuple):
@@ -51,6 +61,7 @@ class GltfMaterial(NamedTuple):
         emission: radiance, a texture or a colour (3,); None where it is dark.
         unlit: it reflects nothing, and emits its base colour.
         blend: how much of its area it covers; None where it is opaque, or cut along a mask.
+        glass: what it does to light as clear glass; None where it is opaque.
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides; None where it is diffuse.
     """
@@ -71,6 +82,7 @@ class GltfMaterial(NamedTuple):
     emission: EncodedTexture | FloatArray | None = None
     unlit: bool = False
     blend: Blend | None = None
+    glass: Glass | None = None
 
 
 class GltfMaterials:
@@ -107,6 +119,8 @@ class GltfMaterials:
         if not unlit:
             made = self._metallic(made, item, f"materials[{index}]", lost)
             made = self._emissive(made, item, f"materials[{index}]", lost)
+        if not unlit:
+            made = self._transmissive(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
         return made._replace(lost=tuple(lost))
@@ -115,13 +129,15 @@ class GltfMaterials:
         """Return a material with the mask that its alpha is, times a factor, and note what that does not show."""
         alpha = made.reflectance.alpha if isinstance(made.reflectance, EncodedTexture) else None
         if item.alphaMode == "BLEND":
+            if made.glass is not None and alpha is None:
+                return made  # its factor stands for glass where glass is not shown
             mask, looks = blended(alpha, factor=factor, wrap=made.wrap, nearest=made.nearest)
             if factor == 0:
                 return made._replace(hidden=True)
             if looks and (alpha is None or not made.nearest):
                 if made.metal is not None:
                     lost[METAL] = None
-                return made._replace(blend=Blend(float(factor), alpha), metal=None)
+                return made._replace(blend=Blend(float(factor), alpha), metal=None, glass=None)
             lost.update(dict.fromkeys(looks))
             return made._replace(mask=mask)
         cutoff = 0.5
@@ -201,6 +217,33 @@ class GltfMaterials:
             lost["how texels of their own light are filtered (as those of the base colour are)"] = None
         image.charge(file.budget, where)
         return made._replace(emission=image)
+
+    def _transmissive(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
+        """Return a material as clear glass, if most light passes it: a thin sheet, or a solid where it has a volume."""
+        file, extensions = self._file, _dictionary(item.extensions)
+        given = _dictionary(extensions.get(_TRANSMISSION))
+        fraction = given.get("transmissionFactor", 0.0)
+        fraction = file.numbers(fraction, f"{where}: transmissionFactor", 1, low=0, high=1)[0]
+        if fraction == 0:
+            return made
+        if fraction < _CLEAR or given.get("transmissionTexture") is not None:
+            lost[_TRANSMISSION] = None
+            return made
+        index = _dictionary(extensions.get(_IOR)).get("ior", 1.5)
+        index = float(file.numbers(index, f"{where}: {_IOR}.ior", 1, low=0)[0])
+        volume = _dictionary(extensions.get(_VOLUME))
+        thickness = volume.get("thicknessFactor", 0.0)
+        thickness = file.numbers(thickness, f"{where}: {_VOLUME}.thicknessFactor", 1, low=0)[0]
+        tint = made.reflectance
+        if isinstance(tint, EncodedTexture):
+            lost["colours of glass that differ from place to place (their mean is taken)"] = None
+            tint = tint.linear().mean((0, 1), np.float64)
+        if fraction < 1 - _CLEAR_WITHIN or made.metal is not None:
+            lost["what glass does not let through (it is clear)"] = None
+        roughness = _dictionary(item.pbrMetallicRoughness).get("roughnessFactor", 1.0)
+        if file.numbers(roughness, f"{where}: roughnessFactor", 1, low=0, high=1)[0] > _CLEAR_WITHIN:
+            lost["roughness of glass (it is clear)"] = None
+        return made._replace(glass=Glass(max(index, _LEAST_INDEX), tint, bool(thickness > 0)))
 
     def charge(self, material: GltfMaterial, where: str) -> None:
         """Charge the file's budget for the textures of one more shape that shows a material.

@@ -406,4 +406,5 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         material.emission,
         material.unlit,
         material.blend,
+        material.glass,
     )

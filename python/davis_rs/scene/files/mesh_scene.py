@@ -178,6 +178,7 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
         metal=part.metal,
         emission=emission,
         blend=part.blend,
+        glass=part.glass,
     )
 
 
