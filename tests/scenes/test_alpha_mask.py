@@ -400,6 +400,27 @@ def test_soft_metal_is_told(tmp_path: Path) -> None:
         assert area_of(scene, "mesh_leaf") == pytest.approx(4.0)
 
 
+def test_what_is_soft_at_its_edges_alone_is_cut(tmp_path: Path) -> None:
+    """So that its shadow is not that of the card: a leaf of which two fifths are soft, and a haze of three fifths."""
+    for soft, told in ((0.4, True), (0.6, False)):
+        count = round(64 * soft)
+        alpha = np.full(64, 255, np.uint8)
+        alpha[:count] = np.linspace(26, 229, count)
+        gltf = Gltf()
+        material = leaf(gltf, {"alphaMode": "BLEND"}, np.tile(alpha, (64, 1)))
+        gltf.node(mesh=quad(gltf, uv=UV, material=material))
+        scene = loaded(gltf, tmp_path)
+        cut = ["soft transparency (it is cut where it is half opaque) of leaf"]
+        assert lost(scene) == (cut if told else [])
+        assert (area_of(scene, "mesh_leaf") < 3.5) == told
+        grey(tmp_path, "soft.png", np.tile(alpha, (64, 1)))
+        (tmp_path / "m.mtl").write_text("newmtl leaf\nmap_d soft.png\n")
+        (tmp_path / "m.obj").write_text(OBJ.format(FACE))
+        (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
+        assert part.lost == (("soft transparency (it is cut where it is half opaque)",) if told else ())
+        assert (part.blend is None) == told
+
+
 def test_a_mask_on_what_deforms_is_lost(tmp_path: Path) -> None:
     """A skin moves vertices, and pieces of triangles would not follow."""
     gltf = Gltf()

@@ -115,7 +115,17 @@ class AlphaMask:
     @property
     def is_soft(self) -> bool:
         """Whether more than a few texels are neither clear nor opaque to a tenth."""
-        return bool(((self.alpha > 25) & (self.alpha < 230)).mean() > _FEW)
+        return bool(self._partial.mean() > _FEW)
+
+    @property
+    def is_haze(self) -> bool:
+        """Whether most of what is seen is neither clear nor opaque: smoke, not a leaf with soft edges."""
+        return bool(2 * self._partial.sum() > (self.alpha > 25).sum())
+
+    @property
+    def _partial(self) -> BoolArray:
+        """Which texels are neither clear nor opaque to a tenth."""
+        return np.asarray((self.alpha > 25) & (self.alpha < 230))
 
     def cut(self, uv: FloatArray) -> Pieces | None:
         """Cut triangles with texture coordinates (m, 3, 2), v downwards.

@@ -134,7 +134,7 @@ class GltfMaterials:
             mask, looks = blended(alpha, factor=factor, wrap=made.wrap, nearest=made.nearest)
             if factor == 0:
                 return made._replace(hidden=True)
-            if looks and (alpha is None or not made.nearest):
+            if looks and (mask is None or mask.is_haze) and (alpha is None or not made.nearest):
                 if made.metal is not None:
                     lost[METAL] = None
                 return made._replace(blend=Blend(float(factor), alpha), metal=None, glass=None)

@@ -210,7 +210,7 @@ class _ObjFile:
         if unread or (alpha is not None and uv is None):
             alpha, told = None, (TRANSPARENCY,)
         mask, soft = blended(alpha, factor=opacity)
-        if soft and of_opacity is None and opacity == 1:
+        if soft and opacity == 1 and (of_opacity is None or (mask is not None and not mask.is_haze)):
             told = (*told, *soft)  # the alpha of a base colour's texture may mean something else
         elif soft:
             mask, blend = None, Blend(opacity, alpha)
