@@ -517,6 +517,8 @@ def test_an_obj_leaf(tmp_path: Path, lines: str, height: float) -> None:
         ("map_d grey.png", "f 1 2 3 4"),
         ("d -halo 0.4", FACE),
         ("Tr 1.5", FACE),
+        ("Tr 1", FACE),
+        ("d 0", FACE),
     ],
 )
 def test_an_obj_opacity_that_is_not_followed_is_told(tmp_path: Path, lines: str, face: str) -> None:
@@ -526,6 +528,15 @@ def test_an_obj_opacity_that_is_not_followed_is_told(tmp_path: Path, lines: str,
     (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
     assert part.lost == ("transparency",)
     assert len(part.corners) == 2
+    assert part.blend is None
+
+
+def test_an_opacity_that_is_1_everywhere_needs_no_coordinates(tmp_path: Path) -> None:
+    (tmp_path / "m.mtl").write_text("newmtl leaf\nmap_d white.png\n")
+    (tmp_path / "m.obj").write_text(OBJ.format("f 1 2 3 4"))
+    grey(tmp_path, "white.png", np.full((4, 4), 255, np.uint8))
+    (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
+    assert part.lost == ()
 
 
 def test_a_ply_leaf(tmp_path: Path) -> None:

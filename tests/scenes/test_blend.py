@@ -244,6 +244,8 @@ f 1/1 2/2 3/3 4/4
         ("d 0.5\nmap_d faint.png", 0.2),
         ("d 0.5\nmap_d white.png", 0.5),
         ("d 1", 1.0),
+        ("d 0.25\nTr 0.25", 0.25),
+        ("Tr 1\nd 1", 1.0),
     ],
 )
 def test_materials_of_obj_files_blend(lines: str, opacity: float, tmp_path: Path) -> None:

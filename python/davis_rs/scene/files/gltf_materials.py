@@ -119,7 +119,6 @@ class GltfMaterials:
         if not unlit:
             made = self._metallic(made, item, f"materials[{index}]", lost)
             made = self._emissive(made, item, f"materials[{index}]", lost)
-        if not unlit:
             made = self._transmissive(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)

@@ -52,7 +52,7 @@ class Materials:
         self.colours: dict[str, FloatArray] = {}
         self._textures: dict[str, tuple[str, str]] = {}
         self._opacities: dict[str, tuple[str, str]] = {}
-        self._opaque: dict[str, float] = {}
+        self._opaque: dict[str, dict[str, float]] = {}
         self._emissions: dict[str, FloatArray] = {}
         self._emissive_textures: dict[str, tuple[str, str]] = {}
         self._lost: dict[str, dict[str, None]] = {}
@@ -75,7 +75,7 @@ class Materials:
             elif key == "map_d" and name:
                 self._opacities[name] = (rest, where)
             elif key in ("d", "Tr") and name and (given := _fraction(rest)) is not None:
-                self._opaque[name] = given if key == "d" else 1.0 - given
+                self._opaque.setdefault(name, {})[key] = given
             elif key in ("d", "Tr") and name:
                 self._lost[name][TRANSPARENCY] = None
             elif key == "Ke" and name and (emission := _radiance(rest)) is not None:
@@ -143,8 +143,12 @@ class Materials:
         return path, texture if colour is None else texture.tinted(colour), False
 
     def opaque(self, name: str) -> float:
-        """Return the fraction of its area that a material covers (``d``, or 1 - ``Tr``)."""
-        return self._opaque.get(name, 1.0)
+        """Return the fraction of its area that a material covers: ``d``, or without it 1 - ``Tr``.
+
+        Some exporters write the same number in both.
+        """
+        given = self._opaque.get(name, {})
+        return given.get("d", 1.0 - given.get("Tr", 0.0))
 
     def opacity(self, name: str, textures: TextureFiles) -> tuple[Path | None, npt.NDArray[np.uint8] | None, bool]:
         """Return what ``map_d`` says of a material's opacity, or the alpha of its texture without such a line.

@@ -207,7 +207,9 @@ class _ObjFile:
         named = [file for file in (image, of_opacity, of_emission) if file is not None]
         files = tuple(dict.fromkeys([materials.path, *named]))
         opacity, blend, told = materials.opaque(material), None, tuple[str, ...]()
-        if unread or (alpha is not None and uv is None):
+        if opacity == 0:  # nobody draws what is not there, and some exporters write Tr 1 of what is opaque
+            opacity, told = 1.0, (TRANSPARENCY,)
+        if unread or (alpha is not None and uv is None and alpha.min() < 255):
             alpha, told = None, (TRANSPARENCY,)
         mask, soft = blended(alpha, factor=opacity)
         if soft and opacity == 1 and (of_opacity is None or (mask is not None and not mask.is_haze)):
