@@ -143,6 +143,7 @@ def test_a_missing_opencv_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         load_opencv()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_the_command_writes_camera_figure_and_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """From a folder: the report, a calib.txt that reads back as the camera, JSON with deviations, and the figure."""

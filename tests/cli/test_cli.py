@@ -25,6 +25,7 @@ def simulate(*arguments: object) -> subprocess.CompletedProcess[str]:
     return davis_rs("simulate", *arguments, *SMALL)
 
 
+@pytest.mark.long
 def test_simulate_check_and_view(tmp_path: Path) -> None:
     """The main job: a dataset that its own check accepts, and that a second run repeats byte for byte."""
     out, again = tmp_path / "out", tmp_path / "again"

@@ -119,7 +119,7 @@ def test_what_is_held_back_comes_at_the_end() -> None:
     assert (held[-1].start_us, held[-1].end_us) == (300_000, whole["t"][-1])
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "cut",
     [{"frame_rate_hz": 0.0, "depth_rate_hz": 0.0}, {"frame_rate_hz": 200.0}, {"poses_per_launch": 3}, {"threads": 2}],

@@ -241,6 +241,7 @@ def test_samples_are_pixels_of_the_frames(
     assert np.array_equal(samples, luma.reshape(6, -1)[view, pixel])
 
 
+@pytest.mark.few(1)
 def test_whole_frames_of_samples(behind_a_lens: tuple[Renderer, Views, LumaFrames]) -> None:
     """All pixels of all views backwards, corners included, give the frames; so do they one by one, each rendered."""
     lens, views, luma = behind_a_lens
@@ -250,7 +251,7 @@ def test_whole_frames_of_samples(behind_a_lens: tuple[Renderer, Views, LumaFrame
     assert np.array_equal(alone, luma.reshape(6, -1)[np.arange(6), np.arange(6) * 97])
 
 
-@pytest.mark.few(7)
+@pytest.mark.few(3)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("vignetting", [None, Vignetting()])
 @pytest.mark.parametrize("lens_blur", [None, LensBlur(), LensBlur(2.5)])

@@ -323,6 +323,7 @@ def leaking(
     )
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("rate_hz", [0.1, 0.37, 7.0])
 @pytest.mark.parametrize("luma", [0.0, 0.4])
 @pytest.mark.parametrize(("start_phase", "c_off"), [("zero", 0.2), ("stationary", 0.2), ("stationary", 0.05)])
@@ -469,6 +470,7 @@ def static_leak(leak: LeakRate, seconds: int, *, luma: float = 0.0, side: int = 
     return np.split(events["t"][order].astype(float), np.flatnonzero(np.diff(places)) + 1)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("spread", [0.1, 0.23, 0.8])
 def test_each_pixel_leaks_at_a_rate_of_its_own(spread: float) -> None:
     """Log-normal (Kolmogorov and Smirnov, 1e-6), the mean of all is the rate, neighbours do not correlate."""
@@ -483,6 +485,7 @@ def test_each_pixel_leaks_at_a_rate_of_its_own(spread: float) -> None:
     assert all(np.abs(np.diff(own) - np.diff(own).mean()).max() <= 1.001 for own in stamps)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("jitter", [0.02, 0.1, 0.25])
 @pytest.mark.parametrize("period_us", [None, 1_000.0])
 def test_intervals_of_a_leak_jitter(jitter: float, period_us: float | None) -> None:

@@ -519,6 +519,7 @@ def test_states_without_what_effects_need_are_refused(entry: str) -> None:
         CrossingEngine.from_state(state)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "bandwidth", [None, PhotoreceptorBandwidth(60.0), PhotoreceptorBandwidth(60.0, source_follower_hz=90.0)]
 )

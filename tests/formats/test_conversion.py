@@ -63,6 +63,7 @@ CONTAINERS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("kind", CONTAINERS)
 def test_a_folder_comes_back(folder: Path, tmp_path: Path, kind: str) -> None:
     """Folder, container, folder: the same events, frames, depth, IMU samples and calibration, bit by bit.
@@ -434,6 +435,7 @@ def test_malformed_containers_are_refused(tmp_path: Path, make: Callable[[Path],
             read_events(tmp_path / name)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["mcap file", "ros2 sqlite3", "mvsec", "dsec"])
 def test_mutants_are_read_or_refused(folder: Path, tmp_path: Path, kind: str) -> None:
     """Any bytes changed: a reader gives what it finds, or a DecodeError, from events and from all parts."""

@@ -174,6 +174,7 @@ def outdoors() -> dict[str, Parts]:
     }
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("llvm")
 def test_an_environment_map_and_a_spot_light_are_the_path_tracers() -> None:
     """Their light on surfaces, together with the sky, and the edges of the beam."""
@@ -441,6 +442,7 @@ def test_lights_flicker_one_by_one() -> None:
     assert np.abs(both - later).max() > 1.0
 
 
+@pytest.mark.long
 def test_the_same_bits_with_and_without_cache_and_on_any_threads(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

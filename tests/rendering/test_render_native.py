@@ -258,6 +258,7 @@ def in_other_units(table: SceneTable, scale: float) -> SceneTable:
     return other
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("scale", [1e-4, 7.0, 1e5])
 def test_a_scene_in_other_units_looks_the_same(scale: float) -> None:
     """A room with lamps, shadows and textures, scaled: to float32 the same luma, but at edges of shadows; where a fixed

@@ -94,7 +94,7 @@ def test_each_pair_has_its_own_view(rendered: tuple[Renderer, LumaFrames]) -> No
     assert np.array_equal(renderer.samples(VIEWS, view, y * 33 + x), frames[view, y, x])
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(2)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (5, 1), (2, 2), (3, 2)])
 @every_renderer

@@ -208,7 +208,7 @@ SCENES: dict[str, Parts] = {
 }
 
 
-@pytest.mark.few(9)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", SCENES)
 def test_light_of_a_scene_is_mitsubas(kind: str, name: str) -> None:
     """Pixel for pixel the luma that Mitsuba's direct integrator finds through its own camera."""
@@ -358,7 +358,7 @@ def write_ball(path: Path, *, normals: bool, uv: bool, rings: int = 5) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("uv", [False, True])

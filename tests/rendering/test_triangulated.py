@@ -95,7 +95,7 @@ def differences(scene: Scene, kind: str = "native") -> npt.NDArray[np.float64]:
     return np.log(ours.luma(views)[0] + 0.01) - np.log(theirs.luma(views)[0] + 0.01)
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("kind", ["native", *long_values("table")])
 @pytest.mark.parametrize("name", TEXTURES)

@@ -11,6 +11,7 @@ from davis_rs.simulation.from_frames.luma_noise import luma_noise
 from recorded_clips import SENSOR, Scene, clip_of
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("scene", [Scene(), Scene(exposure_us=19_000), Scene(black=30.0)])
 def test_thresholds_and_black_level_are_found(scene: Scene) -> None:
     """Of sharp frames, of frames that are blurred over nearly all of the time, and of frames above a black level."""

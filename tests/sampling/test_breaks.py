@@ -170,6 +170,7 @@ def test_light_that_jumps_makes_on_events_at_once(preset: str, declared: bool, b
     assert set(events["t"].tolist()) == {CAUSE_US + 1}
 
 
+@pytest.mark.few(3)
 @PRESETS
 @pytest.mark.parametrize("declared", [True, False], ids=["declared", "undeclared"])
 @pytest.mark.usefixtures("llvm")

@@ -235,6 +235,7 @@ f 1/1 2/2 3/3 4/4
 """
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("lines", "opacity"),
     [

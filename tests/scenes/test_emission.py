@@ -124,6 +124,7 @@ BASES: dict[str, Callable[[Gltf], dict[str, Any]]] = {
 }
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("base", BASES)
 def test_a_texture_is_seen_as_mitsuba_sees_it(base: str, tmp_path: Path) -> None:
     """Whatever the surface reflects besides. Mitsuba's area lights shine from their fronts."""
@@ -385,6 +386,7 @@ def test_metal_that_emits_shows_nothing_else_in_the_dark(kind: str, tmp_path: Pa
     np.testing.assert_allclose(shown[8:16, 12:20], ORANGE @ LUMA_WEIGHTS, rtol=1e-5)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("kind", ["native", "baked"])
 @pytest.mark.parametrize("look", ["a colour", "a texture", "colours of vertices"])
 def test_an_unlit_surface_has_its_base_colour_in_any_light(look: str, kind: str, tmp_path: Path) -> None:
@@ -459,6 +461,7 @@ usemtl lamp
 """
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("lines", "face", "expected", "lost"),
     [
