@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from PIL import Image
 
 from davis_rs import Pose, Scene, SceneFileWarning, load_scene
 from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.finishes import Finish
-from gltf_files import CORNERS, FACES, UV, Gltf, quad
+from gltf_files import CORNERS, FACES, UV, Gltf, png, quad
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -24,12 +22,6 @@ CAMERA = Camera(width=32, height=24, fx=16.0, fy=16.0, cx=15.5, cy=11.5)
 INSIDE = np.s_[8:16, 12:20]
 UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
 """So that a surface has a known luma."""
-
-
-def png(pixels: npt.ArrayLike) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(np.asarray(pixels, np.uint8)).save(file, "PNG")
-    return file.getvalue()
 
 
 def grey(gltf: Gltf, name: str, luma: float, alpha: float = 1.0, **more: Any) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from PIL import Image
 
 from davis_rs import Pose, Scene, SegmentTrajectory, load_scene
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
@@ -26,7 +24,7 @@ from davis_rs.render.scene_tables.emissive_textures import TextureImage, alike
 from davis_rs.render.texels import Texels, bilinear
 from davis_rs.scene.light_profile import SampledProfile
 from davis_rs.scene.textures import from_srgb
-from gltf_files import CORNERS, FACES, UV, Gltf, quad
+from gltf_files import CORNERS, FACES, UV, Gltf, png, quad
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -35,12 +33,6 @@ ORANGE = np.array([1.0, 0.5, 0.125])
 TEXELS = np.random.default_rng(5).integers(0, 256, (6, 10, 3))
 DIM = {"type": "point", "intensity": 1e-12}
 """A light that lights nothing, so that none is added."""
-
-
-def png(pixels: npt.ArrayLike) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(np.asarray(pixels, np.uint8)).save(file, "PNG")
-    return file.getvalue()
 
 
 def image(gltf: Gltf, texels: npt.ArrayLike, **sampler: int) -> dict[str, int]:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from davis_rs import DecodeError, Scene, load_scene
 from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
-from gltf_files import CORNERS, FACES, UV, Gltf, quad
+from gltf_files import CORNERS, FACES, UV, Gltf, png, quad
 
 CAMERA = Camera(width=32, height=24, fx=160.0, fy=160.0, cx=15.5, cy=11.5)
 """So long a lens that all rays meet the glass nearly at right angles."""
@@ -94,9 +92,7 @@ def test_what_is_lost_of_glass_is_told(tmp_path: Path) -> None:
     for changes, told in cases:
         gltf = Gltf()
         if "baseColorTexture" in changes:
-            file = io.BytesIO()
-            Image.fromarray(np.full((4, 4, 3), 188, np.uint8)).save(file, "PNG")
-            texture |= gltf.texture({"bufferView": gltf.view(file.getvalue())})
+            texture |= gltf.texture({"bufferView": gltf.view(png(np.full((4, 4, 3), 188)))})
         scene = world(gltf, tmp_path, glass(gltf, **changes))
         assert [look.what for look in scene.lost_looks] == [told]
         once = reflected(1.5)
@@ -137,9 +133,7 @@ def test_an_index_of_1_is_hardly_there(tmp_path: Path) -> None:
 
 
 def test_glass_with_a_soft_alpha_blends(tmp_path: Path) -> None:
-    file = io.BytesIO()
-    Image.fromarray(np.full((4, 4, 4), [255, 255, 255, 51], np.uint8)).save(file, "PNG")
     gltf = Gltf()
-    texture = gltf.texture({"bufferView": gltf.view(file.getvalue())})
+    texture = gltf.texture({"bufferView": gltf.view(png(np.full((4, 4, 4), [255, 255, 255, 51])))})
     scene = world(gltf, tmp_path, glass(gltf, baseColorTexture=texture, more={"alphaMode": "BLEND"}))
     assert luma(scene) == pytest.approx(0.8, rel=1e-3)

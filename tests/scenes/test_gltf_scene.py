@@ -27,18 +27,12 @@ from davis_rs.render.texels import WRAP_MODES
 from davis_rs.render.truth import lost_look_fractions
 from davis_rs.scene.files import gltf_mesh
 from davis_rs.scene.textures import from_srgb
-from gltf_files import CORNERS, FACES, UV, Gltf, quad
+from gltf_files import CORNERS, FACES, UV, Gltf, png, quad
 
 TURN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """glTF's axes in the world's."""
 
 BT601 = np.array([0.299, 0.587, 0.114])
-
-
-def png(pixels: Any) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(np.asarray(pixels, np.uint8)).save(file, "PNG")
-    return file.getvalue()
 
 
 def with_camera(gltf: Gltf, distance: float = 3.0, **node: Any) -> int:

@@ -244,11 +244,7 @@ def baked_light(
     names = light_groups(loaded, list(motion.lights))
     duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
     times = motion_times(motion, duration_s)
-    triangles = sum(surfaces.counts)
-    if scene.soft_light:  # what its shapes emit is in their textures
-        emitted, emitters = np.zeros(triangles), np.zeros(triangles, np.int64)
-    else:
-        emitted, emitters = emissions(loaded, mi, surfaces.counts, names, weights)
+    emitted, emitters = emissions(loaded, mi, surfaces.counts, names, weights, soft=scene.soft_light)
     content = _content(loaded, mi, surfaces, _poses(motion, times))
     settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, effort, content)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()

@@ -172,7 +172,13 @@ def mean_radiance(shape: MitsubaShape, mi: Mitsuba) -> FloatArray:
 
 
 def emissions(
-    scene: MitsubaScene, mi: Mitsuba, counts: Sequence[int], names: Sequence[str], weights: Weights
+    scene: MitsubaScene,
+    mi: Mitsuba,
+    counts: Sequence[int],
+    names: Sequence[str],
+    weights: Weights,
+    *,
+    soft: bool = False,
 ) -> tuple[FloatArray, IntArray]:
     """Return luma that each triangle emits from its front (t), and which of the groups of lights it belongs to (t).
 
@@ -180,11 +186,12 @@ def emissions(
         counts: of the triangles of the scene's shapes.
         names: of the groups, see :func:`light_groups`.
         weights: of linear red, green and blue in luma.
+        soft: what shapes emit is in their textures.
     """
     luma, group = [], []
     for shape, count in zip(scene.shapes(), counts, strict=True):
         radiance, number = 0.0, 0
-        if shape.is_emitter():
+        if shape.is_emitter() and not soft:
             radiance = float(_rgb(mi.traverse(shape.emitter())["radiance.value"]) @ weights)
             number = group_of(area_light_name(shape), names)
         luma.append(np.full(count, radiance))
