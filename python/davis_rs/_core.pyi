@@ -798,6 +798,8 @@ class SceneRenderer:
         normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
         textures: uint32 (t), the number of the triangle's texture.
         two_sided: uint32 (t), 1 where the back of the triangle reflects too.
+        culled: uint32 (t), 1 where the back is culled: from behind, neither a camera nor a mirror sees the triangle,
+            which throws shadows all the same; None where no triangle is so.
         frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
         frame_count: frames in all, with the world's.
         layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
@@ -850,6 +852,7 @@ class SceneRenderer:
         normal_maps: npt.NDArray[np.float64] | None,
         textures: npt.NDArray[np.uint32],
         two_sided: npt.NDArray[np.uint32],
+        culled: npt.NDArray[np.uint32] | None = None,
         frames: npt.NDArray[np.uint32],
         frame_count: int,
         layouts: npt.NDArray[np.int64],

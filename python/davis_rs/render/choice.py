@@ -155,6 +155,7 @@ class NoiseFreeKind(RendererKind):
             finishes=finishes,
             reflections=scene.reflections,
             emission=light_groups(loaded, list(motion.lights)) if scene.soft_light else None,
+            one_sided=scene.one_sided,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
         told = made.description + _ramps_told(table.textures)
@@ -170,7 +171,7 @@ class NativeKind(NoiseFreeKind):
     def make(self, request: _RendererRequest) -> Renderer:
         scene = request.scene
         with variant(SCALAR) as (mi, _):
-            looks = scene.matte, scene.shadows, scene.reflections
+            looks = scene.matte, scene.shadows, scene.reflections, scene.one_sided
             known = scene.source, looks, request.by_name, (*scene.objects, *scene.deformations), request.weights
 
             def make() -> _SceneTables:

@@ -15,7 +15,7 @@ MEAN_EMISSION = "light of their own that differs from place to place (its mean i
 METAL = "metal"
 BUMPS = "normal maps"
 BACKS = "backs that cannot be seen (they are seen from both sides)"
-"""The look of one-sided surfaces; lost only where the camera sees the other side."""
+"""The look of one-sided surfaces; lost only where the camera sees the other side, which the native renderer culls."""
 _NAMED = 4
 """How many names a message gives."""
 
@@ -45,7 +45,7 @@ def lost_looks(parts: Mapping[str, MeshPart]) -> tuple[LostLook, ...]:
     """Collect the lost looks of parts, which are given by the ids of their shapes."""
     by_kind: dict[str, tuple[dict[str, None], list[str]]] = {}
     for shape, part in parts.items():
-        for look in part.lost:
+        for look in (*part.lost, BACKS) if part.one_sided else part.lost:
             materials, shapes = by_kind.setdefault(look, ({}, []))
             materials[part.material] = None
             shapes.append(shape)

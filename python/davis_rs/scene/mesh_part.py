@@ -80,6 +80,8 @@ class MeshPart(NamedTuple):
         unlit: it reflects nothing, and emits what ``reflectance`` or ``colours`` say.
         blend: how much of its area it covers; None where it is opaque. A part that blends is diffuse.
         glass: what it does to light; None where it is opaque. Then ``reflectance`` does not count.
+        one_sided: its back is culled, which is the side on which a triangle's corners run clockwise: from behind, one
+            sees through it.
     """
 
     corners: FloatArray
@@ -97,6 +99,7 @@ class MeshPart(NamedTuple):
     unlit: bool = False
     blend: Blend | None = None
     glass: Glass | None = None
+    one_sided: bool = False
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

@@ -63,12 +63,15 @@ class Scene:
             sky, with what hides it, of surfaces that emit, and the light that bounces, if that is quick; otherwise its
             light is direct, that of the sky throws no shadow, and what surfaces emit is seen but lights nothing. They
             emit from both sides.
+        one_sided: the ids of shapes whose backs are culled: from behind, one sees through them, as glTF says of
+            materials that are not double-sided. Their light and their shadows are those of both sides. Only the native
+            renderer culls, under direct and baked light; the others show both sides.
         biases: of a sequence of the public dataset: the set of biases, a key of :data:`~davis_rs.BIAS_SETS`, that its
             recording was made with. ``sensor="recorded"`` takes the sensor that follows from it.
         variables: of the file, the values that were given for its variables; for records.
         note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
-        lost_looks: looks of shapes in the file that no renderer shows. A simulator warns of them, with the fraction
-            of the image that each concerns.
+        lost_looks: looks of shapes in the file that are not shown by every renderer, or by none. A simulator
+            warns of those that its renderer does not show, with the fraction of the image that each concerns.
     """
 
     name: str
@@ -90,6 +93,7 @@ class Scene:
     matte: bool = False
     reflections: bool = False
     soft_light: bool = False
+    one_sided: tuple[str, ...] = ()
     biases: str | None = None
     variables: Mapping[str, str] = field(default_factory=dict)
     note: str = ""

@@ -98,6 +98,11 @@ pub(super) fn numbers<T: Element + Copy>(array: &Bound<'_, PyAny>, name: &str) -
     Ok(column(array, name)?.as_slice()?.to_vec())
 }
 
+/// Returns which of an array's numbers are not 0.
+pub(super) fn flags(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<bool>> {
+    Ok(column::<u32>(array, name)?.as_slice()?.iter().map(|&flag| flag != 0).collect())
+}
+
 /// Returns the numbers of each array of a list.
 pub(super) fn lists<T: Element + Copy>(arrays: &[Bound<'_, PyAny>], name: &str) -> PyResult<Vec<Vec<T>>> {
     arrays.iter().map(|array| numbers(array, name)).collect()

@@ -828,6 +828,45 @@ mod tests {
             .collect()
     }
 
+    /// A triangle whose back is culled is as good as gone for a camera behind it, whichever way it is looked for.
+    #[test]
+    fn culled_backs_are_not_there() {
+        let (width, height, lines) = (37, 21, LinePattern::new(8).unwrap());
+        let (rays, middles) = (grid(width, height, &[[0.1, 0.6], [0.6, 0.1]]), grid(width, height, &[[0.5; 2]]));
+        let corners = grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]);
+        let pixels = width * height;
+        for (seed, count, beams) in [(1, 5, true), (2, 60, false), (3, 60, true), (4, 2_000, false), (5, 2_000, true)] {
+            let mut numbers = Numbers(seed);
+            let mut whole = SceneTables { shadows: false, ..tables(&mut numbers, count) };
+            whole.culled = (0..count).map(|i| i > 0 && numbers.next() > -0.5).collect();
+            for view in line_views(&mut numbers) {
+                let mut left = SceneTables { culled: vec![], ..whole.clone() };
+                let behind = |i: usize| {
+                    let ([x, y, z], plane) = (view.poses[whole.frames[i] as usize].position, whole.planes[i]);
+                    plane[0] * x + plane[1] * y + plane[2] * z + plane[3] < 0.0
+                };
+                // Off the image, where no ray meets it.
+                for i in (0..count).filter(|&i| whole.culled[i] && behind(i)) {
+                    left.corners.to_mut()[i] = [[0.0; 3]; 3];
+                }
+                let seen = [&whole, &left].map(|tables| {
+                    let mut renderer = Renderer::new(Scene::new(tables).unwrap(), Some(1)).unwrap();
+                    let views = std::slice::from_ref(&view);
+                    let (mut luma, mut by_lines) = (vec![0f32; pixels], vec![0f32; pixels]);
+                    let (mut depth, mut numbers) = (vec![0f32; pixels], vec![0u32; pixels]);
+                    renderer.line_luma(&corners, &lines, views, &mut by_lines).unwrap();
+                    renderer.ways.beams = beams;
+                    renderer.luma(&rays, views, &mut luma, None).unwrap();
+                    renderer.depth(&middles, views, &mut depth, &mut numbers).unwrap();
+                    (luma, by_lines, depth, numbers)
+                });
+                let [(luma, by_lines, depth, numbers), gone] = &seen;
+                assert_eq!((luma, depth, numbers), (&gone.0, &gone.2, &gone.3));
+                assert!(by_lines.iter().zip(&gone.1).all(|(a, b)| (a - b).abs() <= 1e-5 * a.abs().max(1.0)));
+            }
+        }
+    }
+
     /// Luma by lines is that of 987 rays, with the edges of triangles and of their shadows, on a body that moves too; also
     /// behind a lens with distortion.
     #[test]

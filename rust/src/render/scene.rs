@@ -72,6 +72,9 @@ pub struct SceneTables<'a> {
     pub textures: Vec<u32>,
     /// Whether the back reflects too.
     pub two_sided: Vec<bool>,
+    /// Whether the back is culled: from behind, neither a camera nor a mirror sees the triangle, and both see what lies
+    /// behind it. It throws shadows all the same. Empty where no triangle is so.
+    pub culled: Vec<bool>,
     /// The frame: 0 for what stands still in the world, 1, 2, ... for bodies.
     pub frames: Vec<u32>,
     /// How many frames there are.
@@ -113,6 +116,8 @@ pub(crate) struct Surface {
     pub(crate) normal: Option<Box<[[f64; 4]; 3]>>,
     pub(crate) texture: u32,
     pub(crate) two_sided: bool,
+    /// Whether its back is not seen.
+    pub(crate) culled: bool,
     pub(crate) frame: u32,
     /// Of the front and the back; None where no light is baked.
     pub(crate) light_maps: Option<Box<[SideMap; 2]>>,
@@ -242,6 +247,7 @@ impl Scene {
                 normal: normal.map(Box::new),
                 texture: tables.textures[i],
                 two_sided: tables.two_sided[i],
+                culled: tables.culled.get(i).is_some_and(|culled| *culled),
                 #[allow(clippy::cast_possible_truncation, reason = "it came as u32")]
                 frame: frame as u32,
                 light_maps: light_maps.get(i).map(|sides| {
@@ -316,6 +322,13 @@ impl Scene {
     }
 }
 
+/// Returns whether a camera at this height above a triangle's plane cannot see it: from its side, or from behind where
+/// its back is culled.
+#[inline]
+pub(crate) fn is_hidden(culled: bool, height: f64) -> bool {
+    height == 0.0 || culled && height < 0.0
+}
+
 /// Returns whether a triangle can be hit: its corners are finite, and it has an area.
 pub(crate) fn has_area(corners: &[Vector; 3]) -> bool {
     let [a, b, c] = *corners;
@@ -343,6 +356,7 @@ fn check(tables: &SceneTables) -> Result<()> {
         ("v_maps", tables.v_maps.len()),
         ("textures", tables.textures.len()),
         ("two_sided", tables.two_sided.len()),
+        ("culled", if tables.culled.is_empty() { n } else { tables.culled.len() }),
         ("frames", tables.frames.len()),
         ("emissions", if tables.emissions.is_empty() { n } else { tables.emissions.len() }),
         ("normal_maps", if tables.normal_maps.is_empty() { n } else { tables.normal_maps.len() }),

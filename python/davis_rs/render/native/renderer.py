@@ -318,6 +318,7 @@ def _core_of(table: SceneTable, threads: int | None) -> SceneRenderer:
         normal_maps=None if table.normal_maps is None else table.normal_maps.ravel(),
         textures=textures.texture_of,
         two_sided=table.two_sided,
+        culled=table.culled,
         frames=table.frames,
         frame_count=1 + len(table.moving),
         layouts=textures.framed_sizes.astype(np.int64).ravel(),

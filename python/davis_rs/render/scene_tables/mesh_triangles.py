@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -133,6 +133,20 @@ class MeshTriangles:
         map_of = self.normal_maps()[0][number]
         ours = map_of[:, :3] @ self.corners[number].mean(0) + map_of[:, 3]
         return bool(ours @ theirs < 0)
+
+
+def culled_triangles(
+    names: Sequence[str], counts: Sequence[int], one_sided: Sequence[str]
+) -> npt.NDArray[np.uint32] | None:
+    """Return 1 for each triangle whose back is culled, else 0; None where there is none.
+
+    Args:
+        names: the ids of the shapes.
+        counts: how many triangles each has.
+        one_sided: the ids of those whose backs are culled.
+    """
+    culled = np.isin(names, one_sided)
+    return np.repeat(culled.astype(np.uint32), counts) if culled.any() else None
 
 
 def flat_normal_maps(normals: FloatArray) -> FloatArray:

@@ -41,7 +41,7 @@ from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
 from .deforming_meshes import DeformingMesh
 from .gloss_table import CoreGloss, gloss_table
-from .mesh_triangles import MeshTriangles, flat_normal_maps
+from .mesh_triangles import MeshTriangles, culled_triangles, flat_normal_maps
 from .scene_texture import Added, TextureTable
 
 FloatArray = npt.NDArray[np.float64]
@@ -94,6 +94,7 @@ class SceneTable:
         emission: the names of the groups of lights, see :func:`~..baked.lights.light_groups`. Then area lights are
             shown from both sides, also by textures, and light of theirs that falls on other surfaces comes from a bake
             alone. None: they need a bake to be shown at all.
+        one_sided: the ids of the shapes whose backs are culled.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -107,6 +108,7 @@ class SceneTable:
         normal_maps: float64 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
         textures: the textures, and which one each record has.
         two_sided: uint32 (n), 1 where the back of the surface reflects too.
+        culled: uint32 (n), 1 where the native renderer sees through the back; None where no shape is so.
         frames: uint32 (n), 0 for what stands still, 1, 2, ... for the shapes of ``moving``.
         moving: the ids of the shapes that move.
         deforming: what does not change of the meshes that deform.
@@ -137,6 +139,7 @@ class SceneTable:
         finishes: Mapping[MitsubaBsdf, Finish] | None = None,
         reflections: bool = False,
         emission: Sequence[str] | None = None,
+        one_sided: Sequence[str] = (),
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._weights = np.asarray(weights)
@@ -185,10 +188,12 @@ class SceneTable:
         if finishes:
             self.gloss = gloss_table(scene, finishes, self.counts, baked=baked, reflections=reflections)
         self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
+        self.culled = culled_triangles(self.names, self.counts, one_sided)
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
         self.deforming: list[DeformingMesh] = []
-        self._add_triangles(list(zip(scene.shapes(), surfaces, strict=True)), mi, baked=baked, deforming=deforming)
+        shapes = list(zip(scene.shapes(), surfaces, strict=True))
+        self._add_triangles(shapes, mi, baked=baked, deforming=deforming, one_sided=one_sided)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
         self.baked: BakedLight | None = None
 
@@ -205,13 +210,20 @@ class SceneTable:
             say(line)
 
     def _add_triangles(
-        self, shapes: Sequence[tuple[MitsubaShape, Added]], mi: Mitsuba, *, baked: bool, deforming: Sequence[str]
+        self,
+        shapes: Sequence[tuple[MitsubaShape, Added]],
+        mi: Mitsuba,
+        *,
+        baked: bool,
+        deforming: Sequence[str],
+        one_sided: Sequence[str],
     ) -> None:
         """Compute what each triangle has, a part of a mesh at a time.
 
         Args:
             shapes: each with what its reflectance says.
             deforming: ids of those whose meshes deform.
+            one_sided: ids of those whose backs are culled; the order of their corners says which side that is.
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
@@ -222,7 +234,8 @@ class SceneTable:
         for (shape, added), (_, width, height, _), uv_map in sizes:
             of_shape, parts = first, list[MeshTriangles]()
             # Which side is the front matters only where the back is another, or the front alone emits.
-            turned = None if not added.two_sided or (baked and shape.is_emitter()) else False
+            matters = not added.two_sided or (baked and shape.is_emitter())
+            turned = None if matters and shape.id() not in one_sided else False
             for part in MeshTriangles.parts(shape, added.uv):
                 turned = part.is_turned(shape, mi) if turned is None else turned
                 if shape.id() in deforming:

@@ -29,6 +29,7 @@ def lost_look_fractions(scene: Scene, camera: Camera, renderer: Renderer | None 
 
     Args:
         renderer: a renderer of the scene, if there is one. Unless it is a native one, the scene is loaded again.
+            Without one, backs are culled, as the native renderer does.
 
     Returns:
         For each look a fraction from 0 to 1, of a grid of pixels at a few instants of the path, or at the camera's
@@ -47,7 +48,7 @@ def lost_look_fractions(scene: Scene, camera: Camera, renderer: Renderer | None 
         shape, back = renderer.shapes_seen(views, view, pixel)
     else:
         try:
-            surfaces = SceneSurfaces(scene, camera)
+            surfaces = SceneSurfaces(scene, camera, culled=renderer is None)
         except ValueError:
             return fractions
         seen = surfaces.of_pixels(views, view, pixel)

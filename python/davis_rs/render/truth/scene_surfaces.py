@@ -22,7 +22,7 @@ from ..primitives import triangulated
 from ..rays.camera_rays import pixel_centres, pixel_rays, ray_table
 from ..rays.shadow_rays import END, STEP, scene_centre
 from ..scene_tables.deforming_meshes import DeformingMesh, DeformingMeshes
-from ..scene_tables.mesh_triangles import MeshTriangles
+from ..scene_tables.mesh_triangles import MeshTriangles, culled_triangles
 
 _MOST_SHAPES = 65_535
 
@@ -58,6 +58,7 @@ class SceneSurfaces:
     Args:
         scene: made of triangles alone.
         camera: its lens and size.
+        culled: backs of :attr:`Scene.one_sided` are culled, as the native renderer does.
         threads: number of threads; None for all processors.
 
     Attributes:
@@ -70,7 +71,7 @@ class SceneSurfaces:
         OSError: if a scene file cannot be read.
     """
 
-    def __init__(self, scene: Scene, camera: Camera, *, threads: int | None = None) -> None:
+    def __init__(self, scene: Scene, camera: Camera, *, culled: bool = True, threads: int | None = None) -> None:
         self.camera = camera
         with variant(SCALAR) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
@@ -111,6 +112,7 @@ class SceneSurfaces:
             normal_maps=None,
             textures=np.zeros(count, np.uint32),
             two_sided=np.ones(count, np.uint32),
+            culled=culled_triangles(self.names, counts, scene.one_sided if culled else ()),
             frames=frames,
             frame_count=1 + len(moving),
             layouts=np.array([0, 1, 1, 0], np.int64),

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import BACKS, BUMPS, MEAN_EMISSION, METAL
+from ..lost_looks import BUMPS, MEAN_EMISSION, METAL
 from ..mesh_part import Blend, Glass, MetalRoughness
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
@@ -64,6 +64,7 @@ class GltfMaterial(NamedTuple):
         glass: what it does to light as clear glass; None where it is opaque.
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides; None where it is diffuse.
+        one_sided: its back is culled.
     """
 
     name: str
@@ -83,6 +84,7 @@ class GltfMaterial(NamedTuple):
     unlit: bool = False
     blend: Blend | None = None
     glass: Glass | None = None
+    one_sided: bool = False
 
 
 class GltfMaterials:
@@ -100,7 +102,7 @@ class GltfMaterials:
         return self._known[index]
 
     def _default(self) -> GltfMaterial:
-        return GltfMaterial("material", np.ones(3), np.ones(3), None, np.eye(2, 3), "repeat", ())
+        return GltfMaterial("material", np.ones(3), np.ones(3), None, np.eye(2, 3), "repeat", (), one_sided=True)
 
     def _read(self, index: int) -> GltfMaterial:
         file, where = self._file, f"materials[{index}]"
@@ -122,7 +124,8 @@ class GltfMaterials:
             made = self._transmissive(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
-        return made._replace(lost=tuple(lost))
+        # Through glass one sees its other side.
+        return made._replace(lost=tuple(lost), one_sided=item.doubleSided is not True and made.glass is None)
 
     def _masked(self, made: GltfMaterial, item: Item, factor: float, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with the mask that its alpha is, times a factor, and note what that does not show."""
@@ -333,8 +336,6 @@ class GltfMaterials:
                 yield BUMPS
             if item.occlusionTexture is not None:
                 yield "occlusion maps"
-        if item.doubleSided is not True:
-            yield BACKS
         yield from (plain(name)[1:-1] for name in extensions if name not in _UNTOLD)
 
 

@@ -407,4 +407,5 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         material.unlit,
         material.blend,
         material.glass,
+        material.one_sided,
     )

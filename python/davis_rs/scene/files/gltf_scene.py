@@ -176,6 +176,7 @@ class _GltfScene:
             soft_light=True,
             lux_per_luma=WHITE_LUX if lights else 1000.0,
             note=f"{file_name} is {size}; {shining}; {of_camera}; {_moving(objects, deformations)}{self._animations()}",
+            one_sided=tuple(name for name, part in shapes.items() if part.one_sided),
             lost_looks=(*lost_looks(shapes), *(LostLook(what, tuple(of)) for what, of in self.lost.items())),
         )
 

@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use super::scene_tables::{BeamTuple, beam_of};
-use crate::python::arrays::{column, grouped, groups, matrices, numbers};
+use crate::python::arrays::{column, flags, grouped, groups, matrices, numbers};
 use crate::render::{
     AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, ReflectedLight, SharpLight, SkyLight,
     SurfacePoint, SurfaceTables,
@@ -153,7 +153,7 @@ impl PyIrradianceSampler {
             shading_normals: matrices(&shading_normals, "shading_normals")?.into(),
             uv: matrices(&uv, "uv")?.into(),
             textures: numbers::<u32>(textures, "textures")?,
-            two_sided: numbers::<u32>(two_sided, "two_sided")?.into_iter().map(|flag| flag != 0).collect(),
+            two_sided: flags(two_sided, "two_sided")?,
             layouts: crate::python::arrays::groups(layouts, "layouts")?,
             texels: grouped(&texels, "texels")?.into(),
         };

@@ -12,7 +12,7 @@ use super::scene_tables::{
     numbered, sky_map,
 };
 use super::views::{Views, view_pixels, views_of};
-use crate::python::arrays::{column, grouped, groups, lists, matrices, numbers};
+use crate::python::arrays::{column, flags, grouped, groups, lists, matrices, numbers};
 use crate::render::{
     BEFORE_LIGHTS, Deformed, EdgeTracks, GlossTables, LightMapTables, LinePattern, RayHit, Renderer, Scene,
     SceneTables, TrackSettings, View,
@@ -31,6 +31,8 @@ use crate::render::{
 ///     normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
 ///     textures: uint32 (t), the number of the triangle's texture.
 ///     two_sided: uint32 (t), 1 where the back of the triangle reflects too.
+///     culled: uint32 (t), 1 where the back is culled: from behind, neither a camera nor a mirror sees the triangle,
+///         which throws shadows all the same; None where no triangle is so.
 ///     frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
 ///     frame_count: frames in all, with the world's.
 ///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
@@ -109,6 +111,7 @@ impl PySceneRenderer {
         normal_maps,
         textures,
         two_sided,
+        culled=None,
         frames,
         frame_count,
         layouts,
@@ -133,6 +136,7 @@ impl PySceneRenderer {
         normal_maps: Option<&Bound<'_, PyAny>>,
         textures: &Bound<'_, PyAny>,
         two_sided: &Bound<'_, PyAny>,
+        culled: Option<&Bound<'_, PyAny>>,
         frames: &Bound<'_, PyAny>,
         frame_count: usize,
         layouts: &Bound<'_, PyAny>,
@@ -161,7 +165,8 @@ impl PySceneRenderer {
                 Some(maps) => matrices(maps, "normal_maps")?.into(),
             },
             textures: numbers::<u32>(textures, "textures")?,
-            two_sided: numbers::<u32>(two_sided, "two_sided")?.into_iter().map(|flag| flag != 0).collect(),
+            two_sided: flags(two_sided, "two_sided")?,
+            culled: culled.map_or(Ok(vec![]), |culled| flags(culled, "culled"))?,
             frames: numbers::<u32>(frames, "frames")?,
             frame_count,
             layouts: groups(layouts, "layouts")?,

@@ -13,7 +13,7 @@ use multiversion::multiversion;
 use crate::render::geometry::bvh::{Ahead, Boxes, Bvh, Leaves, Region, WIDTH, Waiting, below};
 use crate::render::geometry::vector::{Vector, cross, dot, scale, sub};
 use crate::render::geometry::view::View;
-use crate::render::scene::Scene;
+use crate::render::scene::{Scene, Surface, is_hidden};
 
 /// What of a distance is rounding.
 const ROUNDING: f64 = 1e-12;
@@ -38,7 +38,7 @@ struct Seen {
 }
 
 impl Seen {
-    /// Returns the candidate; None where the camera sees it from its side, or where it is not in the spot.
+    /// Returns the candidate; None where it is hidden by where the camera is, or not in the spot.
     fn new(scene: &Scene, view: &View, triangle: usize, spot: &Spot) -> Option<Self> {
         let surface = &scene.surfaces[triangle];
         let pose = &view.poses[surface.frame as usize];
@@ -46,7 +46,7 @@ impl Seen {
         let normal = [surface.plane[0], surface.plane[1], surface.plane[2]];
         let height = dot(normal, pose.position) + surface.plane[3];
         let volume = dot(a, cross(b, c));
-        if height == 0.0 || volume == 0.0 {
+        if is_hidden(surface.culled, height) || volume == 0.0 {
             return None;
         }
         // Of two triangles at an edge the function is the same but for its sign: no ray passes between them.
@@ -228,8 +228,11 @@ impl Leaves for Looking<'_> {
     #[inline(always)]
     fn look_at(&mut self, leaf: Range<usize>) {
         for triangle in self.first + leaf.start..self.first + leaf.end {
-            let (corners, plane) = (&self.scene.corners[triangle], &self.scene.surfaces[triangle].plane);
-            let Some(distance) = meets(corners, plane, self.ray) else { continue };
+            let Surface { plane, culled, .. } = &self.scene.surfaces[triangle];
+            let Some(distance) = meets(&self.scene.corners[triangle], plane, self.ray) else { continue };
+            if *culled && dot([plane[0], plane[1], plane[2]], self.ray.direction) > 0.0 {
+                continue;
+            }
             if triangle != self.but as usize && distance > self.after && distance < self.distance {
                 #[allow(clippy::cast_possible_truncation, reason = "a scene has fewer than 2^30 triangles")]
                 let number = triangle as u32;

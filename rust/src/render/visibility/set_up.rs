@@ -10,7 +10,7 @@ use crate::render::geometry::bvh::WIDTH;
 use crate::render::geometry::linear::Linear;
 use crate::render::geometry::vector::Vector;
 use crate::render::geometry::view::Pose;
-use crate::render::scene::Scene;
+use crate::render::scene::{Scene, Surface, is_hidden};
 
 /// A number of each triangle.
 type Numbers = [f64; WIDTH];
@@ -117,7 +117,7 @@ impl Pending {
     }
 
     /// Sets up those that were added, and forgets them. Each is handed to `work` with its position among them, but for
-    /// those that are seen from their side.
+    /// those that are hidden by where the camera is.
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
     pub(super) fn set_up(&mut self, scene: &Scene, pose: &Pose, work: &mut impl SetUp) {
@@ -125,14 +125,15 @@ impl Pending {
         let edges = [cross(b, c), cross(c, a), cross(a, b)];
         let (determinants, longest, widest) = (dot(a, &edges[0]), largest(a), largest(&edges[0]));
         let mut normals = [[0.0; WIDTH]; 3];
-        let mut heights = [0.0; WIDTH];
+        let (mut heights, mut hidden) = ([0.0; WIDTH], [false; WIDTH]);
         for i in 0..self.count {
-            let plane = &scene.surfaces[self.triangles[i] as usize].plane;
+            let Surface { plane, culled, .. } = &scene.surfaces[self.triangles[i] as usize];
             for axis in 0..3 {
                 normals[axis][i] = plane[axis];
             }
             let [x, y, z] = pose.position;
             heights[i] = plane[0] * x + plane[1] * y + plane[2] * z + plane[3];
+            hidden[i] = is_hidden(*culled, heights[i]);
         }
         let normals = turned(pose, &normals);
         let mut functions = [[[0f32; WIDTH]; 3]; 4];
@@ -146,7 +147,7 @@ impl Pending {
             }
         }
         for i in 0..self.count {
-            if determinants[i].abs() <= EDGE_ON * longest[i] * widest[i] || heights[i] == 0.0 {
+            if determinants[i].abs() <= EDGE_ON * longest[i] * widest[i] || hidden[i] {
                 continue;
             }
             let [a, b, c, inverse_depth] =
