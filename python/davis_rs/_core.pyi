@@ -833,6 +833,11 @@ class SceneRenderer:
             and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
             (``solid``, [index]), (``sheet``, [index]) or (``blend``, [opacity], whose texture takes the place of
             that of roughness).
+        normal_textures: which way the texels of surfaces face; None where no surface has any. uint32 (textures), the
+            number of the normal texture on the same triangles, 2^32 - 1 for none; layouts, as those of textures; uint16
+            (texels, 3), components along the tangent, the second tangent and the normal, from -1 (0) to 1 (65,535); for
+            each, whether light fades where a turned normal faces it and the surface hardly does; and whether all follow
+            glTF's rule for mirrored texture coordinates and backs, or Mitsuba's.
         shadows: whether point and directional lights throw shadows.
         centre: (3), metres, the middle of the scene.
         step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
@@ -887,6 +892,8 @@ class SceneRenderer:
             tuple[list[list[int]], npt.NDArray[np.float32]],
             tuple[npt.NDArray[np.uint32], list[list[int]], list[int], npt.NDArray[np.float32]],
         ]
+        | None = None,
+        normal_textures: tuple[npt.NDArray[np.uint32], list[list[int]], npt.NDArray[np.uint16], list[bool], bool]
         | None = None,
         shadows: bool,
         centre: list[float],

@@ -90,6 +90,9 @@ NOT_RUN = {
     "davis-rs hard-cases -o docs": "the same",
     "davis-rs reproduce RECORDING -o DIR": "needs a recording with frames; tests/reproduction runs it",
     "davis-rs reproduce davis346_sample.aedat4 -o DIR --fit both": "needs the recording that it names",
+    "davis-rs simulate slider_close --sensor one_ms.yaml --frame-rate 40 -o slider": "needs the sensor file that its "
+    "sentence describes, and takes minutes; tests/sensors/test_sensor_fit.py fits others",
+    "davis-rs calibrate sensor slider --lux 134 --base one_ms.yaml -o fitted.yaml": "the same",
     "davis-rs calibrate KIND DIR": "needs a checkerboard's dataset; docs/calibration.md's lines are run",
     "davis-rs calibrate intrinsics | hand-eye | camera-imu DIR": "the same",
 }

@@ -356,7 +356,12 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
     """Of materials by their names, of the rest by what it is; a plain file has none, nor what only looks like one."""
     gltf = Gltf(extensionsUsed=["KHR_materials_clearcoat", "ACME_fog", "KHR_texture_basisu", "EXT_mesh_features"])
     coat = {"extensions": {"KHR_materials_clearcoat": {}, "KHR_materials_emissive_strength": {"emissiveStrength": 2}}}
-    shiny = {"occlusionTexture": {"index": 0}, "normalTexture": {"index": 0}, "alphaMode": "BLEND", **coat}
+    shiny = {
+        "occlusionTexture": {"index": 0},
+        "normalTexture": {"index": 0, "texCoord": 1},
+        "alphaMode": "BLEND",
+        **coat,
+    }
     image = gltf.texture({"bufferView": gltf.view(png(np.full((2, 2, 4), 100)))}, {"magFilter": 9728, "wrapT": 33071})
     glass = gltf.material("glass", baseColorTexture=image, metallicFactor=1.0, double_sided=False, more=shiny)
     pane = gltf.material("pane", baseColorTexture=image, more={"alphaMode": "BLEND"})
@@ -428,10 +433,11 @@ def halves(**right: Any) -> Gltf:
 
 
 def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
-    """Half of the pixels see bumps and nothing sees a lamp: in one line, which meta.json repeats."""
-    gltf = halves(more={"normalTexture": {"index": 0}})
+    """Half of the pixels see what has an occlusion map, nothing sees a lamp: in one line, which meta.json repeats."""
+    gltf = halves(more={"occlusionTexture": {"index": 0}})
     gltf.node(
-        mesh=quad(gltf, material=gltf.material("lamp", more={"occlusionTexture": {"index": 0}})), translation=[0, 0, 9]
+        mesh=quad(gltf, material=gltf.material("lamp", more={"extensions": {"KHR_materials_sheen": {}}})),
+        translation=[0, 0, 9],
     )
     gltf.light({"type": "point", "intensity": 1.0, "range": 3.0}, name="bulb", translation=[0, 0, 5])
     scene = saved(gltf, tmp_path)
@@ -440,19 +446,19 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
     (warning,) = caught
     assert str(warning.message) == (
         f"{tmp_path / 'scene.glb'}: these looks are lost, with their fraction of "
-        "the image along the camera path: normal maps of right (50 %); not in view: occlusion maps of lamp; "
+        "the image along the camera path: occlusion maps of right (50 %); not in view: KHR_materials_sheen of lamp; "
         "fraction not known: the range of the light (it shines without end) of bulb"
     )
     assert simulator.describe()["lost_looks"] == {
-        "normal maps of right": 0.5,
-        "occlusion maps of lamp": 0.0,
+        "occlusion maps of right": 0.5,
+        "KHR_materials_sheen of lamp": 0.0,
         "the range of the light (it shines without end) of bulb": None,
     }
 
 
 def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> None:
     """Where nothing says where the camera is, and where a shape is not made of triangles; the looks are told."""
-    scene = saved(halves(more={"normalTexture": {"index": 0}}), tmp_path)
+    scene = saved(halves(more={"occlusionTexture": {"index": 0}}), tmp_path)
     (look,) = scene.lost_looks
     assert lost_look_fractions(scene, scene.own_camera) == {look: 0.5}
     assert lost_look_fractions(replace(scene, trajectory=None), scene.own_camera) == {look: 0.5}  # at its start
@@ -465,14 +471,16 @@ def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> Non
 
     changed = replace(scene, source=with_field)
     assert lost_look_fractions(changed, scene.own_camera) == {look: None}
-    with pytest.warns(LostLookWarning, match=r"fraction not known: normal maps of right$"):
+    with pytest.warns(LostLookWarning, match=r"fraction not known: occlusion maps of right$"):
         Simulator(changed, rays_per_pixel=1)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_backs_are_lost_only_where_they_are_seen(tmp_path: Path, mirrored: bool) -> None:
-    """A one-sided square from its front is as it should be; so is its mirror image; turned round, it is not: Mitsuba shows its
-    back."""
+    """A one-sided square from its front is as it should be; so is its mirror image; turned round, it is not.
+
+    Mitsuba shows its back.
+    """
     gltf = halves(double_sided=False)
     gltf.document["nodes"][1]["scale"] = [-1, 1, 1] if mirrored else [1, 1, 1]
     with warnings.catch_warnings():

@@ -33,6 +33,7 @@ from .native.renderer import NativeRenderer
 from .obstacles import Obstacle, Obstacles, Unsuitable, listed
 from .primitives import triangulated
 from .scene_cache import cached
+from .scene_tables.normal_textures import NormalTextures
 from .scene_tables.scene_table import SceneTable
 from .scene_tables.scene_texture import TextureTable
 from .table.renderer import TableRenderer
@@ -134,7 +135,7 @@ class NoiseFreeKind(RendererKind):
             # Its other variants may have the plugin.
             raise Unsuitable(f"{mi.variant()} cannot load it") from error
         loaded, motion, view, made = triangulated(scene, camera, loaded, mi)
-        replaced, finishes = simplify_materials(
+        replaced, finishes, normal_textures = simplify_materials(
             loaded, mi, matte=scene.matte, glossy=self.glossy, may_blend=_may_blend(scene, loaded)
         )
         obstacles = Obstacles()
@@ -156,6 +157,7 @@ class NoiseFreeKind(RendererKind):
             reflections=scene.reflections,
             emission=light_groups(loaded, list(motion.lights)) if scene.soft_light else None,
             one_sided=scene.one_sided,
+            normal_textures=NormalTextures(normal_textures, like_gltf=scene.soft_light),
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
         told = made.description + _ramps_told(table.textures)

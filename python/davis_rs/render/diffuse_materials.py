@@ -41,6 +41,22 @@ _TRANSMITTED = ("spec_trans", "diff_trans")
 
 _BUMPS = {"BumpMap": "bumpmap", "NormalMap": "normalmap"}
 _FLAT_NORMAL = (0.5, 0.5, 1.0)
+_FLAT = 0.51 / 255
+"""How far texels of 8 bits may be from it: they cannot say 0.5."""
+_GRAZING = 64
+"""Points and directions at which two materials are compared."""
+
+
+class NormalTexture(NamedTuple):
+    """Holds what turns a surface's normal, as Mitsuba's ``normalmap`` has it.
+
+    Attributes:
+        texture: Mitsuba's own object.
+        fades: light fades where a turned normal faces it and the surface hardly does (``use_shadowing_function``).
+    """
+
+    texture: MitsubaTexture
+    fades: bool
 
 
 class _DiffuseMaterial(NamedTuple):
@@ -51,12 +67,14 @@ class _DiffuseMaterial(NamedTuple):
         two_sided: seen from both sides.
         lost: the plugins whose effect it leaves out; empty where it looks the same.
         finish: how it reflects besides that colour; None where it is diffuse.
+        normal_texture: what turns its normal; None where nothing does.
     """
 
     colour: MitsubaTexture
     two_sided: bool
     lost: tuple[str, ...]
     finish: Finish | None = None
+    normal_texture: NormalTexture | None = None
 
 
 class Simplified(NamedTuple):
@@ -65,10 +83,12 @@ class Simplified(NamedTuple):
     Attributes:
         replaced: the names of the materials that ``matte`` replaced, each with its plugin.
         finishes: for those that stand for glossy materials, how they reflect; their reflectance is the base colour.
+        normal_textures: for those that stand for materials with a normal texture, that texture.
     """
 
     replaced: tuple[str, ...]
     finishes: dict[MitsubaBsdf, Finish]
+    normal_textures: dict[MitsubaBsdf, NormalTexture]
 
 
 def simplify_materials(
@@ -84,13 +104,15 @@ def simplify_materials(
     Args:
         scene: loaded under the variant in force; it is changed.
         matte: replace materials that have a diffuse colour by that colour alone.
-        glossy: replace glossy materials that have a finish by their base colours, and tell the finishes.
+        glossy: replace glossy materials that have a finish by their base colours, and tell the finishes; and replace
+            those with a normal texture by what is inside, and tell the textures.
         may_blend: says of a shape whether a part of what lies behind it may be seen through it.
     """
     replaced = dict[str, None]()
     known: dict[MitsubaBsdf, _DiffuseMaterial | None] = {}
     made: dict[MitsubaBsdf, MitsubaBsdf] = {}
     finishes: dict[MitsubaBsdf, Finish] = {}
+    normal_textures: dict[MitsubaBsdf, NormalTexture] = {}
     for shape in scene.shapes():
         bsdf = shape.bsdf()
         if bsdf is None or is_plain(bsdf):
@@ -111,8 +133,10 @@ def simplify_materials(
             made[bsdf] = mi.load_dict({"type": "twosided", "nested": plain} if diffuse.two_sided else plain)
             if diffuse.finish is not None:
                 finishes[made[bsdf]] = diffuse.finish
+            if diffuse.normal_texture is not None:
+                normal_textures[made[bsdf]] = diffuse.normal_texture
         shape.set_bsdf(made[bsdf])
-    return Simplified(tuple(replaced), finishes)
+    return Simplified(tuple(replaced), finishes, normal_textures)
 
 
 def surface_remedy(bsdf: MitsubaBsdf, mi: Mitsuba) -> str:
@@ -173,7 +197,7 @@ def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> 
         front, back = (_diffuse_within(inside[side], mi, glossy=glossy) for side in ("brdf_0", "brdf_1"))
         if front is None or back is None or front.finish != back.finish:
             return None
-        if not _same_colour(front.colour, back.colour, mi):
+        if not (_same(front.colour, back.colour, mi) and _turned_alike(front.normal_texture, back.normal_texture, mi)):
             return None
         return front._replace(two_sided=True, lost=tuple(dict.fromkeys(front.lost + back.lost)))
     if kind == "MaskBSDF":
@@ -193,6 +217,10 @@ def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> 
         nested = _diffuse_within(inside["nested_bsdf"], mi, glossy=glossy)
         if nested is None or _is_flat(kind, inside, mi):
             return nested
+        opaque = nested.finish is None or not nested.finish.is_clear
+        if glossy and kind == "NormalMap" and opaque and nested.normal_texture is None:
+            fades = _light_fades(bsdf, inside["normalmap"], inside["nested_bsdf"], mi)
+            return nested._replace(normal_texture=NormalTexture(inside["normalmap"], fades))
         return nested._replace(lost=(_BUMPS[kind], *nested.lost))
     return None
 
@@ -205,10 +233,36 @@ def _is_flat(kind: str, inside: dict[str, MitsubaObject], mi: Mitsuba) -> bool:
         return False
     if kind == "BumpMap":
         return bool(np.ptp(values) == 0)
-    return values.ndim == 3 and values.shape[2] >= 3 and bool((np.abs(values[..., :3] - _FLAT_NORMAL) < 1e-6).all())
+    return values.ndim == 3 and values.shape[2] >= 3 and bool((np.abs(values[..., :3] - _FLAT_NORMAL) < _FLAT).all())
 
 
-def _same_colour(first: MitsubaTexture, second: MitsubaTexture, mi: Mitsuba) -> bool:
+def _light_fades(bsdf: MitsubaBsdf, texture: MitsubaTexture, nested: MitsubaBsdf, mi: Mitsuba) -> bool:
+    """Return whether a material with a normal texture is darker under grazing light than without a shadowing function.
+
+    Mitsuba does not tell its setting, so it is compared with a material that has none.
+    """
+    without = {"type": "normalmap", "use_shadowing_function": False, "normalmap": texture, "nested_bsdf": nested}
+    materials, numbers = (bsdf, mi.load_dict(without)), np.random.RandomState(0)
+    context = mi.BSDFContext()
+    for u, v, angle in numbers.uniform(0, 1, (_GRAZING, 3)).tolist():
+        interaction = mi.SurfaceInteraction3f()
+        interaction.uv, interaction.wi, interaction.n = mi.Point2f(u, v), mi.Vector3f(0, 0, 1), mi.Normal3f(0, 0, 1)
+        interaction.dp_du, interaction.sh_frame = mi.Vector3f(1, 0, 0), mi.Frame3f(mi.Normal3f(0, 0, 1))
+        towards = mi.Vector3f(0.9 * np.cos(2 * np.pi * angle), 0.9 * np.sin(2 * np.pi * angle), np.sqrt(1 - 0.9**2))
+        own, other = (np.array(material.eval(context, interaction, towards)).ravel() for material in materials)
+        if (own < other * (1 - 1e-5)).any():
+            return True
+    return False
+
+
+def _turned_alike(first: NormalTexture | None, second: NormalTexture | None, mi: Mitsuba) -> bool:
+    if first is None or second is None:
+        return first is second
+    return first.fades == second.fades and _same(first.texture, second.texture, mi)
+
+
+def _same(first: MitsubaTexture, second: MitsubaTexture, mi: Mitsuba) -> bool:
+    """Return whether two textures look the same."""
     if first is second:
         return True
     ours, theirs = (dict(mi.traverse(texture)) for texture in (first, second))

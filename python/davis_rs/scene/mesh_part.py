@@ -60,6 +60,20 @@ class Glass(NamedTuple):
     is_solid: bool
 
 
+class NormalTexture(NamedTuple):
+    """Which way a part's normal is turned, in the tangent space of its texture coordinates.
+
+    Attributes:
+        texels: uint8 or float32 (H, W, 3), looked up where the base colour is: components along the tangent (to the
+            right in the picture), the second tangent (upwards in it) and the normal, from -1 (0) to 1 (255 of uint8, 1
+            of float32).
+        wrap: how the texels continue beyond their edges: repeat, clamp or mirror.
+    """
+
+    texels: npt.NDArray[np.uint8] | npt.NDArray[np.float32]
+    wrap: str = "repeat"
+
+
 class MeshPart(NamedTuple):
     """Holds triangles of one material.
 
@@ -82,6 +96,7 @@ class MeshPart(NamedTuple):
         glass: what it does to light; None where it is opaque. Then ``reflectance`` does not count.
         one_sided: its back is culled, which is the side on which a triangle's corners run clockwise: from behind, one
             sees through it.
+        normal_texture: what turns its normals; None where nothing does.
     """
 
     corners: FloatArray
@@ -100,6 +115,7 @@ class MeshPart(NamedTuple):
     blend: Blend | None = None
     glass: Glass | None = None
     one_sided: bool = False
+    normal_texture: NormalTexture | None = None
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba.types import MitsubaShape, MitsubaValue, SceneDictionary
 from ..geometry.pose import FloatArray
-from .mesh_part import Blend, Glass, MetalRoughness
+from .mesh_part import Blend, Glass, MetalRoughness, NormalTexture
 from .textures import Texture, bitmap, encoded_bitmap
 
 Window = tuple[float, float, float, float]
@@ -123,6 +123,7 @@ def shape(
     emission: Texture | FloatArray | None = None,
     blend: Blend | None = None,
     glass: Glass | None = None,
+    normal_texture: NormalTexture | None = None,
 ) -> MitsubaShape:
     """Make a Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
 
@@ -136,6 +137,7 @@ def shape(
         emission: radiance of an area light (``emitter``), a texture (H, W, 3) or a colour (3,); None for none.
         blend: how much of its area a diffuse surface covers; None where it is opaque.
         glass: what a surface of glass does to light, whatever its reflectance is; None where it is opaque.
+        normal_texture: what turns the normals of a surface that is not of glass; None where nothing does.
     """
     import mitsuba as mi
 
@@ -146,6 +148,10 @@ def shape(
     else:
         colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
     surface = {"type": "diffuse", "reflectance": colour} if metal is None else _metallic(colour, metal)
+    if normal_texture is not None:
+        # As other glTF viewers: light does not fade where bumps turn from it.
+        bumps: SceneDictionary = {"type": "normalmap", "use_shadowing_function": False, "nested": surface}
+        surface = {**bumps, "normalmap": _directions(normal_texture)}
     properties = mi.Properties()
     material: SceneDictionary = {"type": "twosided", "nested": surface}
     if blend is not None:
@@ -171,6 +177,15 @@ def _metallic(colour: SceneDictionary, metal: MetalRoughness) -> SceneDictionary
             values = metal.texels[..., channel : channel + 1] * np.float32(factor / 255)
             surface[name] = bitmap(mi.TensorXf(values), wrap=metal.wrap)
     return surface
+
+
+def _directions(normals: NormalTexture) -> SceneDictionary:
+    """Describe a normal texture for Mitsuba."""
+    import mitsuba as mi
+
+    if normals.texels.dtype != np.uint8:
+        return bitmap(mi.TensorXf(normals.texels), wrap=normals.wrap)
+    return encoded_bitmap(mi.Bitmap(normals.texels, mi.Bitmap.PixelFormat.RGB), raw=True, wrap=normals.wrap)
 
 
 def _clear(glass: Glass) -> SceneDictionary:

@@ -46,14 +46,17 @@ def bitmap(
     return texture if repeats is None else {**texture, "to_uv": np.diag([*repeats, 1.0])}
 
 
-def encoded_bitmap(data: MitsubaValue, *, wrap: str = "repeat", nearest: bool = False) -> SceneDictionary:
-    """Describe a texture for Mitsuba that keeps the 8 bits in sRGB of its file, a quarter of what linear light takes.
+def encoded_bitmap(
+    data: MitsubaValue, *, raw: bool = False, wrap: str = "repeat", nearest: bool = False
+) -> SceneDictionary:
+    """Describe a texture for Mitsuba that keeps the 8 bits of its file, a quarter of what linear light takes.
 
     Args:
         data: a ``mi.Bitmap`` of them.
+        raw: they are numbers from 0 to 1; else sRGB.
         wrap, nearest: as in :func:`bitmap`.
     """
-    texture = {"type": "bitmap", "raw": False, "format": "auto", "wrap_mode": wrap, "filter_type": _FILTERS[nearest]}
+    texture = {"type": "bitmap", "raw": raw, "format": "auto", "wrap_mode": wrap, "filter_type": _FILTERS[nearest]}
     return {**texture, "bitmap": data}
 
 

@@ -72,6 +72,8 @@ pub use irradiance::{
 };
 pub use light::beam::Beam;
 pub use light::light_map::{Emission, LightMapTables};
+#[cfg(feature = "python")]
+pub use light::normal_texture::NormalTextureTables;
 pub use light::sky::Sky;
 #[cfg(feature = "python")]
 pub use lines::pattern::LinePattern;

@@ -310,6 +310,16 @@ impl Renderer {
         )))
     }
 
+    /// Refuses a scene with glossy surfaces or normal textures, for what knows neither.
+    pub(crate) fn check_plain(&self, what: &str) -> Result<()> {
+        if self.scene.normal_textures.is_empty() {
+            return self.check_diffuse(what);
+        }
+        Err(Error::Argument(format!(
+            "{what} need a scene without normal textures, and this one has some: --matte (matte=True) leaves them out"
+        )))
+    }
+
     pub(crate) fn centred(&self, views: &[View]) -> Result<Vec<View>> {
         let (frames, lights) = (self.scene.frames(), self.scene.lights());
         match views.iter().find(|view| view.poses.len() != frames || view.factors.len() != lights) {

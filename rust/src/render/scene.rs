@@ -16,6 +16,7 @@ use super::geometry::view::View;
 use super::gloss::tables::{Gloss, GlossTables, Owner};
 use super::light::beam::Beam;
 use super::light::light_map::{Emission, LightMapTables, SideMap};
+use super::light::normal_texture::{Bumps, NormalTextureTables, NormalTextures};
 use super::light::sky::Sky;
 use super::light::texture::{self, Texture};
 use crate::error::{Error, Result};
@@ -83,6 +84,8 @@ pub struct SceneTables<'a> {
     pub layouts: Vec<[i64; 4]>,
     /// For each light colour all texels as luma; around each texture a frame of one texel, as its wrap mode has it.
     pub texels: Vec<Vec<f32>>,
+    /// Which way the texels of surfaces face.
+    pub normal_textures: NormalTextureTables,
     /// Irradiance that was computed beforehand.
     pub light_maps: LightMapTables,
     /// What triangles emit; empty where none does.
@@ -110,7 +113,7 @@ pub(crate) struct Surface {
     /// In the tables that the scene was made of.
     pub(crate) number: u32,
     pub(crate) plane: [f64; 4],
-    /// Affine maps of a point to the texture coordinates; None where the texture is the same everywhere.
+    /// Affine maps of a point to the texture coordinates; None where its textures are the same everywhere.
     pub(crate) uv: Option<Box<[[f64; 4]; 2]>>,
     /// None where the shading normal is the plane's.
     pub(crate) normal: Option<Box<[[f64; 4]; 3]>>,
@@ -150,6 +153,7 @@ pub struct Scene {
     pub(crate) textures: Vec<Texture>,
     /// Each with the one after it.
     pub(crate) texels: Vec<Vec<u64>>,
+    pub(crate) normal_textures: NormalTextures,
     /// Of the light maps, for each baked light.
     pub(crate) irradiance: Vec<Vec<u64>>,
     pub(crate) lights: Vec<Light>,
@@ -174,12 +178,14 @@ impl Scene {
         let textures = texture::checked(&tables.layouts, &tables.texels)?;
         check(tables)?;
         let light_maps = tables.light_maps.checked(tables.corners.len())?;
+        let normal_textures = NormalTextures::new(&tables.normal_textures, textures.len())?;
         let mut scene = Self {
             frames: vec![],
             corners: Vec::with_capacity(tables.corners.len()),
             surfaces: Vec::with_capacity(tables.corners.len()),
             textures,
             texels: tables.texels.iter().map(|group| texture::paired(group)).collect(),
+            normal_textures,
             irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map)).collect(),
             lights: tables.lights.clone(),
             sky: tables.sky.clone(),
@@ -232,7 +238,7 @@ impl Scene {
         let (bvh, order) = Bvh::new(own, parallel);
         let first = self.corners.len();
         let corners = |at: &u32| tables.corners[members[*at as usize]].map(|corner| sub(corner, centre));
-        let textures = &self.textures;
+        let (textures, normal_textures) = (&self.textures, &self.normal_textures);
         let surface = |at: &u32| {
             let i = members[*at as usize];
             let moved = |map: [f64; 4]| about(centre, map);
@@ -242,8 +248,9 @@ impl Scene {
                 #[allow(clippy::cast_possible_truncation, reason = "there are fewer triangles than 2^32")]
                 number: i as u32,
                 plane,
-                uv: (!textures[tables.textures[i] as usize].is_constant())
-                    .then(|| Box::new([moved(tables.u_maps[i]), moved(tables.v_maps[i])])),
+                uv: (!textures[tables.textures[i] as usize].is_constant()
+                    || normal_textures.of(tables.textures[i]).is_some())
+                .then(|| Box::new([moved(tables.u_maps[i]), moved(tables.v_maps[i])])),
                 normal: normal.map(Box::new),
                 texture: tables.textures[i],
                 two_sided: tables.two_sided[i],
@@ -286,6 +293,11 @@ impl Scene {
     /// Returns whether a triangle of the scene is shaded by [`gloss`](super::gloss), not as a diffuse one.
     pub(crate) fn is_glossy(&self, triangle: u32) -> bool {
         self.gloss.as_ref().is_some_and(|gloss| gloss.finish(triangle).is_some())
+    }
+
+    /// Returns what turns the normals of one of its surfaces; None where nothing does.
+    pub(crate) fn bumps<'a>(&'a self, surface: &'a Surface) -> Option<Bumps<'a>> {
+        self.normal_textures.on(surface.texture, surface.uv(), &surface.plane)
     }
 
     /// Returns a view with the camera where it is in the frames less their centres.

@@ -338,6 +338,7 @@ def _core_of(table: SceneTable, threads: int | None) -> SceneRenderer:
         emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
         sky=_sky(table),
         gloss=table.core_gloss(),
+        normal_textures=table.normal_textures.core(table.textures.sizes),
         shadows=table.shadows,
         centre=table.centre.tolist(),
         step=STEP,

@@ -42,6 +42,7 @@ from ..rays.shadow_rays import scene_centre
 from .deforming_meshes import DeformingMesh
 from .gloss_table import CoreGloss, gloss_table
 from .mesh_triangles import MeshTriangles, culled_triangles, flat_normal_maps
+from .normal_textures import NormalTextures
 from .scene_texture import Added, TextureTable
 
 FloatArray = npt.NDArray[np.float64]
@@ -95,6 +96,7 @@ class SceneTable:
             shown from both sides, also by textures, and light of theirs that falls on other surfaces comes from a bake
             alone. None: they need a bake to be shown at all.
         one_sided: the ids of the shapes whose backs are culled.
+        normal_textures: what turns the normals of shapes; the textures are read here. None: there are none.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -104,9 +106,10 @@ class SceneTable:
         corners: float64 (n, 3, 3), the triangles' corners, metres.
         planes: float64 (n, 4): unit normal and offset, n . p + offset = 0.
         u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1); 0
-            where a texture has one texel.
+            where a texture has one texel and there is no normal texture.
         normal_maps: float64 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
         textures: the textures, and which one each record has.
+        normal_textures: what turns normals.
         two_sided: uint32 (n), 1 where the back of the surface reflects too.
         culled: uint32 (n), 1 where the native renderer sees through the back; None where no shape is so.
         frames: uint32 (n), 0 for what stands still, 1, 2, ... for the shapes of ``moving``.
@@ -140,9 +143,11 @@ class SceneTable:
         reflections: bool = False,
         emission: Sequence[str] | None = None,
         one_sided: Sequence[str] = (),
+        normal_textures: NormalTextures | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._weights = np.asarray(weights)
+        self.normal_textures = normal_textures or NormalTextures({}, like_gltf=False)
         self._hides_lights = bool(getattr(integrator_of(scene), "hide_emitters", False))
         obstacles = Obstacles() if obstacles is None else obstacles
         if not any_integrator and not baked:
@@ -179,7 +184,9 @@ class SceneTable:
                 per_unit = None
                 if view is not None and view.known and faces:
                     per_unit = functools.partial(_pixels_per_unit, view, shape, read)
-                added = self.textures.add(shape, faces, read, per_unit, emission=shining.get(shape))
+                added = self.textures.add(
+                    shape, faces, read, per_unit, emission=shining.get(shape), normals=self.normal_textures
+                )
             self.counts.append(faces)
             surfaces.append(added)
         obstacles.refuse()
@@ -231,10 +238,12 @@ class SceneTable:
         self._mesh_uv = np.zeros((count, 4)), np.zeros((count, 4))
         smooth, smooth_parts = False, list[tuple[slice, FloatArray]]()
         sizes = zip(shapes, self.textures.sizes.tolist(), self.textures.uv_maps, strict=True)
-        for (shape, added), (_, width, height, _), uv_map in sizes:
+        for number, ((shape, added), (_, width, height, _), uv_map) in enumerate(sizes):
+            textured = (width, height) != (1, 1) or number in self.normal_textures
             of_shape, parts = first, list[MeshTriangles]()
             # Which side is the front matters only where the back is another, or the front alone emits.
             matters = not added.two_sided or (baked and shape.is_emitter())
+            matters |= number in self.normal_textures and not self.normal_textures.like_gltf
             turned = None if matters and shape.id() not in one_sided else False
             for part in MeshTriangles.parts(shape, added.uv):
                 turned = part.is_turned(shape, mi) if turned is None else turned
@@ -244,7 +253,7 @@ class SceneTable:
                 side, rows = -1.0 if turned else 1.0, slice(first, first + part.count)
                 first = rows.stop
                 self.corners[rows], self.planes[rows] = part.corners, part.planes() * side
-                if (width, height) != (1, 1):
+                if textured:
                     for table, maps in zip(self._mesh_uv, part.texture_maps(), strict=True):
                         table[rows] = maps
                 if part.vertex_normals is not None:
@@ -252,7 +261,6 @@ class SceneTable:
                     smooth |= is_smooth
                     smooth_parts.append((rows, maps * side))
             if parts:
-                textured = (width, height) != (1, 1)
                 self.deforming.append(
                     _deforming(shape, self.moving, of_shape, parts, uv_map if textured else None, side)
                 )

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ..._mitsuba.types import Mitsuba, MitsubaParameters, MitsubaShape, MitsubaValue
+from ..._mitsuba.types import Mitsuba, MitsubaParameters, MitsubaShape, MitsubaTexture, MitsubaValue
 from ...scene.files.mesh_scene import colours_as_texture
 from ..diffuse_materials import is_plain, is_two_sided, reflectance_of, surface_kind, surface_name, surface_remedy
 from ..obstacles import Unsuitable, plugin_name
@@ -23,6 +23,7 @@ from ..texels import (
 )
 from .emissive_textures import TextureImage, alike
 from .mesh_triangles import MeshTriangles
+from .normal_textures import NormalTextures
 from .sharp_textures import RAMP_PX, Ramp, checkerboard, divide, vertex_colours
 
 FloatArray = npt.NDArray[np.float64]
@@ -215,6 +216,7 @@ class TextureTable:
         pixels_per_unit: PixelsPerUnit | None = None,
         *,
         emission: str | None = None,
+        normals: NormalTextures | None = None,
     ) -> Added:
         """Add the reflectance of a shape that has ``records`` records.
 
@@ -222,6 +224,7 @@ class TextureTable:
             mesh: gives its triangles.
             pixels_per_unit: of the shape, along the camera's path; None if that is not known.
             emission: the name of the emission group that its area light belongs to; None where none is shown.
+            normals: gets its normal texture, if it has one.
 
         Raises:
             Unsuitable: if its BSDF is not diffuse, or its texture none that can be made of texels.
@@ -268,6 +271,11 @@ class TextureTable:
             emitted = self._emission_of(shape, pixels_per_unit)
             (texels, wrap, uv_map), emitted_texels = alike(TextureImage(texels, wrap, uv_map), emitted, named)
             self._emissions[len(self._sizes)] = emission, emitted_texels
+        if normals is not None and (turned := normals.of(bsdf)) is not None:
+            if uv is not None:
+                raise Unsuitable("has a mesh_attribute and a normal map", "give it one of the two", named)
+            image, plain = self._directions_of(turned.texture, named), TextureImage(texels, wrap, uv_map)
+            texels, wrap, uv_map = normals.add(len(self._sizes), image, plain, named, fades=turned.fades)
         height, width = texels.shape[:2]
         first, self._count = self._count, self._count + height * width
         self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
@@ -288,6 +296,14 @@ class TextureTable:
         uv_map = uv_map_of(parameters, "radiance.")
         data = np.asarray(parameters["radiance.data"])
         return TextureImage(*self._lookup(data, emitter.eval, uv_map, pixels_per_unit, named), uv_map)
+
+    def _directions_of(self, texture: MitsubaTexture, named: str) -> TextureImage:
+        """Return the directions of a normal texture, from 0 to 1."""
+        parameters = self._mi.traverse(texture)
+        if "data" not in parameters:
+            raise Unsuitable("has a normal map that is no bitmap", "give it as one", named)
+        uv_map, data = uv_map_of(parameters), np.asarray(parameters["data"])
+        return TextureImage(*self._lookup(data, texture.eval_3, uv_map, None, named), uv_map)
 
     def _ramped(self, ramp: Ramp) -> None:
         self.has_ramps = True

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
 from ..lost_looks import BUMPS, MEAN_EMISSION, METAL
-from ..mesh_part import Blend, Glass, MetalRoughness
+from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
 from .gltf_file import GltfFile, Item, plain
@@ -39,6 +40,8 @@ _CLEAR = 0.5
 """The fraction of light that passes from which on a material is glass."""
 _CLEAR_WITHIN = 0.1
 """How far glass may be from clear and smooth without a word."""
+_NORMAL_TEXEL = 24
+"""About how many bytes a texel of normals takes until it is in the core."""
 _LEAST_INDEX = 1.001
 """Of refraction: at 1 there would be no surface."""
 
@@ -65,6 +68,7 @@ class GltfMaterial(NamedTuple):
         lost: the kinds of its looks that are not shown.
         metal: how it reflects besides; None where it is diffuse.
         one_sided: its back is culled.
+        normal_texture: what turns the surface's normal; None where nothing does.
     """
 
     name: str
@@ -85,6 +89,13 @@ class GltfMaterial(NamedTuple):
     blend: Blend | None = None
     glass: Glass | None = None
     one_sided: bool = False
+    normal_texture: NormalTexture | None = None
+
+    @property
+    def looks_up(self) -> bool:
+        """Whether anything but the normal is looked up at texture coordinates."""
+        by_metal = self.metal is not None and self.metal.texels is not None
+        return by_metal or any(isinstance(what, EncodedTexture) for what in (self.reflectance, self.emission))
 
 
 class GltfMaterials:
@@ -122,6 +133,7 @@ class GltfMaterials:
             made = self._metallic(made, item, f"materials[{index}]", lost)
             made = self._emissive(made, item, f"materials[{index}]", lost)
             made = self._transmissive(made, item, f"materials[{index}]", lost)
+            made = self._bumpy(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
         # Through glass one sees its other side.
@@ -247,6 +259,28 @@ class GltfMaterials:
             lost["roughness of glass (it is clear)"] = None
         return made._replace(glass=Glass(max(index, _LEAST_INDEX), tint, bool(thickness > 0)))
 
+    def _bumpy(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
+        """Return a material with its normal texture, if it has one that turns anything."""
+        file, given, where = self._file, item.normalTexture, f"{where}: normalTexture"
+        if given is None:
+            return made
+        scale = _dictionary(given).get("scale")
+        factor = 1.0 if scale is None else float(file.numbers(scale, f"{where}: scale", 1)[0])
+        image, files, wrap, nearest = self._texture(given, where, lost)
+        uv_set, transform = self._coordinates(given, where)
+        elsewhere = made.looks_up and (made.uv_set != uv_set or not np.array_equal(made.uv_transform, transform))
+        if elsewhere or made.glass is not None:
+            lost[BUMPS] = None
+            return made
+        if factor == 0 or (np.abs(image.texels[..., :2] - 127.5) < 1).all():
+            return made
+        if nearest:
+            lost["hard edges of texels of normals (they are taken as bilinear)"] = None
+        image.charge(file.budget, where)
+        texels = image.texels if factor == 1 else _steeper(image.texels, factor)
+        made = made._replace(files=tuple(dict.fromkeys(made.files + files)), uv_set=uv_set, uv_transform=transform)
+        return made._replace(normal_texture=NormalTexture(texels, wrap))
+
     def charge(self, material: GltfMaterial, where: str) -> None:
         """Charge the file's budget for the textures of one more shape that shows a material.
 
@@ -259,6 +293,9 @@ class GltfMaterials:
             material.emission.charge(self._file.budget, where)
         if material.metal is not None and material.metal.texels is not None:
             EncodedTexture(material.metal.texels, None, np.ones(3)).charge(self._file.budget, where)
+        if material.normal_texture is not None:
+            height, width = material.normal_texture.texels.shape[:2]
+            self._file.budget.take(_NORMAL_TEXEL * height * width, f"{where}: {width} x {height} texels of normals")
 
     def _texture(
         self, given: object, where: str, lost: dict[str, None]
@@ -332,11 +369,18 @@ class GltfMaterials:
         if _UNLIT not in extensions:
             if _GLOSS in extensions:
                 yield "gloss"
-            if item.normalTexture is not None:
-                yield BUMPS
             if item.occlusionTexture is not None:
                 yield "occlusion maps"
         yield from (plain(name)[1:-1] for name in extensions if name not in _UNTOLD)
+
+
+def _steeper(texels: npt.NDArray[np.uint8], factor: float) -> npt.NDArray[np.float32]:
+    """Return texels of normals (H, W, 3), as float32 from 0 to 1, whose components along the surface are scaled."""
+    normals = texels.astype(np.float32) * np.float32(2 / 255) - 1
+    normals[..., :2] *= np.float32(factor)
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    np.divide(normals, length, out=normals, where=length > 0)
+    return normals * np.float32(0.5) + np.float32(0.5)
 
 
 def _diffuse(item: Item) -> tuple[str, object, object]:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import TRANSPARENCY
+from ..lost_looks import BUMPS, TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles, unit_normals
 from ..repairs import Repairs
 from .gltf_file import DRACO, GltfFile, Item
@@ -301,7 +301,7 @@ class GltfMeshes:
             lost.append(TRANSPARENCY)
         if (colours >= 1 - ROUNDING).all():
             return None, tuple(lost)
-        if material.uv_set is not None:
+        if material.looks_up:
             return None, (*lost, _COLOURS_LOST)
         return colours, tuple(lost)
 
@@ -311,6 +311,8 @@ class GltfMeshes:
             return None
         name = f"TEXCOORD_{material.uv_set}"
         uv = self._attribute(attributes, name, where, (2,))
+        if uv is None and not material.looks_up:
+            return None
         if uv is None or len(uv) != count:
             raise self._file.error(where, f"lacks the {name} that the texture of material {material.name} needs")
         moved: FloatArray = uv @ material.uv_transform[:, :2].T + material.uv_transform[:, 2]
@@ -389,18 +391,23 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         arrays = [getattr(primitive, name) for primitive in primitives]
         return None if arrays[0] is None else np.concatenate(arrays)
 
-    corners, uv = together("corners"), together("uv")
+    corners, uv, colours = together("corners"), together("uv"), together("colours")
     assert corners is not None
+    lost = [*material.lost, *(what for primitive in primitives for what in primitive.lost)]
+    normal_texture = material.normal_texture
+    if normal_texture is not None and (uv is None or colours is not None):
+        normal_texture = None  # it has no tangents, or its texture coordinates are those of its colours
+        lost.append(BUMPS)
     return MeshPart(
         corners,
         None if uv is None else uv * [1, -1] + [0, 1],
         together("normals") if first.normals is not None else None,
         material.reflectance,
-        together("colours"),
+        colours,
         material.name,
         material.files,
         material.wrap,
-        tuple(dict.fromkeys([*material.lost, *(what for primitive in primitives for what in primitive.lost)])),
+        tuple(dict.fromkeys(lost)),
         material.metal,
         material.nearest,
         material.emission,
@@ -408,4 +415,5 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         material.blend,
         material.glass,
         material.one_sided,
+        normal_texture,
     )

@@ -179,6 +179,7 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
         emission=emission,
         blend=part.blend,
         glass=part.glass,
+        normal_texture=part.normal_texture,
     )
 
 

@@ -8,14 +8,14 @@ use pyo3::prelude::*;
 
 use super::pixel_rays::PyPixelRays;
 use super::scene_tables::{
-    EmissionTuple, GlossTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, gloss_tables, light_map_tables,
-    numbered, sky_map,
+    EmissionTuple, GlossTuple, LightMapTuple, LightTuple, NormalTextureTuple, SkyTuple, emission_table, gloss_tables,
+    light_map_tables, normal_texture_tables, numbered, sky_map,
 };
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{column, flags, grouped, groups, lists, matrices, numbers};
 use crate::render::{
-    BEFORE_LIGHTS, Deformed, EdgeTracks, GlossTables, LightMapTables, LinePattern, RayHit, Renderer, Scene,
-    SceneTables, TrackSettings, View,
+    BEFORE_LIGHTS, Deformed, EdgeTracks, GlossTables, LightMapTables, LinePattern, NormalTextureTables, RayHit,
+    Renderer, Scene, SceneTables, TrackSettings, View,
 };
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
@@ -66,6 +66,11 @@ use crate::render::{
 ///         and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
 ///         (``solid``, [index]), (``sheet``, [index]) or (``blend``, [opacity], whose texture takes the place of
 ///         that of roughness).
+///     normal_textures: which way the texels of surfaces face; None where no surface has any. uint32 (textures), the
+///         number of the normal texture on the same triangles, 2^32 - 1 for none; layouts, as those of textures; uint16
+///         (texels, 3), components along the tangent, the second tangent and the normal, from -1 (0) to 1 (65,535); for
+///         each, whether light fades where a turned normal faces it and the surface hardly does; and whether all follow
+///         glTF's rule for mirrored texture coordinates and backs, or Mitsuba's.
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
 ///     step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
@@ -121,6 +126,7 @@ impl PySceneRenderer {
         emissions=None,
         sky=None,
         gloss=None,
+        normal_textures=None,
         shadows,
         centre,
         step,
@@ -146,6 +152,7 @@ impl PySceneRenderer {
         emissions: Option<EmissionTuple<'_>>,
         sky: Option<SkyTuple<'_>>,
         gloss: Option<GlossTuple<'_>>,
+        normal_textures: Option<NormalTextureTuple<'_>>,
         shadows: bool,
         centre: [f64; 3],
         step: f64,
@@ -175,6 +182,7 @@ impl PySceneRenderer {
             light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
             emissions: emissions.map_or(Ok(vec![]), emission_table)?,
             sky: sky.map(sky_map).transpose()?,
+            normal_textures: normal_textures.map_or(Ok(NormalTextureTables::default()), normal_texture_tables)?,
             gloss: gloss.map_or(Ok(GlossTables::default()), gloss_tables)?,
             shadows,
             centre,

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use crate::python::arrays::{column, groups, lists, numbers};
 use crate::render::{
     Beam, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light, LightKind, LightMapTables,
-    PASSING, Sky, Under,
+    NormalTextureTables, PASSING, Sky, Under,
 };
 
 /// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
@@ -48,6 +48,23 @@ pub(super) type GlossTuple<'py> = (
     (Vec<[i64; 4]>, Bound<'py, PyAny>),
     EmissiveTuple<'py>,
 );
+
+/// For each texture the number of its normal texture, layouts and texels of these, on which light fades, and whether they
+/// follow glTF's rule.
+pub(super) type NormalTextureTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Bound<'py, PyAny>, Vec<bool>, bool);
+
+/// Returns the normal textures.
+pub(super) fn normal_texture_tables(
+    (of_texture, layouts, texels, fades, like_gltf): NormalTextureTuple<'_>,
+) -> PyResult<NormalTextureTables> {
+    Ok(NormalTextureTables {
+        of_texture: numbers(&of_texture, "of_texture")?,
+        layouts,
+        texels: groups(&texels, "normal texels")?,
+        fades,
+        like_gltf,
+    })
+}
 
 /// Returns the tables of glossy surfaces.
 pub(super) fn gloss_tables(

@@ -490,7 +490,7 @@ mod tests {
         assert!((dielectric(0.0, 1.5) - 1.0f64).abs() < 1e-12);
         // At normal incidence ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2).
         let expected = (0.64 + 15.21) / (1.44 + 15.21);
-        assert!((conductor(1.0, 0.2, 3.9) - expected).abs() < 1e-12);
+        assert!((conductor(1.0_f64, 0.2, 3.9) - expected).abs() < 1e-12);
         assert_eq!(fifth_power(0.5), 0.031_25);
         let nodes = std::array::from_fn(|node| node as f64 / 64.0);
         assert_eq!(passed(0.3, 1.5, Some(&nodes)), 0.15);

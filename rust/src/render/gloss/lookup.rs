@@ -4,7 +4,8 @@
 //!
 //! What must not break: what is not finite leads to no texel outside of the texture.
 
-use super::number::{Number, Triple, constant, dot};
+use super::frame_axes::at_map;
+use super::number::{Number, Triple};
 use crate::render::light::texture::{Texture, Wrap};
 
 /// Looks up a texture at a point, by the affine maps to its coordinates; `texel` gives each texel of the buffer.
@@ -18,12 +19,11 @@ pub(crate) fn looked_up<N: Number, const CHANNELS: usize>(
     if texture.is_constant() {
         return texel(texture.first).map(N::constant);
     }
-    let coordinates = maps.map(|map| dot(constant([map[0], map[1], map[2]]), point) + N::constant(map[3]));
-    let (column, x) = before(folded(coordinates[0], wrap), texture.width);
-    let (row, y) = before(folded(coordinates[1], wrap), texture.height);
+    let (column, x) = before(folded(at_map(maps[0], point), wrap), texture.width);
+    let (row, y) = before(folded(at_map(maps[1], point), wrap), texture.height);
     let stride = texture.width as usize + 2;
     let first = texture.first + row * stride + column;
-    let [a, b, c, d] = [0, 1, stride, stride + 1].map(|offset| texel(first + offset));
+    let (a, b, c, d) = (texel(first), texel(first + 1), texel(first + stride), texel(first + stride + 1));
     std::array::from_fn(|i| {
         let upper = N::constant(a[i]) + x.scaled(b[i] - a[i]);
         let lower = N::constant(c[i]) + x.scaled(d[i] - c[i]);

@@ -19,8 +19,9 @@
 
 pub(super) mod emissive;
 pub(super) mod finish;
+pub(super) mod frame_axes;
 mod lamps;
-mod lookup;
+pub(super) mod lookup;
 pub(super) mod number;
 pub(super) mod pattern;
 mod sky_levels;

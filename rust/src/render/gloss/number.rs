@@ -1,7 +1,10 @@
-//! Numbers with or without a rate: shading of glossy surfaces is written once, and serves for luma and for its rate.
+//! Numbers with or without a rate: shading of glossy and bumpy surfaces is written once, and serves for luma and its rate.
 //!
 //! A [`Rated`] carries its derivative by time along (forward-mode differentiation), so rates are those of the very
 //! steps that compute luma, for the same surfaces and the same shadows.
+//!
+//! Functions of triples name each component, because the standard library's functions of arrays are often not compiled
+//! into what calls them, and then nothing becomes vector code.
 //!
 //! What must not break: values of [`Rated`] have the bits of the same steps in float64.
 
@@ -28,172 +31,234 @@ pub(crate) trait Number:
     fn sqrt(self) -> Self;
     fn exp(self) -> Self;
 
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     fn constant(value: f64) -> Self {
         Self::new(value, 0.0)
     }
 
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     fn scaled(self, by: f64) -> Self {
         self * Self::constant(by)
     }
 
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     fn squared(self) -> Self {
         self * self
     }
 
     /// Returns the larger of it and a constant, which has no rate.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     fn at_least(self, least: f64) -> Self {
         if self.value() > least { self } else { Self::constant(least) }
     }
 
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     fn at_most(self, most: f64) -> Self {
         if self.value() < most { self } else { Self::constant(most) }
     }
 }
 
-impl Number for f64 {
-    const RATED: bool = false;
+/// Makes numbers of a type of float: plain ones, and ones that carry their rate.
+macro_rules! numbers {
+    ($float:ty, $rated:ident, $exp:path, $about:literal) => {
+        #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+        #[allow(clippy::cast_possible_truncation, clippy::cast_lossless, reason = "rounded to the type of float")]
+        impl Number for $float {
+            const RATED: bool = false;
 
-    fn new(value: f64, _: f64) -> Self {
-        value
-    }
+            #[inline(always)]
+            fn new(value: f64, _: f64) -> Self {
+                value as $float
+            }
 
-    fn value(self) -> f64 {
-        self
-    }
+            #[inline(always)]
+            fn value(self) -> f64 {
+                self as f64
+            }
 
-    fn rate(self) -> f64 {
-        0.0
-    }
+            #[inline(always)]
+            fn rate(self) -> f64 {
+                0.0
+            }
 
-    fn sqrt(self) -> Self {
-        self.sqrt()
-    }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                self.sqrt()
+            }
 
-    fn exp(self) -> Self {
-        libm::exp(self)
-    }
+            fn exp(self) -> Self {
+                $exp(self)
+            }
+        }
+
+        #[doc = $about]
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub(crate) struct $rated {
+            value: $float,
+            rate: $float,
+        }
+
+        #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+        impl Add for $rated {
+            type Output = Self;
+
+            #[inline(always)]
+            fn add(self, other: Self) -> Self {
+                Self { value: self.value + other.value, rate: self.rate + other.rate }
+            }
+        }
+
+        #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+        impl Sub for $rated {
+            type Output = Self;
+
+            #[inline(always)]
+            fn sub(self, other: Self) -> Self {
+                Self { value: self.value - other.value, rate: self.rate - other.rate }
+            }
+        }
+
+        #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+        impl Mul for $rated {
+            type Output = Self;
+
+            #[inline(always)]
+            fn mul(self, other: Self) -> Self {
+                Self { value: self.value * other.value, rate: self.rate * other.value + self.value * other.rate }
+            }
+        }
+
+        #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+        impl Div for $rated {
+            type Output = Self;
+
+            #[inline(always)]
+            fn div(self, other: Self) -> Self {
+                let value = self.value / other.value;
+                Self { value, rate: (self.rate - value * other.rate) / other.value }
+            }
+        }
+
+        #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+        impl Neg for $rated {
+            type Output = Self;
+
+            #[inline(always)]
+            fn neg(self) -> Self {
+                Self { value: -self.value, rate: -self.rate }
+            }
+        }
+
+        #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+        #[allow(clippy::cast_possible_truncation, clippy::cast_lossless, reason = "rounded to the type of float")]
+        impl Number for $rated {
+            const RATED: bool = true;
+
+            #[inline(always)]
+            fn new(value: f64, rate: f64) -> Self {
+                Self { value: value as $float, rate: rate as $float }
+            }
+
+            #[inline(always)]
+            fn value(self) -> f64 {
+                self.value as f64
+            }
+
+            #[inline(always)]
+            fn rate(self) -> f64 {
+                self.rate as f64
+            }
+
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                let value = self.value.sqrt();
+                Self { value, rate: if value > 0.0 { 0.5 * self.rate / value } else { 0.0 } }
+            }
+
+            fn exp(self) -> Self {
+                let value = $exp(self.value);
+                Self { value, rate: value * self.rate }
+            }
+        }
+    };
 }
 
-/// A value and its rate per second.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Rated {
-    value: f64,
-    rate: f64,
-}
-
-impl Add for Rated {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self { value: self.value + other.value, rate: self.rate + other.rate }
-    }
-}
-
-impl Sub for Rated {
-    type Output = Self;
-
-    fn sub(self, other: Self) -> Self {
-        Self { value: self.value - other.value, rate: self.rate - other.rate }
-    }
-}
-
-impl Mul for Rated {
-    type Output = Self;
-
-    fn mul(self, other: Self) -> Self {
-        Self { value: self.value * other.value, rate: self.rate * other.value + self.value * other.rate }
-    }
-}
-
-impl Div for Rated {
-    type Output = Self;
-
-    fn div(self, other: Self) -> Self {
-        let value = self.value / other.value;
-        Self { value, rate: (self.rate - value * other.rate) / other.value }
-    }
-}
-
-impl Neg for Rated {
-    type Output = Self;
-
-    fn neg(self) -> Self {
-        Self { value: -self.value, rate: -self.rate }
-    }
-}
-
-impl Number for Rated {
-    const RATED: bool = true;
-
-    fn new(value: f64, rate: f64) -> Self {
-        Self { value, rate }
-    }
-
-    fn value(self) -> f64 {
-        self.value
-    }
-
-    fn rate(self) -> f64 {
-        self.rate
-    }
-
-    fn sqrt(self) -> Self {
-        let value = self.value.sqrt();
-        Self { value, rate: if value > 0.0 { 0.5 * self.rate / value } else { 0.0 } }
-    }
-
-    fn exp(self) -> Self {
-        let value = libm::exp(self.value);
-        Self { value, rate: value * self.rate }
-    }
-}
+numbers!(f64, Rated, libm::exp, "A value and its rate per second.");
+numbers!(f32, RatedSingle, libm::expf, "The same in float32.");
 
 /// A vector, or a colour (red, green, blue).
 pub(crate) type Triple<N> = [N; 3];
 
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn constant<N: Number>(vector: Vector) -> Triple<N> {
-    vector.map(N::constant)
+    [N::constant(vector[0]), N::constant(vector[1]), N::constant(vector[2])]
 }
 
 /// Joins a vector and its rate.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn rated<N: Number>(vector: Vector, rate: Vector) -> Triple<N> {
-    std::array::from_fn(|i| N::new(vector[i], rate[i]))
+    [N::new(vector[0], rate[0]), N::new(vector[1], rate[1]), N::new(vector[2], rate[2])]
 }
 
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn values<N: Number>(triple: Triple<N>) -> Vector {
-    triple.map(N::value)
+    [triple[0].value(), triple[1].value(), triple[2].value()]
 }
 
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn dot<N: Number>(a: Triple<N>, b: Triple<N>) -> N {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn cross<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn add<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
-    std::array::from_fn(|i| a[i] + b[i])
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn sub<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
-    std::array::from_fn(|i| a[i] - b[i])
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// Returns the product of two colours, channel by channel.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn times<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
-    std::array::from_fn(|i| a[i] * b[i])
+    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
 }
 
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn scale<N: Number>(a: Triple<N>, by: N) -> Triple<N> {
-    a.map(|component| component * by)
+    [a[0] * by, a[1] * by, a[2] * by]
 }
 
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn negated<N: Number>(a: Triple<N>) -> Triple<N> {
-    a.map(|component| -component)
+    [-a[0], -a[1], -a[2]]
 }
 
 /// Returns a vector of length 1; one without length stays as it is.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn unit<N: Number>(a: Triple<N>) -> Triple<N> {
     let squared = dot(a, a);
     if squared.value() > 0.0 { scale(a, N::constant(1.0) / squared.sqrt()) } else { a }
@@ -213,7 +278,11 @@ mod tests {
     fn rates_are_derivatives_and_values_keep_their_bits() {
         for (x, y) in [(0.3, 0.2), (0.7, 0.9), (1.4, 0.1), (2.0, 3.0)] {
             let (dx, dy, h) = (0.6, -1.1, 1e-6);
+            let single = formula(RatedSingle::new(x, dx), RatedSingle::new(y, dy));
             let both = formula(Rated::new(x, dx), Rated::new(y, dy));
+            let close = |a: f64, b: f64| (a - b).abs() < 1e-4 * (1.0 + b.abs());
+            assert!(close(single.value(), both.value()) && close(single.rate(), both.rate()), "{single:?} {both:?}");
+            assert_eq!(single.value(), formula(f32::new(x, 0.0), f32::new(y, 0.0)).value());
             assert_eq!(both.value().to_bits(), formula(x, y).to_bits());
             let difference = (formula(x + h * dx, y + h * dy) - formula(x - h * dx, y - h * dy)) / (2.0 * h);
             assert!((both.rate() - difference).abs() < 1e-6 * (1.0 + difference.abs()), "{both:?} {difference}");

@@ -196,7 +196,7 @@ mod tests {
         let coarse = smooth(8, axis);
         for seam in [[-0.8, 0.0, -0.6], [0.0, 0.6, -0.8], [0.3, 0.0, -0.9], [0.0, -0.7, -0.2]] {
             let [one, other] =
-                [1e-9, -1e-9].map(|by| coarse.along(seam.map(|x| if x == 0.0 { by } else { x }), 0.0)[0]);
+                [1e-9, -1e-9_f64].map(|by| coarse.along(seam.map(|x| if x == 0.0 { by } else { x }), 0.0)[0]);
             assert!((one - other).abs() < 1e-6, "{seam:?}: {one} {other}");
         }
         // Continuous from level to level.

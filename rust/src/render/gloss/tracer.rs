@@ -14,13 +14,15 @@
 use std::borrow::Cow;
 
 use super::finish::{Cosines, Finish, Under, dielectric, lobe_density, lobe_ray};
+use super::frame_axes::{at_map, from_frame, into_frame, point_in_frame};
 use super::lookup::looked_up;
 use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
 use super::pattern::{Pattern, PatternPoint};
 use super::tables::Gloss;
-use crate::render::geometry::vector::{self, Vector, cross, largest};
+use crate::render::geometry::vector::{self, Vector, largest};
 use crate::render::geometry::view::Pose;
 use crate::render::light::lights::{SeenKind, SeenLight, Surroundings};
+use crate::render::light::normal_texture::fading;
 use crate::render::light::texture::{Wrap, parted};
 use crate::render::scene::Surface;
 use crate::render::visibility::first_hit::{FirstHits, Ray, is_blocked};
@@ -97,6 +99,8 @@ struct Spot<'a, N> {
     viewer: Triple<N>,
     /// The cosine between these two.
     out: N,
+    /// The shading normal without the normal texture, where light fades with that.
+    fading_from: Option<Triple<N>>,
 }
 
 impl<N: Number> Spot<'_, N> {
@@ -120,6 +124,11 @@ impl<N: Number> Spot<'_, N> {
         let cosines = Cosines::new(self.normal, self.viewer, towards);
         let below = scale(finish.below(self.base, &cosines), diffuse);
         if !with_lobe || finish.is_mirror() { below } else { add(below, finish.lobe(self.base, &cosines)) }
+    }
+
+    /// Returns the fraction of light from a direction that bumps let through.
+    fn fading(&self, towards: Triple<N>) -> N {
+        self.fading_from.map_or(N::constant(1.0), |normal| fading(normal, self.normal, towards))
     }
 
     /// Returns whether a direction leads away from the surface.
@@ -170,7 +179,9 @@ impl Tracer<'_> {
         let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
             gloss.texels[at].map(f64::from)
         });
-        let spot = Spot { hit: *hit, finish, base, normal, viewer, out: dot(normal, viewer) };
+        let fades = self.lit.scene.bumps(surface).is_some_and(|bumps| bumps.rule.fades);
+        let fading_from = fades.then(|| self.smooth_normal(hit, surface));
+        let spot = Spot { hit: *hit, finish, base, normal, viewer, out: dot(normal, viewer), fading_from };
         match finish {
             Some(Finish { under: Under::Solid(index), .. }) => self.through_solid(&spot, *index, path),
             Some(Finish { under: Under::Sheet(index), .. }) => self.through_sheet(&spot, *index, path),
@@ -222,7 +233,8 @@ impl Tracer<'_> {
                 SeenKind::Directional(towards, rate) => {
                     let towards = rated(towards, rate);
                     if spot.sees(towards) && !self.is_hidden(spot, values(towards), f64::INFINITY) {
-                        sum = add(sum, times(colour, spot.reflected(towards, true)));
+                        let reflected = scale(spot.reflected(towards, true), spot.fading(towards));
+                        sum = add(sum, times(colour, reflected));
                     }
                 }
                 SeenKind::Point(position, rate) => {
@@ -247,7 +259,7 @@ impl Tracer<'_> {
         }
         // In a lobe, a lamp of many places is looked at as the triangles that it is made of.
         let with_lobe = light.beam.is_none_or(|beam| beam.is_spot());
-        scale(spot.reflected(towards, with_lobe), fraction / dot(way, way))
+        scale(spot.reflected(towards, with_lobe), spot.fading(towards) * fraction / dot(way, way))
     }
 
     /// Returns the image of the surroundings in a mirror or along a lobe, and what it reflects of lamps.
@@ -288,7 +300,7 @@ impl Tracer<'_> {
         match lobe_ray(finish.alpha, spot.normal, spot.viewer, point.disk) {
             Some(ray) if spot.sees(ray.towards) => {
                 let lobe = finish.lobe(spot.base, &ray.cosines);
-                let weight = scale(lobe, N::constant(each) / ray.density);
+                let weight = scale(lobe, spot.fading(ray.towards).scaled(each) / ray.density);
                 self.arriving(spot, ray.towards, weight, Some(ray.density), path)
             }
             _ => [N::constant(0.0); 3],
@@ -322,7 +334,7 @@ impl Tracer<'_> {
         if largest(values(reflected)) < NO_SHADOW || self.is_hidden(spot, values(way), self.to_lamps()) {
             return dark;
         }
-        times(reflected, self.emitted(triangle))
+        times(scale(reflected, spot.fading(towards)), self.emitted(triangle))
     }
 
     /// Returns whether the light of all lamps is in the maps, none of them being a few places that shine.
@@ -489,11 +501,27 @@ impl Tracer<'_> {
 
     /// Returns the unit shading normal on the viewer's side; the plane's, where the shading normal turns away.
     fn normal<N: Number>(&self, hit: &Hit<N>, surface: &Surface, viewer: Triple<N>) -> Triple<N> {
-        let Some(maps) = surface.normal.as_deref() else { return hit.plane };
+        let bumps = self.lit.scene.bumps(surface);
+        if bumps.is_none() && surface.normal.is_none() {
+            return hit.plane;
+        }
         let pose = &self.lit.view.poses[surface.frame as usize];
-        let normal = unit(from_frame(pose, maps.each_ref().map(|map| at_map(map, hit.in_frame))));
-        let normal = if hit.front { normal } else { negated(normal) };
+        if let Some(bumps) = bumps {
+            let (smooth, to_viewer) = (shading_normal(surface, hit.in_frame), pose.vector(values(viewer)));
+            let turned = from_frame(pose, bumps.turned(hit.in_frame, smooth, (hit.front, to_viewer)));
+            if dot(turned, viewer).value() > 1e-6 {
+                return turned;
+            }
+        }
+        let normal = self.smooth_normal(hit, surface);
         if dot(normal, viewer).value() > 1e-6 { normal } else { hit.plane }
+    }
+
+    /// Returns the unit shading normal on the side that is met, without a normal texture.
+    fn smooth_normal<N: Number>(&self, hit: &Hit<N>, surface: &Surface) -> Triple<N> {
+        let pose = &self.lit.view.poses[surface.frame as usize];
+        let normal = from_frame(pose, shading_normal(surface, hit.in_frame));
+        if hit.front { normal } else { negated(normal) }
     }
 
     /// Returns the triangle that a ray from a surface meets first.
@@ -528,31 +556,14 @@ impl Tracer<'_> {
     }
 }
 
+/// Returns the unit shading normal at a point in a surface's frame, on the front.
+fn shading_normal<N: Number>(surface: &Surface, point: Triple<N>) -> Triple<N> {
+    match surface.normal.as_deref() {
+        None => constant(normal_of(surface)),
+        Some([x, y, z]) => unit([at_map(x, point), at_map(y, point), at_map(z, point)]),
+    }
+}
+
 fn normal_of(surface: &Surface) -> Vector {
     [surface.plane[0], surface.plane[1], surface.plane[2]]
-}
-
-/// Returns an affine map at a point.
-fn at_map<N: Number>(map: &[f64; 4], point: Triple<N>) -> N {
-    dot(constant([map[0], map[1], map[2]]), point) + N::constant(map[3])
-}
-
-/// Returns a vector of camera axes in a frame.
-fn into_frame<N: Number>(pose: &Pose, vector: Triple<N>) -> Triple<N> {
-    let turning = if N::RATED { pose.vector(cross(pose.angular_rate, values(vector))) } else { [0.0; 3] };
-    std::array::from_fn(|i| dot(constant(pose.rotation[i]), vector) + N::new(0.0, turning[i]))
-}
-
-/// Returns a point of camera axes in a frame.
-fn point_in_frame<N: Number>(pose: &Pose, point: Triple<N>) -> Triple<N> {
-    add(into_frame(pose, point), rated(pose.position, pose.velocity))
-}
-
-/// Returns a vector of a frame in camera axes.
-fn from_frame<N: Number>(pose: &Pose, vector: Triple<N>) -> Triple<N> {
-    let rows = &pose.rotation;
-    let turned = std::array::from_fn(|i| {
-        vector[0].scaled(rows[0][i]) + vector[1].scaled(rows[1][i]) + vector[2].scaled(rows[2][i])
-    });
-    if N::RATED { add(turned, rated([0.0; 3], pose.turning(values(turned)))) } else { turned }
 }

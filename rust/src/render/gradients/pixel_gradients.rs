@@ -83,7 +83,7 @@ impl Renderer {
         weights: &[f64],
         gradients: &mut [f64],
     ) -> Result<()> {
-        self.check_diffuse("derivatives")?;
+        self.check_plain("derivatives")?;
         let views = &self.centred(views)?;
         check_numbers(rays, views, of_view, pixels, weights.len())?;
         let size = BEFORE_LIGHTS + self.scene.lights.len();
@@ -121,7 +121,7 @@ impl Renderer {
         pixels: &[u32],
         hits: &mut [RayHit],
     ) -> Result<()> {
-        self.check_diffuse("hits of single rays with their luma")?;
+        self.check_plain("hits of single rays with their luma")?;
         let views = &self.centred(views)?;
         check_numbers(rays, views, of_view, pixels, 1)?;
         check_length(pixels.len() * rays.rays(), hits.len())?;

@@ -52,7 +52,7 @@ impl Renderer {
         weights: &[f64],
         steps: &[f64],
     ) -> Result<TexelGradients> {
-        self.check_diffuse("derivatives")?;
+        self.check_plain("derivatives")?;
         let views = &self.centred(views)?;
         check_numbers(rays, views, of_view, pixels, weights.len())?;
         if steps.len() != self.scene.texels.len() {

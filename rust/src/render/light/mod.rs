@@ -7,6 +7,7 @@ pub(super) mod cast;
 pub(super) mod cone;
 pub(super) mod light_map;
 pub(super) mod lights;
+pub(super) mod normal_texture;
 pub(super) mod patch;
 pub(super) mod shade;
 pub(super) mod shader;

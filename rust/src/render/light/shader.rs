@@ -8,6 +8,7 @@ use super::affine::{Affine, Changing, Map, coordinate, turned_map};
 use super::beam::SeenBeam;
 use super::light_map::SideMap;
 use super::lights::{SeenKind, SeenLight, Surroundings};
+use super::normal_texture::Bumps;
 use super::texture::{Texture, Wrap};
 use crate::render::geometry::linear::Linear;
 use crate::render::geometry::vector::{Vector, dot, single};
@@ -62,6 +63,8 @@ pub(crate) struct Shader<'a> {
     pub(super) u: Affine,
     pub(super) v: Affine,
     pub(super) smooth: Option<[Affine; 3]>,
+    /// What turns the normal; None where nothing does.
+    pub(super) bumpy: Option<Box<SeenBumps<'a>>>,
     /// Of the side that is seen.
     pub(super) light_map: Option<LightMap<'a>>,
     /// Luma that the side emits, and its rate.
@@ -100,7 +103,9 @@ impl<'a> Shader<'a> {
         let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
         // Glossy triangles are shaded elsewhere.
         let glossy = scene.is_glossy(seen.triangle);
-        let dark = glossy || smooth.is_none() && facing < 0.0 && !surface.two_sided;
+        let bumpy = scene.bumps(surface).map(|bumps| Box::new(SeenBumps::new(bumps, pose, &plane)));
+        let one_normal = smooth.is_none() && bumpy.is_none();
+        let dark = glossy || one_normal && facing < 0.0 && !surface.two_sided;
         let mut shader = Self {
             triangle: seen.triangle,
             scene,
@@ -114,6 +119,7 @@ impl<'a> Shader<'a> {
             u,
             v,
             smooth,
+            bumpy,
             light_map: surface.light_maps.as_deref().map(|[front, back]| {
                 LightMap::new(if facing > 0.0 || !surface.two_sided { front } else { back }, pose)
             }),
@@ -126,9 +132,8 @@ impl<'a> Shader<'a> {
             shader.emitted = emitted(emission.luma, view.factors[emission.light as usize]);
         }
         if !dark {
-            let is_smooth = shader.smooth.is_some();
             shader.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
-                let falls = if is_smooth { on_smooth(light) } else { plane.lit_by(light, facing) };
+                let falls = if one_normal { plane.lit_by(light, facing) } else { on_smooth(light) };
                 Some(Lit { falls: falls?, group: light.group, light: number, beam: light.beam })
             }));
             shader.dark = shader.lit.is_empty() && surface.emission.is_none();
@@ -139,6 +144,35 @@ impl<'a> Shader<'a> {
     /// Returns whether a light of this number falls on it.
     pub(crate) fn lit_by(&self, light: usize) -> bool {
         self.lit.iter().any(|lit| lit.light == light)
+    }
+}
+
+/// The normal texture of a triangle as a camera sees it.
+#[derive(Debug)]
+pub(super) struct SeenBumps<'a> {
+    pub(super) bumps: Bumps<'a>,
+    pub(super) u: Affine,
+    pub(super) v: Affine,
+    /// In camera axes, with its rate.
+    pub(super) tangent: [[f32; 3]; 2],
+    /// The plane's normal on the front, for a surface that is not smooth.
+    pub(super) plane: [[f32; 3]; 2],
+    pub(super) facing: f32,
+}
+
+impl<'a> SeenBumps<'a> {
+    #[allow(clippy::cast_possible_truncation, reason = "it is 1 or -1")]
+    fn new(bumps: Bumps<'a>, pose: &Pose, plane: &Plane) -> Self {
+        let [u, v] = bumps.uv.map(|map| coordinate(&map, pose, bumps.texture.wrap));
+        let tangent = pose.turned(bumps.tangent);
+        Self {
+            bumps,
+            u,
+            v,
+            tangent: [single(tangent), single(pose.turning(tangent))],
+            plane: [single(plane.normal), single(plane.normal_rate)],
+            facing: if plane.height < 0.0 { -1.0 } else { 1.0 },
+        }
     }
 }
 

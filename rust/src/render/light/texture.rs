@@ -179,6 +179,18 @@ impl<'a> Sampler<'a> {
         corners
     }
 
+    /// Returns the texel at or before each point, the next one, and the two in the row below, of a buffer of single texels.
+    #[inline(always)]
+    pub(crate) fn four(&self, taps: &Taps, n: usize) -> [Pairs; 4] {
+        let mut corners = [Pairs::ZERO; 4];
+        for (corner, offset) in corners.iter_mut().zip([0, 1, self.stride, self.stride + 1]) {
+            for i in 0..n {
+                corner[i] = self.pair(taps.texel[i] + offset);
+            }
+        }
+        corners
+    }
+
     /// Returns texels by their indices. A texel that is not there cannot be asked for; said so, this becomes a gather.
     /// Numbers below 2^31 are those that it takes as they are.
     #[inline(always)]

@@ -1,0 +1,99 @@
+"""Holds the normal textures of a scene's shapes, and puts them into the core's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._mitsuba.types import MitsubaBsdf
+from ..diffuse_materials import NormalTexture
+from ..obstacles import Unsuitable
+from ..texels import Texels, fill_border
+from .emissive_textures import TextureImage
+
+CoreNormalTextures = tuple[npt.NDArray[np.uint32], list[list[int]], npt.NDArray[np.uint16], list[bool], bool]
+"""What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
+
+_NONE = 2**32 - 1
+"""The number of its normal texture of a texture whose surfaces have none."""
+
+
+class _Image(NamedTuple):
+    texels: Texels
+    wrap: int
+    fades: bool
+
+
+class NormalTextures:
+    """The normal textures of a scene, by the textures of reflectance on the same shapes.
+
+    Args:
+        of_materials: Mitsuba's own objects, by the materials of shapes.
+        like_gltf: they follow mirrored texture coordinates, and turn round on the back; in Mitsuba they do not.
+
+    Attributes:
+        like_gltf: as given.
+    """
+
+    def __init__(self, of_materials: Mapping[MitsubaBsdf, NormalTexture], *, like_gltf: bool) -> None:
+        self._of_materials, self.like_gltf = of_materials, like_gltf
+        self._images: dict[int, _Image] = {}
+
+    def of(self, material: MitsubaBsdf) -> NormalTexture | None:
+        """Return the normal texture of a material; None where it has none."""
+        return self._of_materials.get(material)
+
+    def __contains__(self, texture: int) -> bool:
+        """Return whether the shape with a texture of reflectance has a normal texture."""
+        return texture in self._images
+
+    def add(
+        self, texture: int, image: TextureImage, reflectance: TextureImage, named: str, *, fades: bool
+    ) -> TextureImage:
+        """Put a normal texture on the shape with a texture of reflectance, and return that reflectance.
+
+        Args:
+            texture: number of the texture of reflectance.
+            fades: light fades where a turned normal faces it and the surface hardly does.
+            named: what has both, for messages.
+
+        Raises:
+            Unsuitable: where both are looked up at different texture coordinates, or the normal's are turned.
+        """
+        turn = image.uv_map[:2, :2]
+        if (turn != np.diag(np.diag(turn))).any() or (np.diag(turn) <= 0).any():
+            rule = "has a normal map whose texture coordinates are turned or mirrored"
+            raise Unsuitable(rule, "give it a to_uv that only scales and shifts", named)
+        if not reflectance.is_constant and not np.allclose(reflectance.uv_map, image.uv_map):
+            rule = "has a normal map at other texture coordinates than those of its reflectance"
+            raise Unsuitable(rule, "give both the same to_uv", named)
+        self._images[texture] = _Image(image.texels, image.wrap, fades)
+        return reflectance._replace(uv_map=image.uv_map)
+
+    def core(self, sizes: npt.NDArray[np.int32]) -> CoreNormalTextures | None:
+        """Return them as the core takes them; None where there are none.
+
+        Args:
+            sizes: (textures, 4), of the textures of reflectance.
+        """
+        if not self._images:
+            return None
+        of_texture = np.full(len(sizes), _NONE, np.uint32)
+        layouts, framed, first = list[list[int]](), list[npt.NDArray[np.uint16]](), 0
+        for number, (texels, wrap, _) in self._images.items():
+            of_texture[number] = len(layouts)
+            height, width = texels.shape[:2]
+            image = np.empty((height + 2, width + 2, 3), np.uint16)
+            inner = np.empty((height * width, 3), np.uint16)
+            for start, piece in texels.pieces():
+                inner[start : start + len(piece)] = np.round(np.clip(piece, 0, 1) * 65535)
+            image[1:-1, 1:-1] = inner.reshape(height, width, 3)
+            fill_border(image, wrap)
+            layouts.append([first, width, height, wrap])
+            framed.append(image.reshape(-1, 3))
+            first += len(framed[-1])
+        fades = [image.fades for image in self._images.values()]
+        return of_texture, layouts, np.concatenate(framed).ravel(), fades, self.like_gltf

@@ -1,0 +1,211 @@
+//! Normal textures: which way each texel of a surface faces, in the tangent space of its texture coordinates.
+//!
+//! They turn the shading normal. Lights at a position or along a direction and glossy lobes see it turned. Constant and
+//! baked light counts as if it came from all sides, so it does not.
+//!
+//! The tangent points where u grows, at right angles to the shading normal. The second tangent is at right angles to
+//! both (glTF 2.0, section 3.7.2.1; Mikkelsen, "Simulation of wrinkled surfaces revisited", 2008).
+//!
+//! What must not break: a surface whose texture coordinates have no direction keeps its shading normal.
+
+use super::texture::{Texture, checked_layouts};
+use crate::error::{Error, Result};
+use crate::render::geometry::vector::{Vector, cross as vector_cross, dot as vector_dot, scale as vector_scale};
+use crate::render::gloss::lookup::looked_up;
+use crate::render::gloss::number::{Number, Triple, add, constant, cross, dot, scale, sub, unit};
+
+/// The number of its normal texture of a texture whose surfaces have none.
+pub const NO_NORMAL_TEXTURE: u32 = u32::MAX;
+
+/// What stands for a component of 1; 0 stands for -1.
+const ONE: f32 = u16::MAX as f32;
+
+/// The normal textures of a scene.
+#[derive(Clone, Debug, Default)]
+pub struct NormalTextureTables {
+    /// For each texture of the scene the number of the normal texture on the same surfaces, [`NO_NORMAL_TEXTURE`] for
+    /// none; empty where there are none.
+    pub of_texture: Vec<u32>,
+    /// Where each lies among the texels, as textures of the scene do.
+    pub layouts: Vec<[i64; 4]>,
+    /// Components along the tangent, the second tangent and the normal, each from -1 (0) to 1 (65,535); each texture in a
+    /// frame of one texel.
+    pub texels: Vec<[u16; 3]>,
+    /// For each normal texture whether light fades where a turned normal faces it but the surface hardly does, see
+    /// [`fading`].
+    pub fades: Vec<bool>,
+    /// Whether they follow glTF. There, the second tangent follows texture coordinates that are mirrored, and the whole
+    /// normal turns round on the back. In Mitsuba neither is so: on the back only the component along the normal turns.
+    /// And a normal that is turned away from a viewer is turned the other way.
+    pub like_gltf: bool,
+}
+
+/// The same, checked.
+#[derive(Debug)]
+pub(crate) struct NormalTextures {
+    of_texture: Vec<u32>,
+    textures: Vec<Texture>,
+    /// Each the three components, in its lowest 48 bits.
+    texels: Vec<u64>,
+    fades: Vec<bool>,
+    like_gltf: bool,
+}
+
+impl NormalTextures {
+    /// Checks the normal textures of a scene of so many textures.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for what does not belong together.
+    pub(crate) fn new(tables: &NormalTextureTables, scene_textures: usize) -> Result<Self> {
+        let textures = checked_layouts(&tables.layouts, Some(tables.texels.len()), 1)?;
+        let known = |&number: &u32| number == NO_NORMAL_TEXTURE || (number as usize) < textures.len();
+        if ![0, scene_textures].contains(&tables.of_texture.len())
+            || !tables.of_texture.iter().all(known)
+            || tables.fades.len() != textures.len()
+        {
+            return Err(Error::Argument(format!(
+                "{} normal textures do not belong to a scene of {scene_textures} textures",
+                textures.len()
+            )));
+        }
+        Ok(Self {
+            of_texture: tables.of_texture.clone(),
+            textures,
+            texels: tables
+                .texels
+                .iter()
+                .map(|texel| texel.map(u64::from))
+                .map(|[x, y, z]| x | y << 16 | z << 32)
+                .collect(),
+            fades: tables.fades.clone(),
+            like_gltf: tables.like_gltf,
+        })
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.textures.is_empty()
+    }
+
+    /// Returns the normal texture of the surfaces that have a texture of the scene.
+    pub(crate) fn of(&self, texture: u32) -> Option<&Texture> {
+        self.textures.get(*self.of_texture.get(texture as usize)? as usize)
+    }
+
+    /// Returns what turns the normals of a surface; None where nothing does.
+    ///
+    /// `texture` is the number of its texture, `uv` are the maps to its texture coordinates, `plane` its normal and offset.
+    pub(crate) fn on<'a>(&'a self, texture: u32, uv: &'a [[f64; 4]; 2], plane: &[f64; 4]) -> Option<Bumps<'a>> {
+        let number = *self.of_texture.get(texture as usize)? as usize;
+        let texture = self.textures.get(number)?;
+        let (tangent, side) = tangent_of(uv, plane)?;
+        let rule = Rule {
+            side: if self.like_gltf { side } else { 1.0 },
+            like_gltf: self.like_gltf,
+            fades: self.fades[number],
+        };
+        Some(Bumps { texture, texels: &self.texels, uv, tangent, rule })
+    }
+}
+
+/// The normal texture on a surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bumps<'a> {
+    pub(crate) texture: &'a Texture,
+    /// Each the three components, in its lowest 48 bits.
+    pub(crate) texels: &'a [u64],
+    pub(crate) uv: &'a [[f64; 4]; 2],
+    /// Of unit length, in the surface's frame.
+    pub(crate) tangent: Vector,
+    pub(crate) rule: Rule,
+}
+
+/// How a texture turns normals.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rule {
+    /// Of the second tangent: 1 where it lies to the left of the tangent, seen from the front, else -1.
+    side: f64,
+    like_gltf: bool,
+    /// Whether light fades, see [`fading`].
+    pub(crate) fades: bool,
+}
+
+impl Bumps<'_> {
+    /// Returns the normal at a point in the frame of the surface, see [`Rule::turned`].
+    pub(crate) fn turned<N: Number>(
+        &self,
+        point: Triple<N>,
+        normal: Triple<N>,
+        (front, viewer): (bool, Vector),
+    ) -> Triple<N> {
+        let components = looked_up(self.texture, self.texture.wrap, self.uv.each_ref(), point, |at| {
+            let [x, y, z] = components(self.texels[at]);
+            [f64::from(x), f64::from(y), f64::from(z)]
+        });
+        self.rule.turned(normal, constant(self.tangent), components, (front, viewer))
+    }
+}
+
+/// Returns the components of a texel.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "a third each")]
+pub(super) fn components(texel: u64) -> [f32; 3] {
+    let (x, y, z) = (texel as u16, (texel >> 16) as u16, (texel >> 32) as u16);
+    let per = 2.0 / ONE;
+    [f32::from(x) * per - 1.0, f32::from(y) * per - 1.0, f32::from(z) * per - 1.0]
+}
+
+impl Rule {
+    /// Returns a normal turned by the components of a texture along the tangent, the second tangent and the normal.
+    ///
+    /// `normal` is the unit normal on the front, `tangent` a unit vector, and `viewer` leads to the viewer, all in the same
+    /// axes. What is returned is of length 1, on the side that is seen.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    pub(super) fn turned<N: Number>(
+        &self,
+        normal: Triple<N>,
+        tangent: Triple<N>,
+        [x, y, z]: [N; 3],
+        (front, viewer): (bool, Vector),
+    ) -> Triple<N> {
+        let first = unit(sub(tangent, scale(normal, dot(normal, tangent))));
+        let second = scale(cross(normal, first), N::constant(self.side));
+        let seen = scale(normal, N::constant(if front { 1.0 } else { -1.0 }));
+        let (along, outwards) = (add(scale(first, x), scale(second, y)), scale(seen, z));
+        let facing = dot(add(along, outwards), constant(viewer)).value();
+        let round = if self.like_gltf { !front } else { facing <= 0.0 };
+        let turned = add(scale(along, N::constant(if round { -1.0 } else { 1.0 })), outwards);
+        let length = dot(turned, turned);
+        // Along a normal that is the tangent there is none, and a texel may be 0.
+        let known = length.value() > 0.0 && dot(first, first).value() > 0.0;
+        let turned = unit(turned);
+        if known { turned } else { seen }
+    }
+}
+
+/// Returns the fraction of light from a direction that the bumps let through which a turned normal stands for.
+///
+/// Without it, light would end all at once where the surface turns away from it. Source: Conty Estevez, Lecocq and Stein,
+/// "A microfacet-based shadowing function to solve the bump terminator problem", Ray Tracing Gems, 2019.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+pub(crate) fn fading<N: Number>(normal: Triple<N>, turned: Triple<N>, towards: Triple<N>) -> N {
+    let one = N::constant(1.0);
+    let slope = |cosine: N| one / cosine.squared() - one;
+    let roughness = slope(dot(normal, turned)).scaled(0.125).at_least(0.0).at_most(1.0);
+    N::constant(2.0) / (one + (one + roughness * slope(dot(normal, towards))).sqrt())
+}
+
+/// Returns the unit vector along which u grows while v stays, and 1 where v grows to the right of it, seen from the front,
+/// as in a picture, or -1 where the picture is mirrored.
+fn tangent_of(uv: &[[f64; 4]; 2], plane: &[f64; 4]) -> Option<(Vector, f64)> {
+    let [u, v] = uv.map(|map| [map[0], map[1], map[2]]);
+    let normal = [plane[0], plane[1], plane[2]];
+    let area = vector_dot(normal, vector_cross(u, v));
+    let along = vector_scale(vector_cross(v, normal), area.signum());
+    let length = vector_dot(along, along).sqrt();
+    let known = area != 0.0 && length > 0.0 && length.is_finite();
+    known.then(|| (vector_scale(along, 1.0 / length), -area.signum()))
+}
