@@ -307,7 +307,8 @@ def _gltf(folder: Path) -> list[Path]:
     clear = {"KHR_materials_transmission": {"transmissionFactor": 0.9}, "KHR_materials_ior": {"ior": 1.4}}
     pane = gltf.material("pane", more={"extensions": {**clear, "KHR_materials_volume": {"thicknessFactor": 0.1}}})
     gltf.node(mesh=quad(gltf, material=pane))
-    more = {"extensions": extensions, "alphaMode": "MASK", "normalTexture": {**texture, "scale": 0.5}, **emits}
+    bumps: dict[str, Any] = {"normalTexture": {**texture, "scale": 0.5}}
+    more = {"extensions": extensions, "alphaMode": "MASK", **bumps, **emits}
     paint = gltf.material(baseColorTexture=texture, more=more)
     body = gltf.node(mesh=quad(gltf, uv=UV, material=paint), name="body")
     child = gltf.node(root=False, mesh=quad(gltf, colours=np.full((4, 3), 0.5)), scale=[1, 2, 3])
