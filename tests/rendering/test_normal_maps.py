@@ -48,6 +48,7 @@ def metal() -> dict[str, Any]:
 
 POINT = {"type": "point", "position": [0.7, -0.8, 1.0], "intensity": 5.0}
 BEHIND = {"type": "point", "position": [0.7, -0.8, -1.0], "intensity": 5.0}
+LOW = {"type": "point", "position": [1.6, 0.4, 0.35], "intensity": 5.0}
 GRAZING = {"type": "directional", "direction": [1, 0.2, -0.2], "irradiance": 2.0}
 
 
@@ -85,6 +86,7 @@ CASES = {
     "smooth": (bumpy(diffuse()), POINT, 3.0, "sphere"),
     "metal": (bumpy(metal()), POINT, 2.2, "rectangle"),
     "metal in grazing light": (bumpy(metal()), GRAZING, 2.2, "rectangle"),
+    "metal by a low lamp": (bumpy(metal()), LOW, 2.2, "rectangle"),
     "metal's back": (bumpy(metal()), BEHIND, -2.2, "rectangle"),
 }
 
@@ -222,6 +224,24 @@ def test_the_tangents_of_gltf(mirrored: bool, base: bool, tmp_path: Path) -> Non
             scene = file(tmp_path, image, uv=uv, towards=light, base=base)
             assert not scene.lost_looks
             assert middle(scene) == pytest.approx(cosine, abs=0.01)
+
+
+@pytest.mark.without_llvm
+def test_tangents_are_at_right_angles_to_smooth_normals(tmp_path: Path) -> None:
+    """Normals of vertices that lean to the right by 30 degrees, which the texture turns on by 36.9."""
+    lean, turn = np.radians(30.0), np.arcsin(TILT)
+    vertices = {"uv": UV, "normals": np.tile([np.sin(lean), 0, np.cos(lean)], (4, 1))}
+    for side, angle in ((1, lean + turn), (-1, lean - turn)):
+        scene = file(tmp_path, texels(side * TILT, 0), vertices=vertices)
+        assert middle(scene) == pytest.approx(np.cos(angle), abs=0.01)
+
+
+@pytest.mark.without_llvm
+def test_light_from_behind_stays_there(tmp_path: Path) -> None:
+    """A normal may be turned to a light behind the surface; none of it comes through."""
+    light = np.array([0.95, 0.0, -0.3]) / np.hypot(0.95, 0.3)
+    assert [TILT, 0, 0.8] @ light > 0.3
+    assert middle(file(tmp_path, texels(TILT, 0), towards=tuple(light))) == 0
 
 
 @pytest.mark.without_llvm

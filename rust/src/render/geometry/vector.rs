@@ -2,32 +2,41 @@
 //!
 //! Geometry is set up in them once per triangle and view; rays then use float32.
 //!
+//! The operations name each component, because the standard library's functions of arrays are often not compiled into
+//! what calls them.
+//!
 //! What must not break: operations are in a fixed order, because results reach every pixel.
 
 /// A vector or a point.
 pub(crate) type Vector = [f64; 3];
 
+#[inline]
 pub(crate) fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+#[inline]
 pub(crate) fn cross(a: Vector, b: Vector) -> Vector {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
+#[inline]
 pub(crate) fn add(a: Vector, b: Vector) -> Vector {
-    std::array::from_fn(|i| a[i] + b[i])
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
+#[inline]
 pub(crate) fn sub(a: Vector, b: Vector) -> Vector {
-    std::array::from_fn(|i| a[i] - b[i])
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+#[inline]
 pub(crate) fn scale(a: Vector, by: f64) -> Vector {
-    a.map(|component| component * by)
+    [a[0] * by, a[1] * by, a[2] * by]
 }
 
 /// Returns the largest of the components' magnitudes.
+#[inline]
 pub(crate) fn largest(a: Vector) -> f64 {
     a[0].abs().max(a[1].abs()).max(a[2].abs())
 }

@@ -24,9 +24,14 @@ pub struct Pose {
 
 impl Pose {
     /// Returns a vector of the frame in camera axes.
+    #[inline]
     pub(crate) fn turned(&self, vector: Vector) -> Vector {
         let rows = &self.rotation;
-        std::array::from_fn(|i| rows[0][i] * vector[0] + rows[1][i] * vector[1] + rows[2][i] * vector[2])
+        [
+            rows[0][0] * vector[0] + rows[1][0] * vector[1] + rows[2][0] * vector[2],
+            rows[0][1] * vector[0] + rows[1][1] * vector[1] + rows[2][1] * vector[2],
+            rows[0][2] * vector[0] + rows[1][2] * vector[1] + rows[2][2] * vector[2],
+        ]
     }
 
     /// Returns how a vector that stands still in the frame changes in camera axes, there given in these.
@@ -35,13 +40,15 @@ impl Pose {
     }
 
     /// Returns a point given in camera axes, in the frame.
+    #[inline]
     pub(crate) fn point(&self, point: Vector) -> Vector {
         add(self.vector(point), self.position)
     }
 
     /// Returns a vector given in camera axes, in the frame's.
+    #[inline]
     pub(crate) fn vector(&self, vector: Vector) -> Vector {
-        self.rotation.map(|row| dot(row, vector))
+        [dot(self.rotation[0], vector), dot(self.rotation[1], vector), dot(self.rotation[2], vector)]
     }
 
     /// Returns the frame's velocity in camera axes.

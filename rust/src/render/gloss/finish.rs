@@ -9,7 +9,7 @@
 
 use std::f64::consts::{FRAC_1_PI, PI};
 
-use super::number::{Number, Triple, add, constant, cross, dot, scale, sub, times, unit};
+use super::number::{Number, Triple, add, constant, cross, dot, each, scale, sub, times, unit};
 use crate::error::{Error, Result};
 
 /// How microfacets are turned.
@@ -173,11 +173,14 @@ impl Finish {
     pub(crate) fn reflected<N: Number>(&self, base: Triple<N>, cosine: N) -> Triple<N> {
         let fresnel = match self.fresnel {
             Fresnel::Dielectric(eta) => [dielectric(cosine, eta); 3],
-            Fresnel::Conductor(eta, k) => std::array::from_fn(|i| conductor(cosine, eta[i], k[i])),
+            Fresnel::Conductor(eta, k) => {
+                let of = |i: usize| conductor(cosine, eta[i], k[i]);
+                [of(0), of(1), of(2)]
+            }
             Fresnel::Mixed(eta, metal) => {
                 let plain = dielectric(cosine, eta).scaled(1.0 - metal);
                 let grazing = fifth_power(N::constant(1.0) - cosine);
-                base.map(|colour| plain + (colour + (N::constant(1.0) - colour) * grazing).scaled(metal))
+                each(base, |colour| plain + (colour + (N::constant(1.0) - colour) * grazing).scaled(metal))
             }
         };
         let tinted = times(fresnel, constant(self.tint));
@@ -254,7 +257,7 @@ impl Finish {
         let Under::Coated { index, inside, nonlinear, passing, .. } = &self.under else { return base };
         let leaving = passed(out, *index, passing.as_deref());
         let both = (entering * leaving).scaled(1.0 / (index * index));
-        base.map(|colour| {
+        each(base, |colour| {
             let again = if *nonlinear { colour.scaled(*inside) } else { N::constant(*inside) };
             colour * both / (N::constant(1.0) - again)
         })

@@ -17,18 +17,25 @@ pub(crate) fn looked_up<N: Number, const CHANNELS: usize>(
     texel: impl Fn(usize) -> [f64; CHANNELS],
 ) -> [N; CHANNELS] {
     if texture.is_constant() {
-        return texel(texture.first).map(N::constant);
+        let only = texel(texture.first);
+        let mut values = [N::constant(0.0); CHANNELS];
+        for i in 0..CHANNELS {
+            values[i] = N::constant(only[i]);
+        }
+        return values;
     }
     let (column, x) = before(folded(at_map(maps[0], point), wrap), texture.width);
     let (row, y) = before(folded(at_map(maps[1], point), wrap), texture.height);
     let stride = texture.width as usize + 2;
     let first = texture.first + row * stride + column;
     let (a, b, c, d) = (texel(first), texel(first + 1), texel(first + stride), texel(first + stride + 1));
-    std::array::from_fn(|i| {
+    let mut values = [N::constant(0.0); CHANNELS];
+    for i in 0..CHANNELS {
         let upper = N::constant(a[i]) + x.scaled(b[i] - a[i]);
         let lower = N::constant(c[i]) + x.scaled(d[i] - c[i]);
-        upper + (lower - upper) * y
-    })
+        values[i] = upper + (lower - upper) * y;
+    }
+    values
 }
 
 /// Folds a coordinate back into the texture.

@@ -237,6 +237,13 @@ pub(crate) fn sub<N: Number>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+/// Returns a function of each channel of a colour.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+pub(crate) fn each<N: Number>(a: Triple<N>, function: impl Fn(N) -> N) -> Triple<N> {
+    [function(a[0]), function(a[1]), function(a[2])]
+}
+
 /// Returns the product of two colours, channel by channel.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]

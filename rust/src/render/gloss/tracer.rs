@@ -177,7 +177,8 @@ impl Tracer<'_> {
         let normal = self.normal(hit, surface, viewer);
         let texture = &self.lit.scene.textures[surface.texture as usize];
         let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
-            gloss.texels[at].map(f64::from)
+            let [red, green, blue] = gloss.texels[at];
+            [f64::from(red), f64::from(green), f64::from(blue)]
         });
         let fades = self.lit.scene.bumps(surface).is_some_and(|bumps| bumps.rule.fades);
         let fading_from = fades.then(|| self.smooth_normal(hit, surface));

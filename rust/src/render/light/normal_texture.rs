@@ -176,12 +176,7 @@ impl Rule {
         let (along, outwards) = (add(scale(first, x), scale(second, y)), scale(seen, z));
         let facing = dot(add(along, outwards), constant(viewer)).value();
         let round = if self.like_gltf { !front } else { facing <= 0.0 };
-        let turned = add(scale(along, N::constant(if round { -1.0 } else { 1.0 })), outwards);
-        let length = dot(turned, turned);
-        // Along a normal that is the tangent there is none, and a texel may be 0.
-        let known = length.value() > 0.0 && dot(first, first).value() > 0.0;
-        let turned = unit(turned);
-        if known { turned } else { seen }
+        unit(add(scale(along, N::constant(if round { -1.0 } else { 1.0 })), outwards))
     }
 }
 

@@ -269,10 +269,15 @@ fn look(looking: &mut Looking, bvh: &Bvh, waiting: &mut Vec<Waiting>) {
 }
 
 /// Returns where a ray meets a triangle; None where it passes it.
+#[inline]
 fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
-    let [a, b, c] = corners.map(|corner| sub(corner, ray.origin));
-    let sides = [(a, b), (b, c), (c, a)].map(|(from, to)| dot(cross(from, to), ray.direction));
-    if sides.iter().any(|&side| side < 0.0) && sides.iter().any(|&side| side > 0.0) {
+    let (a, b, c) = (sub(corners[0], ray.origin), sub(corners[1], ray.origin), sub(corners[2], ray.origin));
+    let side = |from: Vector, to: Vector| dot(cross(from, to), ray.direction);
+    let sides = [side(a, b), side(b, c), side(c, a)];
+    let (below, above) = (|side: f64| side < 0.0, |side: f64| side > 0.0);
+    if (below(sides[0]) || below(sides[1]) || below(sides[2]))
+        && (above(sides[0]) || above(sides[1]) || above(sides[2]))
+    {
         return None;
     }
     let normal = [plane[0], plane[1], plane[2]];
