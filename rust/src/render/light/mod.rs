@@ -3,11 +3,13 @@
 mod affine;
 pub(super) mod any_hit;
 pub(super) mod beam;
+mod bumps;
 pub(super) mod cast;
 pub(super) mod cone;
 pub(super) mod light_map;
 pub(super) mod lights;
 pub(super) mod normal_texture;
+mod normals;
 pub(super) mod patch;
 pub(super) mod shade;
 pub(super) mod shader;

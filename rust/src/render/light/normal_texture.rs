@@ -20,6 +20,9 @@ pub const NO_NORMAL_TEXTURE: u32 = u32::MAX;
 /// What stands for a component of 1; 0 stands for -1.
 const ONE: f32 = u16::MAX as f32;
 
+/// The least square of a cosine that anything is divided by.
+const LEAST_SQUARE: f64 = 1e-30;
+
 /// The normal textures of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct NormalTextureTables {
@@ -72,12 +75,7 @@ impl NormalTextures {
         Ok(Self {
             of_texture: tables.of_texture.clone(),
             textures,
-            texels: tables
-                .texels
-                .iter()
-                .map(|texel| texel.map(u64::from))
-                .map(|[x, y, z]| x | y << 16 | z << 32)
-                .collect(),
+            texels: tables.texels.iter().copied().map(packed).collect(),
             fades: tables.fades.clone(),
             like_gltf: tables.like_gltf,
         })
@@ -146,7 +144,13 @@ impl Bumps<'_> {
     }
 }
 
-/// Returns the components of a texel.
+/// Puts the components of a texel into one number.
+fn packed(texel: [u16; 3]) -> u64 {
+    let [x, y, z] = texel.map(u64::from);
+    x | y << 16 | z << 32
+}
+
+/// Returns the components of a texel, from -1 to 1.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "a third each")]
@@ -188,7 +192,7 @@ impl Rule {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn fading<N: Number>(normal: Triple<N>, turned: Triple<N>, towards: Triple<N>) -> N {
     let one = N::constant(1.0);
-    let slope = |cosine: N| one / cosine.squared() - one;
+    let slope = |cosine: N| one / cosine.squared().at_least(LEAST_SQUARE) - one;
     let roughness = slope(dot(normal, turned)).scaled(0.125).at_least(0.0).at_most(1.0);
     N::constant(2.0) / (one + (one + roughness * slope(dot(normal, towards))).sqrt())
 }
@@ -203,4 +207,50 @@ fn tangent_of(uv: &[[f64; 4]; 2], plane: &[f64; 4]) -> Option<(Vector, f64)> {
     let length = vector_dot(along, along).sqrt();
     let known = area != 0.0 && length > 0.0 && length.is_finite();
     known.then(|| (vector_scale(along, 1.0 / length), -area.signum()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// However flat light falls, and whether a texel turns the normal or not.
+    #[test]
+    fn light_fades_to_a_fraction() {
+        for tilt in [0.0, 0.3, 0.999_999] {
+            let turned = [tilt, 0.0, f64::sqrt(1.0 - tilt * tilt)];
+            let mut last = 0.0;
+            for along in [1e-200, 1e-25, 1e-12, 1e-6, 1e-3, 0.1, 1.0] {
+                let towards = [f64::sqrt(1.0 - along * along), 0.0, along];
+                let fraction = fading([0.0, 0.0, 1.0], turned, towards);
+                let single = |vector: Vector| vector.map(|component| <f32 as Number>::new(component, 0.0));
+                let rounded = fading(single([0.0, 0.0, 1.0]), single(turned), single(towards));
+                assert!((f64::from(rounded) - fraction).abs() < 1e-4, "{tilt} {along}: {rounded} {fraction}");
+                assert!(fraction >= last && fraction <= 1.0, "{tilt} {along}: {fraction}");
+                last = fraction;
+            }
+            assert!((last - 1.0).abs() < 1e-12);
+        }
+    }
+
+    /// In a picture u grows to the right and v downwards; of texture coordinates without an area there is no tangent.
+    #[test]
+    fn tangents_follow_the_picture() {
+        let (u, v, plane) = ([2.0, 0.0, 0.0, 0.3], [0.0, -3.0, 0.0, 0.1], [0.0, 0.0, 1.0, 0.0]);
+        assert_eq!(tangent_of(&[u, v], &plane), Some(([1.0, 0.0, 0.0], 1.0)));
+        let [x, y, z, w] = u.map(|x| -x);
+        assert_eq!(tangent_of(&[[x, y, z, w], v], &plane), Some(([-1.0, 0.0, 0.0], -1.0)));
+        assert_eq!(tangent_of(&[u, [1.0, 0.0, 0.0, 0.0]], &plane), None);
+        assert_eq!(tangent_of(&[[0.0; 4]; 2], &plane), None);
+    }
+
+    #[test]
+    fn texels_are_from_minus_one_to_one() {
+        assert_eq!(components(packed([0, u16::MAX, 0])), [-1.0, 1.0, -1.0]);
+        assert!(
+            components(packed([32_768, 32_767, u16::MAX]))
+                .iter()
+                .zip([0.0, 0.0, 1.0])
+                .all(|(a, b)| (a - b).abs() < 2e-5)
+        );
+    }
 }

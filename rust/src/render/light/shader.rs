@@ -6,9 +6,9 @@ use std::f64::consts::FRAC_1_PI;
 
 use super::affine::{Affine, Changing, Map, coordinate, turned_map};
 use super::beam::SeenBeam;
+use super::bumps::{SeenBumps, Source};
 use super::light_map::SideMap;
 use super::lights::{SeenKind, SeenLight, Surroundings};
-use super::normal_texture::Bumps;
 use super::texture::{Texture, Wrap};
 use crate::render::geometry::linear::Linear;
 use crate::render::geometry::vector::{Vector, dot, single};
@@ -39,6 +39,19 @@ impl Falls {
                 Some((position, position_rate))
             }
             _ => None,
+        }
+    }
+
+    /// Returns where it comes from, on a surface whose normal changes.
+    pub(super) fn source(&self) -> Option<Source> {
+        match *self {
+            Self::FromOnSmooth { position, position_rate: rate, .. } => {
+                Some(Source { position, rate, is_direction: false })
+            }
+            Self::AlongOnSmooth { towards: position, towards_rate: rate, .. } => {
+                Some(Source { position, rate, is_direction: true })
+            }
+            Self::Evenly { .. } | Self::From { .. } | Self::Baked { .. } => None,
         }
     }
 }
@@ -103,7 +116,10 @@ impl<'a> Shader<'a> {
         let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
         // Glossy triangles are shaded elsewhere.
         let glossy = scene.is_glossy(seen.triangle);
-        let bumpy = scene.bumps(surface).map(|bumps| Box::new(SeenBumps::new(bumps, pose, &plane)));
+        let bumpy = scene.bumps(surface).map(|bumps| {
+            let towards = if facing > 0.0 { 1.0 } else { -1.0 };
+            Box::new(SeenBumps::new(bumps, pose, [plane.normal, plane.normal_rate], towards))
+        });
         let one_normal = smooth.is_none() && bumpy.is_none();
         let dark = glossy || one_normal && facing < 0.0 && !surface.two_sided;
         let mut shader = Self {
@@ -144,35 +160,6 @@ impl<'a> Shader<'a> {
     /// Returns whether a light of this number falls on it.
     pub(crate) fn lit_by(&self, light: usize) -> bool {
         self.lit.iter().any(|lit| lit.light == light)
-    }
-}
-
-/// The normal texture of a triangle as a camera sees it.
-#[derive(Debug)]
-pub(super) struct SeenBumps<'a> {
-    pub(super) bumps: Bumps<'a>,
-    pub(super) u: Affine,
-    pub(super) v: Affine,
-    /// In camera axes, with its rate.
-    pub(super) tangent: [[f32; 3]; 2],
-    /// The plane's normal on the front, for a surface that is not smooth.
-    pub(super) plane: [[f32; 3]; 2],
-    pub(super) facing: f32,
-}
-
-impl<'a> SeenBumps<'a> {
-    #[allow(clippy::cast_possible_truncation, reason = "it is 1 or -1")]
-    fn new(bumps: Bumps<'a>, pose: &Pose, plane: &Plane) -> Self {
-        let [u, v] = bumps.uv.map(|map| coordinate(&map, pose, bumps.texture.wrap));
-        let tangent = pose.turned(bumps.tangent);
-        Self {
-            bumps,
-            u,
-            v,
-            tangent: [single(tangent), single(pose.turning(tangent))],
-            plane: [single(plane.normal), single(plane.normal_rate)],
-            facing: if plane.height < 0.0 { -1.0 } else { 1.0 },
-        }
     }
 }
 

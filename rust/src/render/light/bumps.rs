@@ -1,0 +1,198 @@
+//! Normal textures on triangles as a camera sees them: turned normals, and what of a light they take, for many rays.
+//!
+//! What must not break: luma with and without rates has the same bits.
+
+use super::affine::{Affine, coordinate};
+use super::normal_texture::{Bumps, components, fading};
+use super::normals::Normals;
+use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Wrap};
+use crate::render::geometry::vector::{Vector, single};
+use crate::render::geometry::view::Pose;
+use crate::render::gloss::number::{Number, RatedSingle, Triple, unit};
+use crate::render::lanes::{Lanes, Rays};
+
+/// Where a light comes from, in camera axes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Source {
+    /// The light's position, or the unit vector towards it.
+    pub(super) position: [f32; 3],
+    pub(super) rate: [f32; 3],
+    pub(super) is_direction: bool,
+}
+
+/// The normal texture of a triangle as a camera sees it.
+#[derive(Debug)]
+pub(super) struct SeenBumps<'a> {
+    bumps: Bumps<'a>,
+    u: Affine,
+    v: Affine,
+    /// In camera axes, with its rate.
+    tangent: [[f32; 3]; 2],
+    /// The plane's normal on the front, with its rate.
+    plane: [[f32; 3]; 2],
+    /// 1 where the camera sees the plane's front, else -1.
+    facing: f32,
+}
+
+impl<'a> SeenBumps<'a> {
+    pub(super) fn new(bumps: Bumps<'a>, pose: &Pose, plane: [Vector; 2], facing: f32) -> Self {
+        let [u, v] = bumps.uv.map(|map| coordinate(&map, pose, bumps.texture.wrap));
+        let tangent = pose.turned(bumps.tangent);
+        Self {
+            bumps,
+            u,
+            v,
+            tangent: [single(tangent), single(pose.turning(tangent))],
+            plane: [single(plane[0]), single(plane[1])],
+            facing,
+        }
+    }
+}
+
+/// Normals of a surface with a normal texture, on the side that is seen.
+pub(super) struct BumpyNormals {
+    pub(super) turned: Normals,
+    /// Without the texture.
+    pub(super) under: Normals,
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl SeenBumps<'_> {
+    /// Turns normals: those of a smooth surface, or the plane's.
+    #[inline(always)]
+    pub(super) fn normals<const RATE: bool, const FULL: bool>(
+        &self,
+        smooth: Option<Normals>,
+        rays: &Rays<'_, FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> BumpyNormals {
+        let under = smooth.unwrap_or_else(|| {
+            let lanes = |which: usize| self.plane[which].map(|component| Lanes::all(self.facing * component));
+            Normals { now: lanes(0), rate: lanes(1), facing: Lanes::all(self.facing) }
+        });
+        let (values, rates) = match self.bumps.texture.wrap {
+            Wrap::Repeat => self.components::<RATE, FULL, Repeat>(rays, depth, depth_rate),
+            Wrap::Clamp => self.components::<RATE, FULL, Clamp>(rays, depth, depth_rate),
+            Wrap::Mirror => self.components::<RATE, FULL, Mirror>(rays, depth, depth_rate),
+        };
+        let mut turned = Normals { now: [Lanes::ZERO; 3], rate: [Lanes::ZERO; 3], facing: under.facing };
+        for i in 0..rays.count() {
+            let facing = under.facing[i];
+            let viewer = [-f64::from(rays.x[i]), -f64::from(rays.y[i]), -1.0];
+            let (normal, texel) = (of_lane(&under.now, i, facing), of_lane(&values, i, 1.0));
+            let seen = (facing > 0.0, viewer);
+            if RATE {
+                let normal = with_rates(normal, of_lane(&under.rate, i, facing));
+                let texel = with_rates(texel, of_lane(&rates, i, 1.0));
+                let made = self.bumps.rule.turned(normal, with_rates(self.tangent[0], self.tangent[1]), texel, seen);
+                for k in 0..3 {
+                    (turned.now[k][i], turned.rate[k][i]) = rounded(made[k]);
+                }
+            } else {
+                let made = self.bumps.rule.turned(normal, self.tangent[0], texel, seen);
+                for k in 0..3 {
+                    turned.now[k][i] = made[k];
+                }
+            }
+        }
+        BumpyNormals { turned, under }
+    }
+
+    /// Looks up the three components where rays hit, and their rates.
+    #[inline(always)]
+    fn components<const RATE: bool, const FULL: bool, F: Fold>(
+        &self,
+        rays: &Rays<'_, FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> ([Lanes; 3], [Lanes; 3]) {
+        let (n, x, y) = (rays.count(), rays.x, rays.y);
+        let sampler = Sampler::new(self.bumps.texture, self.bumps.texels);
+        let (mut taps, mut per_second) = (Taps::NONE, [Lanes::ZERO; 2]);
+        for i in 0..n {
+            let (u, u_rate) = self.u.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+            let (v, v_rate) = self.v.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+            let [by_u, by_v] = taps.set::<F>(i, &sampler, u, v);
+            if RATE {
+                per_second[0][i] = by_u * u_rate;
+                per_second[1][i] = by_v * v_rate;
+            }
+        }
+        let corners = sampler.four(&taps, n);
+        let (mut values, mut rates) = ([Lanes::ZERO; 3], [Lanes::ZERO; 3]);
+        for i in 0..n {
+            let (p, q) = (components(corners[0][i]), components(corners[1][i]));
+            let (r, s) = (components(corners[2][i]), components(corners[3][i]));
+            for k in 0..3 {
+                let (upper, lower) = (q[k] - p[k], s[k] - r[k]);
+                let (a, b) = (p[k] + upper * taps.x[i], r[k] + lower * taps.x[i]);
+                values[k][i] = a + (b - a) * taps.y[i];
+                if RATE {
+                    let along = (upper + (lower - upper) * taps.y[i]) * per_second[0][i];
+                    rates[k][i] = along + (b - a) * per_second[1][i];
+                }
+            }
+        }
+        (values, rates)
+    }
+
+    /// Takes away light that comes from behind the surface, to which its texture would turn it, and fades it.
+    #[inline(always)]
+    pub(super) fn take<const RATE: bool, const FULL: bool>(
+        &self,
+        from: &Source,
+        (turned, under): (&Normals, &Normals),
+        rays: &Rays<'_, FULL>,
+        (depth, depth_rate): (&Lanes, &Lanes),
+        (value, rate): (&mut Lanes, &mut Lanes),
+    ) {
+        let Source { position, rate: position_rate, is_direction } = *from;
+        for i in 0..rays.count() {
+            let point = if is_direction { [0.0; 3] } else { [rays.x[i] * depth[i], rays.y[i] * depth[i], depth[i]] };
+            let way = [position[0] - point[0], position[1] - point[1], position[2] - point[2]];
+            let (flat, bent) = (of_lane(&under.now, i, 1.0), of_lane(&turned.now, i, 1.0));
+            let lit = flat[0] * way[0] + (flat[1] * way[1] + flat[2] * way[2]) > 0.0;
+            if self.bumps.rule.fades && RATE {
+                let moves = if is_direction { 0.0 } else { depth_rate[i] };
+                let moves = [
+                    position_rate[0] - rays.x[i] * moves,
+                    position_rate[1] - rays.y[i] * moves,
+                    position_rate[2] - moves,
+                ];
+                let way = with_rates(way, moves);
+                let flat = with_rates(flat, of_lane(&under.rate, i, 1.0));
+                let bent = with_rates(bent, of_lane(&turned.rate, i, 1.0));
+                let (fraction, fraction_rate) = rounded(fading(flat, bent, unit(way)));
+                rate[i] = rate[i] * fraction + value[i] * fraction_rate;
+                value[i] *= fraction;
+            } else if self.bumps.rule.fades {
+                value[i] *= fading(flat, bent, unit(way));
+            }
+            value[i] = if lit { value[i] } else { 0.0 };
+            rate[i] = if lit { rate[i] } else { 0.0 };
+        }
+    }
+}
+
+/// Returns the vector of a ray, times a factor.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn of_lane(lanes: &[Lanes; 3], i: usize, by: f32) -> [f32; 3] {
+    [by * lanes[0][i], by * lanes[1][i], by * lanes[2][i]]
+}
+
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn with_rates(values: [f32; 3], rates: [f32; 3]) -> Triple<RatedSingle> {
+    let number = |k: usize| RatedSingle::new(f64::from(values[k]), f64::from(rates[k]));
+    [number(0), number(1), number(2)]
+}
+
+/// Returns a value and its rate.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "both are float32")]
+fn rounded(number: RatedSingle) -> (f32, f32) {
+    (number.value() as f32, number.rate() as f32)
+}
