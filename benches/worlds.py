@@ -46,6 +46,7 @@ def examine(path: Path) -> Row:
     """Load one file in this process, and find who would render it."""
     from davis_rs import load_scene
     from davis_rs.render.choice import RENDERER_KINDS, NoiseFreeKind, why_not_noise_free
+    from davis_rs.scene.lost_looks import BACKS
 
     start = time.perf_counter()
     lost: list[str] = []
@@ -53,13 +54,14 @@ def examine(path: Path) -> Row:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             scene = load_scene(path)
-            lost = sorted({look.what for look in scene.lost_looks})
             free = (
                 kind.name
                 for kind in RENDERER_KINDS.values()
                 if isinstance(kind, NoiseFreeKind) and kind.name != "table"
             )
             outcome = next((name for name in free if not RENDERER_KINDS[name].why_not(scene)), "integrator")  # type: ignore[attr-defined]
+            shown = () if outcome == "integrator" else (BACKS,)  # the native renderer culls them
+            lost = sorted({look.what for look in scene.lost_looks} - set(shown))
             reason = [] if outcome != "integrator" else [str(obstacle.rule) for obstacle in why_not_noise_free(scene)]
     except FileNotFoundError as error:
         outcome, reason = "missing files", [str(error)]
