@@ -2,6 +2,8 @@
 //!
 //! What must not break: luma with and without rates has the same bits.
 
+use multiversion::multiversion;
+
 use super::affine::{Affine, coordinate};
 use super::normal_texture::{Bumps, components, fading};
 use super::normals::Normals;
@@ -58,9 +60,8 @@ pub(super) struct BumpyNormals {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl SeenBumps<'_> {
-    /// Turns normals: those of a smooth surface, or the plane's.
     #[inline(always)]
-    pub(super) fn normals<const RATE: bool, const FULL: bool>(
+    fn normals<const RATE: bool, const FULL: bool>(
         &self,
         smooth: Option<Normals>,
         rays: &Rays<'_, FULL>,
@@ -137,9 +138,8 @@ impl SeenBumps<'_> {
         (values, rates)
     }
 
-    /// Takes away light that comes from behind the surface, to which its texture would turn it, and fades it.
     #[inline(always)]
-    pub(super) fn take<const RATE: bool, const FULL: bool>(
+    fn take<const RATE: bool, const FULL: bool>(
         &self,
         from: &Source,
         (turned, under): (&Normals, &Normals),
@@ -173,6 +173,33 @@ impl SeenBumps<'_> {
             rate[i] = if lit { rate[i] } else { 0.0 };
         }
     }
+}
+
+/// Turns normals by a normal texture: those of a smooth surface, or the plane's.
+///
+/// A function of its own, as is [`take`]: few surfaces need it, and what luma needs of the stack would grow by it.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn turned_normals<const RATE: bool, const FULL: bool>(
+    bumps: &SeenBumps<'_>,
+    smooth: Option<Normals>,
+    rays: &Rays<'_, FULL>,
+    depth: &Lanes,
+    depth_rate: &Lanes,
+) -> BumpyNormals {
+    bumps.normals::<RATE, FULL>(smooth, rays, depth, depth_rate)
+}
+
+/// Takes away light that comes from behind the surface, to which its texture would turn it, and fades it.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn take<const RATE: bool, const FULL: bool>(
+    bumps: &SeenBumps<'_>,
+    from: &Source,
+    normals: (&Normals, &Normals),
+    rays: &Rays<'_, FULL>,
+    depths: (&Lanes, &Lanes),
+    light: (&mut Lanes, &mut Lanes),
+) {
+    bumps.take::<RATE, FULL>(from, normals, rays, depths, light);
 }
 
 /// Returns the vector of a ray, times a factor.

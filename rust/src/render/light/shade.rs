@@ -6,6 +6,7 @@
 //! the processor. Rates are derivatives of the same steps. docs/rendering.md lists the steps.
 
 use super::affine::Affine;
+use super::bumps::{self, turned_normals};
 use super::cast::Caster;
 use super::normals::{Normals, normals};
 use super::shader::{Falls, LightMap, Shader};
@@ -36,7 +37,7 @@ impl Shader<'_> {
         let (normal, under) = match &self.bumpy {
             None => (normal, None),
             Some(bumpy) => {
-                let both = bumpy.normals::<RATE, FULL>(normal, rays, &depth, &depth_rate);
+                let both = turned_normals::<RATE, FULL>(bumpy, normal, rays, &depth, &depth_rate);
                 (Some(both.turned), Some((bumpy, both.under)))
             }
         };
@@ -54,7 +55,7 @@ impl Shader<'_> {
                 };
                 if let (Some((bumpy, under)), Some(turned), Some(from)) = (&under, &normal, lit.falls.source()) {
                     let added = (&mut added, &mut added_rate);
-                    bumpy.take::<RATE, FULL>(&from, (turned, under), rays, (&depth, &depth_rate), added);
+                    bumps::take::<RATE, FULL>(bumpy, &from, (turned, under), rays, (&depth, &depth_rate), added);
                 }
                 if let (Some(beam), Some(position)) = (&lit.beam, lit.falls.position()) {
                     beam.take::<RATE, FULL>(position, rays, (&depth, &depth_rate), (&mut added, &mut added_rate));
