@@ -174,14 +174,12 @@ impl Tracer<'_> {
         let surface = &self.lit.scene.surfaces[hit.triangle as usize];
         let own = gloss.finish(hit.triangle).map(|finish| self.finish_at(finish, surface, hit));
         let finish = own.as_deref();
-        let normal = self.normal(hit, surface, viewer);
+        let (normal, fading_from) = self.normal(hit, surface, viewer);
         let texture = &self.lit.scene.textures[surface.texture as usize];
         let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
             let [red, green, blue] = gloss.texels[at];
             [f64::from(red), f64::from(green), f64::from(blue)]
         });
-        let fades = self.lit.scene.bumps(surface).is_some_and(|bumps| bumps.rule.fades);
-        let fading_from = fades.then(|| self.smooth_normal(hit, surface));
         let spot = Spot { hit: *hit, finish, base, normal, viewer, out: dot(normal, viewer), fading_from };
         match finish {
             Some(Finish { under: Under::Solid(index), .. }) => self.through_solid(&spot, *index, path),
@@ -500,29 +498,21 @@ impl Tracer<'_> {
         }
     }
 
-    /// Returns the unit shading normal on the viewer's side; the plane's, where the shading normal turns away.
-    fn normal<N: Number>(&self, hit: &Hit<N>, surface: &Surface, viewer: Triple<N>) -> Triple<N> {
+    /// Returns the unit shading normal on the viewer's side; the plane's, where the shading normal turns away. Where light
+    /// fades with a normal texture, also what the normal is without that.
+    fn normal<N: Number>(&self, hit: &Hit<N>, surface: &Surface, viewer: Triple<N>) -> (Triple<N>, Option<Triple<N>>) {
         let bumps = self.lit.scene.bumps(surface);
         if bumps.is_none() && surface.normal.is_none() {
-            return hit.plane;
+            return (hit.plane, None);
         }
         let pose = &self.lit.view.poses[surface.frame as usize];
-        if let Some(bumps) = bumps {
-            let (smooth, to_viewer) = (shading_normal(surface, hit.in_frame), pose.vector(values(viewer)));
-            let turned = from_frame(pose, bumps.turned(hit.in_frame, smooth, (hit.front, to_viewer)));
-            if dot(turned, viewer).value() > 1e-6 {
-                return turned;
-            }
-        }
-        let normal = self.smooth_normal(hit, surface);
-        if dot(normal, viewer).value() > 1e-6 { normal } else { hit.plane }
-    }
-
-    /// Returns the unit shading normal on the side that is met, without a normal texture.
-    fn smooth_normal<N: Number>(&self, hit: &Hit<N>, surface: &Surface) -> Triple<N> {
-        let pose = &self.lit.view.poses[surface.frame as usize];
-        let normal = from_frame(pose, shading_normal(surface, hit.in_frame));
-        if hit.front { normal } else { negated(normal) }
+        let of_front = shading_normal(surface, hit.in_frame);
+        let smooth = from_frame(pose, if hit.front { of_front } else { negated(of_front) });
+        let to_viewer = pose.vector(values(viewer));
+        let turned = bumps.map(|bumps| from_frame(pose, bumps.turned(hit.in_frame, of_front, (hit.front, to_viewer))));
+        let faces = |normal: &Triple<N>| dot(*normal, viewer).value() > 1e-6;
+        let normal = turned.filter(faces).or(Some(smooth).filter(faces)).unwrap_or(hit.plane);
+        (normal, bumps.filter(|bumps| bumps.rule.fades).map(|_| smooth))
     }
 
     /// Returns the triangle that a ray from a surface meets first.

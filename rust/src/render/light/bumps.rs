@@ -5,9 +5,10 @@
 use multiversion::multiversion;
 
 use super::affine::{Affine, coordinate};
+use super::lookup::Positions;
 use super::normal_texture::{Bumps, components, fading};
 use super::normals::Normals;
-use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Wrap};
+use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Wrap};
 use crate::render::geometry::vector::{Vector, single};
 use crate::render::geometry::view::Pose;
 use crate::render::gloss::number::{Number, RatedSingle, Triple, unit};
@@ -108,31 +109,16 @@ impl SeenBumps<'_> {
         depth: &Lanes,
         depth_rate: &Lanes,
     ) -> ([Lanes; 3], [Lanes; 3]) {
-        let (n, x, y) = (rays.count(), rays.x, rays.y);
+        let n = rays.count();
         let sampler = Sampler::new(self.bumps.texture, self.bumps.texels);
-        let (mut taps, mut per_second) = (Taps::NONE, [Lanes::ZERO; 2]);
-        for i in 0..n {
-            let (u, u_rate) = self.u.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
-            let (v, v_rate) = self.v.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
-            let [by_u, by_v] = taps.set::<F>(i, &sampler, u, v);
-            if RATE {
-                per_second[0][i] = by_u * u_rate;
-                per_second[1][i] = by_v * v_rate;
-            }
-        }
-        let corners = sampler.four(&taps, n);
+        let positions = Positions::new::<RATE, FULL, F>([&self.u, &self.v], &sampler, rays, depth, depth_rate);
+        let corners = sampler.four(&positions.taps, n);
         let (mut values, mut rates) = ([Lanes::ZERO; 3], [Lanes::ZERO; 3]);
         for i in 0..n {
             let (p, q) = (components(corners[0][i]), components(corners[1][i]));
             let (r, s) = (components(corners[2][i]), components(corners[3][i]));
             for k in 0..3 {
-                let (upper, lower) = (q[k] - p[k], s[k] - r[k]);
-                let (a, b) = (p[k] + upper * taps.x[i], r[k] + lower * taps.x[i]);
-                values[k][i] = a + (b - a) * taps.y[i];
-                if RATE {
-                    let along = (upper + (lower - upper) * taps.y[i]) * per_second[0][i];
-                    rates[k][i] = along + (b - a) * per_second[1][i];
-                }
+                (values[k][i], rates[k][i]) = positions.mixed::<RATE>(i, [[p[k], q[k]], [r[k], s[k]]]);
             }
         }
         (values, rates)

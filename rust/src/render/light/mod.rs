@@ -8,6 +8,7 @@ pub(super) mod cast;
 pub(super) mod cone;
 pub(super) mod light_map;
 pub(super) mod lights;
+mod lookup;
 pub(super) mod normal_texture;
 mod normals;
 pub(super) mod patch;

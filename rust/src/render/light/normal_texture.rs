@@ -10,7 +10,7 @@
 
 use super::texture::{Texture, checked_layouts};
 use crate::error::{Error, Result};
-use crate::render::geometry::vector::{Vector, cross as vector_cross, dot as vector_dot, scale as vector_scale};
+use crate::render::geometry::vector::Vector;
 use crate::render::gloss::lookup::looked_up;
 use crate::render::gloss::number::{Number, Triple, add, constant, cross, dot, scale, sub, unit};
 
@@ -202,11 +202,11 @@ pub(crate) fn fading<N: Number>(normal: Triple<N>, turned: Triple<N>, towards: T
 fn tangent_of(uv: &[[f64; 4]; 2], plane: &[f64; 4]) -> Option<(Vector, f64)> {
     let [u, v] = uv.map(|map| [map[0], map[1], map[2]]);
     let normal = [plane[0], plane[1], plane[2]];
-    let area = vector_dot(normal, vector_cross(u, v));
-    let along = vector_scale(vector_cross(v, normal), area.signum());
-    let length = vector_dot(along, along).sqrt();
+    let area = dot(normal, cross(u, v));
+    let along = scale(cross(v, normal), area.signum());
+    let length = dot(along, along).sqrt();
     let known = area != 0.0 && length > 0.0 && length.is_finite();
-    known.then(|| (vector_scale(along, 1.0 / length), -area.signum()))
+    known.then(|| (scale(along, 1.0 / length), -area.signum()))
 }
 
 #[cfg(test)]

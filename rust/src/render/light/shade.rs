@@ -5,16 +5,13 @@
 //! What must not break: each step is one fixed sequence of float operations, never fused, so that bits do not depend on
 //! the processor. Rates are derivatives of the same steps. docs/rendering.md lists the steps.
 
-use super::affine::Affine;
 use super::bumps::{self, turned_normals};
 use super::cast::Caster;
+use super::lookup::{Reflected, looked_up};
 use super::normals::{Normals, normals};
 use super::shader::{Falls, LightMap, Shader};
-use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Wrap, parted};
+use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Wrap};
 use crate::render::lanes::{Lanes, Rays};
-
-/// Luma and, where it is wanted, its rate.
-pub(crate) type Reflected = (Lanes, Lanes);
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Shader<'_> {
@@ -166,41 +163,6 @@ impl Shader<'_> {
         }
         (value, rate)
     }
-}
-
-/// Looks up bilinearly at the points that rays hit, by the maps to their coordinates. Returns values and their rates.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
-    [u_map, v_map]: [&Affine; 2],
-    sampler: Sampler,
-    rays: &Rays<'_, FULL>,
-    depth: &Lanes,
-    depth_rate: &Lanes,
-) -> Reflected {
-    let (n, x, y) = (rays.count(), rays.x, rays.y);
-    let (mut taps, mut rates) = (Taps::NONE, [Lanes::ZERO; 2]);
-    for i in 0..n {
-        let (u, u_rate) = u_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
-        let (v, v_rate) = v_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
-        let [by_u, by_v] = taps.set::<F>(i, &sampler, u, v);
-        if RATE {
-            rates[0][i] = by_u * u_rate;
-            rates[1][i] = by_v * v_rate;
-        }
-    }
-    let corners = sampler.corners(&taps, n);
-    let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
-    for i in 0..n {
-        let [[p, q], [r, s]] = [parted(corners[0][i]), parted(corners[1][i])];
-        let (upper, lower) = (q - p, s - r);
-        let (a, b) = (p + upper * taps.x[i], r + lower * taps.x[i]);
-        value[i] = a + (b - a) * taps.y[i];
-        if RATE {
-            rate[i] = (upper + (lower - upper) * taps.y[i]) * rates[0][i] + (b - a) * rates[1][i];
-        }
-    }
-    (value, rate)
 }
 
 /// Computes the irradiance / pi of a light that nothing shadows, and its rate.

@@ -1,0 +1,76 @@
+//! Bilinear lookup of textures where rays hit them, for many rays at once, with rates.
+//!
+//! What must not break: the order of the mix, in both rows and then between them.
+
+use super::affine::Affine;
+use super::texture::{Fold, Sampler, Taps, parted};
+use crate::render::lanes::{Lanes, Rays};
+
+/// Values and, where they are wanted, their rates.
+pub(super) type Reflected = (Lanes, Lanes);
+
+/// Where rays hit a texture.
+pub(super) struct Positions {
+    pub(super) taps: Taps,
+    /// Texels per second, along u and along v.
+    per_second: [Lanes; 2],
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Positions {
+    /// Finds them by the maps to the texture's coordinates.
+    #[inline(always)]
+    pub(super) fn new<const RATE: bool, const FULL: bool, F: Fold>(
+        [u_map, v_map]: [&Affine; 2],
+        sampler: &Sampler,
+        rays: &Rays<'_, FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> Self {
+        let (x, y) = (rays.x, rays.y);
+        let mut positions = Self { taps: Taps::NONE, per_second: [Lanes::ZERO; 2] };
+        for i in 0..rays.count() {
+            let (u, u_rate) = u_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+            let (v, v_rate) = v_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+            let [by_u, by_v] = positions.taps.set::<F>(i, sampler, u, v);
+            if RATE {
+                positions.per_second[0][i] = by_u * u_rate;
+                positions.per_second[1][i] = by_v * v_rate;
+            }
+        }
+        positions
+    }
+
+    /// Mixes the texels around a position: two next to each other, and the two below. Returns the value and its rate.
+    #[inline(always)]
+    pub(super) fn mixed<const RATE: bool>(&self, i: usize, [[p, q], [r, s]]: [[f32; 2]; 2]) -> (f32, f32) {
+        let (upper, lower) = (q - p, s - r);
+        let (a, b) = (p + upper * self.taps.x[i], r + lower * self.taps.x[i]);
+        let value = a + (b - a) * self.taps.y[i];
+        if !RATE {
+            return (value, 0.0);
+        }
+        let along_u = (upper + (lower - upper) * self.taps.y[i]) * self.per_second[0][i];
+        (value, along_u + (b - a) * self.per_second[1][i])
+    }
+}
+
+/// Looks up a texture of single numbers at the points that rays hit.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+pub(super) fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
+    maps: [&Affine; 2],
+    sampler: Sampler,
+    rays: &Rays<'_, FULL>,
+    depth: &Lanes,
+    depth_rate: &Lanes,
+) -> Reflected {
+    let n = rays.count();
+    let positions = Positions::new::<RATE, FULL, F>(maps, &sampler, rays, depth, depth_rate);
+    let corners = sampler.corners(&positions.taps, n);
+    let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+    for i in 0..n {
+        (value[i], rate[i]) = positions.mixed::<RATE>(i, [parted(corners[0][i]), parted(corners[1][i])]);
+    }
+    (value, rate)
+}
