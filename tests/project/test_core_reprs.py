@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from davis_rs import EVENT_DTYPE, CrossingEngine, Decoder, Device, Effects, Encoder
-from davis_rs._core import EventFileReader, EventFileWriter, PixelRays, SceneRenderer
+from davis_rs._core import EventFileReader, EventFileWriter, PixelRays
+from one_triangle import one_triangle
 
 
 def events(times: list[int]) -> np.ndarray:
@@ -65,23 +66,4 @@ def test_writers_and_readers_say_their_file_and_how_far_they_are(tmp_path: Path)
 
 def test_a_scene_renderer_says_what_it_renders() -> None:
     assert repr(PixelRays(3, 2, 4, np.zeros(48, np.float32))) == "PixelRays(3 x 2, rays=4)"
-    renderer = SceneRenderer(
-        corners=np.array([0, 0, 1, 1, 0, 1, 0, 1, 1], np.float64),
-        planes=np.array([0, 0, 1, -1], np.float64),
-        u_maps=np.zeros(4),
-        v_maps=np.zeros(4),
-        normal_maps=None,
-        textures=np.zeros(1, np.uint32),
-        two_sided=np.ones(1, np.uint32),
-        frames=np.zeros(1, np.uint32),
-        frame_count=1,
-        layouts=np.array([0, 1, 1, 0], np.int64),
-        texels=[np.full(9, 0.5, np.float32)],
-        lights=[("constant", 0, 1.0, 0.0, [0.0, 0.0, 0.0], None)],
-        shadows=True,
-        centre=[0.0, 0.0, 1.0],
-        step=1e-4,
-        end=1e-3,
-        threads=2,
-    )
-    assert repr(renderer) == "SceneRenderer(triangles=1, frames=1, lights=1, shadows=True, threads=2)"
+    assert repr(one_triangle()) == "SceneRenderer(triangles=1, frames=1, lights=1, shadows=True, threads=2)"

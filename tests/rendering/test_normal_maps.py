@@ -15,6 +15,7 @@ from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer, why_not_noise_free
 from gltf_files import CORNERS, FACES, UV, Gltf, png
+from one_triangle import one_triangle
 
 CAMERA = Camera(width=24, height=20, fx=30.0, fy=30.0, cx=11.5, cy=9.5)
 NUMBERS = np.random.default_rng(5)
@@ -290,25 +291,7 @@ TABLES: dict[str, Any] = {"of": [0], "layouts": [[0, 1, 1, 0]], "texels": 27, "f
 def test_tables_that_do_not_belong_together_are_refused(wrong: dict[str, Any]) -> None:
     def core(tables: dict[str, Any]) -> SceneRenderer:
         of_texture, texels = np.array(tables["of"], np.uint32), np.zeros(tables["texels"], np.uint16)
-        return SceneRenderer(
-            corners=np.array([0, 0, 1, 1, 0, 1, 0, 1, 1.0]),
-            planes=np.array([0, 0, -1, 1.0]),
-            u_maps=np.array([1, 0, 0, 0.0]),
-            v_maps=np.array([0, 1, 0, 0.0]),
-            normal_maps=None,
-            textures=np.zeros(1, np.uint32),
-            two_sided=np.ones(1, np.uint32),
-            frames=np.zeros(1, np.uint32),
-            frame_count=1,
-            layouts=np.array([0, 1, 1, 0], np.int64),
-            texels=[np.ones(9, np.float32)],
-            lights=[("directional", 0, 1.0, 0.0, [0.0, 0.0, 1.0], None)],
-            normal_textures=(of_texture, tables["layouts"], texels, tables["fades"], True),
-            shadows=False,
-            centre=[0.0, 0.0, 0.0],
-            step=1e-6,
-            end=0.999,
-        )
+        return one_triangle(normal_textures=(of_texture, tables["layouts"], texels, tables["fades"], True))
 
     core(TABLES)
     with pytest.raises(ValueError, match=r"normal textures do not belong|lie within|groups of 3|normal texels"):

@@ -51,6 +51,9 @@ class Renderer(ABC):
     concurrent: bool = False
     """Whether several threads may call the renderer at once."""
 
+    culls_backs: bool = False
+    """Whether one sees through the backs of one-sided shapes, see :attr:`Scene.one_sided`."""
+
     motion: SceneMotion
     """What moves and flickers in the scene, as a function of the views' times."""
 

@@ -27,6 +27,7 @@ from .._mitsuba.types import (
 )
 from .finishes import Finish, read_blend, read_finish
 from .obstacles import plugin_name, shape_name
+from .texels import uv_map_of
 
 _COLOURS = {
     "Principled": ("principled", "base_color"),
@@ -43,8 +44,8 @@ _BUMPS = {"BumpMap": "bumpmap", "NormalMap": "normalmap"}
 _FLAT_NORMAL = (0.5, 0.5, 1.0)
 _FLAT = 0.51 / 255
 """How far texels of 8 bits may be from it: they cannot say 0.5."""
-_GRAZING = 64
-"""Points and directions at which two materials are compared."""
+_AZIMUTHS = 8
+"""Directions of grazing light under which two materials are compared."""
 
 
 class NormalTexture(NamedTuple):
@@ -239,16 +240,21 @@ def _is_flat(kind: str, inside: dict[str, MitsubaObject], mi: Mitsuba) -> bool:
 def _light_fades(bsdf: MitsubaBsdf, texture: MitsubaTexture, nested: MitsubaBsdf, mi: Mitsuba) -> bool:
     """Return whether a material with a normal texture is darker under grazing light than without a shadowing function.
 
-    Mitsuba does not tell its setting, so it is compared with a material that has none.
+    Mitsuba does not tell its setting. So it is compared with a material that has none, where the texture is steepest.
     """
     without = {"type": "normalmap", "use_shadowing_function": False, "normalmap": texture, "nested_bsdf": nested}
-    materials, numbers = (bsdf, mi.load_dict(without)), np.random.RandomState(0)
-    context = mi.BSDFContext()
-    for u, v, angle in numbers.uniform(0, 1, (_GRAZING, 3)).tolist():
+    materials, context, uv = (bsdf, mi.load_dict(without)), mi.BSDFContext(), np.zeros(2)
+    values = _values(texture, mi)
+    if values is not None and values.ndim == 3 and values.shape[2] >= 3:
+        row, column = np.unravel_index(values[..., 2].argmin(), values.shape[:2])
+        uv_map = uv_map_of(mi.traverse(texture))
+        centre = np.array([(column + 0.5) / values.shape[1], (row + 0.5) / values.shape[0]])
+        uv = np.linalg.pinv(uv_map[:2, :2]) @ (centre - uv_map[:2, 2])
+    for angle in np.arange(_AZIMUTHS) * (2 * np.pi / _AZIMUTHS):
         interaction = mi.SurfaceInteraction3f()
-        interaction.uv, interaction.wi, interaction.n = mi.Point2f(u, v), mi.Vector3f(0, 0, 1), mi.Normal3f(0, 0, 1)
+        interaction.uv, interaction.wi, interaction.n = mi.Point2f(uv), mi.Vector3f(0, 0, 1), mi.Normal3f(0, 0, 1)
         interaction.dp_du, interaction.sh_frame = mi.Vector3f(1, 0, 0), mi.Frame3f(mi.Normal3f(0, 0, 1))
-        towards = mi.Vector3f(0.9 * np.cos(2 * np.pi * angle), 0.9 * np.sin(2 * np.pi * angle), np.sqrt(1 - 0.9**2))
+        towards = mi.Vector3f(0.9 * np.cos(angle), 0.9 * np.sin(angle), np.sqrt(1 - 0.9**2))
         own, other = (np.array(material.eval(context, interaction, towards)).ravel() for material in materials)
         if (own < other * (1 - 1e-5)).any():
             return True

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
-from .texels import LUMINANCE, bilinear_meaning, fill_border, looked_up, lookup_positions, uv_map_of
+from .texels import LUMINANCE, bilinear_meaning, looked_up, lookup_positions, uv_map_of
 
 FloatArray = npt.NDArray[np.float64]
 _Rgb = tuple[float, float, float]
@@ -60,12 +60,10 @@ class NumberTexels:
     wrap: int
     values: bytes = field(repr=False)
 
-    def framed(self) -> npt.NDArray[np.float32]:
-        """Return the texels (height + 2, width + 2) with a border of one that is filled by the wrap mode."""
-        framed = np.empty((self.height + 2, self.width + 2), np.float32)
-        framed[1:-1, 1:-1] = np.frombuffer(self.values, np.float32).reshape(self.height, self.width)
-        fill_border(framed, self.wrap)
-        return framed
+    @property
+    def image(self) -> npt.NDArray[np.float32]:
+        """The texels (height, width)."""
+        return np.frombuffer(self.values, np.float32).reshape(self.height, self.width)
 
 
 @dataclass(frozen=True)

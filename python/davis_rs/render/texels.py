@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,8 @@ from ..scene.textures import from_srgb
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+_Number = TypeVar("_Number", bound=np.generic)
 
 _TEXELS_AT_ONCE = 1 << 18
 """How many texels are decoded and weighted at a time."""
@@ -89,6 +92,29 @@ class Texels:
     def _rgb(self, values: npt.NDArray[np.generic]) -> FloatArray:
         linear = values.astype(np.float64) if self._light is None else self._light[values.astype(np.uint8, copy=False)]
         return np.broadcast_to(linear, (*linear.shape[:-1], 3))
+
+
+def laid_out(
+    images: Iterable[tuple[npt.NDArray[np.generic], int]], dtype: type[_Number]
+) -> tuple[list[list[int]], npt.NDArray[_Number]]:
+    """Put images one after the other, each in a border of one texel, as the core takes them.
+
+    Args:
+        images: (H, W, ...), each with its index into :data:`WRAP_MODES`.
+
+    Returns:
+        Of each the number of its first texel, width, height and wrap mode; and all texels, flat.
+    """
+    layouts, framed, first = list[list[int]](), [np.zeros(0, dtype)], 0
+    for image, wrap in images:
+        height, width = image.shape[:2]
+        bordered = np.empty((height + 2, width + 2, *image.shape[2:]), dtype)
+        bordered[1:-1, 1:-1] = image
+        fill_border(bordered, wrap)
+        layouts.append([first, width, height, wrap])
+        framed.append(bordered.ravel())
+        first += (height + 2) * (width + 2)
+    return layouts, np.concatenate(framed)
 
 
 def fill_border(framed: npt.NDArray[np.generic], wrap: int) -> None:

@@ -21,7 +21,6 @@ from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
 from ..render.motion.scene_motion import SceneMotion, Steering
-from ..render.native.renderer import NativeRenderer
 from ..render.truth import SceneSurfaces, lost_look_fractions
 from ..render.truth.lost_look_fractions import warn_of_lost_looks
 from ..sampling.event_refinement import EventRefinement
@@ -125,9 +124,10 @@ class Simulator:
         self.lost_looks = lost_look_fractions(self.scene, self.camera, plain)
         self.renderer = with_optics(plain, self.effects)
         maps_asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values())
-        culled, self.surfaces = isinstance(plain, NativeRenderer), None
+        self.surfaces = None
         if maps_asked:
-            self.surfaces = SceneSurfaces(self.scene, self.camera, culled=culled, threads=settings.threads)
+            culled, threads = plain.culls_backs, settings.threads
+            self.surfaces = SceneSurfaces(self.scene, self.camera, culled=culled, threads=threads)
         aps = self.effects.aps
         self._shutter_us = 0.0 if aps is None else round(aps.exposure_us) + aps.readout_us(self.camera.height)
         self._begin()

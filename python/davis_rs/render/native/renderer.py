@@ -59,6 +59,7 @@ class NativeRenderer(Renderer):
     name = "native renderer"
     variant = SCALAR
     concurrent = True
+    culls_backs = True
 
     def __init__(
         self,

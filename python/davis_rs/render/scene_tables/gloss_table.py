@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..._mitsuba.types import MitsubaBsdf, MitsubaScene
 from ..baked.lights import integrator_of, paths_of
 from ..finishes import CoreFinish, Finish, NumberTexels
+from ..texels import laid_out
 
 FloatArray = npt.NDArray[np.float64]
 _Texels = npt.NDArray[np.float32]
@@ -70,12 +71,7 @@ class GlossTable:
 
     def core_lobes(self) -> tuple[list[list[int]], _Texels]:
         """Return the textures of roughness and metal as the core takes them: layouts, and all texels."""
-        layouts, framed, first = [], [np.zeros(0, np.float32)], 0
-        for texels in self._lobes:
-            layouts.append([first, texels.width, texels.height, texels.wrap])
-            framed.append(texels.framed().ravel())
-            first += len(framed[-1])
-        return layouts, np.concatenate(framed)
+        return laid_out(((texels.image, texels.wrap) for texels in self._lobes), np.float32)
 
     def albedos(
         self, reflectances: _Texels, sizes: npt.NDArray[np.int32], texture_of: npt.NDArray[np.uint32]

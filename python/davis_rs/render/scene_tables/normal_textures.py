@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..._mitsuba.types import MitsubaBsdf
 from ..diffuse_materials import NormalTexture
 from ..obstacles import Unsuitable
-from ..texels import Texels, fill_border
+from ..texels import Texels, laid_out
 from .emissive_textures import TextureImage
 
 CoreNormalTextures = tuple[npt.NDArray[np.uint32], list[list[int]], npt.NDArray[np.uint16], list[bool], bool]
@@ -82,18 +82,15 @@ class NormalTextures:
         if not self._images:
             return None
         of_texture = np.full(len(sizes), _NONE, np.uint32)
-        layouts, framed, first = list[list[int]](), list[npt.NDArray[np.uint16]](), 0
-        for number, (texels, wrap, _) in self._images.items():
-            of_texture[number] = len(layouts)
-            height, width = texels.shape[:2]
-            image = np.empty((height + 2, width + 2, 3), np.uint16)
-            inner = np.empty((height * width, 3), np.uint16)
-            for start, piece in texels.pieces():
-                inner[start : start + len(piece)] = np.round(np.clip(piece, 0, 1) * 65535)
-            image[1:-1, 1:-1] = inner.reshape(height, width, 3)
-            fill_border(image, wrap)
-            layouts.append([first, width, height, wrap])
-            framed.append(image.reshape(-1, 3))
-            first += len(framed[-1])
-        fades = [image.fades for image in self._images.values()]
-        return of_texture, layouts, np.concatenate(framed).ravel(), fades, self.like_gltf
+        of_texture[list(self._images)] = np.arange(len(self._images))
+        images = self._images.values()
+        layouts, texels = laid_out(((_encoded(image.texels), image.wrap) for image in images), np.uint16)
+        return of_texture, layouts, texels, [image.fades for image in images], self.like_gltf
+
+
+def _encoded(texels: Texels) -> npt.NDArray[np.uint16]:
+    """Return texels (H, W, 3) from 0 to 1 as numbers of 16 bits."""
+    flat = np.empty((texels.shape[0] * texels.shape[1], 3), np.uint16)
+    for start, piece in texels.pieces():
+        flat[start : start + len(piece)] = np.round(np.clip(piece, 0, 1) * 65535)
+    return flat.reshape(texels.shape)

@@ -16,6 +16,7 @@ from ..texels import (
     Texels,
     bilinear_meaning,
     fill_border,
+    laid_out,
     looked_up,
     lookup_positions,
     nearest_meaning,
@@ -147,19 +148,13 @@ class TextureTable:
             factors: (3,) on red, green and blue.
         """
         of_texture = np.full(len(self._sizes), _DARK, np.uint32)
-        layouts, numbers, framed, first = list[list[int]](), list[int](), [np.zeros((0, 3), np.float32)], 0
-        for number, (name, texels) in self._emissions.items():
-            of_texture[number] = len(layouts)
-            height, width = texels.shape[:2]
-            image = np.empty((height + 2, width + 2, 3), np.float32)
-            image[1:-1, 1:-1] = self._products(texels, np.diag(factors))
-            wrap = self._sizes[number][3]
-            fill_border(image, wrap)
-            layouts.append([first, width, height, wrap])
-            numbers.append(lights[name])
-            framed.append(image.reshape(-1, 3))
-            first += len(framed[-1])
-        return of_texture, layouts, numbers, np.concatenate(framed).ravel()
+        of_texture[list(self._emissions)] = np.arange(len(self._emissions))
+        images = (
+            (self._products(texels, np.diag(factors)), self._sizes[number][3])
+            for number, (_, texels) in self._emissions.items()
+        )
+        layouts, texels = laid_out(images, np.float32)
+        return of_texture, layouts, [lights[name] for name, _ in self._emissions.values()], texels
 
     def _emitted(self, number: int, group: int) -> npt.NDArray[np.float32]:
         """Return the luma (H, W) that a texture's surfaces emit in an emission group."""

@@ -25,7 +25,7 @@ class EventTruth:
     """Computes what the centre of each event's pixel sees at the event's time.
 
     The light of an event comes from all of its pixel. At an edge a part of the pixel sees another surface; the surface
-    at the centre counts.
+    at the centre counts. Without ``surfaces``, backs of :attr:`Scene.one_sided` are culled, as by the native renderer.
 
     Args:
         scene: with its camera path, made of triangles alone.
