@@ -4,9 +4,9 @@ python benches/peers_engine.py [--rounds 5]
 
 A pattern of three moving sines, its log intensity known at every instant, is given to each program that can be
 imported; nothing is installed. All run in turn, on one core, in each round; the time is the processor's, the best of
-all rounds. Their events are matched with ours of the same frames. Peers: the rule in NumPy, v2e's ``v2ecore``, EventCV,
-OpenEB's ``make_events_cpu`` (with its ``EventCD``), and esim_py, which reads images of 8 bits from files: it has a
-table of its own, on frames of 8 bits, which both read from the files.
+all rounds. Their events are matched with ours of the same frames. Peers: the rule in NumPy and in numba, v2e's
+``v2ecore``, EventCV, OpenEB's ``make_events_cpu`` (with its ``EventCD``), and esim_py, which reads images of 8 bits
+from files: it has a table of its own, on frames of 8 bits, which both read from the files.
 """
 
 from __future__ import annotations
@@ -105,6 +105,38 @@ def by_hand(frames: Frames) -> list[EventArray]:
     return packets
 
 
+def numba_loop() -> Peer:
+    """The loop over pixels that one writes in numba: float64 references that are added up, one sort a frame."""
+    import numba
+
+    @numba.njit  # type: ignore[misc]
+    def levels_reached(room: Any, reference: Any, before: Any, log: Any, begin_us: int) -> int:
+        n = 0
+        for y in range(log.shape[0]):
+            for x in range(log.shape[1]):
+                a, b, level = before[y, x], log[y, x], reference[y, x]
+                while b >= level + C or b <= level - C:
+                    on = b > level
+                    level += C if on else -C
+                    event = room[n]
+                    event["t"] = begin_us + math.ceil(GAP_US * (level - a) / (b - a))
+                    event["x"], event["y"], event["p"] = x, y, on
+                    n += 1
+                reference[y, x] = level
+        return n
+
+    def run(frames: Frames) -> list[EventArray]:
+        room = np.zeros(4 * frames[0].size, EVENT_DTYPE)
+        reference, before, found = frames[0].copy(), frames[0], []
+        for k, log in enumerate(frames[1:]):
+            events = room[: levels_reached(room, reference, before, log, GAP_US * k)]
+            found.append(events[np.argsort(events["t"])])
+            before = log
+        return found
+
+    return Peer(lambda frames: frames, run, concatenate_events)
+
+
 def v2e() -> Peer:
     """All noise off; log intensity as float32, which its option ``hdr`` takes."""
     import torch
@@ -169,6 +201,7 @@ def openeb() -> Peer:
 
 PEERS: dict[str, Callable[[], Peer]] = {
     "NumPy by hand": lambda: Peer(lambda frames: frames, by_hand, concatenate_events),
+    "numba by hand": numba_loop,
     "OpenEB": openeb,
     "v2e": v2e,
     "EventCV, upsample off": lambda: eventcv("off"),
