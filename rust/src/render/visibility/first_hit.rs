@@ -11,7 +11,7 @@ use std::ops::Range;
 use multiversion::multiversion;
 
 use crate::render::geometry::bvh::{Ahead, Boxes, Bvh, Leaves, Region, WIDTH, Waiting, below};
-use crate::render::geometry::vector::{Vector, cross, dot, scale, sub};
+use crate::render::geometry::vector::{Vector, cross, dot, scale, single, sub};
 use crate::render::geometry::view::View;
 use crate::render::scene::{Scene, Surface, is_hidden};
 
@@ -151,35 +151,62 @@ impl Region for Pyramid {
 }
 
 /// A ray and how far it goes, in the BVH of its frame.
+///
+/// Boxes are tested in float32, eight at once. What rounding may do is added to where the ray enters and leaves each pair
+/// of sides.
 struct Reaching {
-    origin: Vector,
-    per_direction: Vector,
-    end: f64,
+    origin: [f32; 3],
+    /// Distance for a step along each axis.
+    per_step: [f32; 3],
+    /// By how much distances to sides may be wrong besides: an origin that is rounded is off by a fraction of its way to
+    /// a side, and of the side's own coordinate. It also makes a ray along a side of a box be in it.
+    slack: [f32; 3],
+    end: f32,
 }
 
+/// Along an axis that it hardly moves along, a ray is in a box all the way or never.
+const MOST_PER_STEP: f64 = 1e30;
+
+/// 2^-23: twice what rounding to float32 changes, as a fraction.
+const SINGLE: f64 = 1.0 / 8_388_608.0;
+
+/// 2^-20: distances to two sides are off by less than this fraction together, by five roundings each: of the origin, the
+/// difference, the distance per step, their product, and the sum with the slack.
+const DISTANCE: f32 = 1.0 / 1_048_576.0;
+
 impl Reaching {
-    fn new(ray: &Ray, end: f64) -> Self {
-        // Along an axis that it does not move along, a ray is in a box all the way or never.
-        let per = |along: f64| if along.abs() < 1e-200 { 1e200 } else { 1.0 / along };
-        Self { origin: ray.origin, per_direction: ray.direction.map(per), end }
+    /// Prepares a ray for boxes none of whose coordinates is larger than `reach`.
+    #[allow(clippy::cast_possible_truncation, reason = "margins allow for rounding")]
+    fn new(ray: &Ray, end: f64, reach: f64) -> Self {
+        let (mut per_step, mut slack) = ([0.0; 3], [0.0; 3]);
+        for axis in 0..3 {
+            let per = 1.0 / ray.direction[axis];
+            let per = if per.abs() < MOST_PER_STEP { per } else { MOST_PER_STEP };
+            (per_step[axis], slack[axis]) = (per as f32, (SINGLE * reach * per.abs()) as f32);
+        }
+        Self { origin: single(ray.origin), per_step, slack, end: -below(-end) }
     }
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Reaching {
-    /// Returns where the ray is first within each box, and where last before its end.
+    /// Returns where the ray is first within each box, and where last before its end; rounding may only make it longer.
     #[inline(always)]
-    fn within(&self, boxes: &Boxes) -> ([f64; WIDTH], [f64; WIDTH]) {
-        let (mut first, mut last) = ([0f64; WIDTH], [self.end; WIDTH]);
+    fn within(&self, boxes: &Boxes) -> ([f32; WIDTH], [f32; WIDTH]) {
+        let (mut first, mut last) = ([0f32; WIDTH], [self.end; WIDTH]);
         for axis in 0..3 {
-            let (origin, per) = (self.origin[axis], self.per_direction[axis]);
+            let (origin, per, slack) = (self.origin[axis], self.per_step[axis], self.slack[axis]);
+            let (low, high) = (&boxes.low[axis], &boxes.high[axis]);
+            let (near, far) = if per > 0.0 { (low, high) } else { (high, low) };
             for i in 0..WIDTH {
-                let at_low = (f64::from(boxes.low[axis][i]) - origin) * per;
-                let at_high = (f64::from(boxes.high[axis][i]) - origin) * per;
-                let (near, far) = if at_low < at_high { (at_low, at_high) } else { (at_high, at_low) };
-                first[i] = if near > first[i] { near } else { first[i] };
-                last[i] = if far < last[i] { far } else { last[i] };
+                let enters = (near[i] - origin) * per - slack;
+                let leaves = (far[i] - origin) * per + slack;
+                first[i] = if enters > first[i] { enters } else { first[i] };
+                last[i] = if leaves < last[i] { leaves } else { last[i] };
             }
+        }
+        for at in &mut first {
+            *at *= 1.0 - DISTANCE;
         }
         (first, last)
     }
@@ -189,8 +216,11 @@ impl Reaching {
 impl Region for Reaching {
     #[inline(always)]
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
-        let (first, last) = self.within(boxes);
-        std::array::from_fn(|i| first[i] <= last[i] * (1.0 + ROUNDING))
+        let ((first, last), mut meets) = (self.within(boxes), [false; WIDTH]);
+        for i in 0..WIDTH {
+            meets[i] = first[i] <= last[i];
+        }
+        meets
     }
 }
 
@@ -198,8 +228,11 @@ impl Region for Reaching {
 impl Ahead for Reaching {
     #[inline(always)]
     fn nearness(&self, boxes: &Boxes) -> [f32; WIDTH] {
-        let (first, last) = self.within(boxes);
-        std::array::from_fn(|i| if first[i] <= last[i] * (1.0 + ROUNDING) { below(first[i]) } else { f32::INFINITY })
+        let ((first, last), mut nearness) = (self.within(boxes), [f32::INFINITY; WIDTH]);
+        for i in 0..WIDTH {
+            nearness[i] = if first[i] <= last[i] { first[i] } else { f32::INFINITY };
+        }
+        nearness
     }
 }
 
@@ -265,7 +298,7 @@ impl FirstHits {
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn look(looking: &mut Looking, bvh: &Bvh, waiting: &mut Vec<Waiting>) {
-    bvh.visit_from_front(waiting, &Reaching::new(looking.ray, f64::INFINITY), looking);
+    bvh.visit_from_front(waiting, &Reaching::new(looking.ray, f64::INFINITY, bvh.reach), looking);
 }
 
 /// Returns where a ray meets a triangle; None where it passes it.
@@ -293,7 +326,7 @@ pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack:
             continue;
         }
         let (first, mut blocked) = (frame.triangles.start, false);
-        frame.bvh.visit(stack, &Reaching::new(ray, end), |range| {
+        frame.bvh.visit(stack, &Reaching::new(ray, end, frame.bvh.reach), |range| {
             blocked = (first + range.start..first + range.end).any(|triangle| {
                 triangle != but as usize
                     && meets(&scene.corners[triangle], &scene.surfaces[triangle].plane, ray)
@@ -306,4 +339,72 @@ pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack:
         }
     }
     false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::geometry::vector::{Bounds, add, largest};
+    use proptest::prelude::*;
+
+    /// Coordinates: whole numbers, so that rays run along sides, and others of any size.
+    fn coordinate() -> impl Strategy<Value = f64> {
+        let of_any_size = (-1.0f64..1.0, -6i32..7).prop_map(|(x, size)| x * 10f64.powi(size));
+        prop_oneof![(-3i8..4).prop_map(f64::from), of_any_size]
+    }
+
+    fn vector(coordinate: impl Strategy<Value = f64>) -> impl Strategy<Value = Vector> {
+        prop::array::uniform3(coordinate)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+        /// A box that holds a point of the ray is met, and no farther away than that point.
+        #[test]
+        fn boxes_that_a_ray_meets_are_found(
+            near in vector(coordinate()), direction in vector(coordinate()), at in 0.0f64..10.0,
+            beyond in prop_oneof![Just(0.0), 0.0f64..9.0],
+            before in vector(prop_oneof![Just(0.0), 0.0f64..2.0]), behind in vector(prop_oneof![Just(0.0), 0.0f64..2.0]),
+        ) {
+            let origin = sub(near, scale(direction, at));
+            let point = add(origin, scale(direction, at));
+            let bounds = Bounds { low: sub(point, before), high: add(point, behind) };
+            let reach = largest(bounds.low).max(largest(bounds.high));
+            let mut boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
+            boxes.put(3, &bounds);
+            let ray = Ray { origin, direction };
+            let mut meets = Reaching::new(&ray, at + beyond, reach).meets(&boxes);
+            prop_assert!(meets[3]);
+            meets[3] = false;
+            prop_assert_eq!(meets, [false; WIDTH]);
+            let nearness = Reaching::new(&ray, f64::INFINITY, reach).nearness(&boxes)[3];
+            prop_assert!(f64::from(nearness) <= at, "{nearness}");
+        }
+
+        /// A box is not met that a ray passes at a distance of far more than roundings.
+        #[test]
+        fn boxes_that_a_ray_passes_are_not_met(
+            origin in vector(-9.0f64..9.0), direction in vector(-1.0f64..1.0), at in -10.0f64..10.0, axis in 0usize..3,
+            aside in 0.01f64..3.0, size in vector(0.0f64..2.0),
+        ) {
+            // At right angles to the ray, and on the side of the box away from it.
+            let mut across = [0.0; 3];
+            (across[axis], across[(axis + 1) % 3]) = (direction[(axis + 1) % 3], -direction[axis]);
+            let length = dot(across, across).sqrt();
+            prop_assume!(length > 0.1);
+            let corner = add(add(origin, scale(direction, at)), scale(across, aside / length));
+            let other = [0, 1, 2].map(|k| corner[k] + size[k] * if across[k] < 0.0 { -1.0 } else { 1.0 });
+            let [low, high] = [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| [0, 1, 2].map(|k| of(corner[k], other[k])));
+            let flat = [low, high].map(|mut side| {
+                // Along the third axis, the box may not come nearer either.
+                side[(axis + 2) % 3] = corner[(axis + 2) % 3];
+                side
+            });
+            let mut boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
+            boxes.put(0, &Bounds { low: flat[0], high: flat[1] });
+            let ray = Ray { origin, direction };
+            prop_assert!(!Reaching::new(&ray, f64::INFINITY, 30.0).meets(&boxes)[0]);
+        }
+    }
 }
