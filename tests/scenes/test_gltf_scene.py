@@ -565,12 +565,23 @@ def metal_of(gltf: Gltf, folder: Path) -> tuple[dict[str, float], dict[str, Any]
 
 
 def test_metal_by_its_numbers(tmp_path: Path) -> None:
-    """The factors, 1 where the file says nothing; without metal, or unlit, a surface is diffuse."""
+    """The factors, 1 where the file says nothing; rough without metal, without highlights, or unlit it is diffuse."""
     unlit: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
+
+    def specular(factor: float) -> dict[str, Any]:
+        return {"extensions": {"KHR_materials_specular": {"specularFactor": factor}}}
+
     cases: list[tuple[dict[str, Any], dict[str, float]]] = [
         ({"metallicFactor": 0.75, "roughnessFactor": 0.25}, {"metallic": 0.75, "roughness": 0.25}),
         ({"metallicFactor": None}, {"metallic": 1.0, "roughness": 1.0}),
-        ({"metallicFactor": 0.0, "roughnessFactor": 0.25}, {}),
+        ({"metallicFactor": 0.0, "roughnessFactor": 0.25}, {"metallic": 0.0, "roughness": 0.25}),
+        ({"metallicFactor": 0.0, "roughnessFactor": 0.7}, {"metallic": 0.0, "roughness": 0.7}),
+        ({"metallicFactor": 0.0, "roughnessFactor": 0.71}, {}),
+        ({"metallicFactor": 0.0, "roughnessFactor": 0.25, "more": specular(0.0)}, {}),
+        (
+            {"metallicFactor": 0.0, "roughnessFactor": 0.25, "more": specular(0.5)},
+            {"metallic": 0.0, "roughness": 0.25},
+        ),
         ({"metallicFactor": 1.0, "more": unlit}, {}),
         ({"metallicFactor": 1.0, "more": {"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}}, {}),
     ]
@@ -578,8 +589,10 @@ def test_metal_by_its_numbers(tmp_path: Path) -> None:
         gltf = Gltf(extensionsUsed=["KHR_materials_unlit"])
         gltf.node(mesh=quad(gltf, material=gltf.material(**surface)))
         numbers, texels, lost = metal_of(gltf, tmp_path)
-        assert (numbers, texels) == (expected, {}), surface
-        assert list(lost) == (["gloss"] if surface.get("more", unlit) is not unlit else [])
+        assert (numbers, texels) == (pytest.approx(expected), {}), surface
+        told = {"KHR_materials_pbrSpecularGlossiness": "gloss", "KHR_materials_specular": "KHR_materials_specular"}
+        (extension,) = surface.get("more", unlit)["extensions"]
+        assert list(lost) == ([told[extension]] if extension in told else [])
     wrong: list[tuple[str, Any]] = [("metallicFactor", 1.5), ("roughnessFactor", "smooth")]
     for name, value in wrong:
         gltf = Gltf()
@@ -592,7 +605,7 @@ def test_metal_by_its_numbers(tmp_path: Path) -> None:
 def test_metal_by_its_texture(tmp_path: Path) -> None:
     """Green is roughness and blue is metal, not in sRGB; where the base colour has no such coordinates it is the mean.
 
-    Without any blue there is no metal.
+    Without any blue there is no metal, and what is rough then is diffuse.
     """
     texels = np.random.default_rng(4).integers(0, 256, (4, 3, 3))
     moved = {"extensions": {"KHR_texture_transform": {"offset": [0.5, 0]}}}
@@ -617,8 +630,13 @@ def test_metal_by_its_texture(tmp_path: Path) -> None:
         numbers, data, lost = metal(base, texels, moved)
         assert numbers == pytest.approx({"metallic": metallic, "roughness": roughness})
         assert not data
-        assert lost == {"metal that differs from place to place (its mean is taken)": ("paint",)}
-    assert metal({}, texels * [1, 1, 0], {}) == ({}, {}, {})
+        told = "metal and roughness that differ from place to place (their means are taken)"
+        assert lost == {told: ("paint",)}
+    assert metal({}, np.where([0, 1, 0], 250, texels * [1, 1, 0]), {}) == ({}, {}, {})
+    numbers, data, lost = metal({}, np.where([0, 1, 0], 120, texels * [1, 1, 0]), {})
+    assert (numbers, lost) == ({}, {})
+    np.testing.assert_allclose(data["roughness"], 0.75 * 120 / 255, rtol=1e-6)
+    np.testing.assert_array_equal(data["metallic"], 0.0)
     # The base colour repeats, and these are mirrored, as their own sampler says.
     metal({}, texels, {})
     scene = load_scene(tmp_path / "scene.glb")
@@ -628,6 +646,23 @@ def test_metal_by_its_texture(tmp_path: Path) -> None:
         read = read_finish(front, children(front), mi)
     assert read is not None
     assert [None if lobe is None else WRAP_MODES[lobe.wrap] for lobe in read[1].lobe] == ["mirror", "mirror"]
+
+
+@pytest.mark.without_llvm
+def test_smooth_surfaces_without_metal_mirror_four_percent(tmp_path: Path) -> None:
+    """A black one before the camera shows a wall of luma 1 behind it, by the refractive index 1.5 of the standard."""
+    gltf = Gltf(extensionsUsed=["KHR_materials_unlit"])
+    black: dict[str, Any] = {"baseColorFactor": [0, 0, 0, 1], "metallicFactor": 0.0, "roughnessFactor": 0.0}
+    gltf.node(mesh=quad(gltf, material=gltf.material("varnish", **black)))
+    unlit: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
+    bright = gltf.material("wall", more=unlit, baseColorFactor=[1, 1, 1, 1])
+    gltf.node(mesh=gltf.mesh(9 * CORNERS, FACES, material=bright), translation=[0, 0, 6])
+    gltf.light({"type": "point", "intensity": 1e-12})
+    with_camera(gltf)
+    scene = saved(gltf, tmp_path)
+    assert scene.start is not None
+    luma = make_renderer(scene, scene.own_camera, kind="native", rays_per_pixel=1).luma(Views.at_rest([scene.start]))
+    assert luma[0, 90, 120] == pytest.approx(0.04, rel=1e-3)
 
 
 def test_mirrors_show_what_stands_before_them(tmp_path: Path) -> None:

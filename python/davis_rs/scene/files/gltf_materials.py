@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import BUMPS, MEAN_EMISSION, METAL
+from ..lost_looks import BUMPS, HIGHLIGHTS, MEAN_EMISSION, METAL
 from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
@@ -27,7 +27,13 @@ _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
 _GLOSS = "KHR_materials_pbrSpecularGlossiness"
 _WEBP = "EXT_texture_webp"
-_MEAN_METAL = "metal that differs from place to place (its mean is taken)"
+_SPECULAR = "KHR_materials_specular"
+_SHINY = 0.7
+"""Surfaces without metal that are no rougher show their highlights. On a rougher one, seen from above, the sun adds at
+most a tenth to what a middle grey reflects. That is not worth following each of its rays to what it mirrors."""
+_SHINY_PART = 0.01
+"""So much of a texture is that smooth, where any of it counts."""
+_MEAN_METAL = "metal and roughness that differ from place to place (their means are taken)"
 _IMAGES = ("PNG", "JPEG", "WEBP")
 _EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 _UNLIT = "KHR_materials_unlit"
@@ -150,7 +156,7 @@ class GltfMaterials:
                 return made._replace(hidden=True)
             if looks and (mask is None or mask.is_haze) and (alpha is None or not made.nearest):
                 if made.metal is not None:
-                    lost[METAL] = None
+                    lost[METAL if made.metal.metal > 0 else HIGHLIGHTS] = None
                 return made._replace(blend=Blend(float(factor), alpha), metal=None, glass=None)
             lost.update(dict.fromkeys(looks))
             return made._replace(mask=mask)
@@ -174,7 +180,7 @@ class GltfMaterials:
         return made._replace(uv_set=uv_set, uv_transform=transform)
 
     def _metallic(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
-        """Return a material with its metal and roughness, if it has any metal."""
+        """Return a material with its metal and roughness, where it has any metal, or highlights that are seen."""
         file, surface = self._file, _dictionary(item.pbrMetallicRoughness)
         if _GLOSS in _dictionary(item.extensions):
             return made
@@ -183,13 +189,15 @@ class GltfMaterials:
             given = surface.get(name)
             factors[name] = file.numbers(1.0 if given is None else given, f"{where}: {name}", 1, low=0, high=1)[0]
         metal, rough = factors.values()
-        given, where = surface.get("metallicRoughnessTexture"), f"{where}: metallicRoughnessTexture"
-        if metal == 0:
+        specular = _dictionary(_dictionary(item.extensions).get(_SPECULAR)).get("specularFactor", 1.0)
+        if metal == 0 and file.numbers(specular, f"{where}: {_SPECULAR}.specularFactor", 1, low=0, high=1)[0] == 0:
             return made
+        given, where = surface.get("metallicRoughnessTexture"), f"{where}: metallicRoughnessTexture"
         if given is None:
-            return made._replace(metal=MetalRoughness(metal, rough))
+            return made._replace(metal=MetalRoughness(metal, rough)) if metal > 0 or rough <= _SHINY else made
         image, files, wrap, nearest = self._texture(given, where, lost)
-        if not image.texels[..., 2].any():
+        shiny = (rough * image.texels[..., 1] <= 255 * _SHINY).mean() > _SHINY_PART
+        if not (metal > 0 and image.texels[..., 2].any()) and not shiny:
             return made
         made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
         uv_set, transform = self._coordinates(given, where)
@@ -252,12 +260,12 @@ class GltfMaterials:
         if isinstance(tint, EncodedTexture):
             lost["colours of glass that differ from place to place (their mean is taken)"] = None
             tint = tint.linear().mean((0, 1), np.float64)
-        if fraction < 1 - _CLEAR_WITHIN or made.metal is not None:
+        if fraction < 1 - _CLEAR_WITHIN or (made.metal is not None and made.metal.metal > 0):
             lost["what glass does not let through (it is clear)"] = None
         roughness = _dictionary(item.pbrMetallicRoughness).get("roughnessFactor", 1.0)
         if file.numbers(roughness, f"{where}: roughnessFactor", 1, low=0, high=1)[0] > _CLEAR_WITHIN:
             lost["roughness of glass (it is clear)"] = None
-        return made._replace(glass=Glass(max(index, _LEAST_INDEX), tint, bool(thickness > 0)))
+        return made._replace(glass=Glass(max(index, _LEAST_INDEX), tint, bool(thickness > 0)), metal=None)
 
     def _bumpy(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with its normal texture, if it has one that turns anything."""

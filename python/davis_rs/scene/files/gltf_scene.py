@@ -57,16 +57,17 @@ _FLIP = np.array([1.0, -1.0, -1.0])
 def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, animation: str | None = None) -> Scene:
     """Return a glTF 2.0 file (.gltf, .glb) as a scene.
 
-    Surfaces are seen from both sides, and diffuse where they have no metal. Where an alpha masks them, they are cut
-    along its outline; where it is soft, they blend. Base colours and their textures are taken, with
-    ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of
-    vertices. Those with metal reflect by the metallic-roughness model. Surfaces emit what ``emissiveFactor``, its
-    texture and ``KHR_materials_emissive_strength`` say, 1 as one unit of radiance. Lights of ``KHR_lights_punctual``
-    shine, 683 lux or candela as one unit; a file without any gets those of a mesh file. The first perspective camera
-    gives the lens and the path: that of its animation, or one at rest where other things move. A file without a camera
-    gets the path around of a mesh file. Nodes that are animated are moving objects with the ids ``NODE_MATERIAL``; all
-    others are one shape for each material, ``mesh_MATERIAL``. Meshes with a skin, with morph targets, or with an
-    animated scale deform (:attr:`Scene.deformations`). Copies of a mesh (``EXT_mesh_gpu_instancing``) are all there.
+    Surfaces are seen from the front alone where they are not ``doubleSided`` (:attr:`Scene.one_sided`). Where an alpha
+    masks them, they are cut along its outline; where it is soft, they blend. Base colours and their textures are taken,
+    with ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of
+    vertices. Surfaces with metal, or with a roughness of at most 0.7, reflect by the metallic-roughness model; others
+    are diffuse. They emit what ``emissiveFactor``, its texture and ``KHR_materials_emissive_strength`` say, 1 as one
+    unit of radiance. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela as one unit; a file without any gets
+    those of a mesh file. The first perspective camera gives the lens and the path: that of its animation, or one at
+    rest where other things move. A file without a camera gets the path around of a mesh file. Nodes that are animated
+    are moving objects with the ids ``NODE_MATERIAL``; all others are one shape for each material, ``mesh_MATERIAL``.
+    Meshes with a skin, with morph targets, or with an animated scale deform (:attr:`Scene.deformations`). Copies of a
+    mesh (``EXT_mesh_gpu_instancing``) are all there.
     Looks that are not shown (clear coats, occlusion maps) are in :attr:`Scene.lost_looks`, of which a simulator warns.
 
     Args:
