@@ -58,6 +58,16 @@ def test_layers_blend_in_their_order_of_depth(order: tuple[int, ...], tmp_path: 
     np.testing.assert_allclose(luma(scene)[10:14, 14:18], 0.25 + 0.75 * (0.5 * 0.3 + 0.5 * 0.8), rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("metal", "rough", "lost"), [(0.5, 1.0, ["metal"]), (0.0, 0.2, ["highlights"]), (0.0, 1.0, [])]
+)
+def test_what_a_blend_does_not_reflect_is_told(metal: float, rough: float, lost: list[str], tmp_path: Path) -> None:
+    gltf = Gltf()
+    base = {"baseColorFactor": [1, 1, 1, 0.5], "metallicFactor": metal, "roughnessFactor": rough}
+    gltf.node(mesh=quad(gltf, material=gltf.material("pane", more={"alphaMode": "BLEND"}, **base)))
+    assert [look.what for look in world(gltf, tmp_path).lost_looks] == lost
+
+
 def test_alpha_of_a_texture(tmp_path: Path) -> None:
     """The bilinear alpha at the middle of a pixel says how much is seen; with a factor, and of a lit surface too."""
     ramp = np.zeros((4, 16, 4))
