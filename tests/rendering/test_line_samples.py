@@ -19,6 +19,7 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.render.rays.camera_rays import pixel_centres, pixel_corners
 from davis_rs.scene import meshes
 from davis_rs.scene.scene import Scene
+from lit_scenes import environment
 from long_form import long_values
 
 C = 0.15
@@ -119,6 +120,25 @@ def test_an_edge_at_an_angle_does_not_jump(degrees: float) -> None:
     assert change < np.log1p(4 * np.sqrt(2) * 0.005) / C
 
 
+@pytest.mark.parametrize("height", [0.0, 1 / 512, 1 / 64, -5 / 1024])
+def test_an_edge_along_the_lines_errs_by_one_line(height: float) -> None:
+    """Where an edge lies exactly along the 8 lines of a pixel, each line is on one side of it or on the other."""
+
+    def source() -> dict[str, object]:
+        # All of these numbers and their products are exact, so that the edge meets no line at any distance.
+        half = meshes.quad([-0.5, height - 3 / 16, 1.0], [1.0, 3 / 8, 0.0], [0.0, 1.0, 0.0])
+        wall = meshes.quad([-9.0, -9.0, 2.0], [18.0, 0.0, 0.0], [0.0, 18.0, 0.0])
+        light = {"type": "constant", "radiance": 1.0}
+        shapes = {"half": meshes.shape(half, 0.16), "wall": meshes.shape(wall, 0.8)}
+        return {"type": "scene", "integrator": {"type": "direct"}, "light": light, **shapes}
+
+    scene = Scene("edge", source, camera=Camera(48, 40, 64.0, 64.0, 23.5, 19.5), shadows=False)
+    view = Views.at_rest([davis_rs.Pose([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])])
+    luma, truth = (renderer_of(scene, rays, pixel).luma(view) for rays, pixel in ((32, "lines"), (1024, "rays")))
+    assert np.ptp(truth) > 0.7 * truth.max()
+    assert np.abs(luma - truth).max() < 1.1 / 8 * np.ptp(truth)
+
+
 @pytest.mark.parametrize("camera", [None, BENT])
 def test_a_view_has_the_same_bits_in_any_batch_and_on_any_number_of_threads(camera: Camera | None) -> None:
     """A view alone, among others, on one thread and on three; and single pixels."""
@@ -132,6 +152,27 @@ def test_a_view_has_the_same_bits_in_any_batch_and_on_any_number_of_threads(came
     rng = np.random.default_rng(2)
     view, pixel = rng.integers(0, len(views), 300), rng.integers(0, 45 * 37, 300)
     assert np.array_equal(renderer.samples(views, view, pixel), luma.reshape(len(views), -1)[view, pixel])
+
+
+@pytest.mark.without_llvm
+def test_lines_see_the_sky_where_there_is_nothing_else() -> None:
+    """Before an environment map, and over a part of a pixel."""
+
+    def source() -> dict[str, object]:
+        sky = environment(np.linspace(0.2, 2.0, 8 * 16 * 3).reshape(8, 16, 3))
+        card = meshes.shape(meshes.quad([-0.1, -0.2, 1.0], [0.4, 0.1, 0.0], [0.0, 0.3, 0.0]), 0.5)
+        return {"type": "scene", "integrator": {"type": "direct"}, "sky": sky, "card": card}
+
+    scene = Scene("sky", source, camera=Camera(48, 40, 64.0, 64.0, 23.5, 19.5))
+    view = Views.at_rest([davis_rs.Pose([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])])
+    luma, truth = (
+        make_renderer(
+            scene, scene.own_camera, rays_per_pixel=rays, pixel=pixel, blur=False, kind="baked", bake_error=0.1
+        ).luma(view)
+        for rays, pixel in ((32, "lines"), (1024, "rays"))
+    )
+    assert truth.min() > 0.1
+    np.testing.assert_allclose(luma, truth, rtol=0.02)
 
 
 def test_rates_hold_at_edges() -> None:
