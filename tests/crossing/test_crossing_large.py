@@ -21,6 +21,7 @@ def sparse_walk(height: int, width: int, shares: list[float]) -> LogFrame:
     return np.cumsum(np.array([random.normal(0, 1, (height, width)), *steps]), axis=0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("threads", [1, 2])
 def test_few_events_over_a_large_sensor_are_the_oracles(threads: int) -> None:
     """A batch of candidates spans tiles only where events are few: none is lost and none stands at another's place."""

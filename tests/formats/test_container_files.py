@@ -268,7 +268,7 @@ with open_writer(sys.argv[1], (240, 180), sys.argv[2]) as writer:
 """
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["dsec", "e2vid", "bag"])
 @pytest.mark.parametrize("delay_ms", [20, 190, *long_values(1, 53, 111, 307)])
 def test_a_killed_writer_leaves_all_that_was_flushed(tmp_path: Path, name: str, delay_ms: int) -> None:

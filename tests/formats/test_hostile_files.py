@@ -124,6 +124,7 @@ def test_bombs_are_refused_while_they_are_unpacked(tmp_path: Path, make: Callabl
     assert peak_growth(path, "davis_rs.read_events(sys.argv[1])") < most << 20
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("compression", ["bz2", "lz4"])
 @pytest.mark.parametrize("indexed", [True, False])
 def test_chunks_of_bags_are_limited(tmp_path: Path, compression: str, indexed: bool) -> None:

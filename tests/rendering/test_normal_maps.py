@@ -212,6 +212,7 @@ FLAT, FACING, AWAY = 0.8, 0.8 * 0.8 + 0.6 * 0.6, 0.8 * 0.8 - 0.6 * 0.6
 from it by as much."""
 
 
+@pytest.mark.few(2)
 @pytest.mark.without_llvm
 @pytest.mark.parametrize("base", [False, True])
 @pytest.mark.parametrize("mirrored", [False, True])

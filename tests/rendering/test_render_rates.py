@@ -211,6 +211,7 @@ SMALL = Camera(12, 9, 10.0, 11.0, 5.3, 4.2, k1=-0.1)
 BALL = {"type": "sphere", "center": [0.2, 0.1, 0.6], "radius": 0.3, "bsdf": diffuse()}
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [FAST, SCALAR])
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_integrators_rates_are_differences(name: str, motion: str, request: pytest.FixtureRequest) -> None:

@@ -107,6 +107,7 @@ def test_srgb_is_decoded(tmp_path: Path) -> None:
     assert values[1] / values[0] == pytest.approx(0.5, abs=0.005)
 
 
+@pytest.mark.few(2)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
 def test_ply_shows_colours_of_vertices(tmp_path: Path, kind: str) -> None:

@@ -99,7 +99,7 @@ def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
     assert 0.3 < count.on_events / count.events < 0.7
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(3)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("name", [*COUNTED[::3], *long_values(*(name for name in COUNTED if name not in COUNTED[::3]))])
 def test_the_counts_on_record_are_of_these_scenes(name: str) -> None:
