@@ -63,7 +63,7 @@ def test_layers_blend_in_their_order_of_depth(order: tuple[int, ...], tmp_path: 
 )
 def test_what_a_blend_does_not_reflect_is_told(metal: float, rough: float, lost: list[str], tmp_path: Path) -> None:
     gltf = Gltf()
-    base = {"baseColorFactor": [1, 1, 1, 0.5], "metallicFactor": metal, "roughnessFactor": rough}
+    base: dict[str, Any] = {"baseColorFactor": [1, 1, 1, 0.5], "metallicFactor": metal, "roughnessFactor": rough}
     gltf.node(mesh=quad(gltf, material=gltf.material("pane", more={"alphaMode": "BLEND"}, **base)))
     assert [look.what for look in world(gltf, tmp_path).lost_looks] == lost
 

@@ -81,6 +81,17 @@ def test_a_solid(tmp_path: Path) -> None:
     assert (1 - once) ** 2 - 1e-4 < luma(scene) < (1 - once) / (1 + once) + 1e-3
 
 
+@pytest.mark.parametrize(
+    ("index", "rough", "told"), [(1.5, 0.2, []), (1.8, 0.2, ["KHR_materials_ior"]), (1.8, 1.0, [])]
+)
+def test_another_index_of_highlights_is_told(index: float, rough: float, told: list[str], tmp_path: Path) -> None:
+    """Where there are any: highlights of opaque surfaces are those of the usual index."""
+    gltf = Gltf()
+    extensions = {"KHR_materials_ior": {"ior": index}}
+    scene = world(gltf, tmp_path, glass(gltf, 0.0, extensions=extensions, roughnessFactor=rough))
+    assert [look.what.split()[0] for look in scene.lost_looks] == told
+
+
 def test_what_is_lost_of_glass_is_told(tmp_path: Path) -> None:
     texture: dict[str, Any] = {}
     cases: list[tuple[dict[str, Any], str]] = [

@@ -48,6 +48,8 @@ _CLEAR_WITHIN = 0.1
 """How far glass may be from clear and smooth without a word."""
 _NORMAL_TEXEL = 24
 """About how many bytes a texel of normals takes until it is in the core."""
+_USUAL_INDEX = 1.5
+"""Of refraction, where the file says nothing."""
 _LEAST_INDEX = 1.001
 """Of refraction: at 1 there would be no surface."""
 
@@ -190,14 +192,17 @@ class GltfMaterials:
             factors[name] = file.numbers(1.0 if given is None else given, f"{where}: {name}", 1, low=0, high=1)[0]
         metal, rough = factors.values()
         specular = _dictionary(_dictionary(item.extensions).get(_SPECULAR)).get("specularFactor", 1.0)
-        if metal == 0 and file.numbers(specular, f"{where}: {_SPECULAR}.specularFactor", 1, low=0, high=1)[0] == 0:
+        dull = file.numbers(specular, f"{where}: {_SPECULAR}.specularFactor", 1, low=0, high=1)[0] == 0
+        if metal == 0 and dull:
             return made
         given, where = surface.get("metallicRoughnessTexture"), f"{where}: metallicRoughnessTexture"
         if given is None:
             return made._replace(metal=MetalRoughness(metal, rough)) if metal > 0 or rough <= _SHINY else made
         image, files, wrap, nearest = self._texture(given, where, lost)
+        if not image.texels[..., 2].any():
+            metal = 0.0
         shiny = (rough * image.texels[..., 1] <= 255 * _SHINY).mean() > _SHINY_PART
-        if not (metal > 0 and image.texels[..., 2].any()) and not shiny:
+        if metal == 0 and (dull or not shiny):
             return made
         made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
         uv_set, transform = self._coordinates(given, where)
@@ -246,13 +251,15 @@ class GltfMaterials:
         given = _dictionary(extensions.get(_TRANSMISSION))
         fraction = given.get("transmissionFactor", 0.0)
         fraction = file.numbers(fraction, f"{where}: transmissionFactor", 1, low=0, high=1)[0]
+        index = _dictionary(extensions.get(_IOR)).get("ior", _USUAL_INDEX)
+        index = float(file.numbers(index, f"{where}: {_IOR}.ior", 1, low=0)[0])
         if fraction == 0:
+            if made.metal is not None and index != _USUAL_INDEX:
+                lost[f"{_IOR} of highlights (they are those of {_USUAL_INDEX})"] = None
             return made
         if fraction < _CLEAR or given.get("transmissionTexture") is not None:
             lost[_TRANSMISSION] = None
             return made
-        index = _dictionary(extensions.get(_IOR)).get("ior", 1.5)
-        index = float(file.numbers(index, f"{where}: {_IOR}.ior", 1, low=0)[0])
         volume = _dictionary(extensions.get(_VOLUME))
         thickness = volume.get("thicknessFactor", 0.0)
         thickness = file.numbers(thickness, f"{where}: {_VOLUME}.thicknessFactor", 1, low=0)[0]

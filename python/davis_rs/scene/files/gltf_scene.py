@@ -67,8 +67,8 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, 
     rest where other things move. A file without a camera gets the path around of a mesh file. Nodes that are animated
     are moving objects with the ids ``NODE_MATERIAL``; all others are one shape for each material, ``mesh_MATERIAL``.
     Meshes with a skin, with morph targets, or with an animated scale deform (:attr:`Scene.deformations`). Copies of a
-    mesh (``EXT_mesh_gpu_instancing``) are all there.
-    Looks that are not shown (clear coats, occlusion maps) are in :attr:`Scene.lost_looks`, of which a simulator warns.
+    mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not shown (clear coats, occlusion maps) are in
+    :attr:`Scene.lost_looks`, of which a simulator warns.
 
     Args:
         up: the file's axis that points up; None: y, as glTF says.

@@ -357,6 +357,13 @@ mod tests {
         prop::array::uniform3(coordinate)
     }
 
+    /// A node with one box.
+    fn only(lane: usize, bounds: &Bounds) -> Boxes {
+        let mut boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
+        boxes.put(lane, bounds);
+        boxes
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
 
@@ -371,8 +378,7 @@ mod tests {
             let point = add(origin, scale(direction, at));
             let bounds = Bounds { low: sub(point, before), high: add(point, behind) };
             let reach = largest(bounds.low).max(largest(bounds.high));
-            let mut boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
-            boxes.put(3, &bounds);
+            let boxes = only(3, &bounds);
             let ray = Ray { origin, direction };
             let mut meets = Reaching::new(&ray, at + beyond, reach).meets(&boxes);
             prop_assert!(meets[3]);
@@ -388,21 +394,18 @@ mod tests {
             origin in vector(-9.0f64..9.0), direction in vector(-1.0f64..1.0), at in -10.0f64..10.0, axis in 0usize..3,
             aside in 0.01f64..3.0, size in vector(0.0f64..2.0),
         ) {
-            // At right angles to the ray, and on the side of the box away from it.
+            // A corner lies beside the ray, and the box at right angles to it, farther away.
+            let (second, third) = ((axis + 1) % 3, (axis + 2) % 3);
             let mut across = [0.0; 3];
-            (across[axis], across[(axis + 1) % 3]) = (direction[(axis + 1) % 3], -direction[axis]);
+            (across[axis], across[second]) = (direction[second], -direction[axis]);
             let length = dot(across, across).sqrt();
             prop_assume!(length > 0.1);
             let corner = add(add(origin, scale(direction, at)), scale(across, aside / length));
-            let other = [0, 1, 2].map(|k| corner[k] + size[k] * if across[k] < 0.0 { -1.0 } else { 1.0 });
-            let [low, high] = [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| [0, 1, 2].map(|k| of(corner[k], other[k])));
-            let flat = [low, high].map(|mut side| {
-                // Along the third axis, the box may not come nearer either.
-                side[(axis + 2) % 3] = corner[(axis + 2) % 3];
-                side
-            });
-            let mut boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
-            boxes.put(0, &Bounds { low: flat[0], high: flat[1] });
+            let mut other = add(corner, [0, 1, 2].map(|k| size[k].copysign(across[k])));
+            other[third] = corner[third];
+            let low = [0, 1, 2].map(|k| corner[k].min(other[k]));
+            let high = [0, 1, 2].map(|k| corner[k].max(other[k]));
+            let boxes = only(0, &Bounds { low, high });
             let ray = Ray { origin, direction };
             prop_assert!(!Reaching::new(&ray, f64::INFINITY, 30.0).meets(&boxes)[0]);
         }
