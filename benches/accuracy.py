@@ -1,12 +1,13 @@
 """What a simulated second costs, and errs: python benches/accuracy.py [SCENE ...] [-o DIR]
 
-On each scene the presets, and points around them, are judged against 377 rays a pixel (davis_rs.accuracy says how),
-and timed. The usual way, `paper`, `fast` and `balanced` take turns in several rounds. The usual way is Mitsuba's
-integrator with 16 rays and lines 1/3 px apart. Closed rooms are black for Mitsuba, because no integrator has their
-light from all sides: there it is the table kernel, with the same rays and lines.
+On each scene the presets, and points around them, are judged against 1,024 rays a pixel (davis_rs.accuracy says how),
+and timed. So is a second reference, 64 lines a pixel: what the two differ by is what neither knows. The usual way,
+`paper`, `fast` and `balanced` take turns in several rounds. The usual way is Mitsuba's integrator with 16 rays and
+lines 1/3 px apart. Closed rooms are black for Mitsuba, because no integrator has their light from all sides: there it
+is the table kernel, with the same rays and lines.
 
-``workshop`` is the one scene that no preset was chosen by. Needs LLVM and matplotlib. With -o, the tables and the
-figure are written into DIR, as presets.md and presets.png.
+``workshop``, ``wires`` and ``foliage`` are scenes that no preset was chosen by. Needs LLVM and matplotlib. With -o, the
+tables and the figure are written into DIR, as presets.md and presets.png.
 """
 
 from __future__ import annotations
@@ -20,15 +21,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from accuracy_workshop import workshop
+from pixel_estimators import BUILT
 
 import davis_rs
-from davis_rs import ACCURACY, MaxDisplacement, Scene
+from davis_rs import ACCURACY, MaxDisplacement, Scene, Tolerance
 from davis_rs.accuracy.accuracy_sweep import Measurement, Sweep
 from davis_rs.accuracy.report import COLOURS, kept_text, make_logarithmic, processor
 from davis_rs.accuracy.settings import Setting
+from davis_rs.render.native.estimators import LINES
 
-RAYS, PATH_PX, TIMED_PARTS, ROUNDS = 377, 2.0, 12, 3
+RAYS, PATH_PX, TIMED_PARTS, ROUNDS = 1024, 2.0, 12, 3
 CLOSED_ROOMS = {"poster_6dof", "boxes_6dof", "office_zigzag"}
 SCENES = [
     *(
@@ -41,8 +43,9 @@ SCENES = [
         "outdoors_walking",
         "urban",
     ),
-    "workshop",
+    *BUILT,
 ]
+REFERENCE = "second reference"
 OFTEN = ("paper", "fast", "balanced")
 """What is timed in several rounds, with the usual way."""
 
@@ -75,11 +78,18 @@ def settings_of(scene: str) -> list[Setting]:
         )
         for rays in lattices
     ]
-    return [Setting(f"{name}, 16 rays, lines 1/3 px", "usual", MaxDisplacement(1 / 3), 16, usual), *presets, *around]
+    lines = [
+        Setting(f"balanced, {count} lines", "balanced by lines", ACCURACY["balanced"].sampling, rays, pixel="lines")
+        for rays, count in LINES.items()
+    ]
+    finest = Tolerance(0.05, pixels=1 / 12, longest=1 / 12, halvings=3, edges=False)
+    other = Setting("64 lines, adaptive cubics, 1/12 px", REFERENCE, finest, 256, pixel="lines")
+    usual_way = Setting(f"{name}, 16 rays, lines 1/3 px", "usual", MaxDisplacement(1 / 3), 16, usual)
+    return [usual_way, *presets, *around, *lines, other]
 
 
 def measure(name: str, folder: Path) -> Result:
-    scene: Scene = workshop() if name == "workshop" else davis_rs.load_scene(name)
+    scene: Scene = BUILT[name]() if name in BUILT else davis_rs.load_scene(name)
     judged = Sweep(scene, folder=folder / name, fine_rays=RAYS, path_px=PATH_PX, timed_parts=TIMED_PARTS)
     for _ in judged.prepare():
         pass
@@ -125,8 +135,8 @@ def page(results: list[Result], command: str, minutes: float) -> str:
         "- the usual way: Mitsuba's integrator, 16 rays a pixel, lines between renders 1/3 px apart; in closed rooms,",
         "  which only our own renderers light, the table kernel with the same rays and lines",
         *(
-            ["- `workshop` (benches/accuracy_workshop.py) was never used to choose a preset"]
-            if any(result.scene == "workshop" for result in results)
+            ["- `workshop`, `wires` and `foliage` (scenes of the benches) were never used to choose a preset"]
+            if any(result.scene in BUILT for result in results)
             else []
         ),
         "",
@@ -135,8 +145,8 @@ def page(results: list[Result], command: str, minutes: float) -> str:
         *HEADER,
         *(row(r, one) for r in results for one in r.measured if one.setting.family in ("usual", "presets")),
         "",
-        "`exact` against the crossings of its own rays, which are searched between samples 1/48 px apart. Dips between",
-        "two samples are not among them, but `exact` has them where edges pass (benches/exact.py has brute force):",
+        "`exact` against the crossings of its own lines, which are searched between samples 1/48 px apart: errors in",
+        "time alone (benches/exact.py has brute force):",
         "",
         "| scene | median (us) | p99 (us) | missing + spurious (%) |",
         "|---|---:|---:|---:|",
@@ -150,7 +160,7 @@ def page(results: list[Result], command: str, minutes: float) -> str:
     lines += [
         "",
         "What adaptive sampling promises is that log luma errs less between renders, in 95 % of all pixels. Measured",
-        "against the same rays:",
+        "against the same rays or lines:",
         "",
         "| scene | setting | promised: pixels that keep it |",
         "|---|---|---:|",
@@ -159,8 +169,11 @@ def page(results: list[Result], command: str, minutes: float) -> str:
     lines += [
         f"| {scene} | {one.setting.name} | {kept_text(one)} |" for scene, one in presets if one.kept_percent is not None
     ]
+    lines += ["", "What the two references differ by:", "", *HEADER]
+    lines += [row(r, one) for r in results for one in r.measured if one.setting.family == REFERENCE]
     lines += ["", "Points around the presets:", "", *HEADER]
-    lines += [row(r, one) for r in results for one in r.measured if one.setting.family not in ("usual", "presets")]
+    told = ("usual", "presets", REFERENCE)
+    lines += [row(r, one) for r in results for one in r.measured if one.setting.family not in told]
     return "\n".join(lines) + "\n"
 
 
@@ -175,6 +188,7 @@ def draw(results: list[Result], path: Path) -> None:
     FigureCanvasAgg(figure)
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     families = list(dict.fromkeys(one.setting.family for one in results[0].measured))
+    families.remove(REFERENCE)
     for axis, result in zip(axes, results, strict=False):
         for k, family in enumerate(families):
             own = [one for one in result.measured if one.setting.family == family]

@@ -44,7 +44,7 @@ nitpick_ignore_regex = [
         r"|differentiable\.(event_levels\.EventLevels|log_luma\.LogLuma(Field)?)"
         r"|simulation\.(planning\.luma_sample\.LumaSample|settings\.resolve\.Resolved)"
         r"|io\.formats\.(blocks\.Blocks|destination\.PartFile|interface\.Releasable)"
-        r"|scene\.mesh_part\.(Blend|Glass|MetalRoughness|NormalTexture)|render\.(edges\.(edge_tracks\.EdgeTracks|neighbours\.ImageMap|swept_objects\.MovingSilhouettes)"
+        r"|scene\.mesh_part\.(Blend|Glass|MetalRoughness|NormalTexture)|render\.(edges\.(neighbours\.ImageMap|swept_objects\.MovingSilhouettes)"
         r"|motion\.scene_motion\.SceneMotion)|sampling\.(breaks\.Break|keyframes\.SparseSamples)"
         r"|usb\.(link\.UsbLink|protocol\.Write)|data\.windows\.window\._Image)|Resolved|SampleArray|SparseSamples",
     ),

@@ -939,46 +939,6 @@ class SceneRenderer:
             ValueError: for views that do not fit the scene, or a view or pixel that is not there.
         """
 
-    def edge_tracks(
-        self,
-        rays: PixelRays,
-        views: _Views,
-        t_us: npt.NDArray[np.int64],
-        *,
-        reach: int,
-        tolerated: float,
-        log_eps: float,
-    ) -> list[
-        tuple[
-            npt.NDArray[np.uint32],
-            npt.NDArray[np.uint32],
-            npt.NDArray[np.uint32],
-            npt.NDArray[np.int64],
-            npt.NDArray[np.float32],
-            int,
-        ]
-    ]:
-        """Render luma of the pixels that edges pass, through spans of time.
-
-        Args:
-            rays: of the sensor.
-            views: as in :meth:`luma`, five of each of n spans: at its ends, its middle, and about half way between.
-            t_us: int64 (n * 5), flat: when these are, in whole microseconds.
-            reach: how many pixels away, in x or y, the farthest one lies whose luma a pixel takes.
-            tolerated: change of log luma that is tolerated.
-            log_eps: the dark level, in luma.
-
-        Returns:
-            Of each span: uint32 (p), increasing, the pixels that edges pass, and those that take luma from them;
-            uint32, those of them that do what neither edges nor their rates tell; samples by pixel and time,
-            between which luma changes evenly: uint32 (m), the pixel; int64 (m), microseconds within the span;
-            float32 (m), luma; and how many pixels were rendered, one at several instants counted so often. With a
-            reach the samples are those of all pixels that luma is taken from, the span's ends among them.
-
-        Raises:
-            ValueError: for views that do not fit the scene or the instants, or instants that do not increase in a span.
-        """
-
     def depth(self, rays: PixelRays, views: _Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
         """Find what the pixels' rays hit.
 
@@ -1093,7 +1053,7 @@ class SceneRenderer:
         Args:
             corners: of the sensor. By :meth:`PixelRays.grid` two rays a pixel, through its upper left and its lower
                 right corner; else, behind a lens with distortion, four: through all of its corners, row by row.
-            lines: lines a pixel: 4, 8 or 16.
+            lines: lines a pixel: 4, 8, 16 or 64.
             views: as in :meth:`luma`.
 
         Returns:

@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import (
+    ACCURACY,
     Camera,
     FixedRate,
     MaxDisplacement,
@@ -192,12 +193,13 @@ def test_interpolation_is_the_engines(recipe: Recipe) -> None:
 # ---- the sweep ----
 
 SETTINGS = [
-    Setting("close", "lines", MaxDisplacement(1 / 6), 4, preset="paper"),
+    Setting("close", "lines", MaxDisplacement(1 / 6), 4),
     Setting("wide", "lines", MaxDisplacement(1.0), 4),
     Setting("cubic", "cubics", MaxDisplacement(1.0, hermite=True), 4),
     Setting("loose", "tolerance", Tolerance(0.4), 4),
     Setting("unkept", "tolerance", Tolerance(0.02, pixels=1.0, halvings=0), 4),
     Setting("usual", "Mitsuba", MaxDisplacement(1.0), 4, "integrator"),
+    Setting("named", "presets", ACCURACY["fast"].sampling, 8, preset="fast"),
 ]
 
 
@@ -222,7 +224,7 @@ def measured(prepared: Sweep) -> list[Measurement]:
 @pytest.mark.long
 def test_what_a_sweep_measures(prepared: Sweep, measured: list[Measurement]) -> None:
     """Close renders are better in time than wide ones, cubics than lines; random rays have no exact crossings."""
-    close, wide, cubic, loose, unkept, usual = measured
+    close, wide, cubic, loose, unkept, usual, _ = measured
     assert close.in_time is not None
     assert wide.in_time is not None
     assert cubic.in_time is not None
@@ -240,8 +242,8 @@ def test_what_a_sweep_measures(prepared: Sweep, measured: list[Measurement]) -> 
         assert measurement.median_wall_s > 0
         assert measurement.in_all.median_us > 0.4  # a stamp's microsecond
         pixels = CAMERA.width * CAMERA.height
-        assert measurement.rays_per_s > measurement.keyframes_per_s * pixels * 4
-        assert measurement.rays_per_s < 1.2 * measurement.keyframes_per_s * pixels * 4 + 600 * pixels  # and probes
+        in_keyframes = measurement.keyframes_per_s * pixels * measurement.setting.rays_per_pixel
+        assert in_keyframes < measurement.rays_per_s < 1.2 * in_keyframes + 600 * pixels  # and probes
     assert prepared.path_px == pytest.approx(3, abs=0.3)
     assert close.keyframes_per_s == pytest.approx(prepared.path_px * 6 / 0.03, rel=0.15)
 
@@ -319,7 +321,7 @@ def test_the_report(prepared: Sweep, measured: list[Measurement], tmp_path: Path
     facts = facts_of(prepared, measured, command="davis-rs accuracy three_planes", interrupted=True)
     page = markdown(measured, facts)
     rows = [line.split("|")[1:] for line in page.splitlines() if line.startswith("| ")][1:]
-    assert {row[0].strip() for row in rows} == {"close (paper)", "wide", "cubic", "loose", "unkept", "usual"}
+    assert {row[0].strip() for row in rows} == {"close", "wide", "cubic", "loose", "unkept", "usual", "named (fast)"}
     times = [float(row[1]) for row in rows]
     assert times == sorted(times)
     assert "davis-rs accuracy three_planes" in page

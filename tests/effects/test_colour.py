@@ -89,25 +89,6 @@ def test_a_pixel_sees_its_filters_light(optics: dict[str, Any], blur: bool) -> N
     assert np.array_equal(made.flow(views), of_weights((1, 0, 0)).flow(views), equal_nan=True)
 
 
-def test_edge_tracks_are_those_of_each_pixels_colour() -> None:
-    """Sorted by pixel and time, as who takes them expects."""
-    made = simulator(colour_filter=FILTER, rays_per_pixel=8).renderer
-    numbers = filter_numbers("GBRG", 41, 30).ravel()
-    t_us = np.array([[8_000, 11_000, 14_000, 17_000, 20_000]])
-    views = Views.along(TRAJECTORY, t_us[0] * 1e-6)
-    [tracks] = made.edge_tracks(views, t_us, tolerated=0.01, log_eps=1e-3) or []
-    keys = tracks.pixel * 1_000_000 + tracks.t_us
-    assert len(keys) > 50
-    assert (np.diff(keys) > 0).all()
-    assert (np.diff(tracks.pixels) > 0).all()
-    for number, weights in enumerate(FILTER.weights):
-        renderer = make_renderer(SCENE, CAMERA, rays_per_pixel=8, kind="native", weights=weights)
-        [alone] = renderer.edge_tracks(views, t_us, tolerated=0.01, log_eps=1e-3) or []
-        own, mine = numbers[alone.pixel] == number, numbers[tracks.pixel] == number
-        assert np.array_equal(tracks.luma[mine], alone.luma[own])
-        assert np.array_equal(tracks.t_us[mine], alone.t_us[own])
-
-
 def test_colours_are_told_apart_where_scenes_are_shared() -> None:
     """What is made of a scene and kept is that of its weights."""
     views = Views.along(TRAJECTORY, [0.01])

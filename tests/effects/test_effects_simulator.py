@@ -314,8 +314,17 @@ def test_refining_is_for_ideal_pixels() -> None:
     """Asked for it is refused, by a preset it is left out."""
     with pytest.raises(ValueError, match=r"refine finds the times of ideal pixels.*leak_rate_hz"):
         Simulator(PLANES, effects=Effects(leak_rate_hz=1), refine=True)
-    assert not Simulator(PLANES, effects=Effects(leak_rate_hz=1), accuracy="exact").refine
-    assert Simulator(PLANES, effects=Effects(vignetting=4), accuracy="exact").refine
+    assert not Simulator(PLANES, effects=Effects(leak_rate_hz=1), accuracy="exact", pixel="rays").refine
+    assert Simulator(PLANES, effects=Effects(vignetting=4), accuracy="exact", pixel="rays").refine
+
+
+def test_exact_refines_what_rays_see() -> None:
+    """Luma by lines does not jump, so that it is done there only where it is asked for."""
+    assert Simulator(PLANES, accuracy="exact").renderer.pixel == "lines"
+    assert not Simulator(PLANES, accuracy="exact").refine
+    assert Simulator(PLANES, accuracy="exact", refine=True).refine
+    assert Simulator(PLANES, accuracy="exact", rays_per_pixel=64).refine
+    assert not Simulator(PLANES, pixel="lines").refine
 
 
 def test_optics_and_frames_are_not_the_engines() -> None:

@@ -195,7 +195,7 @@ def test_rates_hold_at_edges() -> None:
 def test_what_lines_cannot_do_is_an_error() -> None:
     """Other renderers, other numbers of rays, single rays' derivatives: nothing falls back to rays."""
     scene = scene_of("three_planes")
-    with pytest.raises(ValueError, match="takes rays_per_pixel 8, 32, 64, got 13"):
+    with pytest.raises(ValueError, match="takes rays_per_pixel 8, 32, 64, 256, got 13"):
         renderer_of(scene, 13)
     with pytest.raises(ValueError, match="needs the native renderer, not the"):
         make_renderer(scene, scene.own_camera, kind="integrator", pixel="lines")

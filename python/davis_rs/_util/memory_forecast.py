@@ -147,7 +147,7 @@ def simulation_forecast(
     Args:
         size: of the sensor, (width, height) in pixels.
         cubic: keyframes have rates.
-        refine: event times are polished.
+        refine: event times are refined.
         effects: pixels are not ideal.
         frames: active pixels are not ideal.
         truth: there are maps of flow, shapes or normals.

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,9 +64,10 @@ class Measurement:
     """Holds what was measured of a setting.
 
     Attributes:
+        pixel: whether its luma was a mean over ``rays`` or taken by ``lines``.
         events: how many it made in the judged part.
         keyframes_per_s, rays_per_s: rendered per simulated second, rays for depth and for single pixels included.
-        in_time: errors against the crossings of the same rays; None for random ones, and where nobody asks.
+        in_time: errors against the crossings of the same rays or lines; None for random rays, and where nobody asks.
         in_all: errors against the fine reference.
         kept_percent: share of pixels whose log luma errs no more than the setting promises, at the same instants as
             ``log_rms`` and against the same rays; None where nothing is promised, and for random rays.
@@ -75,6 +76,7 @@ class Measurement:
     """
 
     setting: Setting
+    pixel: str
     events: int
     keyframes_per_s: float
     rays_per_s: float
@@ -142,8 +144,8 @@ class Sweep:
         # One pixel's way: what lies further apart is not the same crossing.
         window_us = int(np.clip(duration_s * 1e6 / self.path_px, 1, _LONGEST_WINDOW_US))
         self.recipe = Recipe(judged, scene.contrast_threshold, 1e-3, window_us)
-        self._crossings: dict[int, EventArray] = {}
-        self._logs: dict[int, FloatArray] = {}
+        self._crossings: dict[tuple[int, str], EventArray] = {}
+        self._logs: dict[tuple[int, str], FloatArray] = {}
 
     @property
     def timed_s(self) -> float:
@@ -167,18 +169,19 @@ class Sweep:
         wall_s = time.perf_counter() - started
         log = np.stack(recorder.log)
         in_time, kept_percent = None, None
+        of_pixel = counted.rays_per_pixel, counted.pixel
         if same_rays and not setting.random:
-            crossings = self._same_crossings(setting.rays_per_pixel)
-            in_time = self._errors(events, log, crossings, self._same_log(setting.rays_per_pixel))
+            in_time = self._errors(events, log, self._same_crossings(*of_pixel), self._same_log(*of_pixel))
         if setting.promised is not None and not setting.random:
-            errors = np.abs(log - self._same_log(setting.rays_per_pixel))
+            errors = np.abs(log - self._same_log(*of_pixel))
             kept = errors <= setting.promised * self.recipe.contrast_threshold
             kept_percent = 100 * float(kept.mean())
         in_all = self._errors(events, log, self.fine.events, self._fine_log)
         rates = recorder.keyframe_count / seconds, counted.count / seconds
         wall_s_per_s = wall_s / seconds if wall_s > SLOW_S else self.time(setting)
         slow = wall_s > SLOW_S
-        return Measurement(setting, len(events), *rates, in_time, in_all, kept_percent, slow, [wall_s_per_s])
+        found = len(events), *rates, in_time, in_all, kept_percent, slow, [wall_s_per_s]
+        return Measurement(setting, counted.pixel, *found)
 
     def time(self, setting: Setting) -> float:
         """Return the wall time per simulated second, of one run that keeps nothing."""
@@ -202,18 +205,20 @@ class Sweep:
         self._recorded_us = self.fine.t_us[chosen]
         self._fine_log = self.recipe.log_luma(self.fine.luma[chosen])
 
-    def _same_crossings(self, rays_per_pixel: int) -> EventArray:
-        """Return the exact crossings of the same rays."""
-        if rays_per_pixel not in self._crossings:
-            self._crossings[rays_per_pixel] = exact_crossings(self._renderer(rays_per_pixel), self.recipe).events
-        return self._crossings[rays_per_pixel]
+    def _same_crossings(self, rays_per_pixel: int, pixel: str) -> EventArray:
+        """Return the exact crossings of the same rays, or of the same lines."""
+        key = rays_per_pixel, pixel
+        if key not in self._crossings:
+            self._crossings[key] = exact_crossings(self._renderer(*key), self.recipe).events
+        return self._crossings[key]
 
-    def _same_log(self, rays_per_pixel: int) -> FloatArray:
-        """Return log luma of the same rays, rendered at the recorded instants."""
-        if rays_per_pixel not in self._logs:
-            luma = self._renderer(rays_per_pixel).luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
-            self._logs[rays_per_pixel] = self.recipe.log_luma(luma)
-        return self._logs[rays_per_pixel]
+    def _same_log(self, rays_per_pixel: int, pixel: str) -> FloatArray:
+        """Return log luma of the same rays or lines, rendered at the recorded instants."""
+        key = rays_per_pixel, pixel
+        if key not in self._logs:
+            luma = self._renderer(*key).luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
+            self._logs[key] = self.recipe.log_luma(luma)
+        return self._logs[key]
 
     def _errors(self, events: EventArray, log: FloatArray, reference: EventArray, reference_log: FloatArray) -> Errors:
         size, window = (self.camera.width, self.camera.height), self.recipe.window_us * TICKS_PER_US
@@ -222,8 +227,8 @@ class Sweep:
         median_us, p99_us = comparison.median_us / TICKS_PER_US, comparison.p99_us / TICKS_PER_US
         return Errors(median_us, p99_us, comparison.missing_percent, comparison.spurious_percent, log_rms)
 
-    def _renderer(self, rays_per_pixel: int) -> Renderer:
-        return make_renderer(self._judged, self.camera, rays_per_pixel=rays_per_pixel)
+    def _renderer(self, rays_per_pixel: int, pixel: str = "rays") -> Renderer:
+        return make_renderer(self._judged, self.camera, rays_per_pixel=rays_per_pixel, pixel=pixel)
 
     def _ready(self, setting: Setting, sampling: TimeSampling, scene: Scene) -> Simulator:
         """Make a simulator that has all of what a renderer makes when it is first asked for luma."""
@@ -232,15 +237,17 @@ class Sweep:
         return simulator
 
     def _simulator(self, setting: Setting, sampling: TimeSampling, scene: Scene) -> Simulator:
+        # With a preset, the scene decides whether lines are possible.
+        by_hand = {"rays_per_pixel": setting.rays_per_pixel, "pixel": setting.pixel, "refine": setting.refine}
+        of_pixel: dict[str, Any] = {"accuracy": setting.preset} if setting.preset else by_hand
         return Simulator(
             scene,
             camera=self.camera,
             frame_rate_hz=0,
             depth_rate_hz=0,
             sampling=sampling,
-            rays_per_pixel=setting.rays_per_pixel,
             renderer=setting.renderer,
-            refine=setting.refine,
+            **of_pixel,
         )
 
 

@@ -47,6 +47,7 @@ def _row(measurement: Measurement) -> dict[str, object]:
         "preset": setting.preset,
         "sampling": repr(setting.sampling),
         "rays_per_pixel": setting.rays_per_pixel,
+        "pixel": measurement.pixel,
         "renderer": setting.renderer,
         "refined": setting.refine,
         "wall_s_per_s": f"{measurement.median_wall_s:.6g}",

@@ -16,9 +16,9 @@ class Setting:
     Attributes:
         name: unique, for people.
         family: settings of one family differ in one thing.
-        rays_per_pixel: rays a pixel.
-        renderer: as of :class:`~davis_rs.Simulator`; so ``refine``.
-        preset: what users know it by, if they do.
+        rays_per_pixel: rays a pixel, or in place of how many there are lines.
+        renderer: as of :class:`~davis_rs.Simulator`; so ``refine`` and ``pixel``.
+        preset: what users know it by, if they do. It decides on rays or lines itself.
     """
 
     name: str
@@ -27,6 +27,7 @@ class Setting:
     rays_per_pixel: int = 8
     renderer: str = "auto"
     refine: bool = False
+    pixel: str = "rays"
     preset: str = ""
 
     @property

@@ -220,8 +220,9 @@ def event_time_jacobian(
     Where a ray of the pixel jumps because an edge of the geometry or of a shadow passes it, the time is that of the
     edge, whatever the level.
 
-    >>> events = np.concatenate([packet.events for packet in simulate(scene, accuracy="exact")])
-    >>> jacobian, ok = event_time_jacobian(scene, events, accuracy="exact")
+    >>> run = {"accuracy": "exact", "pixel": "rays"}
+    >>> events = np.concatenate([packet.events for packet in simulate(scene, **run)])
+    >>> jacobian, ok = event_time_jacobian(scene, events, **run)
 
     Args:
         scene: of the run, with its camera path.
@@ -253,8 +254,8 @@ def event_time_jacobian(
         - log luma does not move towards the level: its slope has the other sign than the event, or is below
           ``LEAST_SLOPE`` (a tangential crossing).
 
-        Jumps are searched for refined events only (``accuracy="exact"`` or ``refine=True``), because the times of the
-        others are not exact.
+        Jumps are searched for refined events only (``refine=True``, or ``accuracy="exact"`` by rays), because the times
+        of the others are not exact.
 
     Raises:
         TypeError: for a setting that does not exist.
@@ -280,7 +281,7 @@ def event_time_derivatives(
 ) -> EventTimeDerivatives:
     """Return the derivatives of a run's event times, from which dense and sparse blocks can be made.
 
-    >>> derivatives = event_time_derivatives(scene, events, accuracy="exact")
+    >>> derivatives = event_time_derivatives(scene, events, accuracy="exact", pixel="rays")
     >>> jacobian = scipy.sparse.hstack([derivatives.control_points(20), derivatives.contrast_threshold_map()])
 
     Args and errors: those of :func:`event_time_jacobian`.

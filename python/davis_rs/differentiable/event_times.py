@@ -30,7 +30,7 @@ Flags = npt.NDArray[np.bool_]
 class EventTimes:
     """Computes the times of a stream's events, as a function of the camera's path and the thresholds.
 
-    >>> times = EventTimes(scene, events, accuracy="exact")
+    >>> times = EventTimes(scene, events, accuracy="exact", pixel="rays")
     >>> t_us, ok = times(increments)
     >>> torch.square(t_us - measured_us)[ok].mean().backward()
 

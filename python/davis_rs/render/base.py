@@ -14,7 +14,6 @@ from ..geometry.camera import Camera
 from ..geometry.lattice import rank1_lattice
 from ..geometry.pose import FloatArray
 from ..geometry.trajectory.views import Views
-from .edges.edge_tracks import EdgeTracks, composed_tracks
 from .edges.neighbours import ImageMap, Neighbours
 from .edges.swept_objects import MovingSilhouettes
 from .flow import OpticalFlow
@@ -50,6 +49,9 @@ class Renderer(ABC):
 
     concurrent: bool = False
     """Whether several threads may call the renderer at once."""
+
+    pixel: str = "rays"
+    """What luma of a pixel is made of: ``rays`` or ``lines``, in place of so many rays."""
 
     culls_backs: bool = False
     """Whether one sees through the backs of one-sided shapes, see :attr:`Scene.one_sided`."""
@@ -130,28 +132,6 @@ class Renderer(ABC):
         else:
             squares = self._samples(views, view, pixel, rays).reshape(1, 1, -1)
         return self._composed(squares, pixel)
-
-    def edge_tracks(self, views: Views, t_us: Indices, *, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        """Return luma of the pixels that edges of the geometry pass, through each of n spans of time.
-
-        Of a span's pixels some rays see one surface all the time, and change evenly. The others jump, at the instants
-        at which an edge passes them; these follow from the geometry. What the rays see is rendered at three instants,
-        or at five where luma bends or where a ray is passed twice between two of them.
-
-        Args:
-            views: five of each span (5 n), at the instants of
-                ``davis_rs.render.edges.edge_tracks.instants_of_spans``; the fastest pixel may go half a pixel.
-            t_us: int64 (n, 5): these instants, microseconds of the sequence.
-            tolerated: how much log luma may err.
-            log_eps: dark level in units of luma.
-
-        Returns:
-            None where the renderer does not know its rays' surfaces.
-        """
-        tracks = self._edge_tracks(views, t_us, tolerated, log_eps)
-        if tracks is None:
-            return None
-        return [composed_tracks(span, self.camera, self.reach_px, self._composed) for span in tracks]
 
     def _composed(self, squares: LumaFrames, pixel: Indices) -> LumaFrames:
         """Apply the blur and the lens to the squares around pixels."""
@@ -238,11 +218,6 @@ class Renderer(ABC):
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
         """Return what each pixel's centre sees, (n, H, W): object 1, 2, ... of ``motion``, or 0 for all else."""
         return np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
-
-    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        """Do as :meth:`edge_tracks`, before blur and lens, of all pixels these take luma from; at the spans'
-        ends too."""
-        return None
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
         # What is infinitely far counts too: it may be a background, which moves in the image when the camera rotates.

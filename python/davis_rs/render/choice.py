@@ -58,7 +58,8 @@ class _RendererRequest:
     threads: int | None
     edges: bool
     bake_error: float
-    pixel: str
+    pixel: str | None
+    lattice_pixel: str
     weights: Weights
     reason: str = "asked for"
 
@@ -310,7 +311,8 @@ def make_renderer(
     threads: int | None = None,
     edges: bool = False,
     bake_error: float = BAKE_ERROR,
-    pixel: str = "rays",
+    pixel: str | None = None,
+    lattice_pixel: str = "rays",
     weights: Weights = LUMA_WEIGHTS,
 ) -> Renderer:
     """Choose and build the renderer for a scene.
@@ -324,11 +326,13 @@ def make_renderer(
             light from area lights, from all sides and from other surfaces, which is computed once and kept),
             ``integrator`` (Mitsuba's own, for everything else) or ``auto``: the native renderer where it computes what
             the scene asks for, else under baked light where that is possible, and else Mitsuba's integrators.
-        edges: prepare :attr:`Renderer.silhouettes` where the renderer does not track edges itself.
+        edges: prepare :attr:`Renderer.silhouettes`, unless the pixel is one of lines, which see all edges.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         threads: of the native renderer; None for all that there are.
         bake_error: how much baked light may err, relative.
-        pixel: ``rays`` or ``lines``, see :class:`NativeRenderer`; only that renderer has lines.
+        pixel: ``rays`` or ``lines``, see :class:`NativeRenderer`; only that renderer has lines, and only where all
+            surfaces are diffuse. None means ``lattice_pixel`` where that is possible and ``rays_per_pixel`` is None,
+            else rays.
         weights: of linear red, green and blue in luma; others than those of luma are for colour filters.
 
     Raises:
@@ -355,9 +359,10 @@ def make_renderer(
         edges=edges,
         bake_error=bake_error,
         pixel=pixel,
+        lattice_pixel=lattice_pixel,
         weights=weights,
     )
-    if pixel not in ESTIMATORS:
+    if pixel is not None and pixel not in ESTIMATORS:
         raise ArgumentError("{pixel} must be one of {}, got {!r}", ", ".join(ESTIMATORS), pixel)
     chosen, renderer = (
         _first_possible(request)
@@ -452,11 +457,20 @@ def _native(request: _RendererRequest, made: _SceneTables) -> Renderer:
         rays_per_pixel=_rays(request),
         blur=request.blur,
         motion=made.motion,
-        pixel=request.pixel,
+        pixel=_pixel(request, made.table),
         threads=request.threads,
     )
+    if request.edges and renderer.pixel == "rays" and not made.motion.deformations:
+        renderer.silhouettes = MovingSilhouettes(made.loaded, made.motion)
     renderer.reason += made.made + _taken_as_diffuse(request.scene, made.replaced)
     return renderer
+
+
+def _pixel(request: _RendererRequest, table: SceneTable) -> str:
+    """Return what a pixel of the native renderer is made of."""
+    if request.pixel is not None:
+        return request.pixel
+    return request.lattice_pixel if request.rays_per_pixel is None and table.gloss is None else "rays"
 
 
 def _rays(request: _RendererRequest) -> int:

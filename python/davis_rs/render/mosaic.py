@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ..events.luma import LumaFrames
 from ..geometry.trajectory.views import Views
 from .base import Indices, Launched, Renderer
-from .edges.edge_tracks import EdgeTracks
 from .edges.neighbours import ImageMap
 
 
@@ -31,7 +30,7 @@ class MosaicRenderer(Renderer):
         first = channels[0]
         super().__init__(first.camera, rays_per_pixel=first.rays_per_pixel, blur=first.blur, motion=first.motion)
         self._channels, self._numbers = list(channels), numbers
-        self.name, self.variant = first.name, first.variant
+        self.name, self.variant, self.pixel = first.name, first.variant, first.pixel
         self.reason = f"{first.reason}; for each of three colours"
         self.poses_per_launch, self.concurrent = first.poses_per_launch, first.concurrent
         self.silhouettes = first.silhouettes
@@ -75,15 +74,6 @@ class MosaicRenderer(Renderer):
                 luma[own] = channel.samples(views, view[own], pixel[own], rays=rays)
         return luma
 
-    def edge_tracks(self, views: Views, t_us: Indices, *, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        of_channels = []
-        for channel in self._channels:
-            tracks = channel.edge_tracks(views, t_us, tolerated=tolerated, log_eps=log_eps)
-            if tracks is None:
-                return None
-            of_channels.append(tracks)
-        return [self._picked_tracks(span) for span in zip(*of_channels, strict=True)]
-
     def depth(self, views: Views) -> npt.NDArray[np.float32]:
         return self._channels[0].depth(views)
 
@@ -102,20 +92,3 @@ class MosaicRenderer(Renderer):
     def _picked(self, frames: Sequence[LumaFrames]) -> LumaFrames:
         """Take each pixel from the frames of its colour."""
         return np.where(self._numbers == 0, frames[0], np.where(self._numbers == 1, frames[1], frames[2]))
-
-    def _picked_tracks(self, tracks: Sequence[EdgeTracks]) -> EdgeTracks:
-        """Take each pixel's samples from the tracks of its colour, sorted by pixel as they are."""
-        numbers = self._numbers.ravel()
-        of_pixels = [each.pixels[numbers[each.pixels] == number] for number, each in enumerate(tracks)]
-        unknown = [each.unknown[numbers[each.unknown] == number] for number, each in enumerate(tracks)]
-        own = [numbers[each.pixel] == number for number, each in enumerate(tracks)]
-        pixel, t_us, luma = (
-            np.concatenate([getattr(each, name)[chosen] for each, chosen in zip(tracks, own, strict=True)])
-            for name in ("pixel", "t_us", "luma")
-        )
-        order = np.argsort(pixel, kind="stable")
-        rendered = sum(each.rendered for each in tracks)
-        return EdgeTracks(
-            np.sort(np.concatenate(of_pixels)), np.sort(np.concatenate(unknown)), pixel[order], t_us[order],
-            luma[order], rendered,
-        )  # fmt: skip

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from ..geometry.pose import FloatArray
 from ..geometry.trajectory.views import Views
 from ..render.base import Indices, Renderer
-from ..render.edges.edge_tracks import EdgeTracks
 from .interpolate import interpolated
 from .keyframes import Keyframe, Stretch
 from .rules import TimeSampling
@@ -60,6 +59,7 @@ class CountedRenderer(Renderer):
         )
         self.silhouettes, self.optics = renderer.silhouettes, renderer.optics
         self.name, self.reason, self.variant = renderer.name, renderer.reason, renderer.variant
+        self.pixel = renderer.pixel
         self.poses_per_launch = renderer.poses_per_launch
         self._renderer, self._pixels = renderer, renderer.camera.width * renderer.camera.height
         self.count = 0
@@ -82,8 +82,3 @@ class CountedRenderer(Renderer):
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> npt.NDArray[np.float32]:
         self.count += len(pixel) * rays
         return self._renderer._samples(views, view, pixel, rays)
-
-    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        spans = self._renderer._edge_tracks(views, t_us, tolerated, log_eps)
-        self.count += sum(tracks.rendered for tracks in spans or []) * self.rays_per_pixel
-        return spans

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.argument_checks import check_number
-from ..render.edges.edge_tracks import NO_TRACKS, SHORTEST_US, EdgeTracks, instants_of_spans
 from ..render.edges.swept import Counts
 from .breaks import Break, break_instants
 from .displacement import LARGEST_BEND, DisplacementClock
@@ -36,12 +35,11 @@ class Tolerance(TimeSampling):
     rendered alone at the middle of their interval, and again at the middles of its halves, until a sample lies where
     the line between its neighbours predicted it.
 
-    Something that appears and vanishes between two samples leaves no trace in either: no estimate can see it. It may
-    happen where edges of the geometry pass over a pixel. The native renderer tells at which instants an edge passes
-    each ray, so that such pixels are sampled where their luma jumps, and in between
-    (``davis_rs.render.edges.edge_tracks``). With other renderers, and where rays change for another reason (shadows),
-    the pixel's interval is halved whatever the samples are: twice for one edge, and fully for two, because there may be
-    something thin between them. A thin line of a texture has no such protection.
+    Something that appears and vanishes between two samples leaves no trace in either: no estimate can see it. Where
+    luma is a mean over rays it may happen when edges of the geometry pass over a pixel. The interval of such a pixel is
+    halved whatever the samples are: twice for one edge, and fully for two, because there may be something thin between
+    them. A thin line of a texture has no such protection. Lines (``pixel="lines"``) see all that a pixel holds, so
+    that nothing need be halved for them while keyframes are less than a pixel apart.
 
     Where motion or light breaks there are keyframes on both sides; neither slopes nor estimates use keyframes across
     it.
@@ -51,7 +49,7 @@ class Tolerance(TimeSampling):
         pixels: displacement between keyframes at the start.
         longest: largest displacement between keyframes.
         halvings: how often a pixel's interval is halved at most.
-        edges: follow the geometry's edges, see above.
+        edges: halve the intervals of pixels that edges pass, see above.
 
     Raises:
         ValueError: for a value out of range.
@@ -221,13 +219,7 @@ class _StretchSampler:
         """Yield the samples of untrusted pixels within each interval in first..end."""
         if end <= first:
             return
-        tracks = self._tracks(first, end)
-        pieces = self._pieces(untrusted, tracks, first, end)
-        samples = []
-        for i, tracked in enumerate(tracks or ()):
-            known = ~np.isin(tracked.pixel, tracked.unknown)
-            pixel = tracked.pixel[known]
-            samples.append((np.full(len(pixel), i), pixel, tracked.t_us[known], tracked.luma[known]))
+        pieces, samples = self._pieces(untrusted, first, end), []
         for turn in range(self._settings.halvings):
             pieces = pieces.select(pieces.end_us - pieces.start_us > 1)
             if len(pieces.pixel) == 0:
@@ -249,41 +241,15 @@ class _StretchSampler:
         for chosen in np.split(order, np.searchsorted(interval[order], np.arange(1, end - first))):
             yield SparseSamples(pixel[chosen].astype(np.uint32), t_us[chosen], luma[chosen])
 
-    def _tracks(self, first: int, end: int) -> list[EdgeTracks] | None:
-        """Return the tracks of pixels that edges pass within each interval in first..end; None if the renderer has
-        none."""
-        if not self._settings.edges:
-            return None
-        t_us = np.array(self._window.t_us[first : end + 1])
-        long = np.flatnonzero(np.diff(t_us) >= SHORTEST_US)
-        if not len(long):
-            return [NO_TRACKS] * (end - first)
-        instants = instants_of_spans(t_us[long], t_us[long + 1])
-        spans = self._stretch.renderer.edge_tracks(
-            self._stretch.views(instants.ravel()), instants, tolerated=self._tolerated, log_eps=self._stretch.log_eps
-        )
-        if spans is None:
-            return None
-        tracks = [NO_TRACKS] * (end - first)
-        for i, tracked in zip(long.tolist(), spans, strict=True):
-            tracks[i] = tracked
-        return tracks
-
-    def _pieces(
-        self, untrusted: list[BoolFrame], tracks: list[EdgeTracks] | None, first: int, end: int
-    ) -> _IntervalPieces:
-        """Return the intervals in first..end of untrusted pixels, and of pixels that edges sweep, without tracked
-        pixels."""
+    def _pieces(self, untrusted: list[BoolFrame], first: int, end: int) -> _IntervalPieces:
+        """Return the intervals in first..end of untrusted pixels, and of pixels that edges sweep."""
         window, most = self._window, self._settings.halvings
-        sweeps = self._sweeps(first, end) if tracks is None else None
+        sweeps = self._sweeps(first, end)
         least_halvings = np.array([0, min(_FOR_ONE_EDGE, most), most])
         columns = []
         for i, k in enumerate(range(first, end)):
             swept = np.zeros(untrusted[k].size, np.uint8) if sweeps is None else sweeps[i].ravel()
             wanted = untrusted[k].ravel() | (swept > 0)
-            if tracks is not None:
-                wanted[tracks[i].pixels] = False
-                wanted[tracks[i].unknown], swept[tracks[i].unknown] = True, 2
             pixel = np.flatnonzero(wanted)
             edges = np.minimum(swept[pixel], 2)
             columns.append(

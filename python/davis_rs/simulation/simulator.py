@@ -74,7 +74,7 @@ class Simulator:
         sampling: when luma is rendered.
         effects: those of the pixels, readout and frames.
         custom_effects: those of the user's own.
-        refine: whether event times are polished.
+        refine: whether event times are refined.
         renderer: what renders, behind the lens.
         surfaces: what gives flow, masks and normals; None where none of them is asked for.
         memory: what it is forecast to take.
@@ -118,7 +118,8 @@ class Simulator:
         self.settings, self.scene, self.camera = settings, view.scene, view.camera
         self.contrast_threshold, self.contrast_threshold_off = view.contrast_threshold, view.contrast_threshold_off
         self.log_eps, self.start_phase, self.colour_filter = view.log_eps, view.start_phase, view.colour_filter
-        self.sampling, self.refine = resolved.sampling, resolved.refine
+        self.sampling = resolved.sampling
+        self.refine = resolved.refine_lines if plain.pixel == "lines" else resolved.refine
         self.effects, self.custom_effects = resolved.effects, resolved.custom_effects
         self.memory = resolved.memory(plain.ray_bytes)
         self.lost_looks = lost_look_fractions(self.scene, self.camera, plain)
@@ -314,6 +315,7 @@ class Simulator:
             "colour_filter": None if self.colour_filter is None else asdict(self.colour_filter),
             "log_eps": self.log_eps,
             "rays_per_pixel": self.renderer.rays_per_pixel,
+            "pixel": self.renderer.pixel,
             "blur": self.renderer.blur,
             "sampling": repr(self.sampling),
             "refine": self.refine,

@@ -5,8 +5,6 @@
 //!
 //! What must not break: a scene depends on the corners that it was given last, not on those before.
 
-use std::sync::OnceLock;
-
 use super::geometry::vector::{Bounds, Vector, sub};
 use super::renderer::Renderer;
 use super::scene::{Scene, about, has_area, is_smooth};
@@ -38,7 +36,6 @@ impl Renderer {
     pub fn deform(&mut self, frame: usize, first: u32, new: &Deformed) -> Result<()> {
         self.scene.deform(frame, first, new)?;
         // The scene has others now.
-        self.edges = OnceLock::new();
         Ok(())
     }
 }
@@ -97,7 +94,6 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::super::geometry::vector::{cross, dot, scale};
-    use super::super::time::edges::Edges;
     use super::super::{Emission, Light, LightKind, PixelRays, Pose, SceneTables, View};
     use super::*;
 
@@ -194,9 +190,7 @@ mod tests {
         let (flat, bent, other) = (sheet(0.0), sheet(0.6), sheet(-0.4));
         let mut renderer_of = renderer(&flat);
         let at_first = seen(&renderer_of);
-        assert!(renderer_of.edges.set(Edges::of_scene(&renderer_of.scene)).is_ok());
         renderer_of.deform(1, bent.first, &of(&bent)).unwrap();
-        assert!(renderer_of.edges.get().is_none());
         let deformed = seen(&renderer_of);
         let made = seen(&renderer(&bent));
         // Coordinates are rounded relative to another centre: a ray on an edge may see the neighbour.

@@ -22,7 +22,6 @@
 //!   [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden points; [`any_hit`](light::any_hit)
 //!   asks the BVH for a few points at a time.
 //! - [`gloss`]: surfaces that are not diffuse, by rays of their own.
-//! - [`time`]: [`edges`](time::edges) finds when edges pass rays, [`tracks`](time::tracks) the luma meanwhile.
 //! - [`lines`]: a pixel's integral over its area, by taps on lines instead of rays.
 //! - [`gradients`]: derivatives of single pixels in float64.
 //! - [`irradiance`]: light at places on surfaces, which is baked into light maps, by rays of any direction
@@ -51,7 +50,6 @@ mod samples;
 mod scene;
 mod tile;
 mod tile_hits;
-mod time;
 mod visibility;
 
 #[cfg(feature = "python")]
@@ -79,4 +77,3 @@ pub use light::sky::Sky;
 pub use lines::pattern::LinePattern;
 pub use renderer::Renderer;
 pub use scene::{Light, LightKind, Scene, SceneTables};
-pub use time::edge_tracks::{EdgeTracks, TrackSettings};

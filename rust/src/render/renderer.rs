@@ -5,7 +5,7 @@
 //! What must not break: a pixel depends only on its view and its rays, not on other views, other pixels, threads or the
 //! processor. Arguments are checked before work begins.
 
-use std::sync::{Mutex, OnceLock};
+use std::sync::Mutex;
 
 use rayon::prelude::*;
 
@@ -19,8 +19,6 @@ use super::lines::pattern::LinePattern;
 use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
 use super::tile::{self, Shaders, TileImage, TileScratch, TileView, Ways};
-use super::time::edges::Edges;
-use super::time::tracks::RaySample;
 use super::visibility::bins::Bins;
 use super::visibility::nearest::NOTHING;
 use crate::error::{Error, Result};
@@ -41,8 +39,6 @@ pub struct Renderer {
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
     ways: Ways,
-    /// Of the scene, once somebody wants to know them.
-    pub(crate) edges: OnceLock<Edges>,
 }
 
 /// How many views are done band by band together, at most, and how many triangles they may have in all.
@@ -96,7 +92,7 @@ impl Renderer {
         let (view_buffers, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
         let receivers = if scene.triangles() >= MANY { MANY_RECEIVERS } else { usize::MAX };
         let ways = Ways { beams: scene.triangles() >= SMALL, receivers };
-        Ok(Self { scene, still, threads, view_buffers, scratch, pixels, ways, edges: OnceLock::new() })
+        Ok(Self { scene, still, threads, view_buffers, scratch, pixels, ways })
     }
 
     /// Returns the scene.
@@ -207,12 +203,20 @@ impl Renderer {
             let lights = seen_lights(&self.scene, view);
             let (mut buffers, mut scratch) = (self.view_buffers.take(), self.scratch.take());
             let ViewBuffers { bins, cones } = &mut buffers;
-            bins.fill(&self.scene, view, corners, Some(&tiles_of(corners, samples)));
+            // Samples are sorted by tile.
+            let single = samples[0].tile == samples[samples.len() - 1].tile;
+            if single {
+                bins.fill_rect(&self.scene, view, corners.tile(samples[0].tile));
+            } else {
+                bins.fill(&self.scene, view, corners, Some(&tiles_of(corners, samples)));
+            }
             let tile_view = self.tile_view(corners, view, &lights, bins, cones);
-            let mut image = TileImage::BLACK;
             for some in samples.chunk_by(|a, b| a.tile == b.tile) {
-                tile::lines(&tile_view, pattern, some[0].tile, &mut scratch, &mut vec![], &mut image);
-                values.extend(some.iter().map(|sample| image.luma[sample.in_tile]));
+                let tile = some[0].tile;
+                let number = if single { 0 } else { tile };
+                let pixels = some.iter().fold(0, |pixels, sample| pixels | 1 << sample.in_tile);
+                let luma = tile::line_samples(&tile_view, pattern, (number, tile), pixels, &mut scratch);
+                values.extend(some.iter().map(|sample| luma[sample.in_tile]));
             }
             self.view_buffers.give(buffers);
             self.scratch.give(scratch);
@@ -228,14 +232,14 @@ impl Renderer {
     pub fn hits(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], hits: &mut [(f32, u32)]) -> Result<()> {
         check_one_ray(rays)?;
         self.each_pixel(rays, views, pixels, hits, |view, samples, values| {
-            let mut seen = vec![];
             self.each_of(rays, view, samples, |tile_view, tile, some, scratch| {
-                tile::ray_samples(tile_view, tile, some, scratch, &mut seen);
+                tile::hits(tile_view, tile, some, scratch, |hit| {
+                    values.push(match hit {
+                        None => (f32::INFINITY, NO_TRIANGLE),
+                        Some((inverse, triangle)) => (1.0 / inverse, self.scene.surfaces[triangle as usize].number),
+                    });
+                });
             });
-            values.extend(seen.iter().map(|ray_sample| match ray_sample.triangle {
-                NOTHING => (f32::INFINITY, NO_TRIANGLE),
-                triangle => (1.0 / ray_sample.inverse_depth, self.scene.surfaces[triangle as usize].number),
-            }));
         })
     }
 
@@ -445,24 +449,6 @@ impl Renderer {
             ways: Ways { beams: false, ..self.ways },
             pattern: self.scene.gloss.as_ref().map(|_| Pattern::new(rays.rays())),
         }
-    }
-
-    /// Returns what each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were
-    /// found.
-    pub(crate) fn ray_samples(
-        &self,
-        rays: &PixelRays,
-        view: &View,
-        pixels: &[u32],
-        ray_samples: &mut Vec<RaySample>,
-    ) -> impl Iterator<Item = usize> + use<> {
-        let of_view: Vec<(u32, u32)> = pixels.iter().map(|&pixel| (0, pixel)).collect();
-        let order = samples::sorted(rays, 1, &of_view);
-        ray_samples.reserve(pixels.len() * rays.rays);
-        self.each_of(rays, view, &order, |tile_view, tile, some, scratch| {
-            tile::ray_samples(tile_view, tile, some, scratch, ray_samples);
-        });
-        order.into_iter().map(|sample| sample.index)
     }
 
     /// Does the tiles that hold pixels of one view, sorted by tile; a tile's pixels are gathered.
@@ -914,7 +900,14 @@ mod tests {
             let mut single = vec![0f32; pixels.len()];
             renderer.line_samples(corners, &LinePattern::new(16).unwrap(), &views, &pixels, &mut single).unwrap();
             let in_frame = pixels.iter().map(|&(view, pixel)| luma[view as usize * width * height + pixel as usize]);
-            assert!(single.iter().copied().eq(in_frame));
+            assert!(single.iter().copied().eq(in_frame.clone()));
+            // One at a time: triangles are looked for in its tile alone.
+            for (pixel, expected) in pixels.iter().zip(in_frame) {
+                let mut alone = [0f32];
+                let pixel = std::slice::from_ref(pixel);
+                renderer.line_samples(corners, &LinePattern::new(16).unwrap(), &views, pixel, &mut alone).unwrap();
+                assert_eq!(alone[0], expected);
+            }
         }
     }
 
@@ -947,6 +940,19 @@ mod tests {
             let mut luma = vec![0f32; width * height * views.len()];
             renderer.line_luma(corners, &LinePattern::new(lines).unwrap(), &views, &mut luma).unwrap();
             assert!(luma.iter().all(|value| value.is_finite()) && luma.iter().any(|&value| value > 0.0));
+            // Single pixels have the bits of the frame, however many others are looked at.
+            for step in [1, 7, 43] {
+                let numbers = (0..luma.len()).step_by(step);
+                let pixels: Vec<(u32, u32)> = numbers
+                    .clone()
+                    .map(|at| ((at / (width * height)) as u32, (at % (width * height)) as u32))
+                    .collect();
+                let mut single = vec![0f32; pixels.len()];
+                renderer
+                    .line_samples(corners, &LinePattern::new(lines).unwrap(), &views, &pixels, &mut single)
+                    .unwrap();
+                assert!(single.iter().zip(numbers).all(|(value, at)| *value == luma[at]));
+            }
             // FNV-1a.
             luma.iter()
                 .flat_map(|value| value.to_bits().to_le_bytes())
@@ -954,7 +960,7 @@ mod tests {
         });
         assert_eq!(
             hashes.map(|hash| format!("{hash:016x}")),
-            ["67b779535e23b37b", "afc3c54170d050a8", "0d01077debd60b57", "4f9581118b57717f"]
+            ["6b825c6111343541", "e54a2a44d2fffdb0", "96ccee866b60461f", "f6bde6739b9028a7"]
         );
     }
 

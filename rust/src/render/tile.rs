@@ -20,13 +20,12 @@ use super::light::patch::Patch;
 use super::light::shader::Shader;
 use super::lines::curved::{Curved, CurvedDepth};
 use super::lines::envelope::Envelopes;
-use super::lines::pattern::LinePattern;
+use super::lines::pattern::{LineEnds, LinePattern};
 use super::lines::shadows::{HiddenLengths, TileTaps};
 use super::lines::taps::Taps;
 use super::lines::warp::{LinearDepth, Straight, Warp};
 use super::samples::Pixels;
 use super::tile_hits::TileHits;
-use super::time::tracks::RaySample;
 use super::visibility::beam::Beam;
 use super::visibility::bins::{Bins, Entry, Seen};
 use super::visibility::nearest::{NOTHING, Nearest};
@@ -64,6 +63,7 @@ pub(crate) struct TileScratch {
     straight: Envelopes<LinearDepth>,
     curved: Envelopes<CurvedDepth>,
     hidden_lengths: HiddenLengths,
+    ends: LineEnds,
     shading: Shading,
 }
 
@@ -152,23 +152,12 @@ pub(crate) fn samples(
     scratch: &mut TileScratch,
     values: &mut Vec<f32>,
 ) {
-    shade_pixels::<false>(tile_view, number, &pixels.ray_blocks(), scratch);
-    values.extend(scratch.shading.luma.chunks_exact(tile_view.rays.rays()).take(pixels.count()).map(pixel_mean));
-}
-
-/// Finds and shades what the rays of single pixels see.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn shade_pixels<const RATE: bool>(
-    tile_view: &TileView,
-    number: usize,
-    ray_blocks: &RayBlocks,
-    scratch: &mut TileScratch,
-) {
-    find(tile_view.bins, number, ray_blocks, scratch);
+    let ray_blocks = pixels.ray_blocks();
+    find(tile_view.bins, number, &ray_blocks, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
     let seen = (tile_view.bins.seen.as_slice(), list.as_slice());
-    shade::<RATE, _>(tile_view, seen, (ray_blocks, Order::Pixels), nearest, shading, &mut vec![]);
+    shade::<false, _>(tile_view, seen, (&ray_blocks, Order::Pixels), nearest, shading, &mut vec![]);
+    values.extend(shading.luma.chunks_exact(tile_view.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
 /// Computes luma of a tile's pixels by the lines that pass through them: of their area, not of single rays. The rays of
@@ -182,17 +171,47 @@ pub(crate) fn lines<'a>(
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
+    image.luma = of_lines(tile_view, (pattern, &pattern.ends, true), (tile, tile), scratch, before);
+}
+
+/// Computes luma of single pixels of a tile as [`lines`] does, by the lines that pass them: the bits that it has there.
+/// `number` is the tile's in the bins, and `pixels` are bits, by block and lane. Other pixels have no meaning.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(crate) fn line_samples(
+    tile_view: &TileView,
+    pattern: &LinePattern,
+    (number, tile): (usize, usize),
+    pixels: u64,
+    scratch: &mut TileScratch,
+) -> [f32; PIXELS] {
+    let mut ends = std::mem::take(&mut scratch.ends);
+    pattern.choose(pixels, &mut ends);
+    let luma = of_lines(tile_view, (pattern, &ends, false), (number, tile), scratch, &mut vec![]);
+    scratch.ends = ends;
+    luma
+}
+
+/// Computes luma of pixels by lines with these ends, which may be `all` of the pattern.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn of_lines<'a>(
+    tile_view: &TileView<'a>,
+    lines: (&LinePattern, &LineEnds, bool),
+    (number, tile): (usize, usize),
+    scratch: &mut TileScratch,
+    before: &mut Shaders<'a>,
+) -> [f32; PIXELS] {
     let TileScratch { list, taps, straight, curved, hidden_lengths, shading, .. } = scratch;
     let around = tile_view.rays.tile(tile);
-    tile_view.bins.of_tile(tile, around, list);
+    tile_view.bins.of_tile(number, around, list);
     if tile_view.rays.is_grid() {
         let warp = Straight { rect: around, pitch: tile_view.rays.pitch() };
-        by_taps(tile_view, pattern, (&warp, straight), list, (taps, hidden_lengths, shading), before);
+        by_taps(tile_view, lines, (&warp, straight), list, (taps, hidden_lengths, shading), before);
     } else {
-        let warp = Curved::new(around, tile_view.rays.curve(tile), pattern.slope);
-        by_taps(tile_view, pattern, (&warp, curved), list, (taps, hidden_lengths, shading), before);
+        let warp = Curved::new(around, tile_view.rays.curve(tile), lines.0.slope);
+        by_taps(tile_view, lines, (&warp, curved), list, (taps, hidden_lengths, shading), before);
     }
-    image.luma = taps.add_up(pattern, &shading.luma);
+    taps.add_up(lines.0, &shading.luma)
 }
 
 /// Finds taps and shades them.
@@ -200,16 +219,16 @@ pub(crate) fn lines<'a>(
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn by_taps<'a, TileWarp: Warp>(
     tile_view: &TileView<'a>,
-    pattern: &LinePattern,
+    lines: (&LinePattern, &LineEnds, bool),
     (warp, envelopes): (&TileWarp, &mut Envelopes<TileWarp::Depth>),
     list: &[Entry],
     (taps, scratch, shading): (&mut Taps, &mut HiddenLengths, &mut Shading),
     before: &mut Shaders<'a>,
 ) {
-    taps.find(pattern, (&tile_view.bins.seen, list), warp, envelopes);
+    taps.find(lines, (&tile_view.bins.seen, list), warp, envelopes);
     let around = warp.rect();
     let ray_blocks = RayBlocks { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
-    let mut hits = TileTaps { taps, pattern, warp, scratch };
+    let mut hits = TileTaps { taps, pattern: lines.0, warp, scratch };
     shade::<false, _>(
         tile_view,
         (&tile_view.bins.seen, list),
@@ -220,38 +239,29 @@ fn by_taps<'a, TileWarp: Warp>(
     );
 }
 
-/// Finds what each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of
-/// [`samples`].
+/// Gives what each ray of single pixels hits, one pixel after the other: 1 / z and the triangle's number in the scene, or
+/// None.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(crate) fn ray_samples(
+pub(crate) fn hits(
     tile_view: &TileView,
     number: usize,
     pixels: &Pixels,
     scratch: &mut TileScratch,
-    ray_samples: &mut Vec<RaySample>,
+    mut give: impl FnMut(Option<(f32, u32)>),
 ) {
     let ray_blocks = pixels.ray_blocks();
-    shade_pixels::<true>(tile_view, number, &ray_blocks, scratch);
-    let TileScratch { list, nearest, shading, .. } = scratch;
-    let seen = |index: u32| &tile_view.bins.seen[list[index as usize].seen as usize];
+    find(tile_view.bins, number, &ray_blocks, scratch);
+    let TileScratch { list, nearest, .. } = scratch;
     for ray in 0..pixels.count() * tile_view.rays.rays() {
-        let (luma, rate) = (shading.luma[ray], shading.rate[ray]);
         let index = match nearest.only[0] {
             _ if list.is_empty() => NOTHING,
             NOTHING => nearest.index[ray],
             only => only,
         };
-        ray_samples.push(if index == NOTHING {
-            RaySample { luma, rate, triangle: NOTHING, inverse_depth: 0.0 }
-        } else {
-            let Seen { triangle, inverse_depth, .. } = seen(index);
-            RaySample {
-                luma,
-                rate,
-                triangle: *triangle,
-                inverse_depth: inverse_depth.at(ray_blocks.x[ray], ray_blocks.y[ray]),
-            }
-        });
+        give((index != NOTHING).then(|| {
+            let Seen { triangle, inverse_depth, .. } = tile_view.bins.seen[list[index as usize].seen as usize];
+            (inverse_depth.at(ray_blocks.x[ray], ray_blocks.y[ray]), triangle)
+        }));
     }
 }
 

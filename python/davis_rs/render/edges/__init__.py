@@ -1,6 +1,5 @@
-"""Finds pixels that an occlusion edge may pass between two instants.
+"""Finds pixels that an occlusion edge may pass between two instants, where luma is a mean over rays.
 
-``edge_tracks`` knows at which instant an edge passes each ray of the native renderer. ``swept`` and
-``swept_objects`` bound from the geometry which pixels an edge may touch, for renderers that do not know their rays.
-``neighbours`` finds the pixels that a blur or a lens needs.
+``swept`` and ``swept_objects`` bound from the geometry which pixels an edge may touch. ``neighbours`` finds the pixels
+that a blur or a lens needs.
 """

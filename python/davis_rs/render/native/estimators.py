@@ -15,7 +15,7 @@ from ...geometry.pose import FloatArray
 from ..base import Indices
 from ..rays.camera_rays import pixel_corners, pixel_rays
 
-LINES = {8: 4, 32: 8, 64: 16}
+LINES = {8: 4, 32: 8, 64: 16, 256: 64}
 """How many lines a pixel has in place of so many rays: they are shaded at about as many taps."""
 
 ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
@@ -31,12 +31,7 @@ class PixelEstimator(ABC):
     Args:
         camera: whose pixels they are.
         rays: how many rays a pixel has, or how many its lines stand for.
-
-    Attributes:
-        jumps: whether luma jumps when an edge passes a ray, so that such instants are worth knowing.
     """
-
-    jumps: bool
 
     def __init__(self, camera: Camera, rays: int) -> None:
         rank1_lattice(rays)  # refuses bad numbers
@@ -70,8 +65,6 @@ class PixelEstimator(ABC):
 class RayEstimator(PixelEstimator):
     """Takes the mean over the rays of a lattice."""
 
-    jumps = True
-
     def luma(self, core: SceneRenderer, views: ViewArrays) -> FlatLuma:
         return core.luma(self.known_rays(), views)[0]
 
@@ -93,8 +86,6 @@ class LineEstimator(PixelEstimator):
     Raises:
         ValueError: for another number of rays than :data:`LINES` has.
     """
-
-    jumps = False
 
     def __init__(self, camera: Camera, rays: int) -> None:
         super().__init__(camera, rays)

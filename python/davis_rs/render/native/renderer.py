@@ -15,7 +15,6 @@ from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.views import Views
 from ..base import Indices, Renderer
-from ..edges.edge_tracks import EdgeTracks
 from ..motion.scene_motion import STILL, SceneMotion, pose_arrays, seen_from
 from ..rays.camera_rays import pixel_rays, ray_table, table_bytes
 from ..rays.shadow_rays import END, STEP
@@ -221,24 +220,6 @@ class NativeRenderer(Renderer):
     def cameras(self, views: Views) -> list[Views]:
         """Return the cameras in the world, and in the frame of each body that moves."""
         return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
-
-    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        if self.deforming or not self._estimator.jumps:
-            return None
-        spans = self._core.edge_tracks(
-            self._estimator.known_rays(),
-            self._arrays(views),
-            t_us.ravel(),
-            reach=self.reach_px,
-            tolerated=tolerated,
-            log_eps=log_eps,
-        )
-        return [
-            EdgeTracks(
-                pixels.astype(np.int64), unknown.astype(np.int64), pixel.astype(np.int64), sample_us, luma, rendered
-            )
-            for pixels, unknown, pixel, sample_us, luma, rendered in spans
-        ]
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
         return self._frames(views, lambda arrays: self._core.depth(pixel_rays(self.camera, 1), arrays)[0])

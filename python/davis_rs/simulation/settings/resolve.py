@@ -77,7 +77,8 @@ class Resolved:
         settings: those that were given, the sensor's file read.
         view: the scene as the sensor sees it.
         sampling: when luma is rendered.
-        refine: whether event times are polished.
+        refine: whether event times are refined.
+        refine_lines: so where luma of a pixel is taken by lines, which do not jump.
         effects: of the pixels, readout and frames.
         custom_effects: those of the user's own. They may remember what they have seen, and so serve one simulator.
     """
@@ -86,6 +87,7 @@ class Resolved:
     view: ViewedScene
     sampling: TimeSampling
     refine: bool
+    refine_lines: bool
     effects: Effects
     custom_effects: CustomEffects
 
@@ -139,7 +141,8 @@ def resolve(scene: Scene, settings: SimulatorSettings) -> Resolved:
     if settings.flow_interval_s is not None and settings.flow_rate_hz == 0:
         raise ArgumentError("{flow_interval_s} is that of maps of flow: give {flow_rate_hz}")
     refine = chosen.refine and not in_engine and not on_light
-    resolved = Resolved(settings, view, sampling, refine, effects, custom_effects)
+    refine_lines = refine and bool(settings.refine)
+    resolved = Resolved(settings, view, sampling, refine, refine_lines, effects, custom_effects)
     resolved.memory().refuse()
     return resolved
 
@@ -219,6 +222,7 @@ def renderer_of(
             blur=settings.blur,
             bake_error=settings.bake_error,
             pixel=settings.pixel,
+            lattice_pixel=ACCURACY[accuracy].pixel,
             edges=edges,
             threads=threads,
             weights=weights,
@@ -236,7 +240,7 @@ class TimeSamplingChoice:
 
     Attributes:
         sampling: in time.
-        refine: polish event times, if the pixels are ideal.
+        refine: refine event times, if the pixels are ideal.
     """
 
     sampling: TimeSampling

@@ -198,11 +198,13 @@ class ViewSettings(PixelSettings):
             group=_ACCURACY,
         ),
     )
-    pixel: str = declare(
-        "rays",
+    pixel: str | None = declare(
+        None,
         Declared(
             "what luma of a pixel is made of: rays, the mean over them; lines, its area by lines through it, without "
-            "jumps at edges (the native renderer; for 8, 32 or 64 rays per pixel)",
+            "jumps at edges (the native renderer, diffuse surfaces; in place of 8, 32, 64 or 256 rays per pixel)",
+            default_help="that of the accuracy: lines with exact where they are possible, unless rays_per_pixel is "
+            "given; else rays",
             choices=tuple(ESTIMATORS),
             group=_ACCURACY,
         ),
@@ -417,7 +419,7 @@ class SamplingSettings(EngineSettings, ViewSettings):
         None,
         Declared(
             "refine each event's time to the microsecond with the renderer; slow, ideal pixels only",
-            default_help="as the accuracy says",
+            default_help="as the accuracy says: exact refines what rays see, not lines",
             group=_ACCURACY,
         ),
     )

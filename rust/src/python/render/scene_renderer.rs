@@ -14,8 +14,8 @@ use super::scene_tables::{
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{column, flags, grouped, groups, lists, matrices, numbers};
 use crate::render::{
-    BEFORE_LIGHTS, Deformed, EdgeTracks, GlossTables, LightMapTables, LinePattern, NormalTextureTables, RayHit,
-    Renderer, Scene, SceneTables, TrackSettings, View,
+    BEFORE_LIGHTS, Deformed, GlossTables, LightMapTables, LinePattern, NormalTextureTables, RayHit, Renderer, Scene,
+    SceneTables, View,
 };
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
@@ -100,9 +100,6 @@ impl PySceneRenderer {
 
 /// An array without its shape.
 type Flat<'py, T> = Bound<'py, PyArray1<T>>;
-
-/// Pixels, those with something unseen, the samples' pixels, instants and luma, and how much was rendered.
-type TrackTuple<'py> = (Flat<'py, u32>, Flat<'py, u32>, Flat<'py, u32>, Flat<'py, i64>, Flat<'py, f32>, usize);
 
 #[pymethods]
 impl PySceneRenderer {
@@ -295,7 +292,7 @@ impl PySceneRenderer {
     /// Args:
     ///     corners: of the sensor. By :meth:`PixelRays.grid` two rays a pixel, through its upper left and its lower
     ///         right corner; else, behind a lens with distortion, four: through all of its corners, row by row.
-    ///     lines: lines a pixel: 4, 8 or 16.
+    ///     lines: lines a pixel: 4, 8, 16 or 64.
     ///     views: as in :meth:`luma`.
     ///
     /// Returns:
@@ -342,53 +339,6 @@ impl PySceneRenderer {
         let mut luma = vec![0f32; pixels.len()];
         py.detach(|| self.renderer().line_samples(&corners.0, &pattern, &views, &pixels, &mut luma))?;
         Ok(luma.into_pyarray(py))
-    }
-
-    /// Render luma of the pixels that edges pass, through spans of time.
-    ///
-    /// Args:
-    ///     rays: of the sensor.
-    ///     views: as in :meth:`luma`, five of each of n spans: at its ends, its middle, and about half way between.
-    ///     t_us: int64 (n * 5), flat: when these are, in whole microseconds.
-    ///     reach: how many pixels away, in x or y, the farthest one lies whose luma a pixel takes.
-    ///     tolerated: change of log luma that is tolerated.
-    ///     log_eps: the dark level, in luma.
-    ///
-    /// Returns:
-    ///     Of each span: uint32 (p), increasing, the pixels that edges pass, and those that take luma from them;
-    ///     uint32, those of them that do what neither edges nor their rates tell; samples by pixel and time,
-    ///     between which luma changes evenly: uint32 (m), the pixel; int64 (m), microseconds within the span;
-    ///     float32 (m), luma; and how many pixels were rendered, one at several instants counted so often. With a
-    ///     reach the samples are those of all pixels that luma is taken from, the span's ends among them.
-    ///
-    /// Raises:
-    ///     ValueError: for views that do not fit the scene or the instants, or instants that do not increase in a span.
-    #[pyo3(signature = (rays, views, t_us, *, reach, tolerated, log_eps))]
-    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-    fn edge_tracks<'py>(
-        &self,
-        py: Python<'py>,
-        rays: &PyPixelRays,
-        views: Views<'py>,
-        t_us: &Bound<'py, PyAny>,
-        reach: usize,
-        tolerated: f32,
-        log_eps: f32,
-    ) -> PyResult<Vec<TrackTuple<'py>>> {
-        let (views, t_us) = (self.views(&views)?, numbers::<i64>(t_us, "t_us")?);
-        let settings = TrackSettings { reach, tolerated, log_eps };
-        let tracks = py.detach(|| self.renderer().edge_tracks(&rays.0, &views, &t_us, settings))?;
-        let tuple = |tracks: EdgeTracks| {
-            (
-                tracks.pixels.into_pyarray(py),
-                tracks.unknown.into_pyarray(py),
-                tracks.sample_pixel.into_pyarray(py),
-                tracks.sample_t_us.into_pyarray(py),
-                tracks.sample_luma.into_pyarray(py),
-                tracks.rendered,
-            )
-        };
-        Ok(tracks.into_iter().map(tuple).collect())
     }
 
     /// Find what the pixels' rays hit.

@@ -408,10 +408,9 @@ mod tests {
         let mut intervals = Intervals::default();
         let (mut ends, mut holes) = (0, 0);
         each_function(&pattern, |_, function, distance| {
-            intervals.begin(&pattern, 0..pattern.lists());
+            intervals.begin(&pattern.ends, pattern.ends.lists.clone());
             function.clip(&mut intervals, &pattern);
-            for line in (0..pattern.lefts.len()).filter(|&line| pattern.rights[line] > pattern.lefts[line]) {
-                let (left, right) = (pattern.lefts[line], pattern.rights[line]);
+            for (line, left, right) in pattern.ends.each() {
                 let mut kept = vec![];
                 intervals.each(line, |from, to| kept.push([from, to]));
                 holes += usize::from(kept.len() == 2);
@@ -440,15 +439,15 @@ mod tests {
         each_function(&pattern, |_, function, _| {
             let negative = CurvedFunction(Cubic(function.0.0.map(|term| -term)));
             for (intervals, function) in [(&mut one, *function), (&mut other, negative)] {
-                intervals.begin(&pattern, 0..pattern.lists());
+                intervals.begin(&pattern.ends, pattern.ends.lists.clone());
                 function.clip(intervals, &pattern);
             }
-            for line in 0..pattern.lefts.len() {
+            for line in 0..pattern.ends.lefts.len() {
                 let mut ends = vec![];
                 one.each(line, |from, to| ends.push([from, to]));
                 other.each(line, |from, to| ends.push([from, to]));
                 ends.sort_by(|a, b| a[0].total_cmp(&b[0]));
-                let length = pattern.rights[line] - pattern.lefts[line];
+                let length = pattern.ends.rights[line] - pattern.ends.lefts[line];
                 let all: f32 = ends.iter().map(|[from, to]| to - from).sum();
                 // Only what is too short may lack.
                 assert!(length < 0.0 || (all - length).abs() < 1e-4, "{line}: {ends:?}");
@@ -469,8 +468,8 @@ mod tests {
             let mut terms = function.0.0;
             terms[0] += 1.0;
             let depth = CurvedFunction(Cubic(terms)).depth(&pattern);
-            for line in (0..pattern.lefts.len()).filter(|&line| pattern.rights[line] - pattern.lefts[line] > 1.0) {
-                let between = (pattern.lefts[line] + 0.2, pattern.rights[line] - 0.3);
+            for (line, left, right) in pattern.ends.each().filter(|(_, left, right)| right - left > 1.0) {
+                let between = (left + 0.2, right - 0.3);
                 let height = pattern.heights[line];
                 let nearer = depth.nearer(&plain, height, between);
                 twice += usize::from(nearer.is_some_and(|[_, second]| second[1] > second[0]));

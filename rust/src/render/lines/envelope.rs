@@ -8,7 +8,7 @@
 //! cuts depend on the order. Two triangles with a common edge have the same bits there, so that no gap is seen.
 
 use super::intervals::{Intervals, LEAST};
-use super::pattern::LinePattern;
+use super::pattern::{LineEnds, LinePattern};
 use super::warp::{LineDepth, TileFunction, Warp};
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::LANES;
@@ -55,11 +55,11 @@ pub(crate) struct Envelopes<Depth> {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl<Depth: LineDepth> Envelopes<Depth> {
-    /// Finds what the lines of a tile see of a list of triangles.
+    /// Finds what lines of a tile see of a list of triangles.
     #[inline(always)]
     pub(super) fn find<TileWarp: Warp<Depth = Depth>>(
         &mut self,
-        pattern: &LinePattern,
+        (pattern, ends): (&LinePattern, &LineEnds),
         (seen, list): (&[Seen], &[Entry]),
         warp: &TileWarp,
     ) {
@@ -76,7 +76,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
         let many = self.candidates.len() > BETWEEN;
         for number in 0..self.candidates.len() {
             let Candidate { index, nearest, covers, .. } = self.candidates[number];
-            if many && number % BETWEEN == 0 && self.closed(pattern) > nearest {
+            if many && number % BETWEEN == 0 && self.closed(pattern, ends) > nearest {
                 break;
             }
             let triangle = &seen[list[index as usize].seen as usize];
@@ -91,7 +91,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
             let in_tile = |Linear(function): Linear| warp.function(function.map(f64::from));
             let inverse_depth = in_tile(triangle.inverse_depth);
             self.depths.push(inverse_depth.depth(pattern));
-            self.intervals.begin(pattern, 0..pattern.lists());
+            self.intervals.begin(ends, ends.lists.clone());
             if !covers {
                 for edge in triangle.edges {
                     let edge = in_tile(edge);
@@ -103,7 +103,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
                     inverse_depth.lowered(HORIZON).clip(&mut self.intervals, pattern);
                 }
             }
-            self.let_in(number, nearest, is_behind, pattern);
+            self.let_in(number, nearest, is_behind, (pattern, ends));
         }
     }
 
@@ -120,9 +120,9 @@ impl<Depth: LineDepth> Envelopes<Depth> {
     /// Lets a candidate be seen in its intervals.
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 triangles")]
-    fn let_in(&mut self, number: usize, nearest: f32, is_behind: bool, pattern: &LinePattern) {
+    fn let_in(&mut self, number: usize, nearest: f32, is_behind: bool, (pattern, ends): (&LinePattern, &LineEnds)) {
         let Self { segments, spare, depths, hidden, intervals, .. } = self;
-        for list in 0..pattern.lists() {
+        for list in ends.lists.clone() {
             if !intervals.any(list) {
                 continue;
             }
@@ -144,13 +144,11 @@ impl<Depth: LineDepth> Envelopes<Depth> {
     }
 
     /// Finds the inverse depth behind which each line sees nothing; returns the least of them.
-    fn closed(&mut self, pattern: &LinePattern) -> f32 {
+    fn closed(&mut self, pattern: &LinePattern, ends: &LineEnds) -> f32 {
         let mut least = f32::INFINITY;
-        for (line, (&left, &right)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
-            if right > left {
-                self.hidden[line] = closed(&self.segments[line], &self.depths, pattern.heights[line], (left, right));
-                least = least.min(self.hidden[line]);
-            }
+        for (line, left, right) in ends.each() {
+            self.hidden[line] = closed(&self.segments[line], &self.depths, pattern.heights[line], (left, right));
+            least = least.min(self.hidden[line]);
         }
         least
     }

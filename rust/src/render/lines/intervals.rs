@@ -4,7 +4,7 @@
 
 use std::ops::Range;
 
-use super::pattern::LinePattern;
+use super::pattern::LineEnds;
 use crate::render::geometry::pixel_rays::LANES;
 
 /// Shorter intervals are left to their neighbours, pixels.
@@ -25,12 +25,12 @@ pub(crate) struct Intervals {
 impl Intervals {
     /// Begins with all of each line, of some lists of lines.
     #[inline(always)]
-    pub(super) fn begin(&mut self, pattern: &LinePattern, lists: Range<usize>) {
+    pub(super) fn begin(&mut self, ends: &LineEnds, lists: Range<usize>) {
         let lines = lists.start * LANES..lists.end * LANES;
-        self.from.resize(pattern.lefts.len(), 0.0);
-        self.to.resize(pattern.rights.len(), 0.0);
-        self.from[lines.clone()].copy_from_slice(&pattern.lefts[lines.clone()]);
-        self.to[lines.clone()].copy_from_slice(&pattern.rights[lines]);
+        self.from.resize(ends.lefts.len(), 0.0);
+        self.to.resize(ends.rights.len(), 0.0);
+        self.from[lines.clone()].copy_from_slice(&ends.lefts[lines.clone()]);
+        self.to[lines.clone()].copy_from_slice(&ends.rights[lines]);
         self.lists = lists;
         self.holes.clear();
     }

@@ -5,14 +5,22 @@
 //!
 //! What must not break: all pixels have the same pattern, so that neighbouring tiles continue each other's lines.
 
+use std::ops::Range;
+
 use crate::error::{Error, Result};
 use crate::render::geometry::pixel_rays::{BLOCK, BLOCKS, LANES, PIXELS, TILE};
 
 /// How many lines a pixel has, in how many cells each is cut, by how many lines' distances one rises over a pixel, and
 /// what the taps' positions in their cells are made of: position i of line number n is (n * generator / lines + offset)
 /// modulo 1. These were chosen by the error of waves over a pixel.
-const KINDS: [(usize, usize, usize, usize, f32); 3] =
-    [(4, 2, 1, 2, 0.234_375), (8, 4, 3, 2, 0.117_187_5), (16, 4, 3, 10, 0.054_687_5)];
+const KINDS: [(usize, usize, usize, usize, f32); 4] =
+    [(4, 2, 1, 2, 0.234_375), (8, 4, 3, 2, 0.117_187_5), (16, 4, 3, 10, 0.054_687_5), (64, 4, 7, 14, 0.013_7)];
+
+/// In how many sums the taps of a pixel are added up.
+pub(crate) const SUMS: usize = 4;
+
+/// Where a line that is left out ends: before it begins.
+const NO_LENGTH: f32 = -1.0;
 
 /// Taps of pieces that are seen from end to end: columns and rows from the tile's corner, in pixels. [`LANES`] of no
 /// weight follow them, so that they can be copied as whole vectors.
@@ -21,7 +29,7 @@ pub(crate) struct WholeTaps {
     pub(crate) column: Vec<f32>,
     pub(crate) row: Vec<f32>,
     pub(crate) weight: Vec<f32>,
-    /// By block and lane.
+    /// By block and lane, in the lower six bits; in the upper two, which of its sums the tap is added to.
     pub(crate) pixel: Vec<u8>,
 }
 
@@ -40,6 +48,23 @@ impl WholeTaps {
     }
 }
 
+/// Where lines enter the tile and leave it: columns. Lines that are left out have no length.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LineEnds {
+    pub(crate) lefts: Vec<f32>,
+    pub(crate) rights: Vec<f32>,
+    /// The lists of [`LANES`] lines that hold all others.
+    pub(crate) lists: Range<usize>,
+}
+
+impl LineEnds {
+    /// Returns the lines that have a length, with their ends.
+    pub(crate) fn each(&self) -> impl Iterator<Item = (usize, f32, f32)> + '_ {
+        let lines = self.lists.start * LANES..self.lists.end * LANES;
+        lines.map(|line| (line, self.lefts[line], self.rights[line])).filter(|(_, left, right)| right > left)
+    }
+}
+
 /// The lines of a tile, y = height + slope x, from top to bottom. Lists of them end with lines of no length, so that
 /// their number is a multiple of [`LANES`].
 #[derive(Clone, Debug)]
@@ -48,9 +73,10 @@ pub struct LinePattern {
     /// The area that a line stands for, per length, in pixels.
     pub(crate) weight: f32,
     pub(crate) heights: Vec<f32>,
-    /// Where each line enters the tile and leaves it: columns.
-    pub(crate) lefts: Vec<f32>,
-    pub(crate) rights: Vec<f32>,
+    /// Of all lines.
+    pub(crate) ends: LineEnds,
+    /// The pixels that each line passes: bits, by block and lane.
+    passed: Vec<u64>,
     /// Where each piece begins: a line in one cell of one pixel. Those of a line follow each other from left to right.
     starts: Vec<f32>,
     /// Where the tap of each piece lies, as a fraction of what is seen.
@@ -72,10 +98,10 @@ impl LinePattern {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for other numbers than 4, 8 and 16.
+    /// [`Error::Argument`] for other numbers than 4, 8, 16 and 64.
     pub fn new(lines: usize) -> Result<Self> {
         let Some(&(count, cells, climb, generator, offset)) = KINDS.iter().find(|kind| kind.0 == lines) else {
-            return Err(Error::Argument(format!("a pixel has 4, 8 or 16 lines, got {lines}")));
+            return Err(Error::Argument(format!("a pixel has 4, 8, 16 or 64 lines, got {lines}")));
         };
         Ok(Self::of_kind(count, cells, climb, generator, offset))
     }
@@ -90,8 +116,8 @@ impl LinePattern {
             slope: slope as f32,
             weight: (1.0 / per_pixel) as f32,
             heights: vec![],
-            lefts: vec![],
-            rights: vec![],
+            ends: LineEnds::default(),
+            passed: vec![],
             starts: vec![],
             phases: vec![],
             taps: WholeTaps::default(),
@@ -118,12 +144,14 @@ impl LinePattern {
                 // The line's number in the pixel where it enters the column: the same in each pixel.
                 let entry = ((height + slope * column as f64) * per_pixel).floor().rem_euclid(per_pixel);
                 let phase = (entry as f32 * generator as f32 / count as f32 + offset).fract();
+                // Neighbours on a line are added up apart: they need not wait for each other.
+                let sum = (entry as usize * cells + cell % cells) % SUMS;
                 for cut in cuts.windows(2) {
                     let middle = height + slope * 0.5 * (cut[0] + cut[1]);
                     if (0.0..side).contains(&middle) {
                         let row = middle as usize;
                         let block = row / BLOCK * (TILE / BLOCK) + column / BLOCK;
-                        let pixel = (block * LANES + row % BLOCK * BLOCK + column % BLOCK) as u8;
+                        let pixel = (sum * PIXELS + block * LANES + row % BLOCK * BLOCK + column % BLOCK) as u8;
                         pattern.starts.push(cut[0] as f32);
                         pattern.phases.push(phase);
                         pixels.push(pixel);
@@ -134,8 +162,9 @@ impl LinePattern {
             pattern.by_cell.push(pattern.starts.len() as u16);
             if let Some(&start) = pattern.starts.get(first) {
                 pattern.heights.push(height as f32);
-                pattern.lefts.push(start);
-                pattern.rights.push(end);
+                pattern.ends.lefts.push(start);
+                pattern.ends.rights.push(end);
+                pattern.passed.push(pixels[first..].iter().fold(0, |all, &pixel| all | 1 << (pixel as usize % PIXELS)));
                 let whole = Run { line: pattern.heights.len() - 1, left: start, right: end };
                 for piece in first..pattern.starts.len() {
                     let (column, row, weight) = pattern.tap(piece, &whole);
@@ -148,10 +177,25 @@ impl LinePattern {
         pattern.arrange_blocks();
         pattern.taps.pad();
         let padded = pattern.heights.len().next_multiple_of(LANES);
-        for (values, fill) in [(&mut pattern.heights, 0.0), (&mut pattern.lefts, 0.0), (&mut pattern.rights, -1.0)] {
+        let LineEnds { lefts, rights, lists } = &mut pattern.ends;
+        for (values, fill) in [(&mut pattern.heights, 0.0), (lefts, 0.0), (rights, NO_LENGTH)] {
             values.resize(padded, fill);
         }
+        pattern.passed.resize(padded, 0);
+        *lists = 0..padded / LANES;
         pattern
+    }
+
+    /// Chooses the lines that pass any of some pixels, which are bits, by block and lane.
+    pub(crate) fn choose(&self, pixels: u64, chosen: &mut LineEnds) {
+        let passes = |passed: &u64| passed & pixels != 0;
+        let right = |(&right, passed): (&f32, &u64)| if passes(passed) { right } else { NO_LENGTH };
+        chosen.lefts.clone_from(&self.ends.lefts);
+        chosen.rights.clear();
+        chosen.rights.extend(self.ends.rights.iter().zip(&self.passed).map(right));
+        let first = self.passed.iter().position(passes).unwrap_or(0);
+        let end = self.passed.iter().rposition(passes).map_or(0, |last| last + 1);
+        chosen.lists = first / LANES..end.div_ceil(LANES);
     }
 
     /// Puts the taps of each pixel side by side with those of its block's other pixels.
@@ -159,7 +203,7 @@ impl LinePattern {
     fn arrange_blocks(&mut self) {
         let mut of_pixels = vec![vec![]; PIXELS];
         for (piece, &pixel) in self.taps.pixel.iter().enumerate() {
-            of_pixels[pixel as usize].push(piece);
+            of_pixels[pixel as usize % PIXELS].push(piece);
         }
         self.in_blocks = vec![0; self.starts.len()];
         for block in 0..BLOCKS {
@@ -172,11 +216,6 @@ impl LinePattern {
                 }
             }
         }
-    }
-
-    /// Returns how many lists of [`LANES`] lines there are.
-    pub(crate) fn lists(&self) -> usize {
-        self.heights.len() / LANES
     }
 
     /// Returns the pieces of a line: from the first one on, before the second one.
@@ -206,7 +245,7 @@ impl LinePattern {
     #[inline]
     pub(crate) fn pieces_from(&self, first: usize, run: &Run, end: usize) -> (usize, usize, usize) {
         let first = self.not_before(first, run.left, end);
-        if run.right >= self.rights[run.line] {
+        if run.right >= self.ends.rights[run.line] {
             return (first, end, end - 1);
         }
         let last = self.piece_at(run.line, run.right, end);
@@ -240,7 +279,7 @@ impl LinePattern {
     #[inline]
     pub(crate) fn cut_taps(&self, run: &Run, (first, end): (usize, usize)) -> [Option<(f32, f32, f32)>; 2] {
         let single = end - first == 1;
-        let cut = [run.left > self.lefts[run.line], run.right < self.rights[run.line]];
+        let cut = [run.left > self.ends.lefts[run.line], run.right < self.ends.rights[run.line]];
         let right = if single { run.right } else { self.starts[first + 1] };
         let left = if single { run.left } else { self.starts[end - 1] };
         [
@@ -266,14 +305,11 @@ mod tests {
     #[test]
     #[allow(clippy::cast_precision_loss, reason = "small numbers")]
     fn each_pixel_has_its_area() {
-        for lines in [4, 8, 16] {
+        for lines in [4, 8, 16, 64] {
             let pattern = LinePattern::new(lines).unwrap();
             for cuts in 1..40 {
                 let mut areas = [0.0; PIXELS];
-                for (line, (&start, &end)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
-                    if end < start {
-                        continue;
-                    }
+                for (line, start, end) in pattern.ends.each() {
                     let at =
                         |cut: usize| if cut == cuts { end } else { start + (end - start) * cut as f32 / cuts as f32 };
                     for cut in 0..cuts {
@@ -285,7 +321,7 @@ mod tests {
                         for piece in first..last {
                             let (column, row, weight) = pattern.tap(piece, &run);
                             assert!(weight > 0.0 && run.left <= column && column <= run.right);
-                            let pixel = pattern.taps.pixel[piece] as usize;
+                            let pixel = pattern.taps.pixel[piece] as usize % PIXELS;
                             let (block, lane) = (pixel / LANES, pixel % LANES);
                             let left = (block % 2 * BLOCK + lane % BLOCK) as f32;
                             let top = (block / 2 * BLOCK + lane / BLOCK) as f32;
@@ -305,7 +341,7 @@ mod tests {
     #[test]
     #[allow(clippy::cast_precision_loss, reason = "small numbers")]
     fn every_pixel_has_the_same_taps() {
-        for lines in [4, 8, 16] {
+        for lines in [4, 8, 16, 64] {
             let LinePattern { blocks, taps, in_blocks, .. } = LinePattern::new(lines).unwrap();
             let per_pixel = in_blocks.len() / PIXELS;
             assert_eq!(per_pixel * PIXELS, blocks.pixel.len());
@@ -314,7 +350,8 @@ mod tests {
                 assert_eq!((taps.column[piece], taps.row[piece]), (blocks.column[at], blocks.row[at]));
                 assert_eq!((taps.weight[piece], taps.pixel[piece]), (blocks.weight[at], blocks.pixel[at]));
                 let first = at / LANES * LANES;
-                assert_eq!(blocks.pixel[at] as usize, first / LANES / per_pixel * LANES + at % LANES);
+                assert_eq!(blocks.pixel[at] as usize % PIXELS, first / LANES / per_pixel * LANES + at % LANES);
+                assert_eq!(blocks.pixel[at] as usize / PIXELS, blocks.pixel[first] as usize / PIXELS);
                 assert!((blocks.column[at].fract() - blocks.column[first].fract()).abs() < 1e-5);
                 assert!((blocks.row[at].fract() - blocks.row[first].fract()).abs() < 1e-5);
                 assert!((blocks.weight[at] - blocks.weight[first]).abs() < 1e-6);

@@ -23,6 +23,9 @@ use crate::render::tile_hits::TileHits;
 use crate::render::visibility::bins::Seen;
 use crate::render::visibility::sorted::Sorted;
 
+/// A smaller fraction of a light is none.
+const LEAST_LIGHT: f32 = 1e-5;
+
 /// The taps of a tile, ready to be shaded.
 pub(crate) struct TileTaps<'a, TileWarp> {
     pub(crate) taps: &'a Taps,
@@ -115,7 +118,7 @@ impl<TileWarp: Warp> TileTaps<'_, TileWarp> {
                 if signs.iter().any(|&sign| sign < 0.0) {
                     continue;
                 }
-                intervals.begin(self.pattern, lists.clone());
+                intervals.begin(&self.pattern.ends, lists.clone());
                 for (limit, sign) in limits.into_iter().zip(signs) {
                     if sign == 0.0 {
                         limit.clip(intervals, self.pattern);
@@ -182,7 +185,9 @@ impl<TileWarp: Warp> TileHits for TileTaps<'_, TileWarp> {
                     for piece in first..end {
                         let tap = tap_of(piece);
                         let fraction = self.pattern.tap(piece, &covered).2 / self.taps.weight(self.pattern, tap);
-                        fractions[tap] = (fractions[tap] - fraction).max(0.0);
+                        let left = fractions[tap] - fraction;
+                        // Roundings of intervals that cover the tap together are no light.
+                        fractions[tap] = if left < LEAST_LIGHT { 0.0 } else { left };
                     }
                 }
             });

@@ -4,20 +4,19 @@
 //! they are copied from the pattern; only those at the ends of what is seen are worked out. A tile that sees one
 //! triangle alone has its taps by blocks, as rays are.
 //!
-//! What must not break: the taps of a pixel have its area as their weight.
+//! What must not break:
+//! - The taps of a pixel have its area as their weight.
+//! - A pixel's taps are added up in an order that does not depend on those of other pixels.
 
 use std::ops::Range;
 
 use super::envelope::{Envelopes, Segment};
 use super::intervals::LEAST;
-use super::pattern::{LinePattern, Run};
+use super::pattern::{LineEnds, LinePattern, Run, SUMS};
 use super::warp::Warp;
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{BLOCKS, LANES, PIXELS};
 use crate::render::visibility::bins::{Entry, Seen};
-
-/// How many sums a pixel's taps are added up in: neighbours on a line need not wait for each other.
-const SUMS: usize = 4;
 
 /// A stretch of a line that sees one triangle, or nothing.
 #[derive(Clone, Copy, Debug)]
@@ -53,16 +52,17 @@ pub(crate) struct Taps {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 taps")]
 impl Taps {
-    /// Finds the taps of a tile, in undistorted coordinates.
+    /// Finds the taps of a tile on lines with these ends, in undistorted coordinates; `all` says whether these are all
+    /// lines.
     #[inline(always)]
     pub(crate) fn find<TileWarp: Warp>(
         &mut self,
-        pattern: &LinePattern,
+        (pattern, ends, all): (&LinePattern, &LineEnds, bool),
         (seen, list): (&[Seen], &[Entry]),
         warp: &TileWarp,
         envelopes: &mut Envelopes<TileWarp::Depth>,
     ) {
-        self.by_blocks = matches!(list, [] | [Entry { covers: true, .. }]);
+        self.by_blocks = all && matches!(list, [] | [Entry { covers: true, .. }]);
         let count = if self.by_blocks {
             let count = pattern.blocks.column.len();
             self.ranges.clear();
@@ -70,8 +70,8 @@ impl Taps {
             self.ranges[0][0] = 0;
             count
         } else {
-            envelopes.find(pattern, (seen, list), warp);
-            self.split(pattern, envelopes, list.len())
+            envelopes.find((pattern, ends), (seen, list), warp);
+            self.split((pattern, ends), envelopes, list.len())
         };
         for values in [&mut self.x, &mut self.y, &mut self.weight] {
             values.resize(count, 0.0);
@@ -87,7 +87,12 @@ impl Taps {
     }
 
     /// Splits lines into what sees one triangle of the list each, and counts the taps; returns their number.
-    fn split<Depth>(&mut self, pattern: &LinePattern, envelopes: &Envelopes<Depth>, list: usize) -> usize {
+    fn split<Depth>(
+        &mut self,
+        (pattern, ends): (&LinePattern, &LineEnds),
+        envelopes: &Envelopes<Depth>,
+        list: usize,
+    ) -> usize {
         let Self { by_line, runs, ranges, run_ranges, .. } = self;
         by_line.clear();
         run_ranges.clear();
@@ -105,10 +110,7 @@ impl Taps {
             by_line.push(SeenRun { run, index, pieces: (first as u32, end as u32), tap: 0 });
         };
         let behind = envelopes.behind.unwrap_or(list as u32);
-        for (line, (&start, &end)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
-            if end < start {
-                continue;
-            }
+        for (line, start, end) in ends.each() {
             let (mut piece, end_of_line) = pattern.pieces_of(line);
             let mut at = start;
             for &Segment { left, right, candidate } in &envelopes.segments[line] {
@@ -176,19 +178,27 @@ impl Taps {
         if self.by_blocks {
             let length = luma.len() / BLOCKS;
             let weights = pattern.blocks.weight.chunks_exact(length);
-            let of_blocks = luma.chunks_exact(length).zip(weights);
-            for ((luma, weights), pixels) in of_blocks.zip(pixels.chunks_exact_mut(LANES)) {
-                for (luma, weights) in luma.chunks_exact(LANES).zip(weights.chunks_exact(LANES)) {
+            let of_pixels = pattern.blocks.pixel.chunks_exact(length);
+            let of_blocks = luma.chunks_exact(length).zip(weights).zip(of_pixels);
+            for (((luma, weights), of), pixels) in of_blocks.zip(pixels.chunks_exact_mut(LANES)) {
+                let mut sums = [[0.0; LANES]; SUMS];
+                let taps = luma.chunks_exact(LANES).zip(weights.chunks_exact(LANES)).zip(of.chunks_exact(LANES));
+                for ((luma, weights), of) in taps {
+                    // The same of all pixels of the block.
+                    let sums = &mut sums[of[0] as usize / PIXELS];
                     for i in 0..LANES {
-                        pixels[i] += weights[i] * luma[i];
+                        sums[i] += weights[i] * luma[i];
                     }
+                }
+                for i in 0..LANES {
+                    pixels[i] = (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]);
                 }
             }
             return pixels;
         }
         let mut sums = [[0.0; PIXELS]; SUMS];
-        for (tap, ((&luma, &weight), &pixel)) in luma.iter().zip(&self.weight).zip(&self.pixel).enumerate() {
-            sums[tap % SUMS][pixel as usize % PIXELS] += weight * luma;
+        for ((&luma, &weight), &pixel) in luma.iter().zip(&self.weight).zip(&self.pixel) {
+            sums[pixel as usize / PIXELS][pixel as usize % PIXELS] += weight * luma;
         }
         for i in 0..PIXELS {
             pixels[i] = (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]);
@@ -204,10 +214,8 @@ impl Taps {
         mut work: impl FnMut(&Run, &dyn Fn(usize) -> usize),
     ) {
         if self.by_blocks {
-            for (line, (&left, &right)) in pattern.lefts.iter().zip(&pattern.rights).enumerate() {
-                if right > left {
-                    work(&Run { line, left, right }, &|piece| pattern.in_blocks[piece] as usize);
-                }
+            for (line, left, right) in pattern.ends.each() {
+                work(&Run { line, left, right }, &|piece| pattern.in_blocks[piece] as usize);
             }
             return;
         }
@@ -225,7 +233,9 @@ impl Taps {
     /// [`LANES`] lines that they are in.
     pub(super) fn around(&self, pattern: &LinePattern, index: u32, warp: &impl Warp) -> (Rect, Range<usize>) {
         let runs = if self.by_blocks { &[] } else { self.runs_of(index) };
-        let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return (*warp.rect(), 0..pattern.lists()) };
+        let (Some(first), Some(last)) = (runs.first(), runs.last()) else {
+            return (*warp.rect(), pattern.ends.lists.clone());
+        };
         let mut around = Rect::NONE;
         for SeenRun { run: Run { line, left, right }, .. } in runs {
             let row = |column: f32| pattern.heights[*line] + pattern.slope * column;
