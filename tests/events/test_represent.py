@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from random import Random
 from typing import Any, Literal
 
 import numpy as np
@@ -248,3 +249,19 @@ def test_what_a_layout_cannot_hold_is_refused() -> None:
     signed["p"] = 2
     with pytest.raises(ValueError, match="polarity must be 0 or 1: event 0 has 2"):
         from_structured(signed)
+
+
+# ---- order ----
+
+
+@EXAMPLES
+@given(streams(), st.randoms())
+def test_the_order_of_events_does_not_matter(events: EventArray, random: Random) -> None:
+    """The window without limits is that of the earliest and the latest event."""
+    order = list(range(len(events)))
+    random.shuffle(order)
+    mixed = events[order]
+    np.testing.assert_allclose(voxel_grid(mixed, SIZE, 4), voxel_grid(events, SIZE, 4), atol=1e-5)
+    np.testing.assert_allclose(event_spike_tensor(mixed, SIZE, 4), event_spike_tensor(events, SIZE, 4), atol=1e-5)
+    np.testing.assert_array_equal(time_surface(mixed, SIZE, 30.0), time_surface(events, SIZE, 30.0))
+    np.testing.assert_array_equal(last_event_times(mixed, SIZE), last_event_times(events, SIZE))

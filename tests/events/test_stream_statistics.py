@@ -233,13 +233,14 @@ def test_the_parity_of_columns_has_its_uncertainty(noisy: tuple[EventArray, Any]
         assert abs(ratio.value - 1) < 4 * ratio.sigma
 
 
-def test_what_is_out_of_order_or_outside_is_counted_and_left_out() -> None:
+def test_what_is_out_of_order_or_outside_is_counted_and_left_out(tmp_path: Path) -> None:
     """Nothing is dropped without a word."""
     events = np.array([(5, 0, 0, 1), (3, 0, 0, 1), (9, 4, 0, 1), (9, 1, 1, 0), (8, 1, 1, 0)], EVENT_DTYPE)
     for cuts in ([], [1], [2, 4]):
         found = metered(events, (4, 3), cuts)
         assert (found.events, found.backward, found.outside) == (2, 2, 1)
-    assert "2 / 1" in str(compare_streams(events, events, size=(4, 3)))
+    np.save(tmp_path / "events.npy", events)
+    assert "2 / 1" in str(compare_streams(tmp_path / "events.npy", tmp_path / "events.npy", size=(4, 3)))
 
 
 def test_a_part_of_a_stream_is_measured() -> None:
@@ -356,3 +357,9 @@ def test_a_page_of_nothing_is_drawn(tmp_path: Path) -> None:
     for size in ((16, 12), (5, 1)):
         draw_comparison(compare_streams(nothing, few, size=size), tmp_path / "page.png")
         assert (tmp_path / "page.png").stat().st_size > 10_000
+
+
+def test_an_array_must_be_sorted() -> None:
+    events = events_of([5, 9, 9, 12], [0, 1, 2, 3], [0, 0, 0, 0], [1, 0, 1, 0])[[0, 2, 3, 1]]
+    with pytest.raises(ValueError, match="must be sorted by time: event 3 is earlier than the one before it"):
+        measure_stream(events, size=(4, 1))

@@ -135,8 +135,10 @@ def test_windows_between_frames_have_both(folder: Path) -> None:
 def test_options_that_do_not_belong_together_are_refused(file: Path, tmp_path: Path) -> None:
     for options, rule in (
         ({"by": "size"}, "by must be one of time, count, frames: got 'size'"),
-        ({}, "duration_us must be a positive integer: got None"),
-        ({"duration_us": 0}, "duration_us must be a positive integer: got 0"),
+        ({}, "duration_us must be a positive integer of microseconds: got None"),
+        ({"duration_us": 0}, "duration_us must be a positive integer of microseconds: got 0"),
+        ({"duration_us": 0.02}, "duration_us must be a positive integer of microseconds: got 0.02"),
+        ({"duration_us": float("inf")}, "must be a positive integer of microseconds: got inf"),
         ({"duration_us": 5, "stride": 3}, "windows by time take no stride"),
         ({"by": "count", "count": 5, "stride": -1}, "stride must be a positive integer: got -1"),
         ({"by": "frames"}, "need a dataset folder"),

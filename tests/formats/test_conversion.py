@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from davis_rs import DecodeError, open_writer, read_events
+from davis_rs import DecodeError, EventWindows, open_writer, read_events
 from davis_rs.cli.main import main
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 from davis_rs.inspection.check import check_dataset
@@ -180,6 +180,32 @@ def test_a_recording_brings_its_frames_and_samples(tmp_path: Path, kind: str, re
     assert [one for one in said if "they are 0 elsewhere" in one]
     only = convert(source, tmp_path / "e.npy", size=SIZE)
     assert only.left_out == "frames, IMU samples, triggers"
+
+
+@pytest.mark.parametrize(("first_us", "shift_us"), [(3_600_000_000, 0), (1_589_163_147_365_215, 1_589_163_147_365_215)])
+def test_folders_do_not_have_the_times_of_a_clock(first_us: int, shift_us: int, tmp_path: Path) -> None:
+    """Unix times are counted from the first one, and a line says so; those of a recording's first hour stay."""
+    events = many(40)
+    events["t"] += first_us - events["t"][0]
+    np.save(tmp_path / "e.npy", events)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        convert(tmp_path / "e.npy", tmp_path / "folder", size=(240, 180))
+    assert any("times are counted from the first one" in str(one.message) for one in told) == (shift_us > 0)
+    found = Dataset(tmp_path / "folder")
+    assert found.meta["first_time_us"] == shift_us
+    assert found.events["t"][0] == first_us - shift_us
+    quietly(tmp_path / "e.npy", tmp_path / "kept", size=(240, 180), from_zero=False)
+    assert Dataset(tmp_path / "kept").events["t"][0] == first_us
+    # Windows of such a folder begin at its first event.
+    windows = EventWindows(tmp_path / "kept", duration_us=10)
+    assert windows[0].start_us == (first_us if shift_us else 0)
+
+
+def test_a_part_without_anything_is_told(folder: Path, tmp_path: Path) -> None:
+    """Seconds given as microseconds, or the other way round, make an empty file: a line says so."""
+    with pytest.warns(UserWarning, match=r"nothing in the part that was asked for, 200000 s to its end"):
+        convert(folder, tmp_path / "e.npy", start_us=200_000_000_000, parts=())
 
 
 def test_a_slice_that_begins_at_zero(folder: Path, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from davis_rs.inspection.dataset_description import describe_dataset
 from davis_rs.inspection.summary import dataset_contents
 from davis_rs.io.dataset.reader import Dataset
 from davis_rs.io.dataset.writer import DatasetWriter
+from davis_rs.io.files.conversion import convert
 from davis_rs.simulation.model_version import MODEL
 from places import SHARED
 from written_sequence import (
@@ -225,6 +226,16 @@ def test_ties_in_another_order_are_found(folder: Path) -> None:
     events[[tied, tied + 1]] = events[[tied + 1, tied]]
     rewrite_events(folder, events)
     assert f"not sorted by (t, y, x): event {tied + 2} of events.txt" in problem_of(folder)
+
+
+def test_a_camera_has_its_own_order_within_a_time(tmp_path: Path) -> None:
+    """What was converted from a recording is sorted by time alone, and may begin at 0."""
+    events = np.array([(0, 5, 3, 1), (7, 6, 2, 0), (7, 1, 1, 1), (9, 0, 0, 1)], EVENT_DTYPE)
+    np.save(tmp_path / "recorded.npy", events)
+    convert(tmp_path / "recorded.npy", tmp_path / "folder", size=(8, 6))
+    assert check_dataset(tmp_path / "folder").ok
+    rewrite_events(tmp_path / "folder", events[[1, 0, 2, 3]])
+    assert not check_dataset(tmp_path / "folder").ok
 
 
 def test_two_events_of_one_pixel_at_one_time_are_allowed(tmp_path: Path) -> None:

@@ -59,7 +59,11 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
         help=f"only these next to the events, by commas: {', '.join(ALL_PARTS)}; none for events alone",
     )
     conversion.add_argument(
-        "--from-zero", action="store_true", help="subtract the time of the first event, frame or sample from all times"
+        "--from-zero",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="subtract the time of the first event, frame or sample from all times; if not given, where OUT is a "
+        "dataset folder and IN begins after an hour, as with Unix times",
     )
     conversion.add_argument("--storage", choices=STORAGES, help="storage of a rosbag2; sqlite3 if not given")
     conversion.add_argument(

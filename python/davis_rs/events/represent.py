@@ -8,6 +8,8 @@ leaves nothing out: without ``start_us`` the window begins at the first event, a
 last one, which counts. So the usual call, without a window, has all events, with the first plane of a grid at the first
 event and the last plane at the last one, as the papers have it.
 
+Events need not be sorted: the first event is the earliest one, wherever it stands.
+
 Counts, voxel grids and spike tensors of a window that is given are sums over its events, so a stream can be taken
 packet by packet, and the results added. Time surfaces and last times of packets are joined by their maximum, if each is
 made for the same moment and window.
@@ -76,7 +78,7 @@ def time_surface(
     dtype = _floating(dtype)
     events = as_events(events)
     if t_us is None:
-        t_us = int(events["t"][-1]) if len(events) else 0
+        t_us = int(events["t"].max()) if len(events) else 0
     latest = latest_times(events, as_size(size), t_us)
     # The difference of integers first: a Unix time in microseconds has no digits left for an exponential.
     surface = np.exp((latest - t_us) / tau_us)
@@ -216,9 +218,9 @@ def _window(events: EventArray, start_us: int | None, stop_us: int | None) -> tu
     for name, given in (("start_us", start_us), ("stop_us", stop_us)):
         if given is not None:
             check_number(name, given, whole=True)
-    first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
-    start = first if start_us is None else start_us
-    return (start, max(start, last), True) if stop_us is None else (start, stop_us, False)
+    t_us = events["t"] if len(events) else np.zeros(1, np.int64)
+    start = int(t_us.min()) if start_us is None else start_us
+    return (start, max(start, int(t_us.max())), True) if stop_us is None else (start, stop_us, False)
 
 
 def _floating(dtype: npt.DTypeLike) -> np.dtype[np.generic]:

@@ -118,10 +118,10 @@ def check_dataset(path: str | Path) -> CheckReport:
     Its events: log intensity is reconstructed from the first luma map, the start phases and the events, and compared
     with the rendered one wherever luma is stored; in every pixel the error L - R must lie inside (-C_off, C_on), give
     or take ``TOLERANCE``. This is the check of the paper, for ideal pixels: where an effect acts behind the luma, it is
-    left out, and the report says so. Its structure: events sorted by (t, y, x), inside the sensor and
-    the duration; counts as in ``meta.json``; every listed image there, readable and of the sensor's size, at strictly
-    increasing times that are multiples of its period to the nearest microsecond; ground truth at strictly increasing
-    times with unit quaternions.
+    left out, and the report says so. Its structure: events sorted by (t, y, x), or by t where they were converted from
+    a recording, inside the sensor and the duration; counts as in ``meta.json``; every listed image there, readable and
+    of the sensor's size, at strictly increasing times that are multiples of its period to the nearest microsecond;
+    ground truth at strictly increasing times with unit quaternions.
 
     Raises:
         OSError: if there is no dataset at ``path``. All else becomes a sentence in the report.
@@ -157,7 +157,11 @@ def check_dataset(path: str | Path) -> CheckReport:
         return report
     size = (sensor[1], sensor[0])
     parameters = meta.get("parameters") or {}
-    event_problems = [] if events is None else list(_event_problems(events, size, _duration(meta)))
+    event_problems = (
+        []
+        if events is None
+        else list(_event_problems(events, size, _duration(meta), recorded="converted_from" in meta))
+    )
     luma_problems = list(_image_problems("luma map", luma, dataset.read_luma, size, None))
     problems += event_problems
     problems += _image_problems("frame", frames, dataset.read_image, size, parameters.get("frame_rate_hz"))
@@ -221,7 +225,10 @@ def _meta_problems(meta: JsonObject, counts: dict[str, int]) -> Iterator[str]:
             yield f"{META} counts {stated[name]} {label}, the folder holds {count}."
 
 
-def _event_problems(events: EventArray, size: tuple[int, int], duration_us: int | None) -> Iterator[str]:
+def _event_problems(
+    events: EventArray, size: tuple[int, int], duration_us: int | None, *, recorded: bool
+) -> Iterator[str]:
+    """Yield what is wrong with events; ``recorded`` ones begin at 0 and have a camera's order within a time."""
     height, width = size
     outside = (events["x"] >= width) | (events["y"] >= height)
     if outside.any():
@@ -231,19 +238,23 @@ def _event_problems(events: EventArray, size: tuple[int, int], duration_us: int 
             f"the first at ({x}, {y}), {_seconds(t)}."
         )
     t_us = events["t"]
-    late = t_us < 1 if duration_us is None else (t_us < 1) | (t_us > duration_us)
+    first_us = 0 if recorded else 1
+    late = t_us < first_us if duration_us is None else (t_us < first_us) | (t_us > duration_us)
     if late.any():
         limit = "..." if duration_us is None else _seconds(duration_us)
         first = _seconds(t_us[late.argmax()])
-        yield f"{np.count_nonzero(late)} of the events lie outside of (0 s, {limit}], the first at {first}."
+        begin = "[0 s" if recorded else "(0 s"
+        yield f"{np.count_nonzero(late)} of the events lie outside of {begin}, {limit}], the first at {first}."
     # One key a pixel keeps (y, x) order; times and keys of neighbours then decide.
     pixel = events["y"].astype(np.int64) * 65536 + events["x"]
-    back = (t_us[1:] < t_us[:-1]) | ((t_us[1:] == t_us[:-1]) & (pixel[1:] < pixel[:-1]))
+    back = t_us[1:] < t_us[:-1]
+    if not recorded:
+        back |= (t_us[1:] == t_us[:-1]) & (pixel[1:] < pixel[:-1])
     if back.any():
         at = int(back.argmax()) + 1
         yield (
-            f"The events are not sorted by (t, y, x): event {at + 1} of events.txt, at {_seconds(t_us[at])}, "
-            "belongs before the one above it."
+            f"The events are not sorted by {'t' if recorded else '(t, y, x)'}: event {at + 1} of events.txt, at "
+            f"{_seconds(t_us[at])}, belongs before the one above it."
         )
 
 

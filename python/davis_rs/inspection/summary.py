@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -143,10 +144,9 @@ class DatasetRow(NamedTuple):
     events: int
 
     def __str__(self) -> str:
-        return (
-            f"T = {self.duration_s:.3f} s, TS = {self.translation_m_s:.3f} m/s, RS = {self.rotation_deg_s:.1f} deg/s, "
-            f"NE = {self.events:,}"
-        )
+        speeds = f"TS = {self.translation_m_s:.3f} m/s, RS = {self.rotation_deg_s:.1f} deg/s, "
+        known = not math.isnan(self.translation_m_s)
+        return f"T = {self.duration_s:.3f} s, {speeds if known else ''}NE = {self.events:,}"
 
 
 def summarize_events(

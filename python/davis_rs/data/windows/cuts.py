@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -79,13 +78,13 @@ def windows_that_fit(length: int, size: int, stride: int) -> int:
     return max(0, (length - size) // stride + 1) if length >= size else 0
 
 
-def positive(name: str, value: int | None) -> int:
-    """Return ``value`` itself.
+def positive(name: str, value: float | None) -> int:
+    """Return a whole number, which may be a float such as 20e3.
 
     Raises:
-        ValueError: if it is missing, or not positive.
-        TypeError: if it is no integer.
+        ValueError: if it is missing, not whole or not positive.
     """
-    if value is None or operator.index(value) < 1:
-        raise ArgumentError("{argument} must be a positive integer: got {}", value, argument=name)
-    return operator.index(value)
+    if isinstance(value, int | float | np.integer) and 1 <= value < 2**63 and value == int(value):
+        return int(value)
+    unit = " of microseconds" if name.endswith("_us") else ""
+    raise ArgumentError("{argument} must be a positive integer{}: got {!r}", unit, value, argument=name)

@@ -15,6 +15,7 @@ from ..._util.argument_error import ArgumentError
 from ..._util.close_names import names_checked
 from ..._util.untrusted import MAX_PACKET_BYTES
 from ...geometry.pose import GroundTruth, Pose
+from ...io.dataset.files import LATEST_START_US
 from ...io.dataset.text_folder import StampedImage
 from ...io.files.random_access import RandomAccess
 from ...sensor.imu import IMU_DTYPE
@@ -43,8 +44,8 @@ class EventWindows(Sequence[EventWindow]):
         stride_us: by time: from the start of one window to that of the next; ``duration_us`` if not given.
         count: by count: how many events a window has.
         stride: by count: from the first event of a window to that of the next, in events; ``count`` if not given.
-        start_us, stop_us: only windows that lie within start_us <= t < stop_us. Where not given: from 0 in a folder and
-            from the first event in a file, to the last event.
+        start_us, stop_us: only windows that lie within start_us <= t < stop_us. Where not given: from 0 in a folder
+            whose events begin within an hour, and else from the first event, to the last event.
         size: (width, height) of the sensor in pixels, where neither the file nor what lies next to it says.
         max_packet_bytes: see :func:`davis_rs.open_reader`.
 
@@ -133,7 +134,9 @@ class EventWindows(Sequence[EventWindow]):
 
     def _limits(self, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
         """Return where the first window may begin, and the last one end."""
-        first_us = 0 if self.dataset is not None else self._access.first_us or 0
+        first_us = self._access.first_us or 0
+        if self.dataset is not None and first_us <= LATEST_START_US:
+            first_us = 0
         last_us = self._access.last_us
         end_us = first_us if last_us is None else last_us + 1
         return first_us if start_us is None else start_us, end_us if stop_us is None else stop_us

@@ -121,13 +121,16 @@ def measure_stream(
 
     Raises:
         OSError, DecodeError: if it cannot be read.
-        ValueError: if nothing says how large the sensor is, for one of more than 4,194,304 pixels, a region that is not
-            in it, or a part that does not begin before it ends.
+        ValueError: for an array whose times go back; if nothing says how large the sensor is, for one of more than
+            4,194,304 pixels, a region that is not in it, or a part that does not begin before it ends.
     """
     if not 0 <= start_s < (math.inf if stop_s is None else stop_s):
         raise ArgumentError("a part must have 0 <= {start_s} < {stop_s}, got {!r} and {!r}", start_s, stop_s)
     if not isinstance(source, str | os.PathLike | EventStream):
         events = as_events(source)
+        back = np.flatnonzero(events["t"][1:] < events["t"][:-1])
+        if len(back):
+            raise ValueError(f"events must be sorted by time: event {back[0] + 1} is earlier than the one before it")
         if size is None:
             raise ArgumentError("an array does not say the sensor's size: give {size}")
         source = EventStream("events", "array", size, lambda told: cut(events, told))

@@ -65,6 +65,9 @@ _CAMERA_FOLDER = re.compile(r"cam(0|[1-9][0-9]*)")
 _RIG_IMU_FILES = re.compile(r"imu(0|[1-9][0-9]*)\.(txt|yaml)")
 META_PART = META + ".part"
 
+LATEST_START_US = 3_600_000_000
+"""A folder whose times begin later has those of a clock, such as Unix times, in place of times from its start."""
+
 
 EVENT_FILES = {
     "text": EVENTS,

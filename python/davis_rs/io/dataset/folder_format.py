@@ -76,6 +76,7 @@ class FolderWriter(EventWriter):
 
     Attributes:
         source: what is converted, for ``meta.json``.
+        first_time_us: what was taken off all of the source's times, likewise.
     """
 
     def __init__(
@@ -87,7 +88,7 @@ class FolderWriter(EventWriter):
         self._root = destination.path("a dataset folder")
         super().__init__(destination)
         check_event_format(events, self.size)
-        self.source = ""
+        self.source, self.first_time_us = "", 0
         self.hold = claim_folder(self._root, overwrite=destination.overwrite)
         self._file = EventFile(self._root, events, self.size)
         self._images = ImageFiles(self._root, FRAMES)
@@ -189,6 +190,7 @@ class FolderWriter(EventWriter):
     def _write_meta(self, *, complete: bool) -> None:
         meta = {
             "converted_from": self.source,
+            "first_time_us": self.first_time_us,
             "sensor": {"width": self.size[0], "height": self.size[1]},
             "calibrated": self._calibrated,
             "counts": {

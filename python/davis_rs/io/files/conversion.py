@@ -17,6 +17,7 @@ from ..._util.close_names import did_you_mean
 from ..._util.untrusted import MAX_PACKET_BYTES, guarded
 from ...events.arrays import EventArray
 from ...events.filters import EventFilters, Filter
+from ..dataset.files import LATEST_START_US
 from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
 from ..formats.destination import Target
 from ..formats.interface import EventReader, EventWriter, Roi, WriteReport, check_slice
@@ -60,7 +61,7 @@ def convert(
     roi: Roi | None = None,
     parts: Sequence[str] | None = None,
     filters: Sequence[Filter] = (),
-    from_zero: bool = False,
+    from_zero: bool | None = None,
     backward: Breach = "refuse",
     outside: Breach = "refuse",
     max_packet_bytes: int = MAX_PACKET_BYTES,
@@ -75,7 +76,7 @@ def convert(
     an error or Ctrl-C there is none, and what was there before is as it was.
 
     >>> convert("planes", "planes.bag")
-    >>> convert("shapes_6dof.bag", "shapes_6dof", from_zero=True)
+    >>> convert("shapes_6dof.bag", "shapes_6dof")
 
     Args:
         source: a file of any format, recognised by its content, a recording of a camera (AEDAT 2.0, 3.1, 4, or a
@@ -90,7 +91,9 @@ def convert(
         parts: which parts to convert next to the events, by the names camera, frames, depth, flow, imu and poses; all
             if not given, and () for events alone.
         filters: only events that pass these, of :mod:`davis_rs.filters`, one after the other.
-        from_zero: take the time of the first event, frame or sample off all times.
+        from_zero: take the time of the first event, frame or sample off all times. If not given, this is done for a
+            dataset folder, which begins at 0, where the first time is more than an hour: the clock's own, such as Unix
+            time. A ``UserWarning`` then says so, and ``meta.json`` has it as ``first_time_us``.
         backward, outside, max_packet_bytes: see :func:`davis_rs.open_reader`; how many events were dropped is a
             ``UserWarning``.
         overwrite: whether an existing target may be replaced.
@@ -121,8 +124,26 @@ def convert(
             items = heapq.merge(*(_items(reader, part, start_us, stop_us) for part in held), key=lambda item: item.t_us)
             passing = EventFilters(filters, sensor)
             packets = map(passing.take, reader.iter(start_us=start_us, stop_us=stop_us, roi=roi))
-            written = _write_all(writer, filter(len, packets), items, reader, from_zero, progress)
+            if from_zero is None:
+                latest_us = LATEST_START_US if isinstance(writer, FolderWriter) else None
+            else:
+                latest_us = 0 if from_zero else None
+            written, shift_us = _write_all(writer, filter(len, packets), items, reader, latest_us, progress)
+            if isinstance(writer, FolderWriter):
+                writer.first_time_us = shift_us
         report = writer.finish()
+        if shift_us and from_zero is None:
+            warnings.warn(
+                f"{report.path}: times are counted from the first one, {shift_us / 1e6:.6f} s, because a dataset "
+                "folder begins at 0 (from_zero=False, --no-from-zero keep them)",
+                stacklevel=2,
+            )
+        if not report.events and not written and (start_us, stop_us) != (None, None):
+            warnings.warn(
+                f"{reader.path} has nothing in the part that was asked for, {_seconds(start_us, '0')} to "
+                f"{_seconds(stop_us, 'its end')}",
+                stacklevel=2,
+            )
         dropped = reader.check
         if dropped.dropped_backward or dropped.dropped_outside:
             warnings.warn(
@@ -137,6 +158,10 @@ def convert(
             warnings.warn(left_out_line(report.path, report.format, left_out), LeftOutWarning, 2)
         values = {field.name: getattr(report, field.name) for field in fields(WriteReport)}
         return ConversionReport(**values, parts=written, left_out=left_out, filtered_out=passing.taken - passing.passed)
+
+
+def _seconds(t_us: int | None, otherwise: str) -> str:
+    return otherwise if t_us is None else f"{t_us / 1e6:g} s"
 
 
 def left_out_line(path: object, format: str, left_out: str) -> str:
@@ -164,12 +189,22 @@ def _write_all(
     packets: Iterator[EventArray],
     items: Iterator[_Item],
     reader: EventReader,
-    from_zero: bool,
+    latest_us: int | None,
     progress: Callable[[float], object] | None,
-) -> dict[str, int]:
-    """Write events and the rest in one order of time, events of one time first; how many of each part there were."""
+) -> tuple[dict[str, int], int]:
+    """Write events and the rest in one order of time, events of one time first.
+
+    Args:
+        latest_us: a first time above it is taken off all times; None: never.
+
+    Returns:
+        How many of each part there were, and what was taken off.
+    """
     written = dict.fromkeys(ALL_PARTS, 0)
-    shift: int | None = None if from_zero else 0
+    shift: int | None = 0 if latest_us is None else None
+
+    def shift_from(first_us: int) -> int:
+        return 0 if latest_us is None or first_us <= latest_us else first_us
 
     def write(item: _Item) -> None:
         t_us = max(0, item.t_us - (shift or 0)) if item.part.name == "camera" else item.t_us - (shift or 0)
@@ -183,7 +218,7 @@ def _write_all(
         item = next(items, None)
     for events in packets:
         if shift is None:
-            shift = min(int(events["t"][0]), int(events["t"][0]) if item is None else item.t_us)
+            shift = shift_from(min(int(events["t"][0]), int(events["t"][0]) if item is None else item.t_us))
         for early in held_back:
             write(early)
         held_back.clear()
@@ -199,14 +234,14 @@ def _write_all(
         if progress is not None:
             progress(reader.progress)
     if shift is None:
-        shift = 0 if item is None else item.t_us
+        shift = 0 if item is None else shift_from(item.t_us)
     for late in [*held_back, *([] if item is None else [item])]:
         write(late)
     for late in items:
         write(late)
     if progress is not None:
         progress(1.0)
-    return {name: count for name, count in written.items() if count}
+    return {name: count for name, count in written.items() if count}, shift
 
 
 def _moved(events: EventArray, shift: int) -> EventArray:
