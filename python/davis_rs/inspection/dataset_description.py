@@ -63,7 +63,7 @@ def describe_dataset(dataset: Dataset) -> DatasetDescription:
     if isinstance(parameters, dict) and "contrast_threshold" in parameters:
         on, off = parameters["contrast_threshold"], parameters.get("contrast_threshold_off")
         if on is not None:  # a dataset's are numbers or null
-            threshold = f"C = {on:g}" if off in (None, on) else f"C = {on:g} ON, {off:g} OFF"
+            threshold = f"C = {on:.4g}" if off in (None, on) else f"C = {on:.4g} ON, {off:.4g} OFF"
     version = meta.get("davis_rs")
     return DatasetDescription(
         scene=str(scene["name"]) if isinstance(scene, dict) and "name" in scene else None,

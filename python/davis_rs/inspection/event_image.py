@@ -94,7 +94,8 @@ def show(
             which shows edges.
 
     Raises:
-        ValueError: for what are no events, events outside of the size, a window that is not positive.
+        ValueError: for what are no events, events outside of the size, a time outside of the events' own, a window that
+            is not positive.
     """
     if isinstance(events, Packet):
         if size is None and events.luma is not None:
@@ -106,9 +107,15 @@ def show(
     width, height = _size_of(array, size)
     first_us, last_us = (int(array["t"][0]), int(array["t"][-1])) if len(array) else (0, 0)
     t_us = (first_us + last_us) // 2 if t_s is None else round(1e6 * t_s)
-    shown, window_ms = events_around(array, t_us, _EVENTS_A_PIXEL * width * height, window_s)
+    if len(array) and not first_us <= t_us <= last_us:
+        raise ArgumentError(
+            "{t_s} must lie between the first and the last event, {:g}..{:g} s, got {}", first_us / 1e6, last_us / 1e6,
+            t_s,
+        )  # fmt: skip
+    limits_us = first_us, last_us
+    shown, (from_us, to_us) = events_around(array, t_us, _EVENTS_A_PIXEL * width * height, window_s, limits_us)
     image = event_picture(np.full((height, width), 1.0), shown)
-    return EventImage(image, len(shown), len(array), t_us, round(1e3 * window_ms))
+    return EventImage(image, len(shown), len(array), t_us, to_us - from_us)
 
 
 def _size_of(events: EventArray, size: tuple[int, int] | None) -> tuple[int, int]:

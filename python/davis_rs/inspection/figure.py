@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +32,9 @@ _BAND_ROWS, _BAND_EVENTS_A_COLUMN, _BAND_WINDOWS = 5, 30, 20
 _FLAT = 1e-4  # a depth map whose relief is a smaller share of its depth shows rounding alone
 _FORMATS = ("png", "pdf", "svg", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
 _MISSING_DEPTH = "0.82"
-_WIDTH_IN, _TITLE_IN, _TICKS_IN, _LABEL_IN = 7.2, 0.25, 0.3, 0.25
-_LEFT, _RIGHT, _PANEL_WIDTH = 0.035, 0.56, 0.43  # of the figure's width
+_WIDTH_IN, _TITLE_IN, _TICKS_IN, _LABEL_IN = 7.2, 0.25, 0.3, 0.18
+_LABEL_CHARACTERS = 100
+_LEFT, _RIGHT, _PANEL_WIDTH = 0.055, 0.555, 0.39  # of the figure's width
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 8,
@@ -88,26 +90,30 @@ def view(
         t_us = sequence.frame_times[frame]
     width, height = sequence.size
     pixels = width * height
-    shown, shown_ms = events_around(sequence.events, t_us, _EVENTS_A_PIXEL * pixels, window_s)
+    limits_us = start_us, end_us
+    shown, shown_us = events_around(sequence.events, t_us, _EVENTS_A_PIXEL * pixels, window_s, limits_us)
     rows = max(0, height // 2 - _BAND_ROWS // 2), min(height, height // 2 + (_BAND_ROWS + 1) // 2)
     in_band = (sequence.events["y"] >= rows[0]) & (sequence.events["y"] < rows[1])
-    band, band_ms = events_around(
+    band, band_us = events_around(
         sequence.events[in_band],
         t_us,
         _BAND_EVENTS_A_COLUMN * width,
         None if window_s is None else min(_BAND_WINDOWS * window_s, max((end_us - start_us) / 1e6, window_s)),
+        limits_us,
     )
     grey = np.ones((height, width)) if frame is None else display_grey(sequence.read_frame(frame))
 
     with mpl.rc_context(_STYLE):
         # The three pictures have one size, whatever stands next to them.
         panel_in = _PANEL_WIDTH * _WIDTH_IN * height / width
-        panels = _panels(sequence, t_us, grey, frame, depth, shown, shown_ms)
+        panels = _panels(sequence, t_us, grey, frame, depth, shown, shown_us)
         if len(band):
-            panels.append(lambda ax, letter: _draw_band(ax, letter, band, rows, t_us, band_ms, width))
+            panels.append(lambda ax, letter: _draw_band(ax, letter, band, rows, t_us, band_us, width))
         panels += truth_panels(sequence, t_us)
         rows_of_panels = (len(panels) + 1) // 2
-        height_in = rows_of_panels * (_TITLE_IN + panel_in + _TICKS_IN) + _LABEL_IN
+        label = textwrap.wrap(sequence.label, _LABEL_CHARACTERS)
+        label_in = _LABEL_IN * len(label) + 0.07
+        height_in = rows_of_panels * (_TITLE_IN + panel_in + _TICKS_IN) + label_in
         figure = _make_figure((_WIDTH_IN, height_in))
         row = (_TITLE_IN + panel_in + _TICKS_IN) / height_in
 
@@ -115,7 +121,8 @@ def view(
             left, bottom = (_LEFT, _RIGHT)[number % 2], (rows_of_panels - 1 - number // 2) * row
             return figure.add_axes((left, bottom + _TICKS_IN / height_in, _PANEL_WIDTH, panel_in / height_in))
 
-        figure.text(0.5, 1 - 0.6 * _LABEL_IN / height_in, sequence.label, ha="center", va="center", fontsize=9)
+        middle = 1 - 0.55 * label_in / height_in
+        figure.text(0.5, middle, "\n".join(label), ha="center", va="center", fontsize=9)
         for number, (draw, letter) in enumerate(zip(panels, "abcdefgh", strict=False)):
             ax = panel(number)
             draw(ax, letter)
@@ -168,19 +175,24 @@ def event_picture(grey: npt.NDArray[np.float64], events: EventArray) -> npt.NDAr
     return picture
 
 
-def events_around(events: EventArray, t_us: int, count: float, window_s: float | None) -> tuple[EventArray, float]:
-    """Return the events of a window centred on ``t_us``, and its length in ms: as given, or what holds ``count``
-    events."""
+def events_around(
+    events: EventArray, t_us: int, count: float, window_s: float | None, limits_us: tuple[int, int]
+) -> tuple[EventArray, tuple[int, int]]:
+    """Return the events of a window centred on ``t_us``, and its beginning and end in microseconds.
+
+    Its length is as given, or such that it holds ``count`` events; then what lies outside of the limits is cut off.
+    """
     t = events["t"]
     if window_s is not None:
         half_us = round(window_s * 0.5e6)
+        limits_us = t_us - half_us, t_us + half_us
     elif len(events):
         last = min(int(count), len(events) - 1)
         half_us = int(np.partition(np.abs(t - t_us), last)[last])
     else:
         half_us = 0
     window = slice(np.searchsorted(t, t_us - half_us), np.searchsorted(t, t_us + half_us, side="right"))
-    return events[window], 2 * half_us / 1e3
+    return events[window], (max(t_us - half_us, min(limits_us[0], t_us)), min(t_us + half_us, max(limits_us[1], t_us)))
 
 
 def _panels(
@@ -190,7 +202,7 @@ def _panels(
     frame: int | None,
     depth: int | None,
     events: EventArray,
-    events_ms: float,
+    window_us: tuple[int, int],
 ) -> list[Panel]:
     """Return the pictures that there are: frame, events over it, depth."""
 
@@ -200,7 +212,7 @@ def _panels(
 
     def draw_events(ax: Axes, letter: str) -> None:
         ax.imshow(event_picture(grey, events), interpolation="nearest")
-        counted = f"{len(events):,} events in {time_text(1e3 * events_ms)}: ON red, OFF blue"
+        counted = f"{len(events):,} events in {time_text(window_us[1] - window_us[0])}: ON red, OFF blue"
         ax.set_title(f"({letter}) " + (counted if len(events) else "no events in this window"))
 
     panels: list[Panel] = [] if frame is None else [draw_frame]
@@ -232,16 +244,16 @@ def _draw_depth(ax: Axes, letter: str, sequence: VisualSequence, index: int) -> 
 
 
 def _draw_band(
-    ax: Axes, letter: str, events: EventArray, rows: tuple[int, int], t_us: int, span_ms: float, width: int
+    ax: Axes, letter: str, events: EventArray, rows: tuple[int, int], t_us: int, window_us: tuple[int, int], width: int
 ) -> None:
     """Draw column over time of all events of a few rows: what moves evenly draws straight lines."""
     colours = np.where(events["p"][:, None] == 1, ON_RGB, OFF_RGB) / 255.0
-    unit_us, unit = (1e6, "s") if span_ms >= 2e3 else (1e3, "ms")
+    span_us = window_us[1] - window_us[0]
+    unit_us, unit = (1e6, "s") if span_us >= 2e6 else (1e3, "ms")
     ax.scatter((events["t"] - t_us) / unit_us, events["x"], c=colours, s=1.5, linewidths=0, rasterized=True)
     counted = f"{len(events):,} events of rows {rows[0]} to {rows[1] - 1}"
-    ax.set_title(f"({letter}) {counted}, {time_text(1e3 * span_ms)}")
-    reach = 1e3 * span_ms / unit_us / 2 if span_ms > 0 else 1.0
-    ax.set_xlim(-reach, reach)
+    ax.set_title(f"({letter}) {counted}, {time_text(span_us)}")
+    ax.set_xlim(*((edge_us - t_us) / unit_us for edge_us in (window_us if span_us > 0 else (t_us - 1e3, t_us + 1e3))))
     ax.set_ylim(-0.5, width - 0.5)
     ax.set_yticks(_ticks(width))
     ax.set_xlabel(f"time from {t_us / 1e6:.3f} s ({unit})", labelpad=1, fontsize=7)

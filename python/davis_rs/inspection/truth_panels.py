@@ -13,7 +13,7 @@ from .visual_sequence import VisualSequence, nearest
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_NAMES = 8
+_MOST_NAMES = 5
 _GREY = 0.82
 
 Panel = Callable[["Axes", str], None]
@@ -46,7 +46,7 @@ def _draw_flow(ax: Axes, title: str, sequence: VisualSequence, index: int) -> No
     most = float(np.nanpercentile(speed, 99)) if np.isfinite(speed).any() else 1.0
     ax.imshow(flow_picture(flow, most), interpolation="nearest")
     ax.set_title(title.format("optical flow"))
-    wheel = ax.inset_axes((1.02, 0.0, 0.13, 0.2))
+    wheel = ax.inset_axes((1.02, 0.0, 0.12, 0.2))
     wheel.imshow(flow_wheel(61))
     wheel.set_axis_off()
     wheel.set_title(f"rim: {most:,.0f}\npx/s", fontsize=6, pad=2)
@@ -62,8 +62,10 @@ def _draw_shapes(ax: Axes, title: str, sequence: VisualSequence, index: int) -> 
     table = np.full((int(mask.max()) + 1, 3), _GREY)
     table[1:] = colours[np.arange(len(table) - 1) % len(colours)]
     ax.imshow(table[mask], interpolation="nearest")
-    ax.set_title(title.format(f"{np.count_nonzero(shown)} shapes"))
     largest = [int(k) for k in shown[np.argsort(-counts)] if k > 0][:_MOST_NAMES]
+    count = np.count_nonzero(shown)
+    named = "" if len(largest) == count else f", the largest {len(largest)} named"
+    ax.set_title(title.format(f"{count} shapes{named}"))
     names = sequence.shape_names
     labels = {k: names[k - 1] if k <= len(names) else str(k) for k in sorted(largest)}
     handles = [Patch(color=table[k].tolist(), label=label) for k, label in labels.items()]
@@ -71,7 +73,7 @@ def _draw_shapes(ax: Axes, title: str, sequence: VisualSequence, index: int) -> 
         handles=handles,
         fontsize=5,
         loc="lower left",
-        framealpha=0.85,
+        framealpha=0.7,
         handlelength=1.0,
         borderpad=0.3,
         labelspacing=0.3,

@@ -10,7 +10,8 @@ from ..._util.argument_error import ArgumentError
 from ...events.arrays import EventArray, concatenate_events
 from ...sensor.parameters import SensorParameters
 
-_LUMA, _STEP_S = 0.2, 5.0
+_LUMA, _STEP_S = 0.2, 0.5
+"""Steps are short, so that Ctrl-C does not wait for long; events do not depend on them."""
 _THRESHOLD = 0.15
 
 SETTLED_S = 20.0

@@ -123,6 +123,10 @@ def _draw_columns(ax: Axes, stream: StreamStatistics, name: str, colour: str) ->
         ax.plot(np.arange(len(smooth)) + 3.5, smooth / mean, lw=1.6, color=colour, label=name)
 
 
+_AROUND = 9
+"""Pixels across of the square in which quiet pixels are counted."""
+
+
 def _draw_map(ax: Axes, stream: StreamStatistics, name: str, brightest: float) -> Any:
     from matplotlib.colors import LogNorm
 
@@ -130,7 +134,10 @@ def _draw_map(ax: Axes, stream: StreamStatistics, name: str, brightest: float) -
     image = ax.imshow(rates, cmap="viridis", norm=LogNorm(max(_FLOOR_HZ, brightest * 1e-3), brightest))
     ax.set_facecolor("0.85")
     if 0 < stream.quiet.mean() < 1 and min(stream.quiet.shape) > 1:
-        ax.contour(stream.quiet, levels=[0.5], colors="k", linewidths=0.5)
+        from scipy.ndimage import uniform_filter
+
+        # Where most pixels around are quiet: single ones, each with an outline, would hide the map.
+        ax.contour(uniform_filter(stream.quiet.astype(np.float32), _AROUND), levels=[0.55], colors="k", linewidths=0.5)
     hot = stream.hot_pixels
     ax.plot(hot.x, hot.y, "o", mfc="none", mec="r", ms=7)
     ax.set_title(f"{name}: {stream.name}\nhot pixels circled, quiet ones outlined", fontsize=9)

@@ -91,7 +91,7 @@ class Motion:
         if self.unsure:
             yield (
                 f"in {self.unsure} of {self.by_cubics + self.by_frames} intervals the image moves too far from a frame "
-                f"to the next (up to {self.largest_px:.0f} px), or too much of it is hidden, to know what lies "
+                f"to the next (98 % of it by up to {self.largest_px:.0f} px), or too much is hidden, to know what lies "
                 "between: events there are a guess, and a higher frame rate is the only cure"
             )
 
@@ -169,7 +169,7 @@ class FramesBetween(Interpolation):
         return {"rule": rule, **name, **self.motion.describe()}
 
     def findings(self) -> Iterator[str]:
-        moved = f"the image moves by up to {self.motion.largest_px:.3g} px from a frame to the next"
+        moved = f"98 % of the image moves by less than {self.motion.largest_px:.3g} px from a frame to the next"
         yield f"{self.motion.made:,} frames were made between frames; {moved}"
         yield from self.motion.warnings()
 
@@ -225,8 +225,8 @@ class Auto(Interpolation):
         motion = self.motion
         yield (
             f"interpolation auto: {motion.by_cubics} of {motion.by_cubics + motion.by_frames} intervals by cubics, "
-            f"where the image moves by {CUBIC_UP_TO_PX:g} px at most; {motion.by_frames} along optical flow, where it "
-            f"moves by up to {motion.largest_px:.3g} px"
+            f"where the image moves by {CUBIC_UP_TO_PX:g} px at most; {motion.by_frames} along optical flow, where 98 % "
+            f"of it move by less than {motion.largest_px:.3g} px"
         )
         yield from motion.warnings()
 
