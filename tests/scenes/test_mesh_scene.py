@@ -385,7 +385,7 @@ def test_any_bytes_give_parts_or_a_value_error(tmp_path_factory: pytest.TempPath
         ("three_plains", "did you mean three_planes"),
         ("poster_6dog", "did you mean poster_6dof"),
         ("plans/slider_depht", "did you mean slider_depth"),
-        ("there_is_none.obj", "nor a file"),
+        ("there_is_none.obj", "there is no such scene file"),
         ("readme.txt", r"a scene file must be a Mitsuba scene \(.xml\), glTF \(.gltf, .glb\) or a mesh"),
     ],
 )

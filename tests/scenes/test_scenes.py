@@ -215,12 +215,14 @@ def test_a_scene_without_sensor_has_no_start(tmp_path: Path) -> None:
 
 def test_names_and_files_that_are_no_scene(tmp_path: Path) -> None:
     """A name that is neither built in nor a file is refused at once, with the names that there are."""
-    for name in ("four_planes", tmp_path, tmp_path / "none.xml"):
+    for name in ("four_planes", tmp_path):
         with pytest.raises(
             ValueError,
             match="is neither one of three_planes, three_walls, fence, checkerboard, a sequence of the",
         ):
             load_scene(name)
+    with pytest.raises(ValueError, match=r"none.xml: there is no such scene file"):
+        load_scene(tmp_path / "none.xml")
 
 
 @pytest.mark.parametrize(

@@ -102,8 +102,8 @@ def as_size(size: Sequence[int] | str, argument: str = "size") -> tuple[int, int
         match = re.fullmatch(r"(\d{1,5})\s*[xX]\s*(\d{1,5})", size.strip())
         if match is None:
             raise ArgumentError(
-                "{argument} must be WIDTHxHEIGHT in pixels, such as 346x260, or a camera's name, such as evk4, "
-                "got {!r}{}",
+                "{argument} must be WIDTHxHEIGHT in pixels, 1..65535 each, such as 346x260, or a camera's name, "
+                "such as evk4, got {!r}{}",
                 *(size, did_you_mean(size, SIZES)),
                 argument=argument,
             )

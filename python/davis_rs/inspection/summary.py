@@ -25,6 +25,8 @@ from ..io.dataset.reader import Dataset
 from ..io.files.read import open_reader
 from ..io.files.sensor_size import find_sensor_size
 from ..io.formats.interface import EventReader
+from ..io.formats.parts import FRAMES, IMU
+from ..io.formats.recorded import RecordedParts
 from ..simulation.noise_estimate import share_text
 from .dataset_description import describe_dataset
 from .path_returns import returns_us
@@ -64,6 +66,7 @@ class EventSummary:
         gaps: the longest, longest first.
         outside: how many events lie outside of the size that the file states; they count for nothing else.
         pixels: events in each pixel.
+        also: what a camera's recording has next to its events, by name.
     """
 
     path: Path
@@ -80,6 +83,7 @@ class EventSummary:
     gaps: list[Gap] = field(default_factory=list)
     outside: int = 0
     pixels: PixelCounts = field(default_factory=lambda: PixelCounts(None))
+    also: tuple[str, ...] = ()
 
     @property
     def counts(self) -> npt.NDArray[np.uint64]:
@@ -122,6 +126,8 @@ class EventSummary:
             f"{most:,} events; {silent:,} without any",
             "gaps        " + (", ".join(map(str, self.gaps)) or "none"),
         ]
+        if self.also:
+            lines.append(f"also        {', '.join(self.also)}")
         if self.outside:
             lines.append(f"warning: {self.outside:,} events lie outside of the sensor, and are left out")
         if self.backward:
@@ -173,6 +179,8 @@ def summarize_events(
         format = DATASET_FOLDER if isinstance(reader, FolderReader) else reader.format
         summary = EventSummary(Path(path), format, known or (0, 0), known is not None)
         _sum_up(reader, summary, progress)
+        if isinstance(reader, RecordedParts):
+            summary.also = tuple(part.counted for part in (FRAMES, IMU) if reader.recording.has(part.name))
     return summary
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,6 +92,8 @@ def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = Non
         OSError, DecodeError: if it cannot be read.
         ValueError: if nothing says how large the sensor is, ``size`` contradicts the file, or an event lies outside.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"a path is needed, got {type(path).__name__}: davis_rs.show draws arrays of events")
     path = Path(path)
     with open_reader(path) as reader:
         if isinstance(reader, FolderReader):

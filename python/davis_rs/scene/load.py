@@ -35,6 +35,7 @@ BUILTIN_SCENES = {
 GLTF = (".gltf", ".glb")
 """Suffixes of files that hold whole scenes."""
 
+_VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 _CONVERTIBLE = (".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
 
 
@@ -95,6 +96,8 @@ def load_scene(
 
     if str(name_or_path) in SEQUENCES:
         return SEQUENCES[str(name_or_path)].scene()
+    if not path.is_file() and suffix in (".xml", *GLTF, *MESH_READERS):
+        raise ValueError(f"{path}: there is no such scene file")
     if not path.is_file():
         raise ValueError(
             f"scene {str(name_or_path)!r} is neither one of {', '.join(BUILTIN_SCENES)}, a sequence of the dataset, "
@@ -104,6 +107,7 @@ def load_scene(
         raise ValueError(
             f"{path}: a scene file must be a Mitsuba scene (.xml), glTF ({', '.join(GLTF)}) or a mesh "
             f"({', '.join(MESH_READERS)}), got {suffix!r}"
+            + ("; davis-rs frames makes events of a video" if suffix in _VIDEOS else "")
         )
     return _scene_of_file(path, dict(variables or {}))
 

@@ -14,6 +14,7 @@ import torch
 from torch.utils.data import Dataset
 
 from ..._util.argument_error import ArgumentError
+from ..._util.close_names import did_you_mean
 from ..windows.event_windows import EventWindows
 from ..windows.window import EventWindow, WindowImages
 from .event_tensors import GRIDS, RAW, raw_tensors
@@ -124,7 +125,8 @@ class EventDataset(Dataset):  # type: ignore[misc]
                         raise ArgumentError("{} does not say the sensor's size: give {size}", windows.path)
         strange = [name for name in self.parameters if name not in known]
         if strange:
-            raise ValueError(f"{self.representation} takes no parameter {', '.join(strange)}")
+            said = f"{self.representation} takes no parameter {', '.join(strange)}"
+            raise ValueError(said + did_you_mean(strange[0], sorted(known)))
 
 
 def _stacked(name: str, images: WindowImages[Any], size: tuple[int, int] | None, dtype: Any, *last: int) -> Sample:

@@ -67,6 +67,8 @@ class Dataset(TextFolder):
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        if self.path.is_file():
+            raise NotADirectoryError(f"{self.path} is a file: a dataset is a folder with {EVENTS}, {META} and others")
         names = {entry.name for entry in self.path.iterdir()}
         if RIG in names:
             raise FileNotFoundError(
@@ -227,35 +229,41 @@ class Dataset(TextFolder):
         """Return the samples of the IMU, ``IMU_DTYPE``: m/s^2 and rad/s."""
         return self._imu_samples(INERTIAL)
 
+    def _path_of(self, series: list[StampedImage], index: int, what: str) -> Path:
+        try:
+            return series[index].path
+        except IndexError:
+            raise IndexError(f"{self.path} has {len(series)} {what}s: there is none {index}") from None
+
     def read_image(self, index: int) -> npt.NDArray[np.uint8]:
         """Return intensity frame ``index``: uint8 (H, W)."""
-        return self._read_png(self.frames[index].path, "L", "an 8-bit")
+        return self._read_png(self._path_of(self.frames, index, "frame"), "L", "an 8-bit")
 
     def read_depth(self, index: int) -> npt.NDArray[np.float32]:
         """Return depth map ``index``: z along the optical axis in metres, float32 (H, W), inf where nothing is hit."""
-        return _read_exr(self.depth_maps[index].path, "Z")
+        return _read_exr(self._path_of(self.depth_maps, index, "depth map"), "Z")
 
     def read_flow(self, index: int) -> npt.NDArray[np.float32]:
         """Return flow map ``index``: pixels/s (x right, y down), float32 (H, W, 2), NaN where nothing is hit."""
-        return _read_exr(self.flow_maps[index].path, "U", "V")
+        return _read_exr(self._path_of(self.flow_maps, index, "flow map"), "U", "V")
 
     def read_displacement(self, index: int) -> Displacement:
         """Return displacement map ``index``."""
-        path = self.displacements[index].path
+        path = self._path_of(self.displacements, index, "displacement map")
         channels = _read_exr(path, "U", "V", "occluded")
         return Displacement(channels[..., :2], channels[..., 2] > 0)
 
     def read_mask(self, index: int) -> npt.NDArray[np.uint16]:
         """Return mask ``index``: the number of the shape that each pixel sees, uint16 (H, W), 0 for nothing."""
-        return self._read_png(self.masks[index].path, "I;16", "a 16-bit").astype(np.uint16)
+        return self._read_png(self._path_of(self.masks, index, "mask"), "I;16", "a 16-bit").astype(np.uint16)
 
     def read_normals(self, index: int) -> npt.NDArray[np.float32]:
         """Return normals ``index``: unit vectors in camera axes, float32 (H, W, 3), NaN where nothing is hit."""
-        return _read_exr(self.normal_maps[index].path, "X", "Y", "Z")
+        return _read_exr(self._path_of(self.normal_maps, index, "normal map"), "X", "Y", "Z")
 
     def read_luma(self, index: int) -> npt.NDArray[np.float32]:
         """Return luma map ``index``: linear luma, float32 (H, W)."""
-        path = self.luma[index].path
+        path = self._path_of(self.luma, index, "luma map")
         luma = _read_exr(path, "Y")
         wrong = ~((luma >= 0) & (luma < np.inf))
         if wrong.any():

@@ -225,8 +225,8 @@ class Auto(Interpolation):
         motion = self.motion
         yield (
             f"interpolation auto: {motion.by_cubics} of {motion.by_cubics + motion.by_frames} intervals by cubics, "
-            f"where the image moves by {CUBIC_UP_TO_PX:g} px at most; {motion.by_frames} along optical flow, where 98 % "
-            f"of it move by less than {motion.largest_px:.3g} px"
+            f"where the image moves by {CUBIC_UP_TO_PX:g} px at most; {motion.by_frames} along optical flow, where "
+            f"98 % of it move by less than {motion.largest_px:.3g} px"
         )
         yield from motion.warnings()
 

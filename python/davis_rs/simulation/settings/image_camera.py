@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,6 +65,9 @@ def camera_of_size(camera: Camera | str | os.PathLike[str], wanted: tuple[int, i
     Raises:
         ValueError: if the camera has another size, or a calibration file whose size is not known.
         OSError, DecodeError: if a calibration cannot be read.
+
+    Warns:
+        UserWarning: for a principal point that lies far from the middle.
     """
     if not isinstance(camera, Camera):
         name = os.fspath(camera)
@@ -107,6 +111,12 @@ def _from_calibration(name: str, wanted: tuple[int, int] | None) -> Camera:
         raise ValueError(
             f"{path} has its principal point at ({camera.cx:g}, {camera.cy:g}), outside of an image of "
             f"{_text((width, height))} pixels"
+        )
+    if not _centred(camera):
+        warnings.warn(
+            f"{path} has its principal point at ({camera.cx:g}, {camera.cy:g}), far from the middle of an image of "
+            f"{_text((width, height))} pixels: is it the calibration of another size?",
+            stacklevel=2,
         )
     return camera
 

@@ -41,7 +41,7 @@ class ViewKeywords(PixelKeywords, total=False):
     noise_share: float
     matte: bool
     renderer: str
-    pixel: str
+    pixel: str | None
     colour_filter: ColourFilter | str | None
     bake_error: float
     blur: bool | None
