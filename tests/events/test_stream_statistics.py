@@ -363,3 +363,16 @@ def test_an_array_must_be_sorted() -> None:
     events = events_of([5, 9, 9, 12], [0, 1, 2, 3], [0, 0, 0, 0], [1, 0, 1, 0])[[0, 2, 3, 1]]
     with pytest.raises(ValueError, match="must be sorted by time: event 3 is earlier than the one before it"):
         measure_stream(events, size=(4, 1))
+
+
+def test_the_simulated_stream_has_the_recording_s_size(tmp_path: Path) -> None:
+    """Where it does not say one itself; a repr names what was measured, without its arrays."""
+    events = events_of([5, 9, 12], [0, 1, 2], [0, 0, 0], [1, 0, 1])
+    with open_writer(tmp_path / "real.raw", (4, 3)) as writer:
+        writer.write(events)
+    np.save(tmp_path / "simulated.npy", events)
+    for simulated in (tmp_path / "simulated.npy", events):
+        assert compare_streams(tmp_path / "real.raw", simulated).simulated.size == (4, 3)
+    assert repr(measure_stream(events, size=(4, 3))) == "<StreamStatistics of events, 4 x 3 px, 3 events, 7e-06 s>"
+    with pytest.raises(ValueError, match="size"):
+        compare_streams(events, tmp_path / "real.raw")

@@ -120,9 +120,20 @@ def _label(dataset: Dataset, size: tuple[int, int]) -> str:
     sensor = f"sensor {size[0]} x {size[1]}"
     if said.effects is not None:
         sensor += f", with {', '.join(said.effects)}" if said.effects else ", ideal"
+    pattern = _pattern(dataset)
+    if pattern is not None:
+        sensor += f", {pattern} colour filter"
     noise = f"{percent(said.noise)} Monte Carlo noise" if said.noise else None
     facts = [said.scene or dataset.path.resolve().name, said.threshold, sensor, noise]
     return printable(", ".join(fact for fact in facts if fact))
+
+
+def _pattern(dataset: Dataset) -> str | None:
+    """Return the Bayer pattern before the pixels, as ``meta.json`` has it."""
+    parameters = dataset.meta.get("parameters")
+    filters = parameters.get("colour_filter") if isinstance(parameters, dict) else None
+    pattern = filters.get("pattern") if isinstance(filters, dict) else None
+    return pattern if isinstance(pattern, str) else None
 
 
 def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:

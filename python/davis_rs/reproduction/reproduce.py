@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -107,7 +108,7 @@ def _base(base: SensorFile | str | os.PathLike[str] | None, clip: RecordedClip) 
 
 
 def _notes(clip: RecordedClip, base: SensorFile, lux_per_luma: float) -> list[str]:
-    from_base = f"{base.description.splitlines()[0][:60]} ..." if base.description else "ideal pixels"
+    from_base = textwrap.shorten(base.description, 70, placeholder=" ...") if base.description else "ideal pixels"
     return [
         f"what the fit does not find comes from: {from_base}",
         f"light: the brightest value of the frames is taken for {lux_per_luma:g} lux",

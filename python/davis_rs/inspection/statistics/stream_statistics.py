@@ -96,6 +96,12 @@ class StreamStatistics:
     column_parity: tuple[Measured, Measured]
     row_parity: tuple[Measured, Measured]
 
+    def __repr__(self) -> str:
+        width, height = self.size
+        return (
+            f"<StreamStatistics of {self.name}, {width} x {height} px, {self.events:,} events, {self.duration_s:g} s>"
+        )
+
     @property
     def duration_s(self) -> float:
         """The time from the first event to the last."""

@@ -63,6 +63,10 @@ class Recording:
     cut: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        parts = f"{len(self.events):,} events, {len(self.frames):,} frames, {len(self.imu):,} IMU samples"
+        return f"<Recording {self.path}, {self.chip or self.format}, {self.width} x {self.height} px, {parts}>"
+
     @property
     def decoded(self) -> Decoded:
         """Return events, inertial samples, frames and triggers alone."""
