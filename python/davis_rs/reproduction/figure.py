@@ -16,6 +16,7 @@ from .reproduced import WITHIN, ReproducedHalf
 from .reproduction import Reproduction
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 _COLOURS = ("#0072b2", "#56b4e9", "#999999", "#d55e00", "#009e73", "#cc79a7")
@@ -47,6 +48,11 @@ def draw_reproduction(reproduction: Reproduction, output: str | Path) -> Path:
     _draw_intervals(figure.add_subplot(grid[1, 0:2]), half, colours)
     _draw_scores(figure.add_subplot(grid[1, 2:4]), half, colours)
     _draw_agreement(figure.add_subplot(grid[1, 4:6]), half, colours)
+    # One legend for all panels, so that it hides no curve and no bar.
+    told: dict[str, Artist] = {}
+    for axes in (figure.axes[-3], figure.axes[-1]):
+        told |= dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
+    figure.legend(told.values(), told.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
     with whole_file(output) as working_path:
         figure.savefig(working_path, dpi=150)
     return Path(output)
@@ -67,7 +73,10 @@ def _draw_events(ax: Axes, half: ReproducedHalf, name: str, region: tuple[int, i
     image = np.zeros((y1 - y0, x1 - x0))
     np.add.at(image, (shown["y"].astype(int) - y0, shown["x"].astype(int) - x0), 2.0 * shown["p"] - 1)
     ax.imshow(image, cmap="RdBu_r", vmin=-3, vmax=3, extent=(x0, x1, y1, y0), interpolation="nearest")
-    ax.set_title(f"{'recording' if name == 'real' else name}: {len(events):,} events", fontsize=9)
+    told = "recording" if name == "real" else name
+    ax.set_title(f"{told}: {len(events):,} events\nmore ON red, more OFF blue", fontsize=9)
+    ax.set_xlabel("x [px]", fontsize=7, labelpad=1)
+    ax.set_ylabel("y [px]", fontsize=7, labelpad=1)
     ax.tick_params(labelsize=7)
 
 
@@ -91,7 +100,6 @@ def _draw_intervals(ax: Axes, half: ReproducedHalf, colours: dict[str, str]) -> 
     ax.set_xscale("log")
     ax.set_xlabel("interval between events of one polarity [ms]", fontsize=8)
     ax.set_ylabel("fraction below", fontsize=8)
-    ax.legend(fontsize=7, frameon=False)
     ax.tick_params(labelsize=7)
 
 
@@ -146,5 +154,4 @@ def _draw_agreement(ax: Axes, half: ReproducedHalf, colours: dict[str, str]) -> 
     ax.set_xticks(np.arange(len(labels)), labels, fontsize=7)
     ax.set_ylim(0, 1)
     ax.set_ylabel("correlation with the recording", fontsize=8)
-    ax.legend(fontsize=6, frameon=False, loc="lower left")
     ax.tick_params(axis="y", labelsize=7)

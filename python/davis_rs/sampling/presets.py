@@ -43,5 +43,5 @@ ACCURACY = {
 ``balanced`` is the default: rays are cheap, and with the 8 of ``paper`` they are most of the error. ``paper`` is the
 rule of the dataset's own simulator: straight lines between renders a third of a pixel apart. ``exact`` takes the
 integral over a pixel's area. It refines the event times of rays, which jump. Those of lines it does not refine: that
-would cost ten times as much, and change them by less than the error that the integral has.
+would cost five times as much, and change them by less than the error that the integral has.
 """
