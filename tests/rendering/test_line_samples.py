@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -190,6 +191,27 @@ def test_rates_hold_at_edges() -> None:
     assert wrong < 0.1 * np.quantile(
         np.abs(change - renderer_of(scene, 64, "rays").luma_and_rate(view)[1] * step_s), 0.99
     )
+
+
+def test_a_preset_takes_lines_where_they_are_possible() -> None:
+    """In diffuse scenes of the native renderer, unless rays are asked for; else the rays that these stand for."""
+
+    def made_by(scene: Scene, **settings: Any) -> tuple[str, int]:
+        renderer = davis_rs.Simulator(scene.crop(0, 0.01), accuracy="exact", **settings).renderer
+        return renderer.pixel, renderer.rays_per_pixel
+
+    scene = scene_of("three_planes")
+    assert made_by(scene) == ("lines", 64)
+    assert made_by(scene, rays_per_pixel=32) == ("rays", 32)
+    assert made_by(scene, pixel="rays") == ("rays", 64)
+    assert made_by(scene, renderer="integrator")[0] == "rays"
+    parts = scene.source()
+    assert isinstance(parts, dict)
+    plastic = {"type": "twosided", "bsdf": {"type": "plastic"}}
+    glossy = {
+        name: part | {"bsdf": plastic} if "bsdf" in part else part for name, part in parts.items() if name != "type"
+    }
+    assert made_by(replace(scene, source=lambda: {"type": "scene", **glossy})) == ("rays", 64)
 
 
 def test_what_lines_cannot_do_is_an_error() -> None:

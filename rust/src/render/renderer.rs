@@ -964,6 +964,29 @@ mod tests {
         );
     }
 
+    /// What single rays hit is what they hit in a frame, where there is nothing as well.
+    #[test]
+    fn single_rays_hit_what_frames_show() {
+        let (width, height) = (29, 19);
+        let rays = grid(width, height, &[[0.5, 0.5]]);
+        let mut numbers = Numbers(4);
+        for count in [0, 2, 30] {
+            let renderer = Renderer::new(Scene::new(&tables(&mut numbers, count)).unwrap(), Some(1)).unwrap();
+            let views = line_views(&mut numbers);
+            let size = width * height * views.len();
+            let (mut depth, mut triangles) = (vec![0f32; size], vec![0; size]);
+            renderer.depth(&rays, &views, &mut depth, &mut triangles).unwrap();
+            for step in [1, 5, 97] {
+                let at: Vec<usize> = (0..size).step_by(step).collect();
+                let pixels: Vec<(u32, u32)> =
+                    at.iter().map(|at| ((at / (width * height)) as u32, (at % (width * height)) as u32)).collect();
+                let mut hits = vec![(0.0, 0); pixels.len()];
+                renderer.hits(&rays, &views, &pixels, &mut hits).unwrap();
+                assert!(hits.iter().zip(&at).all(|(&hit, &at)| hit == (depth[at], triangles[at])));
+            }
+        }
+    }
+
     /// What rays see is what they meet first in float64, whichever way: no ray passes a triangle that it meets well
     /// inside, and none sees what it does not meet. Corners and edges of a fan lie on rays exactly.
     #[test]
