@@ -188,7 +188,9 @@ class DrawnSequence:
             lambda: _check_engine(settings, effects),
             *("contrast_threshold", "contrast_threshold_off", "log_eps", "effects"),
         )
-        memory = memory_of(viewed.camera, settings, effects.with_defaults(viewed.sensor_effects))
+        memory = memory_of(
+            viewed.camera, settings, effects.with_defaults(viewed.sensor_effects), refine=bool(settings.refine)
+        )
         self._named(memory.refuse, "size", "camera", "sensor")
         return memory
 

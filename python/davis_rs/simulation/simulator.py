@@ -119,9 +119,9 @@ class Simulator:
         self.contrast_threshold, self.contrast_threshold_off = view.contrast_threshold, view.contrast_threshold_off
         self.log_eps, self.start_phase, self.colour_filter = view.log_eps, view.start_phase, view.colour_filter
         self.sampling = resolved.sampling
-        self.refine = resolved.refine_lines if plain.pixel == "lines" else resolved.refine
+        self.refine = resolved.refines(plain)
         self.effects, self.custom_effects = resolved.effects, resolved.custom_effects
-        self.memory = resolved.memory(plain.ray_bytes)
+        self.memory = resolved.memory(plain)
         self.lost_looks = lost_look_fractions(self.scene, self.camera, plain)
         self.renderer = with_optics(plain, self.effects)
         maps_asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values())

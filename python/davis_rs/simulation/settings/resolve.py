@@ -91,9 +91,16 @@ class Resolved:
     effects: Effects
     custom_effects: CustomEffects
 
-    def memory(self, ray_bytes: float = 0.0) -> MemoryForecast:
-        """Forecast what the simulation takes, see :func:`memory_of`."""
-        return memory_of(self.view.camera, self.settings, self.effects, ray_bytes=ray_bytes)
+    def refines(self, renderer: Renderer) -> bool:
+        """Tell whether event times are refined where this renderer takes luma."""
+        return self.refine_lines if renderer.pixel == "lines" else self.refine
+
+    def memory(self, renderer: Renderer | None = None) -> MemoryForecast:
+        """Forecast what the simulation takes, or takes at least while its renderer is not known; see
+        :func:`memory_of`."""
+        known = {} if renderer is None else {"ray_bytes": renderer.ray_bytes}
+        refine = self.refine_lines if renderer is None else self.refines(renderer)
+        return memory_of(self.view.camera, self.settings, self.effects, refine=refine, **known)
 
     def renderer(self) -> Renderer:
         """Make the renderer, without a lens. Light may be baked here, which takes time.
@@ -103,7 +110,7 @@ class Resolved:
             OSError: if a scene file cannot be read.
         """
         plain = renderer_of(self.view, self.settings, edges=self.sampling.edges, threads=self.settings.threads)
-        self.memory(plain.ray_bytes).refuse()
+        self.memory(plain).refuse()
         return plain
 
 
@@ -279,7 +286,7 @@ def truth_rates_hz(settings: SamplingSettings) -> dict[str, float]:
 
 
 def memory_of(
-    camera: Camera, settings: SamplingSettings, effects: Effects, *, ray_bytes: float = 0.0
+    camera: Camera, settings: SamplingSettings, effects: Effects, *, refine: bool, ray_bytes: float = 0.0
 ) -> MemoryForecast:
     """Forecast what a simulation will take.
 
@@ -287,13 +294,14 @@ def memory_of(
         camera: its size counts.
         settings: of the sampling in time and of the maps of the ground truth.
         effects: of the pixels, readout and frames.
+        refine: event times are refined.
         ray_bytes: what the renderer keeps of the rays of a pixel.
     """
     chosen, in_engine = chosen_sampling(settings), bool(effects.engine_settings())
     return simulation_forecast(
         (camera.width, camera.height),
         cubic=chosen.sampling.interpolation != "linear",
-        refine=chosen.refine and not in_engine,
+        refine=refine,
         effects=in_engine,
         frames=effects.aps is not None,
         truth=any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values()),
