@@ -74,7 +74,7 @@ def settings_of(scene: str) -> list[Setting]:
         Setting(f"{family}, {rays} rays", family, sampling, rays)
         for family, sampling, lattices in (
             ("lines, 1/3 px", MaxDisplacement(1 / 3), (16, 32, 64)),  # with 8 rays it is paper
-            ("adaptive cubics, 1/2 px", ACCURACY["balanced"].sampling, (16, 64)),  # with 32 balanced
+            ("adaptive cubics, 1/2 px", ACCURACY["balanced"].sampling, (16, 32, 64)),
         )
         for rays in lattices
     ]

@@ -54,7 +54,7 @@ def test_the_figure_has_its_size_and_colours(folder: Path, tmp_path: Path) -> No
     """7.2 inches at 200 dpi on white, with ON pixels in red and OFF pixels in blue over a grey frame."""
     assert view_dataset(folder, tmp_path / "figure.png") == tmp_path / "figure.png"
     pixels = pixels_of(tmp_path / "figure.png")
-    assert pixels.shape == (1198, 1440, 3)
+    assert pixels.shape == (1112, 1440, 3)
     assert tuple(pixels[0, 0]) == (255, 255, 255)
     events = pixels[:600, 760:]
     assert count_of(events, ON_RGB) > 2000

@@ -321,7 +321,7 @@ OTHER: dict[str, Any] = {
     "matte": True,
     "renderer": "table",
     "bake_error": 0.02,
-    "pixel": "lines",
+    "pixel": "rays",
     "colour_filter": "GRBG",
     "blur": False,
     "seed": 5,

@@ -203,8 +203,8 @@ class ViewSettings(PixelSettings):
         Declared(
             "what luma of a pixel is made of: rays, the mean over them; lines, its area by lines through it, without "
             "jumps at edges (the native renderer, diffuse surfaces; in place of 8, 32, 64 or 256 rays per pixel)",
-            default_help="that of the accuracy: lines with exact where they are possible, unless rays_per_pixel is "
-            "given; else rays",
+            default_help="lines with balanced and exact, where they are possible and rays_per_pixel is not given; else "
+            "rays",
             choices=tuple(ESTIMATORS),
             group=_ACCURACY,
         ),
