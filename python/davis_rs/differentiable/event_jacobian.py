@@ -240,7 +240,8 @@ def event_time_jacobian(
             with its rays, each of which jumps. ``mean``: those of the mean over the whole pixel, which the rays sample:
             the derivative has the integral along the edge, at the event and at the start of the run. That needs many
             rays (``rays_per_pixel`` from 256 on) and a scene at rest, and takes some milliseconds an event.
-        settings: of the run, by the names that :class:`~davis_rs.Simulator` takes.
+        settings: of the run, by the names that :class:`~davis_rs.Simulator` takes; ``pixel="rays"`` or a number of
+            rays is among them, because derivatives are those of rays.
 
     Returns:
         The Jacobian, float64 (n, columns), microseconds per unit, NaN where it is not known; and bool (n,), whether it
