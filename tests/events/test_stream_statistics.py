@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 import davis_rs
 from command_line import davis_rs as command
 from davis_rs import compare_streams, measure_stream, open_writer
+from davis_rs.cli.main import main
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 from davis_rs.inspection.statistics import StreamMeter, StreamStatistics, bursts
 from davis_rs.inspection.statistics.counts import Histogram, bin_edges
@@ -361,7 +362,7 @@ def test_a_page_of_nothing_is_drawn(tmp_path: Path) -> None:
 
 def test_an_array_must_be_sorted() -> None:
     events = events_of([5, 9, 9, 12], [0, 1, 2, 3], [0, 0, 0, 0], [1, 0, 1, 0])[[0, 2, 3, 1]]
-    with pytest.raises(ValueError, match="must be sorted by time: event 3 is earlier than the one before it"):
+    with pytest.raises(ValueError, match="must be sorted by time: event 3 at 9 us follows one at 12 us"):
         measure_stream(events, size=(4, 1))
 
 
@@ -373,6 +374,7 @@ def test_the_simulated_stream_has_the_recording_s_size(tmp_path: Path) -> None:
     np.save(tmp_path / "simulated.npy", events)
     for simulated in (tmp_path / "simulated.npy", events):
         assert compare_streams(tmp_path / "real.raw", simulated).simulated.size == (4, 3)
+    assert main(["compare", str(tmp_path / "real.raw"), str(tmp_path / "simulated.npy"), "--quiet"]) == 0
     assert repr(measure_stream(events, size=(4, 3))) == "<StreamStatistics of events, 4 x 3 px, 3 events, 7e-06 s>"
     with pytest.raises(ValueError, match="size"):
         compare_streams(events, tmp_path / "real.raw")

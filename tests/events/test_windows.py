@@ -147,3 +147,11 @@ def test_options_that_do_not_belong_together_are_refused(file: Path, tmp_path: P
             EventWindows(file, **options)
     np.save(tmp_path / "none.npy", np.zeros(0, EVENT_DTYPE))
     assert len(EventWindows(tmp_path / "none.npy", duration_us=1_000)) == 0
+
+
+def test_a_map_that_is_not_there_is_named(folder: Path) -> None:
+    whole = Dataset(folder)
+    with pytest.raises(IndexError, match=rf"has {len(whole.frames)} frames: there is none 99"):
+        whole.read_image(99)
+    with pytest.raises(NotADirectoryError, match="is a file: a dataset is a folder"):
+        Dataset(folder / "meta.json")

@@ -206,6 +206,9 @@ def test_a_part_without_anything_is_told(folder: Path, tmp_path: Path) -> None:
     """Seconds given as microseconds, or the other way round, make an empty file: a line says so."""
     with pytest.warns(UserWarning, match=r"nothing in the part that was asked for, 200000 s to its end"):
         convert(folder, tmp_path / "e.npy", start_us=200_000_000_000, parts=())
+    # A calibration belongs to all times, so that it is nothing of the part.
+    with pytest.warns(UserWarning, match="nothing in the part"):
+        convert(folder, tmp_path / "copy", start_us=200_000_000_000, parts=("camera",))
 
 
 def test_a_slice_that_begins_at_zero(folder: Path, tmp_path: Path) -> None:

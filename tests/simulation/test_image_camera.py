@@ -124,6 +124,8 @@ def test_a_calibration_of_another_size_asks_for_it(tmp_path: Path, capsys: pytes
     by_size, by_sensor = camera_of(camera=str(path), size="346x260"), camera_of(camera=str(path), sensor="davis346")
     assert by_size == by_sensor
     assert (by_size.width, by_size.height, by_size.fx, by_size.cx) == (346, 260, 250, 172)
+    with pytest.warns(UserWarning, match=r"\(172, 129\), far from the middle of an image of 640 x 480 pixels"):
+        camera_of(camera=str(path), size="640x480")
     path.write_text("200 201 118 91 -0.3 0.1 0.001 -0.0005 0\n")
     assert (camera_of(camera=str(path)).width, camera_of(camera=str(path)).fx) == (240, 200)
     with pytest.raises(ValueError, match=r"principal point at \(118, 91\), outside of an image of 64 x 48 pixels"):

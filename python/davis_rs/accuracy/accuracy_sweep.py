@@ -65,6 +65,7 @@ class Measurement:
 
     Attributes:
         pixel: whether its luma was a mean over ``rays`` or taken by ``lines``.
+        refined: whether its event times were refined.
         events: how many it made in the judged part.
         keyframes_per_s, rays_per_s: rendered per simulated second, rays for depth and for single pixels included.
         in_time: errors against the crossings of the same rays or lines; None for random rays, and where nobody asks.
@@ -77,6 +78,7 @@ class Measurement:
 
     setting: Setting
     pixel: str
+    refined: bool
     events: int
     keyframes_per_s: float
     rays_per_s: float
@@ -181,7 +183,7 @@ class Sweep:
         wall_s_per_s = wall_s / seconds if wall_s > SLOW_S else self.time(setting)
         slow = wall_s > SLOW_S
         found = len(events), *rates, in_time, in_all, kept_percent, slow, [wall_s_per_s]
-        return Measurement(setting, counted.pixel, *found)
+        return Measurement(setting, counted.pixel, simulator.refine, *found)
 
     def time(self, setting: Setting) -> float:
         """Return the wall time per simulated second, of one run that keeps nothing."""

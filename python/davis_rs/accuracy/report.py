@@ -49,7 +49,7 @@ def _row(measurement: Measurement) -> dict[str, object]:
         "rays_per_pixel": setting.rays_per_pixel,
         "pixel": measurement.pixel,
         "renderer": setting.renderer,
-        "refined": setting.refine,
+        "refined": measurement.refined,
         "wall_s_per_s": f"{measurement.median_wall_s:.6g}",
         "wall_s_per_s_least": f"{min(measurement.wall_s):.6g}",
         "wall_s_per_s_most": f"{max(measurement.wall_s):.6g}",

@@ -32,7 +32,8 @@ def _compare(options: argparse.Namespace) -> int:
     from ..inspection.statistics import StreamComparison
     from ..inspection.statistics.comparison_figure import draw_comparison
 
-    comparison = StreamComparison(measured(options.real, options), measured(options.simulated, options))
+    real = measured(options.real, options)
+    comparison = StreamComparison(real, measured(options.simulated, options, fallback_size=real.size))
     tell(comparison)
     if options.json is not None:
         described = {"real": comparison.real.describe(), "simulated": comparison.simulated.describe()}

@@ -36,12 +36,12 @@ def add_measured(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
-def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
-    """Measure the statistics of a stream, with a progress bar."""
+def measured(path: str, options: argparse.Namespace, fallback_size: tuple[int, int] | None = None) -> StreamStatistics:
+    """Measure the statistics of a stream, with a progress bar; ``fallback_size`` is its size where nothing says it."""
     from ..inspection.statistics import measure_stream
 
     with bar_of_fraction(f"reading {path}", quiet=options.quiet) as told:
-        return measure_stream(path, progress=told, **_selection(options))
+        return measure_stream(path, progress=told, fallback_size=fallback_size, **_selection(options))
 
 
 def measured_with_frames(path: str, options: argparse.Namespace, lux: float | None) -> MeasuredRecording:

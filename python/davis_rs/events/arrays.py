@@ -103,6 +103,15 @@ def as_events(array: npt.ArrayLike | Mapping[str, npt.ArrayLike]) -> EventArray:
     return events
 
 
+def check_sorted(events: EventArray, name: str = "events") -> None:
+    """Raise a ValueError for events whose times go back, with the first one that does."""
+    back = events["t"][1:] < events["t"][:-1]
+    if back.any():
+        at = int(back.argmax()) + 1
+        before, t = events["t"][at - 1 : at + 1].tolist()
+        raise ValueError(f"{name} must be sorted by time: event {at} at {t} us follows one at {before} us")
+
+
 def concatenate_events(packets: Sequence[EventArray]) -> EventArray:
     """Join event arrays into one, padding bytes included: ``np.concatenate`` leaves those to chance, and equal streams
     would no longer be equal bytes."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from .._util.argument_checks import as_size, check_number
 from .._util.close_names import names_checked
 from .._util.html_table import html_table
-from .arrays import EventArray, as_events
+from .arrays import EventArray, as_events, check_sorted
 
 DEFAULT_WINDOW_US = 10_000
 """The sampling period of a 100 Hz simulation: it stamps a crossing within the interval in which it falls, so less than
@@ -137,11 +137,7 @@ def compare_events(
 
 def _checked(array: npt.ArrayLike, name: str, size: tuple[int, int]) -> EventArray:
     events, (width, height) = as_events(array), size
-    back = events["t"][1:] < events["t"][:-1]
-    if back.any():
-        at = int(back.argmax()) + 1
-        before, t = events["t"][at - 1 : at + 1].tolist()
-        raise ValueError(f"{name} must be sorted by time: event {at} at {t} us follows one at {before} us")
+    check_sorted(events, name)
     outside = (events["x"] >= width) | (events["y"] >= height)
     if outside.any():
         at = int(outside.argmax())

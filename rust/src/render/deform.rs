@@ -34,9 +34,7 @@ impl Renderer {
     /// [`Error::Argument`] for what is no body, other triangles than it has, or one without an area; then nothing
     /// changes.
     pub fn deform(&mut self, frame: usize, first: u32, new: &Deformed) -> Result<()> {
-        self.scene.deform(frame, first, new)?;
-        // The scene has others now.
-        Ok(())
+        self.scene.deform(frame, first, new)
     }
 }
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 from ..._util.close_names import names_checked
 from ...events.arrays import EventArray
-from ...io.files.read import open_reader
-from ...io.files.sensor_size import find_sensor_size
 from .event_stream import EventStream
 from .stream_meter import measure_stream
 from .stream_statistics import Measured, Region, StreamStatistics
@@ -53,18 +50,7 @@ def compare_streams(
         OSError, DecodeError, ValueError: as :func:`measure_stream`.
     """
     first = measure_stream(real, size=size, quiet=quiet)
-    if size is None and not _states_size(simulated):
-        size = first.size
-    return StreamComparison(first, measure_stream(simulated, size=size, quiet=quiet))
-
-
-def _states_size(source: str | os.PathLike[str] | EventStream | EventArray) -> bool:
-    if not isinstance(source, str | os.PathLike):
-        return isinstance(source, EventStream)
-    if not Path(source).is_file():
-        return True  # a folder does, and what is not there is told by who reads it
-    with open_reader(source, backward="keep", outside="keep") as reader:
-        return find_sensor_size(reader, None) is not None
+    return StreamComparison(first, measure_stream(simulated, size=size, fallback_size=first.size, quiet=quiet))
 
 
 def _cells(stream: StreamStatistics) -> dict[str, str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from ...events.arrays import EventArray
 from ...io.dataset.folder_format import FolderReader
 from ...io.files.read import open_reader
-from ...io.files.sensor_size import sensor_size
+from ...io.files.sensor_size import find_sensor_size, sensor_size
 from ...io.formats.recorded import RecordedParts
 
 _PIECE = 1 << 18
@@ -34,12 +34,18 @@ class EventStream:
     pieces: Callable[[Callable[[float], object]], Iterator[EventArray]]
 
 
-def open_event_stream(path: str | os.PathLike[str], *, size: tuple[int, int] | None = None) -> EventStream:
+def open_event_stream(
+    path: str | os.PathLike[str],
+    *,
+    size: tuple[int, int] | None = None,
+    fallback_size: tuple[int, int] | None = None,
+) -> EventStream:
     """Open whatever :func:`davis_rs.open_reader` opens: a dataset folder, an event file of any format, or a camera's
     recording. Its events are streamed.
 
     Args:
         size: (width, height) of the sensor in pixels, where the file does not say.
+        fallback_size: the same, where nothing else says it.
 
     Raises:
         OSError, DecodeError: if it cannot be read.
@@ -47,7 +53,8 @@ def open_event_stream(path: str | os.PathLike[str], *, size: tuple[int, int] | N
     """
     file = Path(path)
     with open_reader(file) as reader:
-        known, kind = sensor_size(reader, size), reader.format
+        known = find_sensor_size(reader, size) or fallback_size or sensor_size(reader, size)
+        kind = reader.format
         if isinstance(reader, FolderReader):
             kind = "dataset folder"
         elif isinstance(reader, RecordedParts):

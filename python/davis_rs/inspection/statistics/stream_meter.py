@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import names_checked
-from ...events.arrays import EventArray, as_events
+from ...events.arrays import EventArray, as_events, check_sorted
 from .bursts import Bursts
 from .event_stream import EventStream, cut, open_event_stream
 from .pixel_sums import PixelSums
@@ -100,6 +100,7 @@ def measure_stream(
     source: str | os.PathLike[str] | EventStream | EventArray,
     *,
     size: tuple[int, int] | None = None,
+    fallback_size: tuple[int, int] | None = None,
     quiet: Region | None = None,
     start_s: float = 0.0,
     stop_s: float | None = None,
@@ -114,6 +115,7 @@ def measure_stream(
         source: a dataset folder, an event file of any format, a camera's bytes, a recording (AEDAT), or an array of
             events.
         size: (width, height) of the sensor in pixels, where the source does not say.
+        fallback_size: its size where neither the source nor ``size`` says one, such as that of another stream.
         quiet: (x0, y0, x1, y1) of pixels that see no signal; if not given, the quietest are looked for.
         start_s, stop_s: only events with start_s <= t < stop_s, in seconds after the first event; by default all.
         progress: is told the fraction that is read, 0..1.
@@ -128,13 +130,14 @@ def measure_stream(
         raise ArgumentError("a part must have 0 <= {start_s} < {stop_s}, got {!r} and {!r}", start_s, stop_s)
     if not isinstance(source, str | os.PathLike | EventStream):
         events = as_events(source)
-        back = np.flatnonzero(events["t"][1:] < events["t"][:-1])
-        if len(back):
-            raise ValueError(f"events must be sorted by time: event {back[0] + 1} is earlier than the one before it")
+        check_sorted(events)
+        size = size or fallback_size
         if size is None:
             raise ArgumentError("an array does not say the sensor's size: give {size}")
         source = EventStream("events", "array", size, lambda told: cut(events, told))
-    stream = source if isinstance(source, EventStream) else open_event_stream(source, size=size)
+    stream = (
+        source if isinstance(source, EventStream) else open_event_stream(source, size=size, fallback_size=fallback_size)
+    )
     meter = StreamMeter(*stream.size)
     for piece in _between(stream.pieces(progress or (lambda _: None)), start_s, stop_s):
         measured = meter.add(piece)

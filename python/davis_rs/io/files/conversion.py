@@ -138,7 +138,7 @@ def convert(
                 "folder begins at 0 (from_zero=False, --no-from-zero keep them)",
                 stacklevel=2,
             )
-        if not report.events and not written and (start_us, stop_us) != (None, None):
+        if not passing.taken and written.keys() <= {"camera"} and (start_us, stop_us) != (None, None):
             warnings.warn(
                 f"{reader.path} has nothing in the part that was asked for, {_seconds(start_us, '0')} to "
                 f"{_seconds(stop_us, 'its end')}",
