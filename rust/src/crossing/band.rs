@@ -34,9 +34,6 @@ use crate::prefetch::prefetch;
 /// Bytes by which the frame is fetched ahead of the scan.
 const AHEAD: usize = 8192;
 
-/// Where one of so many pixels of a tile was noted, all that candidates need of a tile to come is fetched as well.
-const DENSE: usize = 16;
-
 /// The interval that a frame ends.
 #[derive(Clone, Copy)]
 pub(crate) struct Interval {
@@ -96,7 +93,6 @@ impl<S: Sample> Band<S> {
     ) -> Result<(), Stop> {
         slice.events.begin(allowance, slice.new.len(), at.ticks);
         self.samples.count = 0;
-        let mut noted = 0;
         for start in (0..slice.new.len()).step_by(TILE) {
             let end = (start + TILE).min(slice.new.len());
             let sparse = slice.sparse.of(slice.first_pixel + start, slice.first_pixel + end).pixel;
@@ -112,21 +108,13 @@ impl<S: Sample> Band<S> {
             };
             let ahead = |index: usize| (index + AHEAD / size_of::<S>()).min(slice.new.len());
             prefetch(&slice.new[ahead(start)..ahead(end)]);
-            let dense = noted >= TILE / DENSE;
             for rates in slice.rates.iter().flat_map(|(from, to)| [from, to]) {
                 prefetch(&rates[ahead(start)..ahead(end)]);
             }
-            if dense {
-                prefetch(&slice.last[ahead(start)..ahead(end)]);
-                prefetch(&slice.records[ahead(start)..ahead(end)]);
-            }
             let before = self.samples.count;
             self.samples.scan(&mut tile, also);
-            noted = self.samples.count - before;
-            if !dense {
-                for &pixel in &self.samples.pixel[before..self.samples.count] {
-                    prefetch(&slice.records[pixel as usize..=pixel as usize]);
-                }
+            for &pixel in &self.samples.pixel[before..self.samples.count] {
+                prefetch(&slice.records[pixel as usize..=pixel as usize]);
             }
             if self.samples.is_full() {
                 self.decide(&mut slice, at, size, p)?;
