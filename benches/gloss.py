@@ -43,6 +43,7 @@ MATERIALS = {
     "principled 0.5": '<bsdf type="principled"><rgb name="base_color" value="0.2, 0.5, 0.3"/>'
     '<float name="roughness" value="0.5"/></bsdf>',
     "dielectric": '<bsdf type="dielectric"/>',
+    "roughdielectric 0.2": '<bsdf type="roughdielectric"><float name="alpha" value="0.2"/></bsdf>',
     "thindielectric": '<bsdf type="thindielectric"/>',
 }
 

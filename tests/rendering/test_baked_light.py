@@ -620,7 +620,10 @@ def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypa
             {"field": {"type": "sdfgrid", "grid": np.mgrid[:2, :2, :2][0, ..., None] - 0.5, "bsdf": diffuse()}},
             "'field' is a sdfgrid",
         ),
-        ({"mirror": plate(0, 0, 2, (1, 1), {"type": "roughdielectric"})}, "not a diffuse one"),
+        (
+            {"mirror": plate(0, 0, 2, (1, 1), {"type": "roughconductor", "alpha_u": 0.1, "alpha_v": 0.3})},
+            "not a diffuse one",
+        ),
     ],
 )
 def test_what_cannot_be_baked_is_refused(parts: Parts, message: str) -> None:

@@ -51,6 +51,7 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
     "copper, beckmann": ({"type": "roughconductor", "material": "Cu", "alpha": 0.25}, 2e-4),
     "gold, ggx": ({"type": "roughconductor", "material": "Au", "alpha": 0.15, "distribution": "ggx"}, 2e-4),
     "tinted metal": ({"type": "roughconductor", "material": "Al", "alpha": 0.4, "specular_reflectance": COLOUR}, 2e-4),
+    "rough glass": ({"type": "roughdielectric", "alpha": 0.3, "specular_reflectance": 0.7}, 2e-4),
     "principled": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "specular": 0.8}, 2e-4),
     "principled metal": ({"type": "principled", "base_color": COLOUR, "roughness": 0.4, "metallic": 0.7}, 2e-4),
     "principled, textured": (
@@ -97,6 +98,31 @@ def test_sharp_lights_have_mitsubas_closed_form(bsdf: dict[str, Any], tolerance:
     """Highlight and base, pixel by pixel: both renderers follow the same rays, and draw nothing at random."""
     theirs, ours = mitsubas(scene_of(bsdf, **lights)), native(scene_of(bsdf, **lights)).luma(VIEWS)
     np.testing.assert_allclose(ours, theirs, rtol=tolerance, atol=tolerance * theirs.max() * 0.01)
+
+
+@pytest.mark.few(2)
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+@pytest.mark.parametrize(
+    "lamp",
+    [{**POINT, "position": [0.4, -0.5, -1.5]}, {**SUN, "direction": [0.3, 0.2, 1.0]}],
+    ids=["point", "directional"],
+)
+def test_light_from_behind_rough_glass_has_mitsubas_closed_form(distribution: str, lamp: dict[str, Any]) -> None:
+    glass = {"type": "roughdielectric", "alpha": 0.3, "distribution": distribution, "specular_transmittance": 0.8}
+    theirs, ours = mitsubas(scene_of(glass, lamp=lamp)), native(scene_of(glass, lamp=lamp)).luma(VIEWS)
+    np.testing.assert_allclose(ours, theirs, rtol=2e-4, atol=2e-4 * theirs.max())
+    assert theirs.max() > 10
+
+
+@pytest.mark.usefixtures("llvm")
+def test_rough_glass_shows_what_is_behind_it() -> None:
+    """A ball of rough glass under an even sky neither adds light nor loses much; what is seen through it is blurred."""
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": [0.9, 0.6, 0.3]}}
+    glass = {"type": "roughdielectric", "alpha": 0.3, "distribution": "ggx"}
+    scene = scene_of(glass, {"type": "path", "max_depth": 4}, sky=sky)
+    ours, theirs = native(scene, bake_error=0.1).luma(VIEWS), mitsubas(scene, 64)
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.01)
 
 
 @pytest.mark.usefixtures("llvm")
@@ -149,7 +175,9 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
         {"type": "roughconductor", "alpha": squares},
         {"type": "plastic", "specular_reflectance": squares},
         {"type": "dielectric", "specular_transmittance": squares},
-        {"type": "roughdielectric"},
+        {"type": "roughdielectric", "alpha": squares},
+        {"type": "roughdielectric", "alpha_u": 0.1, "alpha_v": 0.3},
+        {"type": "roughdielectric", "specular_transmittance": squares},
     ]
     with variant(SCALAR) as (mi, _):
         for bsdf in unknown:

@@ -97,7 +97,8 @@ def noisy_room(folder: Path) -> list[str]:
         <shape type="rectangle" id="floor"><transform name="to_world"><scale value="4"/></transform>
         <bsdf type="twosided"><bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
         <transform name="to_uv"><scale value="4"/></transform></texture></bsdf><bsdf type="diffuse"/></bsdf></shape>
-        <shape type="sphere" id="ball"><float name="radius" value="0.1"/><bsdf type="roughdielectric"/></shape>
+        <shape type="sphere" id="ball"><float name="radius" value="0.1"/><bsdf type="roughconductor">
+        <float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.3"/></bsdf></shape>
         </scene>"""
     )
     path = folder / "path.txt"
@@ -295,7 +296,7 @@ def test_samples_are_a_number_or_auto(capsys: pytest.CaptureFixture[str]) -> Non
 OBSTACLES = """\
 what keeps the renderers without noise from this scene:
 - shape 'floor' has two different sides: give both the same diffuse material
-- shape 'ball' has a roughdielectric surface, not a diffuse one: give it a diffuse material
+- shape 'ball' has a roughconductor surface, not a diffuse one: give it a diffuse material
 the ways on:
 - mend what is listed: then no event is noise
 """

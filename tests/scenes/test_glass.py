@@ -81,6 +81,17 @@ def test_a_solid(tmp_path: Path) -> None:
     assert (1 - once) ** 2 - 1e-4 < luma(scene) < (1 - once) / (1 + once) + 1e-3
 
 
+def test_a_rough_solid(tmp_path: Path) -> None:
+    """What is seen through frosted glass is blurred, but under even light as bright but for what microfacets lose."""
+    gltf = Gltf()
+    volume = {"KHR_materials_volume": {"thicknessFactor": 0.5}}
+    scene = world(
+        gltf, tmp_path, glass(gltf, extensions=volume, roughnessFactor=0.4, baseColorFactor=[1, 1, 1, 1]), box=True
+    )
+    assert [look.what for look in scene.lost_looks] == ["KHR_materials_volume"]
+    assert 0.75 < luma(scene) < 0.9
+
+
 @pytest.mark.parametrize(
     ("index", "rough", "told"), [(1.5, 0.2, []), (1.8, 0.2, ["KHR_materials_ior"]), (1.8, 1.0, [])]
 )
@@ -97,7 +108,7 @@ def test_what_is_lost_of_glass_is_told(tmp_path: Path) -> None:
     cases: list[tuple[dict[str, Any], str]] = [
         ({"fraction": 0.7}, "what glass does not let through (it is clear)"),
         ({"metallicFactor": 0.5}, "what glass does not let through (it is clear)"),
-        ({"roughnessFactor": 0.4}, "roughness of glass (it is clear)"),
+        ({"roughnessFactor": 0.4}, "roughness of sheets of glass (they are clear)"),
         ({"baseColorTexture": texture}, "colours of glass that differ from place to place (their mean is taken)"),
     ]
     for changes, told in cases:

@@ -26,6 +26,8 @@ from davis_rs.render.texels import bilinear
 from davis_rs.scene.files.mesh_scene import colours_as_texture
 from davis_rs.scene.files.obj_file import read_obj
 from davis_rs.scene.files.ply_file import read_ply
+from davis_rs.scene.lost_looks import TRANSPARENCY
+from davis_rs.scene.mesh_part import MeshPart
 
 SKY = 0.3
 QUADS = (
@@ -438,3 +440,110 @@ def test_a_scene_knows_all_files_that_it_reads(tmp_path: Path) -> None:
     assert load_scene(mesh).files == (tmp_path / "paint.png",)
     mesh.write_bytes(ply("ascii", faces=[[0, 1, 2]]))
     assert load_scene(mesh).files == ()
+
+
+FACES_WITH_CORNERS = """ply
+format ascii 1.0
+comment TextureFile left.png
+comment TextureFile right.png
+element vertex 4
+property float x
+property float y
+property float z
+element face 3
+property list uchar int vertex_indices
+property list uchar float texcoord
+property int texnumber
+property uchar red
+property uchar green
+property uchar blue
+end_header
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+4 0 1 2 3 8 0 0 1 0 1 1 0 1 1 255 0 0
+3 0 1 2 6 0 0.5 1 0.25 1 1 0 255 0 0
+3 0 2 3 6 0 0 0 0 0 0 -1 255 0 255
+"""
+"""As MeshLab writes textures of faces: several, with coordinates of their own at each corner, and faces without."""
+
+
+def parts_of(folder: Path, text: str) -> list[MeshPart]:
+    for name, grey in (("left", 40), ("right", 200)):
+        Image.new("RGB", (2, 2), (grey,) * 3).save(folder / f"{name}.png")
+    (folder / "faces.ply").write_text(text)
+    return read_ply(folder / "faces.ply", Budget(folder / "faces.ply"))
+
+
+def test_faces_of_a_ply_file_have_textures_and_colours_of_their_own(tmp_path: Path) -> None:
+    plain, left, right = parts_of(tmp_path, FACES_WITH_CORNERS)
+    assert (plain.material, left.material, right.material) == ("", "left.png", "right.png")
+    assert left.uv is not None
+    assert right.uv is not None
+    assert left.uv.tolist() == [[[0, 0.5], [1, 0.25], [1, 1]]]
+    assert np.array_equal(right.uv, right.corners[..., :2])
+    assert len(right.uv) == 2
+    assert plain.colours is not None
+    assert plain.colours.tolist() == [[[1, 0, 1]] * 3]
+    assert (left.colours, right.colours) == (None, None)
+    # Without textures, all have the colours of their faces; those of vertices come first.
+    bare = FACES_WITH_CORNERS.replace("comment TextureFile left.png\ncomment TextureFile right.png\n", "")
+    (part,) = parts_of(tmp_path, bare)
+    assert part.colours is not None
+    assert part.colours[:, 0].tolist() == [[1, 0, 0]] * 3 + [[1, 0, 1]]
+    of_vertices = "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+    painted_vertices = bare.replace("property float z\n", of_vertices).replace(" 0\n", " 0 0 255 0\n", 4)
+    (part,) = parts_of(tmp_path, painted_vertices)
+    assert part.colours is not None
+    assert (part.colours == [0, 1, 0]).all()
+    # Of faces without coordinates of their own, those of the vertices count.
+    (part,) = parts_of(
+        tmp_path,
+        """ply
+format ascii 1.0
+comment TextureFile left.png
+element vertex 3
+property float x
+property float y
+property float z
+property float s
+property float t
+element face 1
+property list uchar int vertex_indices
+property list uchar float texcoord
+end_header
+0 0 0 0.25 0.5
+1 0 0 1 0
+0 1 0 0 1
+3 0 1 2 0
+""",
+    )
+    assert part.uv is not None
+    assert part.uv[0, 0].tolist() == [0.25, 0.5]
+
+
+def test_the_opacity_of_faces_of_a_ply_file_is_told_as_lost(tmp_path: Path) -> None:
+    text = FACES_WITH_CORNERS.replace("property uchar blue\n", "property uchar blue\nproperty uchar alpha\n")
+    for alpha, lost in (("255", ()), ("128", (TRANSPARENCY,))):
+        with_alpha = text.replace("-1 255 0 255\n", f"-1 255 0 255 {alpha}\n").replace("255 0 0\n", "255 0 0 255\n")
+        assert parts_of(tmp_path, with_alpha)[0].lost == lost
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("6 0 0.5 1 0.25 1 1 0 ", "4 0 0.5 1 0.25 0 ", "face 2 needs 2 texture coordinates for each corner"),
+        ("0 1 1 255", "0 1 2 255", "a face has the texture 2 of 2, counted from 0"),
+        ("8 0 0 1 0 1 1 0 1 1 ", "8 0 nan 1 0 1 1 0 1 1 ", "texture coordinates of face 1 must be finite"),
+        ("6 0 0.5 1 0.25 1 1 0 ", "0 0 ", "the texture 'left.png' needs texture coordinates of vertices"),
+        ("property int texnumber", "property float texnumber", "texnumber of face 1 is not the number of a texture"),
+    ],
+)
+def test_textures_of_faces_that_do_not_fit_are_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    text = FACES_WITH_CORNERS.replace(old, new)
+    if "float" in new:
+        text = text.replace("0 1 1 255", "0 1 inf 255")
+    assert text != FACES_WITH_CORNERS
+    with pytest.raises(ValueError, match=said):
+        parts_of(tmp_path, text)

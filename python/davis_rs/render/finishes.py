@@ -1,7 +1,7 @@
 """Reads how glossy materials reflect, as the native renderer knows it: one lobe over a diffuse colour, or glass.
 
-Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric, thindielectric and diffuse mask
-become a :class:`Finish` and a base colour. docs/light.md says what is approximate.
+Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric, roughdielectric, thindielectric and
+diffuse mask become a :class:`Finish` and a base colour. docs/light.md says what is approximate.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ class Finish:
         base_tints: the base colour is a factor on the lobe.
         under: what is below: ``nothing``, ``coated`` (index, reflected inside, entering, 1 if nonlinear; for a rough
             coat the fractions that pass it follow, at :data:`_PASSING_NODES` cosines from 0 to 1), ``rough``
-            (roughness, factor), ``solid`` (index), ``sheet`` (index) or ``blend`` (opacity: a diffuse base covers so
-            much, and the rest is seen through).
+            (roughness, factor), ``solid`` (index; its surface is as rough as ``alpha`` says), ``sheet`` (index) or
+            ``blend`` (opacity: a diffuse base covers so much, and the rest is seen through).
         lobe: roughness and metal from place to place, of ``mixed`` over ``rough``, whose own numbers are then means;
             or opacity and None, of ``blend``; None for what is the same everywhere.
     """
@@ -255,14 +255,17 @@ def _rough_coat(alpha: float, distribution: str, index: float, mi: Mitsuba) -> t
     return reflected, passing
 
 
+def _alpha(inside: dict[str, MitsubaObject], mi: Mitsuba) -> float | None:
+    """Return the roughness of microfacets; None where it differs from place to place, or between along and across."""
+    value = constant_of(inside["alpha"], mi) if "alpha" in inside else None
+    return None if value is None else float(value.flat[0])
+
+
 def _metal(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
-    rough, alpha = bsdf.class_name() == "RoughConductor", 0.0
-    if rough:
-        # Brushed metal has another roughness across than along.
-        value = constant_of(inside["alpha"], mi) if "alpha" in inside else None
-        if value is None:
-            return None
-        alpha = float(value.flat[0])
+    rough = bsdf.class_name() == "RoughConductor"
+    alpha = _alpha(inside, mi) if rough else 0.0
+    if alpha is None:
+        return None
     eta, k = (constant_of(inside[name], mi) for name in ("eta", "k"))
     if eta is None or k is None:
         return None
@@ -376,9 +379,12 @@ def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> 
     index = float(mi.traverse(bsdf)["eta"])
     kind = "sheet" if bsdf.class_name() == "ThinDielectric" else "solid"
     tint, passing = (_tint(inside, name, mi) for name in ("specular_reflectance", "specular_transmittance"))
-    if tint is None or passing is None or index == 1:
+    rough = bsdf.class_name() == "RoughDielectric"
+    alpha = _alpha(inside, mi) if rough else 0.0
+    if tint is None or passing is None or index == 1 or alpha is None:
         return None
-    return _white(mi), Finish(0.0, "ggx", ("dielectric", (index,)), tint, passing, under=(kind, (index,)))
+    distribution = _distribution(bsdf) if rough else "ggx"
+    return _white(mi), Finish(alpha, distribution, ("dielectric", (index,)), tint, passing, under=(kind, (index,)))
 
 
 _READERS: dict[str, Callable[[MitsubaBsdf, dict[str, MitsubaObject], Mitsuba], _Read]] = {
@@ -388,6 +394,7 @@ _READERS: dict[str, Callable[[MitsubaBsdf, dict[str, MitsubaObject], Mitsuba], _
     "RoughConductor": _metal,
     "Principled": _principled,
     "SmoothDielectric": _glass,
+    "RoughDielectric": _glass,
     "ThinDielectric": _glass,
 }
 

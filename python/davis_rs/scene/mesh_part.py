@@ -47,17 +47,19 @@ class Blend(NamedTuple):
 
 
 class Glass(NamedTuple):
-    """What a part of clear glass does to light, which it reflects by Fresnel's equations.
+    """What a part of glass does to light, which it reflects by Fresnel's equations.
 
     Attributes:
         refraction: its index, other than 1.
         tint: (3,), factors on red, green and blue that pass.
         is_solid: it is the surface of a solid, which bends light; else a thin sheet, which does not.
+        roughness: of the surface of a solid, 0 to 1.
     """
 
     refraction: float
     tint: FloatArray
     is_solid: bool
+    roughness: float = 0.0
 
 
 class NormalTexture(NamedTuple):

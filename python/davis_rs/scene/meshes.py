@@ -191,8 +191,10 @@ def _directions(normals: NormalTexture) -> SceneDictionary:
 def _clear(glass: Glass) -> SceneDictionary:
     """Describe glass for Mitsuba."""
     passing = {"type": "rgb", "value": glass.tint.tolist()}
-    kind = "dielectric" if glass.is_solid else "thindielectric"
-    return {"type": kind, "int_ior": glass.refraction, "ext_ior": 1.0, "specular_transmittance": passing}
+    same: SceneDictionary = {"int_ior": glass.refraction, "ext_ior": 1.0, "specular_transmittance": passing}
+    if glass.roughness > 0:
+        return {"type": "roughdielectric", "distribution": "ggx", "alpha": glass.roughness**2, **same}
+    return {"type": "dielectric" if glass.is_solid else "thindielectric", **same}
 
 
 def _opacity(blend: Blend, *, wrap: str, nearest: bool) -> SceneDictionary | float:

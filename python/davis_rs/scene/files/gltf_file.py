@@ -236,7 +236,8 @@ class GltfFile:
             document = json.loads(text.decode("utf-8-sig"), object_hook=Item)
         version = getattr(getattr(document, "asset", None), "version", None)
         if not str(version).startswith("2."):
-            raise ValueError(f"must be glTF 2.0, got version {plain(version)}")
+            remedy = "; Blender and gltf-pipeline convert files of version 1.0" if str(version).startswith("1.") else ""
+            raise ValueError(f"must be glTF 2.0, got version {plain(version)}{remedy}")
         return document
 
     def _read(self, accessor: Item, where: str) -> Values:

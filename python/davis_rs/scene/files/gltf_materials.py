@@ -246,7 +246,7 @@ class GltfMaterials:
         return made._replace(emission=image)
 
     def _transmissive(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
-        """Return a material as clear glass, if most light passes it: a thin sheet, or a solid where it has a volume."""
+        """Return a material as glass, if most light passes it: a clear thin sheet, or a solid where it has a volume."""
         file, extensions = self._file, _dictionary(item.extensions)
         given = _dictionary(extensions.get(_TRANSMISSION))
         fraction = given.get("transmissionFactor", 0.0)
@@ -270,9 +270,12 @@ class GltfMaterials:
         if fraction < 1 - _CLEAR_WITHIN or (made.metal is not None and made.metal.metal > 0):
             lost["what glass does not let through (it is clear)"] = None
         roughness = _dictionary(item.pbrMetallicRoughness).get("roughnessFactor", 1.0)
-        if file.numbers(roughness, f"{where}: roughnessFactor", 1, low=0, high=1)[0] > _CLEAR_WITHIN:
-            lost["roughness of glass (it is clear)"] = None
-        return made._replace(glass=Glass(max(index, _LEAST_INDEX), tint, bool(thickness > 0)), metal=None)
+        roughness = float(file.numbers(roughness, f"{where}: roughnessFactor", 1, low=0, high=1)[0])
+        is_solid = bool(thickness > 0)
+        if roughness > _CLEAR_WITHIN and not is_solid:
+            lost["roughness of sheets of glass (they are clear)"] = None
+        rough = roughness if roughness > _CLEAR_WITHIN and is_solid else 0.0
+        return made._replace(glass=Glass(max(index, _LEAST_INDEX), tint, is_solid, rough), metal=None)
 
     def _bumpy(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with its normal texture, if it has one that turns anything."""

@@ -14,7 +14,7 @@ from ...geometry.pose import FloatArray
 from ..lost_looks import BUMPS, TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles, unit_normals
 from ..repairs import Repairs
-from .gltf_file import DRACO, GltfFile, Item
+from .gltf_file import DRACO, GltfFile, Item, plain
 from .gltf_materials import GltfMaterial, GltfMaterials
 from .rounding import ROUNDING, within
 from .triangulation import cut_strip, distinct, has_area
@@ -164,7 +164,13 @@ class GltfMeshes:
     def _read(self, node: Item, where: str, joints: int | None = None) -> list[Primitive]:
         """Read a node's mesh; its vertices too where it deforms, by so many joints."""
         mesh = self._file.item("meshes", node.mesh, f"{where}.mesh")
-        named = {f"meshes[{node.mesh}].primitives[{i}]": given for i, given in enumerate(mesh.primitives or [])}
+        given_parts = mesh.primitives or []
+        if not isinstance(given_parts, list):
+            raise self._file.error(f"meshes[{node.mesh}].primitives", f"must be a list, got {plain(given_parts)}")
+        named = {f"meshes[{node.mesh}].primitives[{i}]": given for i, given in enumerate(given_parts)}
+        for name, given in named.items():
+            if not isinstance(given, Item):
+                raise self._file.error(name, f"must be an object, got {plain(given)}")
         read = (self._primitive(given, name, joints) for name, given in named.items() if self._has_surface(given, name))
         return [primitive for primitive in read if len(primitive.corners)]
 

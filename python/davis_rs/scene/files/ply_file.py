@@ -1,4 +1,4 @@
-"""Reads PLY meshes (Stanford's polygon format): ASCII and binary, with colours of vertices or a texture."""
+"""Reads PLY meshes (Stanford's polygon format): ASCII and binary, with colours of vertices or faces, or textures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +18,9 @@ from ..lost_looks import TRANSPARENCY
 from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
 from ..repairs import Repairs
-from ..texture_file import EncodedTexture, TextureFiles
+from ..texture_file import TextureFiles
 from ..textures import from_srgb
-from .alpha_mask import AlphaMask, blended, masked
+from .alpha_mask import blended, masked
 from .rounding import ROUNDING, within
 from .triangulation import cut_polygons, cut_strip, has_area
 
@@ -43,11 +44,15 @@ _LONGEST = 1 << 16
 """The longest list of a face; strips of triangles may be longer."""
 
 _INDICES = ("vertex_indices", "vertex_index")
+_RGB = ("red", "green", "blue")
 _STRIPS = "tristrips"
 
 Indices = npt.NDArray[np.int64]
 Columns = dict[str, npt.NDArray[np.float64]]
 """Numbers of rows by the property's name: (n,), or (n, k) of a list that has k numbers in each of these rows."""
+
+_UNTEXTURED = -1
+"""The number of its texture of a triangle that has none."""
 
 
 @dataclass
@@ -59,16 +64,63 @@ class _Element:
     properties: list[tuple[str, str, str | None]] = field(default_factory=list)
 
 
+class _Triangles(NamedTuple):
+    """Holds triangles with what their faces say of them.
+
+    Attributes:
+        corners: (m, 3), numbers of vertices.
+        uv: (m, 3, 2), texture coordinates at the corners; NaN where the face names none.
+        texture: (m,), the number of its texture; 0 where the face names none.
+        colours: (m, 3), linear RGB; NaN where the face has none.
+        opaque: bool (m,), whether these colours are.
+    """
+
+    corners: Indices
+    uv: FloatArray
+    texture: Indices
+    colours: FloatArray
+    opaque: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, corners: Indices) -> _Triangles:
+        """Return triangles of whose faces nothing else is known."""
+        count = len(corners)
+        uv, colours = np.full((count, 3, 2), np.nan), np.full((count, 3), np.nan)
+        return cls(corners, uv, np.zeros(count, np.int64), colours, np.ones(count, bool))
+
+    def only(self, rows: Indices) -> _Triangles:
+        """Return some of them."""
+        return _Triangles(self.corners[rows], self.uv[rows], self.texture[rows], self.colours[rows], self.opaque[rows])
+
+
+class _OfVertices(NamedTuple):
+    """Holds what vertices have besides their positions; None for what they do not have.
+
+    Attributes:
+        uv: (v, 2), texture coordinates.
+        normals: (v, 3).
+        colours: (v, 3), linear RGB.
+        opaque: bool (v,), whether these colours are.
+    """
+
+    uv: FloatArray | None
+    normals: FloatArray | None
+    colours: FloatArray | None
+    opaque: npt.NDArray[np.bool_]
+
+
 def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
-    """Read a PLY file as one part: triangles, with normals, texture coordinates and colours of vertices.
+    """Read a PLY file: triangles, with normals, texture coordinates and colours. It is one part for each texture.
 
     Strips of triangles (the element ``tristrips``, as in Stanford's repository: lists of vertices, -1 between strips)
-    are read, too. Edges, and faces without area, have no surface: they are left out. Colours of vertices as integers
-    are taken as sRGB, as floating-point numbers as linear. A texture is named by the header's
-    ``comment TextureFile NAME``, as MeshLab writes it; it must lie in the mesh's folder, or below.
+    are read, too. Edges, and faces without area, have no surface: they are left out. Colours of vertices or faces as
+    integers are taken as sRGB, as floating-point numbers as linear; those of vertices come first. Textures are named by
+    the header's lines ``comment TextureFile NAME``, as MeshLab writes them; they must lie in the mesh's folder, or
+    below. Texture coordinates are those of a face's corners (its list ``texcoord``), or of vertices; where there are
+    several textures, ``texnumber`` says which one a face has, and a negative number says that it has none.
 
     Args:
-        budget: what the file may take, with its texture.
+        budget: what the file may take, with its textures.
 
     Raises:
         OSError: if the file or its texture cannot be read.
@@ -78,34 +130,36 @@ def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
         SceneFileWarning: in one line, of what is left out or repaired.
     """
     data = read_charged(path, budget)
-    order, texture, elements, start = _header(path, data)
+    order, textures, elements, start = _header(path, data)
     body = _BodyReader(path, memoryview(data)[start:], order, budget)
     rows = {element.name: body.rows(element) for element in elements}
     named = {element.name: element for element in elements}
-    vertices = _vertices(path, named["vertex"], rows["vertex"]) if "vertex" in named else {}
+    vertex, face = (named.get(name, _Element(name, 0)) for name in ("vertex", "face"))
+    vertices = _vertices(path, rows.get("vertex", []))
     positions = _stacked(vertices, ("x", "y", "z"))
     if positions is None:
         raise ValueError(f"{path}: the PLY file has no vertices with x, y and z")
     check_finite(positions, "vertex", str(path))
     repairs = Repairs(path)
     repairs.add("edges have no surface and are left out", named["edge"].count if "edge" in named else 0, "edge 1")
-    triangles = [*_faces(path, positions, rows.get("face", []), repairs)]
-    triangles += _strips(path, positions, rows.get(_STRIPS, []), repairs)
-    corners = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int64)
-    repairs.refuse_nothing(len(corners))
-    part = _part(path, vertices, positions, corners, texture, repairs, budget)
+    found = [*_faces(path, positions, rows.get("face", []), face, repairs)]
+    found += map(_Triangles.of, _strips(path, positions, rows.get(_STRIPS, []), repairs))
+    repairs.refuse_nothing(sum(len(triangles.corners) for triangles in found))
+    triangles = _Triangles(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+    parts = _parts(path, positions, triangles, _of_vertices(path, vertices, vertex), textures, repairs, budget)
     repairs.warn()
-    return [part]
+    return parts
 
 
-def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
-    """Parse the header: byte order, name of the texture or "", elements, and where the body starts."""
+def _header(path: Path, data: bytes) -> tuple[str, list[str], list[_Element], int]:
+    """Parse the header: byte order, names of textures, elements, and where the body starts."""
     first, _, _ = data[:8].partition(b"\n")
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
     if first.strip() != b"ply" or end < 0 or start == 0:
         raise ValueError(f"{path}: not a PLY file: it must start with 'ply' and have a header that ends")
-    order, texture = None, ""
+    order = None
+    textures: list[str] = []
     elements: list[_Element] = []
     for number, line in enumerate(data[:end].decode("utf-8", errors="replace").splitlines()[1:], 2):
         try:
@@ -113,7 +167,7 @@ def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
                 case ["format", name, "1.0"] if name in _ORDERS:
                     order = _ORDERS[name]
                 case ["comment", "TextureFile", *_]:
-                    texture = line.split("TextureFile", 1)[1].strip()
+                    textures.append(line.split("TextureFile", 1)[1].strip())
                 case [] | ["comment" | "obj_info", *_]:
                     pass
                 case ["element", name, count] if count.isdecimal():
@@ -128,16 +182,13 @@ def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
             raise ValueError(f"{path}:{number}: not a line of a PLY header: {line!r}") from None
     if order is None:
         raise ValueError(f"{path}: the PLY header names no format")
-    return order, texture, elements, start
+    return order, textures, elements, start
 
 
-def _vertices(path: Path, element: _Element, rows: list[Columns]) -> Columns:
-    """Return the columns of the vertices, and as "full scale" the value of a full colour."""
+def _vertices(path: Path, rows: list[Columns]) -> Columns:
     if len(rows) > 1:
         raise ValueError(f"{path}: vertices with lists of different lengths are not read")
-    kind = next((kind for name, kind, _ in element.properties if name == "red"), "f4")
-    full = 1.0 if kind[0] == "f" else float(np.iinfo(kind).max)
-    return {**columns, "full scale": np.array([full])} if (columns := rows[0] if rows else {}) else {}
+    return rows[0] if rows else {}
 
 
 class _BodyReader:
@@ -258,14 +309,39 @@ class _BodyReader:
         return columns
 
 
-def _faces(path: Path, positions: FloatArray, faces: list[Columns], repairs: Repairs) -> Iterator[Indices]:
+def _faces(
+    path: Path, positions: FloatArray, faces: list[Columns], element: _Element, repairs: Repairs
+) -> Iterator[_Triangles]:
     """Yield the triangles of polygons."""
     for rows in faces:
         polygons = _indices(path, rows, "face", len(positions), least=0)
-        if polygons.shape[1] < 3:
-            raise ValueError(f"{path}: face {int(rows['row'][0]) + 1} needs a list of at least 3 vertices")
-        numbers = rows["row"].astype(np.int64) + 1
-        yield polygons.ravel()[cut_polygons(polygons, positions, "face", numbers, repairs)]
+        numbers, sides = rows["row"].astype(np.int64) + 1, polygons.shape[1]
+        if sides < 3:
+            raise ValueError(f"{path}: face {numbers[0]} needs a list of at least 3 vertices")
+        cut = cut_polygons(polygons, positions, "face", numbers, repairs)
+        triangles, face = _Triangles.of(polygons.ravel()[cut]), cut[:, 0] // sides
+        uv = rows.get("texcoord", np.empty((0, 0)))
+        if uv.size:
+            if uv.shape[1:] != (2 * sides,):
+                raise ValueError(f"{path}: face {numbers[0]} needs 2 texture coordinates for each corner")
+            check_finite(uv, "texture coordinates of face", str(path))
+            triangles = triangles._replace(uv=uv.reshape(-1, 2)[cut])
+        if "texnumber" in rows:
+            texture = rows["texnumber"]
+            if texture.ndim != 1 or not (np.abs(texture) < _LONGEST).all():
+                raise ValueError(f"{path}: texnumber of face {numbers[0]} is not the number of a texture")
+            triangles = triangles._replace(texture=texture.astype(np.int64)[face])
+        colours, opaque = _colours(path, rows, element, "faces")
+        if colours is not None:
+            triangles = triangles._replace(colours=colours[face], opaque=opaque[face])
+        yield triangles
+
+
+def _of_vertices(path: Path, columns: Columns, element: _Element) -> _OfVertices:
+    uv = next((found for names in _UV if (found := _stacked(columns, names)) is not None), None)
+    if uv is not None:
+        check_finite(uv, "texture coordinates of vertex", str(path))
+    return _OfVertices(uv, _stacked(columns, ("nx", "ny", "nz")), *_colours(path, columns, element, "vertices"))
 
 
 def _strips(path: Path, positions: FloatArray, strips: list[Columns], repairs: Repairs) -> Iterator[Indices]:
@@ -298,60 +374,94 @@ def _indices(path: Path, rows: Columns, name: str, count: int, *, least: int) ->
     return given.astype(np.int64)
 
 
-def _part(
+def _parts(
     path: Path,
-    vertices: Columns,
     positions: FloatArray,
-    corners: Indices,
-    texture: str,
+    triangles: _Triangles,
+    of_vertices: _OfVertices,
+    names: list[str],
     repairs: Repairs,
     budget: Budget,
-) -> MeshPart:
-    charge_triangles(budget, len(corners), 3 + 2 + 3 + 3, str(path))
-    uv = next((found for names in _UV if (found := _stacked(vertices, names)) is not None), None)
-    if uv is not None:
-        check_finite(uv, "texture coordinates of vertex", str(path))
-    if texture and uv is None:
+) -> list[MeshPart]:
+    """Return one part for each texture that triangles have, and one for those without.
+
+    Args:
+        names: of textures.
+    """
+    # What a triangle's face says of it is less than 5 numbers at each corner.
+    charge_triangles(budget, len(triangles.corners), 3 + 2 + 3 + 3 + 5, str(path))
+    uv, normals = triangles.uv, None
+    if of_vertices.uv is not None:
+        uv = np.where(np.isfinite(uv), uv, of_vertices.uv[triangles.corners])
+    texture = np.maximum(triangles.texture, _UNTEXTURED) if names else np.full(len(uv), _UNTEXTURED)
+    if len(beyond := np.flatnonzero(texture >= max(len(names), 1))):
+        raise ValueError(f"{path}: a face has the texture {texture[beyond[0]]} of {len(names)}, counted from 0")
+    if len(lacking := np.flatnonzero((texture >= 0) & np.isnan(uv).any((1, 2)))):
         raise ValueError(
-            f"{path}: the texture {texture!r} needs texture coordinates of vertices (s, t), which the file does not "
-            "have; export OBJ, or convert those of faces (in MeshLab: Convert PerWedge UV into PerVertex UV)"
+            f"{path}: the texture {names[texture[lacking[0]]]!r} needs texture coordinates of vertices (s, t) or of "
+            "faces (texcoord), which the file does not have; export them, or delete the line 'comment TextureFile'"
         )
-    normals = _stacked(vertices, ("nx", "ny", "nz"))
-    colours, opaque = (None, True) if texture else _colours(path, vertices)
-    mask: AlphaMask | None = None
-    looks: tuple[str, ...] = () if opaque else (TRANSPARENCY,)
-    reflectance: EncodedTexture | FloatArray = np.full(3, GREY)
-    files: tuple[Path, ...] = ()
-    if texture:
-        files = (named_file(texture, path, path.parent, f"{path}: TextureFile"),)
-        reflectance = TextureFiles(budget).read(files[0], str(path))
-        reflectance.charge(budget, str(path))
-        mask, looks = blended(reflectance.alpha)
-    points = positions[corners]
-    part = MeshPart(
-        points,
-        None if uv is None else uv[corners],
-        None if normals is None else unit_normals(normals[corners], points, "the mesh", repairs),
-        reflectance,
-        None if colours is None else colours[corners],
-        "",
-        files,
-        lost=looks,
-    )
-    return masked(part, mask, budget)
+    if of_vertices.normals is not None:
+        points = positions[triangles.corners]
+        normals = unit_normals(of_vertices.normals[triangles.corners], points, "the mesh", repairs)
+    files = TextureFiles(budget)
+    parts = list[MeshPart]()
+    for number in np.unique(texture).tolist():
+        rows = np.flatnonzero(texture == number)
+        part = MeshPart(
+            positions[triangles.corners[rows]],
+            uv[rows] if np.isfinite(uv[rows]).all() else None,
+            None if normals is None else normals[rows],
+            np.full(3, GREY),
+            None,
+            names[number] if number >= 0 else "",
+        )
+        if number >= 0:
+            parts.append(_textured(path, part, files, budget))
+        else:
+            parts.append(_coloured(part, of_vertices, triangles.only(rows)))
+    return parts
 
 
-def _colours(path: Path, vertices: Columns) -> tuple[FloatArray | None, bool]:
-    """Return linear RGB (v, 3) of the vertices, or None where the file has no colours; and whether all are opaque."""
-    given = _stacked(vertices, ("red", "green", "blue"))
+def _textured(path: Path, part: MeshPart, files: TextureFiles, budget: Budget) -> MeshPart:
+    """Return a part with the texture that its name says, cut along its mask."""
+    file = named_file(part.material, path, path.parent, f"{path}: TextureFile")
+    reflectance = files.read(file, str(path))
+    reflectance.charge(budget, str(path))
+    mask, looks = blended(reflectance.alpha)
+    return masked(part._replace(reflectance=reflectance, files=(file,), lost=looks), mask, budget)
+
+
+def _coloured(part: MeshPart, of_vertices: _OfVertices, triangles: _Triangles) -> MeshPart:
+    """Return a part with the colours of vertices, or else of its triangles, if there are any."""
+    if of_vertices.colours is not None:
+        colours, opaque = of_vertices.colours[triangles.corners], of_vertices.opaque[triangles.corners]
+    elif np.isnan(triangles.colours).all():
+        return part
+    else:
+        known = np.where(np.isnan(triangles.colours), GREY, triangles.colours)
+        colours, opaque = np.repeat(known[:, None], 3, axis=1), triangles.opaque
+    return part._replace(colours=colours, lost=() if opaque.all() else (TRANSPARENCY,))
+
+
+def _colours(
+    path: Path, columns: Columns, element: _Element, name: str
+) -> tuple[FloatArray | None, npt.NDArray[np.bool_]]:
+    """Return linear RGB (n, 3) of vertices or faces, None where they have no colours; and which (n) are opaque.
+
+    Args:
+        name: of them in messages.
+    """
+    given = _stacked(columns, _RGB)
     if given is None:
-        return None, True
-    full = vertices["full scale"][0]
+        return None, np.ones(len(columns["row"]), bool)
+    kind = next(kind for key, kind, _ in element.properties if key == "red")
+    full = 1.0 if kind[0] == "f" else float(np.iinfo(kind).max)
     colours = within(given / full, 0.0, 1.0)
     if colours is None:
-        raise ValueError(f"{path}: colours of vertices must lie in 0 to {full:g}")
-    alpha = vertices.get("alpha", given[:0, 0])
-    return colours if full == 1 else from_srgb(colours), not (alpha < (1 - ROUNDING) * full).any()
+        raise ValueError(f"{path}: colours of {name} must lie in 0 to {full:g}")
+    alpha = columns.get("alpha", np.full(len(given), full))
+    return colours if full == 1 else from_srgb(colours), alpha >= (1 - ROUNDING) * full
 
 
 def _stacked(columns: Columns, names: Sequence[str]) -> FloatArray | None:

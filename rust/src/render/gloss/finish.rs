@@ -3,7 +3,7 @@
 //! A finish has one lobe of microfacets (GGX: Walter et al. 2007, Microfacet Models for Refraction through Rough
 //! Surfaces; or Beckmann), weighted by Fresnel's equations, over a diffuse colour. A surface without roughness is a
 //! mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`, `conductor`, `roughconductor`, `dielectric`,
-//! `thindielectric` and `principled`, so that its path tracer is the reference.
+//! `roughdielectric`, `thindielectric` and `principled`, so that its path tracer is the reference.
 //!
 //! What must not break: only arithmetic, roots and `libm` are used, so that bits are the same on every processor.
 
@@ -194,6 +194,59 @@ impl Finish {
         scale(self.reflected(base, facet), shape)
     }
 
+    /// Returns what microfacets of a solid let through (per steradian), times the cosine to the light: the lobe of light
+    /// from behind the surface (Walter et al. 2007, equation 21). `index` is that behind it, relative to the viewer's side.
+    ///
+    /// Light of a solid is weaker where rays spread, by the square of the index.
+    pub(crate) fn lobe_through<N: Number>(
+        &self,
+        normal: Triple<N>,
+        viewer: Triple<N>,
+        light: Triple<N>,
+        index: f64,
+    ) -> Triple<N> {
+        let dark = [N::constant(0.0); 3];
+        let half = unit(add(viewer, scale(light, N::constant(index))));
+        let half = scale(half, N::constant(dot(half, normal).value().signum()));
+        let (out, into) = (dot(normal, viewer), -dot(normal, light));
+        let (facet, behind) = (dot(viewer, half), -dot(light, half));
+        if out.value() <= 0.0 || into.value() <= 0.0 || facet.value() <= 0.0 || behind.value() <= 0.0 {
+            return dark;
+        }
+        let passed = N::constant(1.0) - dielectric(facet, index);
+        let shape = self.density(dot(normal, half)) * self.visible(out) * self.visible(into) * facet * behind;
+        let spread = (facet - behind.scaled(index)).squared() * out;
+        scale(constant(self.passing), passed * shape / spread)
+    }
+
+    /// Returns a direction in which light passes the surface of a rough solid, for a point of the unit disk, and the weight
+    /// of what comes from there; None where there is none. `index` is that behind it, relative to the viewer's side.
+    pub(crate) fn refracted_ray<N: Number>(
+        &self,
+        normal: Triple<N>,
+        viewer: Triple<N>,
+        disk: [f64; 2],
+        index: f64,
+    ) -> Option<(Triple<N>, Triple<N>)> {
+        let (half, out) = facet_of_lobe(self.alpha, normal, viewer, disk);
+        let facet = dot(viewer, half);
+        let squared = N::constant(1.0) - (N::constant(1.0) - facet.squared()).scaled(1.0 / (index * index));
+        if facet.value() <= 0.0 || out.value() <= 0.0 || squared.value() <= 0.0 {
+            return None;
+        }
+        let along = facet.scaled(1.0 / index) - squared.sqrt();
+        let towards = sub(scale(half, along), scale(viewer, N::constant(1.0 / index)));
+        let into = -dot(normal, towards);
+        if into.value() <= 0.0 {
+            return None;
+        }
+        let passed = (N::constant(1.0) - dielectric(facet, index)).scaled(1.0 / (index * index));
+        let up = dot(normal, half);
+        let chosen = ggx_density(up, self.alpha) * ggx_visible(out, self.alpha);
+        let weight = passed * self.density(up) * self.visible(out) * self.visible(into) / chosen;
+        Some((towards, scale(constant(self.passing), weight)))
+    }
+
     /// Returns how many microfacets are turned so (Walter et al. 2007, equations 25 and 33), by the cosine to the normal.
     fn density<N: Number>(&self, cosine: N) -> N {
         match self.distribution {
@@ -355,16 +408,21 @@ pub(crate) fn lobe_ray<N: Number>(
     viewer: Triple<N>,
     disk: [f64; 2],
 ) -> Option<LobeRay<N>> {
+    let (half, out) = facet_of_lobe(alpha, normal, viewer, disk);
+    let facet = dot(viewer, half);
+    let towards = sub(scale(half, facet.scaled(2.0)), viewer);
+    let cosines = Cosines { out, into: dot(normal, towards), half: dot(normal, half), facet };
+    let seen = cosines.into.value() > 0.0 && facet.value() > 0.0 && cosines.out.value() > 0.0;
+    seen.then(|| LobeRay { towards, density: lobe_density(alpha, &cosines), cosines })
+}
+
+/// Returns the normal of the microfacet for a point of the unit disk, and the cosine between surface and viewer.
+fn facet_of_lobe<N: Number>(alpha: f64, normal: Triple<N>, viewer: Triple<N>, disk: [f64; 2]) -> (Triple<N>, N) {
     let [across, along] = tangents(normal);
     let local = [dot(viewer, across), dot(viewer, along), dot(viewer, normal)];
     let facet = seen_facet(unit([local[0].scaled(alpha), local[1].scaled(alpha), local[2]]), disk);
     let half = unit([facet[0].scaled(alpha), facet[1].scaled(alpha), facet[2].at_least(0.0)]);
-    let half = add(add(scale(across, half[0]), scale(along, half[1])), scale(normal, half[2]));
-    let facet = dot(viewer, half);
-    let towards = sub(scale(half, facet.scaled(2.0)), viewer);
-    let cosines = Cosines { out: local[2], into: dot(normal, towards), half: dot(normal, half), facet };
-    let seen = cosines.into.value() > 0.0 && facet.value() > 0.0 && cosines.out.value() > 0.0;
-    seen.then(|| LobeRay { towards, density: lobe_density(alpha, &cosines), cosines })
+    (add(add(scale(across, half[0]), scale(along, half[1])), scale(normal, half[2])), local[2])
 }
 
 /// Returns a normal of the half sphere above a plane that a viewer in a direction sees, for a point of the unit disk.
@@ -454,10 +512,7 @@ mod tests {
                 let whole = over_directions(|towards| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards))[0]);
                 let (mut sum, mut above, count) = (0.0, 0.0, 2048);
                 let pattern = Pattern::new(count);
-                for ray in (0..count).filter_map(|ray| {
-                    let point = pattern.of_ray(ray).next()?;
-                    lobe_ray(alpha, up, viewer, point.disk)
-                }) {
+                for ray in (0..count).filter_map(|ray| lobe_ray(alpha, up, viewer, pattern.point(ray).disk)) {
                     assert!((lobe_density(alpha, &ray.cosines) - ray.density).abs() < 1e-12);
                     let cosines = Cosines::new(up, viewer, ray.towards);
                     assert!(
@@ -472,6 +527,42 @@ mod tests {
                 assert!((density / above - 1.0).abs() < 0.01, "{alpha} {sine}: {density} {above}");
             }
         }
+    }
+
+    /// The same of light that passes the rough surface of a solid, into it and out of it.
+    #[test]
+    fn directions_through_a_rough_surface_stand_for_the_half_sphere_behind() {
+        let up = [0.0, 0.0, 1.0];
+        for (alpha, sine, index) in [(0.3, 0.6, 1.5), (0.5, 0.9, 1.3), (0.4, 0.3, 1.0 / 1.5), (0.3, 0.8, 1.0 / 1.33)] {
+            for distribution in [Distribution::Ggx, Distribution::Beckmann] {
+                let finish = Finish { passing: [1.0, 0.5, 0.0], ..metal(alpha, distribution) };
+                let viewer = [0.6 * sine, 0.8 * sine, f64::sqrt(1.0 - sine * sine)];
+                let below = |towards: [f64; 3]| finish.lobe_through(up, viewer, scale(towards, -1.0), index);
+                let whole = over_directions(|towards| below(towards)[0]);
+                let (mut sum, count) = ([0.0; 3], 2048);
+                let pattern = Pattern::new(count);
+                for ray in 0..count {
+                    let disk = pattern.point(ray).disk;
+                    if let Some((towards, weight)) = finish.refracted_ray(up, viewer, disk, index) {
+                        assert!(towards[2] < 0.0 && (dot(towards, towards) - 1.0f64).abs() < 1e-12);
+                        sum = add(sum, scale(weight, 1.0 / count as f64));
+                    }
+                }
+                let told = format!("{alpha} {sine} {index} {distribution:?}: {sum:?} {whole}");
+                assert!((sum[0] / whole - 1.0).abs() < 0.01, "{told}");
+                assert!((sum[1] / sum[0] - 0.5f64).abs() < 1e-12 && sum[2] == 0.0, "{told}");
+                // What does not pass is reflected. Some is lost between microfacets.
+                let lobe = Finish { fresnel: Fresnel::Dielectric(index), ..metal(alpha, distribution) };
+                let up_there = over_directions(|towards| lobe.lobe([1.0; 3], &Cosines::new(up, viewer, towards))[0]);
+                let all = up_there + whole * index * index;
+                assert!((0.75..1.01).contains(&all), "{told}: {all}");
+            }
+        }
+        // From the front, a light behind; not the other way round, and none along the surface.
+        let glass = metal(0.3, Distribution::Ggx);
+        assert_eq!(glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, 0.6, 0.8], 1.5), [0.0; 3]);
+        assert_eq!(glass.lobe_through(up, [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], 1.5), [0.0; 3]);
+        assert!(glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, -0.4, -0.9], 1.5)[0] > 0.0);
     }
 
     /// Level microfacets: the projected area of all of them is that of the surface (Walter et al. 2007, equation 4).

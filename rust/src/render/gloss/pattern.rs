@@ -24,6 +24,8 @@ pub(crate) struct PatternPoint {
 pub(crate) struct Pattern {
     points: Vec<PatternPoint>,
     rays: usize,
+    /// Has no common divisor with the number of points.
+    stride: usize,
 }
 
 impl Pattern {
@@ -37,7 +39,7 @@ impl Pattern {
             let (radius, angle) = (square[0].sqrt(), std::f64::consts::TAU * square[1]);
             PatternPoint { disk: [radius * libm::cos(angle), radius * libm::sin(angle)], square }
         };
-        Self { points: (0..count).map(point).collect(), rays }
+        Self { points: (0..count).map(point).collect(), rays, stride: stride(count) }
     }
 
     /// Returns how many points a pixel has.
@@ -45,10 +47,37 @@ impl Pattern {
         self.points.len()
     }
 
-    /// Returns the points of one of a pixel's rays.
-    pub(crate) fn of_ray(&self, ray: usize) -> impl ExactSizeIterator<Item = &PatternPoint> {
-        self.points[ray % self.rays..].iter().step_by(self.rays)
+    /// Returns the point of a number, counted from 0 and again from there after the last.
+    pub(crate) fn point(&self, number: usize) -> &PatternPoint {
+        &self.points[number % self.points.len()]
     }
+
+    /// Returns the numbers of the points of one of a pixel's rays.
+    pub(crate) fn of_ray(&self, ray: usize) -> impl ExactSizeIterator<Item = usize> + use<> {
+        (ray % self.rays..self.points.len()).step_by(self.rays)
+    }
+
+    /// Returns the number of the point that a path follows on its next rough surface, which followed another on the last
+    /// one. Paths of all points follow all of them there, too, and in another order.
+    pub(crate) fn after(&self, number: usize) -> usize {
+        (number * self.stride + self.stride / 2) % self.points.len()
+    }
+}
+
+/// Returns the number next to a count's golden section that has no common divisor with it.
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "small numbers"
+)]
+fn stride(count: usize) -> usize {
+    let golden = (count as f64 * GOLDEN) as usize;
+    (golden..).find(|&number| greatest_common_divisor(number, count) == 1).unwrap_or(1)
+}
+
+fn greatest_common_divisor(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
 }
 
 #[cfg(test)]
@@ -62,7 +91,7 @@ mod tests {
             let pattern = Pattern::new(rays);
             assert_eq!(pattern.len(), count);
             let mut taken: Vec<f64> =
-                (0..rays).flat_map(|ray| pattern.of_ray(ray).map(|point| point.square[0])).collect();
+                (0..rays).flat_map(|ray| pattern.of_ray(ray).map(|number| pattern.point(number).square[0])).collect();
             taken.sort_by(f64::total_cmp);
             let all: Vec<f64> = (0..count).map(|i| (i as f64 + 0.5) / count as f64).collect();
             assert_eq!(taken, all);

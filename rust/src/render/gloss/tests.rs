@@ -305,6 +305,7 @@ fn rates_are_differences_in_time() {
         },
         Finish { fresnel: Fresnel::Conductor([0.2, 0.9, 1.1], [3.9, 2.4, 2.1]), base_tints: true, ..rough },
         Finish { fresnel: Fresnel::Dielectric(1.5), under: Under::Solid(1.5), ..MIRROR },
+        Finish { alpha: 0.3, fresnel: Fresnel::Dielectric(1.5), under: Under::Solid(1.5), ..MIRROR },
     ];
     for finish in finishes {
         let mut tables = room(Some(finish.clone()));

@@ -13,7 +13,7 @@
 
 use std::borrow::Cow;
 
-use super::finish::{Cosines, Finish, Under, dielectric, lobe_density, lobe_ray};
+use super::finish::{Cosines, Finish, Fresnel, Under, dielectric, lobe_density, lobe_ray};
 use super::frame_axes::{at_map, from_frame, into_frame, point_in_frame};
 use super::lookup::looked_up;
 use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
@@ -86,6 +86,8 @@ struct Path {
     weight: f64,
     /// The number of the camera's ray in its pixel.
     ray: usize,
+    /// The number of the pattern's point that it followed on the last rough surface; None where there was none.
+    point: Option<usize>,
 }
 
 /// The surface at a hit, as light falls on it.
@@ -101,6 +103,8 @@ struct Spot<'a, N> {
     out: N,
     /// The shading normal without the normal texture, where light fades with that.
     fading_from: Option<Triple<N>>,
+    /// Light comes from behind the surface of a rough solid: the index there, relative to the viewer's side.
+    through: Option<f64>,
 }
 
 impl<N: Number> Spot<'_, N> {
@@ -118,6 +122,9 @@ impl<N: Number> Spot<'_, N> {
     /// Returns the luminance towards the viewer for light of strength 1 that falls along a unit vector; the lobe's where
     /// it is wanted.
     fn reflected(&self, towards: Triple<N>, with_lobe: bool) -> Triple<N> {
+        if let (Some(index), Some(finish)) = (self.through, self.finish) {
+            return finish.lobe_through(self.normal, self.viewer, towards, index);
+        }
         let into = dot(self.normal, towards);
         let diffuse = into.scaled(std::f64::consts::FRAC_1_PI);
         let Some(finish) = self.finish else { return scale(self.base, diffuse) };
@@ -131,9 +138,10 @@ impl<N: Number> Spot<'_, N> {
         self.fading_from.map_or(N::constant(1.0), |normal| fading(normal, self.normal, towards))
     }
 
-    /// Returns whether a direction leads away from the surface.
+    /// Returns whether a direction leads away from the surface, on the side that light comes from.
     fn sees(&self, towards: Triple<N>) -> bool {
-        dot(self.normal, towards).value() > 0.0 && dot(self.hit.plane, towards).value() > 0.0
+        let side = if self.through.is_some() { -1.0 } else { 1.0 };
+        side * dot(self.normal, towards).value() > 0.0 && side * dot(self.hit.plane, towards).value() > 0.0
     }
 
     /// Returns the viewer's direction mirrored, above the surface.
@@ -160,7 +168,7 @@ impl Tracer<'_> {
     pub(crate) fn luma<N: Number>(&mut self, triangle: u32, [x, y]: [f64; 2], ray: usize) -> N {
         let direction: Triple<N> = constant(unit([x, y, 1.0]));
         let hit = self.hit_on(triangle, constant([0.0; 3]), direction);
-        let mut radiance = self.shaded(&hit, negated(direction), &Path { segments: 1, weight: 1.0, ray });
+        let mut radiance = self.shaded(&hit, negated(direction), &Path { segments: 1, weight: 1.0, ray, point: None });
         radiance = add(radiance, self.emitted_by_texture(&hit));
         if hit.front {
             radiance = add(radiance, self.emitted(triangle));
@@ -180,8 +188,12 @@ impl Tracer<'_> {
             let [red, green, blue] = gloss.texels[at];
             [f64::from(red), f64::from(green), f64::from(blue)]
         });
-        let spot = Spot { hit: *hit, finish, base, normal, viewer, out: dot(normal, viewer), fading_from };
+        let out = dot(normal, viewer);
+        let spot = Spot { hit: *hit, finish, base, normal, viewer, out, fading_from, through: None };
         match finish {
+            Some(finish @ Finish { under: Under::Solid(index), .. }) if !finish.is_mirror() => {
+                self.through_rough_solid(&spot, finish, *index, (surface, path))
+            }
             Some(Finish { under: Under::Solid(index), .. }) => self.through_solid(&spot, *index, path),
             Some(Finish { under: Under::Sheet(index), .. }) => self.through_sheet(&spot, *index, path),
             Some(Finish { under: Under::Blend(opacity), .. }) => self.blended(spot, surface, *opacity, path),
@@ -263,11 +275,7 @@ impl Tracer<'_> {
 
     /// Returns the image of the surroundings in a mirror or along a lobe, and what it reflects of lamps.
     fn image<N: Number>(&mut self, spot: &Spot<N>, finish: &Finish, path: &Path) -> Triple<N> {
-        let pattern = self.pattern;
-        let points = pattern.of_ray(path.ray);
-        let count = if path.segments == 1 { points.len() } else { 1 };
-        #[allow(clippy::cast_precision_loss, reason = "a small number")]
-        let each = 1.0 / count as f64;
+        let (points, each) = self.points(path);
         let mut sum = [N::constant(0.0); 3];
         if finish.is_mirror() {
             let reflected = finish.reflected(spot.base, spot.out);
@@ -276,8 +284,10 @@ impl Tracer<'_> {
                 return sum;
             }
         }
-        for point in points.take(count) {
+        for number in points {
+            let point = self.pattern.point(number);
             if !finish.is_mirror() {
+                let path = &Path { point: Some(number), ..*path };
                 sum = add(sum, self.along_ray_of_lobe(spot, finish, point, each, path));
             }
             if !self.gloss.lamps.is_empty() && path.segments < self.longest() {
@@ -285,6 +295,17 @@ impl Tracer<'_> {
             }
         }
         sum
+    }
+
+    /// Returns the numbers of the pattern's points that a path follows on a rough surface, and the weight of each: all of
+    /// its ray's where the camera sees the surface, else one.
+    fn points(&self, path: &Path) -> (impl Iterator<Item = usize> + use<>, f64) {
+        let points = self.pattern.of_ray(path.ray);
+        let count = if path.segments == 1 { points.len() } else { 1 };
+        let next = path.point.map(|point| self.pattern.after(point));
+        #[allow(clippy::cast_precision_loss, reason = "a small number")]
+        let each = 1.0 / count as f64;
+        (next.into_iter().chain(points).take(count), each)
     }
 
     /// Returns what a direction of a lobe brings, with the weight of one of a few.
@@ -355,6 +376,35 @@ impl Tracer<'_> {
             let towards = sub(scale(spot.normal, along), scale(spot.viewer, N::constant(1.0 / index)));
             let passed = scale(constant(finish.passing), (one - reflected).scaled(1.0 / (index * index)));
             sum = add(sum, self.arriving(spot, towards, passed, None, path));
+        }
+        sum
+    }
+
+    /// Returns what the rough surface of a solid reflects and lets through.
+    fn through_rough_solid<N: Number>(
+        &mut self,
+        spot: &Spot<N>,
+        finish: &Finish,
+        index: f64,
+        (surface, path): (&Surface, &Path),
+    ) -> Triple<N> {
+        let index = if spot.hit.front { index } else { 1.0 / index };
+        let finish = &Finish { fresnel: Fresnel::Dielectric(index), ..finish.clone() };
+        let spot = &Spot { finish: Some(finish), ..*spot };
+        let behind = &Spot { through: Some(index), ..*spot };
+        // Of lights at a position or along a direction. Others are in the image.
+        let near = &Path { segments: 1, ..*path };
+        let mut sum = add(self.lit_by_all(spot, surface, near), self.lit_by_all(behind, surface, near));
+        sum = add(sum, self.image(spot, finish, path));
+        let (points, each) = self.points(path);
+        for number in points {
+            let disk = self.pattern.point(number).disk;
+            if let Some((towards, weight)) = finish.refracted_ray(spot.normal, spot.viewer, disk, index)
+                && behind.sees(towards)
+            {
+                let path = &Path { point: Some(number), ..*path };
+                sum = add(sum, self.arriving(spot, towards, scale(weight, N::constant(each)), None, path));
+            }
         }
         sum
     }
@@ -531,6 +581,7 @@ impl Tracer<'_> {
             return false;
         }
         let (point, plane) = (values(spot.hit.point), values(spot.hit.plane));
+        let plane = if spot.through.is_some() { vector::scale(plane, -1.0) } else { plane };
         let in_world = self.lit.view.poses[0].point(point);
         let step = scene.step * (largest(in_world) + largest(point));
         self.set_rays(vector::add(point, vector::scale(plane, step)), along);
