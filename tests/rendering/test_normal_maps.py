@@ -1,7 +1,8 @@
-"""Normal maps without noise: against Mitsuba, against numbers worked by hand, and their rates."""
+"""Normal maps and bump maps without noise: against Mitsuba, against numbers worked by hand, and their rates."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,15 @@ def bumpy(nested: dict[str, Any], **more: Any) -> dict[str, Any]:
     return {"type": "twosided", "front": {"type": "normalmap", "normalmap": bitmap(BUMPS), "bsdf": nested, **more}}
 
 
+HEIGHTS = NUMBERS.uniform(0, 0.1, (8, 8, 1)).astype(np.float32)
+
+
+def raised(nested: dict[str, Any], heights: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    """A surface with a bump map of 8 x 8 texels, 0.1 high, on a square of 2 x 2."""
+    bumps = {"type": "bumpmap", "heights": bitmap(HEIGHTS) if heights is None else heights, "bsdf": nested, **more}
+    return {"type": "twosided", "front": bumps}
+
+
 def diffuse(reflectance: Any = None) -> dict[str, Any]:
     return {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.6} if reflectance is None else reflectance}
 
@@ -47,6 +57,7 @@ def metal() -> dict[str, Any]:
     return {"type": "principled", "base_color": base, "roughness": 0.4, "metallic": 1.0}
 
 
+TURNED = np.array([[0.7, 1.1, 0.2], [-1.4, 0.5, 0.1], [0, 0, 1]])
 POINT = {"type": "point", "position": [0.7, -0.8, 1.0], "intensity": 5.0}
 BEHIND = {"type": "point", "position": [0.7, -0.8, -1.0], "intensity": 5.0}
 LOW = {"type": "point", "position": [1.6, 0.4, 0.35], "intensity": 5.0}
@@ -89,6 +100,15 @@ CASES = {
     "metal in grazing light": (bumpy(metal()), GRAZING, 2.2, "rectangle"),
     "metal by a low lamp": (bumpy(metal()), LOW, 2.2, "rectangle"),
     "metal's back": (bumpy(metal()), BEHIND, -2.2, "rectangle"),
+    "heights": (raised(diffuse()), POINT, 2.2, "rectangle"),
+    "heights on a texture": (raised(diffuse(bitmap(BASE)), scale=1.5), POINT, 2.2, "rectangle"),
+    "heights on a back": (raised(diffuse()), BEHIND, -2.2, "rectangle"),
+    "heights, turned": (raised(diffuse(), bitmap(HEIGHTS, to_uv=TURNED, wrap_mode="mirror")), LOW, 2.2, "rectangle"),
+    "heights in grazing light": (raised(diffuse()), GRAZING, 2.2, "rectangle"),
+    "heights without fading": (raised(diffuse(), use_shadowing_function=False), GRAZING, 2.2, "rectangle"),
+    "heights below": (raised(diffuse(), bitmap(HEIGHTS.repeat(3, 2)), scale=-0.7), POINT, 2.2, "rectangle"),
+    "smooth heights": (raised(diffuse()), POINT, 3.0, "sphere"),
+    "heights on metal": (raised(metal()), LOW, 2.2, "rectangle"),
 }
 
 
@@ -106,15 +126,18 @@ def test_they_look_as_in_mitsuba(name: str) -> None:
     assert ours.mean() == pytest.approx(theirs.mean(), rel=3e-3)
     assert np.abs(ours - theirs).mean() < 0.01 * theirs.mean()
     flat = world({"type": "twosided", "front": metal() if "metal" in name else diffuse()}, light, shape)
-    if name != "on a texture":
+    if "on a texture" not in name:
         assert np.abs(luma(flat, seen) - theirs).mean() > 0.03 * theirs.mean()
 
 
 @pytest.mark.without_llvm
 @pytest.mark.parametrize("nested", [diffuse(bitmap(BASE)), metal()], ids=["diffuse", "metal"])
 @pytest.mark.parametrize("light", [POINT, GRAZING], ids=["point", "sun"])
-def test_rates_are_derivatives(nested: dict[str, Any], light: dict[str, Any]) -> None:
-    scene = world(bumpy(nested), light)
+@pytest.mark.parametrize("kind", [bumpy, raised])
+def test_rates_are_derivatives(
+    nested: dict[str, Any], light: dict[str, Any], kind: Callable[[dict[str, Any]], dict[str, Any]]
+) -> None:
+    scene = world(kind(nested), light)
     seen = view(2.2, (0.3, -0.2, 0.4), (0.1, 0.2, -0.5))
     renderer = make_renderer(scene, CAMERA, kind="native", rays_per_pixel=1, blur=False)
     step = 1e-4
@@ -129,8 +152,9 @@ def test_rates_are_derivatives(nested: dict[str, Any], light: dict[str, Any]) ->
 
 
 @pytest.mark.without_llvm
-def test_lines_see_them() -> None:
-    scene = world(bumpy(diffuse()), POINT)
+@pytest.mark.parametrize("kind", [bumpy, raised])
+def test_lines_see_them(kind: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    scene = world(kind(diffuse()), POINT)
     seen = view(2.2)
     lines, rays = luma(scene, seen, pixel="lines"), luma(scene, seen, rays=987)
     assert np.abs(lines - rays).mean() < 0.01 * rays.mean()
@@ -145,6 +169,9 @@ def test_what_is_not_shown_without_noise() -> None:
         ({"type": "normalmap", "normalmap": bitmap(BUMPS, to_uv=turned), "bsdf": diffuse()}, "turned or mirrored"),
         (bumpy(inner), "normalmap"),
         ({**inner, "bsdf": {"type": "dielectric"}}, "normalmap"),
+        (raised(diffuse(bitmap(BASE)), bitmap(HEIGHTS, to_uv=turned)), "bump map at other texture coordinates"),
+        (raised(diffuse(), bitmap(HEIGHTS, filter_type="nearest")), "bump map whose lookup is not bilinear"),
+        (raised(diffuse(), {"type": "checkerboard"}), "bumpmap"),
     ):
         obstacles = why_not_noise_free(world(material, POINT))
         assert why in " ".join(map(str, obstacles))
@@ -282,18 +309,36 @@ def test_where_gltf_has_no_tangents(tmp_path: Path) -> None:
     assert middle(degenerate) == pytest.approx(FLAT, abs=0.01)
 
 
-TABLES: dict[str, Any] = {"of": [0], "layouts": [[0, 1, 1, 0]], "texels": 27, "fades": [True]}
+TABLES: dict[str, Any] = {
+    "of": [0],
+    "layouts": [[0, 1, 1, 0]],
+    "texels": np.zeros(27, np.uint16),
+    "heights": [True],
+    "fades": [True],
+}
 
 
 @pytest.mark.without_llvm
 @pytest.mark.parametrize(
-    "wrong", [{"of": [0, 0]}, {"of": [1]}, {"fades": []}, {"layouts": [[0, 2, 1, 0]]}, {"texels": 28}], ids=str
+    "wrong",
+    [
+        {"of": [0, 0]},
+        {"of": [1]},
+        {"fades": []},
+        {"heights": []},
+        {"layouts": [[0, 2, 1, 0]]},
+        {"texels": np.zeros(28, np.uint16)},
+        {"texels": np.full(27, 0xFFFF, np.uint16)},
+    ],
+    ids=str,
 )
 def test_tables_that_do_not_belong_together_are_refused(wrong: dict[str, Any]) -> None:
     def core(tables: dict[str, Any]) -> SceneRenderer:
-        of_texture, texels = np.array(tables["of"], np.uint32), np.zeros(tables["texels"], np.uint16)
-        return one_triangle(normal_textures=(of_texture, tables["layouts"], texels, tables["fades"], True))
+        of_texture, rest = np.array(tables["of"], np.uint32), (tables[key] for key in ("layouts", "texels", "heights"))
+        return one_triangle(normal_textures=(of_texture, *rest, tables["fades"], True))
 
     core(TABLES)
-    with pytest.raises(ValueError, match=r"normal textures do not belong|lie within|groups of 3|normal texels"):
+    with pytest.raises(
+        ValueError, match=r"normal textures do not belong|lie within|groups of 3|normal texels|must be finite"
+    ):
         core({**TABLES, **wrong})

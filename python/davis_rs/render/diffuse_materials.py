@@ -49,15 +49,17 @@ _AZIMUTHS = 8
 
 
 class NormalTexture(NamedTuple):
-    """Holds what turns a surface's normal, as Mitsuba's ``normalmap`` has it.
+    """Holds what turns a surface's normal, as Mitsuba's ``normalmap`` or ``bumpmap`` has it.
 
     Attributes:
         texture: Mitsuba's own object.
         fades: light fades where a turned normal faces it and the surface hardly does (``use_shadowing_function``).
+        height: of a bump map, the metres that its values are multiplied by; None of a normal map.
     """
 
     texture: MitsubaTexture
     fades: bool
+    height: float | None = None
 
 
 class _DiffuseMaterial(NamedTuple):
@@ -219,9 +221,12 @@ def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> 
         if nested is None or _is_flat(kind, inside, mi):
             return nested
         opaque = nested.finish is None or not nested.finish.is_clear
-        if glossy and kind == "NormalMap" and opaque and nested.normal_texture is None:
-            fades = _light_fades(bsdf, inside["normalmap"], inside["nested_bsdf"], mi)
-            return nested._replace(normal_texture=NormalTexture(inside["normalmap"], fades))
+        if glossy and opaque and nested.normal_texture is None:
+            texture = inside["normalmap"] if kind == "NormalMap" else inside["nested_texture"]
+            height = None if kind == "NormalMap" else float(mi.traverse(bsdf)["scale"])
+            if height is None or "data" in mi.traverse(texture):
+                fades = _light_fades(bsdf, texture, height, inside["nested_bsdf"], mi)
+                return nested._replace(normal_texture=NormalTexture(texture, fades, height))
         return nested._replace(lost=(_BUMPS[kind], *nested.lost))
     return None
 
@@ -237,23 +242,33 @@ def _is_flat(kind: str, inside: dict[str, MitsubaObject], mi: Mitsuba) -> bool:
     return values.ndim == 3 and values.shape[2] >= 3 and bool((np.abs(values[..., :3] - _FLAT_NORMAL) < _FLAT).all())
 
 
-def _light_fades(bsdf: MitsubaBsdf, texture: MitsubaTexture, nested: MitsubaBsdf, mi: Mitsuba) -> bool:
+def _light_fades(
+    bsdf: MitsubaBsdf, texture: MitsubaTexture, height: float | None, nested: MitsubaBsdf, mi: Mitsuba
+) -> bool:
     """Return whether a material with a normal texture is darker under grazing light than without a shadowing function.
 
     Mitsuba does not tell its setting. So it is compared with a material that has none, where the texture is steepest.
+
+    Args:
+        height: of a bump map, the factor on its values; None of a normal map.
     """
-    without = {"type": "normalmap", "use_shadowing_function": False, "normalmap": texture, "nested_bsdf": nested}
-    materials, context, uv = (bsdf, mi.load_dict(without)), mi.BSDFContext(), np.zeros(2)
-    values = _values(texture, mi)
-    if values is not None and values.ndim == 3 and values.shape[2] >= 3:
-        row, column = np.unravel_index(values[..., 2].argmin(), values.shape[:2])
+    same: dict[str, object] = {"type": "normalmap", "normalmap": texture}
+    if height is not None:
+        same = {"type": "bumpmap", "nested_texture": texture, "scale": height}
+    without = {**same, "use_shadowing_function": False, "nested_bsdf": nested}
+    materials, context = (bsdf, mi.load_dict(without)), mi.BSDFContext()
+    values, uv, slope = _values(texture, mi), np.zeros(2), 1.0
+    if values is not None and values.ndim == 3 and (height is not None or values.shape[2] >= 3):
+        at, slope = _steepest_normal(values) if height is None else _steepest_height(height * values.mean(2))
         uv_map = uv_map_of(mi.traverse(texture))
-        centre = np.array([(column + 0.5) / values.shape[1], (row + 0.5) / values.shape[0]])
-        uv = np.linalg.pinv(uv_map[:2, :2]) @ (centre - uv_map[:2, 2])
+        uv = np.linalg.pinv(uv_map[:2, :2]) @ (at - uv_map[:2, 2])
+        slope *= float(np.abs(np.linalg.det(uv_map[:2, :2]))) ** 0.5
     for angle in np.arange(_AZIMUTHS) * (2 * np.pi / _AZIMUTHS):
         interaction = mi.SurfaceInteraction3f()
         interaction.uv, interaction.wi, interaction.n = mi.Point2f(uv), mi.Vector3f(0, 0, 1), mi.Normal3f(0, 0, 1)
-        interaction.dp_du, interaction.sh_frame = mi.Vector3f(1, 0, 0), mi.Frame3f(mi.Normal3f(0, 0, 1))
+        # So large that a bump map turns the normal there by half a right angle.
+        interaction.dp_du, interaction.dp_dv = mi.Vector3f(slope, 0, 0), mi.Vector3f(0, slope, 0)
+        interaction.sh_frame = mi.Frame3f(mi.Normal3f(0, 0, 1))
         towards = mi.Vector3f(0.9 * np.cos(angle), 0.9 * np.sin(angle), np.sqrt(1 - 0.9**2))
         own, other = (np.array(material.eval(context, interaction, towards)).ravel() for material in materials)
         if (own < other * (1 - 1e-5)).any():
@@ -261,10 +276,28 @@ def _light_fades(bsdf: MitsubaBsdf, texture: MitsubaTexture, nested: MitsubaBsdf
     return False
 
 
+def _steepest_normal(values: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], float]:
+    """Return where texels (H, W, 3) of a normal map turn the normal most, and 1."""
+    row, column = np.unravel_index(values[..., 2].argmin(), values.shape[:2])
+    return np.array([(column + 0.5) / values.shape[1], (row + 0.5) / values.shape[0]]), 1.0
+
+
+def _steepest_height(heights: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], float]:
+    """Return where heights (H, W) of a bump map are steepest, and how steep, per unit of texture coordinates."""
+    height, width = heights.shape
+    if min(height, width) < 2:
+        return np.zeros(2), 1.0
+    across, down = width * np.diff(heights, axis=1), height * np.diff(heights, axis=0)
+    slopes = np.hypot(across[1:] + across[:-1], down[:, 1:] + down[:, :-1]) / 2
+    row, column = np.unravel_index(slopes.argmax(), slopes.shape)
+    return np.array([(column + 1) / width, (row + 1) / height]), float(slopes.max()) or 1.0
+
+
 def _turned_alike(first: NormalTexture | None, second: NormalTexture | None, mi: Mitsuba) -> bool:
     if first is None or second is None:
         return first is second
-    return first.fades == second.fades and _same(first.texture, second.texture, mi)
+    alike = (first.fades, first.height) == (second.fades, second.height)
+    return alike and _same(first.texture, second.texture, mi)
 
 
 def _same(first: MitsubaTexture, second: MitsubaTexture, mi: Mitsuba) -> bool:

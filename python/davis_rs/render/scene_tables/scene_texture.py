@@ -13,6 +13,7 @@ from ...scene.files.mesh_scene import colours_as_texture
 from ..diffuse_materials import is_plain, is_two_sided, reflectance_of, surface_kind, surface_name, surface_remedy
 from ..obstacles import Unsuitable, plugin_name
 from ..texels import (
+    LUMINANCE,
     Texels,
     bilinear_meaning,
     fill_border,
@@ -269,8 +270,9 @@ class TextureTable:
         if normals is not None and (turned := normals.of(bsdf)) is not None:
             if uv is not None:
                 raise Unsuitable("has a mesh_attribute and a normal map", "give it one of the two", named)
-            image, plain = self._directions_of(turned.texture, named), TextureImage(texels, wrap, uv_map)
-            texels, wrap, uv_map = normals.add(len(self._sizes), image, plain, named, fades=turned.fades)
+            read = self._directions_of if turned.height is None else self._heights_of
+            image, plain = read(turned.texture, named), TextureImage(texels, wrap, uv_map)
+            texels, wrap, uv_map = normals.add(len(self._sizes), image, plain, named, turned)
         height, width = texels.shape[:2]
         first, self._count = self._count, self._count + height * width
         self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
@@ -299,6 +301,18 @@ class TextureTable:
             raise Unsuitable("has a normal map that is no bitmap", "give it as one", named)
         uv_map, data = uv_map_of(parameters), np.asarray(parameters["data"])
         return TextureImage(*self._lookup(data, texture.eval_3, uv_map, None, named), uv_map)
+
+    def _heights_of(self, texture: MitsubaTexture, named: str) -> TextureImage:
+        """Return the values of a bump map, as grey texels."""
+        parameters = self._mi.traverse(texture)
+        uv_map, data = uv_map_of(parameters), np.asarray(parameters["data"])
+        uv, mapped = lookup_positions(uv_map)
+        meant = bilinear_meaning(data, mapped, looked_up(texture.eval_1, uv, self._mi), LUMINANCE)
+        if meant is None:
+            raise Unsuitable("has a bump map whose lookup is not bilinear", "give it that filter_type", named)
+        texels, wrap = meant
+        grey = np.concatenate([piece @ LUMINANCE for _, piece in texels.pieces()]).astype(np.float32)
+        return TextureImage(Texels(np.repeat(grey.reshape(*texels.shape[:2], 1), 3, axis=2)), wrap, uv_map)
 
     def _ramped(self, ramp: Ramp) -> None:
         self.has_ramps = True

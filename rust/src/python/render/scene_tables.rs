@@ -49,18 +49,19 @@ pub(super) type GlossTuple<'py> = (
     EmissiveTuple<'py>,
 );
 
-/// For each texture the number of its normal texture, layouts and texels of these, on which light fades, and whether they
-/// follow glTF's rule.
-pub(super) type NormalTextureTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Bound<'py, PyAny>, Vec<bool>, bool);
+/// For each texture the number of its normal texture, layouts and texels of these, which are bump maps, on which light
+/// fades, and whether they follow glTF's rule.
+pub(super) type NormalTextureTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Bound<'py, PyAny>, Vec<bool>, Vec<bool>, bool);
 
 /// Returns the normal textures.
 pub(super) fn normal_texture_tables(
-    (of_texture, layouts, texels, fades, like_gltf): NormalTextureTuple<'_>,
+    (of_texture, layouts, texels, heights, fades, like_gltf): NormalTextureTuple<'_>,
 ) -> PyResult<NormalTextureTables> {
     Ok(NormalTextureTables {
         of_texture: numbers(&of_texture, "of_texture")?,
         layouts,
         texels: groups(&texels, "normal texels")?,
+        heights,
         fades,
         like_gltf,
     })

@@ -1,4 +1,4 @@
-//! Bilinear lookup in textures and light maps at single points, with rates.
+//! Bilinear lookup in textures and light maps at single points, and slopes of textures there, with rates.
 //!
 //! It is [`texture`](crate::render::light::texture)'s rule, for paths that are followed one by one.
 //!
@@ -24,11 +24,7 @@ pub(crate) fn looked_up<N: Number, const CHANNELS: usize>(
         }
         return values;
     }
-    let (column, x) = before(folded(at_map(maps[0], point), wrap), texture.width);
-    let (row, y) = before(folded(at_map(maps[1], point), wrap), texture.height);
-    let stride = texture.width as usize + 2;
-    let first = texture.first + row * stride + column;
-    let (a, b, c, d) = (texel(first), texel(first + 1), texel(first + stride), texel(first + stride + 1));
+    let ([a, b, c, d], [x, y]) = around(texture, wrap, maps, point, texel);
     let mut values = [N::constant(0.0); CHANNELS];
     for i in 0..CHANNELS {
         let upper = N::constant(a[i]) + x.scaled(b[i] - a[i]);
@@ -36,6 +32,47 @@ pub(crate) fn looked_up<N: Number, const CHANNELS: usize>(
         values[i] = upper + (lower - upper) * y;
     }
     values
+}
+
+/// Returns how a texture of single numbers grows with u and with v at a point, as its bilinear lookup does.
+pub(crate) fn slopes<N: Number>(
+    texture: &Texture,
+    wrap: Wrap,
+    maps: [&[f64; 4]; 2],
+    point: Triple<N>,
+    texel: impl Fn(usize) -> f64,
+) -> [N; 2] {
+    let ([a, b, c, d], [x, y]) = around(texture, wrap, maps, point, texel);
+    let grown = |map: &[f64; 4], size: u32| f64::from(size) * direction(at_map(map, point).value(), wrap);
+    let along_u = N::constant(b - a) + y.scaled((d - c) - (b - a));
+    let along_v = N::constant(c - a) + x.scaled((d - b) - (c - a));
+    [along_u.scaled(grown(maps[0], texture.width)), along_v.scaled(grown(maps[1], texture.height))]
+}
+
+/// Returns the four texels around a point, two of a row and the two below, and how far it is past the first.
+fn around<N: Number, T>(
+    texture: &Texture,
+    wrap: Wrap,
+    maps: [&[f64; 4]; 2],
+    point: Triple<N>,
+    texel: impl Fn(usize) -> T,
+) -> ([T; 4], [N; 2]) {
+    let (column, x) = before(folded(at_map(maps[0], point), wrap), texture.width);
+    let (row, y) = before(folded(at_map(maps[1], point), wrap), texture.height);
+    let stride = texture.width as usize + 2;
+    let first = texture.first + row * stride + column;
+    ([first, first + 1, first + stride, first + stride + 1].map(texel), [x, y])
+}
+
+/// Returns how a coordinate that is folded back grows with the one that is not.
+fn direction(coordinate: f64, wrap: Wrap) -> f64 {
+    match wrap {
+        Wrap::Repeat => 1.0,
+        Wrap::Clamp if (0.0..1.0).contains(&coordinate) => 1.0,
+        Wrap::Clamp => 0.0,
+        Wrap::Mirror if coordinate - 2.0 * (coordinate * 0.5).floor() < 1.0 => 1.0,
+        Wrap::Mirror => -1.0,
+    }
 }
 
 /// Folds a coordinate back into the texture.

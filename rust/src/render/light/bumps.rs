@@ -6,7 +6,7 @@ use multiversion::multiversion;
 
 use super::affine::{Affine, coordinate};
 use super::lookup::Positions;
-use super::normal_texture::{Bumps, components, fading};
+use super::normal_texture::{Bumps, components, fading, height};
 use super::normals::Normals;
 use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Wrap};
 use crate::render::geometry::vector::{Vector, single};
@@ -29,8 +29,8 @@ pub(super) struct SeenBumps<'a> {
     bumps: Bumps<'a>,
     u: Affine,
     v: Affine,
-    /// In camera axes, with its rate.
-    tangent: [[f32; 3]; 2],
+    /// In camera axes, each with its rate.
+    axes: [[[f32; 3]; 2]; 2],
     /// The plane's normal on the front, with its rate.
     plane: [[f32; 3]; 2],
     /// 1 where the camera sees the plane's front, else -1.
@@ -40,12 +40,15 @@ pub(super) struct SeenBumps<'a> {
 impl<'a> SeenBumps<'a> {
     pub(super) fn new(bumps: Bumps<'a>, pose: &Pose, plane: [Vector; 2], facing: f32) -> Self {
         let [u, v] = bumps.uv.map(|map| coordinate(&map, pose, bumps.texture.wrap));
-        let tangent = pose.turned(bumps.tangent);
+        let axes = bumps.axes.map(|axis| {
+            let turned = pose.turned(axis);
+            [single(turned), single(pose.turning(turned))]
+        });
         Self {
             bumps,
             u,
             v,
-            tangent: [single(tangent), single(pose.turning(tangent))],
+            axes,
             plane: [single(plane[0]), single(plane[1])],
             facing,
         }
@@ -87,12 +90,13 @@ impl SeenBumps<'_> {
             if RATE {
                 let normal = with_rates(normal, of_lane(&under.rate, i, facing));
                 let texel = with_rates(texel, of_lane(&rates, i, 1.0));
-                let made = self.bumps.rule.turned(normal, with_rates(self.tangent[0], self.tangent[1]), texel, seen);
+                let axes = self.axes.map(|[axis, rate]| with_rates(axis, rate));
+                let made = self.bumps.rule.turned(normal, axes, texel, seen);
                 for k in 0..3 {
                     (turned.now[k][i], turned.rate[k][i]) = rounded(made[k]);
                 }
             } else {
-                let made = self.bumps.rule.turned(normal, self.tangent[0], texel, seen);
+                let made = self.bumps.rule.turned(normal, self.axes.map(|[axis, _]| axis), texel, seen);
                 for k in 0..3 {
                     turned.now[k][i] = made[k];
                 }
@@ -101,7 +105,8 @@ impl SeenBumps<'_> {
         BumpyNormals { turned, under }
     }
 
-    /// Looks up the three components where rays hit, and their rates.
+    /// Looks up the three components where rays hit, and their rates. Of a bump map they are how its height grows with u
+    /// and with v, and 1.
     #[inline(always)]
     fn components<const RATE: bool, const FULL: bool, F: Fold>(
         &self,
@@ -114,6 +119,17 @@ impl SeenBumps<'_> {
         let positions = Positions::new::<RATE, FULL, F>([&self.u, &self.v], &sampler, rays, depth, depth_rate);
         let corners = sampler.four(&positions.taps, n);
         let (mut values, mut rates) = ([Lanes::ZERO; 3], [Lanes::ZERO; 3]);
+        if self.bumps.rule.heights {
+            for i in 0..n {
+                let texels = [0, 1, 2, 3].map(|corner| height(corners[corner][i]));
+                let slopes = positions.slopes::<RATE>(i, texels);
+                for k in 0..2 {
+                    (values[k][i], rates[k][i]) = slopes[k];
+                }
+                values[2][i] = 1.0;
+            }
+            return (values, rates);
+        }
         for i in 0..n {
             let (p, q) = (components(corners[0][i]), components(corners[1][i]));
             let (r, s) = (components(corners[2][i]), components(corners[3][i]));

@@ -12,6 +12,8 @@ pub(super) type Reflected = (Lanes, Lanes);
 /// Where rays hit a texture.
 pub(super) struct Positions {
     pub(super) taps: Taps,
+    /// Texels per unit of u and of v.
+    per_unit: [Lanes; 2],
     /// Texels per second, along u and along v.
     per_second: [Lanes; 2],
 }
@@ -28,11 +30,12 @@ impl Positions {
         depth_rate: &Lanes,
     ) -> Self {
         let (x, y) = (rays.x, rays.y);
-        let mut positions = Self { taps: Taps::NONE, per_second: [Lanes::ZERO; 2] };
+        let mut positions = Self { taps: Taps::NONE, per_unit: [Lanes::ZERO; 2], per_second: [Lanes::ZERO; 2] };
         for i in 0..rays.count() {
             let (u, u_rate) = u_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
             let (v, v_rate) = v_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
             let [by_u, by_v] = positions.taps.set::<F>(i, sampler, u, v);
+            (positions.per_unit[0][i], positions.per_unit[1][i]) = (by_u, by_v);
             if RATE {
                 positions.per_second[0][i] = by_u * u_rate;
                 positions.per_second[1][i] = by_v * v_rate;
@@ -52,6 +55,23 @@ impl Positions {
         }
         let along_u = (upper + (lower - upper) * self.taps.y[i]) * self.per_second[0][i];
         (value, along_u + (b - a) * self.per_second[1][i])
+    }
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Positions {
+    /// Returns how the mix of four texels grows with u and with v at a position, each with its rate.
+    #[inline(always)]
+    pub(super) fn slopes<const RATE: bool>(&self, i: usize, [p, q, r, s]: [f32; 4]) -> [(f32, f32); 2] {
+        let (upper, lower, left, right) = (q - p, s - r, r - p, s - q);
+        let [by_u, by_v] = [self.per_unit[0][i], self.per_unit[1][i]];
+        let along_u = (upper + (lower - upper) * self.taps.y[i]) * by_u;
+        let along_v = (left + (right - left) * self.taps.x[i]) * by_v;
+        if !RATE {
+            return [(along_u, 0.0), (along_v, 0.0)];
+        }
+        let (u_rate, v_rate) = (self.per_second[1][i] * by_u, self.per_second[0][i] * by_v);
+        [(along_u, (lower - upper) * u_rate), (along_v, (right - left) * v_rate)]
     }
 }
 

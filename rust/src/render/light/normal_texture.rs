@@ -1,4 +1,5 @@
-//! Normal textures: which way each texel of a surface faces, in the tangent space of its texture coordinates.
+//! Normal textures: which way each texel of a surface faces, in the tangent space of its texture coordinates; and bump
+//! maps, whose texels are heights above the surface, so that it faces away from where they rise.
 //!
 //! They turn the shading normal. Lights at a position or along a direction and glossy lobes see it turned. Constant and
 //! baked light counts as if it came from all sides, so it does not.
@@ -11,7 +12,7 @@
 use super::texture::{Texture, checked_layouts};
 use crate::error::{Error, Result};
 use crate::render::geometry::vector::Vector;
-use crate::render::gloss::lookup::looked_up;
+use crate::render::gloss::lookup::{looked_up, slopes};
 use crate::render::gloss::number::{Number, Triple, add, constant, cross, dot, scale, sub, unit};
 
 /// The number of its normal texture of a texture whose surfaces have none.
@@ -31,9 +32,11 @@ pub struct NormalTextureTables {
     pub of_texture: Vec<u32>,
     /// Where each lies among the texels, as textures of the scene do.
     pub layouts: Vec<[i64; 4]>,
-    /// Components along the tangent, the second tangent and the normal, each from -1 (0) to 1 (65,535); each texture in a
-    /// frame of one texel.
+    /// Components along the tangent, the second tangent and the normal, each from -1 (0) to 1 (65,535). Of a bump map a
+    /// height in metres: the lower and the upper half of the bits of a float32, and 0. Each texture in a frame of one texel.
     pub texels: Vec<[u16; 3]>,
+    /// For each whether it is a bump map.
+    pub heights: Vec<bool>,
     /// For each normal texture whether light fades where a turned normal faces it but the surface hardly does, see
     /// [`fading`].
     pub fades: Vec<bool>,
@@ -50,6 +53,7 @@ pub(crate) struct NormalTextures {
     textures: Vec<Texture>,
     /// Each the three components, in its lowest 48 bits.
     texels: Vec<u64>,
+    heights: Vec<bool>,
     fades: Vec<bool>,
     like_gltf: bool,
 }
@@ -66,16 +70,25 @@ impl NormalTextures {
         if ![0, scene_textures].contains(&tables.of_texture.len())
             || !tables.of_texture.iter().all(known)
             || tables.fades.len() != textures.len()
+            || tables.heights.len() != textures.len()
         {
             return Err(Error::Argument(format!(
                 "{} normal textures do not belong to a scene of {scene_textures} textures",
                 textures.len()
             )));
         }
+        let texels: Vec<u64> = tables.texels.iter().copied().map(packed).collect();
+        for (number, texture) in textures.iter().enumerate().filter(|(number, _)| tables.heights[*number]) {
+            let end = texture.first + (texture.width as usize + 2) * (texture.height as usize + 2);
+            if texels[texture.first..end].iter().any(|&texel| !height(texel).is_finite()) {
+                return Err(Error::Argument(format!("heights must be finite, and those of bump map {number} are not")));
+            }
+        }
         Ok(Self {
             of_texture: tables.of_texture.clone(),
             textures,
-            texels: tables.texels.iter().copied().map(packed).collect(),
+            texels,
+            heights: tables.heights.clone(),
             fades: tables.fades.clone(),
             like_gltf: tables.like_gltf,
         })
@@ -97,12 +110,15 @@ impl NormalTextures {
         let number = *self.of_texture.get(texture as usize)? as usize;
         let texture = self.textures.get(number)?;
         let (tangent, side) = tangent_of(uv, plane)?;
+        let heights = self.heights[number];
+        let axes = if heights { uv.map(|map| [map[0], map[1], map[2]]) } else { [tangent, [0.0; 3]] };
         let rule = Rule {
             side: if self.like_gltf { side } else { 1.0 },
             like_gltf: self.like_gltf,
             fades: self.fades[number],
+            heights,
         };
-        Some(Bumps { texture, texels: &self.texels, uv, tangent, rule })
+        Some(Bumps { texture, texels: &self.texels, uv, axes, rule })
     }
 }
 
@@ -113,8 +129,8 @@ pub(crate) struct Bumps<'a> {
     /// Each the three components, in its lowest 48 bits.
     pub(crate) texels: &'a [u64],
     pub(crate) uv: &'a [[f64; 4]; 2],
-    /// Of unit length, in the surface's frame.
-    pub(crate) tangent: Vector,
+    /// The tangent, of unit length; of a bump map how u and v grow, per metre. In the surface's frame.
+    pub(crate) axes: [Vector; 2],
     pub(crate) rule: Rule,
 }
 
@@ -126,6 +142,8 @@ pub(crate) struct Rule {
     like_gltf: bool,
     /// Whether light fades, see [`fading`].
     pub(crate) fades: bool,
+    /// Whether it is a bump map.
+    pub(crate) heights: bool,
 }
 
 impl Bumps<'_> {
@@ -136,11 +154,14 @@ impl Bumps<'_> {
         normal: Triple<N>,
         (front, viewer): (bool, Vector),
     ) -> Triple<N> {
-        let components = looked_up(self.texture, self.texture.wrap, self.uv.each_ref(), point, |at| {
-            let [x, y, z] = components(self.texels[at]);
-            [f64::from(x), f64::from(y), f64::from(z)]
-        });
-        self.rule.turned(normal, constant(self.tangent), components, (front, viewer))
+        let (wrap, maps) = (self.texture.wrap, self.uv.each_ref());
+        let components = if self.rule.heights {
+            let [along_u, along_v] = slopes(self.texture, wrap, maps, point, |at| f64::from(height(self.texels[at])));
+            [along_u, along_v, N::constant(1.0)]
+        } else {
+            looked_up(self.texture, wrap, maps, point, |at| components(self.texels[at]).map(f64::from))
+        };
+        self.rule.turned(normal, self.axes.map(constant), components, (front, viewer))
     }
 }
 
@@ -160,24 +181,39 @@ pub(super) fn components(texel: u64) -> [f32; 3] {
     [f32::from(x) * per - 1.0, f32::from(y) * per - 1.0, f32::from(z) * per - 1.0]
 }
 
+/// Returns the height of a texel of a bump map.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "its lower half")]
+pub(super) fn height(texel: u64) -> f32 {
+    f32::from_bits(texel as u32)
+}
+
 impl Rule {
-    /// Returns a normal turned by the components of a texture along the tangent, the second tangent and the normal.
+    /// Returns a normal turned by the components of a texture along the tangent, the second tangent and the normal; of a
+    /// bump map, by how its height grows with u and with v (Blinn, "Simulation of wrinkled surfaces", 1978).
     ///
-    /// `normal` is the unit normal on the front, `tangent` a unit vector, and `viewer` leads to the viewer, all in the same
-    /// axes. What is returned is of length 1, on the side that is seen.
+    /// `normal` is the unit normal on the front, `axes` are those of [`Bumps`], and `viewer` leads to the viewer, all in the
+    /// same axes. What is returned is of length 1, on the side that is seen.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(super) fn turned<N: Number>(
         &self,
         normal: Triple<N>,
-        tangent: Triple<N>,
+        axes: [Triple<N>; 2],
         [x, y, z]: [N; 3],
         (front, viewer): (bool, Vector),
     ) -> Triple<N> {
-        let first = unit(sub(tangent, scale(normal, dot(normal, tangent))));
-        let second = scale(cross(normal, first), N::constant(self.side));
+        let level = |vector: Triple<N>| sub(vector, scale(normal, dot(normal, vector)));
+        let along = if self.heights {
+            let rises = level(add(scale(axes[0], x), scale(axes[1], y)));
+            scale(rises, N::constant(-1.0))
+        } else {
+            let first = unit(level(axes[0]));
+            add(scale(first, x), scale(scale(cross(normal, first), N::constant(self.side)), y))
+        };
         let seen = scale(normal, N::constant(if front { 1.0 } else { -1.0 }));
-        let (along, outwards) = (add(scale(first, x), scale(second, y)), scale(seen, z));
+        let outwards = scale(seen, z);
         let facing = dot(add(along, outwards), constant(viewer)).value();
         let round = if self.like_gltf { !front } else { facing <= 0.0 };
         unit(add(scale(along, N::constant(if round { -1.0 } else { 1.0 })), outwards))
