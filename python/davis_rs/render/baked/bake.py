@@ -429,9 +429,7 @@ def _unless_buried(
     light: Irradiance, positions: FloatArray, normals: FloatArray, values: FloatArray, effort: Effort
 ) -> FloatArray:
     """Return light (n, 3), with NaN where none can come."""
-    dark = np.flatnonzero(values.sum(1) == 0)
-    if len(dark):
-        values[dark[light.is_buried(positions[dark], normals[dark], effort.looks)]] = np.nan
+    values[light.buried(positions, normals, values.sum(1) == 0, effort.looks)] = np.nan
     return values
 
 

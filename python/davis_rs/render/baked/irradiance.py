@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import IrradianceSampler, ReflectedLight
+from ..._util.progress import doing
 from ...events.luma import LUMA_WEIGHTS
 from .partial import PartialBake
 
@@ -24,8 +25,17 @@ IntArray = npt.NDArray[np.int64]
 
 _SurfacePoints = tuple[FloatArray, FloatArray, FloatArray]
 
-_RAYS_AT_ONCE = 1 << 22
-"""Rays of one call of the core: Ctrl-C waits for them."""
+_RAYS_AT_ONCE = 1 << 20
+"""Rays of one call of the core: Ctrl-C waits for them, and progress is told after them."""
+
+_TOLD = {
+    "lamps": "light of lamps",
+    "sky": "light of the sky",
+    "sharp": "light of small lamps",
+    "gathered": "light that bounces",
+    "traced": "light that bounces",
+}
+"""What progress calls each quantity."""
 
 _SHARP_SAMPLES = 16
 """Of small lamps, as many as the renderer has."""
@@ -138,6 +148,7 @@ class Irradiance:
     ) -> None:
         self._sampler, self._group, self._kinds, self._paths = sampler, group, kinds, paths
         self._name, self._kept, self._poses = name, kept, poses
+        self._seen_dark: dict[bytes, npt.NDArray[np.int8]] = {}
         self.bounces = bool(kinds) and (paths.max_depth < 0 or paths.max_depth > 2)
         self.most_bounces = paths.max_depth - 2 if paths.max_depth > 0 else _MOST_BOUNCES
         # Three directions that are no multiples of each other's, so that no wall lies along a line of equal shifts.
@@ -209,15 +220,31 @@ class Irradiance:
         rule = shift, self.most_bounces, self._paths.rr_depth
         return self._mean("traced", positions, normals, samples, shift, IrradianceSampler.traced, rule)
 
-    def is_buried(
-        self, positions: FloatArray, normals: FloatArray, looks: Sequence[tuple[int, int]]
+    def buried(
+        self,
+        positions: FloatArray,
+        normals: FloatArray,
+        dark: npt.NDArray[np.bool_],
+        looks: Sequence[tuple[int, int]],
     ) -> npt.NDArray[np.bool_]:
-        """Return which points (n) no light reaches: within a solid, or in full dark.
+        """Return which of the dark points (n) no light reaches at all: within a solid, or in full dark.
+
+        Each part of the light is dark at other points. What was found out for one is known for the others.
 
         Args:
             looks: numbers of paths, and how often they bounce at most; points at which the first find light are not
                 looked at again.
         """
+        key = hashlib.sha256(positions.tobytes() + normals.tobytes()).digest()
+        known = self._seen_dark.setdefault(key, np.full(len(positions), -1, np.int8))
+        asked = np.flatnonzero(dark & (known < 0))
+        if len(asked):
+            known[asked] = self._is_buried(positions[asked], normals[asked], looks)
+        return dark & (known > 0)
+
+    def _is_buried(
+        self, positions: FloatArray, normals: FloatArray, looks: Sequence[tuple[int, int]]
+    ) -> npt.NDArray[np.bool_]:
         buried = np.ones(len(positions), bool)
 
         def is_lit(
@@ -227,15 +254,14 @@ class Irradiance:
             return np.repeat(lit[:, None], 3, axis=1).astype(np.float64)
 
         for samples, bounces in looks:
+            if self.has_direct:  # first, because paths take longer
+                dark = np.flatnonzero(buried)
+                buried[dark] = self.direct(positions[dark], normals[dark], samples).sum(1) == 0
             dark = np.flatnonzero(buried)
             if not len(dark):
                 break
-            light = self._mean(
-                f"is lit within {bounces}", positions[dark], normals[dark], samples, 0, is_lit, (bounces,)
-            ).sum(1)
-            if self.has_direct:
-                light += self.direct(positions[dark], normals[dark], samples).sum(1)
-            buried[dark] = light == 0
+            lit = self._mean(f"is lit within {bounces}", positions[dark], normals[dark], samples, 0, is_lit, (bounces,))
+            buried[dark] = lit.sum(1) == 0
         return buried
 
     def _mean(
@@ -264,6 +290,8 @@ class Irradiance:
                 return self._computed(method, positions[chunk], normals[chunk], samples, shift, arguments)
 
             light[chunk] = self._kept.known_or((settings, positions[chunk], normals[chunk]), compute)
+            if chunk.stop < len(positions):
+                doing(f"{_TOLD.get(quantity, 'dark places')}, {chunk.stop:,} of {len(positions):,} points")
         return light
 
     def _computed(

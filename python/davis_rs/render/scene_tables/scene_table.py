@@ -147,7 +147,7 @@ class SceneTable:
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._weights = np.asarray(weights)
-        self.normal_textures = normal_textures or NormalTextures({}, like_gltf=False)
+        self.normal_textures = NormalTextures({}, like_gltf=False) if normal_textures is None else normal_textures
         self._hides_lights = bool(getattr(integrator_of(scene), "hide_emitters", False))
         obstacles = Obstacles() if obstacles is None else obstacles
         if not any_integrator and not baked:
@@ -389,11 +389,15 @@ class SceneTable:
     def description(self) -> str:
         """What the scene is made of, for messages."""
         surfaces = "diffuse triangles" if self.gloss is None else "diffuse and glossy triangles"
+        even = "baked" if self.baked is not None else "constant"
+        bumps = ""
+        if self.normal_textures and (self.baked is not None or any(light.kind == even for light in self.lights)):
+            bumps = f"; normal maps and bump maps turn surfaces for all light but the {even} one"
         if self.baked is not None:
-            return f"{surfaces} under {self.baked.description}"
+            return f"{surfaces} under {self.baked.description}{bumps}"
         kinds = sorted({light.kind for light in self.lights} - {"emission"})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
-        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows"
+        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows{bumps}"
 
     @property
     def background_luma(self) -> float:
