@@ -835,10 +835,10 @@ class SceneRenderer:
             that of roughness).
         normal_textures: which way the texels of surfaces face; None where no surface has any. uint32 (textures), the
             number of the normal texture on the same triangles, 2^32 - 1 for none; layouts, as those of textures; uint16
-            (texels, 3), components along the tangent, the second tangent and the normal, from -1 (0) to 1 (65,535), or of
-            a bump map its height in metres as the two halves of a float32, the lower one first, and 0; for each, whether
-            it is a bump map; for each, whether light fades where a turned normal faces it and the surface hardly does; and whether all follow
-            glTF's rule for mirrored texture coordinates and backs, or Mitsuba's.
+            (texels, 3), components along the tangent, the second tangent and the normal, from -1 (0) to 1 (65,535),
+            or of a bump map its height in metres: the lower and the upper half of a float32, and 0; for each, whether
+            it is a bump map; for each, whether light fades where a turned normal faces it and the surface hardly
+            does; and whether all follow glTF's rule for mirrored texture coordinates and backs, or Mitsuba's.
         shadows: whether point and directional lights throw shadows.
         centre: (3), metres, the middle of the scene.
         step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
@@ -894,7 +894,9 @@ class SceneRenderer:
             tuple[npt.NDArray[np.uint32], list[list[int]], list[int], npt.NDArray[np.float32]],
         ]
         | None = None,
-        normal_textures: tuple[npt.NDArray[np.uint32], list[list[int]], npt.NDArray[np.uint16], list[bool], bool]
+        normal_textures: tuple[
+            npt.NDArray[np.uint32], list[list[int]], npt.NDArray[np.uint16], list[bool], list[bool], bool
+        ]
         | None = None,
         shadows: bool,
         centre: list[float],

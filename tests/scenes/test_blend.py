@@ -148,10 +148,11 @@ def test_masks_of_mitsuba_are_the_path_tracers(opacity: str) -> None:
 
 def test_masks_that_stay_with_mitsuba() -> None:
     """Light that falls through one lights what lies in its shadow, with integrators for volumes; an area light shines
-    unseen; metal has no part that is seen through; an opacity is 0 to 1."""
+    unseen; metal and what is bumpy twice have no part that is seen through; an opacity is 0 to 1."""
     half = MASKED["one value"]
     metal = {"type": "twosided", "nested": {"type": "conductor"}}
-    coated = {"type": "twosided", "nested": {"type": "bumpmap", "arbitrary": MASKED["a bitmap"], "nested": WHITE}}
+    bumpy = {"type": "bumpmap", "arbitrary": MASKED["a bitmap"], "nested": WHITE}
+    coated = {"type": "twosided", "nested": {"type": "bumpmap", "arbitrary": MASKED["a bitmap"], "nested": bumpy}}
     lamp = {"light": {"type": "area", "radiance": 1.0}}
     for content in (
         scene_with(half, "volpath"),

@@ -12,7 +12,7 @@ import davis_rs
 from davis_rs.cli import main
 from davis_rs.geometry.pose import FloatArray
 from davis_rs.scene.default_motion import with_default_motion
-from davis_rs.scene.default_paths import around, sway, within
+from davis_rs.scene.default_paths import CAMERA, around, sway, within
 from davis_rs.scene.files.default_view import default_view
 from davis_rs.scene.files.mesh_scene import usual_light
 from davis_rs.scene.load import load_scene
@@ -106,12 +106,28 @@ def test_the_largest_of_two_rooms_is_taken() -> None:
 )
 def test_what_is_no_room_is_seen_from_around(world: FloatArray) -> None:
     view = default_view(world)
-    centre = (world.reshape(-1, 3).min(0) + world.reshape(-1, 3).max(0)) / 2
-    radius = np.linalg.norm(world.reshape(-1, 3) - centre, axis=1).max()
     assert view.room_centre is None
     assert view.note == "one that goes around"
     times = np.linspace(0, 10, 7)
-    assert np.allclose(view.trajectory.positions(times), around(centre, radius).positions(times))
+    assert np.allclose(view.trajectory.positions(times), around(world.reshape(-1, 3)).positions(times))
+
+
+@pytest.mark.parametrize("size", [(2.0, 2.0, 2.0), (9.0, 1.0, 0.1), (1.0, 1.0, 7.0), (3.0, 3.0, 0.0)])
+@pytest.mark.parametrize("many", [False, True])
+def test_what_is_looked_at_from_around_fills_the_image(size: tuple[float, float, float], many: bool) -> None:
+    """At every angle it lies within the image, and at one it reaches 90 % of its width or height."""
+    world = box([4, 5, 6], [4 + size[0], 5 + size[1], 6 + size[2]], inward=False)
+    corners = np.repeat(world, 1000, 0) if many else world
+    path, camera = default_view(corners).trajectory, CAMERA
+    reached = np.zeros(2)
+    for t in np.linspace(0, 10, 36, endpoint=False):
+        pose = path.pose(t)
+        seen = (world.reshape(-1, 3) - pose.position) @ pose.rotation
+        assert (seen[:, 2] > 0).all()
+        off = np.abs(seen[:, :2] / seen[:, 2:]) * [camera.fx, camera.fy] / [camera.width / 2, camera.height / 2]
+        reached = np.maximum(reached, off.max(0))
+    assert reached.max() == pytest.approx(0.9, abs=1e-9) or np.linalg.norm(size) > 8
+    assert 0.45 < reached.max() < 0.9 + 1e-9
 
 
 def test_what_lies_far_off_does_not_decide() -> None:
@@ -119,7 +135,7 @@ def test_what_lies_far_off_does_not_decide() -> None:
     block = box([0, 0, 0], [2, 2, 2], inward=False)
     far = np.array([[[1000.0, 0, 0], [1000, 0.01, 0], [1000, 0, 0.01]]])
     view = default_view(np.concatenate([np.repeat(block, 100, 0), far]))
-    expected = around(np.ones(3), np.sqrt(3.0)).pose(0.0).position
+    expected = around(block.reshape(-1, 3)).pose(0.0).position
     assert np.linalg.norm(view.trajectory.pose(0.0).position - expected) < 0.1
     assert "which lie far off" in view.note
 
@@ -137,7 +153,7 @@ def test_an_unusual_size_is_asked_about() -> None:
 
 def test_the_paths_move_as_their_derivatives_say() -> None:
     for path in (
-        around(np.array([1.0, 2, 3]), 2.0),
+        around(np.array([[1.0, 2, 3], [2.0, 4, 3.5]])),
         within(np.array([1.0, 2, 3]), 0.6, 0.7),
         sway(load_scene("three_planes").path.pose(0.0), 2.0),
     ):

@@ -11,8 +11,12 @@ from .parts import look_at
 
 CAMERA = PRESETS["ideal"]
 """The camera of a file that has none."""
-_FILLED = 0.6
-"""Fraction of the image's height that a ball around the mesh fills."""
+_FILLED = 0.9
+"""Fraction of the image's width or height that a mesh fills where it looks largest."""
+_LOOKS, _HEIGHTS = 36, 33
+"""From so many angles it is seen how large a mesh looks; so many heights are tried for what the camera looks at."""
+_OFF = 1.05
+"""The camera stays so far from what it looks at, in radii of a ball around the mesh."""
 _ELEVATION_RAD, _TURN_S = np.radians(30.0), 10.0
 _FREE, _MOST_M = 0.5, 0.5
 """The circle's radius in a room: as a fraction of the free distance, and in metres at most."""
@@ -28,10 +32,18 @@ def direction(angle_rad: float, elevation_rad: float = _ELEVATION_RAD) -> FloatA
     return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
 
 
-def around(centre: FloatArray, radius: float) -> CallableTrajectory:
-    """Make a path once around a ball, which fills 60 % of the image's height, looking at its centre."""
-    # The rim of a ball is seen at the angle whose sine is radius / distance.
-    distance = radius * np.hypot(1.0, 2 * CAMERA.fy / (_FILLED * CAMERA.height))
+def around(points: FloatArray) -> CallableTrajectory:
+    """Make a path once around points (n, 3), so near that they just stay within the image.
+
+    The camera looks at the point of the vertical axis through their middle from which it can be nearest.
+    """
+    low, high = points.min(0), points.max(0)
+    middle = (low + high) / 2
+    heights = np.linspace(low[2], high[2], _HEIGHTS)
+    targets = np.stack([np.array([middle[0], middle[1], height]) for height in heights])
+    distances = [_least_distance(points - target) for target in targets]
+    best = int(np.argmin(distances))
+    centre, distance = targets[best], distances[best]
     axes = look_at(direction(0.0), np.zeros(3))
     return _circle(
         centre,
@@ -40,12 +52,23 @@ def around(centre: FloatArray, radius: float) -> CallableTrajectory:
         0.0,
         axes,
         {
-            "path": "a circle around a mesh, looking at its centre",
+            "path": "a circle around a mesh, looking at its middle",
             "centre_m": centre.tolist(),
             "distance_m": float(distance),
             "elevation_deg": float(np.degrees(_ELEVATION_RAD)),
         },
     )
+
+
+def _least_distance(points: FloatArray) -> float:
+    """Return how near a camera may go around points (n, 3), which it looks at from around the origin."""
+    distance = _OFF * float(np.linalg.norm(points, axis=1).max())
+    # The depth that a point needs to lie within the image, by how far it is off its middle.
+    depth_per_metre = 2 / _FILLED * np.array([CAMERA.fx / CAMERA.width, CAMERA.fy / CAMERA.height])
+    for angle in np.linspace(0.0, 2 * np.pi, _LOOKS, endpoint=False):
+        seen = points @ look_at(direction(angle), np.zeros(3))
+        distance = max(distance, float(((np.abs(seen[:, :2]) * depth_per_metre).max(1) - seen[:, 2]).max()))
+    return distance
 
 
 def within(centre: FloatArray, free_m: float, start_rad: float) -> CallableTrajectory:

@@ -49,6 +49,10 @@ _LARGEST_ROOM_M, _LARGEST_M = 100.0, 1000.0
 """A room that is larger may be in centimetres; any world that is larger, in millimetres."""
 
 
+_MOST_OUTERMOST = 1000
+"""So many points, or a few more, stand for all when it is found out how large they look."""
+
+
 class DefaultView(NamedTuple):
     """Holds a camera path through a world without a camera."""
 
@@ -89,10 +93,19 @@ def default_view(corners: FloatArray) -> DefaultView:
         return DefaultView(within(centre, radius, angle), f"{note}{stray}", centre, radius, above)
     # The ends of what is kept, not only the points on it, so that a small mesh fits exactly.
     inside = corners.reshape(-1, 3) if kept.all() else points[kept]
-    low, high = inside.min(0), inside.max(0)
-    centre = (low + high) / 2
-    radius = float(np.linalg.norm(inside - centre, axis=1).max())
-    return DefaultView(around(centre, radius), f"one that goes around{stray}", None)
+    return DefaultView(around(_outermost(inside)), f"one that goes around{stray}", None)
+
+
+def _outermost(points: FloatArray) -> FloatArray:
+    """Return those of many points (n, 3) that lie farthest out in some of many directions; few points as they are."""
+    if len(points) <= _MOST_OUTERMOST:
+        return points
+    number = np.arange(_MOST_OUTERMOST // 2)
+    z = 1 - (2 * number + 1) / len(number)
+    turn = np.pi * (1 + np.sqrt(5)) * number
+    flat = np.sqrt(1 - z * z)
+    directions = np.concatenate([np.stack([flat * np.cos(turn), flat * np.sin(turn), z], 1), np.eye(3), -np.eye(3)])
+    return points[np.unique([int((points @ direction).argmax()) for direction in directions])]
 
 
 def _on_surfaces(corners: FloatArray) -> tuple[FloatArray, FloatArray]:

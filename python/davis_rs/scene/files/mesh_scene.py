@@ -47,7 +47,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     Surfaces are diffuse and seen from both sides; where an alpha masks them, they are cut along its outline. Materials
     of an OBJ file blend by ``d``, ``Tr`` and ``map_d``, and emit ``Ke`` or ``map_Ke``. A shape's id is ``mesh``, or
     ``mesh_MATERIAL`` where faces use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30
-    degrees above its middle, so far away that a ball around the mesh fills 60 % of the image's height. Surfaces that
+    degrees above its middle, so near that the mesh fills 90 % of the image's width or height at most. Surfaces that
     lie far off do not decide. The sun stands behind the camera's start, to its left and above. In a room the camera
     turns once in 10 s at eye height, where there is most space, and a lamp hangs above it in place of the sun.
 
