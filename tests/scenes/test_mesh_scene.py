@@ -149,7 +149,8 @@ def test_colours_as_texture_are_linear_between_corners(data: st.DataObject) -> N
 
 
 def test_axes_units_and_path(tmp_path: Path) -> None:
-    """OBJ's y points up, PLY's z; the path goes once around, looking at the middle; the note tells the size."""
+    """OBJ's y points up, PLY's z; the path goes once around, looking at a place on the middle's vertical; the note tells
+    the size."""
     path = tmp_path / "long.obj"
     path.write_text(cube("f 1 2 3\nf 1 2 6\n"))
     stretched = path.read_text().replace("v 1 ", "v 5 ").replace("v -1 1", "v -1 3").replace("v 5 1", "v 5 3")
@@ -161,7 +162,9 @@ def test_axes_units_and_path(tmp_path: Path) -> None:
     t = np.linspace(0, scene.path.duration_s, 41)
     places, turns = scene.path.positions(t), scene.path.rotations(t)
     np.testing.assert_allclose(places[0], places[-1], atol=1e-9)
-    centre = np.array([2.0, 0.0, 1.0])
+    across = np.linalg.norm(places[0, :2] - [2.0, 0.0])
+    centre = np.array([2.0, 0.0, places[0, 2] - across * np.tan(np.radians(30.0))])
+    assert -1.0 <= centre[2] <= 3.0
     towards = (centre - places) / np.linalg.norm(centre - places, axis=1, keepdims=True)
     np.testing.assert_allclose(turns[:, :, 2], towards, atol=1e-12)
     slope = (scene.path.positions(t[1:-1] + 1e-6) - scene.path.positions(t[1:-1] - 1e-6)) / 2e-6
