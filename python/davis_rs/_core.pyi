@@ -813,7 +813,9 @@ class SceneRenderer:
             all.
         light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
             (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
-            int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
+            int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi;
+            and None, or where normal textures turn surfaces the part of irradiance vectors / pi along these: layouts,
+            and for each baked light float32 of x, y and z in the triangle's frame.
         emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
             (t); None where none does.
         sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
@@ -865,7 +867,11 @@ class SceneRenderer:
         texels: list[npt.NDArray[np.float32]],
         lights: list[tuple[str, int, float, float, list[float], tuple[list[float], tuple[float, float] | None] | None]],
         light_maps: tuple[
-            npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.int64], list[npt.NDArray[np.float32]]
+            npt.NDArray[np.float64],
+            npt.NDArray[np.float64],
+            npt.NDArray[np.int64],
+            list[npt.NDArray[np.float32]],
+            tuple[npt.NDArray[np.int64], list[list[npt.NDArray[np.float32]]]] | None,
         ]
         | None = None,
         emissions: tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32]] | None = None,
@@ -1421,6 +1427,40 @@ class IrradianceSampler:
         Returns:
             bool (n).
         """
+
+    def along_of_lamps(
+        self,
+        group: int,
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+    ) -> npt.NDArray[np.float64]:
+        """Compute the part along the surface of irradiance vectors of the light of :meth:`of_lamps`.
+
+        Where a surface is turned a little, its irradiance grows by the product of this with its normal.
+
+        Returns:
+            Irradiance vectors / pi, float64, flat (n, 3 axes, 3): red, green and blue of x, y and z.
+
+        Raises:
+            ValueError: as :meth:`of_lamps`.
+        """
+
+    def along_of_sky(
+        self,
+        group: int,
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+    ) -> npt.NDArray[np.float64]:
+        """Compute the same of the light of :meth:`of_sky` as :meth:`along_of_lamps` does of lamps."""
+
+    def along_gathered(
+        self,
+        group: int,
+        points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
+        samples: int,
+        reflected: ReflectedLight | None,
+    ) -> npt.NDArray[np.float64]:
+        """Compute the same of the light of :meth:`gathered` as :meth:`along_of_lamps` does of lamps."""
 
 @final
 class ReflectedLight:

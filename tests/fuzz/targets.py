@@ -23,7 +23,7 @@ from davis_rs.inspection.summary import summarize_events
 from davis_rs.io.files.random_access import RandomAccess
 from davis_rs.io.formats.recorded import RecordedParts
 from davis_rs.render.baked import cache
-from davis_rs.render.baked.light_maps import LightMaps, check_maps, layouts_of, texel_count
+from davis_rs.render.baked.light_maps import LightMaps, check_maps, layouts_of, texel_count, vector_layouts_of
 from davis_rs.sensor.presets import preset_file, read_sensor_file, sensor_yaml
 from davis_rs.simulation.from_frames.image_file import read_frame_image
 from davis_rs.usb.raw_file import RawRecording, RawWriter
@@ -513,7 +513,9 @@ HARMFUL: dict[str, Callable[[Path], list[Path]]] = {
 def _baked_light(folder: Path) -> list[Path]:
     divisions = np.array([[1, -1], [0, 2]])
     texels = [np.ones((texel_count(layouts_of(divisions)), 3), np.float32)]
-    maps = LightMaps(divisions, texels, np.zeros(1), 0.01, 0.0, 40, (16, 64), True, 1.5)
+    bumpy = np.array([True, False])
+    vectors = [np.ones((texel_count(vector_layouts_of(divisions, bumpy)), 9), np.float32)]
+    maps = LightMaps(divisions, texels, bumpy, vectors, np.zeros(1), 0.01, 0.0, 40, (16, 64), True, 1.5)
     (folder / "seed.light").write_bytes(cache._packed(maps))
     return [folder / "seed.light"]
 
@@ -522,7 +524,8 @@ def read_baked_light(path: Path, _: random.Random) -> None:
     """A mutant whose checksum is right: whoever can write the file can write that, too."""
     content = path.read_bytes()[32:]
     maps = cache._unpacked(hashlib.sha256(content).digest() + content)
-    check_maps(maps, two_sided=np.array([False, True]), lights=1, tests=np.zeros(1))
+    two_sided, bumpy = np.array([False, True]), np.array([True, False])
+    check_maps(maps, two_sided=two_sided, bumpy=bumpy, lights=1, tests=np.zeros(1))
     assert np.isfinite(maps.texels[0]).all(), "light that is not finite"
 
 

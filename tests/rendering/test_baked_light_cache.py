@@ -17,11 +17,11 @@ import pytest
 
 from davis_rs.render.baked import cache
 from davis_rs.render.baked.kept_arrays import packed_arrays, unpacked_arrays
-from davis_rs.render.baked.light_maps import LightMaps, check_maps, layouts_of, texel_count
+from davis_rs.render.baked.light_maps import LightMaps, check_maps, layouts_of, texel_count, vector_layouts_of
 from davis_rs.render.baked.partial import PartialBake
 
 KEY = "0" * 64
-TWO_SIDED = np.array([False, True])
+TWO_SIDED, BUMPY = np.array([False, True]), np.array([False, True])
 TESTS = np.array([0.0, 0.5, 1.0])
 LIGHTS = 2
 
@@ -30,12 +30,14 @@ def maps(**changes: Any) -> LightMaps:
     """Light of two triangles and two lights at two instants."""
     divisions = np.array([[1, -1], [0, 2]])
     texels = [np.full((texel_count(layouts_of(divisions)), 3), 0.25 * k, np.float32) for k in range(4)]
-    whole = LightMaps(divisions, texels, np.array([0.0, 1.0]), 0.01, 0.02, 40, (16, 64), True, 1.5)
+    vectors = [np.full((texel_count(vector_layouts_of(divisions, BUMPY)), 9), 0.5 - k, np.float32) for k in range(4)]
+    instants = np.array([0.0, 1.0])
+    whole = LightMaps(divisions, texels, BUMPY, vectors, instants, 0.01, 0.02, 40, (16, 64), True, 1.5)
     return replace(whole, **changes)
 
 
 def loaded() -> LightMaps | None:
-    return cache.load(KEY, partial(check_maps, two_sided=TWO_SIDED, lights=LIGHTS, tests=TESTS))
+    return cache.load(KEY, partial(check_maps, two_sided=TWO_SIDED, bumpy=BUMPY, lights=LIGHTS, tests=TESTS))
 
 
 @pytest.fixture
@@ -101,6 +103,11 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"texels_0": np.full((90, 3), np.inf, np.float32)},
         "texels must be finite, and >= 0 within triangles",
     ),
+    "vectors of other triangles": ({"bumpy": np.array([True, False])}, "its irradiance vectors are not those"),
+    "vectors are missing": ({f"vectors_{k}": None for k in range(4)}, "4 maps need as many of irradiance vectors"),
+    "a vector is missing": ({"vectors_1": None}, "its arrays are not those of baked light"),
+    "too few vectors": ({"vectors_0": np.zeros((5, 9), np.float32)}, "irradiance vectors must be finite float32"),
+    "infinite vectors": ({"vectors_2": np.full((74, 9), np.inf, np.float32)}, "irradiance vectors must be finite"),
     "two numbers": ({"numbers": np.zeros(2)}, "its numbers must be 7"),
     "an error below 0": ({"numbers": np.array([-1.0, 0, 0, 0, 0, 0, 0])}, "its numbers must be 7"),
     "numbers that are none": ({"numbers": np.full(7, np.nan)}, "its numbers must be 7"),

@@ -108,6 +108,25 @@ def test_a_body_that_moves_is_lit_as_by_the_path_tracer(long: bool) -> None:
     assert f"between its {len(instants)} instants where bodies change it" in renderer.reason
 
 
+def test_bumps_of_a_body_that_moves_lean_with_it() -> None:
+    """Where it stands turned at the end of its way, it looks as one that was built so."""
+    heights = np.random.default_rng(3).uniform(0, 0.02, (6, 6, 1)).astype(np.float32)
+    bumps = {"type": "bumpmap", "heights": {"type": "bitmap", "raw": True, "data": heights}, "bsdf": diffuse([0.7] * 3)}
+    moving = crossing(block={**block(0.15, 0.35), "bsdf": bumps})
+    last = moving.objects["block"].pose(DURATION_S)
+    turned = Rotation.from_quat(last.quaternion).as_matrix()
+    to_world = np.eye(4)
+    to_world[:3, :3], to_world[:3, 3] = turned, last.position
+    built = {**block(0.15, 0.35), "bsdf": bumps}
+    still = replace(
+        crossing(block={**built, "to_world": to_world @ built["to_world"]}), objects={}, trajectory=moving.trajectory
+    )
+    flat = replace(crossing(), objects=moving.objects)
+    views = at(moving, np.array([DURATION_S]))
+    ours, theirs, plain = (build(scene).luma(views)[0] for scene in (moving, still, flat))
+    assert np.abs(ours - theirs).mean() < 0.2 * np.abs(plain - theirs).mean()
+
+
 def test_rates_between_instants_are_the_changes_of_luma() -> None:
     """And light bends at the instants, so that luma is not interpolated across them."""
     scene = crossing()

@@ -130,6 +130,78 @@ def test_they_look_as_in_mitsuba(name: str) -> None:
         assert np.abs(luma(flat, seen) - theirs).mean() > 0.03 * theirs.mean()
 
 
+def under(material: dict[str, Any], light: Callable[[], dict[str, Any]]) -> Scene:
+    parts = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 2},
+        "it": {"type": "rectangle", "m": material},
+    }
+    return Scene(name="bumps", source=lambda: {**parts, **light()}, camera=CAMERA)
+
+
+def sky() -> dict[str, Any]:
+    """A dark sky with a bright part to one side."""
+    import mitsuba as mi
+
+    radiance = np.full((32, 64, 3), 0.2, np.float32)
+    radiance[6:12, 10:20] = 8.0
+    upright = mi.ScalarTransform4f().rotate([1, 0, 0], 90)
+    return {"sky": {"type": "envmap", "bitmap": mi.Bitmap(radiance), "to_world": upright}}
+
+
+def lamp() -> dict[str, Any]:
+    import mitsuba as mi
+
+    at = mi.ScalarTransform4f().look_at([1.5, -0.8, 1.2], [0, 0, 0], [0, 1, 0.1])
+    shape = {"type": "rectangle", "to_world": at @ mi.ScalarTransform4f().scale([0.4, 0.4, 1])}
+    return {"lamp": {**shape, "emitter": {"type": "area", "radiance": 6.0}}}
+
+
+def constant() -> dict[str, Any]:
+    return {"sky": {"type": "constant", "radiance": 0.7}}
+
+
+FADES: dict[str, Any] = {"use_shadowing_function": False}
+BUMPY: dict[str, dict[str, Any]] = {
+    "normals": bumpy(diffuse(), **FADES),
+    "heights": raised(diffuse(), **FADES),
+    "metal": bumpy(metal(), **FADES),
+}
+
+
+@pytest.mark.few(4)
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("light", [lamp, sky, constant])
+@pytest.mark.parametrize("name", BUMPY)
+def test_light_from_all_around_sees_them(name: str, light: Callable[[], dict[str, Any]]) -> None:
+    """Baked and constant light, next to the path tracer's: most of what a flat surface errs is gone."""
+    kind, seen = "native" if light is constant else "baked", view(2.2)
+    plain = {"type": "twosided", "front": metal() if name == "metal" else diffuse()}
+    theirs = luma(under(BUMPY[name], light), seen, "integrator", 1024)
+    ours, flat = (luma(under(material, light), seen, kind) for material in (BUMPY[name], plain))
+
+    def error(luma: npt.NDArray[np.float32]) -> float:
+        return float(np.sqrt(np.mean(np.log(luma / theirs) ** 2)))
+
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.03)
+    assert error(flat) > 0.01
+    assert error(ours) < max(0.25 * error(flat), 0.01)
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("material", [raised(diffuse()), bumpy(metal())], ids=["diffuse", "metal"])
+def test_rates_under_light_from_all_around(material: dict[str, Any]) -> None:
+    scene = under(material, lambda: lamp() | constant())
+    renderer = make_renderer(scene, CAMERA, kind="baked", rays_per_pixel=4, blur=False)
+    seen, step = view(2.2, (0.3, -0.2, 0.4), (0.1, 0.2, -0.5)), 1e-4
+    before, after = (renderer.luma(seen.moved(np.array([t])))[0].astype(np.float64) for t in (-step, step))
+    difference = (after - before) / (2 * step)
+    (value,), (rate,) = renderer.luma_and_rate(seen)
+    np.testing.assert_array_equal(value, renderer.luma(seen)[0])
+    wrong = np.abs(rate - difference) > 0.02 * np.abs(difference).max()
+    assert wrong.mean() < 0.06
+
+
 @pytest.mark.without_llvm
 @pytest.mark.parametrize("nested", [diffuse(bitmap(BASE)), metal()], ids=["diffuse", "metal"])
 @pytest.mark.parametrize("light", [POINT, GRAZING], ids=["point", "sun"])

@@ -149,8 +149,8 @@ def test_colours_as_texture_are_linear_between_corners(data: st.DataObject) -> N
 
 
 def test_axes_units_and_path(tmp_path: Path) -> None:
-    """OBJ's y points up, PLY's z; the path goes once around, looking at a place on the middle's vertical; the note tells
-    the size."""
+    """OBJ's y points up, PLY's z; the path goes once around, looking at a place above or below the middle; the note
+    tells the size."""
     path = tmp_path / "long.obj"
     path.write_text(cube("f 1 2 3\nf 1 2 6\n"))
     stretched = path.read_text().replace("v 1 ", "v 5 ").replace("v -1 1", "v -1 3").replace("v 5 1", "v 5 3")

@@ -69,7 +69,7 @@ pub use irradiance::{
     SurfacePoint, SurfaceTables,
 };
 pub use light::beam::Beam;
-pub use light::light_map::{Emission, LightMapTables};
+pub use light::light_map::{Emission, LightMapTables, VectorMapTables};
 #[cfg(feature = "python")]
 pub use light::normal_texture::NormalTextureTables;
 pub use light::sky::Sky;

@@ -156,6 +156,8 @@ pub struct Scene {
     pub(crate) normal_textures: NormalTextures,
     /// Of the light maps, for each baked light.
     pub(crate) irradiance: Vec<Vec<u64>>,
+    /// Of the maps of irradiance vectors, likewise, for x, y and z.
+    pub(crate) irradiance_vectors: Vec<[Vec<u64>; 3]>,
     pub(crate) lights: Vec<Light>,
     pub(crate) sky: Option<Sky>,
     /// None where all surfaces are diffuse.
@@ -187,6 +189,10 @@ impl Scene {
             texels: tables.texels.iter().map(|group| texture::paired(group)).collect(),
             normal_textures,
             irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map)).collect(),
+            irradiance_vectors: {
+                let vectors = tables.light_maps.vectors.texels.iter();
+                vectors.map(|axes| axes.each_ref().map(|map| texture::paired(map))).collect()
+            },
             lights: tables.lights.clone(),
             sky: tables.sky.clone(),
             gloss: None,

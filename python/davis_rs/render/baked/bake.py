@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...events.luma import LUMA_WEIGHTS
 from .instants import MOTION_TOLERANCE, MotionTimes, chosen
 from .irradiance import Irradiance, Reflected, Surfaces, relative_error
-from .light_maps import LightMaps, layouts_of, looked_up, side_of, texels_of
+from .light_maps import LightMaps, layouts_of, looked_up, side_of, texels_of, vector_layouts_of
 from .surface_lattice import RefinementRule, SampledLight, SurfaceLattice, refine
 
 FloatArray = npt.NDArray[np.float64]
@@ -61,6 +61,7 @@ class Effort:
         most_samples: of each place, at least ``FEWEST_SAMPLES``.
         other_samples: of each place, to know other light there, which says what is a small error.
         coarse_samples: of each place for light that bounces again.
+        vector_samples: of each place for the directions of light, where normal textures turn surfaces.
         looks: numbers of paths, and how often they bounce, until a place counts as one that no light reaches.
         settled: light has bounced often enough when the last time added less than this share of the error.
     """
@@ -71,6 +72,7 @@ class Effort:
     most_samples: int
     other_samples: int
     coarse_samples: int
+    vector_samples: int
     looks: tuple[tuple[int, int], ...]
     settled: float
 
@@ -84,6 +86,7 @@ FULL_EFFORT = Effort(
     most_samples=1024,
     other_samples=64,
     coarse_samples=128,
+    vector_samples=256,
     looks=((4, _ENDLESS), (64, _ENDLESS)),
     settled=0.1,
 )
@@ -96,6 +99,7 @@ QUICK_EFFORT = Effort(
     most_samples=FEWEST_SAMPLES,
     other_samples=16,
     coarse_samples=8,
+    vector_samples=32,
     looks=((4, 2), (8, 3)),
     settled=0.5,
 )
@@ -143,6 +147,12 @@ def bake(
     texels = [
         [texels_of(lattice, components, divisions, layouts) for components in sampled] for _, sampled, _ in states
     ]
+    vectors = []
+    if surfaces.bumpy.any():
+        for number, (lights, sampled, gathered) in enumerate(states):
+            job.state = "" if len(taken) == 1 else f"instant {number + 1} of {len(taken)}: "
+            for light, components, gather in zip(lights, sampled, gathered, strict=True):
+                vectors.append(job.vector_maps(light, components, gather, divisions, of_sides))
     if job.points == 0 and any(light.bounces or light.direct_parts for lights, *_ in states for light in lights):
         raise RuntimeError("light was baked at no point, although it falls on surfaces: this is a fault of davis_rs")
     job.state = ""
@@ -152,6 +162,8 @@ def bake(
     return LightMaps(
         of_sides,
         [texels_of_light for maps in texels for texels_of_light in maps],
+        surfaces.bumpy,
+        vectors,
         times.tests[taken],
         job.measured(mapped_states, layouts),
         motion_error,
@@ -270,6 +282,36 @@ class _BakeJob:
 
         rule = self._rule((_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off)
         return self._refined("bounces", bounced, rule)
+
+    def vector_maps(
+        self,
+        light: Irradiance,
+        components: list[SampledLight],
+        gather: Gathered | None,
+        divisions: IntArray,
+        of_sides: IntArray,
+    ) -> npt.NDArray[np.float32]:
+        """Return the maps of irradiance vectors of a light, float32 (n, 9), see :class:`~.light_maps.LightMaps`.
+
+        Args:
+            divisions, of_sides: of its maps of irradiance, for the lattice's sides, and for fronts and backs.
+        """
+        self._told("the directions of light")(0, 0)
+        parts: list[Gathered] = [partial(light.along_of_part, part) for part in range(len(light.direct_parts))]
+        if gather is not None:
+            parts.append(partial(light.along_gathered, reflected=gather.keywords["reflected"]))  # type: ignore[attr-defined]
+        bumpy = self._surfaces.bumpy
+        layouts, sides = vector_layouts_of(of_sides, bumpy), bumpy[self._lattice.triangles]
+        samples = self._effort.vector_samples
+        of_parts = [
+            component.with_vectors(sides, partial(_vectors_at, light, partial(part, samples=samples)))
+            for component, part in zip(components, parts, strict=True)
+        ]
+        axes = (
+            texels_of(self._lattice, [axes[axis] for axes in of_parts], divisions, layouts, chosen=sides)
+            for axis in range(3)
+        )
+        return np.concatenate(list(axes), axis=1)
 
     def reflected(self, light: Irradiance, direct: list[SampledLight]) -> Gathered:
         """Return a function that gathers what surfaces reflect of direct light and of all bounces but the last."""
@@ -436,6 +478,11 @@ def _unless_buried(
 def _light_at(light: Irradiance, lit: Gathered, *points: Any) -> FloatArray:
     """Return the light at points in their own frames."""
     return lit(*light.placed(*points))
+
+
+def _vectors_at(light: Irradiance, along: Gathered, *points: Any) -> FloatArray:
+    """Return irradiance vectors at points in their own frames, and in the axes of these."""
+    return light.in_frames(along(*light.placed(*points)), points[2])
 
 
 def _glimpse(light: Irradiance, *points: Any) -> FloatArray:

@@ -46,7 +46,7 @@ from .lights import (
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 5
+VERSION = 6
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
@@ -249,7 +249,9 @@ def baked_light(
     settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, effort, content)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()
     maps = _known.get(key)
-    check = partial(check_maps, two_sided=surfaces.two_sided, lights=len(names), tests=times.tests)
+    check = partial(
+        check_maps, two_sided=surfaces.two_sided, bumpy=surfaces.bumpy, lights=len(names), tests=times.tests
+    )
     if maps is None and (maps := cache.load(key, check)) is not None:
         say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
     if maps is None:
@@ -313,7 +315,8 @@ def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
 def _content(scene: MitsubaScene, mi: Mitsuba, surfaces: Surfaces, poses: FloatArray) -> str:
     """Return a hash of surfaces, materials and lights, and of how they move."""
     digest = hashlib.sha256(surfaces.looks)
-    for array in (surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, poses):
+    of_surfaces = surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, surfaces.bumpy
+    for array in (*of_surfaces, poses):
         digest.update(repr(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     for plugin in _parts(scene):

@@ -144,15 +144,17 @@ def _packed(maps: LightMaps) -> bytes:
     numbers = np.array(
         [maps.error, maps.motion_error, maps.points, *maps.samples, maps.complete, maps.seconds], np.float64
     )
-    texels = {f"texels_{i}": one for i, one in enumerate(maps.texels)}
-    return packed_arrays({"divisions": maps.divisions, "instants": maps.instants, "numbers": numbers, **texels})
+    arrays = {"divisions": maps.divisions, "instants": maps.instants, "numbers": numbers, "bumpy": maps.bumpy}
+    arrays |= {f"texels_{i}": one for i, one in enumerate(maps.texels)}
+    return packed_arrays(arrays | {f"vectors_{i}": one for i, one in enumerate(maps.vectors)})
 
 
 def _unpacked(data: bytes) -> LightMaps:
     arrays = unpacked_arrays(data)
-    others = ("divisions", "instants", "numbers")
-    texels = [f"texels_{i}" for i in range(len(arrays) - len(others))]
-    if arrays.keys() != {*others, *texels}:
+    texels, vectors = (
+        [f"{kind}_{i}" for i in range(sum(name.startswith(kind) for name in arrays))] for kind in ("texels", "vectors")
+    )
+    if arrays.keys() != {"divisions", "instants", "numbers", "bumpy", *texels, *vectors}:
         raise ValueError("its arrays are not those of baked light")
     numbers = arrays["numbers"]
     if numbers.shape != (7,) or not ((numbers >= 0) & (numbers < 2.0**53)).all():
@@ -161,6 +163,8 @@ def _unpacked(data: bytes) -> LightMaps:
     return LightMaps(
         arrays["divisions"],
         [arrays[name] for name in texels],
+        arrays["bumpy"],
+        [arrays[name] for name in vectors],
         arrays["instants"],
         error,
         motion_error,

@@ -66,6 +66,7 @@ class Surfaces:
         sizes: int32 (textures, 4): first texel, width, height and wrap mode of each texture.
         reflectances: float32 (texels, 3).
         looks: a hash of how surfaces look that these do not tell.
+        bumpy: bool (t), which of them have a normal texture or a bump map.
     """
 
     corners: FloatArray
@@ -78,7 +79,8 @@ class Surfaces:
     texture_of: npt.NDArray[np.uint32]
     sizes: npt.NDArray[np.int32]
     reflectances: npt.NDArray[np.float32]
-    looks: bytes = b""
+    looks: bytes
+    bumpy: npt.NDArray[np.bool_]
 
     @property
     def diagonal(self) -> float:
@@ -214,6 +216,47 @@ class Irradiance:
         """
         light, digest = (None, b"") if reflected is None else (reflected.light, reflected.digest)
         return self._mean("gathered", positions, normals, samples, shift, IrradianceSampler.gathered, (light,), digest)
+
+    def along_of_part(self, part: int, positions: FloatArray, normals: FloatArray, samples: int) -> FloatArray:
+        """Compute the part along the surface of irradiance vectors / pi (n, 3 axes, 3), RGB, in the world.
+
+        Args:
+            part: which of :attr:`direct_parts`.
+        """
+        of_part = {"of_lamps": IrradianceSampler.along_of_lamps, "of_sky": IrradianceSampler.along_of_sky}
+        return self._along(of_part[self.direct_parts[part].__name__], positions, normals, samples, ())
+
+    def along_gathered(
+        self, positions: FloatArray, normals: FloatArray, samples: int, reflected: Reflected | None
+    ) -> FloatArray:
+        """Compute the same (n, 3 axes, 3) of the light of :meth:`gathered`."""
+        light = None if reflected is None else reflected.light
+        return self._along(IrradianceSampler.along_gathered, positions, normals, samples, (light,))
+
+    def in_frames(self, vectors: FloatArray, frames: IntArray) -> FloatArray:
+        """Return vectors (n, 3 axes, 3), RGB, in the axes of frames (n), of those in the world."""
+        if self._poses is None:
+            return vectors
+        own = np.einsum("nij,nic->njc", self._poses[frames, :3, :3], vectors)
+        return np.where((frames == 0)[:, None, None], vectors, own)
+
+    def _along(
+        self,
+        method: Callable[..., FloatArray],
+        positions: FloatArray,
+        normals: FloatArray,
+        samples: int,
+        arguments: tuple[Any, ...],
+    ) -> FloatArray:
+        vectors = np.empty((len(positions), 3, 3))
+        step = max(_RAYS_AT_ONCE // samples, 1)
+        for start in range(0, len(positions), step):
+            chunk = slice(start, min(start + step, len(positions)))
+            light = self._computed(method, positions[chunk], normals[chunk], samples, 0, arguments)
+            vectors[chunk] = light.reshape(-1, 3, 3)
+            if chunk.stop < len(positions):
+                doing(f"the directions of light, {chunk.stop:,} of {len(positions):,} points")
+        return vectors
 
     def traced(self, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
         """Compute the same quantity as :meth:`gathered`, RGB (n, 3), from ``samples`` paths."""

@@ -23,6 +23,9 @@ class LightMaps:
             not reflect is -1.
         texels: for each instant and each light of it float32 (n, 3), RGB: all maps one after the other, triangle by
             triangle and front before back, each with a frame of one texel around it, row by row.
+        bumpy: bool (t), which triangles have maps of irradiance vectors, because normal textures turn them.
+        vectors: as ``texels``, float32 (n, 9), x, y and z in RGB each, in the triangles' frames: the part along the
+            surface of the irradiance vector / pi, of the triangles that have such maps; empty where none has.
         instants: seconds (k), when bodies are where the light has them; one where nothing moves.
         error: how much the light errs, relative: measured, of three places two err less.
         motion_error: how much more it errs between instants, relative: root mean square where light changes, in the
@@ -35,6 +38,8 @@ class LightMaps:
 
     divisions: IntArray
     texels: list[npt.NDArray[np.float32]]
+    bumpy: npt.NDArray[np.bool_]
+    vectors: list[npt.NDArray[np.float32]]
     instants: FloatArray
     error: float
     motion_error: float
@@ -48,12 +53,24 @@ class LightMaps:
         """Return each map's first texel, width, height and wrap mode, (t, 2, 4); a back without one has the front's."""
         return layouts_of(self.divisions)
 
+    @property
+    def vector_layouts(self) -> IntArray:
+        """Return the same of the maps of irradiance vectors; triangles that have none have those of another one."""
+        return vector_layouts_of(self.divisions, self.bumpy)
 
-def check_maps(maps: LightMaps, *, two_sided: npt.NDArray[np.bool_], lights: int, tests: FloatArray) -> None:
+
+def check_maps(
+    maps: LightMaps,
+    *,
+    two_sided: npt.NDArray[np.bool_],
+    bumpy: npt.NDArray[np.bool_],
+    lights: int,
+    tests: FloatArray,
+) -> None:
     """Refuse maps that are not those of a scene's light.
 
     Args:
-        two_sided: bool (t), of the scene's triangles.
+        two_sided, bumpy: bool (t), of the scene's triangles.
         lights: how many there are.
         tests: seconds (k), the instants at which light may be baked.
 
@@ -78,6 +95,14 @@ def check_maps(maps: LightMaps, *, two_sided: npt.NDArray[np.bool_], lights: int
             raise ValueError(f"texels must be float32 ({count}, 3), found {texels.dtype} {texels.shape}")
         if not (np.isfinite(texels).all() and (texels[inside] >= 0).all()):
             raise ValueError("texels must be finite, and >= 0 within triangles")
+    if maps.bumpy.dtype != np.bool_ or not np.array_equal(maps.bumpy, bumpy):
+        raise ValueError("its irradiance vectors are not those of the scene's normal textures")
+    if len(maps.vectors) != (len(maps.texels) if bumpy.any() else 0):
+        raise ValueError(f"{len(maps.texels)} maps need as many of irradiance vectors, found {len(maps.vectors)}")
+    count = texel_count(maps.vector_layouts) if maps.vectors else 0
+    for vectors in maps.vectors:
+        if vectors.dtype != np.float32 or vectors.shape != (count, 9) or not np.isfinite(vectors).all():
+            raise ValueError(f"irradiance vectors must be finite float32 ({count}, 9), found {vectors.shape}")
 
 
 def _inside(divisions: IntArray) -> npt.NDArray[np.bool_]:
@@ -108,6 +133,13 @@ def layouts_of(divisions: IntArray) -> IntArray:
     return np.asarray(layouts)
 
 
+def vector_layouts_of(divisions: IntArray, bumpy: npt.NDArray[np.bool_]) -> IntArray:
+    """Return the layouts (t, 2, 4) of maps of some triangles (t) alone; the others have those of the first of these."""
+    layouts = layouts_of(np.where(bumpy[:, None], divisions, -1))
+    layouts[~bumpy] = layouts[np.argmax(bumpy)]
+    return layouts
+
+
 def side_of(lattice: SurfaceLattice) -> IntArray:
     """Return 0 for fronts, 1 for backs, which come after all fronts."""
     side = np.zeros(len(lattice.triangles), np.int64)
@@ -135,12 +167,21 @@ def texels_of(
     divisions: IntArray,
     layouts: IntArray,
     others: npt.NDArray[np.float32] | None = None,
+    chosen: npt.NDArray[np.bool_] | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Return the texels (n, 3) of maps of the sum of all components, and of ``others``, texels of the same layouts."""
+    """Return the texels (n, 3) of maps of the sum of all components, and of ``others``, texels of the same layouts.
+
+    Args:
+        chosen: bool, which of the lattice's sides have maps; None: all.
+    """
     texels = np.zeros((texel_count(layouts), 3), np.float32) if others is None else others.copy()
     sides = side_of(lattice)
     for component in components:
         for faces, grids in component.grids(divisions):
+            if chosen is not None:
+                faces, grids = faces[chosen[faces]], grids[chosen[faces]]
+            if not len(faces):
+                continue
             # Rows are along the second coordinate.
             framed = np.pad(grids.swapaxes(1, 2), ((0, 0), (1, 1), (1, 1), (0, 0)), mode="edge")
             first = layouts[lattice.triangles[faces], sides[faces], 0]

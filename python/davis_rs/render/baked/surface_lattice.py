@@ -148,6 +148,29 @@ class SampledLight:
         values[seen] = light_at(self.positions[seen], self.normals[seen], self.frames[seen])
         return replace(self, values=_without_buried(values, self.levels))
 
+    def with_vectors(
+        self, sides: npt.NDArray[np.bool_], vectors_at: Callable[[FloatArray, FloatArray, IntArray], FloatArray]
+    ) -> list[SampledLight]:
+        """Return the x, y and z of vectors at the points of some sides (f), and 0 elsewhere.
+
+        Args:
+            vectors_at: as that of :meth:`with_light`, (k, 3 axes, 3).
+        """
+        seen = self._on(sides) & ~self.buried
+        values = np.zeros((len(self.values), 3, 3))
+        values[self.buried] = np.nan
+        values[seen] = vectors_at(self.positions[seen], self.normals[seen], self.frames[seen])
+        return [replace(self, values=_without_buried(values[:, axis].copy(), self.levels)) for axis in range(3)]
+
+    def _on(self, sides: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return which points (n) lie on some sides (f)."""
+        on = np.zeros(len(self.values), bool)
+        on[self.faces[sides]] = True
+        first, second = self.edges >> 32, self.edges & 0xFFFFFFFF
+        for _ in self.levels:  # an end may be a middle of the division before
+            on[self.middles] = on[first] & on[second]
+        return on
+
     def middle_of(self, a: IntArray, b: IntArray) -> IntArray:
         """Return the point in the middle of each edge, -1 where it was not divided or has an end of -1."""
         middles = np.full(a.shape, -1)

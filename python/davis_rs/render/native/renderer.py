@@ -336,10 +336,15 @@ def _sky(table: SceneTable) -> tuple[int, int, npt.NDArray[np.float32]] | None:
     return table.light_of_group(sky.group), sky.side, sky.texels.ravel()
 
 
+_Texels = list[npt.NDArray[np.float32]]
+_VectorMaps = tuple[npt.NDArray[np.int64], list[_Texels]]
+
+
 def _light_maps(
     table: SceneTable,
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64], list[npt.NDArray[np.float32]]] | None:
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64], _Texels, _VectorMaps | None] | None:
     if table.baked is None:
         return None
-    u, v = table.light_map_coordinates()
-    return u.ravel(), v.ravel(), table.baked.maps.layouts.ravel(), table.irradiance
+    (u, v), maps = table.light_map_coordinates(), table.baked.maps
+    vectors = (maps.vector_layouts.ravel(), table.irradiance_vectors) if maps.vectors else None
+    return u.ravel(), v.ravel(), maps.layouts.ravel(), table.irradiance, vectors

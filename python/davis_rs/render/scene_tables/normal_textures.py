@@ -49,9 +49,10 @@ class NormalTextures:
         """Return the normal texture of a material; None where it has none."""
         return self._of_materials.get(material)
 
-    def __bool__(self) -> bool:
-        """Return whether there are any."""
-        return bool(self._images)
+    @property
+    def numbers(self) -> list[int]:
+        """The numbers of the textures of reflectance on whose shapes there are any."""
+        return list(self._images)
 
     def __contains__(self, texture: int) -> bool:
         """Return whether the shape with a texture of reflectance has a normal texture."""

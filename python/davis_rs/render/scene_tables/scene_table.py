@@ -298,6 +298,7 @@ class SceneTable:
             sizes=self.textures.sizes,
             reflectances=reflectances,
             looks=looks,
+            bumpy=np.isin(self.textures.texture_of, self.normal_textures.numbers),
         )
 
     def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
@@ -334,6 +335,16 @@ class SceneTable:
         """The texels of the maps of each baked light: irradiance / pi."""
         maps = [] if self.baked is None else self.baked.maps.texels
         return [np.ascontiguousarray(texels[:, channel]) for texels in maps for channel in range(self._channels)]
+
+    @property
+    def irradiance_vectors(self) -> list[list[npt.NDArray[np.float32]]]:
+        """The x, y and z of the maps of irradiance vectors of each baked light; empty where no surface needs them."""
+        maps = [] if self.baked is None else self.baked.maps.vectors
+        return [
+            [np.ascontiguousarray(vectors[:, 3 * axis + channel]) for axis in range(3)]
+            for vectors in maps
+            for channel in range(self._channels)
+        ]
 
     def light_map_coordinates(self) -> tuple[FloatArray, FloatArray]:
         """Return affine maps (n, 2, 4) of a point to u and v in the light maps of a triangle's front and back."""
@@ -389,15 +400,11 @@ class SceneTable:
     def description(self) -> str:
         """What the scene is made of, for messages."""
         surfaces = "diffuse triangles" if self.gloss is None else "diffuse and glossy triangles"
-        even = "baked" if self.baked is not None else "constant"
-        bumps = ""
-        if self.normal_textures and (self.baked is not None or any(light.kind == even for light in self.lights)):
-            bumps = f"; normal maps and bump maps turn surfaces for all light but the {even} one"
         if self.baked is not None:
-            return f"{surfaces} under {self.baked.description}{bumps}"
+            return f"{surfaces} under {self.baked.description}"
         kinds = sorted({light.kind for light in self.lights} - {"emission"})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
-        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows{bumps}"
+        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows"
 
     @property
     def background_luma(self) -> float:

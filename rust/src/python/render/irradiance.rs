@@ -126,6 +126,10 @@ fn flat(py: Python<'_>, light: Vec<[f64; 3]>) -> Flat<'_> {
     light.into_flattened().into_pyarray(py)
 }
 
+fn flat_vectors(py: Python<'_>, light: Vec<[[f64; 3]; 3]>) -> Flat<'_> {
+    flat(py, light.into_flattened())
+}
+
 #[pymethods]
 impl PyIrradianceSampler {
     #[new]
@@ -185,6 +189,26 @@ impl PyIrradianceSampler {
         Ok(flat(py, py.detach(|| self.0.of_lamps(group, &points, samples))?))
     }
 
+    /// Compute the part along the surface of irradiance vectors of the light of :meth:`of_lamps`.
+    ///
+    /// Where a surface is turned a little, its irradiance grows by the product of this with its normal.
+    ///
+    /// Returns:
+    ///     Irradiance vectors / pi, float64, flat (n, 3 axes, 3): red, green and blue of x, y and z.
+    ///
+    /// Raises:
+    ///     ValueError: as :meth:`of_lamps`.
+    fn along_of_lamps<'py>(
+        &self,
+        py: Python<'py>,
+        group: usize,
+        points: SurfacePoints<'py>,
+        samples: usize,
+    ) -> PyResult<Flat<'py>> {
+        let points = points_of(points)?;
+        Ok(flat_vectors(py, py.detach(|| self.0.along_of_lamps(group, &points, samples))?))
+    }
+
     /// Compute direct light of the sky of a ``group`` at ``points``, as :meth:`of_lamps`, by ``samples`` rays.
     fn of_sky<'py>(
         &self,
@@ -195,6 +219,18 @@ impl PyIrradianceSampler {
     ) -> PyResult<Flat<'py>> {
         let points = points_of(points)?;
         Ok(flat(py, py.detach(|| self.0.of_sky(group, &points, samples))?))
+    }
+
+    /// Compute the same of the light of :meth:`of_sky` as :meth:`along_of_lamps` does of lamps.
+    fn along_of_sky<'py>(
+        &self,
+        py: Python<'py>,
+        group: usize,
+        points: SurfacePoints<'py>,
+        samples: usize,
+    ) -> PyResult<Flat<'py>> {
+        let points = points_of(points)?;
+        Ok(flat_vectors(py, py.detach(|| self.0.along_of_sky(group, &points, samples))?))
     }
 
     /// Compute direct light of points, directions and small lamps of a ``group`` at ``points``, as :meth:`of_lamps`.
@@ -235,6 +271,20 @@ impl PyIrradianceSampler {
         let points = points_of(points)?;
         let reflected = reflected.as_ref().map(|light| &light.0);
         Ok(flat(py, py.detach(|| self.0.gathered(group, &points, samples, reflected))?))
+    }
+
+    /// Compute the same of the light of :meth:`gathered` as :meth:`along_of_lamps` does of lamps.
+    fn along_gathered<'py>(
+        &self,
+        py: Python<'py>,
+        group: usize,
+        points: SurfacePoints<'py>,
+        samples: usize,
+        reflected: Option<PyRef<'py, PyReflectedLight>>,
+    ) -> PyResult<Flat<'py>> {
+        let points = points_of(points)?;
+        let reflected = reflected.as_ref().map(|light| &light.0);
+        Ok(flat_vectors(py, py.detach(|| self.0.along_gathered(group, &points, samples, reflected))?))
     }
 
     /// Compute what :meth:`gathered` does by paths, with all lights of the group.

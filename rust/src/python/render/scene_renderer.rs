@@ -46,7 +46,9 @@ use crate::render::{
 ///         all.
 ///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
 ///         (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
-///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
+///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi;
+///         and None, or where normal textures turn surfaces the part of irradiance vectors / pi along these: layouts,
+///         and for each baked light float32 of x, y and z in the triangle's frame.
 ///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
 ///         (t); None where none does.
 ///     sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use crate::python::arrays::{column, groups, lists, numbers};
 use crate::render::{
     Beam, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light, LightKind, LightMapTables,
-    NormalTextureTables, PASSING, Sky, Under,
+    NormalTextureTables, PASSING, Sky, Under, VectorMapTables,
 };
 
 /// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
@@ -15,8 +15,14 @@ pub(super) type BeamTuple = ([f64; 3], Option<(f64, f64)>);
 /// Kind, group, strength, background, vector and beam of a light.
 pub(super) type LightTuple = (String, u32, f64, f64, [f64; 3], Option<BeamTuple>);
 
-/// `u_maps`, `v_maps`, layouts and texels of the light maps.
-pub(super) type LightMapTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<Bound<'py, PyAny>>);
+/// `u_maps`, `v_maps`, layouts and texels of the light maps, and of those of irradiance vectors.
+pub(super) type LightMapTuple<'py> = (
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    Bound<'py, PyAny>,
+    Vec<Bound<'py, PyAny>>,
+    Option<(Bound<'py, PyAny>, Vec<[Bound<'py, PyAny>; 3]>)>,
+);
 
 /// Luma that each triangle emits, and the number of its light.
 pub(super) type EmissionTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
@@ -51,7 +57,8 @@ pub(super) type GlossTuple<'py> = (
 
 /// For each texture the number of its normal texture, layouts and texels of these, which are bump maps, on which light
 /// fades, and whether they follow glTF's rule.
-pub(super) type NormalTextureTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Bound<'py, PyAny>, Vec<bool>, Vec<bool>, bool);
+pub(super) type NormalTextureTuple<'py> =
+    (Bound<'py, PyAny>, Vec<[i64; 4]>, Bound<'py, PyAny>, Vec<bool>, Vec<bool>, bool);
 
 /// Returns the normal textures.
 pub(super) fn normal_texture_tables(
@@ -162,8 +169,24 @@ pub(super) fn numbered(lights: Vec<LightTuple>) -> PyResult<Vec<Light>> {
 }
 
 /// Returns the tables of the light maps.
-pub(super) fn light_map_tables((u_maps, v_maps, layouts, texels): LightMapTuple<'_>) -> PyResult<LightMapTables> {
+pub(super) fn light_map_tables(
+    (u_maps, v_maps, layouts, texels, vectors): LightMapTuple<'_>,
+) -> PyResult<LightMapTables> {
+    let vectors = match vectors {
+        None => VectorMapTables::default(),
+        Some((layouts, texels)) => VectorMapTables {
+            layouts: groups(&layouts, "layouts of vectors")?,
+            texels: texels
+                .iter()
+                .map(|axes| {
+                    let axes = lists(axes.as_slice(), "irradiance vectors")?;
+                    <[Vec<f32>; 3]>::try_from(axes).map_err(|_| PyValueError::new_err("vectors have three axes"))
+                })
+                .collect::<PyResult<_>>()?,
+        },
+    };
     Ok(LightMapTables {
+        vectors,
         uv_maps: uv_maps(&u_maps, &v_maps)?,
         layouts: groups(&layouts, "layouts")?,
         texels: lists(&texels, "texels")?,

@@ -73,7 +73,7 @@ impl Pattern {
 )]
 fn stride(count: usize) -> usize {
     let golden = (count as f64 * GOLDEN) as usize;
-    (golden..).find(|&number| greatest_common_divisor(number, count) == 1).unwrap_or(1)
+    (golden..=count).find(|&number| greatest_common_divisor(number, count) == 1).unwrap_or(1)
 }
 
 fn greatest_common_divisor(a: usize, b: usize) -> usize {

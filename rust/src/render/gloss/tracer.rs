@@ -21,6 +21,7 @@ use super::pattern::{Pattern, PatternPoint};
 use super::tables::Gloss;
 use crate::render::geometry::vector::{self, Vector, largest};
 use crate::render::geometry::view::Pose;
+use crate::render::light::light_map::SideMap;
 use crate::render::light::lights::{SeenKind, SeenLight, Surroundings};
 use crate::render::light::normal_texture::fading;
 use crate::render::light::texture::{Wrap, parted};
@@ -101,8 +102,10 @@ struct Spot<'a, N> {
     viewer: Triple<N>,
     /// The cosine between these two.
     out: N,
-    /// The shading normal without the normal texture, where light fades with that.
-    fading_from: Option<Triple<N>>,
+    /// The shading normal without the normal texture; None where there is none.
+    under: Option<Triple<N>>,
+    /// Whether light fades with it.
+    fades: bool,
     /// Light comes from behind the surface of a rough solid: the index there, relative to the viewer's side.
     through: Option<f64>,
 }
@@ -135,7 +138,16 @@ impl<N: Number> Spot<'_, N> {
 
     /// Returns the fraction of light from a direction that bumps let through.
     fn fading(&self, towards: Triple<N>) -> N {
-        self.fading_from.map_or(N::constant(1.0), |normal| fading(normal, self.normal, towards))
+        match self.under {
+            Some(normal) if self.fades => fading(normal, self.normal, towards),
+            _ => N::constant(1.0),
+        }
+    }
+
+    /// Returns the fraction that is left of light from all around where a normal texture turns the surface.
+    fn even_fraction(&self) -> N {
+        let cosine = self.under.map_or(N::constant(1.0), |normal| dot(normal, self.normal));
+        (cosine + N::constant(1.0)).scaled(0.5)
     }
 
     /// Returns whether a direction leads away from the surface, on the side that light comes from.
@@ -182,14 +194,15 @@ impl Tracer<'_> {
         let surface = &self.lit.scene.surfaces[hit.triangle as usize];
         let own = gloss.finish(hit.triangle).map(|finish| self.finish_at(finish, surface, hit));
         let finish = own.as_deref();
-        let (normal, fading_from) = self.normal(hit, surface, viewer);
+        let (normal, under) = self.normal(hit, surface, viewer);
+        let fades = under.is_some() && self.lit.scene.bumps(surface).is_some_and(|bumps| bumps.rule.fades);
         let texture = &self.lit.scene.textures[surface.texture as usize];
         let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
             let [red, green, blue] = gloss.texels[at];
             [f64::from(red), f64::from(green), f64::from(blue)]
         });
         let out = dot(normal, viewer);
-        let spot = Spot { hit: *hit, finish, base, normal, viewer, out, fading_from, through: None };
+        let spot = Spot { hit: *hit, finish, base, normal, viewer, out, under, fades, through: None };
         match finish {
             Some(finish @ Finish { under: Under::Solid(index), .. }) if !finish.is_mirror() => {
                 self.through_rough_solid(&spot, finish, *index, (surface, path))
@@ -228,7 +241,7 @@ impl Tracer<'_> {
             let colour = scale(constant(gloss.colours[light.group]), strength);
             match light.kind {
                 SeenKind::Visible => {}
-                SeenKind::Constant => evenly = add(evenly, colour),
+                SeenKind::Constant => evenly = add(evenly, scale(colour, spot.even_fraction())),
                 SeenKind::Baked(_) if light.strength == 0.0 && light.strength_rate == 0.0 => {}
                 SeenKind::Baked(number) => {
                     if let Some([front, back]) = surface.light_maps.as_deref() {
@@ -238,7 +251,12 @@ impl Tracer<'_> {
                             looked_up(&side.texture, Wrap::Clamp, [&side.u, &side.v], spot.hit.in_frame, |at| {
                                 [f64::from(parted(texels[at])[0])]
                             });
-                        evenly = add(evenly, scale(colour, value.at_least(0.0)));
+                        let mut value = value.at_least(0.0);
+                        if spot.under.is_some() {
+                            let grown = self.grown(spot, surface, side, number);
+                            value = (value * spot.even_fraction() + grown).at_least(0.0);
+                        }
+                        evenly = add(evenly, scale(colour, value));
                     }
                 }
                 SeenKind::Directional(towards, rate) => {
@@ -255,6 +273,17 @@ impl Tracer<'_> {
             }
         }
         add(sum, times(spot.evenly(path), evenly))
+    }
+
+    /// Returns how much irradiance / pi of a baked light grows where a normal texture turns the surface.
+    fn grown<N: Number>(&self, spot: &Spot<N>, surface: &Surface, side: &SideMap, number: usize) -> N {
+        let scene = self.lit.scene;
+        let Some(texture) = &side.vectors else { return N::constant(0.0) };
+        let texels = &scene.irradiance_vectors[number];
+        let along = looked_up(texture, Wrap::Clamp, [&side.u, &side.v], spot.hit.in_frame, |at| {
+            texels.each_ref().map(|axis| f64::from(parted(axis[at])[0]))
+        });
+        dot(along, into_frame(&self.lit.view.poses[surface.frame as usize], spot.normal))
     }
 
     /// Returns what a surface reflects of a light at a position, for a strength of 1.
@@ -548,8 +577,8 @@ impl Tracer<'_> {
         }
     }
 
-    /// Returns the unit shading normal on the viewer's side; the plane's, where the shading normal turns away. Where light
-    /// fades with a normal texture, also what the normal is without that.
+    /// Returns the unit shading normal on the viewer's side; the plane's, where the shading normal turns away. Where there is
+    /// a normal texture, also what the normal is without that.
     fn normal<N: Number>(&self, hit: &Hit<N>, surface: &Surface, viewer: Triple<N>) -> (Triple<N>, Option<Triple<N>>) {
         let bumps = self.lit.scene.bumps(surface);
         if bumps.is_none() && surface.normal.is_none() {
@@ -562,7 +591,7 @@ impl Tracer<'_> {
         let turned = bumps.map(|bumps| from_frame(pose, bumps.turned(hit.in_frame, of_front, (hit.front, to_viewer))));
         let faces = |normal: &Triple<N>| dot(*normal, viewer).value() > 1e-6;
         let normal = turned.filter(faces).or(Some(smooth).filter(faces)).unwrap_or(hit.plane);
-        (normal, bumps.filter(|bumps| bumps.rule.fades).map(|_| smooth))
+        (normal, bumps.map(|_| smooth))
     }
 
     /// Returns the triangle that a ray from a surface meets first.

@@ -156,7 +156,7 @@ fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Op
         FramedKind::Visible => None,
         FramedKind::Baked(texels) => {
             let [front, back] = hit.surface.light_maps.as_deref()?;
-            let SideMap { u, v, texture } = if hit.in_front || !hit.surface.two_sided { front } else { back };
+            let SideMap { u, v, texture, .. } = if hit.in_front || !hit.surface.two_sided { front } else { back };
             let irradiance = looked_up(texture, &scene.irradiance[texels], [u, v], hit.point);
             // Beyond a triangle's third edge a map may fall below 0, and rounding leads there.
             (irradiance.value > 0.0).then_some((irradiance, 0.0))

@@ -12,7 +12,8 @@ use super::lattice::{BELOW_ONE, Lattice, across, cosine_direction, in_frame};
 use super::surfaces::{Colour, ReflectedLight, SurfaceTables, Surfaces};
 use crate::error::{Error, Result};
 use crate::random::{Draw, Purpose};
-use crate::render::geometry::vector::{Vector, single};
+use crate::render::geometry::vector::{Vector, dot, single};
+use crate::render::gloss::number::unit;
 use crate::render::visibility::ray_tracer::{Fan, NOTHING, RayTracer};
 use crate::threads::SHARED;
 
@@ -82,6 +83,63 @@ impl Start {
     }
 }
 
+/// What is added up of the light that arrives at a point.
+trait Sum: Default {
+    /// What a point has in the end.
+    type Light: Send;
+
+    /// Adds light that arrives from a direction.
+    fn add(&mut self, start: &Start, towards: [f32; 3], light: Colour);
+
+    /// Returns the mean of so many samples.
+    fn mean(&self, samples: usize) -> Self::Light;
+}
+
+/// Irradiance / pi.
+#[derive(Default)]
+struct Irradiance([f64; 3]);
+
+impl Sum for Irradiance {
+    type Light = [f64; 3];
+
+    #[inline]
+    fn add(&mut self, _: &Start, _: [f32; 3], light: Colour) {
+        add_up(&mut self.0, [0, 1, 2].map(|i| f64::from(light[i])));
+    }
+
+    fn mean(&self, samples: usize) -> [f64; 3] {
+        self.0.map(|x| x / float(samples))
+    }
+}
+
+/// The part along the surface of the irradiance vector / pi (Arvo, "The irradiance Jacobian for partially occluded
+/// polyhedral sources", 1994): how irradiance grows when the surface is turned. x, y and z, each in red, green and blue.
+#[derive(Default)]
+struct AlongSurface([[f64; 3]; 3]);
+
+impl Sum for AlongSurface {
+    type Light = [[f64; 3]; 3];
+
+    fn add(&mut self, start: &Start, towards: [f32; 3], light: Colour) {
+        // The way to a lamp is not of unit length.
+        let (towards, normal) = (unit(towards.map(f64::from)), start.normal.map(f64::from));
+        let cosine = dot(towards, normal);
+        let per_cosine = 1.0 / cosine.max(LEAST_COSINE);
+        for axis in 0..3 {
+            let along = (towards[axis] - cosine * normal[axis]) * per_cosine;
+            add_up(&mut self.0[axis], [0, 1, 2].map(|i| along * f64::from(light[i])));
+        }
+    }
+
+    fn mean(&self, samples: usize) -> [[f64; 3]; 3] {
+        self.0.map(|axis| axis.map(|x| x / float(samples)))
+    }
+}
+
+/// Light that comes from lower counts as if it came from here, where irradiance vectors are added up. Else single samples
+/// would decide them.
+const LEAST_COSINE: f64 = 0.02;
+
 /// Draws of one path: a function of its seed, its number, and how many were drawn before.
 struct Draws {
     seed: u64,
@@ -122,8 +180,21 @@ impl IrradianceSampler {
     ///
     /// [`Error::Argument`] for a group that is not there, or no samples.
     pub fn of_lamps(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<[f64; 3]>> {
+        self.lamps::<Irradiance>(group, points, samples)
+    }
+
+    /// Returns the part along the surface of the irradiance vector / pi of the light of [`IrradianceSampler::of_lamps`].
+    ///
+    /// # Errors
+    ///
+    /// As [`IrradianceSampler::of_lamps`].
+    pub fn along_of_lamps(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<[[f64; 3]; 3]>> {
+        self.lamps::<AlongSurface>(group, points, samples)
+    }
+
+    fn lamps<S: Sum>(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<S::Light>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        self.summed(&lattice, points, &lights.lamps, |lamp, start, at| {
+        self.summed::<S, _>(&lattice, points, &lights.lamps, |lamp, start, at| {
             lamp.arriving(&start.position, &start.normal, &start.origin, at)
         })
     }
@@ -136,16 +207,32 @@ impl IrradianceSampler {
     ///
     /// As [`IrradianceSampler::of_lamps`].
     pub fn of_sky(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<[f64; 3]>> {
+        self.sky::<Irradiance>(group, points, samples)
+    }
+
+    /// Returns the part along the surface of the irradiance vector / pi of the light of [`IrradianceSampler::of_sky`].
+    ///
+    /// # Errors
+    ///
+    /// As [`IrradianceSampler::of_lamps`].
+    pub fn along_of_sky(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<[[f64; 3]; 3]>> {
+        self.sky::<AlongSurface>(group, points, samples)
+    }
+
+    fn sky<S: Sum>(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<S::Light>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        let Some(sky) = &lights.sky else { return Ok(vec![[0.0; 3]; points.len()]) };
         each(points, |point, scratch| {
             let (start, shift) = (self.start(point), shift_of(point));
-            let mut sum = direct(&self.tracer, &start, &lattice, shift, scratch, |at| along_cosine(sky, &start, at));
-            if matches!(sky, Sky::Map(_)) {
-                let arriving = |at| along_radiance(sky, &start, at);
-                add_up(&mut sum, direct(&self.tracer, &start, &lattice, shift, scratch, arriving));
+            let mut sum = S::default();
+            if let Some(sky) = &lights.sky {
+                let arriving = |at| along_cosine(sky, &start, at);
+                direct(&self.tracer, &start, &lattice, shift, scratch, arriving, &mut sum);
+                if matches!(sky, Sky::Map(_)) {
+                    let arriving = |at| along_radiance(sky, &start, at);
+                    direct(&self.tracer, &start, &lattice, shift, scratch, arriving, &mut sum);
+                }
             }
-            sum.map(|x| x / float(samples))
+            sum.mean(samples)
         })
     }
 
@@ -156,7 +243,7 @@ impl IrradianceSampler {
     /// As [`IrradianceSampler::of_lamps`].
     pub fn of_sharp(&self, group: usize, points: &[SurfacePoint], samples: usize) -> Result<Vec<[f64; 3]>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
-        self.summed(&lattice, points, &lights.sharp, |light, start, at| {
+        self.summed::<Irradiance, _>(&lattice, points, &lights.sharp, |light, start, at| {
             light.arriving(&start.position, &start.normal, &start.origin, at)
         })
     }
@@ -174,6 +261,31 @@ impl IrradianceSampler {
         samples: usize,
         reflected: Option<&ReflectedLight>,
     ) -> Result<Vec<[f64; 3]>> {
+        self.reflected::<Irradiance>(group, points, samples, reflected)
+    }
+
+    /// Returns the part along the surface of the irradiance vector / pi of the light of [`IrradianceSampler::gathered`].
+    ///
+    /// # Errors
+    ///
+    /// As [`IrradianceSampler::gathered`].
+    pub fn along_gathered(
+        &self,
+        group: usize,
+        points: &[SurfacePoint],
+        samples: usize,
+        reflected: Option<&ReflectedLight>,
+    ) -> Result<Vec<[[f64; 3]; 3]>> {
+        self.reflected::<AlongSurface>(group, points, samples, reflected)
+    }
+
+    fn reflected<S: Sum>(
+        &self,
+        group: usize,
+        points: &[SurfacePoint],
+        samples: usize,
+        reflected: Option<&ReflectedLight>,
+    ) -> Result<Vec<S::Light>> {
         let (lights, lattice) = (self.group(group)?, lattice(samples)?);
         if let Some(light) = reflected.filter(|light| light.len() != self.surfaces.len()) {
             let (triangles, got) = (self.surfaces.len(), light.len());
@@ -182,8 +294,9 @@ impl IrradianceSampler {
         each(points, |point, scratch| {
             let start = self.start(point);
             let shift = shift_of(point);
-            let sum = gather(self, lights, &start, &lattice, shift, reflected, scratch);
-            sum.map(|x| x / float(samples))
+            let mut sum = S::default();
+            gather(self, lights, &start, &lattice, shift, reflected, scratch, &mut sum);
+            sum.mean(samples)
         })
     }
 
@@ -256,21 +369,21 @@ impl IrradianceSampler {
     }
 
     /// Adds up at each point the light of several lights, each by all points of a lattice.
-    fn summed<L: Sync>(
+    fn summed<S: Sum, L: Sync>(
         &self,
         lattice: &Lattice,
         points: &[SurfacePoint],
         lights: &[L],
         arriving: impl Fn(&L, &Start, [f32; 2]) -> Arriving + Sync,
-    ) -> Result<Vec<[f64; 3]>> {
+    ) -> Result<Vec<S::Light>> {
         each(points, |point, scratch| {
             let start = self.start(point);
-            let mut sum = [0.0; 3];
+            let mut sum = S::default();
             for light in lights {
                 let arriving = |at| arriving(light, &start, at);
-                add_up(&mut sum, direct(&self.tracer, &start, lattice, shift_of(point), scratch, arriving));
+                direct(&self.tracer, &start, lattice, shift_of(point), scratch, arriving, &mut sum);
             }
-            sum.map(|x| x / float(lattice.len()))
+            sum.mean(lattice.len())
         })
     }
 
@@ -357,7 +470,7 @@ fn along_radiance(sky: &Sky, start: &Start, at: [f32; 2]) -> Arriving {
     Arriving { towards, end: f32::INFINITY, light: radiance.map(|x| x * (own / (own + density))) }
 }
 
-/// Returns the sum of the light that arrives along the points of a lattice, where nothing is in its way.
+/// Adds up the light that arrives along the points of a lattice, where nothing is in its way.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn direct(
@@ -367,7 +480,8 @@ fn direct(
     shift: [f32; 2],
     scratch: &mut Scratch,
     arriving: impl Fn([f32; 2]) -> Arriving,
-) -> Vector {
+    sum: &mut impl Sum,
+) {
     let Scratch { fan, light, .. } = scratch;
     light.clear();
     fan.origin = start.origin;
@@ -381,13 +495,11 @@ fn direct(
         light.push(sample.light);
     }
     any(tracer, fan);
-    let mut sum = [0.0; 3];
     for at in 0..lattice.len() {
         if fan.ends[at] > 0.0 && !fan.blocked[at] {
-            add_up(&mut sum, [0, 1, 2].map(|i| f64::from(light[at][i])));
+            sum.add(start, [0, 1, 2].map(|axis| fan.directions[axis][at]), light[at]);
         }
     }
-    sum
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
@@ -400,9 +512,10 @@ fn closest(tracer: &RayTracer, fan: &mut Fan) {
     tracer.closest(fan);
 }
 
-/// Returns the sum of what the rays of a point gather.
+/// Adds up what the rays of a point gather.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-fn gather(
+#[allow(clippy::too_many_arguments, reason = "a point, its rays, and what they find")]
+fn gather<S: Sum>(
     scene: &IrradianceSampler,
     lights: &Lights,
     start: &Start,
@@ -410,14 +523,14 @@ fn gather(
     shift: [f32; 2],
     reflected: Option<&ReflectedLight>,
     scratch: &mut Scratch,
-) -> Vector {
+    sum: &mut S,
+) {
     let Scratch { fan, shadow, light, .. } = scratch;
     fan.origin = start.origin;
     fan.ends.clear();
     fan.resize(lattice.len());
     lattice.directions(shift, &start.across, &start.normal, &mut fan.directions);
     scene.tracer.closest(fan);
-    let mut sum = [0f64; 4];
     for at in 0..lattice.len() {
         let hit = fan.hits[at];
         if hit.triangle == NOTHING {
@@ -440,11 +553,8 @@ fn gather(
                 falling[i] += more[i];
             }
         }
-        for i in 0..4 {
-            sum[i] += f64::from(reflectance[i] * falling[i]);
-        }
+        sum.add(start, along, [0, 1, 2, 3].map(|i| reflectance[i] * falling[i]));
     }
-    [sum[0], sum[1], sum[2]]
 }
 
 /// Returns irradiance / pi of the sharp lights at a hit, by one point of each.
@@ -573,6 +683,58 @@ mod tests {
     use crate::render::irradiance::emitters::{AreaLamp, EnvironmentMap, SharpLight, SkyLight};
 
     const ONE: [f64; 3] = [1.0, 0.5, 0.25];
+
+    /// Where a point is turned a little, its light grows by the product of what is along the surface with the turn.
+    #[test]
+    fn light_grows_where_a_surface_is_turned() {
+        let (mut squares, area) = ceiling(0);
+        squares.push([[-60.0, -60.0, -0.5], [120.0, 0.0, 0.0], [0.0, 120.0, 0.0]]);
+        squares.push([[3.0, -4.0, -0.5], [0.0, 0.0, 4.0], [0.0, 8.0, 0.0]]);
+        let texels = (0..64 * 32).map(|i| [1.0 + (i % 64) as f32 / 16.0, 1.0, 0.5]).collect();
+        let map = EnvironmentMap {
+            width: 64,
+            height: 32,
+            texels,
+            to_map: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]],
+        };
+        let sky = Some(SkyLight::Map(map));
+        let groups =
+            [GroupLight { lamps: vec![area], ..GroupLight::default() }, GroupLight { sky, ..GroupLight::default() }];
+        let sampler = scene(&squares, 0.6, &groups);
+        let turned = |x: f64, y: f64| {
+            let length = (1.0 + x * x + y * y).sqrt();
+            point([0.7, -0.4, 0.0], [x / length, y / length, 1.0 / length])
+        };
+        let step = 0.04;
+        let here = [turned(0.0, 0.0)];
+        let around = [turned(step, 0.0), turned(-step, 0.0), turned(0.0, step), turned(0.0, -step)];
+        let samples = 1 << 14;
+        let reflected =
+            ReflectedLight::new(&(0..6).map(|_| [[0, 2], [0, 2]]).collect::<Vec<_>>(), &[[1.0, 0.5, 0.2]; 16]).unwrap();
+        let of = |points: &[SurfacePoint]| {
+            [
+                sampler.of_lamps(0, points, samples).unwrap(),
+                sampler.of_sky(1, points, samples).unwrap(),
+                sampler.gathered(0, points, samples, Some(&reflected)).unwrap(),
+            ]
+        };
+        let along = [
+            sampler.along_of_lamps(0, &here, samples).unwrap()[0],
+            sampler.along_of_sky(1, &here, samples).unwrap()[0],
+            sampler.along_gathered(0, &here, samples, Some(&reflected)).unwrap()[0],
+        ];
+        for ((light, along), centre) in of(&around).iter().zip(along).zip(of(&here)) {
+            for channel in 0..3 {
+                let grown = [0, 2].map(|i| (light[i][channel] - light[i + 1][channel]) / (2.0 * step));
+                let tolerance = 0.02 * centre[0][channel];
+                assert!((grown[0] - along[0][channel]).abs() < tolerance, "{grown:?} {along:?} {tolerance}");
+                assert!((grown[1] - along[1][channel]).abs() < tolerance, "{grown:?} {along:?} {tolerance}");
+                assert!(along[2][channel].abs() < 1e-5);
+            }
+        }
+        // Some of it is large.
+        assert!(along[0][0][0].abs() > 0.1 && along[2][0][0].abs() > 0.1, "{along:?}");
+    }
 
     /// Squares, two triangles each, by a corner and two edges; the front is where the edges turn left.
     fn scene(squares: &[[Vector; 3]], reflectance: f32, groups: &[GroupLight]) -> IrradianceSampler {

@@ -5,7 +5,7 @@
 use multiversion::multiversion;
 
 use super::affine::{Affine, coordinate};
-use super::lookup::Positions;
+use super::lookup::{Positions, looked_up};
 use super::normal_texture::{Bumps, components, fading, height};
 use super::normals::Normals;
 use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Wrap};
@@ -21,6 +21,16 @@ pub(super) struct Source {
     pub(super) position: [f32; 3],
     pub(super) rate: [f32; 3],
     pub(super) is_direction: bool,
+}
+
+/// The part along the surface of the irradiance vectors of a baked light.
+pub(super) struct LightVectors<'a> {
+    /// Of x, y and z in the triangle's frame.
+    pub(super) samplers: [Sampler<'a>; 3],
+    /// Texture coordinates.
+    pub(super) maps: [&'a Affine; 2],
+    /// The frame's axes in camera axes, each with its rate.
+    pub(super) axes: &'a [[[f32; 3]; 2]; 3],
 }
 
 /// The normal texture of a triangle as a camera sees it.
@@ -44,14 +54,7 @@ impl<'a> SeenBumps<'a> {
             let turned = pose.turned(axis);
             [single(turned), single(pose.turning(turned))]
         });
-        Self {
-            bumps,
-            u,
-            v,
-            axes,
-            plane: [single(plane[0]), single(plane[1])],
-            facing,
-        }
+        Self { bumps, u, v, axes, plane: [single(plane[0]), single(plane[1])], facing }
     }
 }
 
@@ -202,6 +205,57 @@ pub(super) fn take<const RATE: bool, const FULL: bool>(
     light: (&mut Lanes, &mut Lanes),
 ) {
     bumps.take::<RATE, FULL>(from, normals, rays, depths, light);
+}
+
+/// Turns light that comes from all around, baked or constant, as a normal texture turns the surface.
+///
+/// Irradiance grows by the product of the turned normal with the irradiance vector along the surface, which is that of
+/// `vectors` times a strength with its rate. Light that is the same from all sides falls less on what is turned away, by
+/// a half of one less its cosine, because there it comes from the surface itself.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn lean<const RATE: bool, const FULL: bool>(
+    vectors: Option<&(LightVectors<'_>, [f32; 2])>,
+    (turned, under): (&Normals, &Normals),
+    rays: &Rays<'_, FULL>,
+    (depth, depth_rate): (&Lanes, &Lanes),
+    (value, rate): (&mut Lanes, &mut Lanes),
+) {
+    let n = rays.count();
+    let (mut grown, mut grown_rate) = (Lanes::ZERO, Lanes::ZERO);
+    if let Some((vectors, [strength, strength_rate])) = vectors {
+        for (sampler, [axis, axis_rate]) in vectors.samplers.iter().zip(vectors.axes) {
+            let along = looked_up::<RATE, FULL, Clamp>(vectors.maps, *sampler, rays, depth, depth_rate);
+            for i in 0..n {
+                let normal = of_lane(&turned.now, i, 1.0);
+                let cosine = dot_of(axis, &normal);
+                grown[i] += strength * (along.0[i] * cosine);
+                if RATE {
+                    let turning = dot_of(axis_rate, &normal) + dot_of(axis, &of_lane(&turned.rate, i, 1.0));
+                    grown_rate[i] +=
+                        strength * (along.1[i] * cosine + along.0[i] * turning) + strength_rate * (along.0[i] * cosine);
+                }
+            }
+        }
+    }
+    for i in 0..n {
+        let (bent, flat) = (of_lane(&turned.now, i, 1.0), of_lane(&under.now, i, 1.0));
+        let fraction = 0.5 + 0.5 * dot_of(&bent, &flat);
+        let light = value[i] * fraction + grown[i];
+        let lit = light > 0.0;
+        if RATE {
+            let (bending, flattening) = (of_lane(&turned.rate, i, 1.0), of_lane(&under.rate, i, 1.0));
+            let fraction_rate = 0.5 * (dot_of(&bending, &flat) + dot_of(&bent, &flattening));
+            let change = rate[i] * fraction + value[i] * fraction_rate + grown_rate[i];
+            rate[i] = if lit { change } else { 0.0 };
+        }
+        value[i] = if lit { light } else { 0.0 };
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn dot_of(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a[0] * b[0] + (a[1] * b[1] + a[2] * b[2])
 }
 
 /// Returns the vector of a ray, times a factor.

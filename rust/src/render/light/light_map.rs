@@ -18,6 +18,17 @@ pub struct LightMapTables {
     /// For each baked light all texels as irradiance / pi for a strength of 1, with a frame of one texel around each
     /// map.
     pub texels: Vec<Vec<f32>>,
+    /// The same for maps of irradiance vectors, where normal textures turn surfaces.
+    pub vectors: VectorMapTables,
+}
+
+/// The part along the surface of irradiance vectors / pi, as tables; empty where no surface needs it.
+#[derive(Clone, Debug, Default)]
+pub struct VectorMapTables {
+    /// As [`LightMapTables::layouts`]. Of surfaces that do not need it those of another one.
+    pub layouts: Vec<[i64; 4]>,
+    /// For each baked light, and of it for x, y and z in the triangle's frame, all texels for a strength of 1.
+    pub texels: Vec<[Vec<f32>; 3]>,
 }
 
 /// What a triangle emits from its front.
@@ -35,6 +46,8 @@ pub(crate) struct SideMap {
     pub(crate) u: [f64; 4],
     pub(crate) v: [f64; 4],
     pub(crate) texture: Texture,
+    /// Where its irradiance vectors are; None where there are none.
+    pub(crate) vectors: Option<Texture>,
 }
 
 impl LightMapTables {
@@ -50,10 +63,25 @@ impl LightMapTables {
                 self.uv_maps.len()
             )));
         }
+        let mut vectors = vec![None; self.layouts.len()];
+        if !self.vectors.layouts.is_empty() {
+            let texels: Vec<&[f32]> = self.vectors.texels.iter().flatten().map(Vec::as_slice).collect();
+            if self.vectors.layouts.len() != self.layouts.len() || self.vectors.texels.len() != self.texels.len() {
+                return Err(Error::Argument(format!(
+                    "irradiance vectors of {} maps under {} lights do not belong to {} maps under {}",
+                    self.vectors.layouts.len(),
+                    self.vectors.texels.len(),
+                    self.layouts.len(),
+                    self.texels.len()
+                )));
+            }
+            vectors = texture::checked(&self.vectors.layouts, &texels)?.into_iter().map(Some).collect();
+        }
         let maps: Vec<SideMap> = texture::checked(&self.layouts, &self.texels)?
             .into_iter()
+            .zip(vectors)
             .zip(&self.uv_maps)
-            .map(|(texture, &[u, v])| SideMap { u, v, texture })
+            .map(|((texture, vectors), &[u, v])| SideMap { u, v, texture, vectors })
             .collect();
         Ok(maps.as_chunks::<2>().0.to_vec())
     }

@@ -5,7 +5,7 @@
 //! What must not break: each step is one fixed sequence of float operations, never fused, so that bits do not depend on
 //! the processor. Rates are derivatives of the same steps. docs/rendering.md lists the steps.
 
-use super::bumps::{self, turned_normals};
+use super::bumps::{self, LightVectors, turned_normals};
 use super::cast::Caster;
 use super::lookup::{Reflected, looked_up};
 use super::normals::{Normals, normals};
@@ -50,9 +50,17 @@ impl Shader<'_> {
                     }
                     (falls, _) => falling::<RATE, FULL>(&falls, rays, &depth, &depth_rate, normal.as_ref()),
                 };
-                if let (Some((bumpy, under)), Some(turned), Some(from)) = (&under, &normal, lit.falls.source()) {
+                if let (Some((bumpy, under)), Some(turned)) = (&under, &normal) {
+                    let (normals, depths) = ((turned, under), (&depth, &depth_rate));
                     let added = (&mut added, &mut added_rate);
-                    bumps::take::<RATE, FULL>(bumpy, &from, (turned, under), rays, (&depth, &depth_rate), added);
+                    match (lit.falls, lit.falls.source()) {
+                        (_, Some(from)) => bumps::take::<RATE, FULL>(bumpy, &from, normals, rays, depths, added),
+                        (Falls::Baked { texels, strength, rate }, None) => {
+                            let vectors = self.vectors(texels).map(|vectors| (vectors, [strength, rate]));
+                            bumps::lean::<RATE, FULL>(vectors.as_ref(), normals, rays, depths, added);
+                        }
+                        _ => bumps::lean::<RATE, FULL>(None, normals, rays, depths, added),
+                    }
                 }
                 if let (Some(beam), Some(position)) = (&lit.beam, lit.falls.position()) {
                     beam.take::<RATE, FULL>(position, rays, (&depth, &depth_rate), (&mut added, &mut added_rate));
@@ -95,6 +103,14 @@ impl Shader<'_> {
                 }
             }
         }
+    }
+
+    /// Returns where the irradiance vectors of a baked light are.
+    fn vectors(&self, texels: usize) -> Option<LightVectors<'_>> {
+        let map = self.light_map.as_ref()?;
+        let texture = map.vectors?;
+        let samplers = self.scene.irradiance_vectors[texels].each_ref().map(|axis| Sampler::new(texture, axis));
+        Some(LightVectors { samplers, maps: [&map.u, &map.v], axes: &map.axes })
     }
 
     #[inline(always)]

@@ -237,13 +237,21 @@ fn baked(texels: usize, light: &SeenLight) -> Option<Falls> {
 #[derive(Debug)]
 pub(super) struct LightMap<'a> {
     pub(super) texture: &'a Texture,
+    /// That of irradiance vectors.
+    pub(super) vectors: Option<&'a Texture>,
     pub(super) u: Affine,
     pub(super) v: Affine,
+    /// The axes of the triangle's frame in camera axes, each with its rate.
+    pub(super) axes: [[[f32; 3]; 2]; 3],
 }
 
 impl<'a> LightMap<'a> {
     fn new(side: &'a SideMap, pose: &Pose) -> Self {
         let (u, v) = (coordinate(&side.u, pose, Wrap::Clamp), coordinate(&side.v, pose, Wrap::Clamp));
-        Self { texture: &side.texture, u, v }
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| {
+            let turned = pose.turned(axis);
+            [single(turned), single(pose.turning(turned))]
+        });
+        Self { texture: &side.texture, vectors: side.vectors.as_ref(), u, v, axes }
     }
 }

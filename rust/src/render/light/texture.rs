@@ -39,9 +39,10 @@ impl Texture {
 }
 
 /// Returns the textures of a scene, each in a frame of one texel.
-pub(crate) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<Texture>> {
-    let length = texels.first().map_or(0, Vec::len);
-    if texels.iter().any(|group| group.len() != length || !group.iter().all(|t| t.is_finite())) {
+pub(crate) fn checked(layouts: &[[i64; 4]], texels: &[impl AsRef<[f32]>]) -> Result<Vec<Texture>> {
+    let length = texels.first().map_or(0, |group| group.as_ref().len());
+    let groups = || texels.iter().map(AsRef::as_ref);
+    if groups().any(|group: &[f32]| group.len() != length || !group.iter().all(|t| t.is_finite())) {
         return Err(Error::Argument("the texels of all light colours must be finite and equally many".to_owned()));
     }
     checked_layouts(layouts, (!texels.is_empty()).then_some(length), 1)
