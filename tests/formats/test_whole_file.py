@@ -25,6 +25,8 @@ from davis_rs.simulation import folder as simulation_folder
 from event_files import SIZE, assert_same, many
 from recording_files import aedat2, aedat2_event
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*leaves out. the sensor's size")
+
 EVENTS = many(2000)
 HDF5, ROS = ("h5py", "hdf5plugin", "numcodecs"), ("rosbags",)
 TARGETS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {

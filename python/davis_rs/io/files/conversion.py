@@ -154,6 +154,9 @@ def convert(
         for note in reader.notes if isinstance(reader, RecordedParts) else ():
             warnings.warn(f"{reader.path}: {note}", RecordingWarning, 2)
         left_out = "" if parts is not None else _left_out(reader, held)
+        states_size = FORMATS[report.format].states_size or options.get("size_line", False)
+        if parts is None and not states_size and (reader.size is not None or isinstance(reader, FolderReader)):
+            left_out = ", ".join(filter(None, [left_out, f"the sensor's size, {sensor[0]} x {sensor[1]}"]))
         if left_out:
             warnings.warn(left_out_line(report.path, report.format, left_out), LeftOutWarning, 2)
         values = {field.name: getattr(report, field.name) for field in fields(WriteReport)}

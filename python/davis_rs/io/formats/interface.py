@@ -401,6 +401,8 @@ class Format(ABC):
     methods of these parts, and its readers have those, and perhaps others'."""
     writable: bool = True
     """Whether there is a writer."""
+    states_size: bool = True
+    """Whether its files state the sensor's size, if their writer has no options."""
 
     @abstractmethod
     def sniff(self, head: bytes, path: Path) -> bool:

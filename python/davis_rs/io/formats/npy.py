@@ -166,6 +166,7 @@ class NpyFormat(Format):
     name = "npy"
     suffixes = (".npy",)
     writer = NpyWriter
+    states_size = False
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(MAGIC)

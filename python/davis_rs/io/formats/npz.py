@@ -139,6 +139,7 @@ class NpzFormat(Format):
     name = "npz"
     suffixes = (".npz",)
     writer = NpzWriter
+    states_size = False
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(b"PK\x03\x04")

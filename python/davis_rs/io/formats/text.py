@@ -57,6 +57,7 @@ class TextFormat(Format):
     suffixes = (".txt",)
     options = ("size_line",)
     writer = CoreWriter
+    states_size = False
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:
