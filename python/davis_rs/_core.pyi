@@ -1438,6 +1438,9 @@ class IrradianceSampler:
 
         Where a surface is turned a little, its irradiance grows by the product of this with its normal.
 
+        Args:
+            group, points, samples: as in :meth:`of_lamps`.
+
         Returns:
             Irradiance vectors / pi, float64, flat (n, 3 axes, 3): red, green and blue of x, y and z.
 
@@ -1451,7 +1454,10 @@ class IrradianceSampler:
         points: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]],
         samples: int,
     ) -> npt.NDArray[np.float64]:
-        """Compute the same of the light of :meth:`of_sky` as :meth:`along_of_lamps` does of lamps."""
+        """Compute the same of the light of :meth:`of_sky`, of a ``group`` at ``points``, by ``samples`` rays.
+
+        See :meth:`along_of_lamps`.
+        """
 
     def along_gathered(
         self,
@@ -1460,7 +1466,14 @@ class IrradianceSampler:
         samples: int,
         reflected: ReflectedLight | None,
     ) -> npt.NDArray[np.float64]:
-        """Compute the same of the light of :meth:`gathered` as :meth:`along_of_lamps` does of lamps."""
+        """Compute the same of the light of :meth:`gathered`.
+
+        Args:
+            group, points, samples, reflected: as in :meth:`gathered`.
+
+        Returns:
+            As :meth:`along_of_lamps`.
+        """
 
 @final
 class ReflectedLight:

@@ -729,4 +729,4 @@ def test_volumetric_paths_without_media_are_paths() -> None:
             {"eye": {"type": "perspective", "fog": fog}},
         ):
             (obstacle,) = why_not_noise_free(make_scene(volumetric, **parts, **more))
-            assert "light is baked for its path" in obstacle.rule, (kind, more)
+            assert "it has a medium (fog, milk)" in obstacle.rule, (kind, more)

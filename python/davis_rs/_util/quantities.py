@@ -33,6 +33,11 @@ def three_digits(value: float) -> str:
     return f"{value:.0f}" if value >= 99.5 else f"{value:.3g}"
 
 
+def percent(fraction: float) -> str:
+    """Write a fraction in percent to two digits, never with an exponent."""
+    return f"{100 * fraction:.0f} %" if fraction >= 0.995 else f"{100 * fraction:.2g} %"
+
+
 def about(seconds: float) -> str:
     """Write a time as people say it: ``about 5 minutes``."""
     units = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..._mitsuba.types import Mitsuba, MitsubaObject, MitsubaScene, MitsubaShape
 from ..._mitsuba.variants import SCALAR, versions
 from ..._util.progress import progress, say
+from ..._util.quantities import percent
 from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.trajectory.steered import SteeredPath
@@ -109,12 +110,10 @@ class BakedLight:
     def errors(self) -> str:
         """Say how much the light errs, for people."""
         maps, count = self.maps, len(self.maps.instants)
-        error = f"{100 * maps.error:.2g} %"
+        error = percent(maps.error)
         if count == 1:
             return error
-        return (
-            f"{error}, and at up to {100 * maps.motion_error:.2g} % between its {count} instants where bodies change it"
-        )
+        return f"{error}, and at up to {percent(maps.motion_error)} between its {count} instants where bodies change it"
 
     @property
     def _limits(self) -> str:

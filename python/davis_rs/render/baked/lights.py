@@ -82,7 +82,10 @@ def paths_of(scene: MitsubaScene) -> Paths:
     kind = integrator.class_name()
     if kind == "DirectIntegrator":
         return Paths(2, _ROULETTE_DEPTH)
-    if kind != "PathIntegrator" and (kind not in _VOLUMETRIC or _has_media(scene)):
+    if kind in _VOLUMETRIC and _has_media(scene):
+        rule = "it has a medium (fog, milk), which only Mitsuba's integrators render"
+        raise Unsuitable(rule, "take the medium away, and name the integrator path")
+    if kind != "PathIntegrator" and kind not in _VOLUMETRIC:
         rule = f"the scene asks for Mitsuba's {kind}; light is baked for its path and direct integrators"
         raise Unsuitable(rule, "name one of these")
     depths = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}

@@ -53,6 +53,11 @@ class GlossTable:
     longest: int
 
     @property
+    def has_solid_glass(self) -> bool:
+        """Whether light is bent on its way through anything."""
+        return any(finish.under[0] == "solid" for finish in self.finishes)
+
+    @property
     def digest(self) -> bytes:
         """A hash of all of it."""
         lobes = b"".join(texels.values for texels in self._lobes)

@@ -400,11 +400,16 @@ class SceneTable:
     def description(self) -> str:
         """What the scene is made of, for messages."""
         surfaces = "diffuse triangles" if self.gloss is None else "diffuse and glossy triangles"
+        glass = "; what solid glass shows is grainy, and makes events of its own" if self._has_solid_glass else ""
         if self.baked is not None:
-            return f"{surfaces} under {self.baked.description}"
+            return f"{surfaces} under {self.baked.description}{glass}"
         kinds = sorted({light.kind for light in self.lights} - {"emission"})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
-        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows"
+        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows{glass}"
+
+    @property
+    def _has_solid_glass(self) -> bool:
+        return self.gloss is not None and self.gloss.has_solid_glass
 
     @property
     def background_luma(self) -> float:

@@ -193,6 +193,9 @@ impl PyIrradianceSampler {
     ///
     /// Where a surface is turned a little, its irradiance grows by the product of this with its normal.
     ///
+    /// Args:
+    ///     group, points, samples: as in :meth:`of_lamps`.
+    ///
     /// Returns:
     ///     Irradiance vectors / pi, float64, flat (n, 3 axes, 3): red, green and blue of x, y and z.
     ///
@@ -221,7 +224,9 @@ impl PyIrradianceSampler {
         Ok(flat(py, py.detach(|| self.0.of_sky(group, &points, samples))?))
     }
 
-    /// Compute the same of the light of :meth:`of_sky` as :meth:`along_of_lamps` does of lamps.
+    /// Compute the same of the light of :meth:`of_sky`, of a ``group`` at ``points``, by ``samples`` rays.
+    ///
+    /// See :meth:`along_of_lamps`.
     fn along_of_sky<'py>(
         &self,
         py: Python<'py>,
@@ -273,7 +278,13 @@ impl PyIrradianceSampler {
         Ok(flat(py, py.detach(|| self.0.gathered(group, &points, samples, reflected))?))
     }
 
-    /// Compute the same of the light of :meth:`gathered` as :meth:`along_of_lamps` does of lamps.
+    /// Compute the same of the light of :meth:`gathered`.
+    ///
+    /// Args:
+    ///     group, points, samples, reflected: as in :meth:`gathered`.
+    ///
+    /// Returns:
+    ///     As :meth:`along_of_lamps`.
     fn along_gathered<'py>(
         &self,
         py: Python<'py>,

@@ -195,7 +195,8 @@ impl Finish {
     }
 
     /// Returns what microfacets of a solid let through (per steradian), times the cosine to the light: the lobe of light
-    /// from behind the surface (Walter et al. 2007, equation 21). `index` is that behind it, relative to the viewer's side.
+    /// from behind the surface (Walter et al. 2007, equation 21); and how densely the directions of [`Finish::refracted`]
+    /// lie there. `index` is that behind it, relative to the viewer's side.
     ///
     /// Light of a solid is weaker where rays spread, by the square of the index.
     pub(crate) fn lobe_through<N: Number>(
@@ -204,47 +205,39 @@ impl Finish {
         viewer: Triple<N>,
         light: Triple<N>,
         index: f64,
-    ) -> Triple<N> {
-        let dark = [N::constant(0.0); 3];
+    ) -> Option<(Triple<N>, N)> {
         let half = unit(add(viewer, scale(light, N::constant(index))));
         let half = scale(half, N::constant(dot(half, normal).value().signum()));
         let (out, into) = (dot(normal, viewer), -dot(normal, light));
         let (facet, behind) = (dot(viewer, half), -dot(light, half));
         if out.value() <= 0.0 || into.value() <= 0.0 || facet.value() <= 0.0 || behind.value() <= 0.0 {
-            return dark;
+            return None;
         }
         let passed = N::constant(1.0) - dielectric(facet, index);
-        let shape = self.density(dot(normal, half)) * self.visible(out) * self.visible(into) * facet * behind;
-        let spread = (facet - behind.scaled(index)).squared() * out;
-        scale(constant(self.passing), passed * shape / spread)
+        let spread = facet * behind / ((facet - behind.scaled(index)).squared() * out);
+        let up = dot(normal, half);
+        let shape = self.density(up) * self.visible(out) * self.visible(into) * spread;
+        let density = (ggx_density(up, self.alpha) * ggx_visible(out, self.alpha) * spread).scaled(index * index);
+        Some((scale(constant(self.passing), passed * shape), density))
     }
 
-    /// Returns a direction in which light passes the surface of a rough solid, for a point of the unit disk, and the weight
-    /// of what comes from there; None where there is none. `index` is that behind it, relative to the viewer's side.
-    pub(crate) fn refracted_ray<N: Number>(
+    /// Returns a direction in which light passes the surface of a rough solid, for a point of the unit disk; None where there
+    /// is none. `index` is that behind it, relative to the viewer's side.
+    pub(crate) fn refracted<N: Number>(
         &self,
         normal: Triple<N>,
         viewer: Triple<N>,
         disk: [f64; 2],
         index: f64,
-    ) -> Option<(Triple<N>, Triple<N>)> {
-        let (half, out) = facet_of_lobe(self.alpha, normal, viewer, disk);
+    ) -> Option<Triple<N>> {
+        let (half, _) = facet_of_lobe(self.alpha, normal, viewer, disk);
         let facet = dot(viewer, half);
         let squared = N::constant(1.0) - (N::constant(1.0) - facet.squared()).scaled(1.0 / (index * index));
-        if facet.value() <= 0.0 || out.value() <= 0.0 || squared.value() <= 0.0 {
+        if facet.value() <= 0.0 || squared.value() <= 0.0 {
             return None;
         }
         let along = facet.scaled(1.0 / index) - squared.sqrt();
-        let towards = sub(scale(half, along), scale(viewer, N::constant(1.0 / index)));
-        let into = -dot(normal, towards);
-        if into.value() <= 0.0 {
-            return None;
-        }
-        let passed = (N::constant(1.0) - dielectric(facet, index)).scaled(1.0 / (index * index));
-        let up = dot(normal, half);
-        let chosen = ggx_density(up, self.alpha) * ggx_visible(out, self.alpha);
-        let weight = passed * self.density(up) * self.visible(out) * self.visible(into) / chosen;
-        Some((towards, scale(constant(self.passing), weight)))
+        Some(sub(scale(half, along), scale(viewer, N::constant(1.0 / index))))
     }
 
     /// Returns how many microfacets are turned so (Walter et al. 2007, equations 25 and 33), by the cosine to the normal.
@@ -538,19 +531,22 @@ mod tests {
                 let finish = Finish { passing: [1.0, 0.5, 0.0], ..metal(alpha, distribution) };
                 let viewer = [0.6 * sine, 0.8 * sine, f64::sqrt(1.0 - sine * sine)];
                 let below = |towards: [f64; 3]| finish.lobe_through(up, viewer, scale(towards, -1.0), index);
-                let whole = over_directions(|towards| below(towards)[0]);
-                let (mut sum, count) = ([0.0; 3], 2048);
+                let whole = over_directions(|towards| below(towards).map_or(0.0, |(light, _)| light[0]));
+                let all_density = over_directions(|towards| below(towards).map_or(0.0, |(_, density)| density));
+                let (mut sum, mut followed, count) = ([0.0; 3], 0.0, 2048);
                 let pattern = Pattern::new(count);
                 for ray in 0..count {
-                    let disk = pattern.point(ray).disk;
-                    if let Some((towards, weight)) = finish.refracted_ray(up, viewer, disk, index) {
+                    let Some(towards) = finish.refracted(up, viewer, pattern.point(ray).disk, index) else { continue };
+                    if let Some((light, density)) = finish.lobe_through(up, viewer, towards, index) {
                         assert!(towards[2] < 0.0 && (dot(towards, towards) - 1.0f64).abs() < 1e-12);
-                        sum = add(sum, scale(weight, 1.0 / count as f64));
+                        sum = add(sum, scale(light, 1.0 / (density * count as f64)));
+                        followed += 1.0 / count as f64;
                     }
                 }
                 let told = format!("{alpha} {sine} {index} {distribution:?}: {sum:?} {whole}");
                 assert!((sum[0] / whole - 1.0).abs() < 0.01, "{told}");
                 assert!((sum[1] / sum[0] - 0.5f64).abs() < 1e-12 && sum[2] == 0.0, "{told}");
+                assert!((all_density / followed - 1.0).abs() < 0.01, "{told}: {all_density} {followed}");
                 // What does not pass is reflected. Some is lost between microfacets.
                 let lobe = Finish { fresnel: Fresnel::Dielectric(index), ..metal(alpha, distribution) };
                 let up_there = over_directions(|towards| lobe.lobe([1.0; 3], &Cosines::new(up, viewer, towards))[0]);
@@ -560,9 +556,11 @@ mod tests {
         }
         // From the front, a light behind; not the other way round, and none along the surface.
         let glass = metal(0.3, Distribution::Ggx);
-        assert_eq!(glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, 0.6, 0.8], 1.5), [0.0; 3]);
-        assert_eq!(glass.lobe_through(up, [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], 1.5), [0.0; 3]);
-        assert!(glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, -0.4, -0.9], 1.5)[0] > 0.0);
+        assert!(glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, 0.6, 0.8], 1.5).is_none());
+        assert!(glass.lobe_through(up, [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], 1.5).is_none());
+        assert!(
+            glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, -0.4, -0.9], 1.5).is_some_and(|(light, _)| light[0] > 0.0)
+        );
     }
 
     /// Level microfacets: the projected area of all of them is that of the surface (Walter et al. 2007, equation 4).

@@ -35,7 +35,7 @@ const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
 const FAINT: f64 = 1e-3;
 
 /// Paths have at most so many segments.
-const LONGEST: usize = 12;
+const LONGEST: usize = 32;
 
 /// On paths of so many segments, surfaces of at least this roughness count as diffuse.
 const AS_DIFFUSE: (usize, f64) = (3, 0.2);
@@ -126,7 +126,8 @@ impl<N: Number> Spot<'_, N> {
     /// it is wanted.
     fn reflected(&self, towards: Triple<N>, with_lobe: bool) -> Triple<N> {
         if let (Some(index), Some(finish)) = (self.through, self.finish) {
-            return finish.lobe_through(self.normal, self.viewer, towards, index);
+            let through = finish.lobe_through(self.normal, self.viewer, towards, index);
+            return through.map_or([N::constant(0.0); 3], |(light, _)| light);
         }
         let into = dot(self.normal, towards);
         let diffuse = into.scaled(std::f64::consts::FRAC_1_PI);
@@ -372,9 +373,16 @@ impl Tracer<'_> {
         }
         let cosines = Cosines::new(spot.normal, spot.viewer, towards);
         let by_lamps = dot(way, way).scaled(lamps.density(triangle)) / facing;
-        let weight = N::constant(1.0) / (by_lamps + lobe_density(finish.alpha, &cosines));
-        let mut reflected = if finish.is_mirror() { dark } else { scale(finish.lobe(spot.base, &cosines), weight) };
-        if self.lamps_are_baked() {
+        let (lobe, density) = match spot.through {
+            None if finish.is_mirror() => (dark, N::constant(0.0)),
+            None => (finish.lobe(spot.base, &cosines), lobe_density(finish.alpha, &cosines)),
+            Some(index) => match finish.lobe_through(spot.normal, spot.viewer, towards, index) {
+                None => return dark,
+                Some(through) => through,
+            },
+        };
+        let mut reflected = scale(lobe, N::constant(1.0) / (by_lamps + density));
+        if self.lamps_are_baked() && spot.through.is_none() {
             // Baked light counts as light from all sides, which is not what a coat lets through from one.
             let more = sub(finish.below(spot.base, &cosines), finish.below_evenly(spot.base, spot.out));
             let weight = cosines.into.scaled(std::f64::consts::FRAC_1_PI) / by_lamps;
@@ -427,12 +435,17 @@ impl Tracer<'_> {
         sum = add(sum, self.image(spot, finish, path));
         let (points, each) = self.points(path);
         for number in points {
-            let disk = self.pattern.point(number).disk;
-            if let Some((towards, weight)) = finish.refracted_ray(spot.normal, spot.viewer, disk, index)
+            let point = self.pattern.point(number);
+            if let Some(towards) = finish.refracted(spot.normal, spot.viewer, point.disk, index)
                 && behind.sees(towards)
+                && let Some((lobe, density)) = finish.lobe_through(spot.normal, spot.viewer, towards, index)
             {
+                let weight = scale(lobe, N::constant(each) / density);
                 let path = &Path { point: Some(number), ..*path };
-                sum = add(sum, self.arriving(spot, towards, scale(weight, N::constant(each)), None, path));
+                sum = add(sum, self.arriving(spot, towards, weight, Some(density), path));
+            }
+            if !self.gloss.lamps.is_empty() && path.segments < self.longest() {
+                sum = add(sum, scale(self.lit_by_lamp(behind, finish, point), N::constant(each)));
             }
         }
         sum

@@ -708,20 +708,20 @@ mod tests {
         let step = 0.04;
         let here = [turned(0.0, 0.0)];
         let around = [turned(step, 0.0), turned(-step, 0.0), turned(0.0, step), turned(0.0, -step)];
-        let samples = 1 << 14;
+        let count = 1 << 14;
         let reflected =
             ReflectedLight::new(&(0..6).map(|_| [[0, 2], [0, 2]]).collect::<Vec<_>>(), &[[1.0, 0.5, 0.2]; 16]).unwrap();
         let of = |points: &[SurfacePoint]| {
             [
-                sampler.of_lamps(0, points, samples).unwrap(),
-                sampler.of_sky(1, points, samples).unwrap(),
-                sampler.gathered(0, points, samples, Some(&reflected)).unwrap(),
+                sampler.of_lamps(0, points, count).unwrap(),
+                sampler.of_sky(1, points, count).unwrap(),
+                sampler.gathered(0, points, count, Some(&reflected)).unwrap(),
             ]
         };
         let along = [
-            sampler.along_of_lamps(0, &here, samples).unwrap()[0],
-            sampler.along_of_sky(1, &here, samples).unwrap()[0],
-            sampler.along_gathered(0, &here, samples, Some(&reflected)).unwrap()[0],
+            sampler.along_of_lamps(0, &here, count).unwrap()[0],
+            sampler.along_of_sky(1, &here, count).unwrap()[0],
+            sampler.along_gathered(0, &here, count, Some(&reflected)).unwrap()[0],
         ];
         for ((light, along), centre) in of(&around).iter().zip(along).zip(of(&here)) {
             for channel in 0..3 {
