@@ -86,8 +86,10 @@ WITH_A_COLOUR = {
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(("bsdf", "plugins"), WITH_A_COLOUR.values(), ids=WITH_A_COLOUR)
 def test_what_has_a_diffuse_colour_is_matte_on_wish(bsdf: dict[str, Any], plugins: str) -> None:
-    """Without ``matte`` it is glossy or bumpy, or the integrator renders it and the line offers matte; with it the colour alone
-    is rendered."""
+    """Without ``matte`` it is glossy or bumpy, or the integrator renders it and the line offers matte.
+
+    With it the colour alone is rendered.
+    """
     shiny = {"type": "twosided", "id": "varnish", "nested": bsdf}
     before = make_renderer(scene_of(shiny), CAMERA, rays_per_pixel=2)
     if "clearcoat" in bsdf:
