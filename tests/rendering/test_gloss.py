@@ -126,6 +126,22 @@ def test_rough_glass_shows_what_is_behind_it() -> None:
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("size", [0.2, 2.0])
+@pytest.mark.parametrize("alpha", [0.1, 0.4])
+def test_an_area_light_behind_rough_glass_is_counted_once(alpha: float, size: float) -> None:
+    """What its points give and what directions of the lobe find share its light, whichever of the two is better."""
+    lamp = {
+        "type": "rectangle",
+        "to_world": np.array([[size, 0, 0, 0.3], [0, size, 0, 0], [0, 0, 1, -1.5], [0, 0, 0, 1]]),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [4.0, 3.0, 2.0]}},
+    }
+    glass = {"type": "roughdielectric", "alpha": alpha, "distribution": "ggx"}
+    scene = scene_of(glass, {"type": "path", "max_depth": 4}, lamp=lamp)
+    ours, theirs = native(scene, bake_error=0.1).luma(VIEWS), mitsubas(scene, 1024)
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.04)
+
+
+@pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(
     "bsdf",
     [
