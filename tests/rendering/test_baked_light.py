@@ -730,3 +730,16 @@ def test_volumetric_paths_without_media_are_paths() -> None:
         ):
             (obstacle,) = why_not_noise_free(make_scene(volumetric, **parts, **more))
             assert "it has a medium (fog, milk)" in obstacle.rule, (kind, more)
+
+
+@pytest.mark.parametrize("integrator", [PATH, DIRECT], ids=["path", "direct"])
+def test_media_that_the_integrator_passes_by_are_told(integrator: dict[str, Any]) -> None:
+    """Mitsuba's surface integrators do not render them, and no more do its replacements. The message says so."""
+    milk = plate(0, 1, 0, (1, 1)) | {"interior": {"type": "homogeneous"}}
+    sun = {"type": "directional", "direction": [0.2, 0.1, -1.0]}
+    clear, milky = (
+        make_renderer(make_scene(integrator, floor=plate(0, 0, 0, (1, 1)), sun=sun, **more), CAMERA).reason
+        for more in ({}, {"milk": milk})
+    )
+    assert "media (fog, milk) are not rendered" in milky
+    assert "media" not in clear

@@ -19,7 +19,7 @@ from ..geometry.camera import PRESETS, Camera
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
 from .baked.baked_scene import baked_light, check_baking
-from .baked.lights import follows_media, light_groups
+from .baked.lights import follows_media, has_media, light_groups
 from .base import Renderer
 from .closest_view import ClosestView
 from .diffuse_materials import simplify_materials
@@ -161,7 +161,7 @@ class NoiseFreeKind(RendererKind):
             normal_textures=NormalTextures(normal_textures, like_gltf=scene.soft_light),
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
-        told = made.description + _ramps_told(table.textures)
+        told = made.description + _ramps_told(table.textures) + _media_told(loaded)
         return _SceneTables(loaded, replaced, motion, table, view, for_view, told)
 
 
@@ -481,6 +481,11 @@ def _rays(request: _RendererRequest) -> int:
 def _ramps_told(textures: TextureTable) -> str:
     """Return how wide the ramps in place of hard edges of textures are, where they are wider than they should be."""
     return f"; hard edges of textures are up to {textures.ramp_px:.2g} px wide" if textures.ramp_px > 0 else ""
+
+
+def _media_told(loaded: MitsubaScene) -> str:
+    """Return that a scene's media are not rendered, where it has some."""
+    return "; its media (fog, milk) are not rendered" if has_media(loaded) else ""
 
 
 def _taken_as_diffuse(scene: Scene, replaced: tuple[str, ...]) -> str:

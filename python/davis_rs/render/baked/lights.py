@@ -82,7 +82,7 @@ def paths_of(scene: MitsubaScene) -> Paths:
     kind = integrator.class_name()
     if kind == "DirectIntegrator":
         return Paths(2, _ROULETTE_DEPTH)
-    if kind in _VOLUMETRIC and _has_media(scene):
+    if kind in _VOLUMETRIC and has_media(scene):
         rule = "it has a medium (fog, milk), which only Mitsuba's integrators render"
         raise Unsuitable(rule, "take the medium away, and name the integrator path")
     if kind != "PathIntegrator" and kind not in _VOLUMETRIC:
@@ -97,7 +97,7 @@ ALL_PATHS = Paths(_PATH_DEPTH, _ROULETTE_DEPTH)
 """Paths of any length, where a scene names no integrator."""
 
 
-def _has_media(scene: MitsubaScene) -> bool:
+def has_media(scene: MitsubaScene) -> bool:
     """Return whether light goes through media, such as fog or milk."""
     import mitsuba as mi
 
