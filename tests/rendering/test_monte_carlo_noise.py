@@ -30,6 +30,7 @@ from davis_rs import (
     simulate,
 )
 from davis_rs._mitsuba.variants import FAST, default_variant, variant
+from davis_rs._util.quantities import percent
 from davis_rs.cli.main import main
 from davis_rs.events.arrays import EventArray
 from davis_rs.generate import generate, load_sequence_plan
@@ -42,7 +43,7 @@ from davis_rs.scene.scene import Scene
 from davis_rs.simulation import monte_carlo_noise
 from davis_rs.simulation.folder import simulate_to_folder
 from davis_rs.simulation.monte_carlo_noise import estimate_noise_of, refuse_noise
-from davis_rs.simulation.noise_estimate import percent, share_text
+from davis_rs.simulation.noise_estimate import share_text
 from davis_rs.simulation.settings import FolderSettings, SimulationSettings, complete
 from davis_rs.simulation.simulate import make_simulator
 from lamp_box import lamp_box

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.array_types import FloatingArray
+from .._util.quantities import percent
 from .._util.terminal_text import printable
 from ..events.arrays import EventArray
 from ..events.decoded import IMU_DTYPE, Frame
@@ -23,7 +24,6 @@ from ..io.files.read import open_reader
 from ..io.files.sensor_size import sensor_size
 from ..io.formats.recorded import RecordedParts
 from ..io.recordings import Recording, whole_recording
-from ..simulation.noise_estimate import percent
 from .dataset_description import describe_dataset
 
 _FRAME_WHITE = 65_535  # frames of a camera have 16 bits

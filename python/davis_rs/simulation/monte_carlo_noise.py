@@ -23,7 +23,7 @@ import numpy.typing as npt
 from .._core import CrossingEngine
 from .._mitsuba.variants import SCALAR, variant
 from .._util.progress import doing
-from .._util.quantities import about
+from .._util.quantities import about, percent
 from ..events.arrays import EventArray
 from ..events.matching import compare_events
 from ..geometry.pose import FloatArray
@@ -35,7 +35,7 @@ from ..render.integrator.base import SceneRenderer
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
-from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, percent, share_text
+from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, share_text
 from .settings import (
     AUTO_RAYS,
     SamplingSettings,

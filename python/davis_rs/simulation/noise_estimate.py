@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._util.former_names import FormerAttribute
+from .._util.quantities import percent
 
 NOISE_LIMIT = 0.2
 """From a larger share of noise on, a run is refused that was not told to accept it; or from the ``noise_share`` that it
@@ -138,8 +139,3 @@ def share_text(fraction: float, these_are: str) -> str:
     if fraction >= 0.995:
         return f"most of {these_are} Monte Carlo noise ({100 * fraction:.0f} missing or spurious to 100 right ones)"
     return f"about {percent(fraction)} of {these_are} Monte Carlo noise (missing or spurious)"
-
-
-def percent(fraction: float) -> str:
-    """Write a fraction in percent, to two digits or to a whole percent."""
-    return f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from .._util.argument_error import ArgumentError
 from .._util.progress import doing
+from .._util.quantities import percent
 from ..events.packet import Packet
 from ..scene.scene import Scene, check_scene
 from ..sensor.effects import with_optics
@@ -16,7 +17,7 @@ from ..sensor.effects.effects import read_effects
 from ..sensor.presets import SENSORS
 from .monte_carlo_noise import estimate_noise_of
 from .no_events import warned_without_events
-from .noise_estimate import NoiseEstimate, NoiseWarning, percent
+from .noise_estimate import NoiseEstimate, NoiseWarning
 from .planning import EffectPlan
 from .planning.planner import planned_effects
 from .settings import (

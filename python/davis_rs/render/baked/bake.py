@@ -297,7 +297,7 @@ class _BakeJob:
             divisions, of_sides: of its maps of irradiance, for the lattice's sides, and for fronts and backs.
         """
         self._told("the directions of light")(0, 0)
-        parts: list[Gathered] = [partial(light.along_of_part, part) for part in range(len(light.direct_parts))]
+        parts = light.along_direct_parts
         if gather is not None:
             parts.append(partial(light.along_gathered, reflected=gather.keywords["reflected"]))  # type: ignore[attr-defined]
         bumpy = self._surfaces.bumpy

@@ -180,7 +180,15 @@ class Irradiance:
     @property
     def direct_parts(self) -> list[Callable[..., FloatArray]]:
         """Return the methods :meth:`of_lamps` and :meth:`of_sky`, as far as the scene has such lights."""
-        return [part for part, kind in ((self.of_lamps, "lamps"), (self.of_sky, "sky")) if kind in self._kinds]
+        return self._of_kinds(lamps=self.of_lamps, sky=self.of_sky)
+
+    @property
+    def along_direct_parts(self) -> list[Callable[..., FloatArray]]:
+        """Return the methods :meth:`along_of_lamps` and :meth:`along_of_sky`, in the order of :attr:`direct_parts`."""
+        return self._of_kinds(lamps=self.along_of_lamps, sky=self.along_of_sky)
+
+    def _of_kinds(self, **methods: Callable[..., FloatArray]) -> list[Callable[..., FloatArray]]:
+        return [method for kind, method in methods.items() if kind in self._kinds]
 
     def direct(self, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
         """Compute direct irradiance / pi, RGB (n, 3), of all that is baked, from ``samples`` samples of each kind."""
@@ -217,14 +225,16 @@ class Irradiance:
         light, digest = (None, b"") if reflected is None else (reflected.light, reflected.digest)
         return self._mean("gathered", positions, normals, samples, shift, IrradianceSampler.gathered, (light,), digest)
 
-    def along_of_part(self, part: int, positions: FloatArray, normals: FloatArray, samples: int) -> FloatArray:
+    def along_of_lamps(self, positions: FloatArray, normals: FloatArray, samples: int) -> FloatArray:
         """Compute the part along the surface of irradiance vectors / pi (n, 3 axes, 3), RGB, in the world.
 
-        Args:
-            part: which of :attr:`direct_parts`.
+        They are those of the light of :meth:`of_lamps`.
         """
-        of_part = {"of_lamps": IrradianceSampler.along_of_lamps, "of_sky": IrradianceSampler.along_of_sky}
-        return self._along(of_part[self.direct_parts[part].__name__], positions, normals, samples, ())
+        return self._along(IrradianceSampler.along_of_lamps, positions, normals, samples, ())
+
+    def along_of_sky(self, positions: FloatArray, normals: FloatArray, samples: int) -> FloatArray:
+        """Compute the same (n, 3 axes, 3) of the light of :meth:`of_sky`."""
+        return self._along(IrradianceSampler.along_of_sky, positions, normals, samples, ())
 
     def along_gathered(
         self, positions: FloatArray, normals: FloatArray, samples: int, reflected: Reflected | None

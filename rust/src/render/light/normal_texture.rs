@@ -1,8 +1,8 @@
 //! Normal textures: which way each texel of a surface faces, in the tangent space of its texture coordinates; and bump
 //! maps, whose texels are heights above the surface, so that it faces away from where they rise.
 //!
-//! They turn the shading normal. Lights at a position or along a direction and glossy lobes see it turned. Constant and
-//! baked light counts as if it came from all sides, so it does not.
+//! They turn the shading normal. Lights at a position or along a direction and glossy lobes see it turned. Baked light
+//! sees it by its irradiance vectors along the surface; constant light falls less on what is turned away.
 //!
 //! The tangent points where u grows, at right angles to the shading normal. The second tangent is at right angles to
 //! both (glTF 2.0, section 3.7.2.1; Mikkelsen, "Simulation of wrinkled surfaces revisited", 2008).
