@@ -17,6 +17,7 @@ mod error;
 mod event;
 mod exact;
 mod filter;
+mod huge_pages;
 mod log_intensity;
 mod order;
 mod prefetch;

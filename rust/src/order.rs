@@ -4,6 +4,7 @@ use std::collections::TryReserveError;
 use std::hint::black_box;
 
 use crate::event::Event;
+use crate::huge_pages;
 
 /// Times are sorted into buckets by this many leading bits. In a short interval, each tick has a bucket of its own.
 const BUCKET_BITS: u32 = 12;
@@ -55,6 +56,7 @@ impl TimeSort {
     ) -> Result<(), TryReserveError> {
         let total: usize = bands.clone().map(<[E]>::len).sum();
         sorted.try_reserve_exact(total.saturating_sub(sorted.len()))?;
+        huge_pages::ask_for(sorted);
         // What is in there will be overwritten: no need to clear it.
         sorted.resize(total, Event::default());
         if total == 0 {

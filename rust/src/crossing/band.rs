@@ -26,6 +26,7 @@ use super::marks::{MarkingSlice, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
 use super::record::Record;
+use super::registers::{LANES, Registers, Setting};
 use super::sample::Sample;
 use super::scan::{NotedSamples, TILE, Tile};
 use crate::event::SensorSize;
@@ -33,6 +34,10 @@ use crate::prefetch::prefetch;
 
 /// Bytes by which the frame is fetched ahead of the scan.
 const AHEAD: usize = 8192;
+
+/// With more candidates in a tile, nothing is fetched ahead: their own work takes so long that the processor does it in
+/// time by itself.
+const DENSE: usize = TILE / 8;
 
 /// The interval that a frame ends.
 #[derive(Clone, Copy)]
@@ -73,13 +78,20 @@ impl<'a, S: Sample, R: Record> BandSlice<'a, S, R> {
 pub(crate) struct Band<S> {
     samples: NotedSamples<S>,
     candidates: Candidates<S>,
+    /// Used where they can be.
+    registers: Option<Registers>,
     /// Log intensity of a pixel's sparse samples.
     logs: Vec<f64>,
 }
 
 impl<S: Sample> Band<S> {
     pub(crate) fn new(p: &CrossingParameters) -> Self {
-        Self { samples: NotedSamples::new(), candidates: Candidates::new(p), logs: Vec::new() }
+        Self {
+            samples: NotedSamples::new(),
+            candidates: Candidates::new(p),
+            registers: Registers::find(),
+            logs: Vec::new(),
+        }
     }
 
     /// Takes the frame's slice: finds the events and moves the state on.
@@ -93,6 +105,7 @@ impl<S: Sample> Band<S> {
     ) -> Result<(), Stop> {
         slice.events.begin(allowance, slice.new.len(), at.ticks);
         self.samples.count = 0;
+        let mut is_dense = false;
         for start in (0..slice.new.len()).step_by(TILE) {
             let end = (start + TILE).min(slice.new.len());
             let sparse = slice.sparse.of(slice.first_pixel + start, slice.first_pixel + end).pixel;
@@ -106,15 +119,21 @@ impl<S: Sample> Band<S> {
                 marking: slice.marking.of(start..end),
                 rates: slice.rates.map(|(from, to)| (&from[start..end], &to[start..end])),
             };
-            let ahead = |index: usize| (index + AHEAD / size_of::<S>()).min(slice.new.len());
-            prefetch(&slice.new[ahead(start)..ahead(end)]);
-            for rates in slice.rates.iter().flat_map(|(from, to)| [from, to]) {
-                prefetch(&rates[ahead(start)..ahead(end)]);
+            if !is_dense {
+                let ahead = |index: usize| (index + AHEAD / size_of::<S>()).min(slice.new.len());
+                prefetch(&slice.new[ahead(start)..ahead(end)]);
+                for rates in slice.rates.iter().flat_map(|(from, to)| [from, to]) {
+                    prefetch(&rates[ahead(start)..ahead(end)]);
+                }
             }
             let before = self.samples.count;
-            self.samples.scan(&mut tile, also);
-            for &pixel in &self.samples.pixel[before..self.samples.count] {
-                prefetch(&slice.records[pixel as usize..=pixel as usize]);
+            self.samples.scan(&mut tile, also, self.registers);
+            let noted = &self.samples.pixel[before..self.samples.count];
+            is_dense = noted.len() > DENSE;
+            if !is_dense {
+                for &pixel in noted {
+                    prefetch(&slice.records[pixel as usize..=pixel as usize]);
+                }
             }
             if self.samples.is_full() {
                 self.decide(&mut slice, at, size, p)?;
@@ -135,21 +154,34 @@ impl<S: Sample> Band<S> {
         if !S::all_valid(&self.samples.to[..count]) {
             return Err(Stop::BadValue);
         }
-        self.candidates.decide(&self.samples, slice.records, slice.rates, slice.first_pixel, at.ticks, p);
+        let ([first, .., last] | [first @ last]) = self.samples.pixel[..count] else {
+            return Ok(());
+        };
+        let grid = Grid::new(slice.first_pixel, size);
+        let [first, end] = [first, last + 1].map(|in_band| slice.first_pixel + in_band as usize);
+        let sparse = slice.sparse.of(first, end);
+        self.candidates.take_inputs(&self.samples, slice.first_pixel, p);
+        let registers =
+            self.registers.filter(|_| sparse.is_empty() && slice.rates.is_none() && !slice.events.is_long());
+        if let Some(registers) = registers
+            && self.carry_out_in_registers(registers, slice, (at, grid), p)?
+        {
+            self.samples.count = 0;
+            return Ok(());
+        }
+        self.candidates.decide(&self.samples, slice.records, slice.rates, at.ticks, p);
         if slice.events.is_long() {
             self.candidates.verdict[..count].fill(Verdict::Unclear);
-        } else if let [first, .., last] | [first @ last] = self.samples.pixel[..count] {
+        } else {
             // No single curve tells. All of them were noted, and come in the same order.
-            let bounds = [first, last + 1].map(|in_band| slice.first_pixel + in_band as usize);
             let mut candidates = self.samples.pixel[..count].iter().zip(&mut self.candidates.verdict);
-            for pixels in slice.sparse.of(bounds[0], bounds[1]).pixel.chunk_by(|previous, next| previous == next) {
+            for pixels in sparse.pixel.chunk_by(|previous, next| previous == next) {
                 let in_band = pixels[0] as usize - slice.first_pixel;
                 if let Some((_, verdict)) = candidates.find(|(pixel, _)| **pixel as usize == in_band) {
                     *verdict = Verdict::Unclear;
                 }
             }
         }
-        let grid = Grid::new(slice.first_pixel, size);
         let since = at.start_us - slice.zero_us;
         let outcome = self.candidates.finish::<R>(&self.samples, grid, since, slice.marking.dark_level);
         if outcome.is_full {
@@ -175,6 +207,45 @@ impl<S: Sample> Band<S> {
         }
         self.samples.count = 0;
         Ok(())
+    }
+
+    /// Does the same in registers: false if records are wide, and nothing was done.
+    fn carry_out_in_registers<R: Record>(
+        &mut self,
+        registers: Registers,
+        slice: &mut BandSlice<'_, S, R>,
+        (at, grid): (Interval, Grid),
+        p: &CrossingParameters,
+    ) -> Result<bool, Stop> {
+        #[allow(clippy::cast_precision_loss, reason = "not long")]
+        let setting = Setting { ticks: at.ticks as f64, since: at.start_us - slice.zero_us, grid };
+        let count = self.samples.count;
+        let mut next = 0;
+        while next < count {
+            let room = count - next + LANES;
+            slice.events.reserve(room)?;
+            let (keys, old) = slice.events.spare(room);
+            let state = (&mut *slice.records, keys, old);
+            let Some(progress) = self.candidates.carry_out(registers, &self.samples, next, setting, state) else {
+                return Ok(false);
+            };
+            slice.events.take(progress.events);
+            let done = next..next + progress.lines;
+            let marks = self.candidates.take_marks(done.clone(), slice.marking.dark_level);
+            let to = &mut *slice.marks;
+            for (&pixel, &mark) in self.samples.pixel[done.clone()].iter().zip(marks) {
+                to[pixel as usize] = mark;
+            }
+            if progress.is_full {
+                return Err(Stop::Narrow);
+            }
+            next = done.end;
+            if next < count {
+                self.follow(slice, next, grid, at, p)?;
+                next += 1;
+            }
+        }
+        Ok(true)
     }
 
     /// Makes the events of these candidates, of which none is unclear.
@@ -276,5 +347,146 @@ impl<S: Sample> Band<S> {
             slice.marks[in_band] = mark::<S>(reference, c, slice.marking.dark_level);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::crossing::band_events::Key;
+    use crate::crossing::level::Level;
+    use crate::crossing::marks::Marking;
+    use crate::crossing::parameters::Threshold;
+    use crate::crossing::record::{NEVER, Narrow};
+    use proptest::prelude::*;
+
+    /// What a band's pixels are after some frames, and what happened in the last one.
+    #[derive(Debug, PartialEq)]
+    struct After<S> {
+        outcome: Result<(), Stop>,
+        keys: Vec<Key>,
+        old: Vec<u64>,
+        levels: Vec<Level>,
+        times: Vec<i64>,
+        marks: Vec<u32>,
+        last: Vec<S>,
+    }
+
+    const SIZE: SensorSize = SensorSize { width: 61, height: 40 };
+
+    /// Runs pixels from `first_pixel` on over frames of log intensity that are a millisecond apart.
+    fn after<S: Sample>(
+        registers: Option<Registers>,
+        sample: impl Fn(f64) -> S,
+        frames: &[Vec<f64>],
+        (first_pixel, counter): (usize, u32),
+        p: &CrossingParameters,
+    ) -> Vec<After<S>> {
+        const ZERO_US: i64 = 7;
+        let pixels = frames[0].len();
+        let frame = |logs: &[f64]| logs.iter().map(|&log| sample(log)).collect::<Vec<_>>();
+        let mut last = frame(&frames[0]);
+        let (mut next, mut logs) = (last.clone(), vec![0.0; pixels]);
+        S::logs(&last, p.log_eps, &mut logs);
+        let marking = Marking::new::<S>(p, pixels);
+        let mut marks = vec![0.0; pixels];
+        S::marks(&logs, marking.dark_level(), &mut marks);
+        let level = |(i, &base): (usize, &f64)| {
+            let count = if i % 29 == 0 { counter } else { 0 };
+            let c = p.thresholds(first_pixel + i);
+            let base = base - f64::from(count) * (c.on - c.off);
+            Narrow::new(Level { base, on: count, off: count }, NEVER, ZERO_US).unwrap()
+        };
+        let mut records: Vec<Narrow> = logs.iter().enumerate().map(level).collect();
+        let mut band = Band::<S>::new(p);
+        band.registers = registers;
+        let mut events = BandEvents::default();
+        let mut found = vec![];
+        for (k, logs) in (1i64..).zip(&frames[1..]) {
+            let slice = BandSlice {
+                first_pixel,
+                records: &mut records,
+                zero_us: ZERO_US,
+                events: &mut events,
+                last: &last,
+                next: &mut next,
+                marks: &mut marks,
+                marking: marking.of(0..pixels),
+                new: &frame(logs),
+                rates: None,
+                sparse: SparseSamples { pixel: &[], t_us: &[], samples: &[] },
+            };
+            let at = Interval { start_us: 1000 * k, ticks: 1000 };
+            let outcome = band.advance(slice, at, SIZE, p, Allowance::Usual);
+            if outcome.is_ok() {
+                std::mem::swap(&mut last, &mut next);
+            } else {
+                events.undo(&mut records, first_pixel, SIZE);
+                marks.clear(); // a push computes them afresh then
+            }
+            found.push(After {
+                outcome,
+                keys: events.keys().to_vec(),
+                old: events.old().to_vec(),
+                levels: records.iter().map(|record| record.level()).collect(),
+                times: records.iter().map(|record| record.last_event_us(ZERO_US)).collect(),
+                marks: marks.iter().map(|mark| mark.to_bits()).collect(),
+                last: last.clone(),
+            });
+            if outcome.is_err() {
+                break;
+            }
+        }
+        found
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+
+        /// All that both leave behind, bit by bit: quiet and dense tiles, several events of a pixel, counters that are full.
+        #[test]
+        fn registers_do_what_plain_loops_do(
+            pixels in 1usize..1700, first_pixel in 0usize..700, seed: u64, step in prop::sample::select(vec![0.03, 0.3, 1.2, 4.0]),
+            each: bool, counter in prop::sample::select(vec![0, 65_533, 65_535]), rests in 0u32..4, bad in 0u32..20,
+        ) {
+            let Some(registers) = Registers::find() else {
+                return Ok(()); // there is nothing to compare
+            };
+            let mut state = seed;
+            let mut random = || {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                u32::try_from(state >> 33).unwrap()
+            };
+            let threshold = |least: f64| {
+                let each_pixel = || (0..2440).map(|i| least + 1e-3 * f64::from(i % 31)).collect();
+                if each { Threshold::PerPixel(each_pixel()) } else { Threshold::Uniform(least) }
+            };
+            let p = CrossingParameters {
+                contrast_threshold: threshold(0.2),
+                contrast_threshold_off: threshold(0.3),
+                ..CrossingParameters::default()
+            };
+            let mut logs: Vec<f64> = (0..pixels).map(|_| f64::from(random()) / f64::from(1 << 30) - 2.0).collect();
+            let mut frames = vec![logs.clone()];
+            for k in 0..4 {
+                for (i, log) in logs.iter_mut().enumerate() {
+                    // Stretches of pixels rest, and some come back to where they were.
+                    let moves = random() % 4 >= rests.min(u32::try_from(i / 200).unwrap() % 4);
+                    let way = (f64::from(random()) / f64::from(1 << 30) - 1.0) * step;
+                    *log = if random() % 50 == 0 { frames[0][i] } else { *log + if moves { way } else { 0.0 } };
+                }
+                if bad == k {
+                    logs[pixels / 2] = f64::NAN;
+                }
+                frames.push(logs.clone());
+            }
+            let of = (first_pixel, counter);
+            prop_assert!(
+                after(Some(registers), |log| log, &frames, of, &p) == after(None, |log| log, &frames, of, &p)
+            );
+            #[allow(clippy::cast_possible_truncation, reason = "luma is float32")]
+            let luma = |log: f64| log.exp() as f32;
+            prop_assert!(after(Some(registers), luma, &frames, of, &p) == after(None, luma, &frames, of, &p));
+        }
     }
 }

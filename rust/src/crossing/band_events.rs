@@ -17,26 +17,28 @@ use crate::order::Stamped;
 pub(crate) const LONG: i64 = 1 << 31;
 
 /// An event of an interval. From the lowest bit: 16 bits of x, 16 bits of y, the polarity, 31 bits of the tick.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(transparent)]
 pub(crate) struct Key(u64);
 
-const TICK: u32 = 33;
-
 impl Key {
+    /// The lowest bit of the tick. The polarity is below it.
+    pub(crate) const TICK: u32 = 33;
+
     /// The event at a tick below [`LONG`].
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn new(tick: i64, address: PixelAddress, on: bool) -> Self {
-        Self(tick.cast_unsigned() << TICK | u64::from(on) << (TICK - 1) | address.0)
+        Self(tick.cast_unsigned() << Self::TICK | u64::from(on) << (Self::TICK - 1) | address.0)
     }
 }
 
 impl Stamped for Key {
-    const ADDRESS: u64 = (1 << TICK) - 1;
+    const ADDRESS: u64 = (1 << Self::TICK) - 1;
 
     #[inline]
     fn tick(self, _: i64) -> i64 {
-        (self.0 >> TICK).cast_signed()
+        (self.0 >> Self::TICK).cast_signed()
     }
 
     #[inline]
@@ -64,6 +66,12 @@ impl Grid {
         Self { first_pixel: first_pixel as f64, width, rows_per_pixel: 1.0 / width }
     }
 
+    /// Returns what [`Self::address`] computes with: the first pixel, rows a pixel, and what an address rises by from the
+    /// end of a row to the next row, beyond that of a pixel.
+    pub(crate) fn parts(self) -> [f64; 3] {
+        [self.first_pixel, self.rows_per_pixel, 65_536.0 - self.width]
+    }
+
     /// Returns the address of a pixel, by its number in the band.
     ///
     /// In floats, because vector units cannot divide integers. The row's number is half a pixel or more away from where it
@@ -71,9 +79,10 @@ impl Grid {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn address(self, in_band: u32) -> PixelAddress {
-        let pixel = self.first_pixel + f64::from(in_band);
-        let y = ((pixel + 0.5) * self.rows_per_pixel - 0.5 + ROUND) - ROUND;
-        PixelAddress(integer(pixel + y * (65_536.0 - self.width)).cast_unsigned())
+        let [first_pixel, rows_per_pixel, to_next_row] = self.parts();
+        let pixel = first_pixel + f64::from(in_band);
+        let y = ((pixel + 0.5) * rows_per_pixel - 0.5 + ROUND) - ROUND;
+        PixelAddress(integer(pixel + y * to_next_row).cast_unsigned())
     }
 }
 
@@ -112,6 +121,12 @@ impl<R: Record> BandEvents<R> {
     /// Events in raster order, where the interval is not long.
     pub(crate) fn keys(&self) -> &[Key] {
         self.keys.made()
+    }
+
+    /// What these events changed of their records.
+    #[cfg(test)]
+    pub(crate) fn old(&self) -> &[R::Old] {
+        self.old.made()
     }
 
     /// Events in raster order, where the interval is long.

@@ -13,6 +13,7 @@
 use super::curve::{Curve, Piece};
 use super::level::{Level, Thresholds};
 use crate::error::Error;
+use crate::huge_pages;
 
 /// The most events of one push: 2 GiB of them, and as much again while they are sorted.
 pub(crate) const MOST_EVENTS: u64 = 1 << 27;
@@ -111,6 +112,7 @@ impl<T: Copy + Default> Buffer<T> {
             return Err(Full);
         }
         self.items.try_reserve(needed - self.items.len()).map_err(|_| Full)?;
+        huge_pages::ask_for(&mut self.items);
         self.items.resize(self.items.capacity(), T::default());
         Ok(())
     }

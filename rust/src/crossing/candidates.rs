@@ -6,6 +6,8 @@
 //!
 //! What must not break: the loops have no branches and no calls that are not inlined.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 
 use super::band_events::{Grid, Key};
@@ -14,9 +16,10 @@ use super::decision::{Decisions, References, Verdict, decide};
 use super::line_candidates::Lines;
 use super::parameters::{CrossingParameters, Interpolation};
 use super::record::Record;
+use super::registers::{self, Happened, LANES, Progress, Registers, Setting};
 use super::sample::{DarkLevel, Sample};
 use super::scan::{MOST_NOTED, NotedSamples};
-use super::steps::StepArrays;
+use super::steps::{StepArrays, Steps};
 
 /// Candidates as arrays.
 pub(crate) struct Candidates<S> {
@@ -85,15 +88,53 @@ impl<S: Sample> Candidates<S> {
         }
     }
 
+    /// Takes the thresholds and the log intensity of what was noted.
+    pub(crate) fn take_inputs(&mut self, samples: &NotedSamples<S>, first_pixel: usize, p: &CrossingParameters) {
+        self.steps.take(|j| first_pixel + samples.pixel[j] as usize, samples.count, p);
+        let n = samples.count.next_multiple_of(VECTOR);
+        S::take_logs(&samples.from[..n], p.log_eps, &mut self.from);
+        S::take_logs(&samples.to[..n], p.log_eps, &mut self.to);
+    }
+
+    /// Decides and carries out candidates from number `first` on, in registers: see [`Registers::carry_out`]. What they
+    /// need was taken by [`Self::take_inputs`]. None if records are wide.
+    pub(crate) fn carry_out<R: Record>(
+        &mut self,
+        registers: Registers,
+        samples: &NotedSamples<S>,
+        first: usize,
+        at: Setting,
+        (records, keys, old): (&mut [R], &mut [Key], &mut [R::Old]),
+    ) -> Option<Progress> {
+        let these = first..samples.count + LANES;
+        let Steps { on, off } = self.steps.first(these.end);
+        let lines = registers::Lines {
+            count: samples.count - first,
+            pixel: &samples.pixel[these.clone()],
+            from: S::logs_of(&samples.from[these.clone()], &self.from[these.clone()]),
+            to: S::logs_of(&samples.to[these.clone()], &self.to[these.clone()]),
+            steps: Steps { on: &on[these.clone()], off: &off[these.clone()] },
+        };
+        let (records, old) = R::narrow(records, old)?;
+        Some(registers.carry_out(&lines, at, records, Happened { after: &mut self.after[these], keys, old }))
+    }
+
+    /// Computes the marks of candidates that [`Self::carry_out`] took.
+    pub(crate) fn take_marks(&mut self, these: Range<usize>, dark_level: DarkLevel) -> &[f32] {
+        let marks = &mut self.marks[these.clone()];
+        S::marks(&self.after[these], dark_level, marks);
+        marks
+    }
+
     /// Decides all candidates that were noted, over an interval of `ticks` ticks.
     ///
-    /// `records` begin at pixel `first_pixel`. So do `rates`, the rates of change at the interval's ends, if given.
+    /// [`Self::take_inputs`] comes before. `rates` are those of change at the interval's ends, if given. They and `records`
+    /// begin where the pixels of `samples` are counted from.
     pub(crate) fn decide<R: Record>(
         &mut self,
         samples: &NotedSamples<S>,
         records: &[R],
         rates: Option<(&[S], &[S])>,
-        first_pixel: usize,
         ticks: i64,
         p: &CrossingParameters,
     ) {
@@ -102,7 +143,6 @@ impl<S: Sample> Candidates<S> {
             let record = records[pixel as usize];
             (*base, *word) = (record.base(), record.word());
         }
-        self.steps.take(|j| first_pixel + pixels[j] as usize, samples.count, p);
         let n = samples.count.next_multiple_of(VECTOR);
         let (from, to) = (&samples.from[..n], &samples.to[..n]);
         #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
@@ -116,7 +156,7 @@ impl<S: Sample> Candidates<S> {
             slopes(from, &self.rate_from[..n], p.log_eps, seconds, &mut self.slope_from[..n]);
             slopes(to, &self.rate_to[..n], p.log_eps, seconds, &mut self.slope_to[..n]);
         }
-        let (from, to) = (S::logs_in(from, p.log_eps, &mut self.from), S::logs_in(to, p.log_eps, &mut self.to));
+        let (from, to) = (S::logs_of(from, &self.from), S::logs_of(to, &self.to));
         let references = References { base: &self.base[..n], words: &self.words[..n] };
         let steps = self.steps.first(n);
         let decisions =

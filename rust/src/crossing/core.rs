@@ -28,6 +28,7 @@ use super::sample::{DarkLevel, Sample};
 use super::scan::TILE;
 use super::state::EngineState;
 use crate::event::{Event, SensorSize};
+use crate::huge_pages;
 use crate::order::TimeSort;
 
 /// The pixels of a sensor: a push runs them over a frame, and then keeps what it found, or undoes it.
@@ -149,13 +150,16 @@ impl<S: Sample> Core<S> {
     ) -> Self {
         let (first, zero_us) = (frame.samples, frame.t_us - 1);
         let mut buffer = vec![0.0; first.len()];
-        let logs = S::logs_in(first, p.log_eps, &mut buffer);
+        S::take_logs(first, p.log_eps, &mut buffer);
+        let logs = S::logs_of(first, &buffer);
         let bands = pool.map_or(1, |pool| BANDS_PER_THREAD * pool.current_num_threads());
         let levels = logs.iter().enumerate().map(|(i, &log)| p.first_reference(log, i, seed));
+        let mut last = huge_pages::with_capacity(first.len());
+        last.extend_from_slice(first);
         let mut core = Self {
-            last: first.to_vec(),
-            next: vec![S::default(); first.len()],
-            marks: vec![0.0; first.len()],
+            last,
+            next: huge_pages::filled(S::default(), first.len()),
+            marks: huge_pages::filled(0.0, first.len()),
             marking: Marking::new::<S>(p, first.len()),
             rates: frame.rate.map_or(vec![], <[S]>::to_vec),
             records: records(levels.map(|level| (level, NEVER)), zero_us, bands),
@@ -226,12 +230,15 @@ impl<S: Sample> Core<S> {
 }
 
 /// Records of these levels and times of last events: narrow ones if they hold them all.
-fn records(stored: impl Iterator<Item = (Level, i64)> + Clone, zero_us: i64, bands: usize) -> Records {
-    let narrow = stored.clone().map(|(level, last_event_us)| Narrow::new(level, last_event_us, zero_us)).collect();
-    match narrow {
-        Some(records) => Records::Narrow(Kept::new(records, bands)),
-        None => Records::Wide(wide(stored, bands)),
+fn records(stored: impl ExactSizeIterator<Item = (Level, i64)> + Clone, zero_us: i64, bands: usize) -> Records {
+    let mut narrow = huge_pages::with_capacity(stored.len());
+    for (level, last_event_us) in stored.clone() {
+        let Some(record) = Narrow::new(level, last_event_us, zero_us) else {
+            return Records::Wide(wide(stored, bands));
+        };
+        narrow.push(record);
     }
+    Records::Narrow(Kept::new(narrow, bands))
 }
 
 fn wide(stored: impl Iterator<Item = (Level, i64)>, bands: usize) -> Kept<Wide> {

@@ -74,14 +74,18 @@ impl VectorCurve for VectorLine {
 
 #[cfg(test)]
 mod tests {
+    use crate::crossing::band_events::{Grid, Key, LONG};
     use crate::crossing::candidates::Candidates;
     use crate::crossing::decision::Verdict;
     use crate::crossing::level::{Level, Thresholds};
     use crate::crossing::line::Line;
     use crate::crossing::parameters::{CrossingParameters, Interpolation, Threshold};
     use crate::crossing::pixel::follow;
-    use crate::crossing::record::{NEVER, Wide};
+    use crate::crossing::record::{NEVER, Narrow, Record, Wide};
+    use crate::crossing::registers::{LANES, Registers, Setting};
     use crate::crossing::scan::NotedSamples;
+    use crate::event::SensorSize;
+    use crate::order::Stamped;
     use proptest::prelude::*;
 
     const C: Thresholds = Thresholds { on: 0.25, off: 0.5 };
@@ -97,8 +101,38 @@ mod tests {
         let mut samples = NotedSamples::new();
         (samples.count, samples.from[0], samples.to[0]) = (1, from, to);
         let record = Wide::of(reference, NEVER);
-        candidates.decide(&samples, &[record], None, 0, ticks, &parameters);
-        (candidates.verdict[0], candidates.tick[0])
+        candidates.take_inputs(&samples, 0, &parameters);
+        candidates.decide(&samples, &[record], None, ticks, &parameters);
+        let decided = (candidates.verdict[0], candidates.tick[0]);
+        if let (Some(registers), Some(record)) = (Registers::find(), Narrow::new(reference, NEVER, 0))
+            && ticks < LONG
+        {
+            assert_eq!(decide_in_registers(registers, record, &mut candidates, &samples, ticks), decided);
+        }
+        decided
+    }
+
+    /// The same of registers. The tick stays what it is where there is no event.
+    fn decide_in_registers(
+        registers: Registers,
+        record: Narrow,
+        candidates: &mut Candidates<f64>,
+        samples: &NotedSamples<f64>,
+        ticks: i64,
+    ) -> (Verdict, i64) {
+        let grid = Grid::new(0, SensorSize { width: 1, height: 1 });
+        #[allow(clippy::cast_precision_loss, reason = "not long")]
+        let setting = Setting { ticks: ticks as f64, since: 1, grid };
+        let (mut keys, mut old) = ([Key::default(); 1 + LANES], [0; 1 + LANES]);
+        let state = (&mut [record][..], &mut keys[..], &mut old[..]);
+        let progress = candidates.carry_out(registers, samples, 0, setting, state).unwrap();
+        let event = keys[0].event(0, Key::ADDRESS);
+        match (progress.lines, progress.events) {
+            (1, 1) => (if event.p == 1 { Verdict::On } else { Verdict::Off }, event.t),
+            (1, 0) => (Verdict::Nothing, candidates.tick[0]),
+            (0, 0) => (Verdict::Unclear, candidates.tick[0]),
+            other => panic!("{other:?}"),
+        }
     }
 
     const ZERO: Level = Level { base: 0.0, on: 0, off: 0 };
@@ -141,6 +175,9 @@ mod tests {
         let c = Thresholds { on: 1000.0, off: 1000.0 };
         let far = Level { base: 0.0, on: 4_000_000_000, off: 4_000_000_000 };
         assert_eq!(decide_one(far, c, 0.0, 1010.3, 1000).0, Verdict::Unclear);
+        // Registers take such records, but the levels of these are not accurate enough.
+        let many = Level { base: 0.0, on: 60_000, off: 60_000 };
+        assert_eq!(decide_one(many, c, 0.0, 1010.3, 1000).0, Verdict::Unclear);
         let near = Level { base: 0.0, on: 4, off: 4 };
         assert_eq!(decide_one(near, c, 0.0, 1010.3, 1000).0, Verdict::On);
     }
@@ -201,9 +238,10 @@ mod tests {
         (samples.count, samples.from[0], samples.to[0]) = (1, 0.0, 0.3);
         let zero = Wide::of(ZERO, NEVER);
         // Over 7 ticks, slopes of 0 and 3 over the interval.
-        candidates.decide(&samples, &[zero], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
+        candidates.take_inputs(&samples, 0, &parameters);
+        candidates.decide(&samples, &[zero], Some((&[0.0], &[3.0 / 7e-6])), 7, &parameters);
         assert_eq!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
-        candidates.decide(&samples, &[zero], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
+        candidates.decide(&samples, &[zero], Some((&[3.0 / 7e-6], &[0.0])), 7, &parameters);
         assert_ne!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
     }
 

@@ -13,7 +13,7 @@
 //!
 //! Running that rule on every pixel would be slow. So [`sample`], [`marks`], [`steps`], [`scan`], [`decision`],
 //! [`candidates`], [`line_candidates`] and [`cubic_candidates`] decide nearly all pixels in vector code, and leave to
-//! [`pixel`] what they cannot decide beyond doubt. [`band`] does all of it for a band of rows:
+//! [`pixel`] what they cannot decide beyond doubt. Where the processor allows it, [`registers`] does the same faster. [`band`] does all of it for a band of rows:
 //! [`prefetch`](crate::prefetch) brings its frame near, [`record`] is what only events touch, [`band_events`] and [`buffer`]
 //! keep the events. [`core`] runs the bands on threads. [`engine`] is what the user sees, and [`restore`] stores and restores
 //! it. Pixels under [`effects`] take a different way from frame to events.
@@ -44,6 +44,7 @@ mod parameters;
 mod pixel;
 mod reconstruct;
 mod record;
+mod registers;
 mod restore;
 mod sample;
 mod scan;

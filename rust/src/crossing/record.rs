@@ -38,6 +38,9 @@ pub(crate) trait Record: Copy + Default + Send + Sync {
     /// The ON and OFF events of a word.
     fn counters(word: u64) -> (f64, f64);
 
+    /// These records, and room for what events change of them, if they are narrow.
+    fn narrow<'a>(records: &'a mut [Self], old: &'a mut [Self::Old]) -> Option<(&'a mut [Narrow], &'a mut [u64])>;
+
     /// Can no other event of this polarity be counted?
     fn is_full(word: u64, on: bool) -> bool;
 
@@ -50,7 +53,7 @@ pub(crate) trait Record: Copy + Default + Send + Sync {
 
 /// A record of 16 bytes.
 #[derive(Clone, Copy, Default)]
-#[repr(align(16))]
+#[repr(C, align(16))]
 pub(crate) struct Narrow {
     base: f64,
     /// From the lowest bit: 16 bits of ON events, 16 bits of OFF events, and 32 bits of the time of the last event since
@@ -59,7 +62,15 @@ pub(crate) struct Narrow {
 }
 
 const BITS: u32 = 16;
-const COUNTER: u64 = u16::MAX as u64;
+pub(crate) const COUNTER: u64 = u16::MAX as u64;
+
+impl Narrow {
+    /// Changes its word.
+    #[inline]
+    pub(crate) fn set_word(&mut self, word: u64) {
+        self.word = word;
+    }
+}
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Record for Narrow {
@@ -85,6 +96,10 @@ impl Record for Narrow {
             0 => NEVER,
             since => zero_us + since.cast_signed(),
         }
+    }
+
+    fn narrow<'a>(records: &'a mut [Self], old: &'a mut [u64]) -> Option<(&'a mut [Self], &'a mut [u64])> {
+        Some((records, old))
     }
 
     /// Without a look at the record.
@@ -128,7 +143,7 @@ impl Record for Narrow {
 
     #[inline(always)]
     fn take(&mut self, word: u64, _: bool, _: i64) {
-        self.word = word;
+        self.set_word(word);
     }
 }
 
@@ -162,6 +177,10 @@ impl Record for Wide {
 
     fn last_event_us(self, _: i64) -> i64 {
         self.last_event_us
+    }
+
+    fn narrow<'a>(_: &'a mut [Self], _: &'a mut [(u64, i64)]) -> Option<(&'a mut [Narrow], &'a mut [u64])> {
+        None
     }
 
     #[inline(always)]

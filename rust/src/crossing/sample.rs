@@ -15,6 +15,7 @@ use multiversion::multiversion;
 
 use super::exponential::exp;
 use super::level::Thresholds;
+use super::registers::Compress;
 use crate::error::Result;
 use crate::event::SensorSize;
 use crate::log_intensity::{LUMA_RULE, all_luma_valid, check_luma, check_none, log_intensities};
@@ -37,7 +38,7 @@ pub(crate) struct DarkLevel {
 }
 
 /// A sample of a frame.
-pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'static {
+pub(crate) trait Sample: Compress + Copy + Debug + Default + PartialOrd + Send + Sync + 'static {
     /// What a valid one is, for people.
     const RULE: &'static str;
 
@@ -50,8 +51,11 @@ pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'st
     /// Log intensity of each sample.
     fn logs(samples: &[Self], log_eps: f64, logs: &mut [f64]);
 
-    /// The same, in `buffer` or wherever it is already.
-    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, buffer: &'a mut [f64]) -> &'a [f64];
+    /// The same, in `buffer` or wherever it is already: see [`Self::logs_of`].
+    fn take_logs(samples: &[Self], log_eps: f64, buffer: &mut [f64]);
+
+    /// Where [`Self::take_logs`] left log intensity: in `buffer`, or in the samples.
+    fn logs_of<'a>(samples: &'a [Self], buffer: &'a [f64]) -> &'a [f64];
 
     /// What goes with this dark level, where no pixel's reach down is less than `least_down`.
     fn dark_level(log_eps: f64, least_down: f32) -> DarkLevel;
@@ -92,10 +96,12 @@ impl Sample for f32 {
         log_intensities(samples, log_eps, logs);
     }
 
-    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, buffer: &'a mut [f64]) -> &'a [f64] {
-        let logs = &mut buffer[..samples.len()];
-        log_intensities(samples, log_eps, logs);
-        logs
+    fn take_logs(samples: &[Self], log_eps: f64, buffer: &mut [f64]) {
+        log_intensities(samples, log_eps, &mut buffer[..samples.len()]);
+    }
+
+    fn logs_of<'a>(samples: &'a [Self], buffer: &'a [f64]) -> &'a [f64] {
+        &buffer[..samples.len()]
     }
 
     fn dark_level(log_eps: f64, least_down: f32) -> DarkLevel {
@@ -150,7 +156,9 @@ impl Sample for f64 {
         logs.copy_from_slice(samples);
     }
 
-    fn logs_in<'a>(samples: &'a [Self], _: f64, _: &'a mut [f64]) -> &'a [f64] {
+    fn take_logs(_: &[Self], _: f64, _: &mut [f64]) {}
+
+    fn logs_of<'a>(samples: &'a [Self], _: &'a [f64]) -> &'a [f64] {
         samples
     }
 

@@ -15,6 +15,7 @@
 use multiversion::multiversion;
 
 use super::marks::{MarkingSlice, ReachesSlice};
+use super::registers::{GROUP, Notes, Registers, TileSamples};
 use super::sample::{DarkLevel, Reach, Sample};
 
 /// Pixels scanned at a time.
@@ -24,12 +25,13 @@ pub(crate) const TILE: usize = 512;
 const BLOCK: usize = 64;
 
 /// Indices are written in groups of this many.
-const GROUP: usize = 8;
+const INDICES: usize = 8;
 
 /// Samples that were noted, of one or more tiles: their pixel, counted from the first one of the band's slice, and the
 /// samples before and now, of which log intensity is computed next.
 pub(crate) struct NotedSamples<S> {
     pub(crate) count: usize,
+    /// Pixels of the band, also beyond those that are counted: registers take whole vectors of them.
     pub(crate) pixel: Vec<u32>,
     pub(crate) from: Vec<S>,
     pub(crate) to: Vec<S>,
@@ -42,8 +44,9 @@ pub(crate) struct NotedSamples<S> {
 /// Candidates are decided once there are this many: enough to fill vectors, few enough for the first-level cache.
 const BATCH: usize = 256;
 
-/// More candidates than there can be before they are decided: a batch, and all of another tile. A multiple of all vectors.
-pub(crate) const MOST_NOTED: usize = BATCH + TILE;
+/// More candidates than there can be before they are decided: a batch, and all of another tile. A multiple of all vectors,
+/// and a register more.
+pub(crate) const MOST_NOTED: usize = BATCH + TILE + GROUP;
 
 /// A tile's samples, and what they are compared with.
 pub(crate) struct Tile<'a, S> {
@@ -79,9 +82,14 @@ impl<S: Sample> NotedSamples<S> {
 
     /// Compares a tile's new samples with their marks, stores them as the `next` last ones, and notes those out of reach.
     ///
-    /// `also` are indices that are noted whatever their samples.
+    /// `also` are indices that are noted whatever their samples. `registers` are used if they are given.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-    pub(crate) fn scan(&mut self, tile: &mut Tile<'_, S>, also: impl ExactSizeIterator<Item = usize>) {
+    pub(crate) fn scan(
+        &mut self,
+        tile: &mut Tile<'_, S>,
+        also: impl ExactSizeIterator<Item = usize>,
+        registers: Option<Registers>,
+    ) {
         let n = tile.new.len();
         let noted = &mut self.noted[..n];
         match tile.marking.reaches {
@@ -97,6 +105,13 @@ impl<S: Sample> NotedSamples<S> {
         }
         for index in also {
             noted[index] = 1;
+        }
+        if let Some(registers) = registers {
+            let tile = TileSamples { noted, start: tile.start as u32, last: tile.last, new: tile.new };
+            let (pixel, from, to) =
+                (&mut self.pixel[self.count..], &mut self.from[self.count..], &mut self.to[self.count..]);
+            self.count += registers.collect(&tile, Notes { pixel, from, to });
+            return;
         }
         let count = collect_indices(noted, &mut self.in_tile);
         let added = self.count..self.count + count;
@@ -156,16 +171,16 @@ fn collect_indices(noted: &[u8], indices: &mut [u16]) -> usize {
     let mut count = 0;
     let (blocks, rest) = noted.as_chunks::<BLOCK>();
     for (block, noted) in blocks.iter().enumerate() {
-        let (groups, _) = noted.as_chunks::<GROUP>();
+        let (groups, _) = noted.as_chunks::<INDICES>();
         if groups.iter().fold(0, |any, &group| any | u64::from_le_bytes(group)) == 0 {
             continue;
         }
         for (group, noted) in groups.iter().enumerate() {
             // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a position of its own.
             let bits = (u64::from_le_bytes(*noted).wrapping_mul(0x0102_0408_1020_4080) >> 56) as usize;
-            let first = (block * BLOCK + group * GROUP) as u16;
+            let first = (block * BLOCK + group * INDICES) as u16;
             // All eight are written, those that were noted kept: no branch to mispredict.
-            let (indices, (positions, kept)) = (&mut indices[count..count + GROUP], &POSITIONS[bits]);
+            let (indices, (positions, kept)) = (&mut indices[count..count + INDICES], &POSITIONS[bits]);
             for (index, position) in indices.iter_mut().zip(positions) {
                 *index = first + position;
             }
@@ -180,8 +195,8 @@ fn collect_indices(noted: &[u8], indices: &mut [u16]) -> usize {
 }
 
 /// The positions of the set bits of each byte, in order, and their number.
-static POSITIONS: [([u16; GROUP], u32); 256] = {
-    let mut table = [([0; GROUP], 0); 256];
+static POSITIONS: [([u16; INDICES], u32); 256] = {
+    let mut table = [([0; INDICES], 0); 256];
     let mut bits = 0;
     while bits < 256 {
         let (mut position, mut count) = (0, 0);
