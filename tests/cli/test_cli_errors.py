@@ -86,7 +86,7 @@ def test_each_command_has_its_help(command: str, capsys: pytest.CaptureFixture[s
     [
         (["simulat", "three_planes"], "there is no such command: simulat; did you mean simulate?"),
         (["generat"], "there is no such command: generat; did you mean generate? (see davis-rs --help)"),
-        (["calibrate", "zoom"], "zoom; there are sensor, intrinsics, hand-eye, camera-imu"),
+        (["calibrate", "zoom"], "zoom; there are sensor, intrinsics, hand-eye, camera-imu, rig"),
         (["simulate", "three_planes"], "the following arguments are required: -o/--output"),
         (["simulate", "three_planes", "-o", "x", "--sensor", "DAVIS240"], "did you mean davis240c?"),
         (["simulate", "three_planes", "-o", "x", "--duration", "long"], "invalid float value: 'long'"),

@@ -15,6 +15,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import textwrap
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, redirect_stdout
@@ -61,6 +62,11 @@ RUN_INSTEAD = {
     "davis-rs simulate checkerboard -o DIR --imu mpu6150 --frame-rate 20 --depth-rate 0": "davis-rs simulate "
     "checkerboard -o DIR --imu mpu6150 --frame-rate 10 --depth-rate 0 --duration 2 --max-displacement 8 "
     "--rays-per-pixel 1 --contrast-threshold 1",
+    "davis-rs simulate checkerboard --rig pair.yaml -o PAIR --frame-rate 20 --depth-rate 0 --duration 6 "
+    "--accuracy fast": (
+        "davis-rs simulate checkerboard --rig pair.yaml -o PAIR --frame-rate 20 --depth-rate 0 --duration 2 "
+        "--accuracy fast --contrast-threshold 1"
+    ),
     "davis-rs simulate dynamic_6dof -o DIR --start 45 --duration 0.1 --flow-rate 20 --mask-rate 20 --normal-rate 20": (
         "davis-rs simulate dynamic_6dof -o DIR --start 45 --duration 0.01 --size 120x90 --flow-rate 20 --mask-rate 20 "
         "--normal-rate 20 --rays-per-pixel 1"
@@ -94,7 +100,8 @@ NOT_RUN = {
     "sentence describes, and takes minutes; tests/sensors/test_sensor_fit.py fits others",
     "davis-rs calibrate sensor slider --lux 134 --base one_ms.yaml -o fitted.yaml": "the same",
     "davis-rs calibrate KIND DIR": "needs a checkerboard's dataset; docs/calibration.md's lines are run",
-    "davis-rs calibrate intrinsics | hand-eye | camera-imu DIR": "the same",
+    "davis-rs calibrate rig DIR": "needs the folder of a rig; docs/calibration.md's lines are run",
+    "davis-rs calibrate intrinsics | hand-eye | camera-imu | rig DIR": "the same",
 }
 """Commands that are parsed and not run, and why."""
 
@@ -231,6 +238,8 @@ def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.save(folder / "times.npy", np.array(stamps_ms) / 1000)
     (folder / "PLAN.yaml").write_text("scene: three_planes\nduration: 0.02\naccuracy: fast\n")
     (folder / "example.yaml").write_text(YAML[0].text)
+    shown = next(one.text for one in ALL if "$ cat pair.yaml" in one.text)
+    (folder / "pair.yaml").write_text(textwrap.dedent(shown).partition("\n")[2].partition("\n$ ")[0])
     (folder / "my_effects.py").write_text(next(one.text for one in PYTHON if "class Crosstalk" in one.text))
     return folder
 

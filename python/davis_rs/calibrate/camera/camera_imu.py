@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ...sensor.imu import ImuArray, ImuNoise, as_imu
 from .board_pose import BoardPose
-from .inertial_problem import InertialProblem, Readings
+from .inertial_problem import InertialProblem, InertialState, Readings
 from .levenberg_marquardt import levenberg_marquardt
 from .reprojection import cross_matrix, transform
 
@@ -88,31 +88,56 @@ def calibrate_camera_imu(
 
     Source: Furgale, Rehder and Siegwart, IROS 2013 (continuous-time estimation).
     """
+    problem, solution = fit_path(camera_poses, imu, noise, knot_rate_hz, reading_rate_hz)
+    return camera_imu_of(problem, solution)
+
+
+def fit_path(
+    camera_poses: Sequence[BoardPose],
+    imu: ImuArray,
+    noise: ImuNoise,
+    knot_rate_hz: float,
+    reading_rate_hz: float,
+    others: Sequence[Sequence[BoardPose]] = (),
+) -> tuple[InertialProblem, InertialState]:
+    """Fit the path, transforms, lags and biases to what one or more cameras and an IMU measured.
+
+    Args:
+        others: board poses of further cameras; the rest is as of :func:`calibrate_camera_imu`.
+
+    Raises:
+        ValueError: as :func:`calibrate_camera_imu`.
+    """
     if len(camera_poses) < _LEAST_VIEWS:
         raise ValueError(f"camera and IMU need at least {_LEAST_VIEWS} views of the board, got {len(camera_poses)}")
-    poses = sorted(camera_poses, key=lambda pose: pose.view.t_us)
-    problem = InertialProblem(poses, _averaged(as_imu(imu), reading_rate_hz), noise, knot_rate_hz)
+    poses, *more = (sorted(each, key=lambda pose: pose.view.t_us) for each in (camera_poses, *others))
+    problem = InertialProblem(poses, _averaged(as_imu(imu), reading_rate_hz), noise, knot_rate_hz, more)
     solution = levenberg_marquardt(
         problem.start(), problem.residuals, problem.jacobian, problem.moved, iterations=30, tolerance=1e-9
     )
+    return problem, solution
+
+
+def camera_imu_of(problem: InertialProblem, solution: InertialState) -> CameraImu:
+    """Return what a fit says of the first camera and the IMU."""
     # From steps of rotation in camera axes, lever and lag to what is reported.
     to_reported = np.zeros((7, 7))
     to_reported[:3, :3] = solution.rotation
     to_reported[3:6, :3] = solution.rotation @ cross_matrix(solution.lever)
     to_reported[3:6, 3:6] = -solution.rotation
     to_reported[6, 6] = 1.0
-    rate, acceleration, corner = problem.scatter(solution)
+    rate, acceleration, corners = problem.scatter(solution)
     return CameraImu(
         imu_camera=transform(solution.rotation, -solution.rotation @ solution.lever),
         lag_s=solution.lag_s,
         gyroscope_bias=solution.gyroscope_bias,
         accelerometer_bias=solution.accelerometer_bias,
         gravity=solution.gravity,
-        covariance=to_reported @ problem.covariance(solution) @ to_reported.T,
+        covariance=to_reported @ problem.covariance(solution)[:7, :7] @ to_reported.T,
         rate_rms=rate,
         acceleration_rms=acceleration,
-        corner_rms_px=corner,
-        views=len(poses),
+        corner_rms_px=corners[0],
+        views=problem.views[0],
         samples=problem.samples,
         unseen_s=problem.unseen_s,
     )

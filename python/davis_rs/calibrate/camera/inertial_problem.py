@@ -1,4 +1,7 @@
-"""Compares what a path, a transform, a lag and biases predict of a camera and an IMU with what they measured."""
+"""Compares what a path, transforms, lags and biases predict of one or more cameras and an IMU with what they measured.
+
+The first camera's clock is that of the path. Further cameras have clocks of their own.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ import numpy.typing as npt
 from ...sensor.imu import ImuNoise
 from .board_pose import BoardPose
 from .body_spline import BodySpline, right_jacobian
+from .camera_views import FIRST_CAMERA, CameraViews, RelativeCamera
 from .levenberg_marquardt import solve
 from .reprojection import cross_matrix, rotation_of, vector_of
 
@@ -40,6 +44,12 @@ _LEAST_RATE = np.radians(5.0)
 _TAIL = 16
 """Number of unknowns other than the splines: rotation, lever, lag, biases and gravity, in this order."""
 
+_OF_ANOTHER_CAMERA = 7
+"""Number of unknowns of each further camera, after these: rotation, place and lag."""
+
+_LEAST_VIEWS = 10
+"""Number of views of the board that a further camera needs while the first one sees the board, too."""
+
 
 class Readings(NamedTuple):
     """Holds IMU samples: ``t_s`` (n,) seconds; ``acceleration`` and ``rate`` (n, 3), m/s^2 and rad/s, IMU axes."""
@@ -66,6 +76,7 @@ class InertialState:
         lag_s: how late stamps are.
         gyroscope_bias, accelerometer_bias: (3,) rad/s and m/s^2.
         gravity: (3,) m/s^2, board axes.
+        others: of each further camera.
     """
 
     turns: FloatArray
@@ -76,29 +87,37 @@ class InertialState:
     gyroscope_bias: FloatArray
     accelerometer_bias: FloatArray
     gravity: FloatArray
+    others: tuple[RelativeCamera, ...] = ()
 
 
 class InertialProblem:
     """Computes residuals, each in units of its own noise, and their derivatives.
 
-    Residuals are of angular rates, of accelerations, of the board's poses, and of what is known of biases and gravity.
+    Residuals are of angular rates, of accelerations, of the board's poses in each camera, and of what is known of
+    biases and gravity.
 
     Args:
-        poses: in the order of time.
+        poses: of the first camera, in the order of time.
         readings: their noise is taken for white.
+        others: the same of each further camera; what it saw while the first one did not see the board is left out.
 
     Raises:
-        ValueError: if the two hardly overlap.
+        ValueError: if the IMU or a further camera hardly overlaps with the first camera.
     """
 
-    def __init__(self, poses: Sequence[BoardPose], readings: Readings, noise: ImuNoise, knot_rate_hz: float) -> None:
-        matrices = np.stack([pose.matrix for pose in poses])
-        self._t = np.array([pose.view.t_us for pose in poses]) * 1e-6
-        self._spline = BodySpline(self._t, matrices[:, :3, :3], knot_rate_hz)
-        self._positions, self._turns = matrices[:, :3, 3], matrices[:, :3, :3]
-        self._pixel = float(np.sqrt(np.mean([pose.rms_px**2 / 2 for pose in poses])))
-        information = np.stack([pose.information for pose in poses]) / self._pixel**2
-        self._whiten = np.swapaxes(np.linalg.cholesky(information), 1, 2)
+    def __init__(
+        self,
+        poses: Sequence[BoardPose],
+        readings: Readings,
+        noise: ImuNoise,
+        knot_rate_hz: float,
+        others: Sequence[Sequence[BoardPose]] = (),
+    ) -> None:
+        self._views = CameraViews(poses)
+        self._t = self._views.t_s
+        self._spline = BodySpline(self._t, self._views.turns, knot_rate_hz)
+        self._others = [self._overlapping(number, views) for number, views in enumerate(others, 1)]
+        self._tail = _TAIL + _OF_ANOTHER_CAMERA * len(self._others)
         lag = self._first_lag(readings)
         inside = self._seen(readings.t_s - lag, _LONGEST_LAG_S)
         if np.count_nonzero(inside) < 50:
@@ -135,7 +154,8 @@ class InertialProblem:
         rotation, bias = _aligning(rates, r.rate)
         turns = self._spline.rotations(zero, r.t_s - self._lag)
         gravity = -(turns @ (rotation.T @ r.acceleration[..., None])).mean(0)[:, 0]
-        return InertialState(zero, zero, rotation, np.zeros(3), self._lag, bias, np.zeros(3), gravity)
+        others = tuple(map(self._first_place, self._others))
+        return InertialState(zero, zero, rotation, np.zeros(3), self._lag, bias, np.zeros(3), gravity, others)
 
     def moved(self, s: InertialState, step: FloatArray) -> InertialState:
         """Return the state after a step of all unknowns, in the order of :class:`InertialState`."""
@@ -150,7 +170,15 @@ class InertialProblem:
             lag_s=float(np.clip(s.lag_s + tail[6], self._lag - _LONGEST_LAG_S, self._lag + _LONGEST_LAG_S)),
             gyroscope_bias=s.gyroscope_bias + tail[7:10],
             accelerometer_bias=s.accelerometer_bias + tail[10:13],
-            gravity=s.gravity + tail[13:],
+            gravity=s.gravity + tail[13:16],
+            others=tuple(
+                RelativeCamera(
+                    other.rotation @ rotation_of(own[:3]),
+                    other.place + own[3:6],
+                    float(np.clip(other.lag_s + own[6], -_LONGEST_LAG_S, _LONGEST_LAG_S)),
+                )
+                for other, own in zip(s.others, tail[_TAIL:].reshape(-1, _OF_ANOTHER_CAMERA), strict=True)
+            ),
         )
 
     def residuals(self, s: InertialState) -> FloatArray:
@@ -159,15 +187,8 @@ class InertialProblem:
         r = self._readings
         gyroscope = rate @ s.rotation.T + s.gyroscope_bias - r.rate
         accelerometer = force @ s.rotation.T + s.accelerometer_bias - r.acceleration
-        turns = self._spline.rotations(s.turns, self._t)
-        positions = self._spline.basis.matrix(self._t) @ s.positions - turns @ s.lever
-        pose = np.concatenate(
-            [
-                vector_of(np.swapaxes(self._turns, 1, 2) @ turns),
-                np.einsum("nji,nj->ni", self._turns, positions - self._positions),
-            ],
-            1,
-        )
+        poses = [self._off(s, FIRST_CAMERA, self._views)]
+        poses += [self._off(s, other, views) for other, views in zip(s.others, self._others, strict=True)]
         known = np.concatenate(
             [
                 s.turns.ravel() / _TURN_DEVIATION,
@@ -181,7 +202,7 @@ class InertialProblem:
             [
                 gyroscope.ravel() / self._gyroscope,
                 accelerometer.ravel() / self._accelerometer,
-                (self._whiten @ pose[..., None]).ravel(),
+                *(pose.ravel() for pose in poses),
                 known,
             ]
         )
@@ -199,7 +220,7 @@ class InertialProblem:
         to_imu = s.rotation @ np.swapaxes(turns, 1, 2)
         by_turn, by_turning = self._spline.rate_derivatives(s.turns, t)
 
-        rows = np.zeros((len(t), 3, _TAIL))
+        rows = np.zeros((len(t), 3, self._tail))
         rows[..., :3], rows[..., 6], rows[..., 7:10] = -s.rotation @ cross_matrix(rate), by_lag[0], identity
         gyroscope = _row_blocks(
             [(basis.matrix(t), s.rotation @ by_turn), (basis.matrix(t, 1), s.rotation @ by_turning)],
@@ -207,9 +228,9 @@ class InertialProblem:
             rows,
             basis.size,
         )
-        rows = np.zeros((len(t), 3, _TAIL))
+        rows = np.zeros((len(t), 3, self._tail))
         rows[..., :3], rows[..., 6], rows[..., 10:13] = -s.rotation @ cross_matrix(force), by_lag[1], identity
-        rows[..., 13:] = -to_imu
+        rows[..., 13:16] = -to_imu
         accelerometer = _row_blocks(
             [(basis.matrix(t), s.rotation @ cross_matrix(force) @ by_turning)],
             [(basis.matrix(t, 2), to_imu)],
@@ -217,50 +238,118 @@ class InertialProblem:
             basis.size,
         )
 
-        turns = self._spline.rotations(s.turns, self._t)
-        relative = np.swapaxes(self._turns, 1, 2) @ turns
-        motion = self._spline.motions(s.turns, self._t)
-        by_motion = np.concatenate(
-            [np.linalg.inv(right_jacobian(vector_of(relative))), relative @ cross_matrix(s.lever)], 1
-        )
-        by_place = np.concatenate([np.zeros_like(relative), np.swapaxes(self._turns, 1, 2)], 1)
-        rows = np.zeros((len(self._t), 6, _TAIL))
-        rows[:, 3:, 3:6] = -relative
-        at_views = basis.matrix(self._t)
-        pose = _row_blocks(
-            [(at_views, self._whiten @ by_motion @ motion)],
-            [(at_views, self._whiten @ by_place)],
-            self._whiten @ rows,
-            basis.size,
-        )
+        poses = [self._pose_rows(s, FIRST_CAMERA, self._views, None)]
+        for number, (other, views) in enumerate(zip(s.others, self._others, strict=True)):
+            poses.append(self._pose_rows(s, other, views, _TAIL + _OF_ANOTHER_CAMERA * number))
 
         size = 3 * basis.size
         curves = diags_array(
-            np.repeat([1 / _TURN_DEVIATION, 1 / _POSITION_DEVIATION], size), shape=(2 * size, 2 * size + _TAIL)
+            np.repeat([1 / _TURN_DEVIATION, 1 / _POSITION_DEVIATION], size), shape=(2 * size, 2 * size + self._tail)
         )
-        known = np.zeros((7, 2 * size + _TAIL))
+        known = np.zeros((7, 2 * size + self._tail))
         tail = known[:, 2 * size :]
         tail[:3, 7:10] = np.eye(3) / _GYROSCOPE_BIAS_DEVIATION
         tail[3:6, 10:13] = np.eye(3) / _ACCELEROMETER_BIAS_DEVIATION
-        tail[6, 13:] = s.gravity / np.linalg.norm(s.gravity) / _GRAVITY_DEVIATION
+        tail[6, 13:16] = s.gravity / np.linalg.norm(s.gravity) / _GRAVITY_DEVIATION
         return vstack(
-            [gyroscope / self._gyroscope, accelerometer / self._accelerometer, pose, curves, csr_array(known)],
+            [gyroscope / self._gyroscope, accelerometer / self._accelerometer, *poses, curves, csr_array(known)],
             format="csr",
         )
 
     def covariance(self, s: InertialState) -> FloatArray:
-        """Return it (7, 7), of steps of rotation (camera axes), lever and lag, given that the IMU's noise is right."""
-        derivative = self.jacobian(s)
-        last = np.zeros((derivative.shape[1], _TAIL))
-        last[-_TAIL:] = np.eye(_TAIL)
-        return solve(derivative.T @ derivative, last)[-_TAIL:][:7, :7]
+        """Return it (7 + 7 k, 7 + 7 k), given that the IMU's noise is right.
 
-    def scatter(self, s: InertialState) -> tuple[float, float, float]:
-        """Return what is left, root mean square of an axis: of angular rates (rad/s), accelerations (m/s^2), corners
-        (px)."""
-        r, n, m = self.residuals(s), 3 * self.samples, 6 * len(self._t)
-        rate, acceleration, pixel = (float(np.sqrt(np.mean(p**2))) for p in np.split(r, [n, 2 * n, 2 * n + m])[:3])
-        return rate * self._gyroscope, acceleration * self._accelerometer, pixel * self._pixel
+        It is of steps of rotation (camera axes), lever and lag; then, of each of k further cameras, of rotation (its
+        own axes), place (axes of the first camera) and lag.
+        """
+        derivative, n = self.jacobian(s), self._tail
+        last = np.zeros((derivative.shape[1], n))
+        last[-n:] = np.eye(n)
+        whole = solve(derivative.T @ derivative, last)[-n:]
+        chosen = np.r_[:7, _TAIL:n]
+        return np.asarray(whole[np.ix_(chosen, chosen)])
+
+    def scatter(self, s: InertialState) -> tuple[float, float, list[float]]:
+        """Return what is left, root mean square of an axis: of angular rates (rad/s), accelerations (m/s^2), and
+        corners of each camera (px)."""
+        r, n = self.residuals(s), 3 * self.samples
+        cameras = [self._views, *self._others]
+        ends = np.cumsum([n, n, *(6 * len(views.t_s) for views in cameras)])
+        rate, acceleration, *pixels = (float(np.sqrt(np.mean(p**2))) for p in np.split(r, ends)[:-1])
+        left = [pixel * views.pixel for pixel, views in zip(pixels, cameras, strict=True)]
+        return rate * self._gyroscope, acceleration * self._accelerometer, left
+
+    @property
+    def views(self) -> list[int]:
+        """Return the number of views that are used of each camera."""
+        return [len(views.t_s) for views in (self._views, *self._others)]
+
+    def _off(self, s: InertialState, other: RelativeCamera, views: CameraViews) -> FloatArray:
+        """Return by how much a camera's views are off, (n, 6), in units of their noise."""
+        t = views.t_s - other.lag_s
+        turns = self._spline.rotations(s.turns, t)
+        positions = self._spline.basis.matrix(t) @ s.positions + turns @ (other.place - s.lever)
+        return np.asarray((views.whiten @ views.errors(turns @ other.rotation, positions)[..., None])[..., 0])
+
+    def _pose_rows(self, s: InertialState, other: RelativeCamera, views: CameraViews, first: int | None) -> Any:
+        """Return rows of the Jacobian of :meth:`_off`.
+
+        Args:
+            first: where the camera's own unknowns begin after the splines; None of the first camera.
+        """
+        t = views.t_s - other.lag_s
+        turns = self._spline.rotations(s.turns, t)
+        back = np.swapaxes(views.turns, 1, 2)
+        relative = back @ turns
+        turned = np.linalg.inv(right_jacobian(vector_of(relative @ other.rotation)))
+        arm = other.place - s.lever
+        by_motion = np.concatenate([turned @ other.rotation.T, -relative @ cross_matrix(arm)], 1)
+        by_place = np.concatenate([np.zeros_like(relative), back], 1)
+        rows = np.zeros((len(t), 6, self._tail))
+        rows[:, 3:, 3:6] = -relative
+        rows = views.whiten @ rows
+        if first is not None:
+            own = np.zeros((len(t), 6, _OF_ANOTHER_CAMERA - 1))
+            own[:, :3, :3], own[:, 3:, 3:] = turned, relative
+            less, more = (self._off(s, other._replace(lag_s=other.lag_s + step), views) for step in (-_STEP_S, _STEP_S))
+            rows[..., first : first + 6] = views.whiten @ own
+            rows[..., first + 6] = (more - less) / (2 * _STEP_S)
+        basis = self._spline.basis
+        at_views, motion = basis.matrix(t), self._spline.motions(s.turns, t)
+        return _row_blocks(
+            [(at_views, views.whiten @ by_motion @ motion)], [(at_views, views.whiten @ by_place)], rows, basis.size
+        )
+
+    def _overlapping(self, number: int, poses: Sequence[BoardPose]) -> CameraViews:
+        """Return a further camera's views while the first one sees the board, too, and a lag away from where not."""
+        inside = self._seen(np.array([pose.view.t_us for pose in poses]) * 1e-6, _LONGEST_LAG_S + _STEP_S)
+        if np.count_nonzero(inside) < _LEAST_VIEWS:
+            raise ValueError(
+                f"camera {number} sees the board in {np.count_nonzero(inside)} frames while camera 0 sees it, too, at "
+                f"least {_LEAST_VIEWS} are needed: are their clocks more than {_LONGEST_LAG_S:g} s apart?"
+            )
+        return CameraViews([pose for pose, kept in zip(poses, inside, strict=True) if kept])
+
+    def _first_place(self, views: CameraViews) -> RelativeCamera:
+        """Return where a further camera is by the measured path of the first one, and the lag by which it is there
+        most steadily."""
+        from scipy.spatial.transform import Rotation
+
+        zero = np.zeros((self._spline.basis.size, 3))
+
+        def relative(lag_s: float) -> Rotation:
+            at = self._spline.rotations(zero, views.t_s - lag_s)
+            return Rotation.from_matrix(np.swapaxes(at, 1, 2) @ views.turns)
+
+        def spread(lag_s: float) -> float:
+            turns = relative(lag_s)
+            return float(np.median((turns.mean().inv() * turns).magnitude()))
+
+        lag = min(np.linspace(-_LONGEST_LAG_S, _LONGEST_LAG_S, 41).tolist(), key=spread)
+        t = views.t_s - lag
+        path = np.stack([np.interp(t, self._t, axis) for axis in self._views.positions.T], 1)
+        apart = np.einsum("nji,nj->ni", self._spline.rotations(zero, t), views.positions - path)
+        return RelativeCamera(np.asarray(relative(lag).mean().as_matrix()), np.median(apart, 0), lag)
 
     def _in_camera(self, s: InertialState, lag_s: float) -> tuple[FloatArray, FloatArray]:
         """Return angular rate and specific force at the IMU, (n, 3) each, in camera axes, at the times of readings."""

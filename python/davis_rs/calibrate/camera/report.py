@@ -10,18 +10,20 @@ import numpy.typing as npt
 from .camera_imu import CameraImu
 from .hand_eye import HandEye
 from .intrinsics import Intrinsics
+from .rig import CameraCamera, RigCalibration
 
 FloatArray = npt.NDArray[np.float64]
+Calibration = Intrinsics | HandEye | CameraImu | RigCalibration
 
 
 @singledispatch
-def report(result: Intrinsics | HandEye | CameraImu) -> str:
+def report(result: Calibration) -> str:
     """Return a calibration's result in a few lines: values, standard deviations and residuals."""
     raise TypeError(f"no calibration's result: {type(result).__name__}")
 
 
 @singledispatch
-def as_dict(result: Intrinsics | HandEye | CameraImu) -> dict[str, object]:
+def as_dict(result: Calibration) -> dict[str, object]:
     """Return a calibration's result in JSON's types; units as in its attributes."""
     raise TypeError(f"no calibration's result: {type(result).__name__}")
 
@@ -124,6 +126,42 @@ def _(result: CameraImu) -> dict[str, object]:
         "samples": result.samples,
         "unseen_s": result.unseen_s,
     }
+
+
+@report.register
+def _(result: RigCalibration) -> str:
+    others = (_other_camera(number, other) for number, other in enumerate(result.others, 1))
+    return "\n".join(["camera 0:", report(result.camera_imu), *others])
+
+
+def _other_camera(number: int, other: CameraCamera) -> str:
+    deviations = other.deviations
+    return "\n".join(
+        [
+            f"camera {number}, from {other.views} views:",
+            f"T_cam0_cam{number}, maps points in its axes to those of camera 0:",
+            _matrix(other.first_other),
+            f"  standard deviations: {_three(np.degrees(deviations[:3]))} degrees about its axes, "
+            f"{_three(1e3 * deviations[3:6])} mm along those of camera 0",
+            f"its clock is {1e3 * other.lag_s:.3f} +- {1e3 * deviations[6]:.3f} ms ahead of camera 0's",
+            f"left: {other.corner_rms_px:.2g} px rms",
+        ]
+    )
+
+
+@as_dict.register
+def _(result: RigCalibration) -> dict[str, object]:
+    others = [
+        {
+            "T_cam0_cam": other.first_other.tolist(),
+            "lag_s": other.lag_s,
+            "covariance": other.covariance.tolist(),
+            "corner_rms_px": other.corner_rms_px,
+            "views": other.views,
+        }
+        for other in result.others
+    ]
+    return {"cam0_imu": as_dict(result.camera_imu), "other_cameras": others}
 
 
 def _matrix(matrix: FloatArray, form: str = "10.6f") -> str:
