@@ -297,7 +297,8 @@ def test_samples_are_a_number_or_auto(capsys: pytest.CaptureFixture[str]) -> Non
 OBSTACLES = """\
 what keeps the renderers without noise from this scene:
 - shape 'floor' has two different sides: give both the same diffuse material
-- shape 'ball' has a roughconductor surface, not a diffuse one: give it a diffuse material
+- shape 'ball' has a roughconductor surface, not a diffuse one: give it one alpha in place of alpha_u and alpha_v, \
+or give it a diffuse material
 the ways on:
 - mend what is listed: then no event is noise
 """

@@ -649,12 +649,13 @@ def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
     file.write_text(MANY_OBSTACLES)
     scene = load_scene(file)
     told = {
-        "material 'glass' has a roughdielectric surface, not a diffuse one: give it a diffuse material",
-        "the mesh without an id around (3, -1, 0) has a roughconductor surface, not a diffuse one: give it a diffuse "
-        "material",
+        "material 'glass' has a roughdielectric surface, not a diffuse one: give it an alpha that is the same "
+        "everywhere, or give it a diffuse material",
+        "the mesh without an id around (3, -1, 0) has a roughconductor surface, not a diffuse one: give it one alpha "
+        "in place of alpha_u and alpha_v, or give it a diffuse material",
         "shape 'floor' has two different sides: give both the same diffuse material",
         "shape 'coat' has a twosided(principled) surface, not a diffuse one: --matte (matte=True) takes its diffuse "
-        "colour alone, or give it a diffuse material",
+        "colour alone, or set its clearcoat to 0, or give it a diffuse material",
         "light 'beamer', a Projector, is not baked: point, spot, directional, area and constant lights and "
         "environment maps are: give it as one of these",
     }

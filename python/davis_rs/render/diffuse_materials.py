@@ -10,6 +10,7 @@ does that of ``plastic``, behind its coat.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ from .._mitsuba.types import (
     MitsubaTexture,
     MitsubaValue,
 )
-from .finishes import Finish, read_blend, read_finish
+from .finishes import Finish, finish_remedy, read_blend, read_finish
 from .obstacles import plugin_name, shape_name
 from .texels import uv_map_of
 
@@ -143,10 +144,21 @@ def simplify_materials(
 
 
 def surface_remedy(bsdf: MitsubaBsdf, mi: Mitsuba) -> str:
-    """Return what a user can do to make a surface diffuse, for a message."""
+    """Return what a user can do to make a surface one that is rendered without noise, for a message."""
     diffuse = _diffuse_within(bsdf, mi)
-    option = "" if diffuse is None or not diffuse.lost else "--matte (matte=True) takes its diffuse colour alone, or "
-    return f"{option}give it a diffuse material"
+    ways = ["--matte (matte=True) takes its diffuse colour alone"] if diffuse is not None and diffuse.lost else []
+    glossy = _diffuse_within(bsdf, mi, glossy=True)
+    if glossy is None or glossy.lost:
+        ways += _finish_remedies(bsdf, mi)
+    return ", or ".join([*ways, "give it a diffuse material"])
+
+
+def _finish_remedies(bsdf: MitsubaBsdf, mi: Mitsuba) -> list[str]:
+    """Return what would help a glossy material, or those inside a wrapper."""
+    inside = children(bsdf)
+    own = finish_remedy(bsdf, inside, mi)
+    nested = (_finish_remedies(child, mi) for child in inside.values() if isinstance(child, mi.BSDF))
+    return list(dict.fromkeys([*([own] if own else []), *itertools.chain.from_iterable(nested)]))
 
 
 def surface_kind(bsdf: MitsubaBsdf) -> str:

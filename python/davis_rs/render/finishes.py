@@ -176,6 +176,22 @@ def read_finish(
     return None if reader is None else reader(bsdf, inside, mi)
 
 
+def finish_remedy(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> str:
+    """Return what would give a glossy material a finish, as a part of a message; "" where nothing is known.
+
+    Args:
+        inside, mi: as of :func:`read_finish`.
+    """
+    kind = bsdf.class_name()
+    if kind in ("RoughConductor", "RoughDielectric"):
+        if "alpha" not in inside:
+            return "give it one alpha in place of alpha_u and alpha_v"
+        return "give it an alpha that is the same everywhere" if constant_of(inside["alpha"], mi) is None else ""
+    if kind == "Principled":
+        return f"set its {' and '.join(more)} to 0" if (more := _parts_left_out(inside, mi)) else ""
+    return ""
+
+
 def read_blend(base: MitsubaTexture, opacity: MitsubaTexture, mi: Mitsuba) -> tuple[MitsubaTexture, Finish] | None:
     """Return the colour and the finish of a diffuse surface that covers a part of its area.
 
@@ -277,9 +293,8 @@ def _metal(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> 
 
 def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
     parameters = mi.traverse(bsdf)
-    for name in _UNUSED:
-        if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any()):
-            return None
+    if _parts_left_out(inside, mi):
+        return None
     surface = _lobe(inside, mi)
     if surface is None:
         return None
@@ -293,6 +308,13 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     index = max(index, 1 + 1e-6)
     alpha, under = max(rough * rough, _ROUND), ("rough", (rough, 1 - metal))
     return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe)
+
+
+def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
+    """Return the parts of a ``principled`` material that it has and a finish has not."""
+    return [
+        name for name in _UNUSED if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any())
+    ]
 
 
 def _lobe(
