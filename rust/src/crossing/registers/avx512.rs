@@ -38,7 +38,9 @@ impl Registers {
         let has = is_x86_feature_detected!("avx512f")
             && is_x86_feature_detected!("avx512vl")
             && is_x86_feature_detected!("avx512dq")
-            && is_x86_feature_detected!("avx512bw");
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("popcnt")
+            && is_x86_feature_detected!("bmi1");
         has.then_some(Self(()))
     }
 
@@ -49,7 +51,7 @@ impl Registers {
         unsafe { collect(self, tile, notes) }
     }
 
-    /// Decides the lines as [`super::decision::decide`] does, makes their events, and moves their records on. It ends
+    /// Decides the lines as [`crate::crossing::decision::decide`] does, makes their events, and moves their records on. It ends
     /// before the first line that is not clear, or whose record is full.
     #[inline]
     #[allow(clippy::unused_self, reason = "it is the proof")]
