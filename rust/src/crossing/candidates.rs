@@ -119,7 +119,7 @@ impl<S: Sample> Candidates<S> {
         Some(registers.carry_out(&lines, at, records, Happened { after: &mut self.after[these], keys, old }))
     }
 
-    /// Computes the marks of candidates that [`Self::carry_out`] took.
+    /// Computes the marks of the references that decided candidates leave behind.
     pub(crate) fn take_marks(&mut self, these: Range<usize>, dark_level: DarkLevel) -> &[f32] {
         let marks = &mut self.marks[these.clone()];
         S::marks(&self.after[these], dark_level, marks);
@@ -183,7 +183,7 @@ impl<S: Sample> Candidates<S> {
         dark_level: DarkLevel,
     ) -> Outcome {
         let n = samples.count;
-        S::marks(&self.after[..n], dark_level, &mut self.marks[..n]);
+        self.take_marks(0..n, dark_level);
         let decided = Decided { pixel: &samples.pixel[..n], verdict: &self.verdict[..n], tick: &self.tick[..n] };
         finish::<R>(&decided, grid, since, &self.words[..n], (&mut self.words_after[..n], &mut self.keys[..n]))
     }

@@ -51,8 +51,9 @@ impl Registers {
         unsafe { collect(self, tile, notes) }
     }
 
-    /// Decides the lines as [`crate::crossing::decision::decide`] does, makes their events, and moves their records on. It ends
-    /// before the first line that is not clear, or whose record is full.
+    /// Decides the lines as [`crate::crossing::decision::decide`] does, makes their events, and moves their records on.
+    ///
+    /// It ends before the first line that is not clear, or whose record is full.
     #[inline]
     #[allow(clippy::unused_self, reason = "it is the proof")]
     pub(crate) fn carry_out(
