@@ -28,6 +28,7 @@ __all__ = [
     "ReflectedLight",
     "SceneRenderer",
     "__version__",
+    "blur_3x3",
     "check_effects",
     "check_events",
     "count_events",
@@ -1116,6 +1117,16 @@ class SceneRenderer:
                 area or is not finite; then nothing changes.
         """
 
+    def nearest_distance(self, point: tuple[float, float, float]) -> float:
+        """Return how far the nearest triangle of the world's frame is from a point, in any direction.
+
+        Args:
+            point: x, y and z in the world, metres.
+
+        Returns:
+            Metres, inf where that frame has no triangle.
+        """
+
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
     """Count events by polarity and pixel.
 
@@ -1540,3 +1551,17 @@ class EventFilter:
             ValueError: for an event outside of the sensor, of another polarity than 0 and 1, or earlier than the one
                 before it, with its index; then the filter has not changed.
         """
+
+def blur_3x3(luma: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Convolve each frame of (n, height, width) luma with the kernel [1 2 1] x [1 2 1] / 16, edges mirrored.
+
+    Args:
+        luma: float32, C-contiguous.
+
+    Returns:
+        float32 of the same shape.
+
+    Raises:
+        TypeError: for an array of another type or number of axes.
+        ValueError: for one that is not C-contiguous.
+    """

@@ -11,6 +11,7 @@
 //! at [`Event`]. The Python bindings (feature `python`) are a thin layer on top and the only place that knows them.
 
 pub mod aer;
+mod blur;
 mod columns;
 mod crossing;
 mod error;
@@ -33,6 +34,7 @@ mod write;
 #[cfg(feature = "python")]
 mod python;
 
+pub use blur::blur_3x3;
 pub use columns::fill_events;
 pub use crossing::{
     CrossingEngine, CrossingParameters, EffectState, Effects, EngineState, Frame, HotPixels, Interpolation, Leak,

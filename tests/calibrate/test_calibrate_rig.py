@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from functools import lru_cache
@@ -125,6 +126,27 @@ def test_what_cannot_be_told_is_refused() -> None:
     later = views(np.arange(0.021, 2.0, 0.07), SECOND, 5.0, 0.05, 3)
     with pytest.raises(ValueError, match=r"camera 1 sees the board in 0 frames while camera 0 .* 0\.05 s apart"):
         calibrate_rig([first, later], readings)
+
+
+@pytest.mark.parametrize("lag_ms", [51.0, -51.0, 80.0, -300.0])
+def test_clocks_that_are_too_far_apart_are_told(lag_ms: float) -> None:
+    """By how much, so that times can be brought closer; up to 50 ms they are found."""
+    first = poses(4.0)[0]
+    second = views(np.arange(0.5, 3.5, 0.07), SECOND, lag_ms * 1e-3, 0.05, 5)
+    readings = simulate_imu(path().crop(0.0, 4.0), IMU, seed=0)
+    late = readings.copy()
+    late["t"] += round(lag_ms * 1e3)
+    if abs(lag_ms) < 52:
+        result = calibrate_rig([first, second], late, noise=NOISE)
+        assert result.others[0].lag_s == pytest.approx(lag_ms * 1e-3, abs=2e-4)
+        assert result.camera_imu.lag_s == pytest.approx(lag_ms * 1e-3 + 0.0024, abs=2e-4)
+        return
+    for cameras, imu, name in (([first, second], readings, "camera 1"), ([first, first], late, "the IMU")):
+        with pytest.raises(ValueError, match=f"the clock of {name} seems to be .* from that of camera 0") as refusal:
+            calibrate_rig(cameras, imu, noise=NOISE)
+        shift = re.search(r"up to 50 ms are found .* by ([+-]\d\.\d+) s first", str(refusal.value))
+        assert shift is not None
+        assert float(shift[1]) == pytest.approx(-lag_ms * 1e-3, abs=0.006)
 
 
 @pytest.mark.long

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from .._core import blur_3x3 as core_blur_3x3
+
 LUMA_WEIGHTS = (0.299, 0.587, 0.114)
 """Y = 0.299 R + 0.587 G + 0.114 B on linear RGB (the weights of ITU-R BT.601)."""
 
@@ -21,25 +23,7 @@ def blur_3x3(luma: LumaFrames) -> LumaFrames:
 
     Source: Mueggler et al., IJRR 2017, section 6 and its published simulator.
     """
-    blurred = np.empty_like(luma)
-    column = np.empty(luma.shape[1:], np.float32)
-    # Frame by frame, and in place: what is worked on then stays in the cache.
-    for frame, out in zip(luma, blurred, strict=True):
-        _blur_along(frame, column)
-        _blur_along(column.T, out.T)
-    return blurred
-
-
-def _blur_along(rows: LumaFrames, out: LumaFrames) -> None:
-    """Compute out[i] = rows[i] / 2 + (rows[i - 1] + rows[i + 1]) / 4; a row at an end is its own neighbour."""
-    if len(rows) == 1:
-        out[:] = rows
-        return
-    np.add(rows[:-2], rows[2:], out=out[1:-1])
-    np.add(rows[1], rows[1], out=out[0])
-    np.add(rows[-2], rows[-2], out=out[-1])
-    np.multiply(out, _QUARTER, out=out)
-    np.add(out, _HALF * rows, out=out)
+    return core_blur_3x3(np.ascontiguousarray(luma))
 
 
 def blur_neighbourhoods(luma: LumaFrames) -> LumaFrames:

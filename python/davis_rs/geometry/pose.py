@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.argument_error import ArgumentError
+from .._util.few_numbers import all_finite
 
 # scipy is imported where it is used: it costs more than the 0.2 s that `import davis_rs` may take.
 
@@ -41,7 +42,7 @@ class Pose:
             array = _numbers(values, f"pose {name}")
             if array.shape != (size,):
                 raise ValueError(f"pose {name} must have shape ({size},), got {array.shape}")
-            if not np.isfinite(array).all():
+            if not all_finite(array):
                 raise ValueError(f"pose {name} must be finite, got {array.tolist()}")
             if name == "quaternion":
                 norm = float(np.linalg.norm(array))

@@ -143,6 +143,13 @@ class Renderer(ABC):
         """Return depth (n, H, W), float32: z along the optical axis in metres; inf where a ray hits nothing."""
         return self._depth(views) if len(views) else self._blank(views)
 
+    def nearest_distance(self, point: FloatArray) -> float:
+        """Return a distance in metres from a point (3,) of the world, within which no surface that stands still lies.
+
+        It is 0 where the renderer does not know it, and inf where nothing stands still.
+        """
+        return 0.0
+
     def flow(self, views: Views) -> npt.NDArray[np.float32]:
         """Return optical flow (n, H, W, 2), float32, in pixels/s (x right, y down); NaN where a ray hits nothing.
 

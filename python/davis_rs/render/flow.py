@@ -62,6 +62,13 @@ class OpticalFlow:
         by_velocity = self._by_velocity.reshape(3, 2, -1)[:, :, pixel]
         return np.asarray(speed * np.sqrt((by_velocity**2).sum((0, 1))) / depth)
 
+    def fastest(self) -> tuple[float, float]:
+        """Return bounds on the flow at any of the points, in pixels per second: where the camera moves by 1 m/s, of
+        surfaces at a depth of 1 m, and where it turns by 1 rad/s."""
+        maps = (part.reshape(3, 2, -1).transpose(2, 1, 0) for part in (self._by_velocity, self._by_rate))
+        by_velocity, by_rate = (float(np.linalg.norm(part, 2, (1, 2)).max()) for part in maps)
+        return by_velocity, by_rate
+
     def __call__(self, views: Views, depth: npt.ArrayLike) -> FloatArray:
         """Return flow (n, p, 2) in pixels per second, of surfaces at ``depth`` (n, p) or (p,): z in metres, inf for
         none.

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..events.luma import LumaFrames
+from ..geometry.pose import FloatArray
 from ..geometry.trajectory.views import Views
 from .base import Indices, Launched, Renderer
 from .edges.neighbours import ImageMap
@@ -51,6 +52,9 @@ class MosaicRenderer(Renderer):
     @property
     def ray_bytes(self) -> float:
         return sum(channel.ray_bytes for channel in self._channels)
+
+    def nearest_distance(self, point: FloatArray) -> float:
+        return self._channels[0].nearest_distance(point)
 
     def begin_luma(self, views: Views) -> Launched:
         launched = [channel.begin_luma(views) for channel in self._channels]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import chain
@@ -17,6 +18,7 @@ from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
 from ..render.flow import OpticalFlow
 from ..render.motion.scene_motion import held, seen_from
+from ..render.rays.camera_rays import pixel_centres
 from .breaks import break_instants, find_breaks
 
 BoolArray = npt.NDArray[np.bool_]
@@ -49,6 +51,9 @@ _SPEED_BEND_PX = 2e-3
 _LIGHT_BEND_PX = 1e-2
 """The same limit for the change of lights."""
 
+
+_SURELY = 1 - 1e-6
+"""What is below this fraction of a bound is below the bound, whatever is rounded: depth maps are float32."""
 
 _REST_PX_S = 1e-6
 """A slower motion is rest, but for rounding."""
@@ -273,6 +278,28 @@ class DisplacementClock:
         return self._seen[1]
 
 
+def path_bound(renderer: Renderer, trajectory: Trajectory, end_us: int) -> float:
+    """Return what the path of a :class:`DisplacementClock` is surely shorter than, in pixels, over the whole time; inf
+    where that is not known.
+
+    It is known of steps of up to a millisecond at constant velocity through a scene at rest, by the distance to the
+    nearest surface, which takes no depth map. So most steps of a closed loop need no clock.
+    """
+    motion = renderer.motion
+    if end_us > _STEP_US or not trajectory.steady or motion or len(motion.bends_s):
+        return math.inf
+    start, duration_s = np.zeros(1), end_us * 1e-6
+    speed, turn = (
+        math.sqrt(sum(part * part for part in values(start)[0].tolist()))
+        for values in (trajectory.velocities, trajectory.angular_rates)
+    )
+    least = renderer.nearest_distance(trajectory.positions(start)[0]) - speed * duration_s
+    if least <= 0:
+        return math.inf
+    by_speed, by_turn = _fastest_flow(renderer.camera)
+    return (by_speed * speed / least + by_turn * turn) * duration_s / _SURELY
+
+
 class _ObjectSpeeds:
     """Bounds the flow of moving objects, anywhere in the boxes around them, at tiles of the image."""
 
@@ -355,6 +382,16 @@ def _divided(
 def _flow_of_tiles(camera: Camera, size: int) -> OpticalFlow:
     """Make the flow at the tiles' middles; it is kept, because a simulator driven in steps makes a clock for each."""
     return OpticalFlow(camera, _centres(camera, size))
+
+
+@lru_cache(maxsize=8)
+def _fastest_flow(camera: Camera) -> tuple[float, float]:
+    """Return the most pixels per second that a camera sees where it moves by 1 m/s, of points 1 m from its centre, and
+    where it turns by 1 rad/s."""
+    by_speed, by_turn = _flow_of_tiles(camera, _TILE).fastest()
+    # What is 1 m away has a smaller depth, by as much as its ray is tilted.
+    rays = camera.rays(pixel_centres(camera))
+    return by_speed * math.sqrt(1 + float((rays**2).sum(-1).max())), by_turn
 
 
 @lru_cache(maxsize=8)

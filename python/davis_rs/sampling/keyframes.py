@@ -89,6 +89,7 @@ class Stretch:
         contrast_threshold: the smallest of the sensor, in natural-log units.
         log_eps: dark level in units of luma.
         batch: how many keyframes are rendered in one call.
+        start_luma: luma (H, W) at its start, where the stretch before has rendered it; else who needs it renders it.
     """
 
     renderer: Renderer
@@ -100,6 +101,7 @@ class Stretch:
     contrast_threshold: float
     log_eps: float
     batch: int
+    start_luma: LumaFrames | None = None
 
     def breaks(self) -> Iterator[Break]:
         """Yield the breaks of motion and light within it, see ``davis_rs.sampling.breaks.find_breaks``."""

@@ -13,7 +13,7 @@ from itertools import groupby, islice, repeat
 from .._util.argument_checks import check_number
 from ..geometry.trajectory.trajectory import Trajectory
 from ..render.base import Launched, Renderer
-from .displacement import LARGEST_BEND, DisplacementClock
+from .displacement import LARGEST_BEND, DisplacementClock, path_bound
 from .keyframes import Keyframe, Stretch
 from .plausibility import probed
 
@@ -164,6 +164,8 @@ class MaxDisplacement(ScheduledSampling):
         check_number("pixels", self.pixels, 0, above_low=True)
 
     def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
+        if path_bound(renderer, trajectory, end_us) < self.pixels:
+            return
         clock = DisplacementClock(renderer, trajectory, end_us, start_us=start_us)
         if self.pixels < _FINE_PX and end_us > 0:
             self._warn(clock, end_us)

@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.argument_checks import check_number
+from ..events.luma import LumaFrames
 from ..render.edges.swept import Counts
 from .breaks import Break, break_instants
-from .displacement import LARGEST_BEND, DisplacementClock
+from .displacement import LARGEST_BEND, DisplacementClock, path_bound
 from .keyframe_window import BoolFrame, KeyframeWindow
 from .keyframes import Keyframe, LogLuma, SparseSamples, Stretch
 from .plausibility import probed
@@ -111,7 +112,10 @@ class _StretchSampler:
     def keyframes(self) -> Iterator[Keyframe]:
         window = self._window
         given = 0  # of the window
-        if not self._stretch.first:
+        if self._stretch.start_luma is not None:
+            self._insert([self._stretch.start_us], self._stretch.start_luma[None])
+            given = 1
+        elif not self._stretch.first:
             self._render([self._stretch.start_us])
             given = 1
         for times, last in self._steps():
@@ -150,10 +154,14 @@ class _StretchSampler:
         """Yield the instants at which to render, each by the spacing at the time when it is needed."""
         stretch = self._stretch
         length_us = stretch.end_us - stretch.start_us
-        clock = DisplacementClock(stretch.renderer, stretch.trajectory, length_us, start_us=stretch.start_us)
+        bound, clock = path_bound(stretch.renderer, stretch.trajectory, length_us), None
         last_us = stretch.start_us
         for required_us in self._required():
-            while True:
+            while bound >= self._pixels:
+                if clock is None:
+                    clock = DisplacementClock(
+                        stretch.renderer, stretch.trajectory, length_us, start_us=stretch.start_us
+                    )
                 moved, start_us = self._pixels, last_us - stretch.start_us
                 path = clock.path_at(start_us) + moved
                 end = clock.span_end(start_us, path, LARGEST_BEND * moved, required_us - stretch.start_us)
@@ -193,8 +201,10 @@ class _StretchSampler:
         stretch = self._stretch
         ahead = iter(times)
         while batch := list(islice(ahead, stretch.batch)):
-            luma = stretch.renderer.luma(stretch.views(batch))
-            self._window.insert(batch, list(luma), list(stretch.log_luma(luma)))
+            self._insert(batch, stretch.renderer.luma(stretch.views(batch)))
+
+    def _insert(self, times: list[int], luma: LumaFrames) -> None:
+        self._window.insert(times, list(luma), list(self._stretch.log_luma(luma)))
 
     def _split(self, first: int) -> tuple[list[BoolFrame], bool]:
         """Halve intervals from ``first`` on until few of their pixels are untrusted.

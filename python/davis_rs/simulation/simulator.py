@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
-from functools import partial
+from itertools import tee
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -347,17 +347,20 @@ class Simulator:
         """
         settings = self.settings
         rates_hz = {"frame": settings.frame_rate_hz, "depth": settings.depth_rate_hz, **truth_rates_hz(settings)}
-        due_between = partial(due_instants, start_us, end_us, rates_hz, first=self._pose is None)
+        # The keyframes run ahead of the packets by no more than a batch.
+        instants, planned = tee(due_instants(start_us, end_us, rates_hz, first=self._pose is None))
         stretch = Stretch(
             renderer=self.renderer,
             trajectory=trajectory,
             start_us=start_us,
             end_us=end_us,
             first=self._pose is None,
-            due=(instant.t_us for instant in due_between()),
+            due=(instant.t_us for instant in planned),
             contrast_threshold=min(self.contrast_threshold, self.contrast_threshold_off),
             log_eps=self.log_eps,
             batch=self.settings.poses_per_launch or self.renderer.poses_per_launch,
+            # Effects of the user's own may have changed it.
+            start_luma=None if self._last is None or self.custom_effects else self._last.luma,
         )
         # A shutter that is open now may have opened some stretches ago.
         open_us = start_us - self._shutter_us
@@ -365,7 +368,6 @@ class Simulator:
         thresholds = self.contrast_threshold, self.contrast_threshold_off
         refinement = EventRefinement(stretch, thresholds) if self.refine else None
         pending: list[EventArray] = []
-        instants = due_between()
         due = next(instants)
         keyframes = self.sampling.keyframes(stretch)
         for rendered in read_ahead(keyframes, most=stretch.batch) if ahead else keyframes:

@@ -75,6 +75,9 @@ fn plain<'py, T: Element>(array: &Bound<'py, PyAny>) -> Option<PyReadonlyArray2<
 
 /// Returns a one-dimensional array of numbers, converted where nothing is lost by it (float64 to float32 is rounded).
 pub(super) fn column<'py, T: Element>(array: &Bound<'py, PyAny>, name: &str) -> PyResult<PyReadonlyArray1<'py, T>> {
+    if let Some(column) = array.cast::<PyArray1<T>>().ok().filter(|array| array.is_contiguous() && array.is_aligned()) {
+        return Ok(column.readonly());
+    }
     let py = array.py();
     let numpy = py.import("numpy")?;
     let array = numpy.call_method1("asarray", (array,))?;

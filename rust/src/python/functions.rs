@@ -1,12 +1,38 @@
-//! `log_intensity` and `reconstruct` for Python.
+//! `blur_3x3`, `log_intensity` and `reconstruct` for Python.
 
-use numpy::{PyArray2, PyReadonlyArray1};
+use numpy::{
+    IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray3, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use super::arrays::{self, events, frame, image, size_of, threshold};
 use super::start_phase;
 use crate::crossing::CrossingParameters;
 use crate::event::Event;
+
+/// Convolve each frame of (n, height, width) luma with the kernel [1 2 1] x [1 2 1] / 16, edges mirrored.
+///
+/// Args:
+///     luma: float32, C-contiguous.
+///
+/// Returns:
+///     float32 of the same shape.
+///
+/// Raises:
+///     TypeError: for an array of another type or number of axes.
+///     ValueError: for one that is not C-contiguous.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value, reason = "PyO3 hands it over")]
+pub(super) fn blur_3x3<'py>(py: Python<'py>, luma: PyReadonlyArray3<'py, f32>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    if !luma.is_c_contiguous() {
+        return Err(PyValueError::new_err("luma must be C-contiguous"));
+    }
+    let (shape, luma) = (luma.dims(), luma.as_slice()?);
+    let mut blurred = vec![0.0; luma.len()];
+    py.detach(|| crate::blur::blur_3x3(luma, (shape[2], shape[1]), &mut blurred));
+    blurred.into_pyarray(py).reshape(shape)
+}
 
 /// Compute L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` does.
 ///

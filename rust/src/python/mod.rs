@@ -73,6 +73,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<files::PyEventFileReader>()?;
     m.add_class::<filter::PyEventFilter>()?;
     m.add_class::<recordings::PyAedat4Recording>()?;
+    m.add_function(wrap_pyfunction!(functions::blur_3x3, m)?)?;
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
     m.add_function(wrap_pyfunction!(columns::fill_events, m)?)?;

@@ -20,6 +20,7 @@ use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
 use super::tile::{self, Shaders, TileImage, TileScratch, TileView, Ways};
 use super::visibility::bins::Bins;
+use super::visibility::distance::nearest_distance;
 use super::visibility::nearest::NOTHING;
 use crate::error::{Error, Result};
 use crate::threads::{SHARED, Threads};
@@ -301,6 +302,13 @@ impl Renderer {
             put(rays, tile, &depths, depth);
             put(rays, tile, &hit, triangles);
         })
+    }
+
+    /// Returns how far the nearest triangle of the world's frame is from a point, in any direction: metres, infinite
+    /// where there is none.
+    #[must_use]
+    pub fn nearest_distance(&self, point: [f64; 3]) -> f64 {
+        nearest_distance(&self.scene, point)
     }
 
     /// Refuses a scene with glossy surfaces, for what knows diffuse ones alone.

@@ -5,7 +5,7 @@ The first camera's clock is that of the path. Further cameras have clocks of the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -31,7 +31,15 @@ _GYROSCOPE_BIAS_DEVIATION, _ACCELEROMETER_BIAS_DEVIATION = 0.2, 1.0
 _TURN_DEVIATION, _POSITION_DEVIATION = 1.0, 100.0
 """The standard deviation of the splines' coefficients, rad and m. It only settles those that no measurement reaches."""
 
-_LONGEST_LAG_S = 0.05
+_LONGEST_LAG_S, _LAG_STEP_S = 0.05, 0.0025
+"""Lags up to the first are taken; estimates begin at a multiple of the second."""
+
+_LAG_MARGIN_S = _LONGEST_LAG_S + 2 * _LAG_STEP_S
+"""So far from where the board is not seen measurements must be, because lags move them."""
+
+_LONGEST_TOLD_LAG_S = 1.0
+"""Up to this, lags are looked for to be told in a message."""
+
 _LONGEST_GAP_S = 0.5
 """Readings between two views that are farther apart than this are left out, because the path there is not known."""
 
@@ -46,6 +54,9 @@ _TAIL = 16
 
 _OF_ANOTHER_CAMERA = 7
 """Number of unknowns of each further camera, after these: rotation, place and lag."""
+
+_LEAST_READINGS = 50
+"""Number of readings of the IMU that are needed while the first camera sees the board."""
 
 _LEAST_VIEWS = 10
 """Number of views of the board that a further camera needs while the first one sees the board, too."""
@@ -119,8 +130,8 @@ class InertialProblem:
         self._others = [self._overlapping(number, views) for number, views in enumerate(others, 1)]
         self._tail = _TAIL + _OF_ANOTHER_CAMERA * len(self._others)
         lag = self._first_lag(readings)
-        inside = self._seen(readings.t_s - lag, _LONGEST_LAG_S)
-        if np.count_nonzero(inside) < 50:
+        inside = self._seen(readings.t_s - lag, _LAG_MARGIN_S)
+        if np.count_nonzero(inside) < _LEAST_READINGS:
             raise ValueError(
                 f"the IMU's samples, from {readings.t_s[0]} s to {readings.t_s[-1]} s, hardly overlap the views of the "
                 f"board, from {self._t[0]} s to {self._t[-1]} s"
@@ -154,7 +165,7 @@ class InertialProblem:
         rotation, bias = _aligning(rates, r.rate)
         turns = self._spline.rotations(zero, r.t_s - self._lag)
         gravity = -(turns @ (rotation.T @ r.acceleration[..., None])).mean(0)[:, 0]
-        others = tuple(map(self._first_place, self._others))
+        others = tuple(self._first_place(number, views) for number, views in enumerate(self._others, 1))
         return InertialState(zero, zero, rotation, np.zeros(3), self._lag, bias, np.zeros(3), gravity, others)
 
     def moved(self, s: InertialState, step: FloatArray) -> InertialState:
@@ -167,7 +178,7 @@ class InertialProblem:
             rotation=s.rotation @ rotation_of(tail[:3]),
             lever=s.lever + tail[3:6],
             # Where splines and readings overlap is fixed beforehand.
-            lag_s=float(np.clip(s.lag_s + tail[6], self._lag - _LONGEST_LAG_S, self._lag + _LONGEST_LAG_S)),
+            lag_s=float(np.clip(s.lag_s + tail[6], self._lag - _LAG_MARGIN_S, self._lag + _LAG_MARGIN_S)),
             gyroscope_bias=s.gyroscope_bias + tail[7:10],
             accelerometer_bias=s.accelerometer_bias + tail[10:13],
             gravity=s.gravity + tail[13:16],
@@ -175,7 +186,7 @@ class InertialProblem:
                 RelativeCamera(
                     other.rotation @ rotation_of(own[:3]),
                     other.place + own[3:6],
-                    float(np.clip(other.lag_s + own[6], -_LONGEST_LAG_S, _LONGEST_LAG_S)),
+                    float(np.clip(other.lag_s + own[6], -_LAG_MARGIN_S, _LAG_MARGIN_S)),
                 )
                 for other, own in zip(s.others, tail[_TAIL:].reshape(-1, _OF_ANOTHER_CAMERA), strict=True)
             ),
@@ -322,7 +333,7 @@ class InertialProblem:
 
     def _overlapping(self, number: int, poses: Sequence[BoardPose]) -> CameraViews:
         """Return a further camera's views while the first one sees the board, too, and a lag away from where not."""
-        inside = self._seen(np.array([pose.view.t_us for pose in poses]) * 1e-6, _LONGEST_LAG_S + _STEP_S)
+        inside = self._seen(np.array([pose.view.t_us for pose in poses]) * 1e-6, _LAG_MARGIN_S)
         if np.count_nonzero(inside) < _LEAST_VIEWS:
             raise ValueError(
                 f"camera {number} sees the board in {np.count_nonzero(inside)} frames while camera 0 sees it, too, at "
@@ -330,22 +341,30 @@ class InertialProblem:
             )
         return CameraViews([pose for pose, kept in zip(poses, inside, strict=True) if kept])
 
-    def _first_place(self, views: CameraViews) -> RelativeCamera:
+    def _first_place(self, number: int, views: CameraViews) -> RelativeCamera:
         """Return where a further camera is by the measured path of the first one, and the lag by which it is there
-        most steadily."""
+        most steadily.
+
+        Raises:
+            ValueError: where its clock seems to be too far off.
+        """
         from scipy.spatial.transform import Rotation
 
         zero = np.zeros((self._spline.basis.size, 3))
 
         def relative(lag_s: float) -> Rotation:
-            at = self._spline.rotations(zero, views.t_s - lag_s)
-            return Rotation.from_matrix(np.swapaxes(at, 1, 2) @ views.turns)
+            t = views.t_s - lag_s
+            inside = self._seen(t, 0.0)
+            at = self._spline.rotations(zero, t[inside])
+            return Rotation.from_matrix(np.swapaxes(at, 1, 2) @ views.turns[inside])
 
         def spread(lag_s: float) -> float:
+            if np.count_nonzero(self._seen(views.t_s - lag_s, 0.0)) < _LEAST_VIEWS:
+                return np.inf
             turns = relative(lag_s)
             return float(np.median((turns.mean().inv() * turns).magnitude()))
 
-        lag = min(np.linspace(-_LONGEST_LAG_S, _LONGEST_LAG_S, 41).tolist(), key=spread)
+        lag = _lag_of_least(spread, f"camera {number}")
         t = views.t_s - lag
         path = np.stack([np.interp(t, self._t, axis) for axis in self._views.positions.T], 1)
         apart = np.einsum("nji,nj->ni", self._spline.rotations(zero, t), views.positions - path)
@@ -369,15 +388,46 @@ class InertialProblem:
 
     def _first_lag(self, readings: Readings) -> float:
         """Return the lag to within a few milliseconds, from the turning speeds of both, which do not depend on the
-        axes."""
+        axes.
+
+        Raises:
+            ValueError: where it seems to be too long.
+        """
         zero = np.zeros((self._spline.basis.size, 3))
-        lags = np.linspace(-_LONGEST_LAG_S, _LONGEST_LAG_S, 41)
-        inside = self._seen(readings.t_s, 2 * _LONGEST_LAG_S)
+        inside = self._seen(readings.t_s, 2 * _LAG_MARGIN_S)
         t, speed = readings.t_s[inside], np.linalg.norm(readings.rate[inside], axis=1)
-        if len(t) < 50:
+        if len(t) < _LEAST_READINGS:
             return 0.0  # refused where the overlap is looked at
-        differences = [np.std(np.linalg.norm(self._spline.rates(zero, t - lag), axis=1) - speed) for lag in lags]
-        return float(lags[int(np.argmin(differences))])
+
+        def difference(lag_s: float) -> float:
+            at = t - lag_s
+            seen = self._seen(at, 0.0)
+            if np.count_nonzero(seen) < _LEAST_READINGS:
+                return np.inf
+            return float(np.std(np.linalg.norm(self._spline.rates(zero, at[seen]), axis=1) - speed[seen]))
+
+        return _lag_of_least(difference, "the IMU")
+
+
+def _lag_of_least(difference: Callable[[float], float], name: str) -> float:
+    """Return the lag in seconds, to within a few milliseconds, by which something differs least from the first camera.
+
+    Raises:
+        ValueError: where a lag that is too long fits clearly better, with that lag.
+    """
+    steps = round(_LONGEST_LAG_S / _LAG_STEP_S)
+    lag = _LAG_STEP_S * min(range(-steps - 1, steps + 2), key=lambda k: difference(k * _LAG_STEP_S))
+    within = float(np.clip(lag, -_LONGEST_LAG_S, _LONGEST_LAG_S))
+    if lag == within:
+        return lag
+    far = np.arange(steps + 1, round(_LONGEST_TOLD_LAG_S / _LAG_STEP_S) + 1) * _LAG_STEP_S
+    told = min([*-far[::-1], *far], key=difference)
+    if difference(told) > difference(within) / 2:
+        return within  # where nothing turns, all lags fit alike
+    raise ValueError(
+        f"the clock of {name} seems to be {1e3 * told:+.0f} ms from that of camera 0, and up to "
+        f"{1e3 * _LONGEST_LAG_S:g} ms are found by this calibration: shift the times of {name} by {-told:+g} s first"
+    )
 
 
 def _aligning(rates: FloatArray, readings: FloatArray) -> tuple[FloatArray, FloatArray]:

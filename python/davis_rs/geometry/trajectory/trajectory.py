@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ..._util.argument_checks import check_number, check_type
 from ..._util.argument_error import ArgumentError
+from ..._util.few_numbers import all_finite, all_within
 from ..._util.html_table import html_lines, html_table
 from ..pose import (
     FloatArray,
@@ -132,7 +133,7 @@ class Trajectory(ABC):
         t = np.asarray(t_s, np.float64)
         if t.ndim != 1:
             raise ValueError(f"times must have shape (n,), got {t.shape}")
-        if t.size and t.min() >= 0.0 and t.max() <= self.duration_s:
+        if all_within(t, 0.0, self.duration_s):
             return t  # nearly always, and much cheaper
         outside = ~((t >= -TIME_TOLERANCE_S) & (t <= self.duration_s + TIME_TOLERANCE_S))
         if outside.any():
@@ -338,8 +339,8 @@ class CallableTrajectory(Trajectory):
         values = np.asarray(function(t), np.float64)
         if values.shape != (len(t), width):
             raise ValueError(f"{name}(t_s) must return shape ({len(t)}, {width}), got {values.shape}")
-        finite = np.isfinite(values).all(-1)
-        if not finite.all():
+        if not all_finite(values):
+            finite = np.isfinite(values).all(-1)
             raise ValueError(f"{name}(t_s) must be finite, got {values[~finite][0].tolist()} at {t[~finite][0]} s")
         return values
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.few_numbers import all_finite
 from ..pose import FloatArray, PoseLike, as_pose, rotation_matrices
 from .trajectory import Trajectory
 
@@ -40,7 +41,7 @@ class Views:
             array, shape = np.asarray(getattr(self, name), np.float64), shapes.get(name, (n, 3))
             if array.shape != shape:
                 raise ValueError(f"{name} of {n} views must have shape {shape}, got {array.shape}")
-            if not np.isfinite(array).all():
+            if not all_finite(array):
                 raise ValueError(f"{name} of views must be finite, got {array[~np.isfinite(array)][0]}")
             object.__setattr__(self, name, array)
 

@@ -143,6 +143,10 @@ class NativeRenderer(Renderer):
             luma[rows] = self._estimator.samples(self._core, self._arrays(some), number, pixel[rows], rays)
         return luma
 
+    def nearest_distance(self, point: FloatArray) -> float:
+        x, y, z = point.tolist()
+        return self._core.nearest_distance((x, y, z))
+
     def gradients(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
     ) -> FloatArray:

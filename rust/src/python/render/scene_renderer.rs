@@ -316,6 +316,17 @@ impl PySceneRenderer {
         Ok(luma.into_pyarray(py))
     }
 
+    /// Return how far the nearest triangle of the world's frame is from a point, in any direction.
+    ///
+    /// Args:
+    ///     point: x, y and z in the world, metres.
+    ///
+    /// Returns:
+    ///     Metres, inf where that frame has no triangle.
+    fn nearest_distance(&self, point: [f64; 3]) -> f64 {
+        self.renderer().nearest_distance(point)
+    }
+
     /// Render luma of single pixels by lines, the bits of :meth:`line_luma`.
     ///
     /// Args:
