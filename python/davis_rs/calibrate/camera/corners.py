@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ..._util.progress import doing
 from ...io.dataset.reader import Dataset
 from ...scene.builtin.checkerboard import Checkerboard
+from .corner_fit import fit_corners
 from .opencv import load_opencv
 
 FloatArray = npt.NDArray[np.float64]
@@ -41,7 +42,8 @@ def find_corners(image: npt.NDArray[np.uint8], board: Checkerboard) -> FloatArra
     """Find the inner corners of a board in a frame of linear light, (n, 2); None where not all of them are found.
 
     The frame's contrast is stretched and gamma-coded, and the board looked for in an enlargement; then each corner is
-    refined in the frame itself, in linear light, within a window that holds no other (OpenCV's ``cornerSubPix``). The
+    refined in the frame itself, in linear light, within a window that holds no other: first by OpenCV's
+    ``cornerSubPix``, then by a fit to what each pixel integrates over its area (:mod:`.corner_fit`). The
     board looks alike upside down but for its colours; these decide which corner is the first.
 
     Raises:
@@ -71,9 +73,11 @@ def find_corners(image: npt.NDArray[np.uint8], board: Checkerboard) -> FloatArra
     ).reshape(grid.shape)
     if np.abs(refined - grid).max() > half_window:
         return None
+    refined = np.asarray(refined, np.float64)
+    refined = fit_corners(image, refined.reshape(-1, 2), _edge_directions(refined), half_window).reshape(refined.shape)
     if _upside_down(image, refined):
         refined = refined[::-1, ::-1]
-    return np.asarray(refined, np.float64).reshape(-1, 2)
+    return refined.reshape(-1, 2)
 
 
 def find_board(
@@ -124,7 +128,13 @@ def _least_spacing(grid: npt.NDArray[np.float32]) -> float:
     return float(min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)))
 
 
-def _upside_down(image: npt.NDArray[np.uint8], grid: npt.NDArray[np.float32]) -> bool:
+def _edge_directions(grid: FloatArray) -> FloatArray:
+    """Return the angles (n, 2) of both edges through each corner, in radians, by its neighbours."""
+    along = (np.gradient(grid, axis=axis) for axis in (1, 0))
+    return np.stack([np.arctan2(ways[..., 1], ways[..., 0]) for ways in along], -1).reshape(-1, 2)
+
+
+def _upside_down(image: npt.NDArray[np.uint8], grid: FloatArray) -> bool:
     """Return whether the tiles between the corners are white where they should be black."""
     middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
     x, y = np.round(middles).astype(int).reshape(-1, 2).T
