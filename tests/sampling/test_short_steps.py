@@ -58,6 +58,7 @@ def test_products_of_quaternions_have_the_bits_of_cross_products() -> None:
     expected = np.concatenate([aw * bv + bw * av + np.cross(av, bv), aw * bw - (av * bv).sum(-1, keepdims=True)], -1)
     assert np.array_equal(hamilton(a, b), expected)
     assert np.array_equal(hamilton(a[0], b), np.stack([hamilton(a[0], each) for each in b]))
+    assert np.array_equal(hamilton(a, b), np.stack([hamilton(one, each) for one, each in zip(a, b, strict=True)]))
 
 
 @pytest.mark.parametrize("rows", [1, 3, 4, 5, 8, 47])

@@ -183,6 +183,19 @@ def describe_pose(pose: Pose) -> dict[str, object]:
     return {"position": pose.position.tolist(), "quaternion": pose.quaternion.tolist()}
 
 
+def _product(
+    ax: float, ay: float, az: float, aw: float, bx: float, by: float, bz: float, bw: float
+) -> tuple[float, float, float, float]:
+    """Return the product of two quaternions: the bits of those of arrays, in a fraction of the time."""
+    return (
+        aw * bx + bw * ax + (ay * bz - az * by),
+        aw * by + bw * ay + (az * bx - ax * bz),
+        aw * bz + bw * az + (ax * by - ay * bx),
+        aw * bw - (ax * bx + ay * by + az * bz),
+    )
+
+
+_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 """For each of x, y, z the next two axes."""
 
@@ -192,6 +205,8 @@ def hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
 
     Unlike a product of scipy's Rotations it is linear in both, so that the sign stays continuous.
     """
+    if a.ndim == b.ndim == 1:
+        return np.array(_product(*a.tolist(), *b.tolist()))
     av, aw, bv, bw = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
     # np.cross has the same bits, but takes several times as long for a few vectors.
     cross = a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
@@ -200,7 +215,7 @@ def hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def conjugate(q: FloatArray) -> FloatArray:
     """Return the conjugates of quaternions (..., 4)."""
-    return q * (-1.0, -1.0, -1.0, 1.0)
+    return q * _CONJUGATE
 
 
 def body_rates(q: FloatArray, dq_dt: FloatArray) -> FloatArray:
