@@ -311,6 +311,7 @@ def _gltf(folder: Path) -> list[Path]:
     more = {"extensions": extensions, "alphaMode": "MASK", **bumps, **emits}
     paint = gltf.material(baseColorTexture=texture, more=more)
     body = gltf.node(mesh=quad(gltf, uv=UV, material=paint), name="body")
+    gltf.node(mesh=quad(gltf, uv=UV, material=paint, colours=np.linspace(0, 1, 12).reshape(4, 3)))
     child = gltf.node(root=False, mesh=quad(gltf, colours=np.full((4, 3), 0.5)), scale=[1, 2, 3])
     gltf.node(children=[child], matrix=np.eye(4).ravel().tolist())
     places = {"TRANSLATION": gltf.array(np.eye(3)), "ROTATION": gltf.array(np.tile([0, 0.6, 0, 0.8], (3, 1)))}

@@ -130,3 +130,10 @@ UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)
 def quad(gltf: Gltf, **more: Any) -> int:
     """A mesh: a square of 2 x 2 m in the plane z = 0."""
     return gltf.mesh(CORNERS, FACES, **more)
+
+
+def with_camera(gltf: Gltf, distance: float = 3.0, **node: Any) -> int:
+    """A camera on +z that looks along -z, 4:3, 90 degrees high."""
+    camera = {"type": "perspective", "perspective": {"yfov": np.pi / 2, "aspectRatio": 4 / 3, "znear": 0.1}}
+    number = gltf.add("cameras", camera)
+    return gltf.node(camera=number, **{"translation": [0, 0, distance], **node})

@@ -12,6 +12,7 @@ from .._util.budget import Budget
 from ..geometry.pose import FloatArray
 from .repairs import Repairs
 from .texture_file import EncodedTexture
+from .textures import Texture
 
 GREY = 0.5
 """Reflectance of surfaces without a material."""
@@ -83,8 +84,9 @@ class MeshPart(NamedTuple):
         corners: (m, 3, 3) positions of each triangle's three corners, in the file's own axes and unit.
         uv: (m, 3, 2) texture coordinates there, v upwards from the lower edge of the image; None without.
         normals: (m, 3, 3) of a smooth surface; None where every triangle is flat.
-        reflectance: a texture, or a colour (3,), linear RGB.
-        colours: (m, 3, 3), a colour at each corner in linear RGB, instead of ``reflectance``; None without.
+        reflectance: a texture (H, W, 3), or a colour (3,), linear RGB.
+        colours: (m, 3, 3), a colour at each corner in linear RGB: a factor on ``reflectance`` where that is a texture,
+            else instead of it; None without.
         material: its name in the file, for messages and names of shapes.
         files: other files that were read: of materials, of the texture.
         wrap: how the texture continues beyond its edges: repeat, clamp or mirror.
@@ -104,7 +106,7 @@ class MeshPart(NamedTuple):
     corners: FloatArray
     uv: FloatArray | None
     normals: FloatArray | None
-    reflectance: EncodedTexture | FloatArray
+    reflectance: EncodedTexture | Texture | FloatArray
     colours: FloatArray | None
     material: str
     files: tuple[Path, ...] = ()
@@ -112,7 +114,7 @@ class MeshPart(NamedTuple):
     lost: tuple[str, ...] = ()
     metal: MetalRoughness | None = None
     nearest: bool = False
-    emission: EncodedTexture | FloatArray | None = None
+    emission: EncodedTexture | Texture | FloatArray | None = None
     unlit: bool = False
     blend: Blend | None = None
     glass: Glass | None = None

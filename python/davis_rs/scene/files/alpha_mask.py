@@ -263,6 +263,7 @@ def masked(part: MeshPart, mask: AlphaMask | None, budget: Budget) -> MeshPart:
     return part._replace(
         corners=pieces.of(part.corners),
         uv=pieces.of(part.uv),
+        colours=None if part.colours is None else pieces.of(part.colours),
         normals=None if part.normals is None else pieces.normals(part.normals),
         lost=lost,
     )

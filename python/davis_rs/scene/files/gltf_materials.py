@@ -105,6 +105,16 @@ class GltfMaterial(NamedTuple):
         by_metal = self.metal is not None and self.metal.texels is not None
         return by_metal or any(isinstance(what, EncodedTexture) for what in (self.reflectance, self.emission))
 
+    @property
+    def is_textured(self) -> bool:
+        """Whether its base colour is a texture."""
+        return isinstance(self.reflectance, EncodedTexture)
+
+    @property
+    def is_paintable(self) -> bool:
+        """Whether different colours of vertices can be shown: not in glass, nor on texels with hard edges."""
+        return self.glass is None and not (self.nearest and self.looks_up)
+
 
 class GltfMaterials:
     """The materials of a file, each read on first use. Its texture is charged for one shape that shows it."""

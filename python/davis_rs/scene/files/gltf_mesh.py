@@ -14,6 +14,7 @@ from ...geometry.pose import FloatArray
 from ..lost_looks import BUMPS, TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles, unit_normals
 from ..repairs import Repairs
+from ..texture_file import EncodedTexture
 from .gltf_file import DRACO, GltfFile, Item, plain
 from .gltf_materials import GltfMaterial, GltfMaterials
 from .rounding import ROUNDING, within
@@ -29,7 +30,7 @@ _MORPHED = ("POSITION", "NORMAL")
 """What morph targets move; nothing here depends on tangents."""
 
 _WITHOUT_SURFACE = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
-_COLOURS_LOST = "colours of vertices on the texture"
+COLOURS_LOST = "different colours of vertices"
 _COLOURS_CUT = "colours of vertices beyond 0 to 1 (they are cut there)"
 
 
@@ -55,6 +56,10 @@ class Vertices(NamedTuple):
     target_normals: FloatArray
 
 
+PrimitiveKind = tuple[int | None, bool, bool, tuple[float, ...] | None]
+"""Material, whether there are normals, whether there are colours, and the tint."""
+
+
 class Primitive(NamedTuple):
     """Holds triangles of one material, in their node's own axes, uv as in the file (v downwards).
 
@@ -62,6 +67,7 @@ class Primitive(NamedTuple):
         corners: (m, 3, 3).
         normals, colours: (m, 3, 3) or None.
         uv: (m, 3, 2) or None.
+        tint: (3,), the colour of all its vertices where that is one; None for white, or with ``colours``.
         lost: the kinds of their looks that are not shown, besides those of the material.
         vertices: of triangles that were read to be deformed; None else.
     """
@@ -71,6 +77,7 @@ class Primitive(NamedTuple):
     normals: FloatArray | None
     uv: FloatArray | None
     colours: FloatArray | None
+    tint: FloatArray | None = None
     lost: tuple[str, ...] = ()
     vertices: Vertices | None = None
 
@@ -104,9 +111,10 @@ class Primitive(NamedTuple):
         )
 
     @property
-    def kind(self) -> tuple[int | None, bool, bool]:
+    def kind(self) -> PrimitiveKind:
         """Return what primitives of one shape have in common."""
-        return self.material, self.normals is not None, self.colours is not None
+        tint = None if self.tint is None else tuple(self.tint.tolist())
+        return self.material, self.normals is not None, self.colours is not None, tint
 
 
 class GltfMeshes:
@@ -219,13 +227,14 @@ class GltfMeshes:
         charge_triangles(file.budget, len(faces), 3 + 3 + 2 + 3, where)
         corners, normals = positions[faces], vertices["NORMAL"]
         uv = self._uv(attributes, material, len(positions), where)
-        colours, lost = self._colours(vertices["COLOR_0"], material)
+        colours, tint, lost = self._colours(vertices["COLOR_0"], material)
         return Primitive(
             item.material,
             corners,
             None if normals is None else unit_normals(normals[faces], corners, where, self._repairs),
             None if uv is None else uv[faces],
-            None if colours is None else colours[faces] * material.factor,
+            None if colours is None else colours[faces] * (1.0 if material.is_textured else material.factor),
+            tint,
             lost,
             None if joints is None else self._vertices(item, attributes, (faces, positions, normals), joints, where),
         )
@@ -294,11 +303,13 @@ class GltfMeshes:
             raise self._file.error(f"{where}: JOINTS_{number}", f"name joint {joints.max()} of {joint_count}")
         return joints, weights
 
-    def _colours(self, given: FloatArray | None, material: GltfMaterial) -> tuple[FloatArray | None, tuple[str, ...]]:
-        """Return the colours of vertices (v, 3), None where they are not shown; and the kinds of looks that are
-        lost."""
+    def _colours(
+        self, given: FloatArray | None, material: GltfMaterial
+    ) -> tuple[FloatArray | None, FloatArray | None, tuple[str, ...]]:
+        """Return the colours of vertices (v, 3), or the one of all of them (3,), each None where it is not shown; and
+        the kinds of looks that are lost."""
         if given is None:
-            return None, ()
+            return None, None, ()
         lost = []
         colours = np.clip(given[:, :3], 0.0, 1.0)
         if within(given[:, :3], 0.0, 1.0) is None:
@@ -306,10 +317,12 @@ class GltfMeshes:
         if material.transparent and (given[:, 3:] < 1 - ROUNDING).any():
             lost.append(TRANSPARENCY)
         if (colours >= 1 - ROUNDING).all():
-            return None, tuple(lost)
-        if material.looks_up:
-            return None, (*lost, _COLOURS_LOST)
-        return colours, tuple(lost)
+            return None, None, tuple(lost)
+        if (np.ptp(colours, 0) <= ROUNDING).all():
+            return None, colours[0], tuple(lost)
+        if not material.is_paintable:
+            return None, None, (*lost, COLOURS_LOST)
+        return colours, None, tuple(lost)
 
     def _uv(self, attributes: dict[str, object], material: GltfMaterial, count: int, where: str) -> FloatArray | None:
         """Return the texture coordinates for the material's texture, transformed as the material says."""
@@ -400,15 +413,22 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
     corners, uv, colours = together("corners"), together("uv"), together("colours")
     assert corners is not None
     lost = [*material.lost, *(what for primitive in primitives for what in primitive.lost)]
+    reflectance, glass = material.reflectance, material.glass
+    if first.tint is not None:
+        if isinstance(reflectance, EncodedTexture):
+            reflectance = reflectance.tinted(reflectance.tint * first.tint)
+        else:
+            reflectance = reflectance * first.tint
+        glass = None if glass is None else glass._replace(tint=glass.tint * first.tint)
     normal_texture = material.normal_texture
-    if normal_texture is not None and (uv is None or colours is not None):
-        normal_texture = None  # it has no tangents, or its texture coordinates are those of its colours
+    if normal_texture is not None and uv is None:
+        normal_texture = None  # it has no tangents
         lost.append(BUMPS)
     return MeshPart(
         corners,
         None if uv is None else uv * [1, -1] + [0, 1],
         together("normals") if first.normals is not None else None,
-        material.reflectance,
+        reflectance,
         colours,
         material.name,
         material.files,
@@ -419,7 +439,7 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         material.emission,
         material.unlit,
         material.blend,
-        material.glass,
+        glass,
         material.one_sided,
         normal_texture,
     )

@@ -29,10 +29,11 @@ from .alpha_mask import masked
 from .default_view import default_view
 from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
-from .gltf_mesh import GltfMeshes, Primitive, Vertices, joined, joined_vertices
+from .gltf_mesh import COLOURS_LOST, GltfMeshes, Primitive, PrimitiveKind, Vertices, joined, joined_vertices
 from .gltf_nodes import NodeTree, NotRigid, breaks
 from .gltf_poses import Node, Track
 from .mesh_scene import Axis, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
+from .painted_texture import charge, is_painted, patches_of
 from .rounding import ROUNDING
 
 LUMENS_PER_WATT = 683.0
@@ -192,7 +193,7 @@ class _GltfScene:
     def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory], dict[str, Deformation]]:
         """Return all parts by their ids, the paths of those that move, which are in their own axes, and how meshes
         deform."""
-        at_rest: dict[tuple[int | None, bool, bool], list[Primitive]] = {}
+        at_rest: dict[PrimitiveKind, list[Primitive]] = {}
         moving: list[tuple[Node, list[Primitive], Trajectory]] = []
         deforming: list[tuple[Node, _Deformer]] = []
         start = np.zeros(1)
@@ -227,11 +228,11 @@ class _GltfScene:
         deformations: dict[str, Deformation] = {}
         names = _UniqueNames()
         for primitives in at_rest.values():
-            part = self._masked(primitives)
+            part = self._part(primitives)
             shapes[names.unused(f"mesh_{part.material}")] = part
         for node, primitives, trajectory in moving:
             for alike in _by_kind(primitives):
-                part = self._masked(alike)
+                part = self._part(alike)
                 name = names.unused(f"{node.name}_{part.material}")
                 shapes[name], objects[name] = part, trajectory
         for node, deformer in deforming:
@@ -269,7 +270,8 @@ class _GltfScene:
         for alike in _by_kind(self._deforming_parts(node, deformer)):
             skinned, mirrored = self._skinned(node, deformer, joined_vertices(alike))
             corners, normals = _at_first(skinned)
-            part = self._part(alike)
+            # Pieces of triangles would not follow a skin as the triangles do.
+            part = self._part(alike, whole=True)
             part = part.turned() if mirrored else part
             if self.materials[alike[0].material].mask is not None:
                 part = part._replace(lost=(*part.lost, TRANSPARENCY))
@@ -339,20 +341,24 @@ class _GltfScene:
         self.file.budget.take(_JOINT_BYTES * len(joints), f"skins[{index}]: {len(joints)} joints")
         return joints, inverse
 
-    def _part(self, primitives: list[Primitive]) -> MeshPart:
+    def _part(self, primitives: list[Primitive], *, whole: bool = False) -> MeshPart:
+        """Join primitives to a part: what the mask of their material shows of them, or the ``whole``.
+
+        Colours of its vertices that would need too large a texture are left out.
+        """
         index = primitives[0].material
         material = self.materials[index]
         if index in self.shown:
             self.materials.charge(material, f"one more shape of the material {material.name}")
         self.shown.add(index)
-        return joined(primitives, material)
-
-    def _masked(self, primitives: list[Primitive]) -> MeshPart:
-        """Return what the mask of their material shows of primitives.
-
-        A mesh that deforms stays whole, because pieces of its triangles do not follow a skin as the triangles do.
-        """
-        return masked(self._part(primitives), self.materials[primitives[0].material].mask, self.file.budget)
+        part = masked(joined(primitives, material), None if whole else material.mask, self.file.budget)
+        if not is_painted(part):
+            return part
+        patches = patches_of(part)
+        if patches is None:
+            return part._replace(colours=None, lost=(*part.lost, COLOURS_LOST))
+        charge(part, patches, self.file.budget)
+        return part
 
     def _corners(self, shapes: dict[str, MeshPart], objects: dict[str, Trajectory]) -> FloatArray:
         """Return all corners (n, 3) in the world at the start."""
@@ -483,7 +489,7 @@ def _at_first(deformation: Deformation) -> tuple[FloatArray, FloatArray | None]:
 
 def _by_kind(primitives: list[Primitive]) -> Iterable[list[Primitive]]:
     """Return the primitives by what those of one shape have in common."""
-    by_kind: dict[tuple[int | None, bool, bool], list[Primitive]] = {}
+    by_kind: dict[PrimitiveKind, list[Primitive]] = {}
     for primitive in primitives:
         by_kind.setdefault(primitive.kind, []).append(primitive)
     return by_kind.values()
