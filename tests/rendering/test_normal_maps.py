@@ -369,13 +369,18 @@ def test_the_scale_of_gltf(tmp_path: Path) -> None:
 
 @pytest.mark.without_llvm
 def test_where_gltf_has_no_tangents(tmp_path: Path) -> None:
-    """Vertices without texture coordinates, or with colours, lose it and say so; a texture that turns nothing does not
-    count."""
+    """Vertices without texture coordinates lose it and say so, those with colours do not; a texture that turns nothing
+    does not count."""
     light = (0.6, 0.0, 0.8)
-    for vertices in ({}, {"uv": UV, "colours": np.full((4, 3), 0.5)}):
-        scene = file(tmp_path, texels(TILT, 0), towards=light, vertices=vertices)
-        assert [look.what for look in scene.lost_looks] == ["normal maps"]
-        assert middle(scene) == pytest.approx(FLAT * (0.5 if vertices else 1.0), abs=0.01)
+    scene = file(tmp_path, texels(TILT, 0), towards=light, vertices={})
+    assert [look.what for look in scene.lost_looks] == ["normal maps"]
+    assert middle(scene) == pytest.approx(FLAT, abs=0.01)
+    for colours in (np.full((4, 3), 0.5), np.array([[0.5] * 3, [0.4] * 3, [0.5] * 3, [0.6] * 3])):
+        scene = file(tmp_path, texels(TILT, 0), towards=light, vertices={"uv": UV, "colours": colours})
+        assert not scene.lost_looks
+        assert middle(scene) == pytest.approx(FACING * 0.5, abs=0.01)
+        scene = file(tmp_path, texels(TILT, 0), towards=light, vertices={"uv": np.zeros((4, 2)), "colours": colours})
+        assert middle(scene) == pytest.approx(FLAT * 0.5, abs=0.01)
     scene = file(tmp_path, np.full((4, 4, 3), (128, 128, 255)), towards=light)
     assert not scene.lost_looks
     assert middle(scene) == pytest.approx(FLAT, abs=0.01)

@@ -48,6 +48,9 @@ _FLATTEST, _LONGEST = 1e-3, 64
 coordinates do not tell where on it a point is. And the most texels on a side of that patch."""
 
 
+_UNTURNED = np.array([0.5, 0.5, 1.0])
+
+
 class Patches(NamedTuple):
     """Holds where the patches of triangles lie in a new texture.
 
@@ -115,13 +118,16 @@ class Patches(NamedTuple):
         new = np.where(self.parts[:, None, None] > 0, scaled, along) + self.at[:, None]
         return np.asarray((new / self.shape[::-1] * [1, -1] + [0, 1])[self.of_triangle])
 
-    def painted(self, texture: Image, wrap: str, *, coloured: bool = False) -> Texture:
+    def painted(
+        self, texture: Image, wrap: str, *, coloured: bool = False, along_edges: FloatArray | None = None
+    ) -> Texture:
         """Return the new texture (rows, columns, channels) of an old one.
 
         Args:
             texture: (H, W, channels).
             wrap: how it continues beyond its edges: repeat, clamp or mirror.
             coloured: whether it is multiplied by the colours.
+            along_edges: (channels,), what patches along edges have instead; None for the same as others.
         """
         rows, columns = self.shape
         new = np.zeros((rows * columns, texture.shape[2]), np.float32)
@@ -133,6 +139,8 @@ class Patches(NamedTuple):
                 origin, ways = self.colours[patch, 0], self.colours[patch, 1:] - self.colours[patch, :1]
                 # Far outside of a small triangle the plane through its colours leaves what colours can be.
                 values *= np.clip(origin + (weights[..., None] * ways).sum(1), -1, 2)
+            if along_edges is not None:
+                values[self.parts[patch] == 0] = along_edges
             x, y = (self.at[patch] + place).T
             new[y * columns + x] = values
         return new.reshape(rows, columns, -1)
@@ -205,8 +213,9 @@ def painted(part: MeshPart) -> MeshPart:
     if blend is not None and blend.alpha is not None:
         blend = blend._replace(alpha=whole(blend.alpha[..., None], part.wrap)[..., 0])
     if normals is not None:
-        texels = patches.painted(normals.texels, normals.wrap)
         scale = 255 if normals.texels.dtype == np.uint8 else 1
+        # Where texture coordinates have no directions, nothing is turned.
+        texels = patches.painted(normals.texels, normals.wrap, along_edges=_UNTURNED * scale)
         normals = normals._replace(texels=texels / np.float32(scale), wrap="clamp")
     return part._replace(
         uv=patches.uv,
