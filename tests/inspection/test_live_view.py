@@ -142,8 +142,15 @@ def test_a_browser_draws_it() -> None:
             "--dump-dom",
             view.address,
         ]
-        timer = threading.Timer(2.0, view.__exit__)
-        timer.start()
-        drawn = subprocess.run([*command, view.address], capture_output=True, text=True, check=False, timeout=60).stdout
-        timer.join()
+
+        # Virtual time does not wait for a stream that goes on.
+        def end() -> None:
+            view._watched.wait(50)
+            view.__exit__()
+
+        ending = threading.Thread(target=end)
+        ending.start()
+        drawn = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60).stdout
+        ending.join()
     assert "t = 0.002 s · 1 events" in drawn
+    assert 'data-state="over"' in drawn

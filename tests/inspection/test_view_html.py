@@ -14,6 +14,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -22,13 +23,15 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from command_line import davis_rs
-from davis_rs import EVENT_DTYPE, convert, view_html
+from davis_rs import EVENT_DTYPE, convert, load_scene, simulate_to_folder, view_html
 from davis_rs._util.terminal_text import printable
 from davis_rs.geometry.camera import Camera
-from davis_rs.inspection import html_page
+from davis_rs.inspection import html_page, page_layers
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB
+from davis_rs.inspection.page_layers import layers_of
 from davis_rs.inspection.sampling_for_display import evenly_spaced, event_counts, sample_events
-from davis_rs.inspection.visual_sequence import display_grey
+from davis_rs.inspection.truth_pictures import depth_picture, normals_picture, shape_colours
+from davis_rs.inspection.visual_sequence import VisualSequence, display_grey
 from davis_rs.io.dataset.reader import Dataset
 from davis_rs.io.dataset.writer import DatasetWriter
 from recording_files import aedat4, aedat4_events, aedat4_frame, aedat4_imu, events_of, frame_of
@@ -103,8 +106,8 @@ def test_the_page_holds_the_sequence(folder: Path, tmp_path: Path) -> None:
     assert np.array_equal(events_in(data), dataset.events)
     assert (data["width"], data["height"], data["duration_us"]) == (WIDTH, HEIGHT, 1000 * STEPS)
     assert (data["t_us"], data["window_us"]) == (20_000, 4_000)
-    assert data["frames"]["t"] == [image.t_us for image in dataset.frames]
-    for number, png in enumerate(data["frames"]["png"]):
+    assert data["layers"][0]["t"] == [image.t_us for image in dataset.frames]
+    for number, png in enumerate(data["layers"][0]["png"]):
         with Image.open(io.BytesIO(base64.b64decode(png))) as image:
             expected = np.rint(255 * display_grey(dataset.read_image(number) / 255.0))
             assert np.array_equal(np.array(image), expected)
@@ -118,11 +121,15 @@ def test_the_page_holds_the_sequence(folder: Path, tmp_path: Path) -> None:
     assert page.kept == {
         "events": (n, n),
         "frames": (7, 7),
+        "depth maps": (4, 4),
         "IMU samples": (STEPS + 1, STEPS + 20),
         "poses": (STEPS + 1, STEPS + 1),
     }
     assert page.size_bytes == (tmp_path / "p.html").stat().st_size
-    assert f"{n:,} of {n:,} events, 7 of 7 frames, 61 of 80 IMU samples, 61 of 61 poses" in parsed.texts["p"][0]
+    assert (
+        f"{n:,} of {n:,} events, 7 of 7 frames, 4 of 4 depth maps, 61 of 80 IMU samples, 61 of 61 poses"
+        in parsed.texts["p"][0]
+    )
 
 
 def test_events_are_sampled_and_counted(folder: Path, tmp_path: Path) -> None:
@@ -139,7 +146,7 @@ def test_events_are_sampled_and_counted(folder: Path, tmp_path: Path) -> None:
     known = set(all_events.tolist())
     assert all(event in known for event in kept.tolist())
     assert (np.diff(kept["t"]) >= 0).all()
-    assert data["frames"]["t"] == [0, 30_000, 60_000]
+    assert data["layers"][0]["t"] == [0, 30_000, 60_000]
     counts = [array(data["rate"][name], "<u4").sum() for name in ("off", "on")]
     assert counts == np.bincount(all_events["p"]).tolist()
 
@@ -176,9 +183,9 @@ def test_frames_are_left_out_where_the_file_would_be_large(
 ) -> None:
     """Evenly, until they fit; one stays in any case."""
     for budget, most in ((1200, 1200), (1, 10_000)):
-        monkeypatch.setattr(html_page, "_FRAME_BYTES", budget)
+        monkeypatch.setattr(page_layers, "_FRAME_BYTES", budget)
         page = view_html(folder, tmp_path / "p.html")
-        pictures = [base64.b64decode(png) for png in Page(tmp_path / "p.html").data["frames"]["png"]]
+        pictures = [base64.b64decode(png) for png in Page(tmp_path / "p.html").data["layers"][0]["png"]]
         assert 1 <= len(pictures) < 7
         assert sum(map(len, pictures)) <= most
         assert page.kept["frames"] == (len(pictures), 7)
@@ -217,9 +224,75 @@ def test_recordings_and_event_files_become_pages(tmp_path: Path) -> None:
     view_html(tmp_path / "r.aedat4", tmp_path / "r.html")
     data = Page(tmp_path / "r.html").data
     assert events_in(data)["t"].tolist() == [0, 500]
-    assert data["frames"]["t"] == [100]
+    assert data["layers"][0]["t"] == [100]
     assert array(data["imu"]["t"], "<f8").tolist() == [200]
     assert array(data["imu"]["values"], "<f4")[0] == pytest.approx(9.80665)
+
+
+@pytest.fixture(scope="module")
+def with_truth(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short simulation with all maps of the ground truth."""
+    folder = tmp_path_factory.mktemp("truth") / "d"
+    rates: dict[str, Any] = {f"{name}_rate_hz": 100.0 for name in ("flow", "mask", "normal", "depth", "frame")}
+    simulate_to_folder(load_scene("three_planes"), folder, duration_s=0.03, accuracy="fast", **rates)
+    return folder
+
+
+def test_maps_of_the_truth_are_layers(with_truth: Path, tmp_path: Path) -> None:
+    """Each with its pictures, in colours that the page explains, and with a limit of its own."""
+    page = view_html(with_truth, tmp_path / "p.html", max_frames=3)
+    layers = {layer["name"]: layer for layer in Page(tmp_path / "p.html").data["layers"]}
+    assert list(layers) == ["frame", "depth", "flow", "shapes", "normals"]
+    for layer in layers.values():
+        assert layer["t"] == [0, 20_000, 30_000]
+    assert page.kept.items() >= {
+        ("depth maps", (3, 4)), ("flow maps", (3, 4)), ("masks", (3, 4)), ("normal maps", (3, 4))
+    }  # fmt: skip
+    assert re.fullmatch(r"from 1\.2 m \(yellow\) to 1\.9\d? m \(violet\)", layers["depth"]["says"])
+    assert "full colour at 105 px/s" in layers["flow"]["says"]
+    assert layers["shapes"]["says"] == "3 shapes, each in one colour"
+    dataset = Dataset(with_truth)
+    with Image.open(io.BytesIO(base64.b64decode(layers["depth"]["png"][0]))) as image:
+        depth = np.array(image)
+    truth = dataset.read_depth(0)
+    nearest, farthest = depth[truth < truth.min() * 1.001], depth[truth > truth.max() * 0.999]
+    assert (nearest[:, :2] > 200).all()
+    assert (nearest[:, 2] < 60).all()
+    assert (farthest[:, 1] < 30).all()
+    with Image.open(io.BytesIO(base64.b64decode(layers["shapes"]["png"][0]))) as image:
+        assert len(np.unique(np.array(image).reshape(-1, 3), axis=0)) == 3
+
+
+def test_colours_are_those_of_matplotlib() -> None:
+    """Which a page does without: depth within 5 of 255, shapes exactly."""
+    depth = np.linspace(1, 2, 101, dtype=np.float32)[None]
+    viridis = plt.colormaps["viridis_r"](np.linspace(0, 1, 101))[:, :3]
+    assert np.abs(depth_picture(depth, 1.0, 2.0)[0] - viridis).max() < 5 / 255
+    np.testing.assert_allclose(shape_colours(40)[1:21], plt.colormaps["tab20"](np.arange(20))[:, :3], atol=1e-9)
+    assert np.array_equal(shape_colours(40)[21:], shape_colours(40)[1:21])
+
+
+def test_maps_with_nothing_in_them_are_grey() -> None:
+    """Depth that is infinite, flow and normals that are not known."""
+    nothing = np.full((4, 5), np.inf, np.float32)
+    assert np.ptp(depth_picture(nothing, 1.0, 2.0)) == 0
+    assert np.ptp(normals_picture(np.full((4, 5, 3), np.nan, np.float32))) == 0
+    towards = normals_picture(np.array([[[0, 0, -1], [1, 0, 0], [0, -1, 0]]], np.float32))
+    np.testing.assert_allclose(towards[0], [[0.5, 0.5, 1], [1, 0.5, 0.5], [0.5, 1, 0.5]])
+    empty = VisualSequence(
+        label="",
+        size=(5, 4),
+        events=np.zeros(0, EVENT_DTYPE),
+        start_us=0,
+        end_us=10,
+        depth_times=[7],
+        read_depth=lambda _: nothing,
+        flow_times=[0],
+        read_flow=lambda _: np.full((4, 5, 2), np.nan, np.float32),
+    )
+    packed = [layer.packed(5, None, show_progress=False) for layer in layers_of(empty)]
+    assert [layer["total"] for layer in packed] == [1, 1]
+    assert packed[0]["t"] == [2]
 
 
 def test_what_a_source_lacks_is_left_out(folder: Path, tmp_path: Path) -> None:
@@ -229,7 +302,7 @@ def test_what_a_source_lacks_is_left_out(folder: Path, tmp_path: Path) -> None:
     page = view_html(tmp_path / "e.npy", tmp_path / "p.html", size=(WIDTH, HEIGHT))
     data = Page(tmp_path / "p.html").data
     assert page.kept.keys() == {"events"}
-    assert data["frames"]["t"] == []
+    assert data["layers"] == []
     assert data["imu"] is data["path"] is None
 
 
@@ -384,20 +457,35 @@ def near(pixels: npt.NDArray[np.uint8], rgb: tuple[int, int, int], within: int =
     return int(np.count_nonzero((np.abs(pixels.astype(int) - rgb) <= within).all(-1)))
 
 
-def test_a_browser_draws_the_page(folder: Path, tmp_path: Path) -> None:
-    """Headless, without an error in its console: events, the frame, the cloud, the plots and the path are there."""
+def screen(page: Path, folder: Path, size: str, address: str = "") -> npt.NDArray[np.uint8]:
+    """What a headless browser shows of a page, without an error in its console."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("needs Chromium, to see the page drawn")
-    view_html(folder, tmp_path / "p.html", t_s=0.03)
     command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr"]
-    command += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,1300", "--force-device-scale-factor=1"]
-    command += ["--virtual-time-budget=3000", f"--screenshot={tmp_path / 's.png'}", f"file://{tmp_path}/p.html"]
+    command += [f"--user-data-dir={folder / 'profile'}", f"--window-size={size}", "--force-device-scale-factor=1"]
+    command += ["--virtual-time-budget=3000", f"--screenshot={folder / 's.png'}", f"file://{page}{address}"]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert ran.returncode == 0, ran.stderr
     assert "CONSOLE" not in ran.stderr, ran.stderr
-    with Image.open(tmp_path / "s.png") as image:
-        pixels = np.array(image.convert("RGB"))
+    with Image.open(folder / "s.png") as image:
+        return np.array(image.convert("RGB"))
+
+
+def test_a_browser_shows_depth_behind_the_events(with_truth: Path, tmp_path: Path) -> None:
+    """Faded in the panel of the sensor, and as it is in the cloud; the address chooses it."""
+    view_html(with_truth, tmp_path / "p.html", t_s=0.005)
+    shown = {name: screen(tmp_path / "p.html", tmp_path, "1280,800", f"#behind={name}") for name in ("depth", "frame")}
+    for name, pixels in shown.items():
+        sensor, cloud = pixels[150:580, 42:630], pixels[150:580, 650:1238]
+        assert (near(sensor, (254, 243, 136), 6) > 20_000) == (name == "depth")
+        assert (near(cloud, (253, 231, 37), 6) > 2_000) == (name == "depth")
+
+
+def test_a_browser_draws_the_page(folder: Path, tmp_path: Path) -> None:
+    """Headless, without an error in its console: events, the frame, the cloud, the plots and the path are there."""
+    view_html(folder, tmp_path / "p.html", t_s=0.03)
+    pixels = screen(tmp_path / "p.html", tmp_path, "1280,1300")
     assert near(pixels, (253, 241, 242)) < 5000  # the background of an error, which is as wide as the page
     sensor, cloud, rate = pixels[150:580, 42:630], pixels[150:580, 650:1238], pixels[650:800, 90:1238]
     motion_left, motion_right = pixels[830:1180, 42:630], pixels[860:1180, 650:1238]

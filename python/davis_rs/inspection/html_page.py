@@ -5,11 +5,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
-import io
 import json
 import math
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -22,12 +20,12 @@ from .._util.argument_checks import check_number
 from .._util.argument_error import ArgumentError
 from .._util.array_types import IntegerArray, JsonObject
 from .._util.close_names import names_checked
-from .._util.progress import progress
 from .._util.whole_file import write_whole
 from ..events.arrays import EventArray
 from ..geometry.pose import GroundTruth
+from .page_layers import layers_of
 from .sampling_for_display import evenly_spaced, event_counts, sample_events
-from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
+from .visual_sequence import VisualSequence, open_visual_sequence
 
 MAX_EVENTS = 5_000_000
 """Events that a page keeps by default: 3 to 6 bytes each in the file, because they are compressed."""
@@ -35,7 +33,6 @@ MAX_EVENTS = 5_000_000
 MAX_EVENTS_INLINE = 500_000
 """Events that a page within a notebook keeps by default: the notebook's file holds it."""
 
-_FRAME_BYTES = 3_000_000
 _MOST_IMU_SAMPLES, _MOST_POSES = 4_000, 2_000
 _MOST_RATE_BINS, _EVENTS_A_RATE_BIN = 500, 50
 _LARGEST_TICK = 2**31 - 1  # a time and a polarity share 32 bits
@@ -56,8 +53,8 @@ class HtmlPage:
 
     Attributes:
         path: the file; None where it was made for a notebook alone.
-        kept: for ``events``, ``frames``, ``IMU samples`` and ``poses``: how many the page holds, and how many there
-            are. What the source does not have is not listed.
+        kept: for ``events``, ``frames``, ``depth maps``, ``flow maps``, ``masks``, ``normal maps``, ``IMU samples`` and
+            ``poses``: how many the page holds, and how many there are. What the source does not have is not listed.
         size_bytes: of the file.
         text: of the page, where it was made inline.
     """
@@ -92,7 +89,8 @@ def view_html(
     max_frames: int | None = None,
     show_progress: bool = False,
 ) -> HtmlPage:
-    """Write a page that plays a sequence: events over frames, a space-time cloud, rates, IMU and camera path.
+    """Write a page that plays a sequence: events over frames or maps of the ground truth, a space-time cloud, event
+    rates, IMU and camera path.
 
     The page is one file: program and data are in it, and its content security policy allows neither other scripts nor
     any access to a network. Its size is bounded, because long sequences are sampled; the page says how much is kept.
@@ -110,7 +108,8 @@ def view_html(
         size: (width, height) of the sensor in pixels, where the source does not say.
         max_events: events that are kept, at least 1; 5,000,000 by default, 500,000 inline. Each takes 3 to 6 bytes of
             the file, inline a third more in the notebook's.
-        max_frames: frames that are kept, at least 1; by default as many as fit 4 MB of the file.
+        max_frames: frames that are kept, at least 1, and maps of each kind; by default as many as fit 4 MB of the file,
+            maps 1.3 MB.
         show_progress: how far it is, on standard error.
 
     Returns:
@@ -152,12 +151,12 @@ def view_html(
         "speeds": sorted({*_SPEEDS, *([speed] if speed else [])}, reverse=True),
         "events": _packed_events(sequence, events, duration_us),
         "rate": _packed_rates(sequence),
-        "frames": _packed_frames(sequence, max_frames, show_progress),
+        "layers": [layer.packed(start_us, max_frames, show_progress=show_progress) for layer in layers_of(sequence)],
         "imu": _packed_imu(sequence),
         "path": _packed_path(sequence),
     }
     kept = {"events": (len(events), len(sequence.events))}
-    kept |= {"frames": (len(data["frames"]["t"]), len(sequence.frame_times))} if sequence.frame_times else {}
+    kept |= {layer["maps"]: (len(layer["t"]), layer["total"]) for layer in data["layers"]}
     kept |= {
         name: (part["kept"], part["total"])
         for name, part in (("IMU samples", data["imu"]), ("poses", data["path"]))
@@ -243,42 +242,6 @@ def _packed_rates(sequence: VisualSequence) -> dict[str, object]:
     bins = max(20, min(_MOST_RATE_BINS, len(sequence.events) // _EVENTS_A_RATE_BIN))
     bin_us, on, off = event_counts(sequence.events, sequence.start_us, sequence.end_us, bins)
     return {"bin_us": bin_us, "on": _base64(on, "<u4"), "off": _base64(off, "<u4")}
-
-
-def _packed_frames(sequence: VisualSequence, most: int | None, show: bool) -> dict[str, object]:
-    """Return frames as PNG: those asked for, or as many as fit the share of the file that is theirs."""
-    total = len(sequence.frame_times)
-    encoded: dict[int, bytes] = {}
-
-    def encode(chosen: Sequence[int]) -> int:
-        """Return their bytes, all together."""
-        with progress("frames", len(chosen), unit="frames", show=show and len(chosen) > 8) as bar:
-            for number in chosen:
-                if number not in encoded:
-                    encoded[number] = _png(display_grey(sequence.read_frame(number)))
-                bar.advance()
-        return sum(len(encoded[number]) for number in chosen)
-
-    if most is None and total:
-        few = evenly_spaced(total, 4).tolist()
-        most = max(1, _FRAME_BYTES * len(few) // encode(few))
-        while (taken := encode(evenly_spaced(total, most).tolist())) > _FRAME_BYTES and most > 1:
-            most = max(1, min(most, total) * _FRAME_BYTES // taken)
-    chosen = evenly_spaced(total, most or 0).tolist()
-    encode(chosen)
-    return {
-        "total": total,
-        "t": [sequence.frame_times[number] - sequence.start_us for number in chosen],
-        "png": [base64.b64encode(encoded[number]).decode() for number in chosen],
-    }
-
-
-def _png(grey: npt.NDArray[np.float64]) -> bytes:
-    from PIL import Image
-
-    stream = io.BytesIO()
-    Image.fromarray(np.rint(255 * np.clip(grey, 0, 1)).astype(np.uint8)).save(stream, "PNG", optimize=True)
-    return stream.getvalue()
 
 
 def _packed_imu(sequence: VisualSequence) -> dict[str, object] | None:

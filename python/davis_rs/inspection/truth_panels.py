@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .flow_picture import flow_picture, flow_wheel
+from .truth_pictures import normals_picture, shape_colours
 from .visual_sequence import VisualSequence, nearest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOST_NAMES = 5
-_GREY = 0.82
 
 Panel = Callable[["Axes", str], None]
 """Draws into axes, with a title that begins with a letter."""
@@ -53,14 +53,11 @@ def _draw_flow(ax: Axes, title: str, sequence: VisualSequence, index: int) -> No
 
 
 def _draw_shapes(ax: Axes, title: str, sequence: VisualSequence, index: int) -> None:
-    import matplotlib as mpl
     from matplotlib.patches import Patch
 
     mask = sequence.read_mask(index)
     shown, counts = np.unique(mask, return_counts=True)
-    colours = np.asarray(mpl.colormaps["tab20"](np.arange(20)))[:, :3]
-    table = np.full((int(mask.max()) + 1, 3), _GREY)
-    table[1:] = colours[np.arange(len(table) - 1) % len(colours)]
+    table = shape_colours(int(mask.max()))
     ax.imshow(table[mask], interpolation="nearest")
     largest = [int(k) for k in shown[np.argsort(-counts)] if k > 0][:_MOST_NAMES]
     count = np.count_nonzero(shown)
@@ -81,8 +78,5 @@ def _draw_shapes(ax: Axes, title: str, sequence: VisualSequence, index: int) -> 
 
 
 def _draw_normals(ax: Axes, title: str, sequence: VisualSequence, index: int) -> None:
-    normals = sequence.read_normals(index)
-    # Towards the camera is -z: so x, -y, -z in 0..1 give the usual light blue for what faces it.
-    picture = np.where(np.isfinite(normals), (1 + normals * (1, -1, -1)) / 2, _GREY)
-    ax.imshow(np.clip(picture, 0, 1), interpolation="nearest")
+    ax.imshow(normals_picture(sequence.read_normals(index)), interpolation="nearest")
     ax.set_title(title.format("normals (right, up, to the camera)"))

@@ -1,4 +1,4 @@
-// Events in space and time, (x, y, t), up to the instant that is shown, with the frame at that instant.
+// Events in space and time, (x, y, t), up to the instant that is shown, with the picture behind the events at that instant.
 // Points are drawn into an array of pixels: hundreds of thousands take some milliseconds, without WebGL.
 
 const DEPTH = 1.7;  // length of the time axis where the longer side of the sensor has 1
@@ -30,19 +30,19 @@ const drawCloud = (canvas, view, t, length_us, show) => {
     }
   }
 
-  const frame = show.frame ? frameAt(t) : -1;
-  const drawFrame = (alpha) => {
-    if (frame < 0) return;
+  const index = pictureAt(show.layer, t);
+  const drawPicture = (alpha) => {
+    if (index < 0) return;
     const [x, y] = place([-half[0], -half[1], half[2]]), unit = scale / side;
     context.save();
     context.globalAlpha = alpha;
     context.imageSmoothingEnabled = false;
     context.transform(unit * right[0], unit * down[0], unit * right[1], unit * down[1], x, y);
-    context.drawImage(frames[frame], 0, 0, columns, rows);
+    context.drawImage(show.layer.images[index], 0, 0, columns, rows);
     context.restore();
   };
-  const frameIsFar = away[2] > 0;
-  if (frameIsFar) drawFrame(1);
+  const pictureIsFar = away[2] > 0;
+  if (pictureIsFar) drawPicture(1);
 
   const w = canvas.width, h = canvas.height, layer = new ImageData(w, h), pixels = new Uint32Array(layer.data.buffer);
   const words = [OFF, ON].map(([r, g, b]) => (255 << 24 | b << 16 | g << 8 | r) >>> 0);
@@ -53,7 +53,7 @@ const drawCloud = (canvas, view, t, length_us, show) => {
   const size = Math.max(1, Math.round(ratio * (total > 60000 ? 1 : 2) * Math.min(2, Math.sqrt(view.zoom))));
   let count = 0;
   for (let k = 0; k < total; k++) {
-    const i = frameIsFar ? last - 1 - k : first + k;  // what is far first
+    const i = pictureIsFar ? last - 1 - k : first + k;  // what is far first
     const on = events.on[i];
     if (on ? !show.on : !show.off) continue;
     count++;
@@ -70,7 +70,7 @@ const drawCloud = (canvas, view, t, length_us, show) => {
   points.height = h;
   points.getContext("2d").putImageData(layer, 0, 0);
   context.drawImage(points, 0, 0, width, height);
-  if (!frameIsFar) drawFrame(0.6);
+  if (!pictureIsFar) drawPicture(0.6);
 
   context.fillStyle = "#5c6670";
   context.font = "12px system-ui, sans-serif";

@@ -1,14 +1,14 @@
-// Events of a window of time over the last intensity frame.
+// Events of a window of time over the last picture of a layer: intensity frames, or maps of the ground truth.
 
-const frames = data.frames.png.map(() => new Image());
-const framesLoaded = Promise.all(frames.map((image, i) => new Promise((loaded, failed) => {
+const layers = data.layers.map((layer) => ({ ...layer, images: layer.png.map(() => new Image()) }));
+const layersLoaded = Promise.all(layers.flatMap((layer) => layer.images.map((image, i) => new Promise((loaded, failed) => {
   image.onload = loaded;
-  image.onerror = () => failed(new Error(`frame ${i} is no image`));
-  image.src = `data:image/png;base64,${data.frames.png[i]}`;
-})));
+  image.onerror = () => failed(new Error(`${layer.name} ${i} is no image`));
+  image.src = `data:image/png;base64,${layer.png[i]}`;
+}))));
 
-/** The number of the last frame until `t`, -1 before the first. */
-const frameAt = (t) => countUntil(data.frames.t, t) - 1;
+/** The number of the last picture of a layer until `t`, -1 before the first or without a layer. */
+const pictureAt = (layer, t) => layer ? countUntil(layer.t, t) - 1 : -1;
 
 const sensorPanel = (() => {
   const { width, height } = data;
@@ -22,22 +22,23 @@ const sensorPanel = (() => {
   const colours = [word(OFF), word(ON)];
   let shown = null;
 
-  // A frame is faded, so that events stand out; without events it is shown as it is.
-  const fill = (frame, faded) => {
-    const key = `${frame} ${faded}`;
+  // A picture is faded, so that events stand out; without events it is shown as it is.
+  const fill = (layer, index, faded) => {
+    const key = `${layer && layer.name} ${index} ${faded}`;
     if (key === shown) return;
     shown = key;
-    if (frame < 0) { background.fill(0xffffffff); return; }
-    context.drawImage(frames[frame], 0, 0, width, height);
-    const grey = context.getImageData(0, 0, width, height).data;
+    if (index < 0) { background.fill(0xffffffff); return; }
+    context.drawImage(layer.images[index], 0, 0, width, height);
+    const rgba = context.getImageData(0, 0, width, height).data;
+    const level = (value) => faded ? Math.round(115 + 0.55 * value) : value;
     for (let i = 0; i < background.length; i++) {
-      const value = faded ? Math.round(115 + 0.55 * grey[4 * i]) : grey[4 * i];
-      background[i] = (255 << 24 | value << 16 | value << 8 | value) >>> 0;
+      background[i] = word([level(rgba[4 * i]), level(rgba[4 * i + 1]), level(rgba[4 * i + 2])]);
     }
   };
 
   return (t, window_us, show) => {
-    fill(show.frame ? frameAt(t) : -1, show.on || show.off);
+    const index = pictureAt(show.layer, t);
+    fill(show.layer, index, show.on || show.off);
     pixels.set(background);
     const first = countUntil(events.t, t - window_us), last = countUntil(events.t, t);
     let count = 0;
@@ -47,9 +48,12 @@ const sensorPanel = (() => {
       count++;
     }
     context.putImageData(picture, 0, 0);
-    const frame = frameAt(t);
-    const when = frame < 0 ? "no frame yet" : `frame of ${((data.frames.t[frame] + data.start_us) / 1e6).toFixed(4)} s`;
-    const says = `${number(count)} ${events.word} of the last ${lengthText(window_us)}`;
-    element("sensor-says").textContent = data.frames.t.length ? `${says}; ${when}` : says;
+    const says = [`${number(count)} ${events.word} of the last ${lengthText(window_us)}`];
+    if (show.layer) {
+      const { name, t: times } = show.layer;
+      const when = index < 0 ? `no ${name} yet` : `${name} of ${((times[index] + data.start_us) / 1e6).toFixed(4)} s`;
+      says.push(show.layer.says ? `${when}: ${show.layer.says}` : when);
+    }
+    element("sensor-says").textContent = says.join("; ");
   };
 })();

@@ -5,8 +5,11 @@ const state = { t: data.t_us, playing: false, speed: data.speed, window: data.wi
 state.length = Math.min(data.duration_us, Math.max(5 * state.window, 5000 / Math.max(1, events.count) * data.duration_us));
 
 const fromAddress = () => {
-  const found = /(?:^#|&)t=([0-9.]+)/.exec(window.location.hash);
-  if (found && Number.isFinite(Number(found[1]))) seek(1e6 * Number(found[1]) - data.start_us);
+  const asked = new URLSearchParams(window.location.hash.slice(1)), t = Number(asked.get("t"));
+  if (asked.has("t") && Number.isFinite(t)) seek(1e6 * t - data.start_us);
+  const number = layers.findIndex((layer) => layer.name === asked.get("behind"));
+  if (number >= 0) element("behind").value = number;
+  redraw();
 };
 const redraw = () => { state.dirty = true; };
 const seek = (t) => {
@@ -46,8 +49,13 @@ element("speed").value = data.speed;
 element("speed").addEventListener("change", (event) => { state.speed = Number(event.target.value); });
 element("play").addEventListener("click", () => play(!state.playing));
 element("time").addEventListener("input", (event) => seek(Number(event.target.value) * data.duration_us));
-for (const id of ["show-frame", "show-on", "show-off"]) element(id).addEventListener("change", redraw);
-element("show-frame").disabled = !data.frames.t.length;
+for (const id of ["behind", "show-on", "show-off"]) element(id).addEventListener("change", redraw);
+for (const [i, name] of [...layers.map((layer) => layer.name), "nothing"].entries()) {
+  const option = document.createElement("option");
+  option.value = i;
+  option.textContent = name;
+  element("behind").append(option);
+}
 window.addEventListener("resize", redraw);
 window.addEventListener("hashchange", fromAddress);
 window.addEventListener("keydown", (event) => {
@@ -92,11 +100,13 @@ element("notes").textContent = [
   events.count < data.events.total
     ? `Events shown are ${number(events.count)} drawn evenly from ${number(data.events.total)}; the event rate counts all of them.`
     : "All events are shown.",
-  data.frames.t.length < data.frames.total ? `Frames: ${data.frames.t.length} of ${data.frames.total}, evenly spaced.` : "",
+  ...layers.filter((layer) => layer.t.length < layer.total)
+    .map((layer) => `${layer.t.length} of ${number(layer.total)} ${layer.maps} are shown, evenly spaced.`),
 ].join(" ");
 
 const draw = () => {
-  const show = { frame: element("show-frame").checked, on: element("show-on").checked, off: element("show-off").checked };
+  const layer = layers[Number(element("behind").value)];
+  const show = { layer, on: element("show-on").checked, off: element("show-off").checked };
   sensorPanel(state.t, state.window, show);
   drawCloud(element("cloud"), cloudView, state.t, state.length, show);
   if (pathScene) drawPath(element("path"), pathView, state.t);
@@ -120,7 +130,7 @@ const tick = (now) => {
   window.requestAnimationFrame(tick);
 };
 
-framesLoaded.then(() => {
+layersLoaded.then(() => {
   fromAddress();
   draw();
   document.documentElement.dataset.state = "ready";
