@@ -104,6 +104,35 @@ def test_images_come_as_tensors(folder: Path) -> None:
     assert [len(one) for one in uneven["frames"]] == [1, 0]
 
 
+def test_only_complete_windows(folder: Path) -> None:
+    """Those that have one of each image, by time, between frames and by count; all samples then make batches."""
+    images = ["frames", "flow"]
+    every = EventDataset(folder, duration_us=5_000, images=images)
+    whole = EventDataset(folder, duration_us=5_000, images=images, complete=True)
+    expected = [k for k in range(len(every)) if len(every[k]["frames_us"]) and len(every[k]["flow_us"])]
+    assert 0 < len(expected) < len(every)
+    assert [one["start_us"] for one in (whole[k] for k in range(len(whole)))] == [
+        every[k]["start_us"] for k in expected
+    ]
+    assert collate([whole[k] for k in range(len(whole))])["frames"].shape[:2] == (len(expected), 1)
+    for options in ({"by": "frames"}, {"by": "count", "count": 50}):
+        every = EventDataset(folder, images=images, **options)
+        whole = EventDataset(folder, images=images, complete=True, **options)
+        full = [k for k in range(len(every)) if len(every[k]["frames_us"]) and len(every[k]["flow_us"])]
+        assert [whole[k]["start_us"] for k in range(len(whole))] == [every[k]["start_us"] for k in full]
+    later = whole.windows[0][1:]
+    assert [one.start_us for one in later] == [one.start_us for one in whole.windows[0]][1:]
+
+
+def test_windows_that_cannot_be_complete_are_refused(folder: Path, file: Path) -> None:
+    with pytest.raises(ValueError, match="leaves out windows without images: name some"):
+        EventDataset(folder, duration_us=5_000, complete=True)
+    with pytest.raises(ValueError, match="is a file, which has no images"):
+        EventDataset(file, duration_us=5_000, images=["frames"], complete=True)
+    with pytest.raises(ValueError, match=r"images are frames, .*, got imu"):
+        EventWindows(folder, duration_us=5_000).with_images("imu")
+
+
 def double(sample: dict[str, Any]) -> dict[str, Any]:
     return sample | {"events": 2 * sample["events"]}
 

@@ -46,6 +46,7 @@ class EventDataset(Dataset):  # type: ignore[misc]
             a tensor, for example of tonic's transforms.
         parameters: those of the representation.
         images: which images a sample has; not all of them need to be in every folder.
+        complete: leave out windows without one of each of these images, such as those between two frames.
         transform: a function of the sample that returns another one, called last.
         options: those of :class:`davis_rs.EventWindows` (``by``, ``duration_us``, ...), for sources that are paths.
 
@@ -62,6 +63,7 @@ class EventDataset(Dataset):  # type: ignore[misc]
         representation: str | Callable[[EventWindow], Any] = "voxel_grid",
         parameters: Mapping[str, object] | None = None,
         images: Sequence[str] = (),
+        complete: bool = False,
         transform: Callable[[Sample], Any] | None = None,
         **options: Any,
     ) -> None:
@@ -76,6 +78,10 @@ class EventDataset(Dataset):  # type: ignore[misc]
         self.representation, self.parameters = representation, dict(parameters or {})
         self.images, self.transform = tuple(images), transform
         self._check()
+        if complete:
+            if not self.images:
+                raise ArgumentError("{complete:True} leaves out windows without {images}: name some")
+            self.windows = [windows.with_images(*self.images) for windows in self.windows]
         self._ends = list(accumulate(map(len, self.windows)))
 
     def __len__(self) -> int:

@@ -19,6 +19,9 @@ class Cuts(Protocol):
     def __len__(self) -> int:
         """Return the number of windows."""
 
+    def bounds(self, access: RandomAccess, index: int) -> tuple[int, int]:
+        """Start and end of a window, without its events."""
+
     def window(self, access: RandomAccess, index: int) -> tuple[int, int, EventArray]:
         """Start, end and events of a window."""
 
@@ -35,9 +38,12 @@ class TimeCuts:
     def __len__(self) -> int:
         return self.count
 
-    def window(self, access: RandomAccess, index: int) -> tuple[int, int, EventArray]:
+    def bounds(self, access: RandomAccess, index: int) -> tuple[int, int]:
         start_us = self.first_us + index * self.stride_us
-        end_us = start_us + self.duration_us
+        return start_us, start_us + self.duration_us
+
+    def window(self, access: RandomAccess, index: int) -> tuple[int, int, EventArray]:
+        start_us, end_us = self.bounds(access, index)
         return start_us, end_us, access.read_times(start_us, end_us)
 
 
@@ -52,6 +58,12 @@ class CountCuts:
 
     def __len__(self) -> int:
         return self.count
+
+    def bounds(self, access: RandomAccess, index: int) -> tuple[int, int]:
+        first = self.first + index * self.stride
+        ends = (access.read(number, number + 1) for number in (first, first + self.events - 1))
+        start_us, last_us = (int(event["t"][0]) for event in ends)
+        return start_us, last_us + 1
 
     def window(self, access: RandomAccess, index: int) -> tuple[int, int, EventArray]:
         first = self.first + index * self.stride
@@ -68,8 +80,12 @@ class FrameCuts:
     def __len__(self) -> int:
         return max(len(self.t_us) - 1, 0)
 
-    def window(self, access: RandomAccess, index: int) -> tuple[int, int, EventArray]:
+    def bounds(self, access: RandomAccess, index: int) -> tuple[int, int]:
         start_us, end_us = self.t_us[index : index + 2].tolist()
+        return start_us, end_us
+
+    def window(self, access: RandomAccess, index: int) -> tuple[int, int, EventArray]:
+        start_us, end_us = self.bounds(access, index)
         return start_us, end_us, access.read_times(start_us, end_us)
 
 

@@ -16,6 +16,7 @@ from ..._util.close_names import names_checked
 from ..._util.untrusted import MAX_PACKET_BYTES
 from ...geometry.pose import GroundTruth, Pose
 from ...io.dataset.files import LATEST_START_US
+from ...io.dataset.reader import Dataset
 from ...io.dataset.text_folder import StampedImage
 from ...io.files.random_access import RandomAccess
 from ...sensor.imu import IMU_DTYPE
@@ -104,7 +105,7 @@ class EventWindows(Sequence[EventWindow]):
             self._cuts = CountCuts(first, count, stride, windows_that_fit(stop - first, count, stride))
         else:
             self._cuts = self._frame_cuts()
-        self._numbers = range(len(self._cuts))
+        self._numbers: Sequence[int] = range(len(self._cuts))
 
     def __len__(self) -> int:
         return len(self._numbers)
@@ -128,6 +129,30 @@ class EventWindows(Sequence[EventWindow]):
     def __repr__(self) -> str:
         return f"<EventWindows of {self.path} by {self.by}, {len(self):,} windows, {self._access.events:,} events>"
 
+    def with_images(self, *kinds: str) -> EventWindows:
+        """Return the windows that have at least one image of each kind.
+
+        Args:
+            kinds: ``frames``, ``depth``, ``flow``, ``displacement`` or ``masks``.
+
+        Raises:
+            ValueError: for another kind, or windows of a file, which has no images.
+        """
+        strange = [kind for kind in kinds if kind not in _KINDS]
+        if strange:
+            raise ValueError(f"images are {', '.join(_KINDS)}, got {', '.join(strange)}")
+        if self.dataset is None:
+            raise ValueError(f"{self.path} is a file, which has no images: windows of a dataset folder may have some")
+        times = [_times(_KINDS[kind](self.dataset)) for kind in kinds]
+
+        def has_all(number: int) -> bool:
+            start_us, end_us = self._cuts.bounds(self._access, number)
+            return all(len(t_us[slice(*np.searchsorted(t_us, (start_us, self._until(end_us))))]) for t_us in times)
+
+        chosen = copy.copy(self)
+        chosen._numbers = [number for number in self._numbers if has_all(number)]
+        return chosen
+
     def close(self) -> None:
         """Let go of the file; it is opened again when a window is asked for."""
         self._access.close()
@@ -148,11 +173,15 @@ class EventWindows(Sequence[EventWindow]):
             raise ValueError(f"{self.path}: frames must follow each other in time, without two at one instant")
         return FrameCuts(t_us[(t_us >= self._first_us) & (t_us <= self._stop_us)])
 
+    def _until(self, end_us: int) -> int:
+        """Return before when a window's images lie."""
+        return end_us + 1 if self.by == "frames" else end_us
+
     def _of_folder(self, start_us: int, end_us: int) -> dict[str, Any]:
         """Return what a folder has of a window."""
         if (folder := self.dataset) is None:
             return {}
-        until_us = end_us + 1 if self.by == "frames" else end_us
+        until_us = self._until(end_us)
         imu, poses = folder.imu, folder.groundtruth
         samples = slice(*np.searchsorted(imu["t"], (start_us, end_us)))
         return {
@@ -165,6 +194,16 @@ class EventWindows(Sequence[EventWindow]):
             "start_pose": _pose_at(poses, start_us),
             "end_pose": _pose_at(poses, end_us),
         }
+
+
+_KINDS: dict[str, Callable[[Dataset], list[StampedImage]]] = {
+    "frames": lambda folder: folder.frames,
+    "depth": lambda folder: folder.depth_maps,
+    "flow": lambda folder: folder.flow_maps,
+    "displacement": lambda folder: folder.displacements,
+    "masks": lambda folder: folder.masks,
+}
+"""The images of a folder, by what they are called."""
 
 
 def _times(images: list[StampedImage]) -> npt.NDArray[np.int64]:
