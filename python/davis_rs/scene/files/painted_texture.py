@@ -48,6 +48,9 @@ _FLATTEST, _LONGEST = 1e-3, 64
 coordinates do not tell where on it a point is. And the most texels on a side of that patch."""
 
 
+_FARTHEST = 1 << 40
+"""No part of a texel has a larger number: the smallest steps of float64 must lie between them."""
+
 _UNTURNED = np.array([0.5, 0.5, 1.0])
 
 
@@ -78,8 +81,8 @@ class Patches(NamedTuple):
 
     @classmethod
     def of(cls, grid: tuple[int, int], uv: FloatArray, colours: FloatArray) -> Patches | None:
-        """Return the patches of triangles; None where they would have more than :data:`MOST_TEXELS`, or
-        be more than :data:`MOST_PATCHES`.
+        """Return the patches of triangles; None where they would be more than :data:`MOST_PATCHES`, have more than
+        :data:`MOST_TEXELS`, or lie too far away in the texture.
 
         Args:
             grid: columns and rows.
@@ -102,6 +105,8 @@ class Patches(NamedTuple):
         parts = np.clip(np.ceil(np.sqrt(slope / (4 * _ERROR))), 1, _FINEST)
         parts = np.maximum(parts, np.where(extent < 1, np.ceil(_FEWEST / extent), 1)).astype(np.int64)
         parts = np.where(flat, 0, parts + (parts + 1) % 2)
+        if (np.abs(corners).max((1, 2)) * np.maximum(parts, 1)).max(initial=0) > _FARTHEST:
+            return None
         first = np.floor(low * parts[:, None] - 0.5).astype(np.int64)
         size = np.floor(high * parts[:, None] - 0.5).astype(np.int64) + 2 - first
         size[flat] = np.minimum(2 * np.ceil(extent[flat, None]) + 2, _LONGEST)
