@@ -326,6 +326,21 @@ def test_numbers_that_only_rounding_put_beyond_their_bounds_are_taken(tmp_path: 
     assert read_ply(tmp_path / "c.ply", Budget(tmp_path / "c.ply"))[0].lost == ("transparency",)
 
 
+@pytest.mark.parametrize(("colour", "lost"), [("1 1 1", ()), ("1 1 0.5", ("colours of vertices",))])
+def test_colours_of_vertices_next_to_a_material_are_told_as_lost(
+    tmp_path: Path, colour: str, lost: tuple[str, ...]
+) -> None:
+    """The material's are shown; white ones say nothing."""
+    (tmp_path / "m.mtl").write_text("newmtl paint\nKd 0.2 0.4 0.6\n")
+    (tmp_path / "m.obj").write_text(
+        f"mtllib m.mtl\nv 0 0 0 {colour}\nv 1 0 0 1 1 1\nv 0 1 0 1 1 1\nusemtl paint\nf 1 2 3\n"
+    )
+    (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
+    np.testing.assert_array_equal(part.reflectance, [0.2, 0.4, 0.6])
+    assert part.colours is None
+    assert tuple(what.split(" (")[0] for what in part.lost) == lost
+
+
 BROKEN_PLY = {
     "not ply": (b"plyx\n", "not a PLY file"),
     "no end": (b"ply\nformat ascii 1.0\n", "not a PLY file"),

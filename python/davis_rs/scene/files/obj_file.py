@@ -20,13 +20,14 @@ from ..texture_file import EncodedTexture, TextureFiles
 from ..textures import from_srgb
 from .alpha_mask import blended, masked
 from .mtl_file import Materials, text_lines
-from .rounding import within
+from .rounding import ROUNDING, within
 from .triangulation import cut_polygons
 
 _WIDTH = {"v": 3, "vt": 2, "vn": 3}
 _UNREAD = {"curv", "curv2", "surf", "call"}
 _FACE_BYTES = 9 * 8 * 2
 """Bytes of a triangle's indices, while the faces are joined."""
+_COLOURS = "colours of vertices (those of the material are shown)"
 _WITHOUT_SURFACE = {"p": "points", "l": "lines"}
 
 
@@ -34,7 +35,8 @@ def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
     """Read the parts of an OBJ file, one for each material that faces use, in the order of first use.
 
     Polygons are cut into triangles; ``v x y z r g b`` gives a colour (sRGB) to the vertices of faces without a
-    material. Points, lines and faces without area have no surface: they are left out. Groups have no meaning here.
+    material; next to one it is told as lost, because programs disagree on what it means there. Points, lines and faces
+    without area have no surface: they are left out. Groups have no meaning here.
 
     Material files and textures must lie in the mesh's folder, or below.
 
@@ -223,6 +225,8 @@ class _ObjFile:
                 emission, told = emission.linear().mean((0, 1), np.float64), (*told, MEAN_EMISSION)
             else:
                 emission.charge(self.budget, f"the material {material!r}")
+        if colours is not None and (colours[position] < 1 - ROUNDING).any():
+            told = (*told, _COLOURS)
         lost = tuple(dict.fromkeys([*materials.lost(material), *told]))
         if isinstance(reflectance, EncodedTexture):
             if uv is None:
