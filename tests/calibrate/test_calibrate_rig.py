@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from dataclasses import replace
 from functools import lru_cache
@@ -124,29 +123,21 @@ def test_what_cannot_be_told_is_refused() -> None:
     with pytest.raises(ValueError, match="two cameras or more, got 1"):
         calibrate_rig([first], readings)
     later = views(np.arange(0.021, 2.0, 0.07), SECOND, 5.0, 0.05, 3)
-    with pytest.raises(ValueError, match=r"camera 1 sees the board in 0 frames while camera 0 .* 0\.05 s apart"):
+    with pytest.raises(ValueError, match=r"camera 1 sees the board in 0 frames while camera 0 .* 1 s apart"):
         calibrate_rig([first, later], readings)
 
 
-@pytest.mark.parametrize("lag_ms", [51.0, -51.0, 80.0, -300.0])
-def test_clocks_that_are_too_far_apart_are_told(lag_ms: float) -> None:
-    """By how much, so that times can be brought closer; up to 50 ms they are found."""
+@pytest.mark.parametrize("lag_ms", [51.0, -51.0, 80.0, pytest.param(-300.0, marks=pytest.mark.long), 900.0])
+def test_clocks_that_are_far_apart_are_found(lag_ms: float) -> None:
+    """Of a camera and of the IMU, the one early and the other late."""
     first = poses(4.0)[0]
     second = views(np.arange(0.5, 3.5, 0.07), SECOND, lag_ms * 1e-3, 0.05, 5)
-    readings = simulate_imu(path().crop(0.0, 4.0), IMU, seed=0)
-    late = readings.copy()
-    late["t"] += round(lag_ms * 1e3)
-    if abs(lag_ms) < 52:
-        result = calibrate_rig([first, second], late, noise=NOISE)
-        assert result.others[0].lag_s == pytest.approx(lag_ms * 1e-3, abs=2e-4)
-        assert result.camera_imu.lag_s == pytest.approx(lag_ms * 1e-3 + 0.0024, abs=2e-4)
-        return
-    for cameras, imu, name in (([first, second], readings, "camera 1"), ([first, first], late, "the IMU")):
-        with pytest.raises(ValueError, match=f"the clock of {name} seems to be .* from that of camera 0") as refusal:
-            calibrate_rig(cameras, imu, noise=NOISE)
-        shift = re.search(r"up to 50 ms are found .* by ([+-]\d\.\d+) s first", str(refusal.value))
-        assert shift is not None
-        assert float(shift[1]) == pytest.approx(-lag_ms * 1e-3, abs=0.006)
+    readings = simulate_imu(path().crop(0.0, 4.0), IMU, seed=0).copy()
+    readings["t"] -= round(lag_ms * 1e3)
+    result = calibrate_rig([first, second], readings, noise=NOISE)
+    assert result.others[0].lag_s == pytest.approx(lag_ms * 1e-3, abs=2e-4)
+    assert result.camera_imu.lag_s == pytest.approx(-lag_ms * 1e-3 + 0.0024, abs=2e-4)
+    assert degrees_between(result.others[0].first_other, SECOND) < 0.02
 
 
 @pytest.mark.long

@@ -109,6 +109,25 @@ def test_frames_between_begin_and_end_as_the_frames() -> None:
     assert np.abs(near[1] - frames[1]).max() < 1e-5
 
 
+@pytest.mark.parametrize(("dark", "bright"), [(0.04, 0.7), (0.7, 0.04)])
+def test_hard_edges_do_not_swing(dark: float, bright: float) -> None:
+    """A square that moves by 3 px a frame: light between stays within that of the frames, and events are those of many
+    frames. A swing below the darkest light would be three times as many."""
+
+    def frame(left: float) -> npt.NDArray[np.float32]:
+        image = np.full((HEIGHT, WIDTH), dark, np.float32)
+        image[15 : HEIGHT - 15, round(left) : round(left) + 20] = bright
+        return image
+
+    frames = np.stack([frame(10 + 3 * k) for k in range(8)])
+    made = FlowFinder().between(frames[2], frames[3]).frames(np.linspace(0, 1, 9), [frames[2]], [frames[3]])
+    for [image] in made:
+        assert image.min() >= min(dark, bright) - 1e-6
+        assert image.max() <= max(dark, bright) + 1e-6
+    truth = events(np.stack([frame(10 + k) for k in range(22)]), "linear")
+    assert len(events(frames, "flow")) == pytest.approx(len(truth), rel=0.03)
+
+
 def test_what_is_hidden_comes_from_the_frame_that_shows_it() -> None:
     """A bright bar moves over a texture: what it uncovers is in the second frame alone, what it covers in the first."""
 

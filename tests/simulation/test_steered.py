@@ -126,10 +126,13 @@ def test_an_open_shutter_sees_earlier_steps() -> None:
     [
         (
             {"objects": {"bin": LOOK}},
-            r"'bin' follows the scene: scene.with_movable\('bin'\) makes it the caller's",
+            r"of objects, 'bin' is not the caller's \(the caller's: 'box'\); scene.with_movable names them before",
         ),
-        ({"objects": {"floor": LOOK}}, "of objects, 'floor' follows the scene"),
-        ({"lights": {"sun": 1.0}}, r"of lights, 'sun' follows the scene: scene.with_movable\(lights=\['sun'\]\)"),
+        ({"objects": {"floor": LOOK}}, "of objects, 'floor' is not the caller's"),
+        (
+            {"lights": {"sun": 1.0}},
+            r"of lights, 'sun' is not the caller's \(the caller's: 'lamp'\); scene.with_movable",
+        ),
         ({"objects": {"box": np.zeros((4, 4))}}, r"objects\['box'\] must be a Pose"),
         ({"lights": {"lamp": -0.5}}, r"lights\['lamp'\] must be .*>= 0.* -0.5"),
         ({"lights": {"lamp": float("nan")}}, r"lights\['lamp'\] must be"),

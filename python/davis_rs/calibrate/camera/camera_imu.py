@@ -129,7 +129,7 @@ def camera_imu_of(problem: InertialProblem, solution: InertialState) -> CameraIm
     rate, acceleration, corners = problem.scatter(solution)
     return CameraImu(
         imu_camera=transform(solution.rotation, -solution.rotation @ solution.lever),
-        lag_s=solution.lag_s,
+        lag_s=solution.lag_s + problem.imu_shift_s,
         gyroscope_bias=solution.gyroscope_bias,
         accelerometer_bias=solution.accelerometer_bias,
         gravity=solution.gravity,

@@ -36,15 +36,15 @@ class CameraViews:
     """Holds the board's poses that a camera found, with their accuracy.
 
     Attributes:
-        t_s: (n,) times, seconds.
+        t_s: (n,) times, seconds, less ``shift_s``.
         turns, positions: (n, 3, 3) and (n, 3), T_board_camera.
         pixel: noise of an axis of a corner, as far as the corners tell.
         whiten: (n, 6, 6), from small motions in camera axes to units of their noise.
     """
 
-    def __init__(self, poses: Sequence[BoardPose]) -> None:
+    def __init__(self, poses: Sequence[BoardPose], shift_s: float = 0.0) -> None:
         matrices = np.stack([pose.matrix for pose in poses])
-        self.t_s = np.array([pose.view.t_us for pose in poses]) * 1e-6
+        self.t_s = np.array([pose.view.t_us for pose in poses]) * 1e-6 - shift_s
         self.turns, self.positions = matrices[:, :3, :3], matrices[:, :3, 3]
         self.pixel = float(np.sqrt(np.mean([pose.rms_px**2 / 2 for pose in poses])))
         information = np.stack([pose.information for pose in poses]) / self.pixel**2

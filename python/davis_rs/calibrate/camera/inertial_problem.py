@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,9 @@ from .body_spline import BodySpline, right_jacobian
 from .camera_views import FIRST_CAMERA, CameraViews, RelativeCamera
 from .levenberg_marquardt import solve
 from .reprojection import cross_matrix, rotation_of, vector_of
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -32,13 +35,13 @@ _TURN_DEVIATION, _POSITION_DEVIATION = 1.0, 100.0
 """The standard deviation of the splines' coefficients, rad and m. It only settles those that no measurement reaches."""
 
 _LONGEST_LAG_S, _LAG_STEP_S = 0.05, 0.0025
-"""Lags up to the first are taken; estimates begin at a multiple of the second."""
+"""Lags up to the first are fitted; fits begin at a multiple of the second."""
 
 _LAG_MARGIN_S = _LONGEST_LAG_S + 2 * _LAG_STEP_S
 """So far from where the board is not seen measurements must be, because lags move them."""
 
-_LONGEST_TOLD_LAG_S = 1.0
-"""Up to this, lags are looked for to be told in a message."""
+_FARTHEST_LAG_S, _COARSE_STEP_S = 1.0, 0.01
+"""Longer lags, up to the first, are looked for in steps of the second; then times are shifted by them."""
 
 _LONGEST_GAP_S = 0.5
 """Readings between two views that are farther apart than this are left out, because the path there is not known."""
@@ -112,6 +115,11 @@ class InertialProblem:
         readings: their noise is taken for white.
         others: the same of each further camera; what it saw while the first one did not see the board is left out.
 
+    Attributes:
+        shifts_s: of each further camera, by how much its times were too late, to a few milliseconds; 0 where its lag
+            may be fitted as it is. States, and what follows from them, are of shifted times.
+        imu_shift_s: the same of the IMU.
+
     Raises:
         ValueError: if the IMU or a further camera hardly overlaps with the first camera.
     """
@@ -127,9 +135,15 @@ class InertialProblem:
         self._views = CameraViews(poses)
         self._t = self._views.t_s
         self._spline = BodySpline(self._t, self._views.turns, knot_rate_hz)
-        self._others = [self._overlapping(number, views) for number, views in enumerate(others, 1)]
+        self.shifts_s = [self._shift_of(CameraViews(views)) for views in others]
+        self._others = [
+            self._overlapping(number, views, shift)
+            for number, (views, shift) in enumerate(zip(others, self.shifts_s, strict=True), 1)
+        ]
         self._tail = _TAIL + _OF_ANOTHER_CAMERA * len(self._others)
         lag = self._first_lag(readings)
+        self.imu_shift_s = lag if abs(lag) > _LONGEST_LAG_S else 0.0
+        readings, lag = readings._replace(t_s=readings.t_s - self.imu_shift_s), lag - self.imu_shift_s
         inside = self._seen(readings.t_s - lag, _LAG_MARGIN_S)
         if np.count_nonzero(inside) < _LEAST_READINGS:
             raise ValueError(
@@ -165,7 +179,7 @@ class InertialProblem:
         rotation, bias = _aligning(rates, r.rate)
         turns = self._spline.rotations(zero, r.t_s - self._lag)
         gravity = -(turns @ (rotation.T @ r.acceleration[..., None])).mean(0)[:, 0]
-        others = tuple(self._first_place(number, views) for number, views in enumerate(self._others, 1))
+        others = tuple(map(self._first_place, self._others))
         return InertialState(zero, zero, rotation, np.zeros(3), self._lag, bias, np.zeros(3), gravity, others)
 
     def moved(self, s: InertialState, step: FloatArray) -> InertialState:
@@ -331,44 +345,47 @@ class InertialProblem:
             [(at_views, views.whiten @ by_motion @ motion)], [(at_views, views.whiten @ by_place)], rows, basis.size
         )
 
-    def _overlapping(self, number: int, poses: Sequence[BoardPose]) -> CameraViews:
+    def _overlapping(self, number: int, poses: Sequence[BoardPose], shift_s: float) -> CameraViews:
         """Return a further camera's views while the first one sees the board, too, and a lag away from where not."""
-        inside = self._seen(np.array([pose.view.t_us for pose in poses]) * 1e-6, _LAG_MARGIN_S)
+        inside = self._seen(np.array([pose.view.t_us for pose in poses]) * 1e-6 - shift_s, _LAG_MARGIN_S)
         if np.count_nonzero(inside) < _LEAST_VIEWS:
             raise ValueError(
                 f"camera {number} sees the board in {np.count_nonzero(inside)} frames while camera 0 sees it, too, at "
-                f"least {_LEAST_VIEWS} are needed: are their clocks more than {_LONGEST_LAG_S:g} s apart?"
+                f"least {_LEAST_VIEWS} are needed: are their clocks more than {_FARTHEST_LAG_S:g} s apart?"
             )
-        return CameraViews([pose for pose, kept in zip(poses, inside, strict=True) if kept])
+        return CameraViews([pose for pose, kept in zip(poses, inside, strict=True) if kept], shift_s)
 
-    def _first_place(self, number: int, views: CameraViews) -> RelativeCamera:
-        """Return where a further camera is by the measured path of the first one, and the lag by which it is there
-        most steadily.
+    def _shift_of(self, views: CameraViews) -> float:
+        """Return by how much a further camera's times are too late, where that is more than can be fitted; else 0."""
+        lag = _lag_of_least(lambda lag_s: self._spread(views, lag_s))
+        return lag if abs(lag) > _LONGEST_LAG_S else 0.0
 
-        Raises:
-            ValueError: where its clock seems to be too far off.
-        """
+    def _relative(self, views: CameraViews, lag_s: float) -> Rotation:
+        """Return how a further camera is turned from the first one in each of its views, if its clock has a lag."""
         from scipy.spatial.transform import Rotation
 
+        t = views.t_s - lag_s
+        inside = self._seen(t, 0.0)
+        at = self._spline.rotations(np.zeros((self._spline.basis.size, 3)), t[inside])
+        return Rotation.from_matrix(np.swapaxes(at, 1, 2) @ views.turns[inside])
+
+    def _spread(self, views: CameraViews, lag_s: float) -> float:
+        """Return how unsteadily it is turned, radians."""
+        seen = np.count_nonzero(self._seen(views.t_s - lag_s, 0.0))
+        if seen < max(_LEAST_VIEWS, len(views.t_s) / 2):
+            return np.inf  # few views are steady by chance
+        turns = self._relative(views, lag_s)
+        return float(np.median((turns.mean().inv() * turns).magnitude()))
+
+    def _first_place(self, views: CameraViews) -> RelativeCamera:
+        """Return where a further camera is by the measured path of the first one, and the lag by which it is there
+        most steadily."""
         zero = np.zeros((self._spline.basis.size, 3))
-
-        def relative(lag_s: float) -> Rotation:
-            t = views.t_s - lag_s
-            inside = self._seen(t, 0.0)
-            at = self._spline.rotations(zero, t[inside])
-            return Rotation.from_matrix(np.swapaxes(at, 1, 2) @ views.turns[inside])
-
-        def spread(lag_s: float) -> float:
-            if np.count_nonzero(self._seen(views.t_s - lag_s, 0.0)) < _LEAST_VIEWS:
-                return np.inf
-            turns = relative(lag_s)
-            return float(np.median((turns.mean().inv() * turns).magnitude()))
-
-        lag = _lag_of_least(spread, f"camera {number}")
+        lag = _nearby(_lag_of_least(lambda lag_s: self._spread(views, lag_s)))
         t = views.t_s - lag
         path = np.stack([np.interp(t, self._t, axis) for axis in self._views.positions.T], 1)
         apart = np.einsum("nji,nj->ni", self._spline.rotations(zero, t), views.positions - path)
-        return RelativeCamera(np.asarray(relative(lag).mean().as_matrix()), np.median(apart, 0), lag)
+        return RelativeCamera(np.asarray(self._relative(views, lag).mean().as_matrix()), np.median(apart, 0), lag)
 
     def _in_camera(self, s: InertialState, lag_s: float) -> tuple[FloatArray, FloatArray]:
         """Return angular rate and specific force at the IMU, (n, 3) each, in camera axes, at the times of readings."""
@@ -388,11 +405,7 @@ class InertialProblem:
 
     def _first_lag(self, readings: Readings) -> float:
         """Return the lag to within a few milliseconds, from the turning speeds of both, which do not depend on the
-        axes.
-
-        Raises:
-            ValueError: where it seems to be too long.
-        """
+        axes."""
         zero = np.zeros((self._spline.basis.size, 3))
         inside = self._seen(readings.t_s, 2 * _LAG_MARGIN_S)
         t, speed = readings.t_s[inside], np.linalg.norm(readings.rate[inside], axis=1)
@@ -402,32 +415,36 @@ class InertialProblem:
         def difference(lag_s: float) -> float:
             at = t - lag_s
             seen = self._seen(at, 0.0)
-            if np.count_nonzero(seen) < _LEAST_READINGS:
+            if np.count_nonzero(seen) < max(_LEAST_READINGS, len(t) / 2):
                 return np.inf
             return float(np.std(np.linalg.norm(self._spline.rates(zero, at[seen]), axis=1) - speed[seen]))
 
-        return _lag_of_least(difference, "the IMU")
+        return _lag_of_least(difference)
 
 
-def _lag_of_least(difference: Callable[[float], float], name: str) -> float:
-    """Return the lag in seconds, to within a few milliseconds, by which something differs least from the first camera.
+def _lag_of_least(difference: Callable[[float], float]) -> float:
+    """Return the lag in seconds, to within a few milliseconds, by which something differs least from the first camera:
+    one that can be fitted, unless a longer one is clearly better."""
 
-    Raises:
-        ValueError: where a lag that is too long fits clearly better, with that lag.
-    """
-    steps = round(_LONGEST_LAG_S / _LAG_STEP_S)
-    lag = _LAG_STEP_S * min(range(-steps - 1, steps + 2), key=lambda k: difference(k * _LAG_STEP_S))
-    within = float(np.clip(lag, -_LONGEST_LAG_S, _LONGEST_LAG_S))
-    if lag == within:
-        return lag
-    far = np.arange(steps + 1, round(_LONGEST_TOLD_LAG_S / _LAG_STEP_S) + 1) * _LAG_STEP_S
-    told = min([*-far[::-1], *far], key=difference)
-    if difference(told) > difference(within) / 2:
-        return within  # where nothing turns, all lags fit alike
-    raise ValueError(
-        f"the clock of {name} seems to be {1e3 * told:+.0f} ms from that of camera 0, and up to "
-        f"{1e3 * _LONGEST_LAG_S:g} ms are found by this calibration: shift the times of {name} by {-told:+g} s first"
-    )
+    def best(lags_s: FloatArray) -> float:
+        return float(min(lags_s.tolist(), key=difference))
+
+    near = best(_even(0.0, _LONGEST_LAG_S, _LAG_STEP_S))
+    far = best(_even(0.0, _FARTHEST_LAG_S, _COARSE_STEP_S))
+    far = best(_even(far, _COARSE_STEP_S, _LAG_STEP_S))
+    # Where nothing turns, all lags are alike.
+    return far if 2 * difference(far) <= difference(near) else near
+
+
+def _even(middle: float, reach: float, step: float) -> FloatArray:
+    """Return even numbers as far as ``reach`` on both sides of a middle."""
+    count = round(reach / step)
+    return np.asarray(middle + step * np.arange(-count, count + 1))
+
+
+def _nearby(lag_s: float) -> float:
+    """Return the nearest lag that can be fitted."""
+    return float(np.clip(lag_s, -_LONGEST_LAG_S, _LONGEST_LAG_S))
 
 
 def _aligning(rates: FloatArray, readings: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -96,7 +96,7 @@ def calibrate_rig(
 
     All cameras look at the same checkerboard. Splines describe the path of the IMU, and what they say of each camera's
     board poses, of angular rates and of specific forces is fitted by least squares. So frames of different cameras need
-    not be of the same instants. Clocks may be 50 ms apart. Their drift is not estimated.
+    not be of the same instants. Clocks may be a second apart. Their drift is not estimated.
 
     Args:
         camera_poses: of two or more cameras, each at least ten frames by its own clock. The first camera must see the
@@ -120,7 +120,7 @@ def calibrate_rig(
         tuple(
             CameraCamera(
                 first_other=transform(other.rotation, other.place),
-                lag_s=other.lag_s,
+                lag_s=other.lag_s + problem.shifts_s[k - 1],
                 covariance=covariance[7 * k : 7 * k + 7, 7 * k : 7 * k + 7],
                 corner_rms_px=corners[k],
                 views=problem.views[k],

@@ -46,7 +46,8 @@ class EventWindows(Sequence[EventWindow]):
         count: by count: how many events a window has.
         stride: by count: from the first event of a window to that of the next, in events; ``count`` if not given.
         start_us, stop_us: only windows that lie within start_us <= t < stop_us. Where not given: from 0 in a folder
-            whose events begin within an hour, and else from the first event, to the last event.
+            whose events begin within an hour, to the end that its meta.json states; else from the first event to the
+            last one.
         size: (width, height) of the sensor in pixels, where neither the file nor what lies next to it says.
         max_packet_bytes: see :func:`davis_rs.open_reader`.
 
@@ -159,11 +160,12 @@ class EventWindows(Sequence[EventWindow]):
 
     def _limits(self, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
         """Return where the first window may begin, and the last one end."""
-        first_us = self._access.first_us or 0
+        first_us, last_us = self._access.first_us or 0, self._access.last_us
+        end_us = first_us if last_us is None else last_us + 1
         if self.dataset is not None and first_us <= LATEST_START_US:
             first_us = 0
-        last_us = self._access.last_us
-        end_us = first_us if last_us is None else last_us + 1
+            duration_us = self.dataset.meta.get("duration_us")
+            end_us = max(end_us, duration_us if isinstance(duration_us, int) else 0)
         return first_us if start_us is None else start_us, end_us if stop_us is None else stop_us
 
     def _frame_cuts(self) -> FrameCuts:

@@ -168,7 +168,7 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
                 )
     for name in motion.deformations:
         with obstacles.collect():
-            raise Unsuitable("deforms: light cannot be baked on it", "take the native renderer", f"object {name!r}")
+            raise Unsuitable("deforms: light cannot be baked on it", "bake a scene without it", f"object {name!r}")
     for shape in () if scene.soft_light else small_lamps(loaded):
         with obstacles.collect():
             if shape.id() in motion.objects:
@@ -177,7 +177,7 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
     meshes = [shape for shape in loaded.shapes() if shape.is_mesh()]
     if scene.soft_light and not by_name:
         with obstacles.collect():
-            if motion.objects:
+            if motion.objects and not motion.deformations:
                 raise Unsuitable("light of objects that move is baked on request alone", _ASK)
         with obstacles.collect():
             sides = sum(shape.face_count() * _sides(shape) for shape in meshes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,18 +126,18 @@ class SceneMotion:
         for name in objects:
             if name not in self._paths:
                 raise ArgumentError(
-                    "of {objects}, {!r} follows the scene: scene.with_movable({!r}) makes it the caller's, before the "
-                    "simulator is made",
+                    "of {objects}, {!r} is not the caller's ({}); scene.with_movable names them before the simulator "
+                    "is made",
                     name,
-                    name,
+                    _listed(self._paths),
                 )
         for name in lights:
             if name not in self._strengths:
                 raise ArgumentError(
-                    "of {lights}, {!r} follows the scene: scene.with_movable(lights=[{!r}]) makes it the caller's, "
-                    "before the simulator is made",
+                    "of {lights}, {!r} is not the caller's ({}); scene.with_movable(lights=...) names them before the "
+                    "simulator is made",
                     name,
-                    name,
+                    _listed(self._strengths),
                 )
         poses = {name: as_pose(pose, f"objects[{name!r}]") for name, pose in objects.items()}
         for name, factor in lights.items():
@@ -247,3 +247,8 @@ def _checked(name: str, quantity: str, values: npt.ArrayLike, t_s: FloatArray, l
         rule = "finite and >= 0" if least == 0 else "finite"
         raise ValueError(f"the {quantity} of light {name!r} must be {rule}, got {array[wrong][0]} at {t_s[wrong][0]} s")
     return array
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Say which names there are."""
+    return f"the caller's: {', '.join(map(repr, names))}" if names else "there are none"

@@ -169,9 +169,9 @@ class FlowPair:
         for _ in range(_TURNS):
             moved = cv2.remap(flow, x - step * moved[..., 0], y - step * moved[..., 1], cv2.INTER_LINEAR, None, _BORDER)
         from_x, from_y = x - step * moved[..., 0], y - step * moved[..., 1]
-        moved_planes = [cv2.remap(plane, from_x, from_y, cv2.INTER_CUBIC, None, _BORDER) for plane in planes]
+        moved_planes = [_looked_up(plane, from_x, from_y) for plane in planes]
         sure = cv2.remap(seen, from_x, from_y, cv2.INTER_LINEAR, None, _BORDER)
-        return [np.maximum(plane, 0, out=plane) for plane in moved_planes], sure
+        return moved_planes, sure
 
 
 _FLOOR = np.float32(1e-3)
@@ -179,6 +179,22 @@ _FLOOR = np.float32(1e-3)
 
 _BORDER = 1
 """OpenCV's BORDER_REPLICATE: what comes in over the edge looks as the edge does."""
+
+
+def _looked_up(plane: LumaFrame, x: LumaFrame, y: LumaFrame) -> LumaFrame:
+    """Return a plane at places between its pixels by cubics, within the range of the four pixels around each.
+
+    Beyond that range cubics swing at hard edges. In log intensity a swing towards 0 would be many events.
+    """
+    cv2 = _opencv()
+    found = cv2.remap(plane, x, y, cv2.INTER_CUBIC, None, _BORDER)
+    # The corner pixel of the four is that at the floor; four pixels are a square of two.
+    corner, four = (np.floor(x), np.floor(y)), np.ones((2, 2), np.uint8)
+    least, most = (
+        cv2.remap(filtered(plane, four, anchor=(0, 0), borderType=_BORDER), *corner, cv2.INTER_NEAREST, None, _BORDER)
+        for filtered in (cv2.erode, cv2.dilate)
+    )
+    return np.asarray(np.clip(found, least, most), np.float32)
 
 
 def _grid(height: int, width: int) -> tuple[LumaFrame, LumaFrame]:

@@ -46,8 +46,10 @@ pub(crate) struct Envelopes<Depth> {
     pub(super) segments: Vec<Vec<Segment>>,
     spare: Vec<Segment>,
     depths: Vec<Depth>,
-    /// Of each line the inverse depth behind which nothing is seen.
+    /// Of each line the inverse depth behind which nothing is seen, and whether it sees something else since that was
+    /// found.
     hidden: Vec<f32>,
+    changed: Vec<bool>,
     intervals: Intervals,
     /// The index of a triangle that covers the tile behind all that was let in; None for nothing.
     pub(super) behind: Option<u32>,
@@ -69,6 +71,8 @@ impl<Depth: LineDepth> Envelopes<Depth> {
         self.segments.iter_mut().for_each(Vec::clear);
         self.hidden.clear();
         self.hidden.resize(pattern.heights.len(), 0.0);
+        self.changed.clear();
+        self.changed.resize(pattern.heights.len(), true);
         self.depths.clear();
         self.behind = None;
         // What was let in is nowhere farther than this.
@@ -121,7 +125,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 triangles")]
     fn let_in(&mut self, number: usize, nearest: f32, is_behind: bool, (pattern, ends): (&LinePattern, &LineEnds)) {
-        let Self { segments, spare, depths, hidden, intervals, .. } = self;
+        let Self { segments, spare, depths, hidden, changed, intervals, .. } = self;
         for list in ends.lists.clone() {
             if !intervals.any(list) {
                 continue;
@@ -133,11 +137,16 @@ impl<Depth: LineDepth> Envelopes<Depth> {
                 intervals.each(line, |left, right| {
                     let new = Segment { left, right, candidate: number as u32 };
                     let of_line = &mut segments[line];
+                    let depths = (depths.as_slice(), pattern.heights[line]);
                     if of_line.is_empty() {
                         of_line.push(new);
-                    } else if insert(of_line, spare, (depths, pattern.heights[line]), new, is_behind) {
+                    } else if is_seen(of_line, depths, new, is_behind) {
+                        insert(of_line, spare, depths, new, is_behind);
                         std::mem::swap(of_line, spare);
+                    } else {
+                        return;
                     }
+                    changed[line] = true;
                 });
             }
         }
@@ -147,7 +156,9 @@ impl<Depth: LineDepth> Envelopes<Depth> {
     fn closed(&mut self, pattern: &LinePattern, ends: &LineEnds) -> f32 {
         let mut least = f32::INFINITY;
         for (line, left, right) in ends.each() {
-            self.hidden[line] = closed(&self.segments[line], &self.depths, pattern.heights[line], (left, right));
+            if std::mem::take(&mut self.changed[line]) {
+                self.hidden[line] = closed(&self.segments[line], &self.depths, pattern.heights[line], (left, right));
+            }
             least = least.min(self.hidden[line]);
         }
         least
@@ -169,23 +180,49 @@ fn put(segments: &mut Vec<Segment>, left: f32, right: f32, candidate: u32) {
     }
 }
 
-/// Lets a triangle be seen where it is nearer than what was seen so far; says whether that changes anything. One that is
-/// known to be behind all of that is seen in gaps alone.
+/// Returns whether a triangle is nearer anywhere than what was seen so far. One that is known to be behind all of that is
+/// seen in gaps alone.
+fn is_seen<Depth: LineDepth>(
+    old: &[Segment],
+    (depths, height): (&[Depth], f32),
+    new: Segment,
+    is_behind: bool,
+) -> bool {
+    let depth = &depths[new.candidate as usize];
+    let mut at = new.left;
+    for segment in old {
+        if segment.left.min(new.right) - at > LEAST {
+            return true;
+        }
+        if segment.left >= new.right {
+            return false;
+        }
+        at = at.max(segment.right);
+        let (left, right) = (segment.left.max(new.left), segment.right.min(new.right));
+        if !is_behind
+            && right - left > LEAST
+            && depth.nearer(&depths[segment.candidate as usize], height, (left, right)).is_some()
+        {
+            return true;
+        }
+    }
+    new.right - at > LEAST
+}
+
+/// Lets a triangle be seen where it is nearer than what was seen so far, as [`is_seen`] has found that it is somewhere.
 fn insert<Depth: LineDepth>(
     old: &[Segment],
     out: &mut Vec<Segment>,
     (depths, height): (&[Depth], f32),
     new: Segment,
     is_behind: bool,
-) -> bool {
+) {
     out.clear();
     let depth = depths[new.candidate as usize];
-    let (mut at, mut changed) = (new.left, false);
+    let mut at = new.left;
     for segment in old {
         if at < segment.left && at < new.right {
-            let end = segment.left.min(new.right);
-            changed |= end - at > LEAST;
-            put(out, at, end, new.candidate);
+            put(out, at, segment.left.min(new.right), new.candidate);
         }
         at = at.max(segment.right);
         let (left, right) = (segment.left.max(new.left), segment.right.min(new.right));
@@ -198,7 +235,6 @@ fn insert<Depth: LineDepth>(
             put(out, segment.left, segment.right, segment.candidate);
             continue;
         };
-        changed = true;
         let mut done = segment.left;
         for [from, to] in nearer {
             put(out, done, from, segment.candidate);
@@ -208,10 +244,8 @@ fn insert<Depth: LineDepth>(
         put(out, done, segment.right, segment.candidate);
     }
     if at < new.right {
-        changed |= new.right - at > LEAST;
         put(out, at, new.right, new.candidate);
     }
-    changed
 }
 
 /// Returns the inverse depth behind which nothing is seen on a line.
