@@ -244,7 +244,7 @@ def test_all_cameras_see_what_a_caller_moves(offset_s: float, drift: float) -> N
 def test_a_rig_refuses_to_move_what_follows_the_scene() -> None:
     """One line says which; nothing has moved then."""
     rig = RigSimulator(BOXES.with_movable("box"), pair(), rays_per_pixel=2, sampling=FixedRate(1000))
-    with pytest.raises(ArgumentError, match="of objects, 'floor' follows the scene"):
+    with pytest.raises(ArgumentError, match="of objects, 'floor' is not the caller's"):
         rig.step(0, ABOVE, objects={"floor": ABOVE})
     assert rig.step(0, ABOVE)
 
