@@ -43,8 +43,8 @@ def find_corners(image: npt.NDArray[np.uint8], board: Checkerboard) -> FloatArra
 
     The frame's contrast is stretched and gamma-coded, and the board looked for in an enlargement; then each corner is
     refined in the frame itself, in linear light, within a window that holds no other: first by OpenCV's
-    ``cornerSubPix``, then by a fit to what each pixel integrates over its area (:mod:`.corner_fit`). The
-    board looks alike upside down but for its colours; these decide which corner is the first.
+    ``cornerSubPix``, then by a fit to what each pixel integrates over its area. The board looks alike upside down but
+    for its colours; these decide which corner is the first.
 
     Raises:
         ValueError: if the image is not uint8 (H, W).
