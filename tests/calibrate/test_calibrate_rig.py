@@ -140,6 +140,16 @@ def test_clocks_that_are_far_apart_are_found(lag_ms: float) -> None:
     assert degrees_between(result.others[0].first_other, SECOND) < 0.02
 
 
+def test_a_camera_may_see_the_board_for_longer_than_the_first() -> None:
+    """Most of its views are of times of which nothing else is known; that says nothing of its clock."""
+    first = [pose for pose in poses(4.0)[0] if 1e6 <= pose.view.t_us <= 2.5e6]
+    result = calibrate_rig([first, poses(4.0)[1]], simulate_imu(path().crop(0.0, 4.0), IMU, seed=0), noise=NOISE)
+    (other,) = result.others
+    assert 2 * other.views < len(poses(4.0)[1])
+    assert other.lag_s == pytest.approx(LAG_S, abs=3e-4)
+    assert degrees_between(other.first_other, SECOND) < 0.05
+
+
 @pytest.mark.long
 def test_the_command_reads_the_folder_of_a_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of simulated frames: the camchain, with an IMU, is a rig file with the places and clocks of the rig."""

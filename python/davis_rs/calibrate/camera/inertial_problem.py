@@ -371,8 +371,8 @@ class InertialProblem:
 
     def _spread(self, views: CameraViews, lag_s: float) -> float:
         """Return how unsteadily it is turned, radians."""
-        seen = np.count_nonzero(self._seen(views.t_s - lag_s, 0.0))
-        if seen < max(_LEAST_VIEWS, len(views.t_s) / 2):
+        seen, at_zero = (np.count_nonzero(self._seen(views.t_s - lag, 0.0)) for lag in (lag_s, 0.0))
+        if seen < max(_LEAST_VIEWS, at_zero / 2):
             return np.inf  # few views are steady by chance
         turns = self._relative(views, lag_s)
         return float(np.median((turns.mean().inv() * turns).magnitude()))
@@ -432,14 +432,14 @@ def _lag_of_least(difference: Callable[[float], float]) -> float:
     near = best(_even(0.0, _LONGEST_LAG_S, _LAG_STEP_S))
     far = best(_even(0.0, _FARTHEST_LAG_S, _COARSE_STEP_S))
     far = best(_even(far, _COARSE_STEP_S, _LAG_STEP_S))
-    # Where nothing turns, all lags are alike.
-    return far if 2 * difference(far) <= difference(near) else near
+    # Where nothing turns, or too little is seen, all lags are alike.
+    return far if np.isfinite(difference(far)) and 2 * difference(far) <= difference(near) else near
 
 
 def _even(middle: float, reach: float, step: float) -> FloatArray:
-    """Return even numbers as far as ``reach`` on both sides of a middle."""
-    count = round(reach / step)
-    return np.asarray(middle + step * np.arange(-count, count + 1))
+    """Return even numbers as far as ``reach`` on both sides of a middle, from there outwards."""
+    away = step * np.arange(1, round(reach / step) + 1)
+    return middle + np.concatenate([[0.0], np.stack([away, -away], 1).ravel()])
 
 
 def _nearby(lag_s: float) -> float:
