@@ -17,7 +17,7 @@ from davis_rs.render.motion.scene_updates import scene_motion
 from davis_rs.render.rays.camera_rays import ray_table
 from davis_rs.render.rays.shadow_rays import END, STEP
 from davis_rs.render.scene_tables.scene_table import SceneTable
-from davis_rs.render.texels import bilinear
+from davis_rs.scene.texel_lookup import bilinear
 from ray_caster import met
 
 FloatArray = npt.NDArray[np.float64]

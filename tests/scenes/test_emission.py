@@ -21,8 +21,9 @@ from davis_rs.render.choice import RENDERER_KINDS, NoiseFreeKind, make_renderer
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.render.obstacles import Unsuitable
 from davis_rs.render.scene_tables.emissive_textures import TextureImage, alike
-from davis_rs.render.texels import Texels, bilinear
+from davis_rs.render.texels import Texels
 from davis_rs.scene.light_profile import SampledProfile
+from davis_rs.scene.texel_lookup import bilinear
 from davis_rs.scene.textures import from_srgb
 from gltf_files import CORNERS, FACES, UV, Gltf, png, quad
 

@@ -23,10 +23,10 @@ from davis_rs.render.diffuse_materials import children
 from davis_rs.render.finishes import read_finish
 from davis_rs.render.scene_cache import shared_scenes
 from davis_rs.render.scene_tables.scene_table import SceneTable
-from davis_rs.render.texels import WRAP_MODES
 from davis_rs.render.truth import lost_look_fractions
 from davis_rs.scene.files import gltf_mesh
 from davis_rs.scene.lost_looks import BACKS
+from davis_rs.scene.texel_lookup import WRAP_MODES
 from davis_rs.scene.textures import from_srgb
 from gltf_files import CORNERS, FACES, UV, Gltf, png, quad, with_camera
 

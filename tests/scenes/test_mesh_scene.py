@@ -22,12 +22,12 @@ from davis_rs._util.budget import Budget
 from davis_rs.events.luma import LUMA_WEIGHTS
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
-from davis_rs.render.texels import bilinear
 from davis_rs.scene.files.mesh_scene import colours_as_texture
 from davis_rs.scene.files.obj_file import read_obj
 from davis_rs.scene.files.ply_file import read_ply
 from davis_rs.scene.lost_looks import TRANSPARENCY
 from davis_rs.scene.mesh_part import MeshPart
+from davis_rs.scene.texel_lookup import bilinear
 
 SKY = 0.3
 QUADS = (

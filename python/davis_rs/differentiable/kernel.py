@@ -13,7 +13,7 @@ from .._mitsuba.types import JitFloat, JitTensor, JitVector, Mitsuba, TensorLike
 from ..render.scene_tables.scene_table import Light, SceneTable
 from ..render.scene_tables.scene_texture import TextureTable
 from ..render.table.kernel import TableKernel
-from ..render.texels import wrap_index
+from ..scene.texel_lookup import wrap_index
 from .poses import tensor
 
 _STRENGTHS = {"point": "intensity", "directional": "irradiance", "constant": "radiance"}

@@ -51,7 +51,7 @@ class NumberTexels:
 
     Attributes:
         height, width: texels along each side.
-        wrap: index into :data:`~davis_rs.render.texels.WRAP_MODES`.
+        wrap: index into :data:`~davis_rs.scene.texel_lookup.WRAP_MODES`.
         values: the texels, 0 to 1, as the bytes of float32 (height, width).
     """
 

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaShape, MitsubaTexture
 from ..scene.files.alpha_mask import AlphaMask
+from ..scene.texel_lookup import WRAP_MODES
 from .diffuse_materials import children
 from .mesh_buffers import MeshBuffers, mesh_attributes
 from .texels import (
     LUMINANCE,
-    WRAP_MODES,
     Texels,
     bilinear_meaning,
     looked_up,

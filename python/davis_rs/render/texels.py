@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaParameters, MitsubaValue
 from .._mitsuba.variants import FAST
+from ..scene.texel_lookup import WRAP_MODES, bilinear, wrap_index
 from ..scene.textures import from_srgb
 
 FloatArray = npt.NDArray[np.float64]
@@ -20,32 +21,8 @@ _Number = TypeVar("_Number", bound=np.generic)
 _TEXELS_AT_ONCE = 1 << 18
 """How many texels are decoded and weighted at a time."""
 
-WRAP_MODES = ("repeat", "clamp", "mirror")
-
 LUMINANCE = np.array([[0.212671], [0.715160], [0.072169]])
 """Weights (3, 1) of linear red, green and blue where Mitsuba takes a coloured texture for a number."""
-
-
-def bilinear(texels: FloatArray | Texels, uv: FloatArray, wrap: int) -> FloatArray:
-    """Look up (n, 3) bilinearly from texels (H, W, 3) at uv (2, n); texel centres lie at (i + 0.5) / size."""
-    height, width = texels.shape[:2]
-    x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
-    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
-    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
-    columns = [wrap_index(x0 + i, width, wrap) for i in (0, 1)]
-    rows = [wrap_index(y0 + i, height, wrap) for i in (0, 1)]
-    top, bottom = (texels[row, columns[0]] * (1 - fx) + texels[row, columns[1]] * fx for row in rows)
-    return np.asarray(top * (1 - fy) + bottom * fy)
-
-
-def wrap_index(index: IntArray, n: int, wrap: int) -> IntArray:
-    """Return the texel that an index outside of 0..n-1 stands for."""
-    if WRAP_MODES[wrap] == "clamp":
-        return np.clip(index, 0, n - 1)
-    if WRAP_MODES[wrap] == "repeat":
-        return index % n
-    folded = index % (2 * n)
-    return np.minimum(folded, 2 * n - 1 - folded)
 
 
 class Texels:

@@ -16,9 +16,11 @@ _PER_AXIS = 3
 """Points per pixel and axis at which the model is evaluated, for its mean over the pixel's area."""
 
 _PARAMETERS, _BLUR = 11, 4
-"""Of each corner: x, y, both directions, blur, mean light, contrast and its slope in x and y, both curvatures."""
+"""How many each corner has, and which of them is the blur: x, y, both directions, blur, mean light, contrast and its
+slope in x and y, both curvatures."""
 
 _ITERATIONS, _SETTLED_PX = 12, 1e-3
+"""The most steps, and the step of a corner after which it takes none."""
 
 _SHARPEST_PX = 0.1
 """A sharper edge looks the same between the points of a pixel."""
@@ -50,7 +52,7 @@ def fit_corners(image: npt.NDArray[np.uint8], corners: FloatArray, directions: F
     y, x = (axis.ravel() for axis in np.meshgrid(offsets, offsets, indexing="ij"))
 
     state = np.zeros((len(corners), _PARAMETERS))
-    state[:, :2], state[:, 2:4], state[:, 4] = corners - centre, directions, 0.5
+    state[:, :2], state[:, 2:4], state[:, _BLUR] = corners - centre, directions, 0.5
     dark, bright = np.percentile(light, (10, 90), axis=1)
     state[:, 5], state[:, 6] = (dark + bright) / 2, (bright - dark) / 2
 

@@ -381,7 +381,7 @@ class InertialProblem:
         """Return where a further camera is by the measured path of the first one, and the lag by which it is there
         most steadily."""
         zero = np.zeros((self._spline.basis.size, 3))
-        lag = _nearby(_lag_of_least(lambda lag_s: self._spread(views, lag_s)))
+        lag = _fitted_lag(lambda lag_s: self._spread(views, lag_s))
         t = views.t_s - lag
         path = np.stack([np.interp(t, self._t, axis) for axis in self._views.positions.T], 1)
         apart = np.einsum("nji,nj->ni", self._spline.rotations(zero, t), views.positions - path)
@@ -425,26 +425,27 @@ class InertialProblem:
 def _lag_of_least(difference: Callable[[float], float]) -> float:
     """Return the lag in seconds, to within a few milliseconds, by which something differs least from the first camera:
     one that can be fitted, unless a longer one is clearly better."""
-
-    def best(lags_s: FloatArray) -> float:
-        return float(min(lags_s.tolist(), key=difference))
-
-    near = best(_even(0.0, _LONGEST_LAG_S, _LAG_STEP_S))
-    far = best(_even(0.0, _FARTHEST_LAG_S, _COARSE_STEP_S))
-    far = best(_even(far, _COARSE_STEP_S, _LAG_STEP_S))
+    near = _fitted_lag(difference)
+    far = _best(difference, _even(0.0, _FARTHEST_LAG_S, _COARSE_STEP_S))
+    far = _best(difference, _even(far, _COARSE_STEP_S, _LAG_STEP_S))
     # Where nothing turns, or too little is seen, all lags are alike.
     return far if np.isfinite(difference(far)) and 2 * difference(far) <= difference(near) else near
+
+
+def _fitted_lag(difference: Callable[[float], float]) -> float:
+    """Return the same of the lags that can be fitted."""
+    return _best(difference, _even(0.0, _LONGEST_LAG_S, _LAG_STEP_S))
+
+
+def _best(difference: Callable[[float], float], lags_s: FloatArray) -> float:
+    """Return the lag of the least difference, the first of several."""
+    return float(min(lags_s.tolist(), key=difference))
 
 
 def _even(middle: float, reach: float, step: float) -> FloatArray:
     """Return even numbers as far as ``reach`` on both sides of a middle, from there outwards."""
     away = step * np.arange(1, round(reach / step) + 1)
     return middle + np.concatenate([[0.0], np.stack([away, -away], 1).ravel()])
-
-
-def _nearby(lag_s: float) -> float:
-    """Return the nearest lag that can be fitted."""
-    return float(np.clip(lag_s, -_LONGEST_LAG_S, _LONGEST_LAG_S))
 
 
 def _aligning(rates: FloatArray, readings: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -18,8 +18,8 @@ const sensorPanel = (() => {
   const context = canvas.getContext("2d");
   const picture = context.createImageData(width, height), pixels = new Uint32Array(picture.data.buffer);
   const background = new Uint32Array(width * height);
-  const word = ([r, g, b]) => (255 << 24 | b << 16 | g << 8 | r) >>> 0;
-  const colours = [word(OFF), word(ON)];
+  const word = (r, g, b) => (255 << 24 | b << 16 | g << 8 | r) >>> 0;
+  const colours = [word(...OFF), word(...ON)];
   let shown = null;
 
   // A picture is faded, so that events stand out; without events it is shown as it is.
@@ -32,7 +32,7 @@ const sensorPanel = (() => {
     const rgba = context.getImageData(0, 0, width, height).data;
     const level = (value) => faded ? Math.round(115 + 0.55 * value) : value;
     for (let i = 0; i < background.length; i++) {
-      background[i] = word([level(rgba[4 * i]), level(rgba[4 * i + 1]), level(rgba[4 * i + 2])]);
+      background[i] = word(level(rgba[4 * i]), level(rgba[4 * i + 1]), level(rgba[4 * i + 2]));
     }
   };
 

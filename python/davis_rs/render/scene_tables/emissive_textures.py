@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ...scene.texel_lookup import bilinear
 from ..obstacles import Unsuitable
-from ..texels import Texels, bilinear
+from ..texels import Texels
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -20,7 +21,7 @@ class TextureImage(NamedTuple):
 
     Attributes:
         texels: one texel for what is the same everywhere.
-        wrap: index into :data:`~davis_rs.render.texels.WRAP_MODES`.
+        wrap: index into :data:`~davis_rs.scene.texel_lookup.WRAP_MODES`.
         uv_map: (3, 3), the transform of texture coordinates.
     """
 

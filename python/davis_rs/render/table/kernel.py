@@ -21,9 +21,9 @@ from ..._mitsuba.types import (
     MitsubaScene,
     MitsubaShape,
 )
+from ...scene.texel_lookup import WRAP_MODES
 from ..rays.shadow_rays import END, STEP
 from ..scene_tables.scene_table import Light, SceneTable
-from ..texels import WRAP_MODES
 from .moving_lanes import Body, Surroundings
 
 
@@ -199,7 +199,7 @@ class TableKernel:
         """Return the texel at or before a coordinate, counted from the texture's border, and the fraction of a texel
         beyond.
 
-        It is :func:`texels.wrap_index` for Dr.Jit; only the modes that the scene has are compiled.
+        It is :func:`texel_lookup.wrap_index` for Dr.Jit; only the modes that the scene has are compiled.
         """
         import drjit as dr
         import mitsuba as mi

@@ -21,6 +21,7 @@ from ...geometry.pose import FloatArray
 from ..lost_looks import SOFT, TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles
 from .rounding import ROUNDING
+from .triangulation import doubled_area
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
@@ -136,12 +137,12 @@ class AlphaMask:
         low, high = np.zeros(2), np.ones(2)
         if self.wrap == "clamp" and len(uv):
             low, high = np.minimum(low, uv.min((0, 1))), np.maximum(high, uv.max((0, 1)))
-        flat = np.abs(_area(uv)) <= _FLAT * _size(uv) ** 2
+        flat = np.abs(doubled_area(uv)) <= _FLAT * _size(uv) ** 2
         contours = self._contours(low, high)
         tolerance, full = TOLERANCE_TEXELS, None
         while tolerance <= _COARSEST_TEXELS:
             outline = _triangulated(contours, tolerance)
-            seen = _area(outline).sum()
+            seen = doubled_area(outline).sum()
             full = seen if full is None else full
             if abs(seen - full) > _AREA_OFF * full:
                 return None
@@ -269,12 +270,6 @@ def masked(part: MeshPart, mask: AlphaMask | None, budget: Budget) -> MeshPart:
     )
 
 
-def _area(triangles: FloatArray) -> FloatArray:
-    """Return twice the signed area of triangles (k, 3, 2)."""
-    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-
-
 def _size(triangles: FloatArray) -> FloatArray:
     """Return the longest side of triangles (k, 3, 2)."""
     return np.asarray(np.linalg.norm(triangles - np.roll(triangles, 1, 1), axis=2).max(1, initial=0.0))
@@ -308,7 +303,7 @@ def _triangulated(contours: _Contours, tolerance: float) -> FloatArray:
         ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
         found.append(corners[mapbox_earcut.triangulate_float64(corners, ends).astype(np.int64)].reshape(-1, 3, 2))
     triangles = np.concatenate(found)
-    turned = _area(triangles) < 0
+    turned = doubled_area(triangles) < 0
     triangles[turned] = triangles[turned, ::-1]
     return triangles
 
@@ -414,7 +409,7 @@ def _weights(uv: FloatArray, points: FloatArray) -> FloatArray:
     """Return the weights (p, n, 3) of the corners of triangles (p, 3, 2) at points (p, n, 2)."""
     base = uv[:, 0]
     a, b = uv[:, 1] - base, uv[:, 2] - base
-    twice = _area(uv)[:, None]
+    twice = doubled_area(uv)[:, None]
     offset = points - base[:, None]
     second = (offset[..., 0] * b[:, None, 1] - offset[..., 1] * b[:, None, 0]) / twice
     third = (a[:, None, 0] * offset[..., 1] - a[:, None, 1] * offset[..., 0]) / twice
@@ -428,13 +423,13 @@ def _clipped(uv: FloatArray, others: FloatArray) -> tuple[IntArray, FloatArray]:
         the numbers (q,) of the pairs that each piece is of, and the weights (q, 3, 3) of the corners of uv at its own.
     """
     polygon = _weights(uv, others)
-    polygon = np.where((_area(uv) < 0)[:, None, None], polygon[:, ::-1], polygon)
+    polygon = np.where((doubled_area(uv) < 0)[:, None, None], polygon[:, ::-1], polygon)
     corners = np.full(len(polygon), 3)
     for side in range(3):
         polygon, corners = _behind(polygon, corners, side)
     pair, corner = np.nonzero(np.arange(polygon.shape[1] - 2) < corners[:, None] - 2)
     fans = np.stack([polygon[pair, 0], polygon[pair, corner + 1], polygon[pair, corner + 2]], 1)
-    large = _area(fans[..., 1:]) > _SLIVER
+    large = doubled_area(fans[..., 1:]) > _SLIVER
     return pair[large], fans[large]
 
 
@@ -463,7 +458,7 @@ def _behind(polygon: FloatArray, corners: IntArray, side: int) -> tuple[FloatArr
 
 def _whole(source: IntArray, weights: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
     """Put triangles of which nothing is cut off together again."""
-    left = np.bincount(source, _area(weights[..., 1:]), count)
+    left = np.bincount(source, doubled_area(weights[..., 1:]), count)
     whole = left > 1 - 1e-9
     others = ~whole[source]
     number = np.flatnonzero(whole)

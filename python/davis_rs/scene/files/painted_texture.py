@@ -18,8 +18,10 @@ import numpy.typing as npt
 from ..._util.budget import Budget
 from ...geometry.pose import FloatArray
 from ..mesh_part import MeshPart
+from ..texel_lookup import WRAP_MODES, bilinear
 from ..texture_file import EncodedTexture
 from ..textures import Texture
+from .triangulation import doubled_area
 
 IntArray = npt.NDArray[np.int64]
 Image = npt.NDArray[np.float32] | npt.NDArray[np.uint8]
@@ -47,11 +49,11 @@ _FLATTEST, _LONGEST = 1e-3, 64
 """A triangle of less area for its length, or of hardly any length, gets a patch along its edges, because its texture
 coordinates do not tell where on it a point is. And the most texels on a side of that patch."""
 
-
 _FARTHEST = 1 << 40
 """No part of a texel has a larger number: the smallest steps of float64 must lie between them."""
 
 _UNTURNED = np.array([0.5, 0.5, 1.0])
+"""A texel of a normal texture that turns nothing."""
 
 
 class Patches(NamedTuple):
@@ -97,8 +99,7 @@ class Patches(NamedTuple):
         low, high = corners.min(1), corners.max(1)
         extent = (high - low).max(1)
         edges = corners[:, 1:] - corners[:, :1]
-        area = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
-        flat = (area <= _FLATTEST * extent * np.minimum(extent, 1)) | (extent < 1e-4)
+        flat = (np.abs(doubled_area(corners)) <= _FLATTEST * extent * np.minimum(extent, 1)) | (extent < 1e-4)
         edges[flat], extent[flat] = np.eye(2), np.maximum(extent[flat], 1)
         slope = np.linalg.norm(np.linalg.solve(edges, colours[:, 1:] - colours[:, :1]), axis=1).max(1)
         # Between texels the product of two lines is off by at most a quarter of both their changes there.
@@ -136,10 +137,9 @@ class Patches(NamedTuple):
         """
         rows, columns = self.shape
         new = np.zeros((rows * columns, texture.shape[2]), np.float32)
-        ratio = np.array(texture.shape[1::-1]) / self.grid
         for patch, place in self._texels():
             points, weights = self._lookups(patch, place)
-            values = _looked_up(texture, points * ratio, wrap)
+            values = bilinear(texture, (points / self.grid).T, WRAP_MODES.index(wrap))
             if coloured:
                 origin, ways = self.colours[patch, 0], self.colours[patch, 1:] - self.colours[patch, :1]
                 # Far outside of a small triangle the plane through its colours leaves what colours can be.
@@ -165,14 +165,16 @@ class Patches(NamedTuple):
     def _lookups(self, patch: IntArray, place: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return where texels look up (t, 2), and how far that is from the first corner towards the second and the
         third, as fractions (t, 2)."""
-        flat, origin = self.parts == 0, self.corners[:, 0]
-        edges = self.corners[:, 1:] - self.corners[:, :1]
+        # Texels come patch by patch.
+        these = slice(patch[0], patch[-1] + 1)
+        corners, flat, own = self.corners[these], self.parts[these] == 0, patch - patch[0]
+        origin, edges = corners[:, 0], corners[:, 1:] - corners[:, :1]
         inverse = np.linalg.inv(np.where(flat[:, None, None], np.eye(2), edges))
-        points = (self.first[patch] + place + 0.5) / np.maximum(self.parts, 1)[patch, None]
-        weights = ((points - origin[patch])[..., None] * inverse[patch]).sum(1)
-        along = flat[patch]
+        points = (self.first[patch] + place + 0.5) / np.maximum(self.parts[patch], 1)[:, None]
+        weights = ((points - origin[own])[..., None] * inverse[own]).sum(1)
+        along = flat[own]
         weights[along] = place[along] / (self.size[patch[along]] - 1)
-        points[along] = origin[patch[along]] + (weights[along][..., None] * edges[patch[along]]).sum(1)
+        points[along] = origin[own[along]] + (weights[along][..., None] * edges[own[along]]).sum(1)
         return points, weights
 
 
@@ -261,24 +263,3 @@ def _packed(size: IntArray) -> tuple[IntArray, tuple[int, int]]:
         at[number] = x, y
         x += columns
     return at, (max(y + shelf, 1), width)
-
-
-def _looked_up(texture: Image, points: FloatArray, wrap: str) -> FloatArray:
-    """Return the bilinear lookup (t, channels) at points (t, 2), in texels."""
-    before = np.floor(points - 0.5).astype(np.int64)
-    right, below = (points - 0.5 - before).T[..., None]
-    height, width = texture.shape[:2]
-    columns = [_wrapped(before[:, 0] + i, width, wrap) for i in (0, 1)]
-    rows = [_wrapped(before[:, 1] + i, height, wrap) for i in (0, 1)]
-    upper, lower = ((1 - right) * texture[row, columns[0]] + right * texture[row, columns[1]] for row in rows)
-    return np.asarray((1 - below) * upper + below * lower)
-
-
-def _wrapped(index: IntArray, count: int, wrap: str) -> IntArray:
-    """Return the numbers of texels that are looked up at numbers that may lie beyond an edge."""
-    if wrap == "clamp":
-        return np.clip(index, 0, count - 1)
-    if wrap == "mirror":
-        index = index % (2 * count)
-        return np.where(index < count, index, 2 * count - 1 - index)
-    return index % count

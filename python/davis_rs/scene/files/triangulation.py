@@ -110,6 +110,12 @@ def has_area(corners: FloatArray) -> npt.NDArray[np.bool_]:
     return area
 
 
+def doubled_area(triangles: FloatArray) -> FloatArray:
+    """Return twice the signed area of triangles (k, 3, 2) in a plane."""
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
 def _fans(points: FloatArray, upright: FloatArray) -> tuple[Indices, Indices]:
     """Cut polygons into fans from a corner that sees all others.
 

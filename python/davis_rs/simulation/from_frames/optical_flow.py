@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -98,6 +98,36 @@ def displacement(frame: LumaFrame, flow: FlowField) -> float:
     return float(np.percentile(moved, _PERCENTILE)) if len(moved) else 0.0
 
 
+class BoundedPlane(NamedTuple):
+    """Holds a plane of a frame, which is looked up by cubics within the range of the four pixels around a place.
+
+    Beyond that range cubics swing at hard edges. In log intensity a swing towards 0 would be many events.
+
+    Attributes:
+        light: (H, W).
+        least, most: (H, W), of each pixel, its right, its lower and its lower right neighbour.
+    """
+
+    light: LumaFrame
+    least: LumaFrame
+    most: LumaFrame
+
+    @classmethod
+    def of(cls, light: LumaFrame) -> BoundedPlane:
+        """Find the ranges."""
+        cv2, four = _opencv(), np.ones((2, 2), np.uint8)
+        ranges = (way(light, four, anchor=(0, 0), borderType=_BORDER) for way in (cv2.erode, cv2.dilate))
+        return cls(light, *ranges)
+
+    def at(self, x: LumaFrame, y: LumaFrame) -> LumaFrame:
+        """Look up places (H, W) between pixels."""
+        cv2 = _opencv()
+        found = cv2.remap(self.light, x, y, cv2.INTER_CUBIC, None, _BORDER)
+        corner = np.floor(x), np.floor(y)
+        least, most = (cv2.remap(bound, *corner, cv2.INTER_NEAREST, None, _BORDER) for bound in (self.least, self.most))
+        return np.asarray(np.clip(found, least, most), np.float32)
+
+
 @dataclass(frozen=True, eq=False)
 class FlowPair:
     """Holds two frames, and how each moves to the other.
@@ -145,9 +175,10 @@ class FlowPair:
             fractions: of the way, (n,).
             before, after: planes (H, W) of the two frames, such as their luma, or their light of three colours.
         """
+        bounded = [[BoundedPlane.of(plane) for plane in planes] for planes in (before, after)]
         for fraction in np.asarray(fractions, np.float64).tolist():
-            moved_before, seen_after = self._moved(before, self.forward, self.seen_after, fraction)
-            moved_after, seen_before = self._moved(after, self.backward, self.seen_before, 1 - fraction)
+            moved_before, seen_after = self._moved(bounded[0], self.forward, self.seen_after, fraction)
+            moved_after, seen_before = self._moved(bounded[1], self.backward, self.seen_before, 1 - fraction)
             # What the first frame shows and the second does not, must not be mixed with the second; and back.
             w_before = np.float32(1 - fraction) * (seen_before + _FLOOR)
             w_after = np.float32(fraction) * (seen_after + _FLOOR)
@@ -158,7 +189,7 @@ class FlowPair:
 
     @staticmethod
     def _moved(
-        planes: Sequence[LumaFrame], flow: FlowField, seen: LumaFrame, fraction: float
+        planes: Sequence[BoundedPlane], flow: FlowField, seen: LumaFrame, fraction: float
     ) -> tuple[list[LumaFrame], LumaFrame]:
         """Move planes of a frame, and how sure its pixels are, along its flow by a fraction of it."""
         cv2 = _opencv()
@@ -169,7 +200,7 @@ class FlowPair:
         for _ in range(_TURNS):
             moved = cv2.remap(flow, x - step * moved[..., 0], y - step * moved[..., 1], cv2.INTER_LINEAR, None, _BORDER)
         from_x, from_y = x - step * moved[..., 0], y - step * moved[..., 1]
-        moved_planes = [_looked_up(plane, from_x, from_y) for plane in planes]
+        moved_planes = [plane.at(from_x, from_y) for plane in planes]
         sure = cv2.remap(seen, from_x, from_y, cv2.INTER_LINEAR, None, _BORDER)
         return moved_planes, sure
 
@@ -179,22 +210,6 @@ _FLOOR = np.float32(1e-3)
 
 _BORDER = 1
 """OpenCV's BORDER_REPLICATE: what comes in over the edge looks as the edge does."""
-
-
-def _looked_up(plane: LumaFrame, x: LumaFrame, y: LumaFrame) -> LumaFrame:
-    """Return a plane at places between its pixels by cubics, within the range of the four pixels around each.
-
-    Beyond that range cubics swing at hard edges. In log intensity a swing towards 0 would be many events.
-    """
-    cv2 = _opencv()
-    found = cv2.remap(plane, x, y, cv2.INTER_CUBIC, None, _BORDER)
-    # The corner pixel of the four is that at the floor; four pixels are a square of two.
-    corner, four = (np.floor(x), np.floor(y)), np.ones((2, 2), np.uint8)
-    least, most = (
-        cv2.remap(filtered(plane, four, anchor=(0, 0), borderType=_BORDER), *corner, cv2.INTER_NEAREST, None, _BORDER)
-        for filtered in (cv2.erode, cv2.dilate)
-    )
-    return np.asarray(np.clip(found, least, most), np.float32)
 
 
 def _grid(height: int, width: int) -> tuple[LumaFrame, LumaFrame]:
