@@ -1,8 +1,9 @@
 """The native renderer and `mi.render` on meshes, and what it takes to make them ready: python benches/render_meshes.py
 
-A ball of 10^4 to 10^6 triangles under a lamp, 240 x 180, 8 rays a pixel, on one thread, each size in a process of its
-own: the least processor time of a frame, in turns; the seconds that Mitsuba, the tables and the core take to make the
-scene ready, and the most memory by then. `mi.render` takes 8 samples of the direct light. Needs LLVM.
+A ball of 10^4 to 10^6 triangles under a lamp, 240 x 180, on one thread, each size in a process of its own: the least
+processor time of a frame, in turns, of `mi.render` (8 samples of the direct light), and of the native renderer by 8
+rays, 32 rays and 8 lines a pixel; the seconds that Mitsuba, the tables and the core take to make the scene ready, and
+the most memory by then. Needs LLVM.
 """
 
 from __future__ import annotations
@@ -42,6 +43,11 @@ def row(triangles: int) -> None:
     native = NativeRenderer(table, camera, rays_per_pixel=RAYS, blur=False, motion=motion, threads=1)
     times.append(time.perf_counter())
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    # 8 lines a pixel are named by the 32 rays that they replace.
+    rays, lines = (
+        NativeRenderer(table, camera, rays_per_pixel=32, pixel=pixel, blur=False, motion=motion, threads=1)
+        for pixel in ("rays", "lines")
+    )
     views = Views.along(scene.path, 0.3 + 1e-3 * np.arange(VIEWS))
     with variant(FAST) as (mi, _):
         dr.set_thread_count(1)
@@ -68,18 +74,32 @@ def row(triangles: int) -> None:
             dr.eval(mi.render(loaded, sensor=sensor, integrator=integrator, spp=RAYS))
             dr.sync_thread()
 
-        least = measure({"mitsuba": render, "native": lambda: native.luma(views)})
-    theirs, ours = least["mitsuba"][1], least["native"][1] / VIEWS
+        ways = {
+            "mitsuba": render,
+            "native": lambda: native.luma(views),
+            "rays": lambda: rays.luma(views),
+            "lines": lambda: lines.luma(views),
+        }
+        least = {name: processor for name, (_, processor) in measure(ways).items()}
+    theirs = least["mitsuba"]
+    ours, by_rays, by_lines = (least[name] / VIEWS for name in ("native", "rays", "lines"))
     ready = " / ".join(f"{after - before:.1f}" for before, after in pairwise(times))
-    print(f"| {triangles:,} | {theirs:.1f} | {ours:.1f} | {theirs / ours:.2f} | {ready} | {memory:.0f} |", flush=True)
+    print(
+        f"| {triangles:,} | {theirs:.1f} | {ours:.1f} | {theirs / ours:.2f} | {by_rays:.1f} | {by_lines:.1f} |"
+        f" {ready} | {memory:.0f} |",
+        flush=True,
+    )
 
 
 def main() -> None:
     if len(sys.argv) > 1:
         row(int(sys.argv[1]))
         return
-    print("| triangles | `mi.render`, ms | native, ms | ratio | ready, s: Mitsuba / tables / core | MB |")
-    print("|---|---|---|---|---|---|", flush=True)
+    print(
+        "| triangles | `mi.render`, ms | native, ms: 8 rays | ratio | 32 rays | 8 lines |"
+        " ready, s: Mitsuba / tables / core | MB |"
+    )
+    print("|---|---|---|---|---|---|---|---|", flush=True)
     for triangles in TRIANGLES:
         subprocess.run([sys.executable, __file__, str(triangles)], check=True)
 

@@ -225,7 +225,7 @@ fn by_taps<'a, TileWarp: Warp>(
     (taps, scratch, shading): (&mut Taps, &mut HiddenLengths, &mut Shading),
     before: &mut Shaders<'a>,
 ) {
-    taps.find(lines, (&tile_view.bins.seen, list), warp, envelopes);
+    taps.find(lines, (tile_view.bins, list), warp, envelopes);
     let around = warp.rect();
     let ray_blocks = RayBlocks { x: &taps.x, y: &taps.y, around, blocks: std::slice::from_ref(around) };
     let mut hits = TileTaps { taps, pattern: lines.0, warp, scratch };

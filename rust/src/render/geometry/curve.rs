@@ -56,6 +56,12 @@ impl Cubic {
         constant + column * (linear + column * (f20 + row * f21 + column * f30))
     }
 
+    /// Returns how far values may lie from what the constant and linear terms give, for columns and rows up to `reach`.
+    pub(crate) fn bend(&self, reach: f64) -> f64 {
+        let [_, _, f02, f03, _, f11, f12, f20, f21, f30] = self.0.map(f64::abs);
+        reach * reach * (f02 + f11 + f20 + reach * (f03 + f12 + f21 + f30))
+    }
+
     /// Returns how far values in a box of a tile may lie beyond those at the box's corners: a function's second
     /// derivatives bound its distance from what is linear between them.
     pub(crate) fn bulge(&self, [width, height]: [f64; 2], reach: f64) -> f64 {

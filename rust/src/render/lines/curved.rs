@@ -9,7 +9,7 @@
 
 use super::intervals::Intervals;
 use super::pattern::LinePattern;
-use super::warp::{LineDepth, SURE, TileFunction, Warp};
+use super::warp::{Height, LineDepth, SURE, TileFunction, Warp};
 use crate::render::geometry::curve::{Cubic, TERMS, TileCurve};
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{LANES, TILE};
@@ -95,6 +95,21 @@ impl Warp for Curved<'_> {
             let (column, row) = (*x - HALF, *y - HALF);
             *x = within(on_line(&to_x, row).at(column), low[0], high[0]);
             *y = within(on_line(&to_y, row).at(column), low[1], high[1]);
+        }
+    }
+
+    fn height(&self, pattern: &LinePattern) -> Height {
+        let (slope, half) = (f64::from(pattern.slope), f64::from(HALF));
+        let [x, y] = self.curve.0.map(|cubic| cubic.0);
+        let [x_off, y_off] = self.curve.0.map(|cubic| cubic.bend(half));
+        // Columns and rows from the tile's middle by the linear terms alone: the inverse of [x4 x1, y4 y1].
+        let determinant = x[4] * y[1] - x[1] * y[4];
+        let per_x = (-slope * y[1] - y[4]) / determinant;
+        let per_y = (slope * x[1] + x[4]) / determinant;
+        let middle = half - half * slope;
+        Height {
+            function: [per_x, per_y, middle - (per_x * x[0] + per_y * y[0])],
+            off: per_x.abs() * x_off + per_y.abs() * y_off,
         }
     }
 
@@ -488,6 +503,31 @@ mod tests {
             }
         });
         assert!(twice > 3, "{twice}");
+    }
+
+    /// A part of a tile is in the lists of all lines that pass it; a small one is in few of them.
+    #[test]
+    #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+    fn a_part_has_its_lines() {
+        let (all, pattern) = (corners(), LinePattern::new(8).unwrap());
+        for tile in 0..all.tiles() {
+            let warp = Curved::new(all.tile(tile), all.curve(tile), pattern.slope);
+            let (height, (first_column, first_row)) = (warp.height(&pattern), all.pixel(tile, 0));
+            for (line, left, right) in pattern.ends.each() {
+                for column in (0..5).map(|i| left + (right - left) * (i as f32 / 4.0)) {
+                    let row = pattern.heights[line] + pattern.slope * column;
+                    let at = [first_column as f32 + column, first_row as f32 + row];
+                    if (0..2).any(|axis| at[axis] > SIZE[axis] as f32) {
+                        continue;
+                    }
+                    let (mut x, mut y) = ([column], [row]);
+                    warp.undistort(&mut x, &mut y);
+                    let part = Rect { low: [x[0], y[0]], high: [x[0], y[0]] };
+                    let lists = height.lists(&part, &pattern, &pattern.ends);
+                    assert!(lists.contains(&(line / LANES)) && lists.len() < 4, "{tile} {line} {column}: {lists:?}");
+                }
+            }
+        }
     }
 
     /// Taps are where the lens has them, and in what their tile lies in; so is all of a part of a tile.

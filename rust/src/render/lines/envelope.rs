@@ -12,13 +12,15 @@ use super::pattern::{LineEnds, LinePattern};
 use super::warp::{LineDepth, TileFunction, Warp};
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::LANES;
-use crate::render::visibility::bins::{Entry, Seen};
+use crate::render::visibility::bins::{Bins, Entry, Seen};
 
 /// Inverse depths below this fraction of a tile's largest one lie at the horizon.
 const HORIZON: f64 = 1e-9;
 
-/// After so many triangles it is looked for what lies behind all that lines see.
+/// After so many triangles, or this fraction of those that were let in, it is looked for what lies behind all that lines
+/// see.
 const BETWEEN: usize = 8;
+const BETWEEN_OF_MANY: usize = 8;
 
 /// What a line sees between two columns: the number of a candidate, from front to back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,11 +64,12 @@ impl<Depth: LineDepth> Envelopes<Depth> {
     pub(super) fn find<TileWarp: Warp<Depth = Depth>>(
         &mut self,
         (pattern, ends): (&LinePattern, &LineEnds),
-        (seen, list): (&[Seen], &[Entry]),
+        (bins, list): (&Bins, &[Entry]),
         warp: &TileWarp,
     ) {
         let tile_rect = warp.rect();
-        self.order(seen, list, tile_rect);
+        let height = warp.height(pattern);
+        self.order(&bins.seen, list, tile_rect);
         self.segments.resize_with(self.segments.len().max(pattern.heights.len()), Vec::new);
         self.segments.iter_mut().for_each(Vec::clear);
         self.hidden.clear();
@@ -78,12 +81,17 @@ impl<Depth: LineDepth> Envelopes<Depth> {
         // What was let in is nowhere farther than this.
         let mut farthest = f32::INFINITY;
         let many = self.candidates.len() > BETWEEN;
+        let mut next_look = 0;
         for number in 0..self.candidates.len() {
             let Candidate { index, nearest, covers, .. } = self.candidates[number];
-            if many && number % BETWEEN == 0 && self.closed(pattern, ends) > nearest {
-                break;
+            if many && number == next_look {
+                if self.closed(pattern, ends) > nearest {
+                    break;
+                }
+                next_look += BETWEEN.max(number / BETWEEN_OF_MANY);
             }
-            let triangle = &seen[list[index as usize].seen as usize];
+            let number_in_bins = list[index as usize].seen as usize;
+            let (triangle, around) = (&bins.seen[number_in_bins], bins.around[number_in_bins]);
             let is_behind = triangle.inverse_depth.highest(tile_rect) <= farthest;
             let lowest = triangle.inverse_depth.lowest(tile_rect);
             let is_last = self.candidates.get(number + 1).is_none_or(|next| next.nearest <= lowest);
@@ -95,7 +103,9 @@ impl<Depth: LineDepth> Envelopes<Depth> {
             let in_tile = |Linear(function): Linear| warp.function(function.map(f64::from));
             let inverse_depth = in_tile(triangle.inverse_depth);
             self.depths.push(inverse_depth.depth(pattern));
-            self.intervals.begin(ends, ends.lists.clone());
+            let lists =
+                if covers { ends.lists.clone() } else { height.lists(&around.within(tile_rect), pattern, ends) };
+            self.intervals.begin(ends, lists);
             if !covers {
                 for edge in triangle.edges {
                     let edge = in_tile(edge);
@@ -107,7 +117,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
                     inverse_depth.lowered(HORIZON).clip(&mut self.intervals, pattern);
                 }
             }
-            self.let_in(number, nearest, is_behind, (pattern, ends));
+            self.let_in(number, nearest, is_behind, pattern);
         }
     }
 
@@ -124,9 +134,9 @@ impl<Depth: LineDepth> Envelopes<Depth> {
     /// Lets a candidate be seen in its intervals.
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 triangles")]
-    fn let_in(&mut self, number: usize, nearest: f32, is_behind: bool, (pattern, ends): (&LinePattern, &LineEnds)) {
+    fn let_in(&mut self, number: usize, nearest: f32, is_behind: bool, pattern: &LinePattern) {
         let Self { segments, spare, depths, hidden, changed, intervals, .. } = self;
-        for list in ends.lists.clone() {
+        for list in intervals.lists.clone() {
             if !intervals.any(list) {
                 continue;
             }
@@ -136,17 +146,8 @@ impl<Depth: LineDepth> Envelopes<Depth> {
                 }
                 intervals.each(line, |left, right| {
                     let new = Segment { left, right, candidate: number as u32 };
-                    let of_line = &mut segments[line];
                     let depths = (depths.as_slice(), pattern.heights[line]);
-                    if of_line.is_empty() {
-                        of_line.push(new);
-                    } else if is_seen(of_line, depths, new, is_behind) {
-                        insert(of_line, spare, depths, new, is_behind);
-                        std::mem::swap(of_line, spare);
-                    } else {
-                        return;
-                    }
-                    changed[line] = true;
+                    changed[line] |= let_in_line(&mut segments[line], spare, depths, new, is_behind);
                 });
             }
         }
@@ -165,19 +166,43 @@ impl<Depth: LineDepth> Envelopes<Depth> {
     }
 }
 
-/// Adds a segment where it is not too short; one that continues the last one is joined to it.
+/// Adds a segment where it is not too short; one that continues the last one is joined to it. To add segments of a list
+/// once more changes nothing.
 fn put(segments: &mut Vec<Segment>, left: f32, right: f32, candidate: u32) {
-    if right - left <= LEAST {
-        return;
-    }
-    match segments.last_mut() {
-        Some(last) if last.candidate == candidate && left - last.right <= LEAST => last.right = right,
+    let left = match segments.last_mut() {
         Some(last) if left - last.right <= LEAST => {
-            let left = last.right;
-            segments.push(Segment { left, right, candidate });
+            if last.candidate == candidate && right - left > LEAST {
+                last.right = right;
+                return;
+            }
+            last.right
         }
-        _ => segments.push(Segment { left, right, candidate }),
+        _ => left,
+    };
+    if right - left > LEAST {
+        segments.push(Segment { left, right, candidate });
     }
+}
+
+/// Lets a triangle be seen on a line where it is nearer than what was seen so far; says whether it is anywhere. Only the
+/// segments that it meets are looked at, because a line of a fine mesh has very many.
+fn let_in_line<Depth: LineDepth>(
+    of_line: &mut Vec<Segment>,
+    spare: &mut Vec<Segment>,
+    depths: (&[Depth], f32),
+    new: Segment,
+    is_behind: bool,
+) -> bool {
+    let first = of_line.partition_point(|segment| segment.right <= new.left);
+    let end = first + of_line[first..].partition_point(|segment| segment.left < new.right);
+    if !is_seen(&of_line[first..end], depths, new, is_behind) {
+        return false;
+    }
+    // The neighbours may be joined to it.
+    let (first, end) = (first.saturating_sub(1), of_line.len().min(end + 1));
+    insert(&of_line[first..end], spare, depths, new, is_behind);
+    of_line.splice(first..end, spare.drain(..));
+    true
 }
 
 /// Returns whether a triangle is nearer anywhere than what was seen so far. One that is known to be behind all of that is
@@ -260,4 +285,60 @@ fn closed<Depth: LineDepth>(segments: &[Segment], depths: &[Depth], height: f32,
         least = least.min(depth.least(height, (segment.left, segment.right)));
     }
     if right - at > LEAST { 0.0 } else { least }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::lines::warp::LinearDepth;
+    use proptest::prelude::*;
+
+    /// Columns are multiples of this, so that none but those of cuts are close to each other.
+    const STEP: f32 = 1.0 / 32.0;
+
+    proptest! {
+        /// A line sees the nearest triangle everywhere, however many there are and in whichever order they are let in; of
+        /// those that are seen none is too short, and none is followed by itself.
+        #[test]
+        fn a_line_sees_the_nearest(
+            triangles in prop::collection::vec((0u16..256, 1u16..40, 1u8..9, -3i8..4), 1..120), behind in any::<bool>(),
+        ) {
+            let depths: Vec<LinearDepth> =
+                triangles.iter().map(|&(_, _, at, along)| LinearDepth([f32::from(along) * 0.1, 0.0, f32::from(at) + 9.0])).collect();
+            let (mut of_line, mut spare) = (vec![], vec![]);
+            let mut ends = vec![];
+            for (candidate, &(left, length, ..)) in (0..).zip(&triangles) {
+                let (left, right) = (f32::from(left) * STEP, f32::from(left + length) * STEP);
+                let new = Segment { left, right, candidate };
+                let before = of_line.clone();
+                let seen = let_in_line(&mut of_line, &mut spare, (&depths, 0.0), new, behind);
+                prop_assert_eq!(seen, of_line != before);
+                ends.push([left, right]);
+            }
+            for two in of_line.windows(2) {
+                prop_assert!(two[0].right <= two[1].left);
+                prop_assert!(two[0].candidate != two[1].candidate || two[1].left - two[0].right > LEAST);
+            }
+            prop_assert!(of_line.iter().all(|segment| segment.right - segment.left > LEAST));
+            let mut again = vec![];
+            of_line.iter().for_each(|segment| put(&mut again, segment.left, segment.right, segment.candidate));
+            prop_assert_eq!(&again, &of_line);
+            for column in (0..2 * 296u16).map(|i| (f32::from(i) + 0.5) * STEP / 2.0) {
+                let here = |&candidate: &usize| (ends[candidate][0]..ends[candidate][1]).contains(&column);
+                let all: Vec<usize> = (0..triangles.len()).filter(here).collect();
+                let depth = |candidate: usize| depths[candidate].least(0.0, (column, column));
+                let nearest = all.iter().map(|&candidate| depth(candidate)).fold(0.0, f32::max);
+                let seen = of_line.iter().find(|segment| (segment.left..segment.right).contains(&column));
+                match seen {
+                    None => prop_assert!(all.is_empty()),
+                    // What lies behind all others is seen in gaps alone.
+                    Some(segment) if behind => prop_assert_eq!(segment.candidate as usize, all[0]),
+                    Some(segment) => {
+                        prop_assert!(here(&(segment.candidate as usize)));
+                        prop_assert!(depth(segment.candidate as usize) > nearest - 1e-3);
+                    }
+                }
+            }
+        }
+    }
 }

@@ -218,6 +218,21 @@ impl LinePattern {
         }
     }
 
+    /// Returns the lists of [`LANES`] lines that hold all those between two heights: the first one, and the one after the
+    /// last. They are all of them where a height is not a number.
+    #[inline]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the lines")]
+    #[allow(clippy::cast_precision_loss, reason = "a small number")]
+    pub(crate) fn lists_between(&self, low: f64, high: f64) -> (usize, usize) {
+        let per_height = 1.0 / f64::from(self.weight);
+        let lists = self.heights.len() / LANES;
+        let at = |height: f64| (height - f64::from(self.heights[0])) * per_height;
+        // Roundings are far less than a hundredth of the distance of two lines.
+        let (first, last) = ((at(low) - 0.01).ceil(), (at(high) + 0.01).floor());
+        let end = if last < (lists * LANES) as f64 { (last.max(-1.0) + 1.0) as usize } else { lists * LANES };
+        (lists.min(first.max(0.0) as usize / LANES), end.div_ceil(LANES))
+    }
+
     /// Returns the pieces of a line: from the first one on, before the second one.
     pub(crate) fn pieces_of(&self, line: usize) -> (usize, usize) {
         let of_line = &self.by_cell[line * self.per_line..][..self.per_line];

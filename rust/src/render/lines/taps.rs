@@ -16,7 +16,7 @@ use super::pattern::{LineEnds, LinePattern, Run, SUMS};
 use super::warp::Warp;
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{BLOCKS, LANES, PIXELS};
-use crate::render::visibility::bins::{Entry, Seen};
+use crate::render::visibility::bins::{Bins, Entry};
 
 /// A stretch of a line that sees one triangle, or nothing.
 #[derive(Clone, Copy, Debug)]
@@ -58,7 +58,7 @@ impl Taps {
     pub(crate) fn find<TileWarp: Warp>(
         &mut self,
         (pattern, ends, all): (&LinePattern, &LineEnds, bool),
-        (seen, list): (&[Seen], &[Entry]),
+        (bins, list): (&Bins, &[Entry]),
         warp: &TileWarp,
         envelopes: &mut Envelopes<TileWarp::Depth>,
     ) {
@@ -70,7 +70,7 @@ impl Taps {
             self.ranges[0][0] = 0;
             count
         } else {
-            envelopes.find((pattern, ends), (seen, list), warp);
+            envelopes.find((pattern, ends), (bins, list), warp);
             self.split((pattern, ends), envelopes, list.len())
         };
         for values in [&mut self.x, &mut self.y, &mut self.weight] {

@@ -6,8 +6,10 @@
 //! What must not break: a function and its negative allow exactly what the other does not, to the bit, so that no gap is
 //! seen between two triangles with a common edge.
 
+use std::ops::Range;
+
 use super::intervals::Intervals;
-use super::pattern::LinePattern;
+use super::pattern::{LineEnds, LinePattern};
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{LANES, TILE};
 
@@ -31,8 +33,34 @@ pub(crate) trait Warp {
     /// Makes columns and rows of the tile undistorted coordinates.
     fn undistort(&self, x: &mut [f32], y: &mut [f32]);
 
+    /// Returns which line of a pattern passes through a place.
+    fn height(&self, pattern: &LinePattern) -> Height;
+
     /// Returns what a part of the tile lies in, by its least and largest columns and rows.
     fn around(&self, part: &Rect) -> Rect;
+}
+
+/// The height of the line that passes through a place of a tile: a function of undistorted coordinates (per x, per y, and
+/// where both are 0), and what it is off by at most.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Height {
+    pub(super) function: [f64; 3],
+    pub(super) off: f64,
+}
+
+impl Height {
+    /// Returns the lists of lines that hold all those which pass a part of the tile, of those that are looked at.
+    #[inline]
+    pub(super) fn lists(&self, part: &Rect, pattern: &LinePattern, ends: &LineEnds) -> Range<usize> {
+        let [a, b, c] = self.function;
+        let ([left, top], [right, bottom]) = (part.low.map(f64::from), part.high.map(f64::from));
+        let (across, down) = ([a * left, a * right], [b * top, b * bottom]);
+        let low = across[0].min(across[1]) + down[0].min(down[1]) + c - self.off;
+        let high = across[0].max(across[1]) + down[0].max(down[1]) + c + self.off;
+        let (start, end) = pattern.lists_between(low, high);
+        let start = start.max(ends.lists.start);
+        start..end.min(ends.lists.end).max(start)
+    }
 }
 
 /// A function in a tile's pixels.
@@ -76,7 +104,7 @@ pub(crate) struct Linear([f64; 3]);
 
 /// Inverse depth in a tile's pixels: per column along a line, per row at column 0, and there at row 0.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct LinearDepth([f32; 3]);
+pub(crate) struct LinearDepth(pub(super) [f32; 3]);
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Warp for Straight<'_> {
@@ -100,6 +128,12 @@ impl Warp for Straight<'_> {
                 *value = self.coordinate(*value, axis);
             }
         }
+    }
+
+    fn height(&self, pattern: &LinePattern) -> Height {
+        let (slope, [x, y]) = (f64::from(pattern.slope), self.rect.low.map(f64::from));
+        let [per_x, per_y] = [-slope / self.pitch[0], 1.0 / self.pitch[1]];
+        Height { function: [per_x, per_y, -(per_x * x + per_y * y)], off: 0.0 }
     }
 
     fn around(&self, part: &Rect) -> Rect {
@@ -209,5 +243,46 @@ impl LineDepth for LinearDepth {
     #[inline(always)]
     fn least(&self, height: f32, (left, right): (f32, f32)) -> f32 {
         self.at(left, height).min(self.at(right, height))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A part of a tile is in the lists of all lines that pass it; a small one is in few of them.
+    #[test]
+    #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+    fn a_part_has_its_lines() {
+        let pattern = LinePattern::new(16).unwrap();
+        let (pitch, corner) = ([0.004, 0.005], [-0.4, 0.3]);
+        let high = [0, 1].map(|axis| (corner[axis] + pitch[axis] * TILE as f64) as f32);
+        let rect = Rect { low: corner.map(|at| at as f32), high };
+        let warp = Straight { rect: &rect, pitch };
+        let height = warp.height(&pattern);
+        for (line, left, right) in pattern.ends.each() {
+            for column in (0..9).map(|i| left + (right - left) * (i as f32 / 8.0)) {
+                let row = pattern.heights[line] + pattern.slope * column;
+                let place = [warp.coordinate(column, 0), warp.coordinate(row, 1)];
+                let part = Rect { low: place, high: place };
+                let lists = height.lists(&part, &pattern, &pattern.ends);
+                assert!(lists.contains(&(line / LANES)) && lists.len() <= 2, "{line} {column}: {lists:?}");
+                let all = height.lists(&rect, &pattern, &pattern.ends);
+                assert_eq!(all, pattern.ends.lists);
+            }
+        }
+    }
+
+    /// What is not a number leaves nothing out, and what lies beyond the lines has none.
+    #[test]
+    fn heights_may_be_anything() {
+        let pattern = LinePattern::new(8).unwrap();
+        let all = (0, pattern.heights.len() / LANES);
+        assert_eq!(pattern.lists_between(f64::NAN, f64::NAN), all);
+        assert_eq!(pattern.lists_between(f64::NEG_INFINITY, f64::INFINITY), all);
+        for (low, high) in [(50.0, 60.0), (-60.0, -50.0)] {
+            let (start, end) = pattern.lists_between(low, high);
+            assert!(start >= end, "{start} {end}");
+        }
     }
 }

@@ -98,6 +98,8 @@ impl Seen {
 #[derive(Debug, Default)]
 pub(crate) struct Bins {
     pub(crate) seen: Vec<Seen>,
+    /// What of each of them lies before the camera lies in.
+    pub(crate) around: Vec<Rect>,
     /// Of each tile the inverse depth behind which nothing is seen.
     hidden: Vec<f32>,
     /// Tiles and their entries, in the order in which they were found.
@@ -129,7 +131,7 @@ impl Bins {
                 }
             }
             if bins.entered.len() > before {
-                bins.seen.push(seen);
+                bins.add(seen, extent);
             }
         });
         self.sort(rays.tiles());
@@ -141,7 +143,7 @@ impl Bins {
         self.each(scene, view, rect, |bins, pose, triangle, corners, extent| {
             let Some(seen) = Seen::new(scene, pose, triangle, corners) else { return };
             if bins.enter(&seen, extent, 0, rect) {
-                bins.seen.push(seen);
+                bins.add(seen, extent);
             }
         });
         self.sort(1);
@@ -155,8 +157,14 @@ impl Bins {
         list.extend(entries.iter().filter(|e| self.seen[e.seen as usize].nearest_in(rect) >= hidden));
     }
 
+    fn add(&mut self, seen: Seen, [low, high]: [[f32; 2]; 2]) {
+        self.seen.push(seen);
+        self.around.push(Rect { low, high });
+    }
+
     fn clear(&mut self, tiles: usize) {
         self.seen.clear();
+        self.around.clear();
         self.entered.clear();
         self.hidden.clear();
         self.hidden.resize(tiles, 0.0);
