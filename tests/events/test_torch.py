@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from davis_rs import EventWindows, open_writer, simulate_to_folder
+from davis_rs.data.windows import event_windows
 from davis_rs.events.represent import count_image, event_spike_tensor, last_event_times, time_surface, voxel_grid
 from davis_rs.scene.load import load_scene
 from event_files import SIZE, many
@@ -102,6 +103,16 @@ def test_images_come_as_tensors(folder: Path) -> None:
     assert batch["events"].shape == (2, 5, 24, 32)
     uneven = collate([EventDataset(folder, duration_us=5_000, images=["frames"])[k] for k in (0, 1)])
     assert [len(one) for one in uneven["frames"]] == [1, 0]
+
+
+def test_kinds_of_images_are_declared_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One more kind is known to windows and to samples; what it holds comes as tensors without another word."""
+    monkeypatch.setitem(event_windows.IMAGE_KINDS, "labels", event_windows.IMAGE_KINDS["masks"])
+    windows = EventWindows(folder, by="frames").with_images("labels")
+    sample = EventDataset(folder, by="frames", images=["labels"])[1]
+    assert sample["labels"].dtype == torch.int32
+    np.testing.assert_array_equal(sample["labels"].numpy(), np.stack(windows[1].masks[:]))
+    assert sample["labels_us"].tolist() == windows[1].masks.t_us.tolist()
 
 
 def test_only_complete_windows(folder: Path) -> None:

@@ -10,13 +10,14 @@ from itertools import accumulate
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch.utils.data import Dataset
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean
-from ..windows.event_windows import EventWindows
-from ..windows.window import EventWindow, WindowImages
+from ..windows.event_windows import IMAGE_KINDS, EventWindows
+from ..windows.window import EventWindow
 from .event_tensors import GRIDS, RAW, raw_tensors
 
 Source = str | os.PathLike[str] | EventWindows
@@ -98,7 +99,7 @@ class EventDataset(Dataset):  # type: ignore[misc]
             "source": source,
         }
         for name in self.images:
-            sample |= _IMAGES[name](window)
+            sample |= _image_tensors(name, window)
         return sample if self.transform is None else self.transform(sample)
 
     def __repr__(self) -> str:
@@ -114,9 +115,9 @@ class EventDataset(Dataset):  # type: ignore[misc]
 
     def _check(self) -> None:
         """Refuse what would fail, or be ignored, at the first sample."""
-        unknown = [name for name in self.images if name not in _IMAGES]
+        unknown = [name for name in self.images if name not in IMAGE_KINDS]
         if unknown:
-            raise ArgumentError("{images} must be of {}: got {}", ", ".join(_IMAGES), ", ".join(unknown))
+            raise ArgumentError("{images} must be of {}: got {}", ", ".join(IMAGE_KINDS), ", ".join(unknown))
         known: set[str] = set()
         if isinstance(self.representation, str):
             if self.representation not in (*GRIDS, RAW):
@@ -135,30 +136,26 @@ class EventDataset(Dataset):  # type: ignore[misc]
             raise ValueError(said + did_you_mean(strange[0], sorted(known)))
 
 
-def _stacked(name: str, images: WindowImages[Any], size: tuple[int, int] | None, dtype: Any, *last: int) -> Sample:
-    """Return images as one tensor, and their times; colours or directions before rows and columns."""
+def _image_tensors(kind_name: str, window: EventWindow) -> Sample:
+    """Return what a sample has of one kind of images: tensors of all of them, and their times."""
+    kind = IMAGE_KINDS[kind_name]
+    images = getattr(window, kind.field)
+    read = images[:]
+    tensors: Sample = {f"{kind_name}_us": torch.from_numpy(images.t_us.copy())}
+    if kind_name == "displacement":
+        tensors["occluded"] = _stacked([each.occluded for each in read], window.size, np.bool_)
+        read = [each.pixels for each in read]
+    # PyTorch can do hardly anything with uint16.
+    dtype = np.int32 if kind.dtype == np.uint16 else kind.dtype
+    return {kind_name: _stacked(read, window.size, dtype, *kind.channels), **tensors}
+
+
+def _stacked(
+    images: Sequence[np.ndarray], size: tuple[int, int] | None, dtype: npt.DTypeLike, *channels: int
+) -> torch.Tensor:
+    """Return images as one tensor; directions before rows and columns."""
     width, height = size or (0, 0)
-    stack = np.stack(images[:]) if len(images) else np.zeros((0, height, width, *last), dtype)
-    if last:
+    stack = np.stack(images) if len(images) else np.zeros((0, height, width, *channels), dtype)
+    if channels:
         stack = np.moveaxis(stack, -1, 1)
-    stack = np.ascontiguousarray(stack, dtype)
-    return {name: torch.from_numpy(stack), f"{name}_us": torch.from_numpy(images.t_us.copy())}
-
-
-def _displacement(window: EventWindow) -> Sample:
-    maps = window.displacements
-    read = maps[:]
-    vectors = WindowImages(maps.t_us, 0, lambda k: read[k].pixels)
-    hidden = WindowImages(maps.t_us, 0, lambda k: read[k].occluded)
-    sample = _stacked("displacement", vectors, window.size, np.float32, 2)
-    return sample | {"occluded": _stacked("occluded", hidden, window.size, np.bool_)["occluded"]}
-
-
-_IMAGES: Mapping[str, Callable[[EventWindow], Sample]] = {
-    "frames": lambda window: _stacked("frames", window.frames, window.size, np.uint8),
-    "depth": lambda window: _stacked("depth", window.depth_maps, window.size, np.float32),
-    "flow": lambda window: _stacked("flow", window.flow_maps, window.size, np.float32, 2),
-    "displacement": _displacement,
-    "masks": lambda window: _stacked("masks", window.masks, window.size, np.int32),
-}
-"""What a sample has of each kind of images."""
+    return torch.from_numpy(np.ascontiguousarray(stack, dtype))

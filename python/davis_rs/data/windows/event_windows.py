@@ -6,7 +6,7 @@ import copy
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -139,12 +139,12 @@ class EventWindows(Sequence[EventWindow]):
         Raises:
             ValueError: for another kind, or windows of a file, which has no images.
         """
-        strange = [kind for kind in kinds if kind not in _KINDS]
+        strange = [kind for kind in kinds if kind not in IMAGE_KINDS]
         if strange:
-            raise ValueError(f"images are {', '.join(_KINDS)}, got {', '.join(strange)}")
+            raise ValueError(f"images are {', '.join(IMAGE_KINDS)}, got {', '.join(strange)}")
         if self.dataset is None:
             raise ValueError(f"{self.path} is a file, which has no images: windows of a dataset folder may have some")
-        times = [_times(_KINDS[kind](self.dataset)) for kind in kinds]
+        times = [_times(IMAGE_KINDS[kind].of_folder(self.dataset)) for kind in kinds]
 
         def has_all(number: int) -> bool:
             start_us, end_us = self._cuts.bounds(self._access, number)
@@ -187,25 +187,48 @@ class EventWindows(Sequence[EventWindow]):
         imu, poses = folder.imu, folder.groundtruth
         samples = slice(*np.searchsorted(imu["t"], (start_us, end_us)))
         return {
-            "frames": _images(folder.frames, start_us, until_us, folder.read_image),
-            "depth_maps": _images(folder.depth_maps, start_us, until_us, folder.read_depth),
-            "flow_maps": _images(folder.flow_maps, start_us, until_us, folder.read_flow),
-            "displacements": _images(folder.displacements, start_us, until_us, folder.read_displacement),
-            "masks": _images(folder.masks, start_us, until_us, folder.read_mask),
+            **{
+                kind.field: _images(kind.of_folder(folder), start_us, until_us, kind.reader(folder))
+                for kind in IMAGE_KINDS.values()
+            },
             "imu": imu[samples].copy() if len(imu) else np.zeros(0, IMU_DTYPE),
             "start_pose": _pose_at(poses, start_us),
             "end_pose": _pose_at(poses, end_us),
         }
 
 
-_KINDS: dict[str, Callable[[Dataset], list[StampedImage]]] = {
-    "frames": lambda folder: folder.frames,
-    "depth": lambda folder: folder.depth_maps,
-    "flow": lambda folder: folder.flow_maps,
-    "displacement": lambda folder: folder.displacements,
-    "masks": lambda folder: folder.masks,
+class ImageKind(NamedTuple):
+    """Describes one kind of a folder's images.
+
+    Attributes:
+        field: of :class:`EventWindow`, which has them.
+        of_folder: returns all of a folder.
+        reader: returns what reads the image of a number in a folder.
+        dtype: of an image's values.
+        channels: (2,) for images (H, W, 2); () for (H, W).
+    """
+
+    field: str
+    of_folder: Callable[[Dataset], list[StampedImage]]
+    reader: Callable[[Dataset], Callable[[int], Any]]
+    dtype: npt.DTypeLike
+    channels: tuple[int, ...] = ()
+
+
+IMAGE_KINDS = {
+    "frames": ImageKind("frames", lambda folder: folder.frames, lambda folder: folder.read_image, np.uint8),
+    "depth": ImageKind("depth_maps", lambda folder: folder.depth_maps, lambda folder: folder.read_depth, np.float32),
+    "flow": ImageKind("flow_maps", lambda folder: folder.flow_maps, lambda folder: folder.read_flow, np.float32, (2,)),
+    "displacement": ImageKind(
+        "displacements",
+        lambda folder: folder.displacements,
+        lambda folder: folder.read_displacement,
+        np.float32,
+        (2,),
+    ),
+    "masks": ImageKind("masks", lambda folder: folder.masks, lambda folder: folder.read_mask, np.uint16),
 }
-"""The images of a folder, by what they are called."""
+"""The images that windows of a folder have, by what users call them."""
 
 
 def _times(images: list[StampedImage]) -> npt.NDArray[np.int64]:
