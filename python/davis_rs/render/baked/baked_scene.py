@@ -103,7 +103,7 @@ class BakedLight:
         """Describe the light, for people."""
         maps = self.maps
         quick = "; it is a quick bake (--renderer baked obeys --bake-error)" if self.effort is QUICK_EFFORT else ""
-        coarse = "" if maps.complete else f", coarser than asked for: {self._limits} at most"
+        coarse = "" if maps.complete else f"; it is coarser than asked for, because {self._limits}"
         return f"baked light at {maps.points:,} points, whose error is estimated at {self.errors}{coarse}{quick}"
 
     @property
@@ -117,8 +117,8 @@ class BakedLight:
 
     @property
     def _limits(self) -> str:
-        instants = f", and {MOST_INSTANTS} instants of the motion," if len(self.maps.instants) > 1 else ""
-        return f"there are {self.effort.most_points:,} points for each part of the light{instants}"
+        points = f"the light of lamps, of the sky and of bounces has at most {self.effort.most_points:,} points each"
+        return points if len(self.maps.instants) == 1 else f"{points}, and the motion at most {MOST_INSTANTS} instants"
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return how much the light of each instant (k) counts at times (n,), and its rates per second, (n, k) each.
