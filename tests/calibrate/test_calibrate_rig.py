@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+import yaml
 
 from calibration_views import BOARD, CAMERA, SCENE, board_camera, degrees_between, exact_view, path
 from davis_rs.calibrate import BoardPose, BoardView, RigCalibration, board_pose, calibrate_rig
 from davis_rs.calibrate.camera.inertial_problem import InertialProblem, Readings
-from davis_rs.calibrate.camera.reprojection import rotation_of, transform
+from davis_rs.calibrate.camera.report import report
+from davis_rs.calibrate.camera.reprojection import inverse, rotation_of, transform, vector_of
+from davis_rs.calibrate.camera.rig import CameraCamera
 from davis_rs.cli.main import main
 from davis_rs.geometry.pose import Pose
 from davis_rs.sensor.imu import Imu, ImuLag, ImuNoise, Mounting, simulate_imu
 from davis_rs.sensor.rig.rig import CameraClock, Rig, RigCamera, RigImu
-from davis_rs.sensor.rig.rig_file import read_rig_file
+from davis_rs.sensor.rig.rig_file import read_rig_file, rig_yaml
 from davis_rs.simulation.rig.rig_to_folder import simulate_rig_to_folder
 
 FloatArray = npt.NDArray[np.float64]
@@ -114,6 +117,38 @@ def test_the_result_is_a_rig() -> None:
     np.testing.assert_allclose(rig.imus[0].imu.effective_mounting.matrix, result.camera_imu.imu_camera, atol=1e-12)
     with pytest.raises(ValueError, match="2 cameras were calibrated, got 1 lenses"):
         result.rig([CAMERA])
+
+
+def test_the_report_has_the_numbers_of_a_rig_file() -> None:
+    """Places and time shifts are those that rig.yaml states, so that they can be compared line by line."""
+    result = calibrated(4.0)
+    stated = yaml.safe_load(rig_yaml(result.rig([CAMERA, CAMERA])))
+    lines = report(result).splitlines()
+
+    def matrix_after(name: str) -> FloatArray:
+        (at,) = (number for number, line in enumerate(lines) if line.startswith(name))
+        return np.array([line.split() for line in lines[at + 1 : at + 5]], float)
+
+    np.testing.assert_allclose(matrix_after("T_cam1_cam0"), stated["cam1"]["T_cam_parent"], atol=1e-6)
+    np.testing.assert_allclose(matrix_after("T_imu_camera"), stated["imu0"]["T_imu_parent"], atol=1e-6)
+    shifts = [float(line.split()[1]) for line in lines if line.startswith("timeshift_cam_imu: ")]
+    assert shifts == pytest.approx([stated[name]["timeshift_cam_imu"] for name in ("cam0", "cam1")], abs=1e-6)
+
+
+def test_deviations_of_the_inverse_follow_from_the_covariance() -> None:
+    """Against draws of small motions; far from the first camera, a turn moves the place much."""
+    random = np.random.default_rng(3)
+    mixed = random.standard_normal((6, 6)) * np.repeat([1e-4, 3e-5], 3)[:, None]
+    place = transform(rotation_of([0.3, 0.9, -0.4]), (0.8, -0.5, 0.4))
+    covariance = np.zeros((7, 7))
+    covariance[:6, :6] = mixed @ mixed.T
+    other = CameraCamera(place, 0.0, covariance, 0.1, 30)
+    draws = random.standard_normal((20_000, 6)) @ mixed.T
+    drawn = inverse(transform(place[:3, :3] @ rotation_of(draws[:, :3]), place[:3, 3] + draws[:, 3:]))
+    spread = (drawn[:, :3, 3] - other.other_first[:3, 3]).std(0)
+    np.testing.assert_allclose(other.other_first_deviations[3:], spread, rtol=0.03)
+    turns = vector_of(drawn[:, :3, :3] @ place[:3, :3]).std(0)
+    np.testing.assert_allclose(other.other_first_deviations[:3], turns, rtol=0.03)
 
 
 def test_what_cannot_be_told_is_refused() -> None:

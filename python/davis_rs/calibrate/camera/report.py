@@ -130,23 +130,34 @@ def _(result: CameraImu) -> dict[str, object]:
 
 @report.register
 def _(result: RigCalibration) -> str:
-    others = (_other_camera(number, other) for number, other in enumerate(result.others, 1))
-    return "\n".join(["camera 0:", report(result.camera_imu), *others])
+    first_s, *others_s = result.timeshifts_s
+    others = [
+        _other_camera(number, other, timeshift_s)
+        for number, (other, timeshift_s) in enumerate(zip(result.others, others_s, strict=True), 1)
+    ]
+    said = "matrices and time shifts are as in rig.yaml with cam0 as the body; time shifts have the IMU's lag in them"
+    return "\n".join([said, "camera 0:", report(result.camera_imu), _timeshift(first_s), *others])
 
 
-def _other_camera(number: int, other: CameraCamera) -> str:
-    deviations = other.deviations
+def _other_camera(number: int, other: CameraCamera, timeshift_s: float) -> str:
+    deviations = other.other_first_deviations
+    keys = "T_cn_cnm1 or T_cam_parent" if number == 1 else "T_cam_parent"
     return "\n".join(
         [
             f"camera {number}, from {other.views} views:",
-            f"T_cam0_cam{number}, maps points in its axes to those of camera 0:",
-            _matrix(other.first_other),
-            f"  standard deviations: {_three(np.degrees(deviations[:3]))} degrees about its axes, "
-            f"{_three(1e3 * deviations[3:6])} mm along those of camera 0",
-            f"its clock is {1e3 * other.lag_s:.3f} +- {1e3 * deviations[6]:.3f} ms ahead of camera 0's",
+            f"T_cam{number}_cam0 ({keys}), maps points in the axes of camera 0 to its own:",
+            _matrix(other.other_first),
+            f"  standard deviations about and along its axes: {_three(np.degrees(deviations[:3]))} degrees, "
+            f"{_three(1e3 * deviations[3:])} mm",
+            f"its clock is {1e3 * other.lag_s:.3f} +- {1e3 * other.deviations[6]:.3f} ms ahead of camera 0's",
+            _timeshift(timeshift_s),
             f"left: {other.corner_rms_px:.2g} px rms",
         ]
     )
+
+
+def _timeshift(seconds: float) -> str:
+    return f"timeshift_cam_imu: {seconds:.6f} s"
 
 
 @as_dict.register
@@ -154,12 +165,14 @@ def _(result: RigCalibration) -> dict[str, object]:
     others = [
         {
             "T_cam0_cam": other.first_other.tolist(),
+            "T_cam_cam0": other.other_first.tolist(),
+            "timeshift_cam_imu": timeshift_s,
             "lag_s": other.lag_s,
             "covariance": other.covariance.tolist(),
             "corner_rms_px": other.corner_rms_px,
             "views": other.views,
         }
-        for other in result.others
+        for other, timeshift_s in zip(result.others, result.timeshifts_s[1:], strict=True)
     ]
     return {"cam0_imu": as_dict(result.camera_imu), "other_cameras": others}
 

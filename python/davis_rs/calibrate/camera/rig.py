@@ -14,7 +14,7 @@ from ...sensor.imu import Imu, ImuArray, ImuNoise, Mounting
 from ...sensor.rig.rig import CameraClock, Rig, RigCamera, RigImu
 from .board_pose import BoardPose
 from .camera_imu import MPU6150_NOISE, CameraImu, camera_imu_of, fit_path
-from .reprojection import transform
+from .reprojection import cross_matrix, inverse, transform
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -44,6 +44,19 @@ class CameraCamera:
         """Standard deviations (7,): rotation (rad), translation (m) and lag (s)."""
         return np.sqrt(np.diag(self.covariance))
 
+    @property
+    def other_first(self) -> FloatArray:
+        """T_other,cam0 (4, 4), metres, as ``rig.yaml`` states it: maps the first camera's axes to the other's."""
+        return inverse(self.first_other)
+
+    @property
+    def other_first_deviations(self) -> FloatArray:
+        """Standard deviations (6,) of :attr:`other_first` about and along the other camera's axes, rad and m."""
+        place = self.other_first[:3, 3]
+        # To first order the place moves by the turn x place, and against the motion of the camera.
+        jacobian = np.block([[np.eye(3), np.zeros((3, 3))], [cross_matrix(place), -self.first_other[:3, :3].T]])
+        return np.sqrt(np.diag(jacobian @ self.covariance[:6, :6] @ jacobian.T))
+
 
 @dataclass(frozen=True, eq=False)
 class RigCalibration:
@@ -56,6 +69,12 @@ class RigCalibration:
 
     camera_imu: CameraImu
     others: tuple[CameraCamera, ...]
+
+    @property
+    def timeshifts_s(self) -> tuple[float, ...]:
+        """Return ``timeshift_cam_imu`` of each camera, seconds: t_imu = t_cam + timeshift, with the IMU's lag in it."""
+        lag_s = self.camera_imu.lag_s
+        return (lag_s, *(lag_s - other.lag_s for other in self.others))
 
     def rig(self, cameras: Sequence[Camera], *, imu_rate_hz: float = 1000.0, name: str = "calibrated") -> Rig:
         """Return a rig of these lenses as it was found: its body is the first camera, its clock the IMU's.
@@ -71,14 +90,13 @@ class RigCalibration:
         if len(cameras) != 1 + len(self.others):
             raise ValueError(f"{1 + len(self.others)} cameras were calibrated, got {len(cameras)} lenses")
         mounts = [np.eye(4), *(other.first_other for other in self.others)]
-        lags = [0.0, *(other.lag_s for other in self.others)]
         found = [
             RigCamera(
                 camera=camera,
                 mount=Pose.from_matrix(Mounting(mount).matrix),
-                clock=CameraClock(offset_s=lag - self.camera_imu.lag_s),
+                clock=CameraClock(offset_s=-timeshift_s),
             )
-            for camera, mount, lag in zip(cameras, mounts, lags, strict=True)
+            for camera, mount, timeshift_s in zip(cameras, mounts, self.timeshifts_s, strict=True)
         ]
         imu = Imu(rate_hz=imu_rate_hz, mounting=Mounting(self.camera_imu.imu_camera))
         return Rig(name=name, cameras=tuple(found), imus=(RigImu(imu=imu),))
