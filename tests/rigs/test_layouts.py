@@ -13,6 +13,10 @@ import yaml
 import davis_rs
 from davis_rs import Camera, Pose, Rig, RigCamera, RigDataset, convert_rig, load_scene, rectify
 from davis_rs.cli.main import main
+from davis_rs.inspection.figure import view
+from davis_rs.inspection.page_layers import layers_of
+from davis_rs.inspection.truth_pictures import HIDDEN
+from davis_rs.inspection.visual_sequence import open_visual_sequence
 from davis_rs.io.dataset.disparity_png import decode_disparity, encode_disparity
 from davis_rs.io.files.conversion import LeftOutWarning
 from davis_rs.sensor.rig import CameraClock
@@ -49,6 +53,25 @@ def test_the_folder_has_disparity_and_occlusion(folder: Path) -> None:
         assert np.array_equal(dataset.read_occlusion(index), truth.occluded)
         assert 0 < truth.occluded.mean() < 0.5
     assert json.loads((folder / "meta.json").read_text())["counts"]["disparities"] == 4
+
+
+def test_view_draws_the_disparity_of_the_first_camera(folder: Path, tmp_path: Path) -> None:
+    """In the figure with its range and what is hidden, in the page as one more layer; not of the other camera."""
+    figure: Any = view(folder / "cam0")
+    (axes,) = (axes for axes in figure.axes if "disparity, t = " in axes.get_title())
+    disparity, occluded = RigDataset(folder).read_disparity(1), RigDataset(folder).read_occlusion(1)
+    shown, hidden = axes.images
+    np.testing.assert_array_equal(shown.get_array().filled(np.nan), disparity)
+    np.testing.assert_array_equal(hidden.get_array()[..., 3] > 0, occluded & np.isfinite(disparity))
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["not seen by cam1"]
+    assert not any("disparity" in axes.get_title() for axes in view(folder / "cam1").axes)
+    layers = {layer.name: layer for layer in layers_of(open_visual_sequence(folder / "cam0"))}
+    assert list(layers) == ["frame", "depth", "disparity"]
+    picture = layers["disparity"].picture(1)
+    np.testing.assert_array_equal((picture == HIDDEN).all(-1), occluded & np.isfinite(disparity))
+    seen = np.where(occluded, np.nan, disparity)
+    near, far = (picture.reshape(-1, 3)[number(seen)] for number in (np.nanargmax, np.nanargmin))
+    assert near[0] > 0.9 > 0.5 > far[0]
 
 
 def test_disparity_in_16_bits() -> None:

@@ -16,7 +16,7 @@ from .._util.close_names import names_checked
 from .._util.extras import from_extra
 from .._util.quantities import time_text
 from ..events.arrays import EventArray
-from .truth_panels import Panel, truth_panels
+from .truth_panels import Panel, draw_map, truth_panels
 from .visual_sequence import VisualSequence, display_grey, nearest, open_visual_sequence
 
 if TYPE_CHECKING:
@@ -29,9 +29,7 @@ OFF_RGB = (5, 113, 176)
 
 _EVENTS_A_PIXEL = 0.2
 _BAND_ROWS, _BAND_EVENTS_A_COLUMN, _BAND_WINDOWS = 5, 30, 20
-_FLAT = 1e-4  # a depth map whose relief is a smaller share of its depth shows rounding alone
 _FORMATS = ("png", "pdf", "svg", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
-_MISSING_DEPTH = "0.82"
 _WIDTH_IN, _TITLE_IN, _TICKS_IN, _LABEL_IN = 7.2, 0.25, 0.3, 0.18
 _LABEL_CHARACTERS = 100
 _LEFT, _RIGHT, _PANEL_WIDTH = 0.055, 0.555, 0.39  # of the figure's width
@@ -57,7 +55,8 @@ def view(
 
     The intensity frame; the events of a short window around it, ON red and OFF blue, over the faded frame; the depth
     map (grey where nothing is hit); and column over time of the events of a few middle rows, in a longer window. Where
-    a folder has them, below: optical flow as the usual colour wheel, shapes, and surface normals. Frames hold linear
+    a folder has them, below: optical flow as the usual colour wheel, shapes, surface normals, and in the folder of a
+    rig's first camera the disparity with the second one. Frames hold linear
     light, so they are drawn with sRGB's transfer curve. What the source does not have gets no panel. ``savefig`` of the
     figure writes PNG, PDF, SVG and others, by the suffix.
 
@@ -85,9 +84,10 @@ def view(
     if t_s is not None and not start_us <= t_s * 1e6 <= end_us:
         raise ArgumentError("{t_s} must lie in the sequence, {:g}..{:g} s, got {}", start_us / 1e6, end_us / 1e6, t_s)
     t_us = (start_us + end_us) // 2 if t_s is None else round(t_s * 1e6)
-    frame, depth = nearest(sequence.frame_times, t_us), nearest(sequence.depth_times, t_us)
+    frame = nearest(sequence.frame_times, t_us)
     if frame is not None:
         t_us = sequence.frame_times[frame]
+    depth = nearest(sequence.depth_times, t_us)
     width, height = sequence.size
     pixels = width * height
     limits_us = start_us, end_us
@@ -223,24 +223,8 @@ def _panels(
 
 
 def _draw_depth(ax: Axes, letter: str, sequence: VisualSequence, index: int) -> None:
-    depth = np.ma.masked_invalid(sequence.read_depth(index))
     title = f"({letter}) depth, {_time(sequence.depth_times[index])}"
-    least: float | None = None
-    most: float | None = None
-    if depth.count() == 0:
-        title += ", nothing is hit"
-        least, most = 0.0, 1.0
-    elif float(np.ptp(depth.compressed())) <= _FLAT * float(depth.max()):
-        z = float(depth.mean())
-        title += f", {z:.3f} m everywhere"
-        least, most = 0.95 * z, 1.05 * z
-    ax.set_facecolor(_MISSING_DEPTH)
-    image = ax.imshow(depth, cmap="viridis_r", interpolation="nearest", vmin=least, vmax=most)
-    ax.set_title(title)
-    if depth.count():
-        bar = ax.figure.colorbar(image, cax=ax.inset_axes((1.02, 0.0, 0.03, 1.0)))
-        bar.ax.set_title("z (m)", fontsize=6, pad=3)
-        bar.ax.tick_params(width=0.6, length=2, labelsize=6)
+    draw_map(ax, title, sequence.read_depth(index), symbol="z", unit="m", colours="viridis_r")
 
 
 def _draw_band(

@@ -53,8 +53,9 @@ class HtmlPage:
 
     Attributes:
         path: the file; None where it was made for a notebook alone.
-        kept: for ``events``, ``frames``, ``depth maps``, ``flow maps``, ``masks``, ``normal maps``, ``IMU samples`` and
-            ``poses``: how many the page holds, and how many there are. What the source does not have is not listed.
+        kept: for ``events``, ``frames``, ``depth maps``, ``flow maps``, ``masks``, ``normal maps``,
+            ``disparity maps``, ``IMU samples`` and ``poses``: how many the page holds, and how many there are. What the
+            source does not have is not listed.
         size_bytes: of the file.
         text: of the page, where it was made inline.
     """

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from .._util.progress import progress
 from .flow_picture import flow_picture
 from .sampling_for_display import evenly_spaced
-from .truth_pictures import depth_picture, normals_picture, shape_colours
+from .truth_pictures import HIDDEN, depth_picture, normals_picture, shape_colours
 from .visual_sequence import VisualSequence, display_grey
 
 _FRAME_BYTES, _MAP_BYTES = 3_000_000, 1_000_000
@@ -117,19 +117,46 @@ def layers_of(sequence: VisualSequence) -> Iterator[Layer]:
             "red to the right, green up, blue to the camera",
             _MAP_BYTES,
         )
+    if sequence.disparity_times:
+        yield _disparity(sequence)
+
+
+def _range(count: int, read: Callable[[int], npt.NDArray[np.float32]]) -> tuple[float, float]:
+    """Return between which values nearly all of some maps lie."""
+    values = np.concatenate([read(number).ravel() for number in evenly_spaced(count, _LOOKED_AT).tolist()])
+    known = values[np.isfinite(values)]
+    least, most = np.percentile(known, (1, 99)).tolist() if len(known) else (0.0, 1.0)
+    return least, most
 
 
 def _depth(sequence: VisualSequence) -> Layer:
-    times = sequence.depth_times
-    depths = np.concatenate([sequence.read_depth(i).ravel() for i in evenly_spaced(len(times), _LOOKED_AT).tolist()])
-    known = depths[np.isfinite(depths)]
-    least, most = (float(bound) for bound in np.percentile(known, (1, 99))) if len(known) else (0.0, 1.0)
+    least, most = _range(len(sequence.depth_times), sequence.read_depth)
     return Layer(
         "depth",
         "depth maps",
-        times,
+        sequence.depth_times,
         lambda number: depth_picture(sequence.read_depth(number), least, most),
         f"from {least:.3g} m (yellow) to {most:.3g} m (violet)",
+        _MAP_BYTES,
+    )
+
+
+def _disparity(sequence: VisualSequence) -> Layer:
+    least, most = _range(len(sequence.disparity_times), sequence.read_disparity)
+
+    def picture(number: int) -> Picture:
+        disparity = sequence.read_disparity(number)
+        # What is near has a small depth and a large disparity: both are yellow.
+        colours = depth_picture(-disparity, -most, -least)
+        colours[sequence.read_occlusion(number) & np.isfinite(disparity)] = HIDDEN
+        return colours
+
+    return Layer(
+        "disparity",
+        "disparity maps",
+        sequence.disparity_times,
+        picture,
+        f"from {most:.3g} px (yellow) to {least:.3g} px (violet); red where cam1 does not see it",
         _MAP_BYTES,
     )
 

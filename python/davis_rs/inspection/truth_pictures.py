@@ -8,6 +8,9 @@ import numpy.typing as npt
 _GREY = 0.82
 """Where there is nothing, or a shape without a number."""
 
+HIDDEN = (0.84, 0.15, 0.16)
+"""Where the second camera of a pair does not see what the first one does."""
+
 _VIRIDIS = np.array(
     [
         (68, 1, 84),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from ..geometry.pose import GroundTruth
 from ..io.dataset.files import CALIBRATION
 from ..io.dataset.folder_format import FolderReader
 from ..io.dataset.reader import Dataset
+from ..io.dataset.rig_folder import RigDataset, camera_folder, is_rig_folder
 from ..io.files.read import open_reader
 from ..io.files.sensor_size import sensor_size
 from ..io.formats.recorded import RecordedParts
@@ -55,6 +56,9 @@ class VisualSequence:
         flow_times, read_flow: likewise maps of optical flow, pixels per second, float32 (height, width, 2).
         mask_times, read_mask: likewise maps of shapes, uint16 (height, width), by numbers from 1 on in ``shape_names``.
         normal_times, read_normals: likewise surface normals, float32 (height, width, 3), in camera axes.
+        disparity_times, read_disparity: likewise disparity of the first two cameras of a rig as the first one sees it,
+            pixels, float32 (height, width), NaN for none.
+        read_occlusion: where the second camera does not see what such a map shows, bool (height, width).
         read_imu: the inertial samples, :data:`davis_rs.IMU_DTYPE`; empty if there are none.
         read_poses: the camera's poses; empty if there are none.
         read_camera: the lens, None if the source does not say it.
@@ -76,6 +80,9 @@ class VisualSequence:
     shape_names: Sequence[str] = ()
     normal_times: Sequence[int] = ()
     read_normals: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1, 3), np.float32))
+    disparity_times: Sequence[int] = ()
+    read_disparity: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1), np.float32))
+    read_occlusion: Callable[[int], npt.NDArray[np.bool_]] = field(default=lambda _: np.zeros((1, 1), np.bool_))
     read_imu: Callable[[], npt.NDArray[np.void]] = _no_imu
     read_poses: Callable[[], GroundTruth] = _no_poses
     read_camera: Callable[[], Camera | None] = field(default=lambda: None)
@@ -142,7 +149,7 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
     events = dataset.events
     _check_inside(events, size, dataset.path)
     ends = [*frame_times[-1:], *depth_times[-1:], dataset.meta.get("duration_us") or 0]
-    return VisualSequence(
+    sequence = VisualSequence(
         _label(dataset, size),
         size,
         events,
@@ -159,10 +166,26 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
         tuple(map(printable, dataset.shape_names)),
         [image.t_us for image in dataset.normal_maps],
         dataset.read_normals,
-        lambda: dataset.imu,
-        lambda: dataset.groundtruth,
-        lambda: dataset.camera if (dataset.path / CALIBRATION).exists() else None,
+        read_imu=lambda: dataset.imu,
+        read_poses=lambda: dataset.groundtruth,
+        read_camera=lambda: dataset.camera if (dataset.path / CALIBRATION).exists() else None,
     )
+    if (pair := _stereo_pair(dataset)) is None:
+        return sequence
+    # A run that was killed may have written a map without its mask.
+    both = min(len(pair.disparities), len(pair.occlusions))
+    return replace(
+        sequence,
+        disparity_times=[image.t_us for image in pair.disparities[:both]],
+        read_disparity=pair.read_disparity,
+        read_occlusion=pair.read_occlusion,
+    )
+
+
+def _stereo_pair(dataset: Dataset) -> RigDataset | None:
+    """Return the folder of the rig whose first camera has this dataset; None where there is none."""
+    path = dataset.path.resolve()
+    return RigDataset(path.parent) if is_rig_folder(path.parent) and path == camera_folder(path.parent, 0) else None
 
 
 def _of_recording(recording: Recording, size: tuple[int, int]) -> VisualSequence:
