@@ -250,7 +250,9 @@ def test_maps_of_the_truth_are_layers(with_truth: Path, tmp_path: Path) -> None:
     }  # fmt: skip
     assert re.fullmatch(r"from 1\.2 m \(yellow\) to 1\.9\d? m \(violet\)", layers["depth"]["says"])
     assert "full colour at 105 px/s" in layers["flow"]["says"]
-    assert layers["shapes"]["says"] == "3 shapes, each in one colour"
+    assert layers["shapes"]["says"] == "3 shapes, each in one colour; point at one to read its name"
+    assert list(layers["shapes"]["names"].values()) == ["left", "middle", "right"]
+    assert layers["depth"]["names"] == {}
     dataset = Dataset(with_truth)
     with Image.open(io.BytesIO(base64.b64decode(layers["depth"]["png"][0]))) as image:
         depth = np.array(image)
@@ -264,12 +266,16 @@ def test_maps_of_the_truth_are_layers(with_truth: Path, tmp_path: Path) -> None:
 
 
 def test_colours_are_those_of_matplotlib() -> None:
-    """Which a page does without: depth within 5 of 255, shapes exactly."""
+    """Which a page does without: depth within 5 of 255, the first shapes exactly, later ones by a shade."""
     depth = np.linspace(1, 2, 101, dtype=np.float32)[None]
     viridis = plt.colormaps["viridis_r"](np.linspace(0, 1, 101))[:, :3]
     assert np.abs(depth_picture(depth, 1.0, 2.0)[0] - viridis).max() < 5 / 255
     np.testing.assert_allclose(shape_colours(40)[1:21], plt.colormaps["tab20"](np.arange(20))[:, :3], atol=1e-9)
-    assert np.array_equal(shape_colours(40)[21:], shape_colours(40)[1:21])
+    every = np.rint(255 * shape_colours(65_535)).astype(int)
+    assert len(np.unique(every, axis=0)) == 65_536
+    assert every.min() >= 0
+    assert every.max() <= 255
+    assert np.abs(every[21:] - every[1 + np.arange(20, 65_535) % 20]).max() < 15
 
 
 def test_maps_with_nothing_in_them_are_grey() -> None:
@@ -320,6 +326,19 @@ def test_names_from_files_stay_text(tmp_path: Path) -> None:
     assert page.texts["title"][0].startswith(printable(name))
     assert page.texts["h1"][0].startswith(printable(name))
     assert not set(page.texts["script"][0]) & set("<>&")
+
+
+def test_names_of_shapes_stay_text(with_truth: Path, tmp_path: Path) -> None:
+    name = "</script><script>alert(1)</script>&amp;"
+    shutil.copytree(with_truth, tmp_path / "d")
+    shapes = (tmp_path / "d" / "shapes.json").read_text()
+    (tmp_path / "d" / "shapes.json").write_text(shapes.replace('"left"', json.dumps(name)))
+    view_html(tmp_path / "d", tmp_path / "p.html")
+    page = Page(tmp_path / "p.html")
+    assert [tag for tag, _ in page.elements].count("script") == 2
+    assert not set(page.texts["script"][0]) & set("<>&")
+    (layer,) = (layer for layer in page.data["layers"] if layer["name"] == "shapes")
+    assert list(layer["names"].values()) == [name, "middle", "right"]
 
 
 def test_the_page_needs_no_network(folder: Path, tmp_path: Path) -> None:
@@ -457,17 +476,23 @@ def near(pixels: npt.NDArray[np.uint8], rgb: tuple[int, int, int], within: int =
     return int(np.count_nonzero((np.abs(pixels.astype(int) - rgb) <= within).all(-1)))
 
 
-def screen(page: Path, folder: Path, size: str, address: str = "") -> npt.NDArray[np.uint8]:
-    """What a headless browser shows of a page, without an error in its console."""
+def browse(page: Path, folder: Path, size: str, output: str, address: str = "") -> str:
+    """What a headless browser prints of a page, without an error in its console."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("needs Chromium, to see the page drawn")
     command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr"]
     command += [f"--user-data-dir={folder / 'profile'}", f"--window-size={size}", "--force-device-scale-factor=1"]
-    command += ["--virtual-time-budget=3000", f"--screenshot={folder / 's.png'}", f"file://{page}{address}"]
+    command += ["--virtual-time-budget=3000", output, f"file://{page}{address}"]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert ran.returncode == 0, ran.stderr
     assert "CONSOLE" not in ran.stderr, ran.stderr
+    return ran.stdout
+
+
+def screen(page: Path, folder: Path, size: str, address: str = "") -> npt.NDArray[np.uint8]:
+    """What a headless browser shows of a page."""
+    browse(page, folder, size, f"--screenshot={folder / 's.png'}", address)
     with Image.open(folder / "s.png") as image:
         return np.array(image.convert("RGB"))
 
@@ -480,6 +505,36 @@ def test_a_browser_shows_depth_behind_the_events(with_truth: Path, tmp_path: Pat
         sensor, cloud = pixels[150:580, 42:630], pixels[150:580, 650:1238]
         assert (near(sensor, (254, 243, 136), 6) > 20_000) == (name == "depth")
         assert (near(cloud, (253, 231, 37), 6) > 2_000) == (name == "depth")
+
+
+def with_pointer(page: Path, x: float, y: float) -> Path:
+    """A page over whose sensor the pointer moves, when it is ready, to fractions of width and height."""
+    script = f"""const wait = setInterval(() => {{
+      if (document.documentElement.dataset.state !== "ready") return;
+      clearInterval(wait);
+      const canvas = document.getElementById("sensor"), box = canvas.getBoundingClientRect();
+      const at = {{ clientX: box.left + {x} * box.width, clientY: box.top + {y} * box.height }};
+      canvas.dispatchEvent(new PointerEvent("pointermove", at));
+    }}, 20);"""
+    pointed = page.with_name("pointed.html")
+    text = page.read_text("utf-8").replace("script-src '", f"script-src '{html_page._hash(script)}' '")
+    pointed.write_text(text.replace("</body>", f"<script>{script}</script>\n</body>"), "utf-8")
+    return pointed
+
+
+@pytest.mark.parametrize(
+    ("x", "behind", "name"), [(0.05, "shapes", "left"), (0.95, "shapes", "right"), (0.05, "depth", None)]
+)
+def test_a_browser_names_the_shape_at_the_pointer(
+    with_truth: Path, tmp_path: Path, x: float, behind: str, name: str | None
+) -> None:
+    """Over its faded colour and the events; over other maps there is no name."""
+    view_html(with_truth, tmp_path / "p.html", t_s=0.005)
+    page = with_pointer(tmp_path / "p.html", x, 0.5)
+    shown = browse(page, tmp_path, "1280,800", "--dump-dom", f"#behind={behind}")
+    found = re.search(r'<span id="shape-name"([^>]*)>([^<]*)</span>', shown)
+    assert found is not None
+    assert (None if "hidden" in found[1] else found[2]) == name
 
 
 def test_a_browser_draws_the_page(folder: Path, tmp_path: Path) -> None:

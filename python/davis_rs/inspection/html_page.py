@@ -182,8 +182,10 @@ def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, object])
         + "})();\n"
     )
     style = (web / "style.css").read_text("utf-8")
-    # Numbers and base64 alone: nothing in it can end the element.
+    # Without these characters nothing in it, such as a shape's name, can end the element.
     json_text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    for character in "<>&":
+        json_text = json_text.replace(character, f"\\u{ord(character):04x}")
     page = Template((web / "page.html").read_text("utf-8")).substitute(
         label=html.escape(label),
         kept=html.escape(_kept_text(kept)),

@@ -36,6 +36,7 @@ class Layer(NamedTuple):
         picture: the picture of a number.
         says: what the colours mean.
         bytes: what all pictures may take.
+        names: of what has one colour everywhere, by that colour: six hexadecimal digits of red, green and blue.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Layer(NamedTuple):
     picture: Callable[[int], Picture]
     says: str
     bytes: int
+    names: dict[str, str] | None = None
 
     def packed(self, start_us: int, most: int | None, *, show_progress: bool) -> dict[str, object]:
         """Return the layer as the page's program takes it: as many pictures as asked for, or as fit.
@@ -76,6 +78,7 @@ class Layer(NamedTuple):
             "name": self.name,
             "maps": self.maps,
             "says": self.says,
+            "names": self.names or {},
             "total": total,
             "t": [self.times[number] - start_us for number in chosen],
             "png": [base64.b64encode(encoded[number]).decode() for number in chosen],
@@ -98,16 +101,7 @@ def layers_of(sequence: VisualSequence) -> Iterator[Layer]:
     if sequence.flow_times:
         yield _flow(sequence)
     if sequence.mask_times:
-        colours = shape_colours(np.iinfo(np.uint16).max)
-        shapes = f"{len(sequence.shape_names)} shapes" if sequence.shape_names else "shapes"
-        yield Layer(
-            "shapes",
-            "masks",
-            sequence.mask_times,
-            lambda number: colours[sequence.read_mask(number)],
-            f"{shapes}, each in one colour",
-            _MAP_BYTES,
-        )
+        yield _shapes(sequence)
     if sequence.normal_times:
         yield Layer(
             "normals",
@@ -174,6 +168,22 @@ def _flow(sequence: VisualSequence) -> Layer:
         lambda number: flow_picture(sequence.read_flow(number), most),
         f"full colour at {most:,.0f} px/s; right red, down yellow-green, left light blue, up violet",
         _MAP_BYTES,
+    )
+
+
+def _shapes(sequence: VisualSequence) -> Layer:
+    colours = np.rint(255 * shape_colours(np.iinfo(np.uint16).max)).astype(np.uint8)
+    numbered = zip(colours[1:], sequence.shape_names, strict=False)  # there are fewer names than colours
+    names = {bytes(colour).hex(): name for colour, name in numbered}
+    counted = f"{len(names)} shapes, each in one colour; point at one to read its name"
+    return Layer(
+        "shapes",
+        "masks",
+        sequence.mask_times,
+        lambda number: colours[sequence.read_mask(number)],
+        counted if names else "each in one colour",
+        _MAP_BYTES,
+        names,
     )
 
 

@@ -60,6 +60,9 @@ _SHAPES = np.array(
 )
 """Matplotlib's ``tab20``."""
 
+_SHADES = 15
+"""Shades of each of them along red, green and blue, so that even 65,535 shapes have different colours."""
+
 
 def depth_picture(depth: npt.NDArray[np.float32], least: float, most: float) -> npt.NDArray[np.float64]:
     """Return depth (H, W) as colours (H, W, 3), 0 to 1: yellow at ``least``, violet at ``most``, grey for none."""
@@ -71,8 +74,14 @@ def depth_picture(depth: npt.NDArray[np.float32], least: float, most: float) -> 
 
 
 def shape_colours(count: int) -> npt.NDArray[np.float64]:
-    """Return the colours (1 + count, 3) of a mask's numbers, 0 to 1: grey for 0."""
-    return np.concatenate([[[_GREY] * 3], _SHAPES[np.arange(count) % len(_SHAPES)] / 255])
+    """Return the colours (1 + count, 3) of a mask's numbers, 0 to 1: grey for 0.
+
+    They are multiples of 1 / 255. After 20 they are nearly the same again, but no two are equal.
+    """
+    again, which = np.divmod(np.arange(count), len(_SHAPES))
+    shades = np.stack([again, again // _SHADES, again // _SHADES**2], -1) % _SHADES
+    colours = _SHAPES[which]
+    return np.concatenate([[[_GREY] * 3], np.where(colours < 128, colours + shades, colours - shades) / 255])
 
 
 def normals_picture(normals: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:

@@ -20,25 +20,53 @@ const sensorPanel = (() => {
   const background = new Uint32Array(width * height);
   const word = (r, g, b) => (255 << 24 | b << 16 | g << 8 | r) >>> 0;
   const colours = [word(...OFF), word(...ON)];
-  let shown = null;
+  let shown = null, rgba = null;
 
   // A picture is faded, so that events stand out; without events it is shown as it is.
   const fill = (layer, index, faded) => {
     const key = `${layer && layer.name} ${index} ${faded}`;
     if (key === shown) return;
     shown = key;
+    rgba = null;
     if (index < 0) { background.fill(0xffffffff); return; }
     context.drawImage(layer.images[index], 0, 0, width, height);
-    const rgba = context.getImageData(0, 0, width, height).data;
+    rgba = context.getImageData(0, 0, width, height).data;
     const level = (value) => faded ? Math.round(115 + 0.55 * value) : value;
     for (let i = 0; i < background.length; i++) {
       background[i] = word(level(rgba[4 * i]), level(rgba[4 * i + 1]), level(rgba[4 * i + 2]));
     }
   };
 
+  // Of shapes, the name of the one at which the pointer is: its colour, before it is faded, tells which.
+  const label = element("shape-name");
+  let names = {}, pointer = null;
+  const showName = () => {
+    label.hidden = true;
+    if (!pointer || !rgba) return;
+    const column = Math.min(width - 1, Math.floor(pointer.x / canvas.clientWidth * width));
+    const row = Math.min(height - 1, Math.floor(pointer.y / canvas.clientHeight * height));
+    const at = 4 * (row * width + column);
+    const name = names[(rgba[at] << 16 | rgba[at + 1] << 8 | rgba[at + 2]).toString(16).padStart(6, "0")];
+    if (!name) return;
+    label.textContent = name;
+    label.style.left = `${pointer.x}px`;
+    label.style.top = `${pointer.y}px`;
+    label.classList.toggle("leftwards", pointer.x > canvas.clientWidth / 2);
+    label.hidden = false;
+  };
+  const point = (event) => {
+    pointer = { x: Math.max(0, event.offsetX), y: Math.max(0, event.offsetY) };
+    showName();
+  };
+  canvas.addEventListener("pointermove", point);
+  canvas.addEventListener("pointerdown", point);
+  canvas.addEventListener("pointerleave", () => { pointer = null; showName(); });
+
   return (t, window_us, show) => {
     const index = pictureAt(show.layer, t);
     fill(show.layer, index, show.on || show.off);
+    names = show.layer ? show.layer.names : {};
+    showName();
     pixels.set(background);
     const first = countUntil(events.t, t - window_us), last = countUntil(events.t, t);
     let count = 0;
