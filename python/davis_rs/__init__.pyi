@@ -212,6 +212,7 @@ from .simulation.from_frames.frame_values import FrameValuesWarning as FrameValu
 from .simulation.from_frames.frames_folder import FramesReport as FramesReport
 from .simulation.from_frames.frames_folder import frames_to_folder as frames_to_folder
 from .simulation.from_frames.open_frames import open_frames as open_frames
+from .simulation.jumps import JumpWarning as JumpWarning
 from .simulation.monte_carlo_noise import estimate_noise as estimate_noise
 from .simulation.no_events import NoEventsWarning as NoEventsWarning
 from .simulation.noise_estimate import (

@@ -11,7 +11,17 @@ import numpy as np
 import pytest
 
 import davis_rs
-from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Simulator, Tolerance, simulate
+from davis_rs import (
+    Camera,
+    FixedRate,
+    MaxDisplacement,
+    Packet,
+    Pose,
+    Scene,
+    Simulator,
+    Tolerance,
+    simulate,
+)
 from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.sampling.rules import TimeSampling
 
@@ -125,6 +135,45 @@ def test_steps_of_a_controller_give_what_a_run_gives(scene: Scene) -> None:
         stepper.step(50_000, target)
     with pytest.raises(ValueError, match="first step must be at t = 0"):
         Simulator(scene, **settings).step(5, target)
+
+
+def step_to(scene: Scene, pose: Pose, duration_us: int) -> None:
+    """Step from the start of the scene's path, 1.2 to 1.9 m before three planes, to a pose relative to it."""
+    stepper = Simulator(scene, **PARAMETERS)
+    stepper.step(0, scene.path.pose(0.0))
+    stepper.step(duration_us, scene.path.pose(0.0) @ pose)
+
+
+@pytest.mark.parametrize(
+    ("pose", "duration_us"),
+    [(Pose((5.0, 0, 0), (0, 0, 0, 1)), 1000), (Pose((0, 0, 0), (0, 1, 0, 0)), 10_000)],
+    ids=["5 m in a millisecond", "a half turn in 10 ms"],
+)
+def test_a_jump_of_the_camera_is_told(scene: Scene, pose: Pose, duration_us: int) -> None:
+    """In one line, with how far it is, what is plausible, and what to do."""
+    with pytest.warns(
+        davis_rs.JumpWarning, match=r"moves the image as a turn by 1\d\d degrees does\. More than 120 is a jump"
+    ) as caught:
+        step_to(scene, pose, duration_us)
+    (warning,) = caught
+    assert warning.filename == __file__
+    text = str(warning.message)
+    assert "\n" not in text
+    assert f"the step to {duration_us} us moves the camera by" in text
+    assert "restart() begins elsewhere" in text
+
+
+@pytest.mark.parametrize(
+    ("pose", "duration_us"),
+    [
+        (Pose((0.3, 0, 0), (0, 0, 0, 1)), 10_000),
+        (Pose((0, 0, 0), (0, np.sin(0.25), 0, np.cos(0.25))), 10_000),
+        (Pose((5.0, 0, 0), (0, 0, 0, 1)), 1_000_000),
+    ],
+    ids=["30 m/s", "half a radian in 10 ms", "a step of a second"],
+)
+def test_fast_motion_is_no_jump(scene: Scene, pose: Pose, duration_us: int) -> None:
+    step_to(scene, pose, duration_us)  # warnings are errors
 
 
 @pytest.mark.parametrize(

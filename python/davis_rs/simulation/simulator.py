@@ -29,6 +29,7 @@ from ..sampling.keyframes import Keyframe, Stretch
 from ..scene.scene import Scene
 from ..sensor.effects import with_optics
 from .due_instants import DueInstant, due_instants
+from .jumps import warn_of_jump
 from .run_description import SimulatorDescription, describe_run
 from .settings import Resolved, SimulatorSettings, complete, resolve, takes_settings, truth_rates_hz
 
@@ -229,6 +230,10 @@ class Simulator:
             ValueError: for a first step that is not at 0, a time that is no integer, does not increase or is 2^53 us
                 or later, what is no pose, an object or a light that is not the caller's, or a ``flow_interval_s``,
                 because nobody knows yet where the camera goes. Nothing has changed then.
+
+        Warns:
+            JumpWarning: where the camera turns by more than 120 degrees at more than 6,000 degrees a second, or moves
+            so that the image moves as much. Then all that lies between the two poses makes events.
         """
         if self.settings.flow_interval_s is not None:
             raise ArgumentError("{flow_interval_s} looks ahead along a path: it is for run, not for step")
@@ -247,6 +252,7 @@ class Simulator:
         if t_us <= self._t_us:
             raise ValueError(f"the time of a step must be after the last one ({self._t_us} us), got {t_us} us")
         self._steer(steering, t_us)
+        warn_of_jump(self.renderer, self._pose, pose, self._t_us, t_us, stacklevel=2)
         segment = SegmentTrajectory(self._pose, pose, (t_us - self._t_us) * 1e-6)
         return list(self._packets(segment, self._t_us, t_us))
 
