@@ -179,6 +179,20 @@ def test_a_quad_shows_its_texture_times_its_colours(tmp_path: Path) -> None:
     assert not saved(textured_quad(texels, COLOURS), tmp_path).lost_looks
 
 
+def test_patches_are_found_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """When the file is read, not again whenever a shape is made."""
+    found, real = list[Patches | None](), Patches.of
+
+    def counted(*given: Any) -> Patches | None:
+        found.append(real(*given))
+        return found[-1]
+
+    monkeypatch.setattr(Patches, "of", counted)
+    texels = np.random.default_rng(1).integers(60, 256, (16, 16, 3), np.uint8)
+    assert luma_of(tmp_path, textured_quad(texels, COLOURS)).std() > 0.05
+    assert len(found) == 1
+
+
 def test_one_colour_of_all_vertices_tints_the_material(tmp_path: Path) -> None:
     """It needs no texels, so what else is looked up stays: a normal map, hard edges of texels."""
     texels = np.random.default_rng(2).integers(60, 256, (4, 4, 3), np.uint8)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,9 @@ from ..geometry.pose import FloatArray
 from .repairs import Repairs
 from .texture_file import EncodedTexture
 from .textures import Texture
+
+if TYPE_CHECKING:
+    from .files.painted_texture import Patches
 
 GREY = 0.5
 """Reflectance of surfaces without a material."""
@@ -101,6 +104,8 @@ class MeshPart(NamedTuple):
         one_sided: its back is culled, which is the side on which a triangle's corners run clockwise: from behind, one
             sees through it.
         normal_texture: what turns its normals; None where nothing does.
+        patches: where its triangles lie in the new textures that have its ``colours`` in them; None where it has no
+            colours, or no textures.
     """
 
     corners: FloatArray
@@ -120,10 +125,11 @@ class MeshPart(NamedTuple):
     glass: Glass | None = None
     one_sided: bool = False
     normal_texture: NormalTexture | None = None
+    patches: Patches | None = None
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the
-        front."""
+        front. It has no patches yet."""
 
         def reverse(values: FloatArray | None) -> FloatArray | None:
             return None if values is None else values[:, ::-1]

@@ -271,8 +271,7 @@ class _GltfScene:
             skinned, mirrored = self._skinned(node, deformer, joined_vertices(alike))
             corners, normals = _at_first(skinned)
             # Pieces of triangles would not follow a skin as the triangles do.
-            part = self._part(alike, whole=True)
-            part = part.turned() if mirrored else part
+            part = self._part(alike, whole=True, mirrored=mirrored)
             if self.materials[alike[0].material].mask is not None:
                 part = part._replace(lost=(*part.lost, TRANSPARENCY))
             yield part._replace(corners=corners, normals=normals), skinned
@@ -341,8 +340,9 @@ class _GltfScene:
         self.file.budget.take(_JOINT_BYTES * len(joints), f"skins[{index}]: {len(joints)} joints")
         return joints, inverse
 
-    def _part(self, primitives: list[Primitive], *, whole: bool = False) -> MeshPart:
-        """Join primitives to a part: what the mask of their material shows of them, or the ``whole``.
+    def _part(self, primitives: list[Primitive], *, whole: bool = False, mirrored: bool = False) -> MeshPart:
+        """Join primitives to a part: what the mask of their material shows of them, or the ``whole``. Where they are
+        ``mirrored``, it is turned over.
 
         Colours of its vertices that would need too large a texture are left out.
         """
@@ -352,13 +352,14 @@ class _GltfScene:
             self.materials.charge(material, f"one more shape of the material {material.name}")
         self.shown.add(index)
         part = masked(joined(primitives, material), None if whole else material.mask, self.file.budget)
+        part = part.turned() if mirrored else part
         if not is_painted(part):
             return part
         patches = patches_of(part)
         if patches is None:
             return part._replace(colours=None, lost=(*part.lost, COLOURS_LOST))
         charge(part, patches, self.file.budget)
-        return part
+        return part._replace(patches=patches)
 
     def _corners(self, shapes: dict[str, MeshPart], objects: dict[str, Trajectory]) -> FloatArray:
         """Return all corners (n, 3) in the world at the start."""

@@ -23,7 +23,7 @@ from ..texture_file import EncodedTexture
 from ..textures import Texture
 from .default_view import DefaultView, default_view
 from .obj_file import read_obj
-from .painted_texture import is_painted, painted
+from .painted_texture import painted
 from .ply_file import read_ply
 
 Axis = Literal["y", "z"]
@@ -153,7 +153,7 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
     """Make a shape of a part in world axes; call it under the variant that loads the scene."""
     import mitsuba as mi
 
-    if is_painted(part):
+    if part.patches is not None:
         part = painted(part)
     uv, emission = part.uv, _linear(part.emission)
     reflectance: Texture | FloatArray | MitsubaValue = part.reflectance

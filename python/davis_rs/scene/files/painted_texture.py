@@ -192,19 +192,20 @@ def patches_of(part: MeshPart) -> Patches | None:
 
 
 def charge(part: MeshPart, patches: Patches, budget: Budget) -> None:
-    """Charge a budget for the new textures of a part.
+    """Charge a budget for the patches and the new textures of a part.
 
     Raises:
         DecodeError: if the budget has not enough left.
     """
     rows, columns = patches.shape
     size = _TEXEL_BYTES * rows * columns * (1 + len(_textures(part)))
+    size += sum(array.nbytes for array in patches if isinstance(array, np.ndarray))
     budget.take(size, f"{part.material}: its textures times the colours of its vertices")
 
 
 def painted(part: MeshPart) -> MeshPart:
-    """Return a part that :func:`is_painted` with new textures in place of its colours; its patches are few enough."""
-    patches = patches_of(part)
+    """Return a part that has patches with new textures in place of its colours."""
+    patches = part.patches
     assert patches is not None
     reflectance, metal, normals, blend = part.reflectance, part.metal, part.normal_texture, part.blend
     emission = part.emission
@@ -233,6 +234,7 @@ def painted(part: MeshPart) -> MeshPart:
         blend=blend,
         normal_texture=normals,
         wrap="clamp",
+        patches=None,
     )
 
 
