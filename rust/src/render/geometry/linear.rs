@@ -36,14 +36,6 @@ impl Rect {
         Self { low: [left, top], high: [right, bottom] }
     }
 
-    /// Returns what of it lies in another one.
-    pub(crate) fn within(&self, other: &Self) -> Self {
-        Self {
-            low: [0, 1].map(|axis| self.low[axis].max(other.low[axis])),
-            high: [0, 1].map(|axis| self.high[axis].min(other.high[axis])),
-        }
-    }
-
     pub(crate) fn corners(&self) -> [[f32; 2]; 4] {
         let (low, high) = (self.low, self.high);
         [low, [high[0], low[1]], [low[0], high[1]], high]

@@ -91,7 +91,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
                 next_look += BETWEEN.max(number / BETWEEN_OF_MANY);
             }
             let number_in_bins = list[index as usize].seen as usize;
-            let (triangle, around) = (&bins.seen[number_in_bins], bins.around[number_in_bins]);
+            let (triangle, around) = (&bins.seen[number_in_bins], &bins.around[number_in_bins]);
             let is_behind = triangle.inverse_depth.highest(tile_rect) <= farthest;
             let lowest = triangle.inverse_depth.lowest(tile_rect);
             let is_last = self.candidates.get(number + 1).is_none_or(|next| next.nearest <= lowest);
@@ -103,9 +103,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
             let in_tile = |Linear(function): Linear| warp.function(function.map(f64::from));
             let inverse_depth = in_tile(triangle.inverse_depth);
             self.depths.push(inverse_depth.depth(pattern));
-            let lists =
-                if covers { ends.lists.clone() } else { height.lists(&around.within(tile_rect), pattern, ends) };
-            self.intervals.begin(ends, lists);
+            self.intervals.begin(ends, height.lists(around, pattern, ends));
             if !covers {
                 for edge in triangle.edges {
                     let edge = in_tile(edge);
@@ -295,6 +293,19 @@ mod tests {
 
     /// Columns are multiples of this, so that none but those of cuts are close to each other.
     const STEP: f32 = 1.0 / 32.0;
+
+    /// What lies next to a triangle is joined to it on both sides, and what is too short goes.
+    #[test]
+    fn neighbours_are_joined() {
+        let depths = [LinearDepth([0.0, 0.0, 1.0]); 3];
+        let segment = |left: f32, right: f32, candidate: u32| Segment { left, right, candidate };
+        let gap = 0.5 * LEAST;
+        let mut of_line = vec![segment(0.0, 1.0 - gap, 0), segment(2.0 + gap, 3.0, 1)];
+        assert!(let_in_line(&mut of_line, &mut vec![], (&depths, 0.0), segment(1.0, 2.0, 2), false));
+        assert_eq!(of_line, [segment(0.0, 1.0 - gap, 0), segment(1.0 - gap, 2.0, 2), segment(2.0, 3.0, 1)]);
+        let mut of_line = vec![segment(0.0, 1.0, 0)];
+        assert!(!let_in_line(&mut of_line, &mut vec![], (&depths, 0.0), segment(1.0, 1.0 + gap, 2), false));
+    }
 
     proptest! {
         /// A line sees the nearest triangle everywhere, however many there are and in whichever order they are let in; of
