@@ -5,7 +5,7 @@
 use multiversion::multiversion;
 
 use super::affine::{Affine, coordinate};
-use super::lookup::{Positions, looked_up};
+use super::lookup::{BLACK, Positions, looked_up};
 use super::normal_texture::{Bumps, components, fading, height};
 use super::normals::Normals;
 use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Wrap};
@@ -224,7 +224,8 @@ pub(super) fn lean<const RATE: bool, const FULL: bool>(
     let (mut grown, mut grown_rate) = (Lanes::ZERO, Lanes::ZERO);
     if let Some((vectors, [strength, strength_rate])) = vectors {
         for (sampler, [axis, axis_rate]) in vectors.samplers.iter().zip(vectors.axes) {
-            let along = looked_up::<RATE, FULL, Clamp>(vectors.maps, *sampler, rays, depth, depth_rate);
+            let mut along = BLACK;
+            looked_up::<RATE, FULL, Clamp>(vectors.maps, *sampler, rays, depth, depth_rate, &mut along);
             for i in 0..n {
                 let normal = of_lane(&turned.now, i, 1.0);
                 let cosine = dot_of(axis, &normal);

@@ -6,8 +6,11 @@ use super::affine::Affine;
 use super::texture::{Fold, Sampler, Taps, parted};
 use crate::render::lanes::{Lanes, Rays};
 
-/// Values and, where they are wanted, their rates.
+/// Values and, where they are wanted, their rates. Functions write into it, because to return so much is a copy.
 pub(super) type Reflected = (Lanes, Lanes);
+
+/// What nothing was written into.
+pub(super) const BLACK: Reflected = (Lanes::ZERO, Lanes::ZERO);
 
 /// Where rays hit a texture.
 pub(super) struct Positions {
@@ -84,13 +87,12 @@ pub(super) fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
     rays: &Rays<'_, FULL>,
     depth: &Lanes,
     depth_rate: &Lanes,
-) -> Reflected {
+    (value, rate): &mut Reflected,
+) {
     let n = rays.count();
     let positions = Positions::new::<RATE, FULL, F>(maps, &sampler, rays, depth, depth_rate);
     let corners = sampler.corners(&positions.taps, n);
-    let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
     for i in 0..n {
         (value[i], rate[i]) = positions.mixed::<RATE>(i, [parted(corners[0][i]), parted(corners[1][i])]);
     }
-    (value, rate)
 }

@@ -7,7 +7,7 @@
 
 use super::bumps::{self, LightVectors, turned_normals};
 use super::cast::Caster;
-use super::lookup::{Reflected, looked_up};
+use super::lookup::{BLACK, Reflected, looked_up};
 use super::normals::{Normals, normals};
 use super::shader::{Falls, LightMap, Shader};
 use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Wrap};
@@ -25,16 +25,18 @@ impl Shader<'_> {
         (luma, rate): (&mut Lanes, &mut Lanes),
     ) {
         let n = rays.count();
-        let (depth, depth_rate) = self.depth::<RATE, FULL>(rays);
+        let mut depths = BLACK;
+        self.depth::<RATE, FULL>(rays, &mut depths);
+        let (depth, depth_rate) = &depths;
         *luma = Lanes::ZERO;
         if RATE {
             *rate = Lanes::ZERO;
         }
-        let normal = self.smooth.as_ref().map(|maps| normals::<RATE, FULL>(maps, rays, &depth, &depth_rate));
+        let normal = self.smooth.as_ref().map(|maps| normals::<RATE, FULL>(maps, rays, depth, depth_rate));
         let (normal, under) = match &self.bumpy {
             None => (normal, None),
             Some(bumpy) => {
-                let both = turned_normals::<RATE, FULL>(bumpy, normal, rays, &depth, &depth_rate);
+                let both = turned_normals::<RATE, FULL>(bumpy, normal, rays, depth, depth_rate);
                 (Some(both.turned), Some((bumpy, both.under)))
             }
         };
@@ -44,15 +46,19 @@ impl Shader<'_> {
             let (mut light, mut light_rate) = (Lanes::ZERO, Lanes::ZERO);
             while at < self.lit.len() && self.lit[at].group == group {
                 let lit = &self.lit[at];
-                let (mut added, mut added_rate) = match (lit.falls, &self.light_map) {
+                let mut fallen = BLACK;
+                match (lit.falls, &self.light_map) {
                     (Falls::Baked { texels, strength, rate }, Some(map)) => {
-                        self.baked::<RATE, FULL>(map, texels, (strength, rate), rays, &depth, &depth_rate)
+                        self.baked::<RATE, FULL>(map, texels, (strength, rate), rays, depth, depth_rate, &mut fallen);
                     }
-                    (falls, _) => falling::<RATE, FULL>(&falls, rays, &depth, &depth_rate, normal.as_ref()),
-                };
+                    (falls, _) => {
+                        falling::<RATE, FULL>(&falls, rays, depth, depth_rate, normal.as_ref(), &mut fallen);
+                    }
+                }
+                let (added, added_rate) = &mut fallen;
                 if let (Some((bumpy, under)), Some(turned)) = (&under, &normal) {
-                    let (normals, depths) = ((turned, under), (&depth, &depth_rate));
-                    let added = (&mut added, &mut added_rate);
+                    let (normals, depths) = ((turned, under), (depth, depth_rate));
+                    let added = (&mut *added, &mut *added_rate);
                     match (lit.falls, lit.falls.source()) {
                         (_, Some(from)) => bumps::take::<RATE, FULL>(bumpy, &from, normals, rays, depths, added),
                         (Falls::Baked { texels, strength, rate }, None) => {
@@ -63,10 +69,10 @@ impl Shader<'_> {
                     }
                 }
                 if let (Some(beam), Some(position)) = (&lit.beam, lit.falls.position()) {
-                    beam.take::<RATE, FULL>(position, rays, (&depth, &depth_rate), (&mut added, &mut added_rate));
+                    beam.take::<RATE, FULL>(position, rays, (depth, depth_rate), (added, added_rate));
                 }
                 if caster.hides(lit.light) {
-                    caster.take((receiver, lit.light), rays, &depth, (&mut added, &mut added_rate));
+                    caster.take((receiver, lit.light), rays, depth, (added, added_rate));
                 }
                 for i in 0..n {
                     light[i] += added[i];
@@ -76,7 +82,9 @@ impl Shader<'_> {
                 }
                 at += 1;
             }
-            let (reflectance, reflectance_rate) = self.reflectance::<RATE, FULL>(group, rays, &depth, &depth_rate);
+            let mut reflected = BLACK;
+            self.reflectance::<RATE, FULL>(group, rays, depth, depth_rate, &mut reflected);
+            let (reflectance, reflectance_rate) = &reflected;
             for i in 0..n {
                 luma[i] += reflectance[i] * light[i];
                 if RATE {
@@ -114,16 +122,14 @@ impl Shader<'_> {
     }
 
     #[inline(always)]
-    fn depth<const RATE: bool, const FULL: bool>(&self, rays: &Rays<'_, FULL>) -> Reflected {
+    fn depth<const RATE: bool, const FULL: bool>(&self, rays: &Rays<'_, FULL>, (depth, rate): &mut Reflected) {
         let (n, x, y) = (rays.count(), rays.x, rays.y);
-        let (mut depth, mut rate) = (Lanes::ZERO, Lanes::ZERO);
         for i in 0..n {
             depth[i] = 1.0 / self.inverse_depth.now.at(x[i], y[i]);
             if RATE {
                 rate[i] = -(depth[i] * depth[i]) * self.inverse_depth.rate.at(x[i], y[i]);
             }
         }
-        (depth, rate)
     }
 
     #[inline(always)]
@@ -133,15 +139,17 @@ impl Shader<'_> {
         rays: &Rays<'_, FULL>,
         depth: &Lanes,
         depth_rate: &Lanes,
-    ) -> Reflected {
+        out: &mut Reflected,
+    ) {
         let sampler = Sampler::new(self.texture, &self.scene.texels[group]);
         if self.texture.is_constant() {
-            return (Lanes::all(sampler.only()), Lanes::ZERO);
+            out.0 = Lanes::all(sampler.only());
+            return;
         }
         match self.texture.wrap {
-            Wrap::Repeat => self.textured::<RATE, FULL, Repeat>(sampler, rays, depth, depth_rate),
-            Wrap::Clamp => self.textured::<RATE, FULL, Clamp>(sampler, rays, depth, depth_rate),
-            Wrap::Mirror => self.textured::<RATE, FULL, Mirror>(sampler, rays, depth, depth_rate),
+            Wrap::Repeat => self.textured::<RATE, FULL, Repeat>(sampler, rays, depth, depth_rate, out),
+            Wrap::Clamp => self.textured::<RATE, FULL, Clamp>(sampler, rays, depth, depth_rate, out),
+            Wrap::Mirror => self.textured::<RATE, FULL, Mirror>(sampler, rays, depth, depth_rate, out),
         }
     }
 
@@ -152,8 +160,9 @@ impl Shader<'_> {
         rays: &Rays<'_, FULL>,
         depth: &Lanes,
         depth_rate: &Lanes,
-    ) -> Reflected {
-        looked_up::<RATE, FULL, F>([&self.u, &self.v], sampler, rays, depth, depth_rate)
+        out: &mut Reflected,
+    ) {
+        looked_up::<RATE, FULL, F>([&self.u, &self.v], sampler, rays, depth, depth_rate, out);
     }
 
     /// Computes the irradiance / pi of a baked light, and its rate.
@@ -166,9 +175,11 @@ impl Shader<'_> {
         rays: &Rays<'_, FULL>,
         depth: &Lanes,
         depth_rate: &Lanes,
-    ) -> Reflected {
+        out: &mut Reflected,
+    ) {
         let sampler = Sampler::new(map.texture, &self.scene.irradiance[texels]);
-        let (mut value, mut rate) = looked_up::<RATE, FULL, Clamp>([&map.u, &map.v], sampler, rays, depth, depth_rate);
+        looked_up::<RATE, FULL, Clamp>([&map.u, &map.v], sampler, rays, depth, depth_rate, out);
+        let (value, rate) = out;
         for i in 0..rays.count() {
             // Beyond a triangle's third edge a map may fall below 0, and rounding leads there.
             let light = if value[i] > 0.0 { value[i] } else { 0.0 };
@@ -177,7 +188,6 @@ impl Shader<'_> {
             }
             value[i] = strength * light;
         }
-        (value, rate)
     }
 }
 
@@ -190,9 +200,9 @@ fn falling<const RATE: bool, const FULL: bool>(
     depth: &Lanes,
     depth_rate: &Lanes,
     normals: Option<&Normals>,
-) -> Reflected {
+    (value, rate): &mut Reflected,
+) {
     let (count, x, y) = (rays.count(), rays.x, rays.y);
-    let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
     match (*falls, normals) {
         (Falls::From { position, position_rate, amount, rate: amount_rate }, _) => {
             for i in 0..count {
@@ -247,12 +257,11 @@ fn falling<const RATE: bool, const FULL: bool>(
             }
         }
         (Falls::Evenly { amount, rate: amount_rate }, _) => {
-            value = Lanes::all(amount);
+            *value = Lanes::all(amount);
             if RATE {
-                rate = Lanes::all(amount_rate);
+                *rate = Lanes::all(amount_rate);
             }
         }
         (Falls::FromOnSmooth { .. } | Falls::AlongOnSmooth { .. }, None) | (Falls::Baked { .. }, _) => {}
     }
-    (value, rate)
 }

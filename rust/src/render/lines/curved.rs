@@ -88,11 +88,11 @@ impl Warp for Curved<'_> {
     }
 
     #[inline(always)]
-    fn undistort(&self, x: &mut [f32], y: &mut [f32]) {
+    fn undistort(&self, from: (&[f32], &[f32]), to: (&mut [f32], &mut [f32])) {
         let [to_x, to_y] = self.curve.0.map(|cubic| single(&cubic));
         let (low, high) = (self.rect.low, self.rect.high);
-        for (x, y) in x.iter_mut().zip(y) {
-            let (column, row) = (*x - HALF, *y - HALF);
+        for ((column, row), (x, y)) in from.0.iter().zip(from.1).zip(to.0.iter_mut().zip(to.1)) {
+            let (column, row) = (column - HALF, row - HALF);
             *x = within(on_line(&to_x, row).at(column), low[0], high[0]);
             *y = within(on_line(&to_y, row).at(column), low[1], high[1]);
         }
@@ -520,8 +520,8 @@ mod tests {
                     if (0..2).any(|axis| at[axis] > SIZE[axis] as f32) {
                         continue;
                     }
-                    let (mut x, mut y) = ([column], [row]);
-                    warp.undistort(&mut x, &mut y);
+                    let (mut x, mut y) = ([0.0], [0.0]);
+                    warp.undistort((&[column], &[row]), (&mut x, &mut y));
                     let part = Rect { low: [x[0], y[0]], high: [x[0], y[0]] };
                     let lists = height.lists(&part, &pattern, &pattern.ends);
                     assert!(lists.contains(&(line / LANES)) && lists.len() < 4, "{tile} {line} {column}: {lists:?}");
@@ -539,10 +539,11 @@ mod tests {
             let (column, row) = all.pixel(tile, 0);
             let rect = all.tile(tile);
             let warp = Curved::new(rect, all.curve(tile), 0.375);
-            let (mut x, mut y): (Vec<f32>, Vec<f32>) =
+            let (columns, rows): (Vec<f32>, Vec<f32>) =
                 (0..400).map(|i| ((i % 20) as f32 * 0.4 + 0.2, (i / 20) as f32 * 0.4 + 0.2)).unzip();
-            let places: Vec<[f32; 2]> = x.iter().zip(&y).map(|(&x, &y)| [x, y]).collect();
-            warp.undistort(&mut x, &mut y);
+            let places: Vec<[f32; 2]> = columns.iter().zip(&rows).map(|(&x, &y)| [x, y]).collect();
+            let (mut x, mut y) = (vec![0.0; 400], vec![0.0; 400]);
+            warp.undistort((&columns, &rows), (&mut x, &mut y));
             let part = Rect { low: [1.9, 3.0], high: [5.1, 7.5] };
             let around = warp.around(&part);
             // Behind a lens that bends the other way it is as large, on the other side.

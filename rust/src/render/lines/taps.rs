@@ -33,8 +33,12 @@ pub(super) struct SeenRun {
 /// The taps of a tile.
 #[derive(Debug, Default)]
 pub(crate) struct Taps {
+    /// In undistorted coordinates.
     pub(crate) x: Vec<f32>,
     pub(crate) y: Vec<f32>,
+    /// In the tile's pixels, where they are not those of [`LinePattern::blocks`].
+    column: Vec<f32>,
+    row: Vec<f32>,
     weight: Vec<f32>,
     pixel: Vec<u8>,
     /// Where those of each triangle of the list begin and end, and then those that see nothing.
@@ -73,17 +77,18 @@ impl Taps {
             envelopes.find((pattern, ends), (bins, list), warp);
             self.split((pattern, ends), envelopes, list.len())
         };
-        for values in [&mut self.x, &mut self.y, &mut self.weight] {
+        self.x.resize(count, 0.0);
+        self.y.resize(count, 0.0);
+        if self.by_blocks {
+            warp.undistort((&pattern.blocks.column, &pattern.blocks.row), (&mut self.x, &mut self.y));
+            return;
+        }
+        for values in [&mut self.column, &mut self.row, &mut self.weight] {
             values.resize(count, 0.0);
         }
         self.pixel.resize(count, 0);
-        if self.by_blocks {
-            self.x.copy_from_slice(&pattern.blocks.column);
-            self.y.copy_from_slice(&pattern.blocks.row);
-        } else {
-            self.fill(pattern);
-        }
-        warp.undistort(&mut self.x, &mut self.y);
+        self.fill(pattern);
+        warp.undistort((&self.column, &self.row), (&mut self.x, &mut self.y));
     }
 
     /// Splits lines into what sees one triangle of the list each, and counts the taps; returns their number.
@@ -153,14 +158,14 @@ impl Taps {
             let to = range[1] as usize;
             range[1] += (end - first) as u32;
             let whole = &pattern.taps;
-            copy(&whole.column[first..], &mut self.x[to..], end - first);
-            copy(&whole.row[first..], &mut self.y[to..], end - first);
+            copy(&whole.column[first..], &mut self.column[to..], end - first);
+            copy(&whole.row[first..], &mut self.row[to..], end - first);
             copy(&whole.weight[first..], &mut self.weight[to..], end - first);
             copy(&whole.pixel[first..], &mut self.pixel[to..], end - first);
             for (tap, piece) in pattern.cut_taps(run, (first, end)).into_iter().zip([first, end - 1]) {
                 if let Some(values) = tap {
                     let at = to + piece - first;
-                    (self.x[at], self.y[at], self.weight[at]) = values;
+                    (self.column[at], self.row[at], self.weight[at]) = values;
                 }
             }
         }

@@ -30,8 +30,8 @@ pub(crate) trait Warp {
     /// Returns a function of undistorted coordinates in the tile's pixels: per x, per y, and where both are 0.
     fn function(&self, function: [f64; 3]) -> Self::Function;
 
-    /// Makes columns and rows of the tile undistorted coordinates.
-    fn undistort(&self, x: &mut [f32], y: &mut [f32]);
+    /// Finds undistorted coordinates of columns and rows of the tile.
+    fn undistort(&self, from: (&[f32], &[f32]), to: (&mut [f32], &mut [f32]));
 
     /// Returns which line of a pattern passes through a place.
     fn height(&self, pattern: &LinePattern) -> Height;
@@ -122,10 +122,10 @@ impl Warp for Straight<'_> {
     }
 
     #[inline(always)]
-    fn undistort(&self, x: &mut [f32], y: &mut [f32]) {
-        for (axis, values) in [x, y].into_iter().enumerate() {
-            for value in values {
-                *value = self.coordinate(*value, axis);
+    fn undistort(&self, from: (&[f32], &[f32]), to: (&mut [f32], &mut [f32])) {
+        for (axis, (from, to)) in [(from.0, to.0), (from.1, to.1)].into_iter().enumerate() {
+            for (&at, coordinate) in from.iter().zip(to) {
+                *coordinate = self.coordinate(at, axis);
             }
         }
     }
