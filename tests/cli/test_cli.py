@@ -16,6 +16,7 @@ from command_line import SMALL, davis_rs
 from command_line import in_own_process as run
 from davis_rs import Dataset, __version__, load_scene, start_pose
 from davis_rs.simulation.model_version import MODEL
+from gltf_files import Gltf
 from places import SHARED
 
 pytestmark = pytest.mark.without_llvm
@@ -226,7 +227,8 @@ def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
         "--camera", tmp_path / "calib.txt", "--start", 0.05, "--duration", 0.1, "--rays-per-pixel", 1,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "trajectory moved" in done.stderr
+    away_m = np.linalg.norm([0.3 * np.sin(0.2), 7.005, 0] - start_pose(load_scene("three_planes")).position)
+    assert f"path.txt: moved by {away_m:.3g} m and turned by " in done.stderr
     assert "path.txt: positions and rotations taken as they are" in done.stderr
     assert done.stderr.count("t = 0") == 1
     assert "t = 0 is 1000.05 s on the clock of the camera path\n" in done.stderr
@@ -240,6 +242,29 @@ def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
     expected = np.hypot(0.3 * (np.sin(4 * (t[10:31])) - np.sin(0.2)), 0.1 * (t[10:31] - 0.05))
     np.testing.assert_allclose(moved, expected, atol=1e-4)
     assert davis_rs("check", out).returncode == 0
+
+
+@pytest.mark.parametrize("with_camera", [False, True])
+def test_a_path_for_a_file_stays_where_it_is(tmp_path: Path, with_camera: bool) -> None:
+    """The file's camera, or the path around that it gets without one, moves no other path; --align does."""
+    square = Gltf()
+    square.node(mesh=square.mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]]))
+    if with_camera:
+        lens = square.add("cameras", {"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}})
+        square.node(camera=lens, translation=[0, 0, 4])
+    scene = square.save(tmp_path / "square.glb")
+    path = tmp_path / "path.txt"
+    path.write_text("".join(f"{0.01 * k:.2f} {0.01 * k} -5 0 {-(0.5**0.5)} 0 0 {0.5**0.5}\n" for k in range(9)))
+    given = (scene, "--trajectory", path, "--position-sigma", 0, "--rotation-sigma", 0, "--duration", 0.01)
+    out = tmp_path / "out"
+    done = simulate(*given, "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert "moved by" not in done.stderr
+    np.testing.assert_allclose(Dataset(out).groundtruth.positions[0], [0, -5, 0], atol=1e-6)
+    aligned = simulate(*given, "-o", tmp_path / "aligned", "--align")
+    assert "path.txt: moved by " in aligned.stderr
+    start = start_pose(load_scene(scene))
+    np.testing.assert_allclose(Dataset(tmp_path / "aligned").groundtruth.positions[0], start.position, atol=1e-6)
 
 
 @pytest.mark.skipif(not (SHARED / "data" / "poster_6dof.csv").exists(), reason="needs the recorded trajectory")

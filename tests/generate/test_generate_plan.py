@@ -272,7 +272,7 @@ def test_motions_are_those_of_the_module(motion: dict[str, Any]) -> None:
 
 
 def test_a_file_is_relative_to_the_plan(tmp_path: Path) -> None:
-    """And moved to the start of a scene that has a path of its own, unless told otherwise."""
+    """And moved to the start of a built-in scene, unless told otherwise; not to that of a file."""
     (tmp_path / "path.txt").write_text("".join(f"{0.02 * k} {0.01 * k} 0 0 0 0 0 1\n" for k in range(9)))
     scene = davis_rs.load_scene("three_walls")
     motion = {"kind": "file", "file": "path.txt", "position_sigma_m": 0, "rotation_sigma_deg": 0}
@@ -280,6 +280,11 @@ def test_a_file_is_relative_to_the_plan(tmp_path: Path) -> None:
         davis_rs.start_pose(scene).position
     )
     assert make_motion(motion | {"align": False}, scene, None, tmp_path).pose(0.02).position[0] == pytest.approx(0.01)
+    (tmp_path / "mesh.obj").write_text("v 5 0 0\nv 6 0 0\nv 5 1 1\nf 1 2 3\n")
+    mesh = davis_rs.load_scene(tmp_path / "mesh.obj")
+    assert make_motion(motion, mesh, None, tmp_path).pose(0.02).position[0] == pytest.approx(0.01)
+    there = make_motion(motion | {"align": True}, mesh, None, tmp_path).pose(0)
+    assert there.position == pytest.approx(davis_rs.start_pose(mesh).position)
 
 
 numbers = st.integers() | st.just(10**400) | st.floats()

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
 
 from .._util.argument_checks import as_size
 from .._util.argument_error import ArgumentError
@@ -16,7 +19,7 @@ from .._util.terminal_text import tell
 from ..geometry.trajectory.trajectory import Trajectory, align
 from ..geometry.trajectory.trajectory_file import read_trajectory
 from ..scene.default_motion import with_default_motion
-from ..scene.load import BUILTIN_SCENES, load_scene, start_pose
+from ..scene.load import BUILTIN_SCENES, load_scene, moves_paths, start_pose
 from ..scene.scene import Scene
 
 SCENE_HELP = (
@@ -108,7 +111,7 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
         "--align",
         action=argparse.BooleanOptionalAction,
         help="move the trajectory so that it starts where the scene's camera does; "
-        "if not given: where a file's trajectory meets a built-in scene",
+        "if not given: in a built-in scene or a sequence, but not in a scene of a file",
     )
     group.add_argument(
         "--position-sigma",
@@ -163,11 +166,17 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
     trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap_s, **sigmas))
     if not quiet:
         tell(f"{options.trajectory}: {sampled.smoothing()} (--position-sigma, --rotation-sigma)", file=sys.stderr)
-    # A built-in scene shares no world with anybody's trajectory, a user's own file may.
-    if scene.trajectory is not None if options.align is None else options.align:
+    if moves_paths(scene) if options.align is None else options.align:
+        start, was = start_pose(scene), trajectory.pose(at_s)
+        trajectory = align(trajectory, start, at_s)
         if not quiet:
-            tell("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
-        trajectory = align(trajectory, start_pose(scene), at_s)
+            metres = np.linalg.norm(start.position - was.position)
+            turned_deg = math.degrees(2 * math.acos(min(abs(float(start.quaternion @ was.quaternion)), 1.0)))
+            tell(
+                f"{options.trajectory}: moved by {metres:.3g} m and turned by {turned_deg:.1f} degrees, so that it "
+                "starts where the scene's camera does (--no-align)",
+                file=sys.stderr,
+            )
     return scene.with_trajectory(trajectory)
 
 

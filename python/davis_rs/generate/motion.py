@@ -16,7 +16,7 @@ from ..geometry.pose import Pose, hamilton
 from ..geometry.trajectory import motions
 from ..geometry.trajectory.trajectory import Trajectory, align
 from ..geometry.trajectory.trajectory_file import read_trajectory
-from ..scene.load import start_pose
+from ..scene.load import moves_paths, start_pose
 from ..scene.scene import Scene
 from .kinds import Key, called_with, keys_of
 
@@ -68,8 +68,7 @@ def make_motion(
     kind = given.pop("kind")
     called = called_with(motion_keys(kind), given)
     if kind == "file":
-        # A scene that has a path shares no world with a file's, one without may.
-        moved = called.pop("align", scene.trajectory is not None or start is not None)
+        moved = called.pop("align", moves_paths(scene) or start is not None)
         if start is not None and not moved:
             raise ArgumentError("{start_pose} moves the path, and align: false would not")
         trajectory = read_trajectory(base / called.pop("path"), **called)

@@ -127,6 +127,15 @@ def start_pose(scene: Scene) -> Pose:
     return scene.start
 
 
+def moves_paths(scene: Scene) -> bool:
+    """Return whether the trajectory of a file is moved to a scene's start, where the user does not say.
+
+    It is in a scene that is built in or drawn, because no trajectory was recorded there. A file's world may be that of
+    the trajectory.
+    """
+    return scene.file is None
+
+
 def _scene_of_file(path: Path, variables: dict[str, str]) -> Scene:
     """Load a Mitsuba XML file, with the camera and the start that its first sensor gives."""
     source = XmlFile(path, variables) if variables else path
