@@ -19,6 +19,7 @@ from davis_rs import CrossingEngine, Effects, Simulator, check_dataset, load_sce
 from davis_rs._core import log_intensity
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray, concatenate_events
 from davis_rs.geometry.camera import Camera
+from davis_rs.inspection.visual_sequence import open_visual_sequence
 from davis_rs.sampling.exposure import KeyframeExposure
 from davis_rs.sensor.effects import Aps, CustomEffects, event_draws
 from davis_rs.sensor.effects.custom_effects import load_custom_effect
@@ -380,6 +381,8 @@ def test_the_command_line_takes_one_from_a_file(tmp_path: Path) -> None:
     [described] = meta["custom_effects"]
     assert (described["class"], described["acts_on"]) == ("custom_effects.mine:Brighter", ["luma"])
     assert re.fullmatch("[0-9a-f]{64}", described["source_sha256"])
+    assert "effects     Brighter\n" in command("info", tmp_path / "out").stdout
+    assert open_visual_sequence(tmp_path / "out").label.endswith("sensor 48 x 36, with Brighter")
     report = check_dataset(tmp_path / "out")
     assert report.ok
     assert report.instants

@@ -20,7 +20,7 @@ from ..io.dataset.reader import Dataset
 from ..io.dataset.text_folder import StampedImage
 from ..sensor.effects import EFFECTS
 from ..simulation.noise_estimate import share_text
-from .dataset_description import describe_dataset
+from .dataset_description import custom_effects, describe_dataset
 
 TOLERANCE = 1e-9
 """What the check itself may add to an error, in units of C: its sums and differences are made in float64."""
@@ -190,9 +190,7 @@ def check_dataset(path: str | Path) -> CheckReport:
 
 def _voiding_custom_effects(meta: JsonObject) -> list[str]:
     """Return the user's own effects that act behind luma."""
-    listed = meta.get("custom_effects")
-    effects = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
-    return [str(one.get("class")) for one in effects if one.get("acts_on") != ["luma"]]
+    return [str(one.get("class")) for one in custom_effects(meta) if one.get("acts_on") != ["luma"]]
 
 
 def _sensor_size(dataset: Dataset, meta: JsonObject) -> tuple[int, int] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .._util.array_types import JsonObject
 from ..io.dataset.reader import Dataset
 from ..simulation.model_version import MODEL
 
@@ -18,7 +19,7 @@ class DatasetDescription:
     Attributes:
         scene: the scene's name.
         threshold: C, or C of ON and of OFF events, such as ``C = 0.15``.
-        effects: names of the effects; empty for ideal pixels.
+        effects: names of the effects, and of the classes of the user's own; empty for ideal pixels.
         noise: share of events that Monte Carlo noise makes missing or spurious, as estimated before the run; None also
             where nothing was drawn at random.
         version: of davis_rs that made it.
@@ -64,11 +65,12 @@ def describe_dataset(dataset: Dataset) -> DatasetDescription:
         on, off = parameters["contrast_threshold"], parameters.get("contrast_threshold_off")
         if on is not None:  # a dataset's are numbers or null
             threshold = f"C = {on:.4g}" if off in (None, on) else f"C = {on:.4g} ON, {off:.4g} OFF"
+    own = (str(one.get("class")).rpartition(":")[2] for one in custom_effects(meta))
     version = meta.get("davis_rs")
     return DatasetDescription(
         scene=str(scene["name"]) if isinstance(scene, dict) and "name" in scene else None,
         threshold=threshold,
-        effects=tuple(effects) if isinstance(effects, dict) else None,
+        effects=(*effects, *own) if isinstance(effects, dict) else None,
         noise=(meta.get("monte_carlo_noise") or {}).get("share"),
         version=version,
         aligned_start=isinstance(parameters, dict)
@@ -77,3 +79,9 @@ def describe_dataset(dataset: Dataset) -> DatasetDescription:
         and _PARTING.isdisjoint(effects),
         model=None if version is None else (meta.get("model") or 1),
     )
+
+
+def custom_effects(meta: JsonObject) -> list[JsonObject]:
+    """Return what ``meta.json`` says of each effect of the user's own."""
+    listed = meta.get("custom_effects")
+    return [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
