@@ -407,6 +407,48 @@ def test_the_check_does_not_explain_light_by_events_that_an_effect_changed(tmp_p
     assert described["parameters"] == {"share": 0.3}
 
 
+class Dust:
+    """Has parameters, next to what it keeps for itself, but no repr of its own."""
+
+    def __init__(self) -> None:
+        self.grains, self.radii, self._seen, self.shape = 3, [1.5, 2.0], 0, "round"
+
+    def luma(self, t_us: int, luma: Frame) -> Frame:
+        return luma
+
+
+class Haze:
+    """Has nothing that a record could hold."""
+
+    density = 0.5
+
+    def __init__(self) -> None:
+        self.map = np.ones(3)
+
+    def luma(self, t_us: int, luma: Frame) -> Frame:
+        return luma
+
+
+class Smear(Dust):
+    def __repr__(self) -> str:
+        return "Smear(3)"
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameters"),
+    [
+        (Crosstalk(), {"share": 0.3}),
+        (Smear(), "Smear(3)"),
+        (Dust(), {"grains": 3, "radii": [1.5, 2.0], "shape": "round"}),
+        (Haze(), None),
+    ],
+)
+def test_a_record_has_no_address_of_memory(effect: object, parameters: object) -> None:
+    """So that a second run writes the same bytes."""
+    [described] = CustomEffects(effect, 48, 36, 0).describe()
+    assert described["parameters"] == parameters
+
+
 def test_entries_of_modules_and_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Classes and functions are called, objects are taken; modules of the working directory are found."""
     (tmp_path / "mine_too.py").write_text(FILE)

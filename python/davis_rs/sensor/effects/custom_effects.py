@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, is_dataclass
@@ -196,16 +197,30 @@ def _name(effect: object) -> str:
 
 def _described(effect: object) -> dict[str, object]:
     kind = type(effect)
-    parameters: object = asdict(effect) if is_dataclass(effect) and not isinstance(effect, type) else repr(effect)
-    try:
-        json.dumps(parameters)
-    except (TypeError, ValueError):
-        parameters = repr(effect)
     source = inspect.getsourcefile(kind) if kind.__module__ in sys.modules else None
     sha256 = hashlib.sha256(Path(source).read_bytes()).hexdigest() if source and Path(source).is_file() else None
     return {
         "class": f"{kind.__module__}:{kind.__qualname__}",
         "acts_on": [method for method in _METHODS if callable(getattr(effect, method, None))],
-        "parameters": parameters,
+        "parameters": _parameters(effect),
         "source_sha256": sha256,
     }
+
+
+def _parameters(effect: object) -> object:
+    """Return a dataclass's fields, or else the repr; where that has an address of memory, which differs between runs,
+    the public attributes that JSON can hold, None if there are none."""
+    if is_dataclass(effect) and not isinstance(effect, type) and _is_plain(fields := asdict(effect)):
+        return fields
+    if not re.search(r" at 0x[0-9a-fA-F]+", text := repr(effect)):
+        return text
+    public = {name: value for name, value in getattr(effect, "__dict__", {}).items() if not name.startswith("_")}
+    return {name: value for name, value in public.items() if _is_plain(value)} or None
+
+
+def _is_plain(value: object) -> bool:
+    try:
+        json.dumps(value)
+    except (TypeError, ValueError):
+        return False
+    return True
