@@ -333,6 +333,8 @@ def test_what_cannot_be_told_is_refused(tmp_path: Path) -> None:
         Simulator(moving_scene(), flow_interval_s=0.1)
     with pytest.raises(ValueError, match="it is for run, not for step"):
         Simulator(moving_scene(), flow_rate_hz=10, flow_interval_s=0.1).step(0, LOOK)
+    with pytest.raises(ValueError, match="flow_png is that of displacements: give flow_interval_s"):
+        davis_rs.simulate_to_folder(moving_scene(), tmp_path / "out", flow_rate_hz=10, flow_png="kitti", quiet=True)
     (tmp_path / "meta.json").write_text("{}")
     (tmp_path / "shapes.json").write_text('{"2": "box"}')
     with pytest.raises(DecodeError, match="names by the numbers 1, 2"):

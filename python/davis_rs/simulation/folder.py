@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.variants import FAST, default_variant
+from .._util.argument_error import ArgumentError
 from .._util.folder_report import FolderReport, start_line
 from .._util.progress import Progress, doing, progress, say
 from .._util.quantities import events_a_second
@@ -161,6 +162,8 @@ def prepare_run(scene: Scene, given: FolderSettings, inertial: Inertial | None) 
     Raises:
         ValueError, OSError, ImportError: as :func:`simulate_to_folder`.
     """
+    if given.flow_png is not None and given.flow_interval_s is None:
+        raise ArgumentError("{flow_png} is that of displacements: give {flow_interval_s}")
     motion_capture = make_motion_capture(given)
     made = make_simulator(scene, given)
     if given.accept_noise is False:
