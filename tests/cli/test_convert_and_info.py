@@ -16,13 +16,14 @@ from command_line import davis_rs as command
 from davis_rs import EventWindows, open_reader, open_writer, read_events
 from davis_rs.cli.main import main
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.events.filters import Refractory
 from davis_rs.geometry.pose import GroundTruth
 from davis_rs.inspection.summary import Gap, dataset_row, draw_rates, summarize_events, top_speeds
 from davis_rs.io.dataset.reader import Dataset
 from davis_rs.io.files.conversion import convert
 from davis_rs.io.files.sensor_size import SensorSizeWarning
 from davis_rs.simulation.model_version import MODEL
-from event_files import events_of
+from event_files import assert_same, events_of
 from places import SHARED
 from written_sequence import write_sequence
 
@@ -218,6 +219,29 @@ def test_a_size_that_nobody_knows_is_asked_for(tmp_path: Path) -> None:
             assert command(*words, "--size", "240x180").returncode == 0
             (tmp_path / "e.aedat4").unlink(missing_ok=True)
     assert command("info", tmp_path, "--size", "240x180", "--quiet").stdout.count("240 x 180") == 1
+
+
+@pytest.mark.parametrize("name", ["e.txt", "e.npy", "e.npz"])
+def test_a_file_that_cannot_hold_a_size_needs_none(tmp_path: Path, name: str) -> None:
+    """But events outside of a size that is given are refused, and a first line with the size needs it."""
+    source = tmp_path / "events.txt"
+    source.write_text("0.000005 300 200 1\n0.000009 3 4 0\n")
+    out = tmp_path / "out" / name
+    out.parent.mkdir()
+    done = command("convert", source, out, "--quiet")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert_same(read_events(out), events_of((5, 300, 200, 1), (9, 3, 4, 0)))
+    done = command("convert", source, out, "--quiet", "--overwrite", "--size", "240x180")
+    assert (done.returncode, "240" in done.stderr) == (1, True), done
+    if name == "e.txt":
+        done = command("convert", source, out, "--quiet", "--overwrite", "--option", "size_line=true")
+        assert (done.returncode, "give --size" in done.stderr) == (1, True), done
+
+
+def test_filters_need_the_sensors_size(tmp_path: Path) -> None:
+    source = text_file(tmp_path / "events.txt", many(10))
+    with pytest.raises(ValueError, match="give size WxH"):
+        convert(source, tmp_path / "out.npy", filters=[Refractory(10)])
 
 
 def test_a_size_that_contradicts_the_file_is_refused(tmp_path: Path) -> None:

@@ -27,8 +27,8 @@ from ..formats.recorded import RecordedParts
 from ..formats.registry import FORMATS
 from ..recordings import RecordingWarning
 from .read import open_reader
-from .sensor_size import sensor_size
-from .write import open_writer
+from .sensor_size import find_sensor_size, sensor_size
+from .write import format_for, open_writer
 
 
 class LeftOutWarning(UserWarning):
@@ -82,9 +82,9 @@ def convert(
         source: a file of any format, recognised by its content, a recording of a camera (AEDAT 2.0, 3.1, 4, or a
             camera's bytes), a dataset folder, or a rosbag2.
         target: a path (without a suffix: a dataset folder), or an open binary stream.
-        size: (width, height) of the sensor, where the source does not say. Without it, that of a ``meta.json`` or of
-            frames next to the source is taken, and a :class:`~davis_rs.io.files.sensor_size.SensorSizeWarning` says
-            so.
+        size: (width, height) of the sensor, where the source does not say; an event outside is refused. Without it,
+            that of a ``meta.json`` or of frames next to the source is taken, and a
+            :class:`~davis_rs.io.files.sensor_size.SensorSizeWarning` says so. A target that cannot hold it needs none.
         format: of the target; by its suffix if not given.
         start_us, stop_us: only what has start_us <= t < stop_us, by the source's times.
         roi: only events with x0 <= x < x1 and y0 <= y < y1, as (x0, y0, x1, y1). Other parts stay whole.
@@ -101,8 +101,8 @@ def convert(
         options: those of the target's format.
 
     Raises:
-        ValueError: if the size is not known or contradicts the source, both are one file, a part does not exist, or the
-            target cannot hold a value.
+        ValueError: if the size contradicts the source, or is not known and the target states it or filters need it;
+            if both are one file, a part does not exist, or the target cannot hold a value.
         ImportError: if a library is missing, with the extra that brings it.
         OSError, DecodeError: if the source cannot be read, or the target not be written.
     """
@@ -115,7 +115,10 @@ def convert(
         if name not in ALL_PARTS:
             raise ArgumentError("{parts} are {}: got {!r}{}", ", ".join(ALL_PARTS), name, did_you_mean(name, ALL_PARTS))
     with open_reader(source, backward=backward, outside=outside, max_packet_bytes=max_packet_bytes) as reader:
-        sensor = reader.sensor = sensor_size(reader, size)
+        chosen = format_for(target, format, options)
+        states_size = chosen.states_size or options.get("size_line", False)
+        known = (sensor_size if states_size or filters else find_sensor_size)(reader, size)
+        reader.sensor, sensor = known, known or (chosen.limits.width, chosen.limits.height)
         with open_writer(target, sensor, format, overwrite=overwrite, whole=True, **options) as writer:
             if isinstance(writer, FolderWriter):
                 writer.source = Path(source).name
@@ -154,7 +157,6 @@ def convert(
         for note in reader.notes if isinstance(reader, RecordedParts) else ():
             warnings.warn(f"{reader.path}: {note}", RecordingWarning, 2)
         left_out = "" if parts is not None else _left_out(reader, held)
-        states_size = FORMATS[report.format].states_size or options.get("size_line", False)
         if parts is None and not states_size and (reader.size is not None or isinstance(reader, FolderReader)):
             left_out = ", ".join(filter(None, [left_out, f"the sensor's size, {sensor[0]} x {sensor[1]}"]))
         if left_out:

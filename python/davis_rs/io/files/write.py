@@ -49,7 +49,7 @@ def open_writer(
         FileExistsError: if the file exists and ``overwrite`` is not set.
         OSError: if it cannot be made; EBUSY if another writer has it.
     """
-    chosen = _format_for(path, format, options)
+    chosen = format_for(path, format, options)
     if not isinstance(path, str | os.PathLike):
         return chosen.open_writer(path, size, overwrite=overwrite, **options)
     if whole and not is_sink(Path(path)):
@@ -82,7 +82,7 @@ def _whole_writer(
     return writer
 
 
-def _format_for(path: Target, format: str | None, options: Mapping[str, object]) -> Format:
+def format_for(path: Target, format: str | None, options: Mapping[str, object]) -> Format:
     """Return the format that is asked for, if it has these options and its libraries are there.
 
     Raises:
