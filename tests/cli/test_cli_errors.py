@@ -108,6 +108,14 @@ def test_each_command_has_its_help(command: str, capsys: pytest.CaptureFixture[s
         ),
         (["simulate", "x", "-o", "x", "--leak-rate", "3"], "did you mean --effect leak_rate_hz=VALUE?"),
         (["plan", "three_planes", "--size", "240"], "--size: must be WIDTHxHEIGHT in pixels"),
+        (
+            ["frames", "x", "-o", "x", "--roi", "100", "50", "300", "200"],
+            "--roi: must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got '100'",
+        ),
+        (
+            ["convert", "x", "y", "--roi", "200x150+100+50"],
+            "--roi: expected 4 arguments: X0 Y0 X1 Y1 (see davis-rs convert --help)",
+        ),
     ],
 )
 def test_a_wrong_command_line_is_told_in_one_line(

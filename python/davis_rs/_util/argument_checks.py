@@ -120,6 +120,18 @@ def as_size(size: Sequence[int] | str, argument: str = "size") -> tuple[int, int
     return width, height
 
 
+def parse_roi(roi: str) -> tuple[int, int, int, int]:
+    """Return (width, height, left, top) of ``WxH+X+Y``, in pixels.
+
+    Raises:
+        ArgumentError: for something else, or sides outside of 1..65535.
+    """
+    match = re.fullmatch(r"(\d{1,5}[xX]\d{1,5})\+(\d{1,5})\+(\d{1,5})", roi.strip())
+    if match is None:
+        raise ArgumentError("{roi} must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got {!r}", roi)
+    return *as_size(match[1], "roi"), int(match[2]), int(match[3])
+
+
 def check_type(argument: str, value: object, kind: type | tuple[type, ...], hint: str) -> None:
     """Refuse an object of another kind.
 

@@ -55,6 +55,15 @@ class Parser(argparse.ArgumentParser):
         """Print one line in place of the whole usage."""
         self.exit(2, f"davis-rs: error: {message} (see {self.prog} --help)\n")
 
+    def _match_argument(self, action: argparse.Action, arg_strings_pattern: str) -> int:
+        """Say which arguments an option is followed by, where there are too few."""
+        try:
+            return super()._match_argument(action, arg_strings_pattern)
+        except argparse.ArgumentError as error:
+            if isinstance(action.metavar, tuple):
+                error.message += f": {' '.join(action.metavar)}"
+            raise
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:
             return

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from .._util.argument_checks import parse_size
+from .._util.argument_checks import parse_roi, parse_size
 from .._util.argument_error import ArgumentError
 from .._util.former_names import is_now
 from .._util.progress import say
 from ..simulation.settings import Setting, Settings, settings_of
 from .common import unnamed
+
+_FORMS: Mapping[str, Callable[[str], object]] = {"size": parse_size, "roi": parse_roi}
+"""What refuses a text that a setting cannot be, so that this is told before anything is read."""
 
 
 def add_settings(
@@ -97,8 +100,8 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
             raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
         try:
             setting.check(value)
-            if setting.name == "size":
-                parse_size(value)
+            if setting.name in _FORMS:
+                _FORMS[setting.name](value)
         except ArgumentError as error:
             raise argparse.ArgumentTypeError(unnamed(error)) from None
         return value

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ..._util.argument_checks import as_size, parse_size
+from ..._util.argument_checks import as_size, parse_roi, parse_size
 from ..._util.argument_error import ArgumentError
 from ..._util.extras import load_opencv
 from .frame_source import FrameArray
@@ -92,11 +91,7 @@ def frame_part(
         wide, high = as_size(crop, "crop")
         left, top = (width - wide) // 2, (height - high) // 2
     elif roi is not None:
-        match = re.fullmatch(r"(\d{1,5}[xX]\d{1,5})\+(\d{1,5})\+(\d{1,5})", roi.strip())
-        if match is None:
-            raise ArgumentError("{roi} must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got {!r}", roi)
-        wide, high = as_size(match[1], "roi")
-        left, top = int(match[2]), int(match[3])
+        wide, high, left, top = parse_roi(roi)
     else:
         wide, high = width, height
     if left < 0 or top < 0 or left + wide > width or top + high > height:
