@@ -109,6 +109,12 @@ def test_each_command_has_its_help(command: str, capsys: pytest.CaptureFixture[s
         (["simulate", "x", "-o", "x", "--leak-rate", "3"], "did you mean --effect leak_rate_hz=VALUE?"),
         (["plan", "three_planes", "--size", "240"], "--size: must be WIDTHxHEIGHT in pixels"),
         (
+            ["simulate", "x", "-o", "x", "--frame-rat", "10"],
+            "unrecognized arguments: --frame-rat 10; did you mean --frame-rate?",
+        ),
+        (["--debu", "sequences"], "unrecognized arguments: --debu; did you mean --debug?"),
+        (["calibrate", "sensor", "x", "--quie"], "unrecognized arguments: --quie; did you mean --quiet?"),
+        (
             ["frames", "x", "-o", "x", "--roi", "100", "50", "300", "200"],
             "--roi: must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got '100'",
         ),

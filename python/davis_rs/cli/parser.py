@@ -10,7 +10,7 @@ from .._util.close_names import did_you_mean
 
 
 class Parser(argparse.ArgumentParser):
-    """Parses arguments that are added when it is used.
+    """Parses arguments that are added when it is used; options are taken by their whole names.
 
     So only the command that is called imports what it needs, and ``davis-rs --help`` needs next to nothing.
 
@@ -21,8 +21,8 @@ class Parser(argparse.ArgumentParser):
         commands: the parsers of its commands, by name.
     """
 
-    def __init__(self, *arguments: Any, fill: Callable[[argparse.ArgumentParser], None] | None = None, **more: Any):
-        super().__init__(*arguments, **more)
+    def __init__(self, *, fill: Callable[[argparse.ArgumentParser], None] | None = None, **more: Any):
+        super().__init__(allow_abbrev=False, **more)
         self._fill = fill
         self.commands: dict[str, Parser] = {}
 
