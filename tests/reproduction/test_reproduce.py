@@ -19,6 +19,8 @@ from davis_rs.reproduction.clip_statistics import burst_starts
 from davis_rs.sensor.presets import SensorFile
 from recorded_clips import SENSOR, clip_of
 
+DESCRIPTION = "A sensor whose biases are neither those of the driver nor any that a camera has. It makes the clip."
+
 
 @pytest.fixture(scope="module")
 def clip() -> RecordedClip:
@@ -30,7 +32,7 @@ def reproduced(clip: RecordedClip) -> Reproduction:
     wrong = clip_of(replace(SENSOR, contrast_threshold=0.3, contrast_threshold_off=0.36))
     late = clip.events.copy()
     late["t"] += 4000
-    return reproduce(clip, base=SensorFile(SENSOR), against={"wrong": wrong.events, "late": late})
+    return reproduce(clip, base=SensorFile(SENSOR, DESCRIPTION), against={"wrong": wrong.events, "late": late})
 
 
 def test_its_own_sensor_reproduces_it(reproduced: Reproduction) -> None:
@@ -45,6 +47,10 @@ def test_its_own_sensor_reproduces_it(reproduced: Reproduction) -> None:
     assert max(abs(row.others["fitted"][1]) for row in half.rows if row.judged) < 5
     vox20 = half.agreement[1]
     assert vox20.others["fitted"][0].value > max(0.95, vox20.real.value)
+
+
+def test_what_is_assumed_ends_at_a_sentence(reproduced: Reproduction) -> None:
+    assert reproduced.notes[0] == f"what the fit does not find comes from: {DESCRIPTION.partition('. ')[0]}"
 
 
 def test_another_sensor_does_not(reproduced: Reproduction) -> None:

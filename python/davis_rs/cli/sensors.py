@@ -35,7 +35,7 @@ def _in_short(sensor: SensorFile) -> str:
         if parameters.width is None or parameters.height is None
         else f"{parameters.width} x {parameters.height}"
     )
-    return f"{size:<10} {len(sensor.given):>2} values  {sensor.description.partition('. ')[0].rstrip('.')}"
+    return f"{size:<10} {len(sensor.given):>2} values  {sensor.title}"
 
 
 def _show(options: argparse.Namespace) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -108,9 +107,8 @@ def _base(base: SensorFile | str | os.PathLike[str] | None, clip: RecordedClip) 
 
 
 def _notes(clip: RecordedClip, base: SensorFile, lux_per_luma: float) -> list[str]:
-    from_base = textwrap.shorten(base.description, 70, placeholder=" ...") if base.description else "ideal pixels"
     return [
-        f"what the fit does not find comes from: {from_base}",
+        f"what the fit does not find comes from: {base.title or 'ideal pixels'}",
         f"light: the brightest value of the frames is taken for {lux_per_luma:g} lux",
         "z: difference over its standard deviation (bootstrap over tiles); a statistic with more than 30 % is not "
         "judged; half/half: the recording's own events, divided at random",

@@ -90,6 +90,11 @@ class SensorFile:
                 raise ValueError(f"the uncertainty of {name} must be finite and >= 0, got {_shown(sigma)}")
 
     @property
+    def title(self) -> str:
+        """Return the first sentence of the description, without its full stop."""
+        return self.description.partition(". ")[0].rstrip(".")
+
+    @property
     def given(self) -> dict[str, float]:
         """Return the parameters that are given, by name."""
         values = ((name, getattr(self.parameters, name)) for name in parameter_names())
