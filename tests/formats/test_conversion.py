@@ -17,6 +17,7 @@ from davis_rs import DecodeError, EventWindows, open_writer, read_events
 from davis_rs.cli.main import main
 from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 from davis_rs.inspection.check import check_dataset
+from davis_rs.inspection.summary import summarize_events
 from davis_rs.io.dataset.reader import Dataset
 from davis_rs.io.files.conversion import LeftOutWarning, convert
 from davis_rs.io.files.read import open_reader
@@ -180,6 +181,8 @@ def test_a_recording_brings_its_frames_and_samples(tmp_path: Path, kind: str, re
     assert [one for one in said if "they are 0 elsewhere" in one]
     only = convert(source, tmp_path / "e.npy", size=SIZE)
     assert only.left_out.startswith("frames, IMU samples, triggers")
+    assert summarize_events(source, size=SIZE).also == {"frames": 2, "IMU samples": 1}
+    assert "also        2 frames, 1 IMU samples" in str(summarize_events(source, size=SIZE))
 
 
 def test_files_that_do_not_state_the_sensors_size_are_told(tmp_path: Path) -> None:

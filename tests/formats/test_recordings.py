@@ -34,6 +34,7 @@ from davis_rs import (
     read_events,
     read_recording,
 )
+from davis_rs.inspection.summary import summarize_events
 from davis_rs.inspection.visual_sequence import open_visual_sequence
 from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.io.files.random_access import RandomAccess
@@ -272,6 +273,18 @@ def test_aedat2_frames_are_the_decoders(folder: Path) -> None:
         decoded = davis_rs.Decoder(device).push(np.array([*words, 0x000A], "<u2"))
         (recorded,) = read(folder, aedat2(records, chip=chip)).frames
         np.testing.assert_array_equal(recorded.pixels, decoded.frames[0].pixels, chip)
+
+
+def test_frames_of_aedat2_are_named_without_a_number(folder: Path) -> None:
+    """Nothing marks where one begins, so that a count would hold all of them in memory."""
+    records = [
+        (aedat2_event(1, 2, 1), 5),
+        (aedat2_sample(3, 4, 0, 512), 6),
+        *((word, 7) for word in aedat2_imu([1] * 7)),
+    ]
+    (folder / "recording").write_bytes(aedat2(records))
+    assert summarize_events(folder / "recording").also == {"frames": None, "IMU samples": 1}
+    assert "also        frames, 1 IMU samples\n" in command("info", folder / "recording").stdout
 
 
 def test_aedat2_frames_beside_wrong_samples(folder: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -66,7 +66,8 @@ class EventSummary:
         gaps: the longest, longest first.
         outside: how many events lie outside of the size that the file states; they count for nothing else.
         pixels: events in each pixel.
-        also: what a camera's recording has next to its events, by name.
+        also: how many frames and IMU samples a camera's recording has next to its events, by name; None for the frames
+            of AEDAT 2.0, where nothing marks where one begins.
     """
 
     path: Path
@@ -83,7 +84,7 @@ class EventSummary:
     gaps: list[Gap] = field(default_factory=list)
     outside: int = 0
     pixels: PixelCounts = field(default_factory=lambda: PixelCounts(None))
-    also: tuple[str, ...] = ()
+    also: dict[str, int | None] = field(default_factory=dict)
 
     @property
     def counts(self) -> npt.NDArray[np.uint64]:
@@ -126,8 +127,8 @@ class EventSummary:
             f"{most:,} events; {silent:,} without any",
             "gaps        " + (", ".join(map(str, self.gaps)) or "none"),
         ]
-        if self.also:
-            lines.append(f"also        {', '.join(self.also)}")
+        if also := _counted(self.also):
+            lines.append(f"also        {also}")
         if self.outside:
             lines.append(f"warning: {self.outside:,} events lie outside of the sensor, and are left out")
         if self.backward:
@@ -180,7 +181,8 @@ def summarize_events(
         summary = EventSummary(Path(path), format, known or (0, 0), known is not None)
         _sum_up(reader, summary, progress)
         if isinstance(reader, RecordedParts):
-            summary.also = tuple(part.counted for part in (FRAMES, IMU) if reader.recording.has(part.name))
+            counts = reader.recording.counts((FRAMES.name, IMU.name))
+            summary.also = {part.counted: counts[part.name] for part in (FRAMES, IMU)}
     return summary
 
 
@@ -241,8 +243,7 @@ def dataset_contents(dataset: Dataset) -> str:
         lines.append(f"noise       {share_text(said.noise, 'the events are')}")
     if said.made_by is not None:
         lines.append(f"made by     {said.made_by}")
-    also = ", ".join(f"{count:,} {what}" for what, count in part_counts(dataset).items())
-    lines.append(f"also        {also or 'nothing'}")
+    lines.append(f"also        {_counted(part_counts(dataset)) or 'nothing'}")
     if said.aligned_start and len(back_us := returns_us(dataset.groundtruth)):
         times = ", ".join(f"{t_us / 1e6:.4g} s" for t_us in back_us[:3]) + (", ..." if len(back_us) > 3 else "")
         lines.append(
@@ -254,6 +255,10 @@ def dataset_contents(dataset: Dataset) -> str:
     elif dataset.meta.get("complete") is False:
         lines.append("warning: the folder was never finished: its writer was killed or failed")
     return "\n".join(map(printable, lines))
+
+
+def _counted(parts: Mapping[str, int | None]) -> str:
+    return ", ".join(what if count is None else f"{count:,} {what}" for what, count in parts.items() if count != 0)
 
 
 def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:

@@ -185,6 +185,12 @@ class Aedat2File(RecordingFile):
                     return True
         return False
 
+    def counts(self, kinds: Collection[str]) -> dict[str, int | None]:
+        counts = super().counts([kind for kind in kinds if kind != "frames"])
+        if "frames" in kinds:
+            counts["frames"] = None if self.has("frames") else 0
+        return counts
+
     def events_at(self, position: tuple[int, ...]) -> EventArray:
         at, count, base, last = position
         with self.path.open("rb") as file:

@@ -90,6 +90,18 @@ class RecordingFile(ABC):
         """
         return any(len(getattr(piece.decoded, kind)) for piece in self.pieces((kind,)))
 
+    def counts(self, kinds: Collection[str]) -> dict[str, int | None]:
+        """Return how many there are of each kind; None for some, where their number is not known in bounded memory.
+
+        Raises:
+            OSError, DecodeError: if it cannot be read, or is malformed.
+        """
+        counts = dict.fromkeys(kinds, 0)
+        for piece in self.pieces(kinds):
+            for kind in kinds:
+                counts[kind] += len(getattr(piece.decoded, kind))
+        return {**counts}
+
     def events_at(self, position: tuple[int, ...]) -> EventArray:
         """Return the events of a piece that had this place.
 
