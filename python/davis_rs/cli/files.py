@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from .._core import DecodeError
+from .._util.argument_error import ArgumentError
 from .._util.terminal_text import tell
 from .._util.untrusted import MAX_PACKET_BYTES
 from ..inspection.rig_summary import rig_contents
 from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, draw_rates, summarize_events
+from ..io.dataset.files import is_plan_folder
 from ..io.dataset.reader import Dataset
 from ..io.dataset.rig_folder import RigDataset, is_rig_folder
 from ..io.files.conversion import LeftOutWarning, convert, left_out_line
@@ -85,7 +87,8 @@ def add_info(info: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     info.description = (
         "Sensor size, duration, events, ON share, rates and gaps; of a dataset folder also the columns of "
-        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events)."
+        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events). Of a folder of davis-rs "
+        "generate, how many sequences are complete, and how long they are."
     )
     info.set_defaults(run=_info)
     info.add_argument("path", metavar="PATH", help=EVENTS_HELP)
@@ -177,6 +180,13 @@ def _convert_rig(parser: argparse.ArgumentParser, options: argparse.Namespace) -
 
 
 def _info(options: argparse.Namespace) -> int:
+    if is_plan_folder(options.path):
+        from ..inspection.plan_folder import plan_folder_contents
+
+        if options.picture is not None:
+            raise ArgumentError("{picture} is that of one sequence, and {} has many", options.path)
+        tell(plan_folder_contents(options.path))
+        return 0
     if not is_rig_folder(options.path):
         _print_info(options, options.path, options.picture)
         return 0

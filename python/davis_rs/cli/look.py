@@ -11,6 +11,7 @@ from .._util.argument_error import ArgumentError
 from .._util.progress import stage
 from .._util.terminal_text import tell
 from .._util.whole_file import whole_file
+from ..io.dataset.files import is_plan_folder
 from ..io.dataset.rig_folder import RigDataset, is_rig_folder
 from .common import EVENTS_HELP, of_camera, sensor_size
 
@@ -128,6 +129,10 @@ def _view(options: argparse.Namespace) -> int:
     for name in sorted(given.keys() - set(_SETTINGS[kind])):
         output_name = "the picture" if kind == "output" else f"--{kind}"
         raise ArgumentError("{option} means nothing for {}: leave it out", output_name, option=name)
+    if is_plan_folder(options.source):
+        from ..inspection.plan_folder import instead_of_plan_folder
+
+        raise instead_of_plan_folder(options.source)
     if not is_rig_folder(options.source):
         tell(_MAKERS[kind](options, given | {"size": options.size}))
         return 0

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypedDict
 
 from .._core import __version__
-from ..io.dataset.files import META
+from ..io.dataset.files import META, PLAN
 from ..simulation.model_version import MODEL
 from .folder import ManifestLine, folder_sha256, listed_files, sync
 from .sequence_plan import SequencePlan
@@ -28,7 +28,7 @@ class PlanRecord(TypedDict):
     files: Mapping[str, str]
 
 
-MANIFEST, PLAN, _LOCK = "manifest.jsonl", "plan.json", ".lock"
+MANIFEST, _LOCK = "manifest.jsonl", ".lock"
 
 PERIOD_S = 5.0
 """A run at work writes its manifest so often: each time all of it, which for each sequence would take long in the end.

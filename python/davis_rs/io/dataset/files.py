@@ -25,6 +25,11 @@ from ..formats import FORMATS
 from ..formats.destination import naming, part_of
 
 
+def is_plan_folder(path: str | Path) -> bool:
+    """Return whether a path is the folder of a plan's sequences, and no dataset itself."""
+    return (Path(path) / PLAN).is_file() and not (Path(path) / META).exists()
+
+
 @dataclass(frozen=True)
 class ImageSeries:
     """Holds a time-stamped series of images in a dataset folder: a text list and a folder of numbered files."""
@@ -60,6 +65,9 @@ CALIBRATION, META = "calib.txt", "meta.json"
 KALIBR_IMU, KALIBR_CAMERA_CHAIN = "imu.yaml", "camchain.yaml"
 RIG = "rig.yaml"
 """Marks the folder of a rig, whose cameras are datasets in ``cam0``, ``cam1``, ..."""
+
+PLAN = "plan.json"
+"""Marks the folder of a plan's sequences, each of which is a dataset."""
 
 _CAMERA_FOLDER = re.compile(r"cam(0|[1-9][0-9]*)")
 _RIG_IMU_FILES = re.compile(r"imu(0|[1-9][0-9]*)\.(txt|yaml)")
