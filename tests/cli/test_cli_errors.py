@@ -174,6 +174,11 @@ def test_keys_of_a_file_have_their_own_names(
         (["simulate", "poster_6dofs", "-o", "OUT"], "did you mean poster_6dof?"),
         (["sequence", "slider_dept", "-o", "OUT"], "did you mean slider_depth?"),
         (["simulate", "three_planes", "-o", "OUT", "--effect", "leak_rat_hz=1"], "did you mean leak_rate_hz?"),
+        (["simulate", "three_planes", "-o", "FULL"], "full: the folder is not empty, and there is no dataset in it"),
+        (["simulate", "three_planes", "-o", "FULL", "--overwrite"], "(no events.txt and meta.json): choose another"),
+        (["simulate", "no_scene", "-o", "FULL", "--overwrite"], "full: the folder is not empty"),
+        (["sequence", "slider_depth", "-o", "FULL"], "and meta.json): choose another"),
+        (["frames", "EVENTS", "-o", "FULL"], "full: the folder is not empty, and there is no dataset in it"),
         (["info", "OUT/none.txt"], "none.txt: No such file or directory"),
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], "is no event format (.raw, .aedat4, .npy, "),
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], ": give --format\n"),
@@ -204,7 +209,9 @@ def test_errors_say_what_is_meant(
     """In one line, in the command line's own words, with what was probably meant; and nothing is written."""
     for name in ("events.txt", "events2.txt"):
         (tmp_path / name).write_text("0.000001000 1 2 1\n")
-    for word, place in (("OUT", "out"), ("EVENTS2", "events2.txt"), ("EVENTS", "events.txt")):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("precious")
+    for word, place in (("FULL", "full"), ("OUT", "out"), ("EVENTS2", "events2.txt"), ("EVENTS", "events.txt")):
         arguments = [str(tmp_path / place) + a.removeprefix(word) if a.startswith(word) else a for a in arguments]
     before = sorted(tmp_path.iterdir())
     assert main(arguments) == 1

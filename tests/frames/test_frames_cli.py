@@ -195,7 +195,7 @@ def test_a_folder_that_is_not_empty_stays(clip: Path, tmp_path: Path, capsys: py
     assert run(clip, "-o", out, "--quiet") == 0
     before = (out / "events.txt").read_bytes()
     assert run(clip, "-o", out, "--quiet") == 1
-    assert "exists and is not empty" in capsys.readouterr().err
+    assert "the folder is not empty; --overwrite replaces a dataset in it" in capsys.readouterr().err
     assert (out / "events.txt").read_bytes() == before
     assert run(clip, "-o", out, "--quiet", "--overwrite", "--contrast-threshold", 0.3) == 0
     assert (out / "events.txt").read_bytes() != before

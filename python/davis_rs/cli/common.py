@@ -209,18 +209,6 @@ def of_camera(path: Path, camera: int) -> Path:
     return path.with_name(f"{path.stem}_cam{camera}{path.suffix}")
 
 
-def require_free(options: argparse.Namespace) -> None:
-    """Refuse a folder ``options.output`` that holds something, unless it may be replaced.
-
-    That is checked again when the folder is made; here it saves the time until then.
-
-    Raises:
-        FileExistsError: naming the folder.
-    """
-    if not options.overwrite and Path(options.output).exists() and any(Path(options.output).iterdir()):
-        raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")
-
-
 @contextmanager
 def bar_of_fraction(task: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
     """Show a progress bar that is told the fraction that is done."""

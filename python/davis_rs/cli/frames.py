@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from .._util.terminal_text import tell
+from ..io.dataset.files import require_folder_room
 from ..simulation.settings import FrameFolderSettings
-from .common import require_free
 from .settings_options import add_settings, given_settings
 from .show import ShownEvents, add_output
 
@@ -45,7 +46,7 @@ def _frames(options: argparse.Namespace) -> int:
     from ..simulation.from_frames.frames_folder import frames_to_folder
     from ..simulation.from_frames.open_frames import open_frames
 
-    require_free(options)
+    require_folder_room(Path(options.output), overwrite=options.overwrite)
     source = open_frames(options.frames, timestamps=options.timestamps, fps=options.fps, time_unit=options.time_unit)
     with ShownEvents(f"{options.frames}: events", wanted=options.show) as shown:
         report = frames_to_folder(

@@ -7,12 +7,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .._util.argument_error import ArgumentError
+from .._util.argument_error import ArgumentError, OverwriteError
 from .._util.progress import stage
 from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..sensor.presets import SENSORS
-from .common import EVENTS_HELP, require_free, sensor_size
+from .common import EVENTS_HELP, sensor_size
 
 if TYPE_CHECKING:
     from ..events.arrays import EventArray
@@ -73,7 +73,8 @@ def _reproduce(options: argparse.Namespace) -> int:
 
     if options.figure:
         require("view", "matplotlib")
-    require_free(options)
+    if not options.overwrite and options.output.exists() and any(options.output.iterdir()):
+        raise OverwriteError(options.output, "the folder is not empty; {overwrite:True} replaces what it holds")
     with stage(f"reading {options.recording}", show=not options.quiet):
         clip = open_clip(options.recording, size=options.size, start_s=options.start_s, stop_s=options.stop_s)
     against: dict[str, EventArray] = {}

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import Any
 
 from .._util.argument_error import ArgumentError
 from .._util.terminal_text import tell
+from ..io.dataset.files import require_folder_room
 from ..scene.scene import Scene
 from ..scene.sequences import SEQUENCES, sequence_named
 from ..sensor.rig import RIGS
 from ..simulation.settings import FolderSettings
-from .common import add_path, add_scene, on_path, require_free, scene_of
+from .common import add_path, add_scene, on_path, scene_of
 from .settings_options import add_settings, given_settings
 from .show import ShownEvents, add_output
 
@@ -60,6 +62,7 @@ def add_sequence(sequence: argparse.ArgumentParser) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    require_folder_room(Path(options.output), overwrite=options.overwrite)
     scene = on_path(options, scene_of(options, options.quiet), options.quiet)
     if options.rig is not None:
         return _simulate_rig(options, scene)
@@ -75,7 +78,6 @@ def _simulate_rig(options: argparse.Namespace, scene: Scene) -> int:
 
     if options.show:
         raise ArgumentError("{show} shows one camera, not those of a {rig}; davis-rs view --html shows each afterwards")
-    require_free(options)
     report = simulate_rig_to_folder(
         scene,
         options.output,
@@ -91,6 +93,7 @@ def _simulate_rig(options: argparse.Namespace, scene: Scene) -> int:
 
 
 def _sequence(options: argparse.Namespace) -> int:
+    require_folder_room(Path(options.output), overwrite=options.overwrite)
     scene = sequence_named(options.name).scene()
     return _simulate_sequence(options, options.name, scene.crop(options.start_s, options.duration_s))
 
@@ -110,7 +113,6 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
     """
     from ..simulation.folder import simulate_to_folder
 
-    require_free(options)
     with ShownEvents(f"{scene.name}: events", wanted=options.show) as shown:
         report = simulate_to_folder(
             scene,

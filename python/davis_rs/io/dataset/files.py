@@ -287,15 +287,16 @@ def require_folder_room(path: Path, *, overwrite: bool) -> None:
         return
     if not path.is_dir():
         raise FileExistsError(errno.EEXIST, "a file is in the way of the dataset folder", str(path))
-    if any(path.iterdir()):
-        if not overwrite:
-            raise OverwriteError(path, "the folder is not empty; {overwrite:True} replaces a dataset in it")
-        if not (
-            (path / META).is_file() and (event_file(path).is_file() or (path / RIG).is_file() or _is_claimed(path))
-        ):
-            raise FileExistsError(
-                errno.EEXIST, f"will not overwrite: no dataset in it (no {EVENTS} and {META})", str(path)
-            )
+    if not any(path.iterdir()):
+        return
+    if not ((path / META).is_file() and (event_file(path).is_file() or (path / RIG).is_file() or _is_claimed(path))):
+        raise FileExistsError(
+            errno.EEXIST,
+            f"the folder is not empty, and there is no dataset in it (no {EVENTS} and {META}): choose another",
+            str(path),
+        )
+    if not overwrite:
+        raise OverwriteError(path, "the folder is not empty; {overwrite:True} replaces a dataset in it")
 
 
 def _is_claimed(path: Path) -> bool:
