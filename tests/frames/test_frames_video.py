@@ -301,7 +301,7 @@ BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     "mkv cut short": (_mkv, r"a.mkv.*: (cut short: its header says 1\.9\d+ s|.*)"),
     "avi cut short": (_avi, "a.avi"),
     "unknown codec": (_unknown_codec, "a.avi: its codec is not one that FFmpeg knows"),
-    "text": (_text, "a.mp4: "),
+    "text": (_text, "a.mp4: it is no video, or a damaged one; frames must be a video, a folder of images or a .npy"),
     "sound": (_sound, "a.wav: it is no video of a kind that is read"),
     "alpha": (_alpha, "pixel format yuva420p has an alpha channel"),
     "bayer": (_bayer, "pixel format bayer_rggb8 cannot be taken"),

@@ -926,6 +926,21 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"garbage", "a glTF file must begin with 'glTF' (binary) or be a JSON object, got b'garbage'"),
+        (b"", "a glTF file must begin with 'glTF' (binary) or be a JSON object, got b''"),
+        (b'{"asset":', "its JSON cannot be read: Expecting value: line 1 column 10 (char 9)"),
+    ],
+)
+def test_what_is_no_gltf_file_is_told(tmp_path: Path, content: bytes, said: str) -> None:
+    for name in ("bad.glb", "bad.gltf"):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(DecodeError, match=rf"^{re.escape(f'{tmp_path / name}: {said}')}$"):
+            load_scene(tmp_path / name)
+
+
 @pytest.mark.parametrize(("change", "said"), BROKEN.values(), ids=BROKEN)
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
 def test_broken_files_are_refused_by_file_and_place(

@@ -233,7 +233,10 @@ class GltfFile:
         self.budget.take(_VALUE_BYTES * values, f"JSON with {values} values")
         self.budget.count(text.count(b"{"), "objects of the JSON")
         with self.budget.borrow(4 * len(text), "JSON, while it is parsed,"):
-            document = json.loads(text.decode("utf-8-sig"), object_hook=Item)
+            try:
+                document = json.loads(text.decode("utf-8-sig"), object_hook=Item)
+            except ValueError as error:
+                raise ValueError(f"its JSON cannot be read: {error}") from None
         version = getattr(getattr(document, "asset", None), "version", None)
         if not str(version).startswith("2."):
             remedy = "; Blender and gltf-pipeline convert files of version 1.0" if str(version).startswith("1.") else ""
@@ -391,6 +394,8 @@ def plain(value: object) -> str:
 def _parts(data: bytes) -> tuple[bytes, memoryview]:
     """Return the JSON of a file, and its binary chunk, which may be empty."""
     if data[:4] != b"glTF":
+        if not re.match(rb"(\xef\xbb\xbf)?\s*\{", data):
+            raise ValueError(f"a glTF file must begin with 'glTF' (binary) or be a JSON object, got {data[:16]!r}")
         return data, memoryview(b"")
     if len(data) < _HEADER_BYTES:
         raise ValueError(f"a GLB file must have a header and a chunk of JSON, this has {len(data)} bytes")

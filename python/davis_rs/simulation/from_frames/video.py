@@ -161,6 +161,9 @@ class Video(FrameSource):
             except av.ArgumentError as error:  # what FFmpeg says of a kind that it must not read
                 kinds = "MP4, MOV, Matroska, WebM, AVI, MPEG, and others that hold their frames themselves"
                 raise DecodeError(f"{self.name}: it is no video of a kind that is read: {kinds}") from error
+            except av.InvalidDataError as error:
+                rule = "frames must be a video, a folder of images or a .npy file"
+                raise DecodeError(f"{self.name}: it is no video, or a damaged one; {rule}") from error
         with container:
             if not container.streams.video:
                 raise DecodeError(f"{self.name}: there is no video stream in it")
