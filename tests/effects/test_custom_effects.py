@@ -300,6 +300,8 @@ def test_negative_luma_is_refused_and_negative_log_intensity_is_not() -> None:
         ("nowhere", "a custom effect must be MODULE:NAME or FILE.py:NAME, got 'nowhere'"),
         ("no_such_module:Name", "custom effect 'no_such_module:Name': there is no module 'no_such_module'"),
         ("math:sqr", "custom effect 'math:sqr': math has no sqr; did you mean sqrt?"),
+        ("json:decodr", "custom effect 'json:decodr': json has no decodr; did you mean JSONDecoder?"),
+        ("math:tay", "custom effect 'math:tay': math has no tay; did you mean tan?"),
         ("math:pi", "a custom effect must have one of the methods luma, log_intensity, events, got 3.14"),
         ("fractions:Decimal", "must have one of the methods"),
     ],

@@ -135,6 +135,8 @@ def test_windows_between_frames_have_both(folder: Path) -> None:
 def test_options_that_do_not_belong_together_are_refused(file: Path, tmp_path: Path) -> None:
     for options, rule in (
         ({"by": "size"}, "by must be one of time, count, frames: got 'size'"),
+        ({"by": 3}, "by must be one of time, count, frames: got 3"),
+        ({"by": "tme"}, "by must be one of time, count, frames: got 'tme'; did you mean time?"),
         ({}, "duration_us must be a positive integer of microseconds: got None"),
         ({"duration_us": 0}, "duration_us must be a positive integer of microseconds: got 0"),
         ({"duration_us": 0.02}, "duration_us must be a positive integer of microseconds: got 0.02"),

@@ -39,7 +39,7 @@ def load_entry(entry: str, kind: str) -> object:
     else:
         module = _import(where, f"{kind} {entry!r}")
     if not hasattr(module, name):
-        names = [one for one in vars(module) if not one.startswith("_")]
+        names = [one for one, value in vars(module).items() if callable(value) and not one.startswith("_")]
         raise ValueError(f"{kind} {entry!r}: {where} has no {name}{did_you_mean(name, names)}")
     return getattr(module, name)
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
-from ..._util.close_names import names_checked
+from ..._util.close_names import did_you_mean, names_checked
 from ..._util.untrusted import MAX_PACKET_BYTES
 from ...geometry.pose import GroundTruth, Pose
 from ...io.dataset.files import LATEST_START_US
@@ -81,7 +81,9 @@ class EventWindows(Sequence[EventWindow]):
         given = {"duration_us": duration_us, "stride_us": stride_us, "count": count, "stride": stride}
         belong = {"time": {"duration_us", "stride_us"}, "count": {"count", "stride"}, "frames": set[str]()}
         if by not in belong:
-            raise ArgumentError("{by} must be one of {}: got {!r}", ", ".join(belong), by)
+            raise ArgumentError(
+                "{by} must be one of {}: got {!r}{}", ", ".join(belong), by, did_you_mean(str(by), belong)
+            )
         strange = [name for name, value in given.items() if value is not None and name not in belong[by]]
         if strange:
             raise ValueError(f"windows by {by} take no {', '.join(strange)}")
