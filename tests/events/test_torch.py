@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     simulate_to_folder(
         load_scene("three_planes"), path, duration_s=0.06, rays_per_pixel=1, size=(32, 24), frame_rate_hz=50,
         depth_rate_hz=50,
-        flow_rate_hz=50, flow_interval_s=0.01, mask_rate_hz=50,
+        flow_rate_hz=50, flow_interval_s=0.03, mask_rate_hz=50,
     )  # fmt: skip
     return path
 
@@ -133,6 +133,17 @@ def test_only_complete_windows(folder: Path) -> None:
         assert [whole[k]["start_us"] for k in range(len(whole))] == [every[k]["start_us"] for k in full]
     later = whole.windows[0][1:]
     assert [one.start_us for one in later] == [one.start_us for one in whole.windows[0]][1:]
+
+
+def test_a_window_between_frames_has_its_own_displacement_alone(folder: Path) -> None:
+    """That of its first frame, not that of the next window; so all complete windows make batches."""
+    dataset = EventDataset(folder, by="frames", images=["displacement"], complete=True)
+    every = EventDataset(folder, by="frames", images=["displacement"])
+    assert 0 < len(dataset) < len(every)  # the last map's interval would end after the path
+    samples = [dataset[k] for k in range(len(dataset))]
+    assert [one["displacement_us"].tolist() for one in samples] == [[one["start_us"]] for one in samples]
+    assert collate(samples)["displacement"].shape == (len(samples), 1, 2, 24, 32)
+    assert collate(samples)["occluded"].shape == (len(samples), 1, 24, 32)
 
 
 def test_windows_that_cannot_be_complete_are_refused(folder: Path, file: Path) -> None:

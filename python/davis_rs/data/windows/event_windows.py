@@ -56,7 +56,8 @@ class EventWindows(Sequence[EventWindow]):
         dataset: the folder, None for a file.
 
     Only whole windows are made: what is left over at the end of a stream is in none. A window by count ends 1 us after
-    its last event; events of equal time may lie in two of them. A window between frames has both frames.
+    its last event; events of equal time may lie in two of them. A window between frames has both frames, and depth,
+    flow and masks of both instants; of displacements it has only those that begin before its end.
 
     Raises:
         OSError: if the file cannot be read.
@@ -146,11 +147,12 @@ class EventWindows(Sequence[EventWindow]):
             raise ValueError(f"images are {', '.join(IMAGE_KINDS)}, got {', '.join(strange)}")
         if self.dataset is None:
             raise ValueError(f"{self.path} is a file, which has no images: windows of a dataset folder may have some")
-        times = [_times(IMAGE_KINDS[kind].of_folder(self.dataset)) for kind in kinds]
+        of_kinds = [IMAGE_KINDS[kind] for kind in kinds]
+        times = [(kind, _times(kind.of_folder(self.dataset))) for kind in of_kinds]
 
         def has_all(number: int) -> bool:
-            start_us, end_us = self._cuts.bounds(self._access, number)
-            return all(len(t_us[slice(*np.searchsorted(t_us, (start_us, self._until(end_us))))]) for t_us in times)
+            bounds_us = self._cuts.bounds(self._access, number)
+            return all(len(t_us[self._inside(kind, t_us, *bounds_us)]) for kind, t_us in times)
 
         chosen = copy.copy(self)
         chosen._numbers = [number for number in self._numbers if has_all(number)]
@@ -177,22 +179,28 @@ class EventWindows(Sequence[EventWindow]):
             raise ValueError(f"{self.path}: frames must follow each other in time, without two at one instant")
         return FrameCuts(t_us[(t_us >= self._first_us) & (t_us <= self._stop_us)])
 
-    def _until(self, end_us: int) -> int:
-        """Return before when a window's images lie."""
-        return end_us + 1 if self.by == "frames" else end_us
+    def _inside(self, kind: ImageKind, t_us: npt.NDArray[np.int64], start_us: int, end_us: int) -> slice:
+        """Return which of a folder's images of a kind belong to a window.
+
+        A window between frames has the images at its end as well, but no displacement that begins there: that one is
+        the next window's.
+        """
+        until_us = end_us + 1 if self.by == "frames" and not kind.begins else end_us
+        return slice(*np.searchsorted(t_us, (start_us, until_us)).tolist())
+
+    def _images(self, folder: Dataset, kind: ImageKind, start_us: int, end_us: int) -> WindowImages[Any]:
+        t_us = _times(kind.of_folder(folder))
+        inside = self._inside(kind, t_us, start_us, end_us)
+        return WindowImages(t_us[inside], inside.start, kind.reader(folder))
 
     def _of_folder(self, start_us: int, end_us: int) -> dict[str, Any]:
         """Return what a folder has of a window."""
         if (folder := self.dataset) is None:
             return {}
-        until_us = self._until(end_us)
         imu, poses = folder.imu, folder.groundtruth
         samples = slice(*np.searchsorted(imu["t"], (start_us, end_us)))
         return {
-            **{
-                kind.field: _images(kind.of_folder(folder), start_us, until_us, kind.reader(folder))
-                for kind in IMAGE_KINDS.values()
-            },
+            **{kind.field: self._images(folder, kind, start_us, end_us) for kind in IMAGE_KINDS.values()},
             "imu": imu[samples].copy() if len(imu) else np.zeros(0, IMU_DTYPE),
             "start_pose": _pose_at(poses, start_us),
             "end_pose": _pose_at(poses, end_us),
@@ -208,6 +216,7 @@ class ImageKind(NamedTuple):
         reader: returns what reads the image of a number in a folder.
         dtype: of an image's values.
         channels: (2,) for images (H, W, 2); () for (H, W).
+        begins: whether an image is of the time that begins at its instant, not of the instant.
     """
 
     field: str
@@ -215,6 +224,7 @@ class ImageKind(NamedTuple):
     reader: Callable[[Dataset], Callable[[int], Any]]
     dtype: npt.DTypeLike
     channels: tuple[int, ...] = ()
+    begins: bool = False
 
 
 IMAGE_KINDS = {
@@ -227,6 +237,7 @@ IMAGE_KINDS = {
         lambda folder: folder.read_displacement,
         np.float32,
         (2,),
+        begins=True,
     ),
     "masks": ImageKind("masks", lambda folder: folder.masks, lambda folder: folder.read_mask, np.uint16),
 }
@@ -235,12 +246,6 @@ IMAGE_KINDS = {
 
 def _times(images: list[StampedImage]) -> npt.NDArray[np.int64]:
     return np.array([image.t_us for image in images], np.int64)
-
-
-def _images(images: list[StampedImage], start_us: int, end_us: int, read: Callable[[int], Any]) -> WindowImages[Any]:
-    t_us = _times(images)
-    first, stop = np.searchsorted(t_us, (start_us, end_us)).tolist()
-    return WindowImages(t_us[first:stop], first, read)
 
 
 def _pose_at(poses: GroundTruth, t_us: int) -> Pose | None:
