@@ -205,13 +205,16 @@ def test_a_jump_is_its_edges(shadow: bool) -> None:
 
 
 def test_a_stream_of_another_run_is_masked() -> None:
-    """Where levels do not follow, nothing is told; a jump may reach either level, so there is none here."""
+    """Where levels do not follow, nothing is told, with a warning; a jump may reach either level: there is none here."""
     scene = SCENES["spot"]
     events = events_of(scene, contrast_threshold=0.05)[:300]
     _, ok = event_time_jacobian(scene, events, contrast_threshold=0.05, **EXACT)
     assert ok.mean() > 0.9
-    _, ok = event_time_jacobian(scene, events, contrast_threshold=0.0527, **EXACT)
+    with pytest.warns(UserWarning, match=r"known of \d+ of 300 events: are the settings those of the run\?") as warned:
+        _, ok = event_time_jacobian(scene, events, contrast_threshold=0.0527, **EXACT)
     assert ok.mean() < 0.1
+    assert warned[0].filename == __file__
+    assert f"known of {ok.sum()} of" in str(warned[0].message)
 
 
 def test_events_that_were_not_refined() -> None:

@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from davis_rs import Dataset, Scene, SegmentTrajectory, load_scene, open_reader, open_writer
+from davis_rs import (
+    EVENT_DTYPE,
+    Dataset,
+    Displacement,
+    Packet,
+    Scene,
+    SegmentTrajectory,
+    load_scene,
+    open_reader,
+    open_writer,
+)
 from davis_rs.simulation.simulator import Simulator
 from written_sequence import HEIGHT, WIDTH, write_sequence
 
@@ -29,6 +40,16 @@ def test_readers_and_writers_tell_their_file(tmp_path: Path) -> None:
         assert repr(writer) == f"<npy writer of {tmp_path / 'e.npy'}, 24 x 18 px, 0 events>"
     with open_reader(tmp_path / "e.npy") as reader:
         assert repr(reader) == f"<npy reader of {tmp_path / 'e.npy'}, size unknown>"
+
+
+def test_packets_and_displacements_tell_what_they_hold() -> None:
+    moved = Displacement(np.zeros((18, 24, 2), np.float32), np.eye(18, 24, dtype=np.bool_))
+    assert repr(moved) == "<Displacement of 24 x 18 px, 18 occluded>"
+    events = np.zeros(1200, EVENT_DTYPE)
+    assert str(Packet(0, 25_000, events, None)) == "<Packet 0..25000 us, 1,200 events>"
+    luma = np.zeros((18, 24), np.float32)
+    shown = str(Packet(0, 25_000, events, None, luma=luma, displacement=moved))
+    assert shown == "<Packet 0..25000 us, 1,200 events, luma, displacement>"
 
 
 @pytest.mark.usefixtures("llvm")

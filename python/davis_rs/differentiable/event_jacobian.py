@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any
@@ -258,6 +259,9 @@ def event_time_jacobian(
         Jumps are searched for refined events only (``refine=True``, or ``accuracy="exact"`` by rays), because the times
         of the others are not exact.
 
+    Warns:
+        UserWarning: where fewer than half of the events are known, because then the settings may be another run's.
+
     Raises:
         TypeError: for a setting that does not exist.
         ValueError: for an unknown or a kind of edges that does not exist; for ``mean`` where something moves; for
@@ -267,7 +271,7 @@ def event_time_jacobian(
         OSError: as :class:`~davis_rs.Simulator`.
     """
     check_quantities(of)
-    derivatives = event_time_derivatives(scene, events, camera, start_s=start_s, edges=edges, **settings)
+    derivatives = _derivatives(scene, events, camera, start_s=start_s, edges=edges, **settings)
     return derivatives.jacobian(of), derivatives.ok
 
 
@@ -285,11 +289,29 @@ def event_time_derivatives(
     >>> derivatives = event_time_derivatives(scene, events, accuracy="exact", pixel="rays")
     >>> jacobian = scipy.sparse.hstack([derivatives.control_points(20), derivatives.contrast_threshold_map()])
 
-    Args and errors: those of :func:`event_time_jacobian`.
+    Args, warnings and errors: those of :func:`event_time_jacobian`.
     """
+    return _derivatives(scene, events, camera, start_s=start_s, edges=edges, **settings)
+
+
+def _derivatives(
+    scene: Scene,
+    events: EventArray,
+    camera: Camera | str | os.PathLike[str] | None,
+    *,
+    start_s: float,
+    edges: str,
+    **settings: Any,
+) -> EventTimeDerivatives:
     check_scene(scene)
     model = EventTimeModel(scene.crop(start_s), camera=camera, edges=edges, **settings)
-    return model.linearise(model.levels(events))
+    derivatives = model.linearise(model.levels(events))
+    known, total = np.count_nonzero(derivatives.ok), len(derivatives.ok)
+    if 2 * known < total:
+        warnings.warn(
+            f"derivatives are known of {known:,} of {total:,} events: are the settings those of the run?", stacklevel=3
+        )
+    return derivatives
 
 
 def _threshold_maps(simulator: Simulator, thresholds: npt.ArrayLike | None) -> FloatArray:

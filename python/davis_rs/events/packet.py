@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,10 @@ class Displacement(NamedTuple):
 
     pixels: npt.NDArray[np.float32]
     occluded: npt.NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        height, width = self.occluded.shape
+        return f"<Displacement of {width} x {height} px, {np.count_nonzero(self.occluded):,} occluded>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,3 +68,8 @@ class Packet:
     displacement: Displacement | None = None
     shapes: npt.NDArray[np.uint16] | None = None
     normals: npt.NDArray[np.float32] | None = None
+
+    def __repr__(self) -> str:
+        names = (field.name for field in fields(self)[3:])
+        more = "".join(f", {name}" for name in names if getattr(self, name) is not None)
+        return f"<Packet {self.start_us}..{self.end_us} us, {len(self.events):,} events{more}>"
