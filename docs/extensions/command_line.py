@@ -19,6 +19,8 @@ def fill(parser: argparse.ArgumentParser) -> None:
     if isinstance(parser, Parser):
         parser.fill()
     for action in parser._actions:
+        if action.default == []:
+            action.default = None  # an option that may be given several times: the page would say "default: []"
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
                 fill(command)
