@@ -1,4 +1,4 @@
-"""When a camera is back at its first pose, and that info says so."""
+"""When a camera is back at its first pose, and that info, a run and its page say so."""
 
 from __future__ import annotations
 
@@ -42,6 +42,26 @@ def path(x: list[float], *, turn: list[float] | None = None, step_us: int = 1000
 )
 def test_returns(truth: GroundTruth, expected: list[int]) -> None:
     assert returns_us(truth).tolist() == expected
+
+
+def test_a_run_and_its_page_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As info does: of a path that goes away and comes back, not of one that does not."""
+    pose = davis_rs.load_scene("three_planes").path.pose(0)
+    rotation = " ".join(map(str, pose.quaternion))
+    for back, said in ((0.0, True), (0.02, False)):
+        lines = []
+        for t_s, away in ((0, 0.0), (0.02, 0.01), (0.04, back), (0.05, back - 0.005)):
+            x, y, z = pose.position + [away, 0, 0]
+            lines.append(f"{t_s} {x} {y} {z} {rotation}\n")
+        (tmp_path / "path.txt").write_text("".join(lines))
+        out = tmp_path / f"{back}"
+        run = f"simulate three_planes -o {out} --size 24x18 --accuracy fast --rays-per-pixel 1"
+        assert main([*run.split(), "--trajectory", str(tmp_path / "path.txt")]) == 0
+        printed = capsys.readouterr()
+        note = "the camera is back at its first pose at 0.04 s"
+        assert (f"note: {note}" in printed.err) == said
+        davis_rs.view_html(out, tmp_path / "page.html")
+        assert (f"Note: {note}" in (tmp_path / "page.html").read_text()) == said
 
 
 @pytest.mark.long

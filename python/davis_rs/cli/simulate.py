@@ -111,6 +111,8 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
         defaults: settings of the scene's own, which the options override.
         meta: more for meta.json.
     """
+    from ..inspection.path_returns import return_note
+    from ..io.dataset.reader import Dataset
     from ..simulation.folder import simulate_to_folder
 
     with ShownEvents(f"{scene.name}: events", wanted=options.show) as shown:
@@ -126,4 +128,6 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
     if report.plan is not None and not options.quiet:
         tell(report.plan, file=sys.stderr)
     tell(report)
+    if not options.quiet and (note := return_note(Dataset(options.output))) is not None:
+        tell(f"note: {note}", file=sys.stderr)
     return 130 if report.interrupted else 0

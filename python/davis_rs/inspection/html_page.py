@@ -163,7 +163,7 @@ def view_html(
         for name, part in (("IMU samples", data["imu"]), ("poses", data["path"]))
         if part
     }
-    text = _page(sequence.label, kept, data)
+    text = _page(sequence.label, kept, sequence.read_note(), data)
     if output is not None:
         write_whole(output, text)
     return HtmlPage(output, kept, len(text), text.decode() if inline else None)
@@ -173,7 +173,7 @@ def _kept_text(kept: dict[str, tuple[int, int]]) -> str:
     return ", ".join(f"{some:,} of {total:,} {name}" for name, (some, total) in kept.items())
 
 
-def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, object]) -> bytes:
+def _page(label: str, kept: dict[str, tuple[int, int]], note: str | None, data: dict[str, object]) -> bytes:
     """Return the whole page. What comes from files is escaped, and the policy lets only the script of this hash run."""
     web = files(__package__) / "web"
     script = (
@@ -189,6 +189,7 @@ def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, object])
     page = Template((web / "page.html").read_text("utf-8")).substitute(
         label=html.escape(label),
         kept=html.escape(_kept_text(kept)),
+        note="" if note is None else html.escape(f" Note: {note}."),
         script=script,
         style=style,
         script_hash=_hash(script),

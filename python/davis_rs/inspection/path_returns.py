@@ -1,4 +1,4 @@
-"""Finds when a camera is back at its first pose."""
+"""Finds when a camera is back at its first pose, and says what that does to the events."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..geometry.pose import GroundTruth
+from ..io.dataset.reader import Dataset
+from .dataset_description import describe_dataset
 
 _NEAR = 1e-3
 """As a fraction of how far the camera goes and turns away: much nearer than motion within a pixel."""
@@ -40,3 +42,18 @@ def returns_us(truth: GroundTruth) -> npt.NDArray[np.int64]:
             times.append(int(truth.t_us[i]) + round(float(fraction[i]) * int(truth.t_us[i + 1] - truth.t_us[i])))
         last = i + 1 if distance[i + 1] < _NEAR else i
     return np.unique(np.array(times, np.int64))
+
+
+def return_note(dataset: Dataset) -> str | None:
+    """Say when a dataset's camera is back at its first pose, where its pixels began in step; else return None.
+
+    Raises:
+        OSError, DecodeError: if ``meta.json`` or the ground truth cannot be read.
+    """
+    if not describe_dataset(dataset).aligned_start or not len(back_us := returns_us(dataset.groundtruth)):
+        return None
+    times = ", ".join(f"{t_us / 1e6:.4g} s" for t_us in back_us[:3]) + (", ..." if len(back_us) > 3 else "")
+    return (
+        f"the camera is back at its first pose at {times}: there the pixels, which begin in step, fire together, and "
+        "the rate has a peak (docs/crossing.md; --start-phase stationary)"
+    )

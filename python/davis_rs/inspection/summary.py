@@ -29,7 +29,7 @@ from ..io.formats.parts import FRAMES, IMU
 from ..io.formats.recorded import RecordedParts
 from ..simulation.noise_estimate import share_text
 from .dataset_description import describe_dataset
-from .path_returns import returns_us
+from .path_returns import return_note
 from .pixel_counts import PixelCounts
 
 PEAK_WINDOW_US = 10_000
@@ -244,12 +244,8 @@ def dataset_contents(dataset: Dataset) -> str:
     if said.made_by is not None:
         lines.append(f"made by     {said.made_by}")
     lines.append(f"also        {_counted(part_counts(dataset)) or 'nothing'}")
-    if said.aligned_start and len(back_us := returns_us(dataset.groundtruth)):
-        times = ", ".join(f"{t_us / 1e6:.4g} s" for t_us in back_us[:3]) + (", ..." if len(back_us) > 3 else "")
-        lines.append(
-            f"note        the camera is back at its first pose at {times}: there the pixels, which begin in step, fire "
-            "together, and the rate has a peak (docs/crossing.md; --start-phase stationary)"
-        )
+    if (note := return_note(dataset)) is not None:
+        lines.append(f"note        {note}")
     if dataset.meta.get("interrupted"):
         lines.append("note        cut short: its writer was stopped, by Ctrl-C or an error, and finished the folder")
     elif dataset.meta.get("complete") is False:

@@ -26,6 +26,7 @@ from ..io.files.sensor_size import sensor_size
 from ..io.formats.recorded import RecordedParts
 from ..io.recordings import Recording, whole_recording
 from .dataset_description import describe_dataset
+from .path_returns import return_note
 
 _FRAME_WHITE = 65_535  # frames of a camera have 16 bits
 
@@ -62,6 +63,7 @@ class VisualSequence:
         read_imu: the inertial samples, :data:`davis_rs.IMU_DTYPE`; empty if there are none.
         read_poses: the camera's poses; empty if there are none.
         read_camera: the lens, None if the source does not say it.
+        read_note: what is to be known of the rate of events, None for nothing.
     """
 
     label: str
@@ -86,6 +88,7 @@ class VisualSequence:
     read_imu: Callable[[], npt.NDArray[np.void]] = _no_imu
     read_poses: Callable[[], GroundTruth] = _no_poses
     read_camera: Callable[[], Camera | None] = field(default=lambda: None)
+    read_note: Callable[[], str | None] = field(default=lambda: None)
 
 
 def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = None) -> VisualSequence:
@@ -169,6 +172,7 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
         read_imu=lambda: dataset.imu,
         read_poses=lambda: dataset.groundtruth,
         read_camera=lambda: dataset.camera if (dataset.path / CALIBRATION).exists() else None,
+        read_note=lambda: return_note(dataset),
     )
     if (pair := _stereo_pair(dataset)) is None:
         return sequence
