@@ -8,6 +8,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from davis_rs import StampedFrame, reproduce
 from davis_rs.events.arrays import EVENT_DTYPE
 from davis_rs.reproduction import RecordedClip, Reproduction
 from davis_rs.reproduction.clip_statistics import burst_starts
+from davis_rs.reproduction.figure import draw_reproduction
 from davis_rs.sensor.presets import SensorFile
 from recorded_clips import SENSOR, clip_of
 
@@ -66,6 +68,18 @@ def test_a_late_stream_has_the_rates_and_not_the_correlation(reproduced: Reprodu
     rows = {row.name: row for row in half.rows}
     assert abs(rows["ON events of a pixel"].others["late"][1]) < 3
     assert half.agreement[2].others["late"][0].value < half.agreement[2].others["fitted"][0].value
+
+
+def test_the_figure_says_which_half_it_shows(reproduced: Reproduction, tmp_path: Path) -> None:
+    """Each half has a title of its own."""
+    (half,) = reproduced.halves
+    other = replace(half, half=half.half._replace(name="first"))
+    both = replace(reproduced, halves=(half, other))
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        drawn = draw_reproduction(both, tmp_path / "both.svg").read_text()
+    assert drawn.count(reproduced.name) == 2
+    assert drawn.count("fitted to the first half, compared with the second half: frames 3 to 6") == 1
+    assert drawn.count("fitted to the second half, compared with the first half: frames 3 to 6") == 1
 
 
 def test_halves_share_no_events_and_an_odd_frame_belongs_to_both(clip: RecordedClip) -> None:

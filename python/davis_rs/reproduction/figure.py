@@ -10,14 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.extras import from_extra
+from .._util.terminal_text import printable
 from .._util.whole_file import whole_file
 from ..events.arrays import EventArray
 from .reproduced import WITHIN, ReproducedHalf
 from .reproduction import Reproduction
+from .table import heading_of
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.figure import SubFigure
 
 _COLOURS = ("#0072b2", "#56b4e9", "#999999", "#d55e00", "#009e73", "#cc79a7")
 """Of the streams next to the recording's: colours that all eyes tell apart (Okabe and Ito)."""
@@ -27,7 +30,7 @@ _MOST_Z = 12.0
 
 
 def draw_reproduction(reproduction: Reproduction, output: str | Path) -> Path:
-    """Draw events, intervals, z-scores and correlations of the first half that was compared; returns the path.
+    """Draw events, intervals, z-scores and correlations of each half that was compared; returns the path.
 
     Raises:
         ImportError: without matplotlib, saying how to get it.
@@ -36,26 +39,33 @@ def draw_reproduction(reproduction: Reproduction, output: str | Path) -> Path:
     with from_extra("view"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    half = reproduction.halves[0]
-    names = [name for name in half.streams if name != "real"]
-    colours = dict(zip(names, _COLOURS * (1 + len(names) // len(_COLOURS)), strict=False))
-    figure = Figure(figsize=(10, 6.6), layout="constrained")
+    halves = reproduction.halves
+    figure = Figure(figsize=(10, 6.9 * len(halves)), layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 6, height_ratios=(1, 1.15))
-    region = _region(half.streams["real"])
-    for k, name in enumerate(["real", *names[:1], names[min(2, len(names) - 1)]]):
-        _draw_events(figure.add_subplot(grid[0, 2 * k : 2 * k + 2]), half, name, region)
-    _draw_intervals(figure.add_subplot(grid[1, 0:2]), half, colours)
-    _draw_scores(figure.add_subplot(grid[1, 2:4]), half, colours)
-    _draw_agreement(figure.add_subplot(grid[1, 4:6]), half, colours)
-    # One legend for all panels, so that it hides no curve and no bar.
-    told: dict[str, Artist] = {}
-    for axes in (figure.axes[-3], figure.axes[-1]):
-        told |= dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
-    figure.legend(told.values(), told.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+    parts = figure.subfigures(len(halves), 1, squeeze=False)[:, 0]
+    for part, half in zip(parts, halves, strict=True):
+        _draw_half(part, reproduction.name, half)
     with whole_file(output) as working_path:
         figure.savefig(working_path, dpi=150)
     return Path(output)
+
+
+def _draw_half(part: SubFigure, recording: str, half: ReproducedHalf) -> None:
+    names = [name for name in half.streams if name != "real"]
+    colours = dict(zip(names, _COLOURS * (1 + len(names) // len(_COLOURS)), strict=False))
+    part.suptitle(f"{printable(recording)}\n{heading_of(half)}", fontsize=10)
+    grid = part.add_gridspec(2, 6, height_ratios=(1, 1.15))
+    region = _region(half.streams["real"])
+    for k, name in enumerate(["real", *names[:1], names[min(2, len(names) - 1)]]):
+        _draw_events(part.add_subplot(grid[0, 2 * k : 2 * k + 2]), half, name, region)
+    _draw_intervals(part.add_subplot(grid[1, 0:2]), half, colours)
+    _draw_scores(part.add_subplot(grid[1, 2:4]), half, colours)
+    _draw_agreement(part.add_subplot(grid[1, 4:6]), half, colours)
+    # One legend for all panels, so that it hides no curve and no bar.
+    told: dict[str, Artist] = {}
+    for axes in (part.axes[-3], part.axes[-1]):
+        told |= dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
+    part.legend(told.values(), told.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
 
 
 def _region(events: EventArray) -> tuple[int, int, int, int]:
@@ -75,12 +85,14 @@ def _draw_events(ax: Axes, half: ReproducedHalf, name: str, region: tuple[int, i
     ax.imshow(image, cmap="RdBu_r", vmin=-3, vmax=3, extent=(x0, x1, y1, y0), interpolation="nearest")
     told = "recording" if name == "real" else name
     ax.set_title(f"{told}: {len(events):,} events\nmore ON red, more OFF blue", fontsize=9)
-    ax.set_xlabel("x [px]", fontsize=7, labelpad=1)
-    ax.set_ylabel("y [px]", fontsize=7, labelpad=1)
+    ax.set_xlabel("x (px)", fontsize=7, labelpad=1)
+    ax.set_ylabel("y (px)", fontsize=7, labelpad=1)
     ax.tick_params(labelsize=7)
 
 
 def _draw_intervals(ax: Axes, half: ReproducedHalf, colours: dict[str, str]) -> None:
+    from matplotlib.ticker import LogFormatter
+
     for name, events in half.streams.items():
         key = (events["y"].astype(np.int64) * 65536 + events["x"]) * 2 + events["p"]
         order = np.argsort(key, kind="stable")
@@ -98,9 +110,11 @@ def _draw_intervals(ax: Axes, half: ReproducedHalf, colours: dict[str, str]) -> 
                 label=label,
             )
     ax.set_xscale("log")
-    ax.set_xlabel("interval between events of one polarity [ms]", fontsize=8)
+    ax.xaxis.set_major_formatter(LogFormatter())
+    ax.xaxis.set_minor_formatter(LogFormatter())
+    ax.set_xlabel("interval between events of one polarity (ms)", fontsize=8)
     ax.set_ylabel("fraction below", fontsize=8)
-    ax.tick_params(labelsize=7)
+    ax.tick_params(which="both", labelsize=7)
 
 
 def _draw_scores(ax: Axes, half: ReproducedHalf, colours: dict[str, str]) -> None:

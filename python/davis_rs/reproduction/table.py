@@ -13,13 +13,18 @@ from .reproduced import ReproducedHalf, Row
 
 def text_of(half: ReproducedHalf) -> str:
     """Return the tables of a half."""
+    heading = f"\n{heading_of(half)}; log_eps {half.log_eps}"
+    return "\n".join([heading, _statistics(half), _agreement(half)])
+
+
+def heading_of(half: ReproducedHalf) -> str:
+    """Say in one line which half was fitted, and which one compared."""
     other = "second" if half.half.name == "first" else "first"
     seconds = (half.half.stop_us - half.half.start_us) * 1e-6
-    heading = (
-        f"\nfitted to the {other} half, compared with the {half.half.name} half: frames {half.half.frames[0]} to "
-        f"{half.half.frames[-1]}, {seconds:.4g} s, {len(half.streams['real']):,} events; log_eps {half.log_eps}"
+    return (
+        f"fitted to the {other} half, compared with the {half.half.name} half: frames {half.half.frames[0]} to "
+        f"{half.half.frames[-1]}, {seconds:.4g} s, {len(half.streams['real']):,} events"
     )
-    return "\n".join([heading, _statistics(half), _agreement(half)])
 
 
 def csv_of(halves: Sequence[ReproducedHalf]) -> str:
