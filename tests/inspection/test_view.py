@@ -13,7 +13,7 @@ import pytest
 from imageio.plugins.ffmpeg import get_exe
 from PIL import Image
 
-from davis_rs import EVENT_DTYPE, RecordingWarning, convert
+from davis_rs import EVENT_DTYPE, RecordingWarning, convert, view_html
 from davis_rs.cli.main import main
 from davis_rs.events.packet import Packet
 from davis_rs.geometry.camera import Camera
@@ -98,6 +98,28 @@ def test_what_is_not_there_has_no_panel(folder: Path, tmp_path: Path) -> None:
     assert alone[1].endswith(", 1.93 s"), "not twenty windows, of which the sequence would fill a small part"
     assert titles(folder)[0].startswith("(a) intensity frame")
     assert not any("no " in title for title in titles(folder))
+
+
+def test_an_odd_number_of_panels_leaves_no_quarter_empty(tmp_path: Path) -> None:
+    """The last one is the band over time, as wide as two; where there is none it is in the middle."""
+
+    def panels(name: str, *events: tuple[int, int, int, int], **images: Any) -> list[Any]:
+        with DatasetWriter(tmp_path / name, Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)) as writer:
+            writer.write(packet_of(0, 100, *events, **images))
+        return [axes for axes in view(tmp_path / name).axes if axes.get_title().startswith("(")]
+
+    luma, flow = np.ones((HEIGHT, WIDTH), np.float32), np.ones((HEIGHT, WIDTH, 2), np.float32)
+    of_rows = (50, 3, HEIGHT // 2, 1)
+    even = panels("four", of_rows, luma=luma, flow=flow)
+    assert len({axes.get_position().width for axes in even}) == 1
+    assert "(d) optical flow" in even[3].get_title()
+    *pictures, band = panels("five", of_rows, luma=luma, flow=flow, depth=luma)
+    assert band.get_title().startswith("(e) 1 events of rows")
+    assert (band.get_position().x0, band.get_position().x1) == pytest.approx(
+        (pictures[0].get_position().x0, pictures[1].get_position().x1)
+    )
+    (alone,) = panels("one")
+    assert alone.get_position().x0 == pytest.approx(1 - alone.get_position().x1, abs=0.01)
 
 
 def test_a_dataset_without_events_makes_a_figure(tmp_path: Path) -> None:
@@ -301,3 +323,27 @@ def test_flat_depth_is_told_as_a_number(tmp_path: Path, depth: float, said: str)
     figure = view(tmp_path / "d")
     assert said in figure.axes[2].get_title()
     make_video(tmp_path / "d", tmp_path / "v.gif")
+
+
+def test_frames_of_a_colour_sensor_are_shown_in_colour(tmp_path: Path) -> None:
+    """In a figure, a video and a page; a pattern that does not exist is left alone."""
+    mosaic = np.full((HEIGHT, WIDTH), 0.1, np.float32)
+    mosaic[::2, ::2] = 0.9  # the red pixels
+    for name, pattern in (("d", "RGGB"), ("odd", "RGBW")):
+        with DatasetWriter(tmp_path / name, Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)) as writer:
+            writer.write(packet_of(0, 100, (50, 3, 4, 1), luma=mosaic))
+            writer.finish({"parameters": {"colour_filter": {"pattern": pattern}}})
+    frame = open_visual_sequence(tmp_path / "d").read_frame(0)
+    assert frame.shape == (HEIGHT, WIDTH, 3)
+    assert np.ptp(frame, axis=(0, 1)).max() < 0.01
+    red, green, blue = frame.mean(axis=(0, 1))
+    assert red > 5 * green == pytest.approx(5 * blue)
+    assert open_visual_sequence(tmp_path / "odd").read_frame(0).shape == (HEIGHT, WIDTH)
+    pixels = pixels_of(view_dataset(tmp_path / "d", tmp_path / "figure.png"))
+    shown = tuple(np.rint(255 * display_grey(frame[0, 0])).astype(int))
+    assert count_of(pixels, shown, within=2) > 10_000
+    assert event_picture(frame, np.zeros(0, EVENT_DTYPE)).shape == (HEIGHT, WIDTH, 3)
+    make_video(tmp_path / "d", tmp_path / "v.gif", panels="frame,events")
+    with Image.open(tmp_path / "v.gif") as video:
+        assert count_of(np.array(video.convert("RGB")), shown, within=12) > 10_000
+    assert view_html(tmp_path / "d", tmp_path / "p.html").kept["frames"] == (1, 1)

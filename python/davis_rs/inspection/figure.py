@@ -32,7 +32,7 @@ _BAND_ROWS, _BAND_EVENTS_A_COLUMN, _BAND_WINDOWS = 5, 30, 20
 _FORMATS = ("png", "pdf", "svg", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
 _WIDTH_IN, _TITLE_IN, _TICKS_IN, _LABEL_IN = 7.2, 0.25, 0.3, 0.18
 _LABEL_CHARACTERS = 100
-_LEFT, _RIGHT, _PANEL_WIDTH = 0.055, 0.555, 0.39  # of the figure's width
+_LEFT, _CENTRED, _RIGHT, _PANEL_WIDTH = 0.055, 0.305, 0.555, 0.39  # of the figure's width
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 8,
@@ -55,9 +55,9 @@ def view(
 
     The intensity frame; the events of a short window around it, ON red and OFF blue, over the faded frame; the depth
     map (grey where nothing is hit); and column over time of the events of a few middle rows, in a longer window. Where
-    a folder has them, below: optical flow as the usual colour wheel, shapes, surface normals, and in the folder of a
-    rig's first camera the disparity with the second one. Frames hold linear
-    light, so they are drawn with sRGB's transfer curve. What the source does not have gets no panel. ``savefig`` of the
+    a folder has them: optical flow as the usual colour wheel, shapes, surface normals, and in the folder of a rig's
+    first camera the disparity with the second one. Frames hold linear light, so they are drawn with sRGB's transfer
+    curve; those of a colour sensor are demosaiced. What the source does not have gets no panel. ``savefig`` of the
     figure writes PNG, PDF, SVG and others, by the suffix.
 
     Args:
@@ -106,10 +106,13 @@ def view(
     with mpl.rc_context(_STYLE):
         # The three pictures have one size, whatever stands next to them.
         panel_in = _PANEL_WIDTH * _WIDTH_IN * height / width
-        panels = _panels(sequence, t_us, grey, frame, depth, shown, shown_us)
+        pictures, truth = _panels(sequence, t_us, grey, frame, depth, shown, shown_us), truth_panels(sequence, t_us)
+        bands: list[Panel] = []
         if len(band):
-            panels.append(lambda ax, letter: _draw_band(ax, letter, band, rows, t_us, band_us, width))
-        panels += truth_panels(sequence, t_us)
+            bands.append(lambda ax, letter: _draw_band(ax, letter, band, rows, t_us, band_us, width))
+        # A band may have any width: of an odd number of panels it is the last one, and fills the row.
+        odd = (len(pictures) + len(bands) + len(truth)) % 2 == 1
+        panels = [*pictures, *truth, *bands] if odd else [*pictures, *bands, *truth]
         rows_of_panels = (len(panels) + 1) // 2
         label = textwrap.wrap(sequence.label, _LABEL_CHARACTERS)
         label_in = _LABEL_IN * len(label) + 0.07
@@ -118,8 +121,11 @@ def view(
         row = (_TITLE_IN + panel_in + _TICKS_IN) / height_in
 
         def panel(number: int) -> Axes:
-            left, bottom = (_LEFT, _RIGHT)[number % 2], (rows_of_panels - 1 - number // 2) * row
-            return figure.add_axes((left, bottom + _TICKS_IN / height_in, _PANEL_WIDTH, panel_in / height_in))
+            left, panel_width = (_LEFT, _RIGHT)[number % 2], _PANEL_WIDTH
+            if odd and number == len(panels) - 1:
+                left, panel_width = (_LEFT, _RIGHT + _PANEL_WIDTH - _LEFT) if bands else (_CENTRED, _PANEL_WIDTH)
+            bottom = (rows_of_panels - 1 - number // 2) * row
+            return figure.add_axes((left, bottom + _TICKS_IN / height_in, panel_width, panel_in / height_in))
 
         middle = 1 - 0.55 * label_in / height_in
         figure.text(0.5, middle, "\n".join(label), ha="center", va="center", fontsize=9)
@@ -167,9 +173,11 @@ def _make_figure(inches: tuple[float, float]) -> Figure:
     return figure
 
 
-def event_picture(grey: npt.NDArray[np.float64], events: EventArray) -> npt.NDArray[np.uint8]:
-    """Return events over a faded image: uint8 (H, W, 3); a pixel with events has the colour of its last one."""
-    picture = np.repeat(np.rint(255 * (0.45 + 0.55 * grey))[..., None], 3, axis=2).astype(np.uint8)
+def event_picture(image: npt.NDArray[np.float64], events: EventArray) -> npt.NDArray[np.uint8]:
+    """Return events over a faded image, grey (H, W) or colours (H, W, 3), 0 to 1: uint8 (H, W, 3); a pixel with events
+    has the colour of its last one."""
+    faded = np.rint(255 * (0.45 + 0.55 * image))
+    picture = (np.repeat(faded[..., None], 3, axis=2) if faded.ndim == 2 else faded).astype(np.uint8)
     # Assignment with repeated indices keeps the last value: events are in the order of time.
     picture[events["y"], events["x"]] = np.where(events["p"][:, None] == 1, ON_RGB, OFF_RGB)
     return picture
@@ -241,7 +249,7 @@ def _draw_band(
     ax.set_ylim(-0.5, width - 0.5)
     ax.set_yticks(_ticks(width))
     ax.set_xlabel(f"time from {t_us / 1e6:.3f} s ({unit})", labelpad=1, fontsize=7)
-    ax.text(-0.01, 1.015, "x (px)", transform=ax.transAxes, ha="right", va="bottom", fontsize=6)
+    ax.set_ylabel("x (px)", labelpad=1, fontsize=7)
     ax.tick_params(labelsize=6, width=0.5, length=2, pad=1.5)
 
 

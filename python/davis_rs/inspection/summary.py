@@ -319,8 +319,8 @@ def draw_rates(summary: EventSummary, output: str | Path) -> Path:
     shown = np.ma.masked_equal(rates, 0)
     image = axes.imshow(shown, cmap="viridis", norm=LogNorm(least, max(float(rates.max()), least * 1.001)))
     axes.set_facecolor("0.82")
-    axes.set_xlabel("x [px]")
-    axes.set_ylabel("y [px]")
+    axes.set_xlabel("x (px)")
+    axes.set_ylabel("y (px)")
     axes.set_title(
         f"{summary.path.name}: {summary.events:,} events in {summary.duration_s:.3f} s; grey: no events", fontsize=9
     )

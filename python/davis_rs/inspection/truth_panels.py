@@ -84,7 +84,7 @@ def _draw_flow(ax: Axes, title: str, sequence: VisualSequence, index: int) -> No
     wheel = ax.inset_axes((1.02, 0.0, 0.12, 0.2))
     wheel.imshow(flow_wheel(61))
     wheel.set_axis_off()
-    wheel.set_title(f"rim: {most:,.0f}\npx/s", fontsize=6, pad=2)
+    wheel.set_title(f"rim:\n{most:,.0f}\npx/s", fontsize=6, pad=2)
 
 
 def _draw_shapes(ax: Axes, title: str, sequence: VisualSequence, index: int) -> None:

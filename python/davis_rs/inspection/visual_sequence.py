@@ -14,6 +14,7 @@ from .._util.array_types import FloatingArray
 from .._util.quantities import percent
 from .._util.terminal_text import printable
 from ..events.arrays import EventArray
+from ..events.colour import PATTERNS, demosaic
 from ..events.decoded import IMU_DTYPE, Frame
 from ..geometry.camera import Camera
 from ..geometry.pose import GroundTruth
@@ -30,7 +31,7 @@ from .path_returns import return_note
 
 _FRAME_WHITE = 65_535  # frames of a camera have 16 bits
 
-GreyImage = npt.NDArray[np.float64]
+FrameImage = npt.NDArray[np.float64]
 
 
 def _no_poses() -> GroundTruth:
@@ -52,7 +53,8 @@ class VisualSequence:
         start_us, end_us: the first and the last instant; times are the file's own, those of a recording count from
             its first one.
         frame_times, depth_times: in microseconds.
-        read_frame: the frame of a number as linear light, float64 (height, width) in 0..1.
+        read_frame: the frame of a number as linear light, float64 (height, width) in 0..1; full colour, (height, width,
+            3), of a folder whose sensor has colour filters.
         read_depth: the depth map of a number in metres, float32 (height, width), inf where nothing is hit.
         flow_times, read_flow: likewise maps of optical flow, pixels per second, float32 (height, width, 2).
         mask_times, read_mask: likewise maps of shapes, uint16 (height, width), by numbers from 1 on in ``shape_names``.
@@ -73,7 +75,7 @@ class VisualSequence:
     end_us: int
     frame_times: Sequence[int] = ()
     depth_times: Sequence[int] = ()
-    read_frame: Callable[[int], GreyImage] = field(default=lambda _: np.ones((1, 1)))
+    read_frame: Callable[[int], FrameImage] = field(default=lambda _: np.ones((1, 1)))
     read_depth: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1), np.float32))
     flow_times: Sequence[int] = ()
     read_flow: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1, 2), np.float32))
@@ -119,7 +121,7 @@ def nearest(times_us: Sequence[int], t_us: int) -> int | None:
     return min(range(len(times_us)), key=lambda i: abs(times_us[i] - t_us), default=None)
 
 
-def display_grey(linear: FloatingArray) -> GreyImage:
+def display_grey(linear: FloatingArray) -> FrameImage:
     """Return linear values in 0..1 as a display wants them, in 0..1 (IEC 61966-2-1, the sRGB transfer curve)."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
@@ -143,7 +145,7 @@ def _pattern(dataset: Dataset) -> str | None:
     parameters = dataset.meta.get("parameters")
     filters = parameters.get("colour_filter") if isinstance(parameters, dict) else None
     pattern = filters.get("pattern") if isinstance(filters, dict) else None
-    return pattern if isinstance(pattern, str) else None
+    return pattern if pattern in PATTERNS else None
 
 
 def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
@@ -151,6 +153,7 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
     depth_times = [image.t_us for image in dataset.depth_maps]
     events = dataset.events
     _check_inside(events, size, dataset.path)
+    pattern = _pattern(dataset)
     ends = [*frame_times[-1:], *depth_times[-1:], dataset.meta.get("duration_us") or 0]
     sequence = VisualSequence(
         _label(dataset, size),
@@ -160,7 +163,7 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
         max([*ends, *events["t"][-1:].tolist()]),
         frame_times,
         depth_times,
-        lambda number: dataset.read_image(number) / 255.0,
+        lambda number: _linear(dataset.read_image(number), pattern),
         dataset.read_depth,
         [image.t_us for image in dataset.flow_maps],
         dataset.read_flow,
@@ -192,6 +195,11 @@ def _stereo_pair(dataset: Dataset) -> RigDataset | None:
     return RigDataset(path.parent) if is_rig_folder(path.parent) and path == camera_folder(path.parent, 0) else None
 
 
+def _linear(frame: npt.NDArray[np.uint8], pattern: str | None) -> FrameImage:
+    """Return a folder's frame in 0..1, in full colour where there is a Bayer pattern."""
+    return np.asarray(frame if pattern is None else demosaic(frame, pattern), np.float64) / 255.0
+
+
 def _of_recording(recording: Recording, size: tuple[int, int]) -> VisualSequence:
     path, frames = recording.path, recording.frames
     label = f"{path.name}, {recording.chip or recording.format}, sensor {size[0]} x {size[1]}"
@@ -207,7 +215,7 @@ def _of_events(
     size: tuple[int, int],
     events: EventArray,
     frame_times: Sequence[int] = (),
-    read_frame: Callable[[int], GreyImage] = lambda _: np.ones((1, 1)),
+    read_frame: Callable[[int], FrameImage] = lambda _: np.ones((1, 1)),
     read_imu: Callable[[], npt.NDArray[np.void]] = _no_imu,
 ) -> VisualSequence:
     _check_inside(events, size, path)
@@ -222,7 +230,7 @@ def _of_events(
     )
 
 
-def _whole(frame: Frame, size: tuple[int, int]) -> GreyImage:
+def _whole(frame: Frame, size: tuple[int, int]) -> FrameImage:
     """Return a camera's frame where it lies on the sensor, white around it."""
     width, height = size
     image = np.ones((height, width))

@@ -41,13 +41,13 @@ def draw_comparison(comparison: StreamComparison, output: str | Path) -> Path:
         _draw_rates(axes[0, 1], stream, name, colour)
         _draw_bursts(axes[0, 2], stream, name, colour)
         _draw_columns(axes[1, 2], stream, name, colour)
-    _label(axes[0, 0], "interval of a pixel [ms]", "share of intervals an octave", "full: same polarity, dotted: any")
-    _label(axes[0, 1], "rate of a pixel [Hz]", "share of pixels above", "full: ON, dotted: OFF")
+    _label(axes[0, 0], "interval of a pixel (ms)", "share of intervals an octave", "full: same polarity, dotted: any")
+    _label(axes[0, 1], "rate of a pixel (Hz)", "share of pixels above", "full: ON, dotted: OFF")
     _label(
         axes[0, 2], "row bursts in 10 us, or events in a burst", "share", "full: rows in 10 us, dotted: events in a row"
     )
     _label(
-        axes[1, 2], "column x [px]", "events of a pixel, compared with the mean", "columns (thin: each, thick: 8 px)"
+        axes[1, 2], "column x (px)", "events of a pixel, compared with the mean", "columns (thin: each, thick: 8 px)"
     )
     brightest = max(float(np.percentile(one.rates_hz.sum(axis=0), 99.5)) for one in streams.values())
     for ax, (name, stream) in zip(axes[1, :2], streams.items(), strict=True):
