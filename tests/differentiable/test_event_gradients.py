@@ -205,7 +205,7 @@ def test_a_jump_is_its_edges(shadow: bool) -> None:
 
 
 def test_a_stream_of_another_run_is_masked() -> None:
-    """Where levels do not follow, nothing is told, with a warning; a jump may reach either level: there is none here."""
+    """Where levels do not follow, nothing is told, with a warning; a jump may reach either level: here is none."""
     scene = SCENES["spot"]
     events = events_of(scene, contrast_threshold=0.05)[:300]
     _, ok = event_time_jacobian(scene, events, contrast_threshold=0.05, **EXACT)

@@ -51,7 +51,7 @@ def test_a_run_and_its_page_say_so(tmp_path: Path, capsys: pytest.CaptureFixture
     for back, said in ((0.0, True), (0.02, False)):
         lines = []
         for t_s, away in ((0, 0.0), (0.02, 0.01), (0.04, back), (0.05, back - 0.005)):
-            x, y, z = pose.position + [away, 0, 0]
+            x, y, z = pose.position + np.array([away, 0, 0])
             lines.append(f"{t_s} {x} {y} {z} {rotation}\n")
         (tmp_path / "path.txt").write_text("".join(lines))
         out = tmp_path / f"{back}"
