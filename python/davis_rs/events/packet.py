@@ -70,6 +70,6 @@ class Packet:
     normals: npt.NDArray[np.float32] | None = None
 
     def __repr__(self) -> str:
-        names = (field.name for field in fields(self)[3:])
+        names = (field.name for field in fields(self)[3:])  # all but the interval and its events
         more = "".join(f", {name}" for name in names if getattr(self, name) is not None)
         return f"<Packet {self.start_us}..{self.end_us} us, {len(self.events):,} events{more}>"
