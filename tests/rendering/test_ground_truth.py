@@ -350,5 +350,5 @@ def test_flow_is_drawn_by_the_usual_wheel(folder: Path) -> None:
     assert min(blue[1:]) > 100
     figure = davis_rs.view(folder)
     titles = [ax.get_title() for ax in figure.axes]
-    for start in ("(e) optical flow", "(f) ", "(g) normals"):
+    for start in ("(d) optical flow", "(e) ", "(f) normals"):
         assert any(title.startswith(start) for title in titles), titles
