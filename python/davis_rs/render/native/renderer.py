@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -21,6 +22,7 @@ from ..rays.shadow_rays import END, STEP
 from ..scene_cache import cached
 from ..scene_tables.deforming_meshes import DeformingMeshes
 from ..scene_tables.scene_table import SceneTable
+from ..scene_tables.scene_texture import TextureTable
 from .estimators import ESTIMATORS, ViewArrays
 
 _Pixel = TypeVar("_Pixel", np.float32, np.uint32)
@@ -84,9 +86,10 @@ class NativeRenderer(Renderer):
         self._frame_of_triangle = np.append(table.frames, np.uint32(0))
         if motion.deformations:
             # Nobody else may use a core whose meshes change.
-            self._core, self.concurrent = _core_of(table, threads), False
+            self._core, self.concurrent = _core_of(table, threads, table.textures), False
         else:
-            self._core = cached((table, threads), lambda: _core_of(table, threads))
+            self._core = cached((table, threads), lambda: _core_of(table, threads, table.textures.shared()))
+        self._threads = threads
         self.deforming = DeformingMeshes(self._core, table.deforming, motion.deformations, table.planes)
 
     @property
@@ -186,7 +189,7 @@ class NativeRenderer(Renderer):
         """
         textures = self.table.textures
         steps = np.array([weights.sum() for weights in textures.group_weights], np.float64)
-        counts, texels, values = self._core.texel_gradients(
+        counts, texels, values = self._unshared_core.texel_gradients(
             self._known_rays("derivatives"),
             self._arrays(views),
             view,
@@ -195,6 +198,13 @@ class NativeRenderer(Renderer):
             steps,
         )
         return counts, textures.of_framed[texels], values
+
+    @functools.cached_property
+    def _unshared_core(self) -> SceneRenderer:
+        """A core in which each shape has texels of its own, because it has derivatives by them."""
+        if self.motion.deformations or not self.table.textures.has_alike:
+            return self._core
+        return _core_of(self.table, self._threads, self.table.textures)
 
     def ray_hits(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
@@ -293,9 +303,8 @@ class NativeRenderer(Renderer):
         return *pose_arrays(cameras), factors.ravel(), rates.ravel()
 
 
-def _core_of(table: SceneTable, threads: int | None) -> SceneRenderer:
-    """Build the core's renderer from a table."""
-    textures = table.textures
+def _core_of(table: SceneTable, threads: int | None, textures: TextureTable) -> SceneRenderer:
+    """Build the core's renderer from a table, with its textures or those that share their texels."""
     return SceneRenderer(
         corners=table.corners.ravel(),
         planes=table.planes.ravel(),
@@ -323,7 +332,7 @@ def _core_of(table: SceneTable, threads: int | None) -> SceneRenderer:
         light_maps=_light_maps(table),
         emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
         sky=_sky(table),
-        gloss=table.core_gloss(),
+        gloss=table.core_gloss(textures),
         normal_textures=table.normal_textures.core(table.textures.sizes),
         shadows=table.shadows,
         centre=table.centre.tolist(),

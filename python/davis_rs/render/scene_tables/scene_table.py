@@ -351,8 +351,12 @@ class SceneTable:
         assert self.baked is not None
         return map_coordinates(self.corners, self.baked.maps.divisions)
 
-    def core_gloss(self) -> CoreGloss | None:
-        """What the core takes of glossy surfaces; None where all are diffuse."""
+    def core_gloss(self, textures: TextureTable) -> CoreGloss | None:
+        """Return what the core takes of glossy surfaces; None where all are diffuse.
+
+        Args:
+            textures: those of the table, or the same ones shared, as the core has them.
+        """
         if self.gloss is None:
             return None
         # The core makes luma of red, green and blue; behind a colour filter other weights stand in their place.
@@ -375,7 +379,7 @@ class SceneTable:
         return (
             self.gloss.core_finishes(),
             self.gloss.finish_of,
-            np.ascontiguousarray(self.textures.framed_rgb()).ravel(),
+            textures.framed_rgb().ravel(),
             colours.tolist(),
             backgrounds.tolist(),
             emitted,

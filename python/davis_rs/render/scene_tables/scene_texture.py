@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeVar
 
@@ -33,6 +34,9 @@ IntArray = npt.NDArray[np.int64]
 
 _DARK = 2**32 - 1
 """The number of its emissive texture of a texture whose surfaces emit nothing."""
+
+_LARGE = 1 << 16
+"""Textures of more texels than this are looked for among those that are there, see :meth:`TextureTable.shared`."""
 
 _Number = TypeVar("_Number", bound=np.generic)
 
@@ -74,8 +78,10 @@ class TextureTable:
     def __init__(self, mi: Mitsuba, group_weights: list[FloatArray]) -> None:
         self._mi, self.group_weights = mi, group_weights
         self._texels: list[Texels] = []
-        self._count = 0
-        self._sizes: list[tuple[int, int, int, int]] = []
+        self._sizes: list[tuple[int, int, int]] = []
+        self._alike: list[int] = []
+        self._large: dict[bytes, int] = {}
+        self._is_shared = False
         self._uv_maps: list[FloatArray] = []
         self._texture_of: list[npt.NDArray[np.uint32]] = []
         self.ramp_px, self.has_ramps = 0.0, False
@@ -84,7 +90,41 @@ class TextureTable:
 
     @property
     def sizes(self) -> npt.NDArray[np.int32]:
-        return np.array(self._sizes, np.int32)
+        return self._placed(0)
+
+    @property
+    def has_alike(self) -> bool:
+        """Whether any large texture is like another one."""
+        return self._alike != list(range(len(self._alike)))
+
+    def shared(self) -> TextureTable:
+        """Return the same textures, of which those that are alike lie in the same texels.
+
+        Worlds show one large bitmap on many materials. Derivatives by texels need a table that is not shared, because
+        there each shape has texels of its own.
+        """
+        table = copy.copy(self)
+        table._is_shared = True
+        return table
+
+    def _stored(self) -> list[int]:
+        """Return the numbers of the textures that have texels of their own."""
+        return [number for number, first in enumerate(self._alike) if first == number or not self._is_shared]
+
+    def _placed(self, border: int) -> npt.NDArray[np.int32]:
+        """Return first texel, width, height and wrap mode of each texture, where they follow each other in borders."""
+        layout = np.array([(0, *size) for size in self._sizes], np.int32).reshape(-1, 4)
+        stored = self._stored()
+        counts = (layout[stored, 1].astype(np.int64) + 2 * border) * (layout[stored, 2] + 2 * border)
+        layout[stored, 0] = np.cumsum([0, *counts])[:-1]
+        if self._is_shared:
+            layout[:, 0] = layout[self._alike, 0]
+        return layout
+
+    def _count(self, border: int) -> int:
+        """Return how many texels there are with these borders."""
+        sizes = np.array([self._sizes[number][:2] for number in self._stored()], np.int64).reshape(-1, 2)
+        return int((sizes + 2 * border).prod(axis=1).sum())
 
     @property
     def is_grey(self) -> bool:
@@ -102,19 +142,21 @@ class TextureTable:
 
     def texels(self, group: int) -> npt.NDArray[np.float32]:
         """Return all texels as luma under a light of the group's colour, float32."""
-        luma = np.empty(self._count, np.float32)
-        for (first, *_), texels in zip(self._sizes, self._texels, strict=True):
-            for start, piece in texels.pieces():
-                luma[first + start : first + start + len(piece)] = piece @ self.group_weights[group]
+        luma = np.empty(self._count(0), np.float32)
+        firsts = self.sizes[:, 0].tolist()
+        for number in self._stored():
+            for start, piece in self._texels[number].pieces():
+                luma[firsts[number] + start :][: len(piece)] = piece @ self.group_weights[group]
         return luma
 
     @property
     def reflectances(self) -> npt.NDArray[np.float32]:
         """The reflectance of all texels, float32 (texels, 3), red, green and blue."""
-        rgb = np.empty((self._count, 3), np.float32)
-        for (first, *_), texels in zip(self._sizes, self._texels, strict=True):
-            for start, piece in texels.pieces():
-                rgb[first + start : first + start + len(piece)] = piece
+        rgb = np.empty((self._count(0), 3), np.float32)
+        firsts = self.sizes[:, 0].tolist()
+        for number in self._stored():
+            for start, piece in self._texels[number].pieces():
+                rgb[firsts[number] + start :][: len(piece)] = piece
         return rgb
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
@@ -151,19 +193,17 @@ class TextureTable:
         of_texture = np.full(len(self._sizes), _DARK, np.uint32)
         of_texture[list(self._emissions)] = np.arange(len(self._emissions))
         images = (
-            (self._products(texels, np.diag(factors)), self._sizes[number][3])
+            (self._products(texels, np.diag(factors)), self._sizes[number][2])
             for number, (_, texels) in self._emissions.items()
         )
         layouts, texels = laid_out(images, np.float32)
         return of_texture, layouts, [lights[name] for name, _ in self._emissions.values()], texels
 
-    def _emitted(self, number: int, group: int) -> npt.NDArray[np.float32]:
-        """Return the luma (H, W) that a texture's surfaces emit in an emission group."""
+    def _emitted(self, number: int, group: int) -> npt.NDArray[np.float32] | None:
+        """Return the luma (H, W) that a texture's surfaces emit in an emission group; None for nothing."""
         name, weights = self._emission_groups[group]
         its_name, texels = self._emissions.get(number, (None, self._texels[number]))
-        if its_name != name:
-            return np.zeros(texels.shape[:2], np.float32)
-        return self._products(texels, weights)
+        return self._products(texels, weights) if its_name == name else None
 
     @staticmethod
     def _products(texels: Texels, weights: FloatArray) -> npt.NDArray[np.float32]:
@@ -178,31 +218,39 @@ class TextureTable:
     def of_framed(self) -> npt.NDArray[np.int64]:
         """The number in :meth:`texels` of each texel of :meth:`framed`."""
 
+        firsts = self.sizes[:, 0].tolist()
+
         def numbers(number: int) -> IntArray:
-            first, width, height, _ = self._sizes[number]
-            return np.arange(first, first + width * height).reshape(height, width)
+            width, height, _ = self._sizes[number]
+            return np.arange(firsts[number], firsts[number] + width * height).reshape(height, width)
 
         return self._framed(numbers, np.int64)
 
     def _framed(
-        self, image_of: Callable[[int], npt.NDArray[_Number]], dtype: type[_Number], channels: tuple[int, ...] = ()
+        self,
+        image_of: Callable[[int], npt.NDArray[_Number] | None],
+        dtype: type[_Number],
+        channels: tuple[int, ...] = (),
     ) -> npt.NDArray[_Number]:
-        """Put the images of all textures one after the other, each in its border. There is no second copy of all."""
-        layout = self.framed_sizes
-        count = int(sum((width + 2) * (height + 2) for _, width, height, _ in self._sizes))
-        framed = np.empty((count, *channels), dtype)
-        for number, (first, width, height, wrap) in enumerate(layout.tolist()):
+        """Put the images of all textures one after the other, each in its border. There is no second copy of all.
+
+        Of zeros nothing is written (None), because memory that nobody wrote to takes none.
+        """
+        layout = self.framed_sizes.tolist()
+        framed = np.zeros((self._count(1), *channels), dtype)
+        for number in self._stored():
+            if (pixels := image_of(number)) is None:
+                continue
+            first, width, height, wrap = layout[number]
             image = framed[first : first + (width + 2) * (height + 2)].reshape(height + 2, width + 2, *channels)
-            image[1:-1, 1:-1] = image_of(number)
+            image[1:-1, 1:-1] = pixels
             fill_border(image, wrap)
         return framed
 
     @property
     def framed_sizes(self) -> npt.NDArray[np.int32]:
         """The :attr:`sizes`, with the first texel's number among those of :meth:`framed`."""
-        layout = self.sizes.copy()
-        layout[:, 0] = np.cumsum([0, *((layout[:, 1] + 2) * (layout[:, 2] + 2))])[:-1]
-        return layout
+        return self._placed(1)
 
     def add(
         self,
@@ -273,12 +321,15 @@ class TextureTable:
             read = self._directions_of if turned.height is None else self._heights_of
             image, plain = read(turned.texture, named), TextureImage(texels, wrap, uv_map)
             texels, wrap, uv_map = normals.add(len(self._sizes), image, plain, named, turned)
-        height, width = texels.shape[:2]
-        first, self._count = self._count, self._count + height * width
-        self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
-        self._sizes.append((first, width, height, wrap))
+        number, (height, width) = len(self._sizes), texels.shape[:2]
+        first = number
+        if height * width > _LARGE and number not in self._emissions:
+            first = self._large.setdefault(texels.digest + bytes([wrap]), number)
+        self._texture_of.append(np.full(records, number, np.uint32))
+        self._sizes.append((width, height, wrap))
         self._uv_maps.append(uv_map[:2])
-        self._texels.append(texels)
+        self._texels.append(texels if first == number else self._texels[first])
+        self._alike.append(first)
         return Added(two_sided, uv)
 
     def _emission_of(self, shape: MitsubaShape, pixels_per_unit: PixelsPerUnit | None) -> TextureImage:
