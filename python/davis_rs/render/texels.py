@@ -19,7 +19,7 @@ IntArray = npt.NDArray[np.int64]
 
 _Number = TypeVar("_Number", bound=np.generic)
 
-_TEXELS_AT_ONCE = 1 << 18
+TEXELS_AT_ONCE = 1 << 18
 """How many texels are decoded and weighted at a time."""
 
 LUMINANCE = np.array([[0.212671], [0.715160], [0.072169]])
@@ -53,7 +53,7 @@ class Texels:
         """Return all texels row by row, in pieces (n, 3), each with the number of its first texel."""
         flat = self._data.reshape(-1, self._data.shape[2])
         return (
-            (start, self._rgb(flat[start : start + _TEXELS_AT_ONCE])) for start in range(0, len(flat), _TEXELS_AT_ONCE)
+            (start, self._rgb(flat[start : start + TEXELS_AT_ONCE])) for start in range(0, len(flat), TEXELS_AT_ONCE)
         )
 
     @property

@@ -83,7 +83,7 @@ pub struct SceneTables<'a> {
     /// For each texture: first texel, width, height and wrap mode (0 repeat, 1 clamp, 2 mirror).
     pub layouts: Vec<[i64; 4]>,
     /// For each light colour all texels as luma; around each texture a frame of one texel, as its wrap mode has it.
-    pub texels: Vec<Vec<f32>>,
+    pub texels: Vec<Cow<'a, [f32]>>,
     /// Which way the texels of surfaces face.
     pub normal_textures: NormalTextureTables,
     /// Irradiance that was computed beforehand.
@@ -95,7 +95,7 @@ pub struct SceneTables<'a> {
     /// What rays see that hit nothing, in addition to the lights' backgrounds.
     pub sky: Option<Sky>,
     /// Surfaces that are not diffuse.
-    pub gloss: GlossTables,
+    pub gloss: GlossTables<'a>,
     /// Whether point and directional lights throw shadows.
     pub shadows: bool,
     /// The middle of what stands still: shadows are offset by the distance from it, see `step`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..._mitsuba.types import MitsubaBsdf, MitsubaScene
 from ..baked.lights import integrator_of, paths_of
 from ..finishes import CoreFinish, Finish, NumberTexels
-from ..texels import laid_out
+from ..texels import TEXELS_AT_ONCE, laid_out
 
 FloatArray = npt.NDArray[np.float64]
 _Texels = npt.NDArray[np.float32]
@@ -78,23 +78,28 @@ class GlossTable:
         """Return the textures of roughness and metal as the core takes them: layouts, and all texels."""
         return laid_out(((texels.image, texels.wrap) for texels in self._lobes), np.float32)
 
-    def albedos(
-        self, reflectances: _Texels, sizes: npt.NDArray[np.int32], texture_of: npt.NDArray[np.uint32]
-    ) -> _Texels:
-        """Return the reflectances of texels (n, 3) with those of glossy surfaces replaced by their albedo.
+    def finishes_of_textures(self, texture_of: npt.NDArray[np.uint32]) -> dict[int, int]:
+        """Return the finish of each texture, or :data:`DIFFUSE`.
 
         Args:
-            sizes: (textures, 4), first texel, width, height and wrap mode.
             texture_of: (t), the texture of each triangle: no two shapes have the same.
         """
-        albedos = reflectances.copy()
         numbers, first = np.unique(texture_of, return_index=True)
-        for texture, finish in zip(numbers.tolist(), self.finish_of[first].tolist(), strict=True):
-            if finish != DIFFUSE:
-                start, width, height, _ = sizes[texture].tolist()
-                texels = slice(start, start + width * height)
-                albedos[texels] = self.finishes[finish].albedo(reflectances[texels].astype(np.float64))
-        return albedos
+        return dict(zip(numbers.tolist(), self.finish_of[first].tolist(), strict=True))
+
+    def replace_by_albedos(self, reflectances: _Texels, textures: Iterable[tuple[int, int, int]]) -> None:
+        """Replace the reflectances of texels (n, 3) of glossy surfaces by their albedo.
+
+        Args:
+            textures: the first texel, the number of texels, and the finish of each texture; each texel once.
+        """
+        for first, count, finish in textures:
+            if finish == DIFFUSE:
+                continue
+            # A few at a time: in float64, all of a large texture would take a gigabyte.
+            for start in range(first, first + count, TEXELS_AT_ONCE):
+                texels = reflectances[start : min(start + TEXELS_AT_ONCE, first + count)]
+                texels[:] = self.finishes[finish].albedo(texels.astype(np.float64))
 
     def without_clear(self, corners: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return corners and their normals (t, 3, 3) with all of glass in one point, where no ray hits it.

@@ -40,7 +40,7 @@ from ..mesh_buffers import MeshBuffers
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
 from .deforming_meshes import DeformingMesh
-from .gloss_table import CoreGloss, gloss_table
+from .gloss_table import DIFFUSE, CoreGloss, gloss_table
 from .mesh_triangles import MeshTriangles, culled_triangles, flat_normal_maps
 from .normal_textures import NormalTextures
 from .scene_texture import Added, TextureTable
@@ -280,10 +280,16 @@ class SceneTable:
             at_corners = np.einsum("tij,tkj->tki", maps[..., :3], self.corners) + maps[:, None, :, 3]
         length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
         normals = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
-        corners, reflectances, looks = self.corners, self.textures.reflectances, b""
+        corners, looks, texture_of = self.corners, b"", self.textures.texture_of
+        finishes = {} if self.gloss is None else self.gloss.finishes_of_textures(texture_of)
+        textures = self.textures.shared(finishes)
+        reflectances = textures.reflectances
         if self.gloss is not None:
             looks = self.gloss.digest
-            reflectances = self.gloss.albedos(reflectances, self.textures.sizes, self.textures.texture_of)
+            self.gloss.replace_by_albedos(
+                reflectances,
+                ((*textures.texels_of(number), finishes.get(number, DIFFUSE)) for number in textures.stored()),
+            )
             corners, normals = self.gloss.without_clear(corners, normals)
         at_points = np.concatenate([self.corners, np.ones((*self.corners.shape[:2], 1))], -1)
         return Surfaces(
@@ -294,11 +300,11 @@ class SceneTable:
             counts=self.counts,
             frames=self.frames.astype(np.int64),
             uv=np.stack([np.einsum("tkj,tj->tk", at_points, maps) for maps in (self.u_maps, self.v_maps)], -1),
-            texture_of=self.textures.texture_of,
-            sizes=self.textures.sizes,
+            texture_of=texture_of,
+            sizes=textures.sizes,
             reflectances=reflectances,
             looks=looks,
-            bumpy=np.isin(self.textures.texture_of, self.normal_textures.numbers),
+            bumpy=np.isin(texture_of, self.normal_textures.numbers),
         )
 
     def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:

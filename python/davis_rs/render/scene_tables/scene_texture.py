@@ -97,24 +97,34 @@ class TextureTable:
         """Whether any large texture is like another one."""
         return self._alike != list(range(len(self._alike)))
 
-    def shared(self) -> TextureTable:
-        """Return the same textures, of which those that are alike lie in the same texels.
+    def shared(self, kinds: Mapping[int, int] | None = None) -> TextureTable:
+        """Return the same textures, of which large ones that are alike lie in the same texels.
 
         Worlds show one large bitmap on many materials. Derivatives by texels need a table that is not shared, because
         there each shape has texels of its own.
+
+        Args:
+            kinds: a number for textures: those of different numbers have texels of their own.
         """
-        table = copy.copy(self)
+        table, firsts = copy.copy(self), dict[tuple[int, int | None], int]()
+        of_kind = (kinds or {}).get
+        table._alike = [firsts.setdefault((first, of_kind(n)), n) for n, first in enumerate(self._alike)]
         table._is_shared = True
         return table
 
-    def _stored(self) -> list[int]:
+    def texels_of(self, number: int) -> tuple[int, int]:
+        """Return the first texel of a texture, and how many it has."""
+        first, width, height, _ = self.sizes[number].tolist()
+        return first, width * height
+
+    def stored(self) -> list[int]:
         """Return the numbers of the textures that have texels of their own."""
         return [number for number, first in enumerate(self._alike) if first == number or not self._is_shared]
 
     def _placed(self, border: int) -> npt.NDArray[np.int32]:
         """Return first texel, width, height and wrap mode of each texture, where they follow each other in borders."""
         layout = np.array([(0, *size) for size in self._sizes], np.int32).reshape(-1, 4)
-        stored = self._stored()
+        stored = self.stored()
         counts = (layout[stored, 1].astype(np.int64) + 2 * border) * (layout[stored, 2] + 2 * border)
         layout[stored, 0] = np.cumsum([0, *counts])[:-1]
         if self._is_shared:
@@ -123,7 +133,7 @@ class TextureTable:
 
     def _count(self, border: int) -> int:
         """Return how many texels there are with these borders."""
-        sizes = np.array([self._sizes[number][:2] for number in self._stored()], np.int64).reshape(-1, 2)
+        sizes = np.array([self._sizes[number][:2] for number in self.stored()], np.int64).reshape(-1, 2)
         return int((sizes + 2 * border).prod(axis=1).sum())
 
     @property
@@ -144,7 +154,7 @@ class TextureTable:
         """Return all texels as luma under a light of the group's colour, float32."""
         luma = np.empty(self._count(0), np.float32)
         firsts = self.sizes[:, 0].tolist()
-        for number in self._stored():
+        for number in self.stored():
             for start, piece in self._texels[number].pieces():
                 luma[firsts[number] + start :][: len(piece)] = piece @ self.group_weights[group]
         return luma
@@ -154,7 +164,7 @@ class TextureTable:
         """The reflectance of all texels, float32 (texels, 3), red, green and blue."""
         rgb = np.empty((self._count(0), 3), np.float32)
         firsts = self.sizes[:, 0].tolist()
-        for number in self._stored():
+        for number in self.stored():
             for start, piece in self._texels[number].pieces():
                 rgb[firsts[number] + start :][: len(piece)] = piece
         return rgb
@@ -238,7 +248,7 @@ class TextureTable:
         """
         layout = self.framed_sizes.tolist()
         framed = np.zeros((self._count(1), *channels), dtype)
-        for number in self._stored():
+        for number in self.stored():
             if (pixels := image_of(number)) is None:
                 continue
             first, width, height, wrap = layout[number]

@@ -12,7 +12,7 @@ use super::scene_tables::{
     light_map_tables, normal_texture_tables, numbered, sky_map,
 };
 use super::views::{Views, view_pixels, views_of};
-use crate::python::arrays::{column, flags, grouped, groups, lists, matrices, numbers};
+use crate::python::arrays::{column, flags, grouped, groups, matrices, numbers};
 use crate::render::{
     BEFORE_LIGHTS, Deformed, GlossTables, LightMapTables, LinePattern, NormalTextureTables, RayHit, Renderer, Scene,
     SceneTables, View,
@@ -162,6 +162,9 @@ impl PySceneRenderer {
         let (corners, planes) = (column::<f64>(corners, "corners")?, column::<f64>(planes, "planes")?);
         let (u_maps, v_maps) = (column::<f64>(u_maps, "u_maps")?, column::<f64>(v_maps, "v_maps")?);
         let normal_maps = normal_maps.map(|maps| column::<f64>(maps, "normal_maps")).transpose()?;
+        // Texels may be the largest of all: none are copied here.
+        let texels = texels.iter().map(|texels| column::<f32>(texels, "texels")).collect::<PyResult<Vec<_>>>()?;
+        let colours = gloss.as_ref().map(|gloss| column::<f32>(&gloss.2, "texels")).transpose()?;
         let tables = SceneTables {
             corners: matrices(&corners, "corners")?.into(),
             planes: grouped(&planes, "planes")?.into(),
@@ -177,13 +180,16 @@ impl PySceneRenderer {
             frames: numbers::<u32>(frames, "frames")?,
             frame_count,
             layouts: groups(layouts, "layouts")?,
-            texels: lists(&texels, "texels")?,
+            texels: texels.iter().map(|texels| Ok(texels.as_slice()?.into())).collect::<PyResult<_>>()?,
             lights: numbered(lights)?,
             light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
             emissions: emissions.map_or(Ok(vec![]), emission_table)?,
             sky: sky.map(sky_map).transpose()?,
             normal_textures: normal_textures.map_or(Ok(NormalTextureTables::default()), normal_texture_tables)?,
-            gloss: gloss.map_or(Ok(GlossTables::default()), gloss_tables)?,
+            gloss: match (gloss, &colours) {
+                (Some(gloss), Some(colours)) => gloss_tables(gloss, grouped(colours, "texels")?)?,
+                _ => GlossTables::default(),
+            },
             shadows,
             centre,
             step,

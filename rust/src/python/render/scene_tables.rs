@@ -74,16 +74,17 @@ pub(super) fn normal_texture_tables(
     })
 }
 
-/// Returns the tables of glossy surfaces.
-pub(super) fn gloss_tables(
-    (finishes, finish_of, texels, colours, backgrounds, emitted, sky, longest, lobes, emissive): GlossTuple<'_>,
-) -> PyResult<GlossTables> {
+/// Returns the tables of glossy surfaces, with these texels of all textures.
+pub(super) fn gloss_tables<'a>(
+    (finishes, finish_of, _, colours, backgrounds, emitted, sky, longest, lobes, emissive): GlossTuple<'_>,
+    texels: &'a [[f32; 3]],
+) -> PyResult<GlossTables<'a>> {
     let (lobe_layouts, lobes) = lobes;
     let (of_texture, layouts, lights, radiance) = emissive;
     Ok(GlossTables {
         finishes: finishes.into_iter().map(finish).collect::<PyResult<_>>()?,
         finish_of: numbers(&finish_of, "finish_of")?,
-        texels: groups(&texels, "texels")?,
+        texels: texels.into(),
         colours,
         backgrounds,
         emitted: groups(&emitted, "emitted")?,

@@ -2,6 +2,8 @@
 //!
 //! What must not break: a scene without glossy surfaces has none of this, and is rendered as if it did not exist.
 
+use std::borrow::Cow;
+
 use super::emissive::{Emissive, EmissiveTextures};
 use super::finish::Finish;
 use super::lamps::Lamps;
@@ -15,13 +17,13 @@ pub const DIFFUSE: u32 = u32::MAX;
 
 /// The glossy surfaces of a scene, and all of the scene in colour, because what they reflect is coloured.
 #[derive(Clone, Debug, Default)]
-pub struct GlossTables {
+pub struct GlossTables<'a> {
     /// How they reflect.
     pub finishes: Vec<Finish>,
     /// The finish of each triangle, [`DIFFUSE`] for none.
     pub finish_of: Vec<u32>,
     /// The texels of all textures as red, green and blue, in the layout of the scene's.
-    pub texels: Vec<[f32; 3]>,
+    pub texels: Cow<'a, [[f32; 3]]>,
     /// For each group of lights: what a strength of 1 is in red, green and blue.
     pub colours: Vec<[f64; 3]>,
     /// For each light: radiance of what a ray sees that hits nothing, for a strength of 1.
@@ -78,7 +80,7 @@ impl Gloss {
     /// # Errors
     ///
     /// [`Error::Argument`] for tables that do not belong together.
-    pub(crate) fn new<'a>(tables: &GlossTables, owner: impl FnOnce() -> Owner<'a>) -> Result<Option<Self>> {
+    pub(crate) fn new<'a>(tables: &GlossTables<'_>, owner: impl FnOnce() -> Owner<'a>) -> Result<Option<Self>> {
         if tables.finish_of.is_empty() {
             return Ok(None);
         }
@@ -125,7 +127,7 @@ impl Gloss {
         Ok(Some(Self {
             finishes: tables.finishes.clone(),
             finish_of: numbers().map(|number| tables.finish_of[number]).collect(),
-            texels: tables.texels.clone(),
+            texels: tables.texels.to_vec(),
             colours: tables.colours.clone(),
             backgrounds: tables.backgrounds.clone(),
             emitted: if tables.emitted.is_empty() {

@@ -29,15 +29,15 @@ fn add(tables: &mut SceneTables, [corner, u, v]: [[f64; 3]; 3], look: (f64, u32,
     let length = normal.iter().map(|x| x * x).sum::<f64>().sqrt();
     let normal = normal.map(|x| x / length);
     let at = |a: f64, b: f64| -> [f64; 3] { std::array::from_fn(|i| corner[i] + a * u[i] + b * v[i]) };
-    let first = tables.texels.first().map_or(0, Vec::len);
+    let first = tables.texels.first().map_or(0, |texels| texels.len());
     // Two texels next to each other, in their frame.
     tables.layouts.push([first as i64, 2, 1, 1]);
     let (low, high) = (0.6 * reflectance, reflectance);
     let row = [low, low, high, high];
     for texels in &mut tables.texels {
-        texels.extend([row, row, row].iter().flatten().map(|&x| x as f32));
+        texels.to_mut().extend([row, row, row].iter().flatten().map(|&x| x as f32));
     }
-    tables.gloss.texels.extend([row, row, row].iter().flatten().map(|&x| [x as f32; 3]));
+    tables.gloss.texels.to_mut().extend([row, row, row].iter().flatten().map(|&x| [x as f32; 3]));
     let along: f64 = u.iter().map(|x| x * x).sum();
     for corners in [[at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0)], [at(0.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]] {
         let offset = -(0..3).map(|i| normal[i] * corner[i]).sum::<f64>();
@@ -59,7 +59,7 @@ fn add(tables: &mut SceneTables, [corner, u, v]: [[f64; 3]; 3], look: (f64, u32,
 fn room(mirror: Option<Finish>) -> SceneTables<'static> {
     let mut tables = SceneTables {
         frame_count: 2,
-        texels: vec![vec![]],
+        texels: vec![vec![].into()],
         lights: vec![
             light(LightKind::Point([1.0, 2.5, -1.0]), 6.0),
             light(LightKind::Directional([0.36, -0.8, 0.48]), 1.5),
@@ -179,7 +179,7 @@ fn a_mirror_shows_what_shines_by_a_texture() {
             lights: vec![2, 3],
             texels: [&[of_mirror; 9][..], &emitted[24..36]].concat().into_iter().map(|x| [x; 3]).collect(),
         };
-        tables.texels.push(emitted);
+        tables.texels.push(emitted.into());
         tables.lights.push(Light { group: 1, ..light(LightKind::Constant, 1.0) });
         tables.gloss.colours.push([0.0; 3]);
         tables.gloss.backgrounds.push([0.0; 3]);
@@ -458,8 +458,8 @@ fn tables_that_do_not_belong_together_are_refused() {
     let wrong: [fn(&mut GlossTables); 17] = [
         |gloss| gloss.finish_of.truncate(3),
         |gloss| gloss.finish_of[0] = 1,
-        |gloss| gloss.texels.truncate(3),
-        |gloss| gloss.texels[0] = [f32::NAN; 3],
+        |gloss| gloss.texels.to_mut().truncate(3),
+        |gloss| gloss.texels.to_mut()[0] = [f32::NAN; 3],
         |gloss| gloss.colours.clear(),
         |gloss| gloss.colours[0] = [-1.0; 3],
         |gloss| gloss.backgrounds.truncate(2),

@@ -119,7 +119,7 @@ mod tests {
             frames: vec![0],
             frame_count: 1,
             layouts: vec![[0, 1, 1, 0]],
-            texels: vec![vec![0.5; 9]],
+            texels: vec![vec![0.5; 9].into()],
             end: 0.999,
             ..SceneTables::default()
         };

@@ -80,9 +80,18 @@ pub(crate) fn checked_layouts(layouts: &[[i64; 4]], length: Option<usize>, frame
 }
 
 /// Pairs each texel with the one after it: a row of two is then fetched at once.
+///
+/// Zeros are not written: most texels of what surfaces emit are zero, and memory that nobody wrote to takes none.
 pub(crate) fn paired(texels: &[f32]) -> Vec<u64> {
+    let mut pairs = vec![0; texels.len()];
     let after = texels.iter().skip(1).chain([&0.0]);
-    texels.iter().zip(after).map(|(one, next)| u64::from(one.to_bits()) | u64::from(next.to_bits()) << 32).collect()
+    for (pair, (one, next)) in pairs.iter_mut().zip(texels.iter().zip(after)) {
+        let bits = u64::from(one.to_bits()) | u64::from(next.to_bits()) << 32;
+        if bits != 0 {
+            *pair = bits;
+        }
+    }
+    pairs
 }
 
 /// Returns a texel and the one after it.
