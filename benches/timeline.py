@@ -1,8 +1,8 @@
-"""What a run does when: python benches/timeline.py [SCENE] [PRESET] [-o PICTURE]
+"""What a run does when: python benches/timeline.py [SCENE] [PRESET] [--size WxH] [--duration SECONDS] [-o PICTURE]
 
-Prints for one simulated second (or the whole path, where that is shorter) how much of the wall time went into
-rendering, crossing and both at once, and what share was neither: sampling rules, packets, everything in Python. A run
-renders in a thread of its own while the crossing engine works on the keyframes before; --threads 1 shows it in turn.
+Prints for one simulated second (or --duration, or the whole path, where that is shorter) how much of the wall time went
+into rendering, crossing and both at once, and what share was neither: sampling rules, packets, everything in Python. A
+run renders in a thread of its own while the crossing engine works on the keyframes before; --threads 1 shows it in turn.
 With -o, a picture of the middle of the run.
 """
 
@@ -56,25 +56,25 @@ class Timed:
         return call
 
 
-def run(scene: str, preset: str, threads: int | None) -> tuple[list[Work], float, float]:
-    """All that was done, and when the run began and ended."""
+def run(
+    scene: str, preset: str, threads: int | None, size: str | None, duration_s: float
+) -> tuple[list[Work], float, float]:
+    """Return all that was done, and when the run began and ended."""
     whole = davis_rs.load_scene(scene)
-    part = whole.crop(0.0, min(1.0, whole.path.duration_s))
-    chosen = ACCURACY[preset]
-    simulator = Simulator(
-        part,
-        sampling=chosen.sampling,
-        rays_per_pixel=chosen.rays_per_pixel,
-        refine=chosen.refine,
-        threads=threads,
-        frame_rate_hz=24,
-    )
+    part = whole.crop(0.0, min(duration_s, whole.path.duration_s))
+    simulator = Simulator(part, accuracy=preset, threads=threads, size=size, frame_rate_hz=24)
     done: list[Work] = []
     renderer = simulator.renderer
     renderer.luma(
         davis_rs.geometry.trajectory.views.Views.along(part.path, np.zeros(1))
     )  # what is made when it is first asked for
-    kinds = {"luma": "frames", "samples": "single pixels", "depth": "depth"}
+    kinds = {
+        "luma": "frames",
+        "line_luma": "frames",
+        "samples": "single pixels",
+        "line_samples": "single pixels",
+        "depth": "depth",
+    }
     renderer._core = Timed(renderer._core, kinds, done)
     simulator._engine = Timed(simulator._engine, {"push": "crossing"}, done)
     begin = time.perf_counter()
@@ -122,9 +122,11 @@ def main() -> None:
     parser.add_argument("scene", nargs="?", default="three_planes", metavar="SCENE")
     parser.add_argument("preset", nargs="?", default="balanced", choices=tuple(ACCURACY), metavar="PRESET")
     parser.add_argument("--threads", type=int, metavar="N", help="as of the simulator")
+    parser.add_argument("--size", metavar="WxH", help="of the image, pixels; default: the scene's")
+    parser.add_argument("--duration", type=float, default=1.0, metavar="SECONDS", help="of the path")
     parser.add_argument("-o", "--output", type=Path, metavar="PICTURE", help="the picture to write")
     options = parser.parse_args()
-    done, begin, end = run(options.scene, options.preset, options.threads)
+    done, begin, end = run(options.scene, options.preset, options.threads, options.size, options.duration)
     rendering = covered([one for one in done if one.kind != "crossing"], begin, end)
     crossing = covered([one for one in done if one.kind == "crossing"], begin, end)
     shares = {
