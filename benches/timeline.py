@@ -2,7 +2,8 @@
 
 Prints for one simulated second (or --duration, or the whole path, where that is shorter) how much of the wall time went
 into rendering, crossing and both at once, and what share was neither: sampling rules, packets, everything in Python. A
-run renders in a thread of its own while the crossing engine works on the keyframes before; --threads 1 shows it in turn.
+run renders in a thread of its own while the crossing engine works on the keyframes before; --threads 1 shows it in
+turn.
 With -o, a picture of the middle of the run.
 """
 
