@@ -731,7 +731,7 @@ mod tests {
         add(tables, [[-30.0, -30.0, -6.0], [30.0, -30.0, 12.0], [0.0, 60.0, 3.0]], 0);
         for _ in 0..300 {
             let [x, y, _] = numbers.vector(1.0);
-            let before = |x: f64, y: f64| [x, y, 2.95 + 0.3 * x];
+            let before = |x: f64, y: f64| [x, y, 2.999 + 0.3 * x];
             add(tables, [before(x, y), before(x + 0.1, y), before(x, y + 0.1)], 0);
         }
     }

@@ -182,3 +182,63 @@ impl Region for Ways {
         any != 0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::geometry::vector::{Bounds, Vector, add, scale, sub};
+    use proptest::prelude::*;
+
+    const SIDE: f64 = 4.0;
+
+    fn vector(size: f64) -> impl Strategy<Value = Vector> {
+        prop::array::uniform3(-size..size)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        /// Points that lie on the edges of shadows, where rounding decides, are found to be hidden exactly where any
+        /// cone hides them.
+        #[test]
+        fn points_are_hidden_as_by_all_cones(
+            places in prop::collection::vec((vector(SIDE), vector(0.3), vector(0.3)), 1..200),
+            light in vector(2.0 * SIDE), is_point in any::<bool>(),
+            chosen in prop::array::uniform16((any::<prop::sample::Index>(), 0usize..3, 0.001f64..2.0)),
+        ) {
+            let towards = scale(light, 1.0 / (light[0] * light[0] + light[1] * light[1] + light[2] * light[2]).sqrt());
+            let source = if is_point { Source::Point(light) } else { Source::Directional(towards) };
+            let corners: Vec<[Vector; 3]> = places.iter().map(|&(a, b, c)| [a, add(a, b), add(a, c)]).collect();
+            let (bvh, order) = Bvh::new(corners.iter().map(|corners| Bounds::of(corners)), false);
+            let corners: Vec<[Vector; 3]> = order.iter().map(|&i| corners[i as usize]).collect();
+            let mut packets = vec![];
+            ConePacket::behind(&corners, &source, &mut packets);
+            let (mut all, mut own) = ([Lanes::ZERO; 3], [0; STEP]);
+            for (i, (at, corner, way)) in chosen.iter().enumerate() {
+                let triangle = at.index(corners.len());
+                own[i] = index(triangle + usize::from(i % 2 == 0));
+                let corner = corners[triangle][*corner];
+                let point = match source {
+                    Source::Point(light) => add(light, scale(sub(corner, light), 1.0 + way)),
+                    Source::Directional(towards) => sub(corner, scale(towards, *way)),
+                };
+                for axis in 0..3 {
+                    #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+                    let value = point[axis] as f32;
+                    all[axis][i] = value;
+                }
+            }
+            let farthest = if is_point { 1e-3 } else { f32::INFINITY };
+            let before = Before { bvh: &bvh, first: 0, packets: &packets, source, farthest };
+            let mut points = Points::new(0, &all, &own, &Lanes::all(1.0), &Lanes::ZERO, &[0; STEP]);
+            hide(&before, &mut points, &mut vec![]);
+            for i in 0..STEP {
+                let hides = |triangle: &usize| {
+                    let cone = packets[triangle / WIDTH].cone(triangle % WIDTH);
+                    cone.hides_place(all[0][i], all[1][i], all[2][i], farthest) && own[i] != index(*triangle)
+                };
+                prop_assert_eq!(points.hidden()[i] == 1, (0..corners.len()).any(|triangle| hides(&triangle)), "{}", i);
+            }
+        }
+    }
+}
