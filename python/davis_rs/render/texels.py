@@ -67,7 +67,9 @@ class Texels:
         """What tells texels from others of another size or other values."""
         light = b"" if self._light is None else self._light.tobytes()
         said = f"{self._data.shape} {self._data.dtype} ".encode()
-        return hashlib.blake2b(np.ascontiguousarray(self._data), key=hashlib.sha256(said + light).digest()).digest()
+        return hashlib.blake2b(
+            np.ascontiguousarray(self._data).data, key=hashlib.sha256(said + light).digest()
+        ).digest()
 
     @property
     def is_grey(self) -> bool:

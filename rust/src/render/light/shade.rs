@@ -49,7 +49,8 @@ impl Shader<'_> {
                 let mut fallen = BLACK;
                 match (lit.falls, &self.light_map) {
                     (Falls::Baked { texels, strength, rate }, Some(map)) => {
-                        self.baked::<RATE, FULL>(map, texels, (strength, rate), rays, depth, depth_rate, &mut fallen);
+                        let depths = (depth, depth_rate);
+                        self.baked::<RATE, FULL>(map, texels, (strength, rate), rays, depths, &mut fallen);
                     }
                     (falls, _) => {
                         falling::<RATE, FULL>(&falls, rays, depth, depth_rate, normal.as_ref(), &mut fallen);
@@ -173,8 +174,7 @@ impl Shader<'_> {
         texels: usize,
         (strength, strength_rate): (f32, f32),
         rays: &Rays<'_, FULL>,
-        depth: &Lanes,
-        depth_rate: &Lanes,
+        (depth, depth_rate): (&Lanes, &Lanes),
         out: &mut Reflected,
     ) {
         let sampler = Sampler::new(map.texture, &self.scene.irradiance[texels]);

@@ -332,7 +332,9 @@ mod tests {
             }
             prop_assert!(of_line.iter().all(|segment| segment.right - segment.left > LEAST));
             let mut again = vec![];
-            of_line.iter().for_each(|segment| put(&mut again, segment.left, segment.right, segment.candidate));
+            for segment in &of_line {
+                put(&mut again, segment.left, segment.right, segment.candidate);
+            }
             prop_assert_eq!(&again, &of_line);
             for column in (0..2 * 296u16).map(|i| (f32::from(i) + 0.5) * STEP / 2.0) {
                 let here = |&candidate: &usize| (ends[candidate][0]..ends[candidate][1]).contains(&column);

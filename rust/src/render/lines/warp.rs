@@ -252,7 +252,7 @@ mod tests {
 
     /// A part of a tile is in the lists of all lines that pass it; a small one is in few of them.
     #[test]
-    #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small numbers")]
     fn a_part_has_its_lines() {
         let pattern = LinePattern::new(16).unwrap();
         let (pitch, corner) = ([0.004, 0.005], [-0.4, 0.3]);
