@@ -57,8 +57,8 @@ def test_alike_textures_are_stored_once(monkeypatch: pytest.MonkeyPatch) -> None
     assert shared.framed_rgb().shape == (3 * 302**2, 3)
     assert shared.sizes[:, 0].tolist() == [0, COUNT, COUNT, 2 * COUNT]
     for number, (first, width, height, _) in enumerate(shared.sizes.tolist()):
-        own, count = textures.texels_of(number)
-        assert count == width * height
+        own, count = int(textures.sizes[number, 0]), width * height
+        assert textures.sizes[number, 1:3].tolist() == [width, height]
         np.testing.assert_array_equal(shared.reflectances[first:][:count], textures.reflectances[own:][:count])
     luma = renderer.luma(VIEWS)
     monkeypatch.setattr(scene_texture, "_LARGE", 1 << 40)

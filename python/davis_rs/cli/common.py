@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from .._util.argument_error import ArgumentError
 from .._util.extras import require
 from .._util.progress import progress, say, stage
 from .._util.terminal_text import tell
+from ..geometry.pose import turn_deg
 from ..geometry.trajectory.trajectory import Trajectory, align
 from ..geometry.trajectory.trajectory_file import read_trajectory
 from ..scene.default_motion import with_default_motion
@@ -171,10 +171,9 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
         trajectory = align(trajectory, start, at_s)
         if not quiet:
             metres = np.linalg.norm(start.position - was.position)
-            turned_deg = math.degrees(2 * math.acos(min(abs(float(start.quaternion @ was.quaternion)), 1.0)))
             tell(
-                f"{options.trajectory}: moved by {metres:.3g} m and turned by {turned_deg:.1f} degrees, so that it "
-                "starts where the scene's camera does (--no-align)",
+                f"{options.trajectory}: moved by {metres:.3g} m and turned by {turn_deg(start, was):.1f} degrees, "
+                "so that it starts where the scene's camera does (--no-align)",
                 file=sys.stderr,
             )
     return scene.with_trajectory(trajectory)

@@ -178,6 +178,11 @@ NO_VELOCITIES = Velocities(np.empty(0, np.int64), *[np.empty((0, 3))] * 4)
 """Velocities at no instants."""
 
 
+def turn_deg(first: Pose, second: Pose) -> float:
+    """Return the angle of the least rotation from one pose to another, degrees, 0 to 180."""
+    return math.degrees(2 * math.acos(min(1.0, abs(float(first.quaternion @ second.quaternion)))))
+
+
 def describe_pose(pose: Pose) -> dict[str, object]:
     """Return position and quaternion in JSON's types."""
     return {"position": pose.position.tolist(), "quaternion": pose.quaternion.tolist()}

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 
-from ..geometry.pose import Pose
+from ..geometry.pose import Pose, turn_deg
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
 
@@ -37,12 +37,12 @@ def warn_of_jump(renderer: Renderer, start: Pose, end: Pose, start_us: int, end_
     duration_s = (end_us - start_us) * 1e-6
     limit_deg = max(_JUMP_DEG, _FASTEST_DEG_S * duration_s)
     travel = math.dist(start.position.tolist(), end.position.tolist())
-    turn_deg = math.degrees(2 * math.acos(min(1.0, abs(float(start.quaternion @ end.quaternion)))))
+    turned_deg = turn_deg(start, end)
 
     def moved_deg(depth: float) -> float:
         """Return which turn moves the image as much as the step does, of what is at a depth."""
         passed = travel / depth if depth > 0 else math.inf if travel else 0.0
-        return turn_deg + math.degrees(passed)
+        return turned_deg + math.degrees(passed)
 
     if moved_deg(renderer.nearest_distance(start.position)) <= limit_deg:
         return
@@ -51,7 +51,7 @@ def warn_of_jump(renderer: Renderer, start: Pose, end: Pose, start_us: int, end_
     as_turn_deg = moved_deg(float(np.median(known)) if len(known) else math.inf)
     if as_turn_deg > limit_deg:
         warnings.warn(
-            f"the step to {end_us} us moves the camera by {travel:.3g} m and turns it by {turn_deg:.3g} degrees in "
+            f"the step to {end_us} us moves the camera by {travel:.3g} m and turns it by {turned_deg:.3g} degrees in "
             f"{1e3 * duration_s:.3g} ms, which moves the image as a turn by {as_turn_deg:,.0f} degrees does. More than "
             f"{limit_deg:,.0f} is a jump ({_JUMP_DEG:g} degrees, or {_FASTEST_DEG_S:,.0f} a second): all that lies "
             "between makes events. Give poses in between or a later time; restart() begins elsewhere",

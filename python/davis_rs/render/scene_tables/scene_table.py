@@ -283,12 +283,13 @@ class SceneTable:
         corners, looks, texture_of = self.corners, b"", self.textures.texture_of
         finishes = {} if self.gloss is None else self.gloss.finishes_of_textures(texture_of)
         textures = self.textures.shared(finishes)
-        reflectances = textures.reflectances
+        reflectances, sizes = textures.reflectances, textures.sizes
         if self.gloss is not None:
             looks = self.gloss.digest
+            places = ((number, *sizes[number].tolist()) for number in textures.stored())
             self.gloss.replace_by_albedos(
                 reflectances,
-                ((*textures.texels_of(number), finishes.get(number, DIFFUSE)) for number in textures.stored()),
+                ((first, width * height, finishes.get(number, DIFFUSE)) for number, first, width, height, _ in places),
             )
             corners, normals = self.gloss.without_clear(corners, normals)
         at_points = np.concatenate([self.corners, np.ones((*self.corners.shape[:2], 1))], -1)
@@ -301,7 +302,7 @@ class SceneTable:
             frames=self.frames.astype(np.int64),
             uv=np.stack([np.einsum("tkj,tj->tk", at_points, maps) for maps in (self.u_maps, self.v_maps)], -1),
             texture_of=texture_of,
-            sizes=textures.sizes,
+            sizes=sizes,
             reflectances=reflectances,
             looks=looks,
             bumpy=np.isin(texture_of, self.normal_textures.numbers),

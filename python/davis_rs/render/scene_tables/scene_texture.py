@@ -112,11 +112,6 @@ class TextureTable:
         table._is_shared = True
         return table
 
-    def texels_of(self, number: int) -> tuple[int, int]:
-        """Return the first texel of a texture, and how many it has."""
-        first, width, height, _ = self.sizes[number].tolist()
-        return first, width * height
-
     def stored(self) -> list[int]:
         """Return the numbers of the textures that have texels of their own."""
         return [number for number, first in enumerate(self._alike) if first == number or not self._is_shared]
@@ -139,7 +134,7 @@ class TextureTable:
     @property
     def is_grey(self) -> bool:
         """Whether no texel has a hue."""
-        return all(texels.is_grey for texels in self._texels)
+        return all(texels.is_grey for texels in set(self._texels))
 
     @property
     def uv_maps(self) -> FloatArray:
@@ -212,8 +207,8 @@ class TextureTable:
     def _emitted(self, number: int, group: int) -> npt.NDArray[np.float32] | None:
         """Return the luma (H, W) that a texture's surfaces emit in an emission group; None for nothing."""
         name, weights = self._emission_groups[group]
-        its_name, texels = self._emissions.get(number, (None, self._texels[number]))
-        return self._products(texels, weights) if its_name == name else None
+        emission = self._emissions.get(number)
+        return self._products(emission[1], weights) if emission is not None and emission[0] == name else None
 
     @staticmethod
     def _products(texels: Texels, weights: FloatArray) -> npt.NDArray[np.float32]:
@@ -227,7 +222,6 @@ class TextureTable:
     @property
     def of_framed(self) -> npt.NDArray[np.int64]:
         """The number in :meth:`texels` of each texel of :meth:`framed`."""
-
         firsts = self.sizes[:, 0].tolist()
 
         def numbers(number: int) -> IntArray:
