@@ -14,11 +14,12 @@ use super::geometry::view::View;
 use super::gloss::pattern::Pattern;
 use super::light::cone::FrameCones;
 use super::light::lights::{SeenLight, Surroundings, background, seen_lights};
+use super::light::shader::Shaders;
 use super::light::shadows::{moving_cones, still_cones};
 use super::lines::pattern::LinePattern;
 use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
-use super::tile::{self, Shaders, TileImage, TileScratch, TileView, Ways};
+use super::tile::{self, TileImage, TileScratch, TileView, Ways};
 use super::visibility::bins::Bins;
 use super::visibility::distance::nearest_distance;
 use super::visibility::nearest::NOTHING;
@@ -123,8 +124,8 @@ impl Renderer {
                 rays,
                 views,
                 bands(rays, luma),
-                |tile_view, tile, (scratch, before), image, band| {
-                    tile::luma::<false>(tile_view, tile, scratch, before, image);
+                |tile_view, tile, (scratch, shaders), image, band| {
+                    tile::luma::<false>(tile_view, tile, scratch, shaders, image);
                     put(rays, tile, &image.luma, band);
                 },
             ),
@@ -136,8 +137,8 @@ impl Renderer {
                     rays,
                     views,
                     both,
-                    |tile_view, tile, (scratch, before), image, (luma, rate)| {
-                        tile::luma::<true>(tile_view, tile, scratch, before, image);
+                    |tile_view, tile, (scratch, shaders), image, (luma, rate)| {
+                        tile::luma::<true>(tile_view, tile, scratch, shaders, image);
                         put(rays, tile, &image.luma, luma);
                         put(rays, tile, &image.rate, rate);
                     },
@@ -178,8 +179,8 @@ impl Renderer {
         let views = &self.centred(views)?;
         check_length(views.len() * corners.pixels(), luma.len())?;
         self.each_tile(Ways { beams: false, ..self.ways }, corners, views, bands(corners, luma), {
-            |tile_view, tile, (scratch, before), image, band| {
-                tile::lines(tile_view, pattern, tile, scratch, before, image);
+            |tile_view, tile, (scratch, shaders), image, band| {
+                tile::lines(tile_view, pattern, tile, scratch, shaders, image);
                 put(corners, tile, &image.luma, band);
             }
         })
@@ -362,9 +363,9 @@ impl Renderer {
         + Send,
     ) -> Result<()> {
         let do_band = |tile_view: &TileView, row: usize, scratch: &mut TileScratch, band: &mut T| {
-            let (mut image, mut before) = (TileImage::BLACK, vec![]);
+            let (mut image, mut shaders) = (TileImage::BLACK, Shaders::default());
             for column in 0..rays.columns {
-                work(tile_view, row * rays.columns + column, (scratch, &mut before), &mut image, band);
+                work(tile_view, row * rays.columns + column, (scratch, &mut shaders), &mut image, band);
             }
         };
         let do_views = |views: &[View], bands: &mut [T]| {

@@ -17,7 +17,7 @@ use super::lanes::{Lanes, MOST};
 use super::light::cast::Caster;
 use super::light::lights::Surroundings;
 use super::light::patch::Patch;
-use super::light::shader::Shader;
+use super::light::shader::{Shader, Shaders};
 use super::lines::curved::{Curved, CurvedDepth};
 use super::lines::envelope::Envelopes;
 use super::lines::pattern::{LineEnds, LinePattern};
@@ -88,12 +88,6 @@ enum Order {
     Pixels,
 }
 
-/// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
-pub(crate) type Shaders<'a> = Vec<Shader<'a>>;
-
-/// Among more than this none is looked for.
-const FEW_SHADERS: usize = 8;
-
 /// Pixels of a tile, by block and lane.
 #[derive(Debug)]
 pub(crate) struct TileImage {
@@ -112,7 +106,7 @@ pub(crate) fn luma<'a, const RATE: bool>(
     tile_view: &TileView<'a>,
     tile: usize,
     scratch: &mut TileScratch,
-    before: &mut Shaders<'a>,
+    shaders: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
     let mut buffer = std::mem::take(&mut scratch.rays);
@@ -121,7 +115,7 @@ pub(crate) fn luma<'a, const RATE: bool>(
         let mut beam = std::mem::take(&mut scratch.beam);
         beam.find(tile_view.lit.scene, tile_view.lit.view, &ray_blocks, &mut scratch.nearest, &mut scratch.list);
         let TileScratch { list, nearest, shading, .. } = scratch;
-        shade::<RATE, _>(tile_view, (&beam.seen, list), (&ray_blocks, Order::Blocks), nearest, shading, before);
+        shade::<RATE, _>(tile_view, (&beam.seen, list), (&ray_blocks, Order::Blocks), nearest, shading, shaders);
         scratch.beam = beam;
     } else {
         find(tile_view.bins, tile, &ray_blocks, scratch);
@@ -132,7 +126,7 @@ pub(crate) fn luma<'a, const RATE: bool>(
             (&ray_blocks, Order::Blocks),
             nearest,
             shading,
-            before,
+            shaders,
         );
     }
     scratch.rays = buffer;
@@ -156,7 +150,7 @@ pub(crate) fn samples(
     find(tile_view.bins, number, &ray_blocks, scratch);
     let TileScratch { list, nearest, shading, .. } = scratch;
     let seen = (tile_view.bins.seen.as_slice(), list.as_slice());
-    shade::<false, _>(tile_view, seen, (&ray_blocks, Order::Pixels), nearest, shading, &mut vec![]);
+    shade::<false, _>(tile_view, seen, (&ray_blocks, Order::Pixels), nearest, shading, &mut Shaders::default());
     values.extend(shading.luma.chunks_exact(tile_view.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
@@ -168,10 +162,10 @@ pub(crate) fn lines<'a>(
     pattern: &LinePattern,
     tile: usize,
     scratch: &mut TileScratch,
-    before: &mut Shaders<'a>,
+    shaders: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
-    image.luma = of_lines(tile_view, (pattern, &pattern.ends, true), (tile, tile), scratch, before);
+    image.luma = of_lines(tile_view, (pattern, &pattern.ends, true), (tile, tile), scratch, shaders);
 }
 
 /// Computes luma of single pixels of a tile as [`lines`] does, by the lines that pass them: the bits that it has there.
@@ -186,7 +180,7 @@ pub(crate) fn line_samples(
 ) -> [f32; PIXELS] {
     let mut ends = std::mem::take(&mut scratch.ends);
     pattern.choose(pixels, &mut ends);
-    let luma = of_lines(tile_view, (pattern, &ends, false), (number, tile), scratch, &mut vec![]);
+    let luma = of_lines(tile_view, (pattern, &ends, false), (number, tile), scratch, &mut Shaders::default());
     scratch.ends = ends;
     luma
 }
@@ -199,17 +193,17 @@ fn of_lines<'a>(
     lines: (&LinePattern, &LineEnds, bool),
     (number, tile): (usize, usize),
     scratch: &mut TileScratch,
-    before: &mut Shaders<'a>,
+    shaders: &mut Shaders<'a>,
 ) -> [f32; PIXELS] {
     let TileScratch { list, taps, straight, curved, hidden_lengths, shading, .. } = scratch;
     let around = tile_view.rays.tile(tile);
     tile_view.bins.of_tile(number, around, list);
     if tile_view.rays.is_grid() {
         let warp = Straight { rect: around, pitch: tile_view.rays.pitch() };
-        by_taps(tile_view, lines, (&warp, straight), list, (taps, hidden_lengths, shading), before);
+        by_taps(tile_view, lines, (&warp, straight), list, (taps, hidden_lengths, shading), shaders);
     } else {
         let warp = Curved::new(around, tile_view.rays.curve(tile), lines.0.slope);
-        by_taps(tile_view, lines, (&warp, curved), list, (taps, hidden_lengths, shading), before);
+        by_taps(tile_view, lines, (&warp, curved), list, (taps, hidden_lengths, shading), shaders);
     }
     taps.add_up(lines.0, &shading.luma)
 }
@@ -223,7 +217,7 @@ fn by_taps<'a, TileWarp: Warp>(
     (warp, envelopes): (&TileWarp, &mut Envelopes<TileWarp::Depth>),
     list: &[Entry],
     (taps, scratch, shading): (&mut Taps, &mut HiddenLengths, &mut Shading),
-    before: &mut Shaders<'a>,
+    shaders: &mut Shaders<'a>,
 ) {
     taps.find(lines, (tile_view.bins, list), warp, envelopes);
     let around = warp.rect();
@@ -235,7 +229,7 @@ fn by_taps<'a, TileWarp: Warp>(
         (&ray_blocks, Order::Pixels),
         &mut hits,
         shading,
-        before,
+        shaders,
     );
 }
 
@@ -275,7 +269,7 @@ fn find(bins: &Bins, number: usize, ray_blocks: &RayBlocks, scratch: &mut TileSc
     }
 }
 
-/// Computes luma of rays, and its rate. `all` are the triangles of the tile's list; `before` are the shaders of the
+/// Computes luma of rays, and its rate. `all` are the triangles of the tile's list; `shaders` are those of the
 /// tile before, and then those of this one.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
@@ -285,7 +279,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     (ray_blocks, order): (&RayBlocks, Order),
     hits: &mut Hits,
     shading: &mut Shading,
-    before: &mut Shaders<'a>,
+    shaders: &mut Shaders<'a>,
 ) {
     let RayBlocks { x, y, around, .. } = *ray_blocks;
     let Shading { caster, sorted, visible, picked, luma, rate, tracer } = shading;
@@ -311,7 +305,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
         }
     }
     let seen = |index: u32| &all[list[index as usize].seen as usize];
-    let shaders = shaders(tile_view, visible.iter().map(|&index| seen(index)), before);
+    shaders.set_up(&tile_view.lit, visible.iter().map(|&index| seen(index)));
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
     let by_rays = tile_view.lit.scene.shadows && visible.len() > tile_view.ways.receivers;
@@ -370,7 +364,6 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
             }
         }
     }
-    *before = shaders;
     if visible.iter().any(|&index| tile_view.lit.scene.is_glossy(seen(index).triangle)) {
         let per_block = x.len() / ray_blocks.blocks.len();
         let number = |ray: usize| match order {
@@ -402,23 +395,6 @@ fn gloss<N: Number>(
         let luma: N = tracer.luma(triangle, at.map(f64::from), number);
         put(ray, (luma.value() as f32, luma.rate() as f32));
     }
-}
-
-/// Returns the shaders of triangles; those of the tile before are taken where they are known.
-fn shaders<'a, 'b>(
-    tile_view: &TileView<'a>,
-    triangles: impl Iterator<Item = &'b Seen>,
-    before: &mut Shaders<'a>,
-) -> Shaders<'a> {
-    if before.len() > FEW_SHADERS {
-        before.clear();
-    }
-    triangles
-        .map(|seen| match before.iter().position(|shader| shader.triangle == seen.triangle) {
-            Some(at) => before.swap_remove(at),
-            None => Shader::new(&tile_view.lit, seen),
-        })
-        .collect()
 }
 
 #[inline(always)]

@@ -17,13 +17,13 @@ pub(crate) trait Region {
     /// Returns which boxes it may meet; those that do not touch it may be among them where they lie within float32's
     /// rounding.
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
+}
 
-    /// Looks closer at a box of triangles, by its lane, that it may meet.
-    #[inline(always)]
-    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    fn meets_leaf(&self, _boxes: &Boxes, _lane: usize) -> bool {
-        true
-    }
+/// Triangles that are found by a visit: the range of their numbers, and their box, by its lane.
+pub(crate) struct Leaf<'a> {
+    pub(crate) triangles: Range<usize>,
+    pub(crate) boxes: &'a Boxes,
+    pub(crate) lane: usize,
 }
 
 /// A part of space that is looked through from front to back.
@@ -139,11 +139,11 @@ impl Bvh {
         order
     }
 
-    /// Calls `leaf` with the triangles of every leaf whose box, and those around it, may meet the region, until it says
-    /// that this is enough by `false`.
+    /// Calls `look_at` with every leaf whose box, and those around it, may meet the region, until it says that this is
+    /// enough by `false`.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(crate) fn visit(&self, stack: &mut Vec<u32>, region: &impl Region, mut leaf: impl FnMut(Range<usize>) -> bool) {
+    pub(crate) fn visit(&self, stack: &mut Vec<u32>, region: &impl Region, mut look_at: impl FnMut(Leaf) -> bool) {
         stack.clear();
         if !self.nodes.is_empty() {
             stack.push(0);
@@ -159,10 +159,11 @@ impl Bvh {
                 let first = node.first[lane];
                 if node.count[lane] == 0 {
                     stack.push(first);
-                } else if region.meets_leaf(&node.boxes, lane)
-                    && !leaf(first as usize..(first + node.count[lane]) as usize)
-                {
-                    return;
+                } else {
+                    let triangles = first as usize..(first + node.count[lane]) as usize;
+                    if !look_at(Leaf { triangles, boxes: &node.boxes, lane }) {
+                        return;
+                    }
                 }
             }
         }
@@ -240,8 +241,8 @@ mod tests {
             let probe = probe.map(f64::from);
             let holds = |b: &Bounds| (0..3).all(|i| b.low[i] <= probe[i] && probe[i] <= b.high[i]);
             let mut visited = vec![];
-            bvh.visit(&mut vec![], &Probe(probe), |range| {
-                visited.extend(order[range].iter().copied().filter(|&i| holds(&bounds[i as usize])));
+            bvh.visit(&mut vec![], &Probe(probe), |leaf| {
+                visited.extend(order[leaf.triangles].iter().copied().filter(|&i| holds(&bounds[i as usize])));
                 true
             });
             // What a visit finds first has the lower number.

@@ -1,4 +1,4 @@
-//! Any hits: finds whether anything lies between points and a light, for a few points at a time.
+//! Any hits: finds whether anything lies between points and a light, for some points at a time.
 //!
 //! Where a part of the image sees many small triangles, what may throw shadows on all of them is a long list. Here the
 //! BVH is asked for a few neighbouring points instead.
@@ -6,88 +6,87 @@
 //! What must not break: a point is hidden if the [`cone`](super::cone) of any triangle but its own hides it, with the
 //! same bits as where the cones are listed before.
 
-use std::ops::Range;
-
 use multiversion::multiversion;
 
 use super::cone::{ConePacket, Shaft, Source};
-use crate::render::geometry::bvh::{Boxes, Bvh, Region, WIDTH, below, index};
-use crate::render::lanes::{Lanes, STEP};
+use crate::render::geometry::bvh::{Boxes, Bvh, Leaf, WIDTH, below, index};
+use crate::render::lanes::{Lanes, MOST, STEP};
 
 /// Points that are tested together, in the frame of what may hide them.
-pub(crate) struct Points {
-    coordinates: [[f32; STEP]; 3],
+pub(crate) struct Points<'a> {
+    /// How many, a multiple of [`STEP`].
+    count: usize,
+    coordinates: &'a [Lanes; 3],
     /// The triangle that each lies on.
-    own: [u32; STEP],
+    own: &'a [u32; MOST],
+    hidden: &'a mut [u32; MOST],
     /// Their lowest and highest coordinates.
     bounds: [[f32; 3]; 2],
     /// How far they may be off by rounding, and a step off the surface.
     slack: f32,
-    hidden: [u32; STEP],
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Points {
-    /// Takes those from the first of some lanes on; `depth` and `step` are theirs, and those that are 1 in `hidden` are
-    /// known.
+impl<'a> Points<'a> {
+    /// Takes the first of some lanes; `depth` and `step` are theirs, and those that are 1 in `hidden` are known.
     #[inline(always)]
     pub(crate) fn new(
-        first: usize,
-        all: &[Lanes; 3],
-        own: &[u32],
-        depth: &Lanes,
-        step: &Lanes,
-        hidden: &[u32],
+        count: usize,
+        coordinates: &'a [Lanes; 3],
+        own: &'a [u32; MOST],
+        (depth, step): (&Lanes, &Lanes),
+        hidden: &'a mut [u32; MOST],
     ) -> Self {
-        let mut points = Self {
-            coordinates: [[0.0; STEP]; 3],
-            own: [0; STEP],
-            bounds: [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]],
-            slack: 0.0,
-            hidden: [0; STEP],
-        };
-        points.own.copy_from_slice(&own[first..first + STEP]);
-        points.hidden.copy_from_slice(&hidden[first..first + STEP]);
-        let (mut farthest, mut longest) = (0f32, 0f32);
-        for axis in 0..3 {
-            points.coordinates[axis].copy_from_slice(&all[axis][first..first + STEP]);
-            let [low, high] = &mut points.bounds;
-            for value in points.coordinates[axis] {
-                low[axis] = if value < low[axis] { value } else { low[axis] };
-                high[axis] = if value > high[axis] { value } else { high[axis] };
-            }
-            farthest = farthest.max(low[axis].abs()).max(high[axis].abs());
-        }
-        for i in first..first + STEP {
+        let bounds = bounds(coordinates, count);
+        let mut farthest = bounds.as_flattened().iter().fold(0f32, |most, value| most.max(value.abs()));
+        let mut longest = 0f32;
+        for i in 0..count {
             farthest = farthest.max(depth[i]);
             longest = longest.max(step[i]);
         }
-        points.slack = 1.001 * longest + 2e-6 * farthest;
-        points
+        Self { count, coordinates, own, hidden, bounds, slack: 1.001 * longest + 2e-6 * farthest }
     }
 
-    pub(crate) fn hidden(&self) -> &[u32; STEP] {
-        &self.hidden
+    fn is_hidden(&self, group: usize) -> bool {
+        self.hidden[group * STEP..][..STEP].iter().fold(1, |all, one| all & one) == 1
     }
 
-    fn all_hidden(&self) -> bool {
-        self.hidden.iter().fold(1, |all, one| all & one) == 1
-    }
-
-    /// Tests the triangles of a leaf; says whether any point is left that none hides.
+    /// Tests the triangles of a leaf for a group of [`STEP`] points.
     #[inline(always)]
-    fn test(&mut self, first: usize, packets: &[ConePacket], leaf: Range<usize>, farthest: f32) -> bool {
-        let [x, y, z] = &self.coordinates;
-        for at in leaf {
+    fn test(&mut self, group: usize, before: &Before, leaf: &Leaf) {
+        let lanes = group * STEP..(group + 1) * STEP;
+        let [x, y, z] = self.coordinates.each_ref().map(|axis| &axis[lanes.clone()]);
+        let (own, hidden) = (&self.own[lanes.clone()], &mut self.hidden[lanes]);
+        for at in leaf.triangles.clone() {
             // Leaves have few triangles: to test each takes no longer than to find out which of them matter.
-            let (cone, triangle) = (packets[at / WIDTH].cone(at % WIDTH), index(first + at));
+            let (cone, triangle) = (before.packets[at / WIDTH].cone(at % WIDTH), index(before.first + at));
             for i in 0..STEP {
-                let meets = cone.hides_place(x[i], y[i], z[i], farthest);
-                self.hidden[i] |= u32::from(meets) & u32::from(self.own[i] != triangle);
+                let meets = cone.hides_place(x[i], y[i], z[i], before.farthest);
+                hidden[i] |= u32::from(meets) & u32::from(own[i] != triangle);
             }
         }
-        !self.all_hidden()
     }
+}
+
+/// Returns the lowest and highest coordinates of the first n points.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+pub(super) fn bounds(points: &[Lanes; 3], n: usize) -> [[f32; 3]; 2] {
+    let mut region = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    for k in 0..3 {
+        let (mut low, mut high) = ([f32::INFINITY; STEP], [f32::NEG_INFINITY; STEP]);
+        for some in points[k][..n].chunks_exact(STEP) {
+            for i in 0..STEP {
+                low[i] = if some[i] < low[i] { some[i] } else { low[i] };
+                high[i] = if some[i] > high[i] { some[i] } else { high[i] };
+            }
+        }
+        for i in 0..STEP {
+            region[0][k] = if low[i] < region[0][k] { low[i] } else { region[0][k] };
+            region[1][k] = if high[i] > region[1][k] { high[i] } else { region[1][k] };
+        }
+    }
+    region
 }
 
 /// Triangles that may hide points from a light: those of a frame, which begin at `first` in the scene, and their cones.
@@ -100,39 +99,58 @@ pub(crate) struct Before<'a> {
 }
 
 /// Finds which of the points triangles hide.
+///
+/// The BVH is walked through once for all points. At a leaf, each group of [`STEP`] points looks for itself whether the
+/// leaf lies in its way.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(crate) fn hide(before: &Before, points: &mut Points, stack: &mut Vec<u32>) {
-    if points.all_hidden() {
+    // The groups that have points which nothing hides so far, as bits.
+    let mut open = 0u32;
+    for group in 0..points.count / STEP {
+        open |= u32::from(!points.is_hidden(group)) << group;
+    }
+    if open == 0 {
         return;
     }
     // What may hide them is rounded too, by as much as it is large.
     let slack = f64::from(points.slack) + 1e-6 * before.bvh.reach;
     let [low, high] = points.bounds;
     let around = [low.map(|x| below(f64::from(x) - slack)), high.map(|x| -below(-f64::from(x) - slack))];
-    let ways = Ways::new(points, &before.source, slack, Shaft::new(&around, &before.source));
-    before.bvh.visit(stack, &ways, |leaf| points.test(before.first, before.packets, leaf, before.farthest));
+    let ways = Ways::new(points, &before.source, slack);
+    before.bvh.visit(stack, &Shaft::new(&around, &before.source), |leaf| {
+        let mut groups = open;
+        while groups != 0 {
+            let group = groups.trailing_zeros() as usize;
+            groups &= groups - 1;
+            if ways.meet(points, group, leaf.boxes, leaf.lane) {
+                points.test(group, before, &leaf);
+                open &= !(u32::from(points.is_hidden(group)) << group);
+            }
+        }
+        open != 0
+    });
 }
 
-/// The ways from points to a light, and the shaft that all of them lie in.
+/// The ways from points to a light.
 ///
-/// Points lie side by side on a surface, and so do the leaves that their shaft meets. Most of these lie in no point's
-/// way to the light: to find that out takes less time than to test their triangles.
+/// Points lie side by side on a surface, and so do the leaves that the shaft meets in which all ways lie. Most of these
+/// lie in no point's way: to find that out takes less time than to test their triangles.
 struct Ways {
-    shaft: Shaft,
-    points: [[f32; STEP]; 3],
     /// Of each axis, one over the way to the light.
-    per_way: [[f32; STEP]; 3],
+    per_way: [Lanes; 3],
     /// Where the light is, as a fraction of the way.
     end: f32,
     slack: f32,
 }
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Ways {
+    #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-    fn new(points: &Points, source: &Source, slack: f64, shaft: Shaft) -> Self {
-        let mut per_way = [[0f32; STEP]; 3];
+    fn new(points: &Points, source: &Source, slack: f64) -> Self {
+        let mut per_way = [Lanes::ZERO; 3];
         for axis in 0..3 {
-            for i in 0..STEP {
+            for i in 0..points.count.min(MOST) {
                 let way = match source {
                     Source::Point(light) => light[axis] as f32 - points.coordinates[axis][i],
                     Source::Directional(towards) => towards[axis] as f32,
@@ -147,28 +165,19 @@ impl Ways {
             Source::Point(_) => 1.0,
             Source::Directional(_) => f32::INFINITY,
         };
-        Self { shaft, points: points.coordinates, per_way, end, slack: slack as f32 }
-    }
-}
-
-/// A way along an axis is no shorter than this.
-const LEAST_WAY: f32 = 1e-30;
-
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Region for Ways {
-    #[inline(always)]
-    fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
-        self.shaft.meets(boxes)
+        Self { per_way, end, slack: slack as f32 }
     }
 
+    /// Returns whether the way of any point of a group may meet a box.
     #[inline(always)]
-    fn meets_leaf(&self, boxes: &Boxes, lane: usize) -> bool {
+    fn meet(&self, points: &Points, group: usize, boxes: &Boxes, lane: usize) -> bool {
+        let lanes = group * STEP..(group + 1) * STEP;
         let (mut first, mut last) = ([0f32; STEP], [self.end; STEP]);
         for axis in 0..3 {
             let (low, high) = (boxes.low[axis][lane] - self.slack, boxes.high[axis][lane] + self.slack);
+            let (from, per_way) = (&points.coordinates[axis][lanes.clone()], &self.per_way[axis][lanes.clone()]);
             for i in 0..STEP {
-                let from = self.points[axis][i];
-                let (at_low, at_high) = ((low - from) * self.per_way[axis][i], (high - from) * self.per_way[axis][i]);
+                let (at_low, at_high) = ((low - from[i]) * per_way[i], (high - from[i]) * per_way[i]);
                 let (near, far) = if at_low < at_high { (at_low, at_high) } else { (at_high, at_low) };
                 first[i] = if near > first[i] { near } else { first[i] };
                 last[i] = if far < last[i] { far } else { last[i] };
@@ -182,6 +191,9 @@ impl Region for Ways {
         any != 0
     }
 }
+
+/// A way along an axis is no shorter than this.
+const LEAST_WAY: f32 = 1e-30;
 
 #[cfg(test)]
 mod tests {
@@ -204,7 +216,8 @@ mod tests {
         fn points_are_hidden_as_by_all_cones(
             places in prop::collection::vec((vector(SIDE), vector(0.3), vector(0.3)), 1..200),
             light in vector(2.0 * SIDE), is_point in any::<bool>(),
-            chosen in prop::array::uniform16((any::<prop::sample::Index>(), 0usize..3, prop_oneof![0.001f64..2.0, 10.0f64..200.0])),
+            chosen in prop::collection::vec((any::<prop::sample::Index>(), 0usize..3, prop_oneof![0.001f64..2.0, 10.0f64..200.0]), MOST),
+            groups in 1..=MOST / STEP,
         ) {
             let towards = scale(light, 1.0 / (light[0] * light[0] + light[1] * light[1] + light[2] * light[2]).sqrt());
             let source = if is_point { Source::Point(light) } else { Source::Directional(towards) };
@@ -213,7 +226,7 @@ mod tests {
             let corners: Vec<[Vector; 3]> = order.iter().map(|&i| corners[i as usize]).collect();
             let mut packets = vec![];
             ConePacket::behind(&corners, &source, &mut packets);
-            let (mut all, mut own) = ([Lanes::ZERO; 3], [0; STEP]);
+            let (mut all, mut own) = ([Lanes::ZERO; 3], [0; MOST]);
             for (i, (at, corner, way)) in chosen.iter().enumerate() {
                 let triangle = at.index(corners.len());
                 own[i] = index(triangle + usize::from(i % 2 == 0));
@@ -230,14 +243,16 @@ mod tests {
             }
             let farthest = if is_point { 999.0 } else { f32::INFINITY };
             let before = Before { bvh: &bvh, first: 0, packets: &packets, source, farthest };
-            let mut points = Points::new(0, &all, &own, &Lanes::all(1.0), &Lanes::ZERO, &[0; STEP]);
-            hide(&before, &mut points, &mut vec![]);
-            for i in 0..STEP {
+            let mut hidden = [0; MOST];
+            let sizes = (&Lanes::all(1.0), &Lanes::ZERO);
+            hide(&before, &mut Points::new(groups * STEP, &all, &own, sizes, &mut hidden), &mut vec![]);
+            prop_assert!(hidden[groups * STEP..].iter().all(|&one| one == 0));
+            for i in 0..groups * STEP {
                 let hides = |triangle: &usize| {
                     let cone = packets[triangle / WIDTH].cone(triangle % WIDTH);
                     cone.hides_place(all[0][i], all[1][i], all[2][i], farthest) && own[i] != index(*triangle)
                 };
-                prop_assert_eq!(points.hidden()[i] == 1, (0..corners.len()).any(|triangle| hides(&triangle)), "{}", i);
+                prop_assert_eq!(hidden[i] == 1, (0..corners.len()).any(|triangle| hides(&triangle)), "{}", i);
             }
         }
     }

@@ -58,27 +58,22 @@ impl<'a> SeenBumps<'a> {
     }
 }
 
-/// Normals of a surface with a normal texture, on the side that is seen.
-pub(super) struct BumpyNormals {
-    pub(super) turned: Normals,
-    /// Without the texture.
-    pub(super) under: Normals,
-}
-
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl SeenBumps<'_> {
+    /// Returns the normals that a flat triangle has without the texture.
+    pub(super) fn flat(&self) -> Normals {
+        let lanes = |which: usize| self.plane[which].map(|component| Lanes::all(self.facing * component));
+        Normals { now: lanes(0), rate: lanes(1), facing: Lanes::all(self.facing) }
+    }
+
     #[inline(always)]
     fn normals<const RATE: bool, const FULL: bool>(
         &self,
-        smooth: Option<Normals>,
+        under: &Normals,
         rays: &Rays<'_, FULL>,
         depth: &Lanes,
         depth_rate: &Lanes,
-    ) -> BumpyNormals {
-        let under = smooth.unwrap_or_else(|| {
-            let lanes = |which: usize| self.plane[which].map(|component| Lanes::all(self.facing * component));
-            Normals { now: lanes(0), rate: lanes(1), facing: Lanes::all(self.facing) }
-        });
+    ) -> Normals {
         let (values, rates) = match self.bumps.texture.wrap {
             Wrap::Repeat => self.components::<RATE, FULL, Repeat>(rays, depth, depth_rate),
             Wrap::Clamp => self.components::<RATE, FULL, Clamp>(rays, depth, depth_rate),
@@ -105,7 +100,7 @@ impl SeenBumps<'_> {
                 }
             }
         }
-        BumpyNormals { turned, under }
+        turned
     }
 
     /// Looks up the three components where rays hit, and their rates. Of a bump map they are how its height grows with u
@@ -180,18 +175,18 @@ impl SeenBumps<'_> {
     }
 }
 
-/// Turns normals by a normal texture: those of a smooth surface, or the plane's.
+/// Turns the normals of a surface, on the side that is seen, by its normal texture.
 ///
 /// A function of its own, as is [`take`]: few surfaces need it, and what luma needs of the stack would grow by it.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(super) fn turned_normals<const RATE: bool, const FULL: bool>(
     bumps: &SeenBumps<'_>,
-    smooth: Option<Normals>,
+    under: &Normals,
     rays: &Rays<'_, FULL>,
     depth: &Lanes,
     depth_rate: &Lanes,
-) -> BumpyNormals {
-    bumps.normals::<RATE, FULL>(smooth, rays, depth, depth_rate)
+) -> Normals {
+    bumps.normals::<RATE, FULL>(under, rays, depth, depth_rate)
 }
 
 /// Takes away light that comes from behind the surface, to which its texture would turn it, and fades it.

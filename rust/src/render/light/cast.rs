@@ -9,7 +9,7 @@
 
 use multiversion::multiversion;
 
-use super::any_hit::{Points, hide as hide_few};
+use super::any_hit::{Points, bounds, hide as hide_any};
 use super::lights::{SeenKind, Surroundings};
 use super::shadows::{Occluders, Shadow, ToFrame};
 use crate::render::geometry::bvh::WIDTH;
@@ -250,11 +250,8 @@ fn hide_scattered(
         for (frame, before) in caster.shadow.before(surroundings, light) {
             let (to_frame, off) = (ToFrame::new(&surroundings.view.poses[frame]), off(frame));
             let points = at.off_the_surface(&to_frame, n, |i| [off[0][i], off[1][i], off[2][i]]);
-            for first in (0..n).step_by(STEP) {
-                let mut some = Points::new(first, &points, &own, &at.points[2], &at.step, &hidden);
-                hide_few(&before, &mut some, stack);
-                hidden[first..first + STEP].copy_from_slice(some.hidden());
-            }
+            let mut points = Points::new(n, &points, &own, (&at.points[2], &at.step), &mut hidden);
+            hide_any(&before, &mut points, stack);
         }
         for occluders in caster.shadow.occluders(light) {
             let off = off(occluders.frame);
@@ -325,25 +322,4 @@ fn hide_points(
             return;
         }
     }
-}
-
-/// Returns the lowest and highest coordinates of the first n points.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn bounds(points: &[Lanes; 3], n: usize) -> [[f32; 3]; 2] {
-    let mut region = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
-    for k in 0..3 {
-        let (mut low, mut high) = ([f32::INFINITY; STEP], [f32::NEG_INFINITY; STEP]);
-        for some in points[k][..n].chunks_exact(STEP) {
-            for i in 0..STEP {
-                low[i] = if some[i] < low[i] { some[i] } else { low[i] };
-                high[i] = if some[i] > high[i] { some[i] } else { high[i] };
-            }
-        }
-        for i in 0..STEP {
-            region[0][k] = if low[i] < region[0][k] { low[i] } else { region[0][k] };
-            region[1][k] = if high[i] > region[1][k] { high[i] } else { region[1][k] };
-        }
-    }
-    region
 }

@@ -32,14 +32,17 @@ impl Shader<'_> {
         if RATE {
             *rate = Lanes::ZERO;
         }
-        let normal = self.smooth.as_ref().map(|maps| normals::<RATE, FULL>(maps, rays, depth, depth_rate));
-        let (normal, under) = match &self.bumpy {
-            None => (normal, None),
-            Some(bumpy) => {
-                let both = turned_normals::<RATE, FULL>(bumpy, normal, rays, depth, depth_rate);
-                (Some(both.turned), Some((bumpy, both.under)))
-            }
+        // Each stays where it is made: to move it takes as long as to shade a few rays.
+        let plain = match (&self.smooth, &self.bumpy) {
+            (Some(maps), _) => Some(normals::<RATE, FULL>(maps, rays, depth, depth_rate)),
+            (None, Some(bumpy)) => Some(bumpy.flat()),
+            (None, None) => None,
         };
+        let turned = match (&self.bumpy, &plain) {
+            (Some(bumpy), Some(under)) => Some(turned_normals::<RATE, FULL>(bumpy, under, rays, depth, depth_rate)),
+            _ => None,
+        };
+        let normal = turned.as_ref().or(plain.as_ref());
         let mut at = 0;
         while at < self.lit.len() {
             let group = self.lit[at].group;
@@ -53,11 +56,11 @@ impl Shader<'_> {
                         self.baked::<RATE, FULL>(map, texels, (strength, rate), rays, depths, &mut fallen);
                     }
                     (falls, _) => {
-                        falling::<RATE, FULL>(&falls, rays, depth, depth_rate, normal.as_ref(), &mut fallen);
+                        falling::<RATE, FULL>(&falls, rays, depth, depth_rate, normal, &mut fallen);
                     }
                 }
                 let (added, added_rate) = &mut fallen;
-                if let (Some((bumpy, under)), Some(turned)) = (&under, &normal) {
+                if let (Some(bumpy), Some(turned), Some(under)) = (&self.bumpy, &turned, &plain) {
                     let (normals, depths) = ((turned, under), (depth, depth_rate));
                     let added = (&mut *added, &mut *added_rate);
                     match (lit.falls, lit.falls.source()) {
@@ -93,7 +96,7 @@ impl Shader<'_> {
                 }
             }
         }
-        if let Some(normal) = &normal
+        if let Some(normal) = normal
             && !self.two_sided
         {
             for i in 0..n {

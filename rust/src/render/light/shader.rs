@@ -89,7 +89,9 @@ pub(crate) struct Shader<'a> {
 }
 
 impl<'a> Shader<'a> {
-    pub(crate) fn new(surroundings: &Surroundings<'a>, seen: &Seen) -> Self {
+    /// Sets up a triangle; `lit` is room for its lights.
+    fn new(surroundings: &Surroundings<'a>, seen: &Seen, mut lit: Vec<Lit>) -> Self {
+        lit.clear();
         let Surroundings { scene, view, lights, .. } = *surroundings;
         let surface = &scene.surfaces[seen.triangle as usize];
         let pose = &view.poses[surface.frame as usize];
@@ -141,7 +143,7 @@ impl<'a> Shader<'a> {
             }),
             emitted: (0.0, 0.0),
             two_sided: surface.two_sided,
-            lit: vec![],
+            lit,
             dark,
         };
         if let (Some(emission), true) = (&surface.emission, facing > 0.0 && !glossy) {
@@ -160,6 +162,58 @@ impl<'a> Shader<'a> {
     /// Returns whether a light of this number falls on it.
     pub(crate) fn lit_by(&self, light: usize) -> bool {
         self.lit.iter().any(|lit| lit.light == light)
+    }
+}
+
+/// The triangles that a tile sees, ready to be shaded, in the order of its list.
+///
+/// A tile mostly sees what its neighbour saw, so those of the tile before are taken where they are known. The others are
+/// overwritten, because to give memory back and to ask for it again for each takes longer than to set it up.
+#[derive(Debug, Default)]
+pub(crate) struct Shaders<'a> {
+    /// Those of the tile, and then others that are known or may be overwritten.
+    all: Vec<Shader<'a>>,
+    used: usize,
+}
+
+/// Among more triangles than this none is looked for.
+const FEW: usize = 8;
+
+impl<'a> Shaders<'a> {
+    /// Sets up the triangles of a tile, which is of the same view as the one before.
+    pub(crate) fn set_up<'s>(
+        &mut self,
+        surroundings: &Surroundings<'a>,
+        triangles: impl ExactSizeIterator<Item = &'s Seen>,
+    ) {
+        self.used = triangles.len();
+        let few = self.used <= FEW;
+        for (at, seen) in triangles.enumerate() {
+            let mut known = self.all.iter().skip(at).take(if few { FEW } else { 0 });
+            if let Some(ahead) = known.position(|shader| shader.triangle == seen.triangle) {
+                self.all.swap(at, at + ahead);
+                continue;
+            }
+            // What stands here may be seen by this tile, too, so the last of those that are known goes.
+            let place = if few { at + FEW - 1 } else { at }.min(self.all.len());
+            if let Some(shader) = self.all.get_mut(place) {
+                let room = std::mem::take(&mut shader.lit);
+                *shader = Shader::new(surroundings, seen, room);
+            } else {
+                self.all.push(Shader::new(surroundings, seen, vec![]));
+            }
+            if place != at {
+                self.all.swap(at, place);
+            }
+        }
+    }
+}
+
+impl<'a> std::ops::Deref for Shaders<'a> {
+    type Target = [Shader<'a>];
+
+    fn deref(&self) -> &[Shader<'a>] {
+        &self.all[..self.used]
     }
 }
 

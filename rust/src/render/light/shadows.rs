@@ -256,7 +256,7 @@ fn search_leaves(
 ) -> bool {
     let mut dark = false;
     bvh.visit(stack, shaft, |leaf| {
-        dark = test.add(packets, leaf, cones);
+        dark = test.add(packets, leaf.triangles, cones);
         !dark
     });
     dark

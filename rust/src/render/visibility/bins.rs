@@ -184,7 +184,7 @@ impl Bins {
             let pyramid = Pyramid::new(rect, pose, frame.bvh.reach);
             let first = frame.triangles.start;
             frame.bvh.visit(&mut stack, &pyramid, |leaf| {
-                for triangle in leaf {
+                for triangle in leaf.triangles {
                     let triangle = first + triangle;
                     let corners = scene.corners[triangle].map(|corner| pose.turned(sub(corner, pose.position)));
                     if let Some(extent) = extent(&corners) {

@@ -86,8 +86,8 @@ impl Candidates {
         let mut farthest = 0.0;
         for (number, frame) in scene.frames.iter().enumerate() {
             let pyramid = Pyramid::new(view, number, spot);
-            frame.bvh.visit(stack, &pyramid, |range| {
-                for triangle in frame.triangles.start + range.start..frame.triangles.start + range.end {
+            frame.bvh.visit(stack, &pyramid, |leaf| {
+                for triangle in leaf.triangles.map(|triangle| frame.triangles.start + triangle) {
                     let Some(seen) = Seen::new(scene, view, triangle, spot) else { continue };
                     if seen.covers(spot) {
                         farthest = bounds(&seen.inverse_depth, spot)[0].max(farthest);
@@ -326,8 +326,8 @@ pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack:
             continue;
         }
         let (first, mut blocked) = (frame.triangles.start, false);
-        frame.bvh.visit(stack, &Reaching::new(ray, end, frame.bvh.reach), |range| {
-            blocked = (first + range.start..first + range.end).any(|triangle| {
+        frame.bvh.visit(stack, &Reaching::new(ray, end, frame.bvh.reach), |leaf| {
+            blocked = leaf.triangles.map(|triangle| first + triangle).any(|triangle| {
                 triangle != but as usize
                     && meets(&scene.corners[triangle], &scene.surfaces[triangle].plane, ray)
                         .is_some_and(|distance| distance <= end)
