@@ -824,18 +824,19 @@ class SceneRenderer:
         gloss: surfaces that are not diffuse; None where all are. The finishes, each (roughness, ``ggx`` or
             ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
             colour tints the lobe, what is below, and the numbers of textures of roughness and of metal or None);
-            uint32 (t), the finish of each triangle, 2^32 - 1 for none; float32 (texels, 3), all texels in the
-            layout of ``texels``; for each light colour what strength 1 is in red, green and blue; for each light
-            such a background; float64 (t, 3), radiance that each triangle emits, or nothing; the number of a sky's
-            light, its side and float32 (side, side, 3); the most segments of a path; layouts and float32 texels
-            of the textures of roughness and metal, as those of other textures; and emissive textures: uint32
-            (textures), the number of the one on the same triangles, 2^32 - 1 for none, or nothing; their layouts,
-            the numbers of their lights, and float32 (texels, 3), radiance from either side. Fresnel's equations are
-            (``dielectric``, [index]), (``conductor``, [index and extinction, 3 each]) or (``mixed``, [index,
-            metal]). Below is (``nothing``, []), (``coated``, [index, reflected inside, entering, 1 if nonlinear,
-            and of a rough coat what passes at 33 cosines from 0 to 1]), (``rough``, [roughness, factor]),
-            (``solid``, [index]), (``sheet``, [index]) or (``blend``, [opacity], whose texture takes the place of
-            that of roughness).
+            uint32 (t), the finish of each triangle, 2^32 - 1 for none; the colours of textures: uint32
+            (textures), the number of each one's image, and for each image its texels (n, 3), flat, in a frame of one
+            texel, as float32 and None, or as uint8 and float32 (256), what each number stands for; for each light
+            colour what strength 1 is in red, green and blue; for each light such a background; float64 (t, 3),
+            radiance that each triangle emits, or nothing; the number of a sky's light, its side and float32 (side,
+            side, 3); the most segments of a path; layouts and float32 texels of the textures of roughness and metal,
+            as those of other textures; and emissive textures: uint32 (textures), the number of the one on the same
+            triangles, 2^32 - 1 for none, or nothing; their layouts, the numbers of their lights, and float32 (texels,
+            3), radiance from either side. Fresnel's equations are (``dielectric``, [index]), (``conductor``, [index
+            and extinction, 3 each]) or (``mixed``, [index, metal]). Below is (``nothing``, []), (``coated``, [index,
+            reflected inside, entering, 1 if nonlinear, and of a rough coat what passes at 33 cosines from 0 to 1]),
+            (``rough``, [roughness, factor]), (``solid``, [index]), (``sheet``, [index]) or (``blend``, [opacity],
+            whose texture takes the place of that of roughness).
         normal_textures: which way the texels of surfaces face; None where no surface has any. uint32 (textures), the
             number of the normal texture on the same triangles, 2^32 - 1 for none; layouts, as those of textures; uint16
             (texels, 3), components along the tangent, the second tangent and the normal, from -1 (0) to 1 (65,535),
@@ -891,7 +892,7 @@ class SceneRenderer:
                 ]
             ],
             npt.NDArray[np.uint32],
-            npt.NDArray[np.float32],
+            tuple[npt.NDArray[np.uint32], list[tuple[npt.NDArray[np.generic], npt.NDArray[np.float32] | None]]],
             list[list[float]],
             list[list[float]],
             npt.NDArray[np.float64],

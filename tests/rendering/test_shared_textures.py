@@ -9,11 +9,13 @@ import numpy.typing as npt
 import pytest
 
 from davis_rs import Camera, Pose, Scene
+from davis_rs._mitsuba.variants import SCALAR, variant
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.render.scene_tables import scene_texture
 from davis_rs.render.texels import Texels
+from davis_rs.scene.textures import from_srgb
 
 CAMERA = Camera(24, 8, 16.0, 16.0, 11.5, 3.5)
 VIEWS = Views.at_rest([Pose([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])])
@@ -54,7 +56,9 @@ def test_alike_textures_are_stored_once(monkeypatch: pytest.MonkeyPatch) -> None
     assert len(textures.texels(0)) == 4 * COUNT
     assert len(shared.texels(0)) == len(shared.reflectances) == 3 * COUNT
     assert shared.framed(0).shape == (3 * 302**2,)
-    assert shared.framed_rgb().shape == (3 * 302**2, 3)
+    of_texture, images = shared.colours()
+    assert of_texture.tolist() == [0, 1, 1, 2]
+    assert [(texels.shape, values) for texels, values in images] == 3 * [((3 * 302**2,), None)]
     assert shared.sizes[:, 0].tolist() == [0, COUNT, COUNT, 2 * COUNT]
     for number, (first, width, height, _) in enumerate(shared.sizes.tolist()):
         own, count = int(textures.sizes[number, 0]), width * height
@@ -134,3 +138,35 @@ def test_texels_are_told_apart() -> None:
     ]
     assert len({texels.digest for texels in different}) == len(different)
     assert Texels(square.copy(), light.copy()).digest == different[0].digest
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_glossy_surfaces_see_8_bits_as_the_values_that_they_stand_for(raw: bool) -> None:
+    """A texture of 8 bits on a glossy surface gives the same bits as its values in float32.
+
+    Luma of a diffuse surface next to it is worked out in float64 before it is rounded.
+    """
+    with variant(SCALAR) as (mi, _):
+        numbers = np.random.RandomState(1).randint(0, 256, (12, 9, 3)).astype(np.uint8)
+        encoded = np.arange(256) / 255
+        values = (encoded if raw else from_srgb(encoded)).astype(np.float32)[numbers]
+
+        def texture(coded: bool) -> dict[str, Any]:
+            if coded:
+                return {"type": "bitmap", "raw": raw, "bitmap": mi.Bitmap(numbers)}
+            return {"type": "bitmap", "raw": True, "data": mi.TensorXf(values)}
+
+        def renderer(coded: bool) -> NativeRenderer:
+            plastic = {"type": "roughplastic", "diffuse_reflectance": texture(coded), "alpha": 0.2}
+            return renderer_of(plastic, {"type": "conductor"}, {"type": "diffuse", "reflectance": texture(coded)})
+
+        made = [renderer(coded) for coded in (True, False)]
+    tables = [renderer.table for renderer in made]
+    stored = [[values is not None for _, values in table.textures.colours()[1]] for table in tables]
+    assert (sum(stored[0]), sum(stored[1])) == (2, 0)
+    unseen, seen = tables[0].core_texels(tables[0].textures)[0], tables[0].textures.framed(0)
+    assert np.count_nonzero(unseen) < np.count_nonzero(seen)
+    luma, same = (renderer.luma(VIEWS) for renderer in made)
+    np.testing.assert_array_equal(luma[..., :16], same[..., :16])
+    np.testing.assert_allclose(luma, same, rtol=3e-7)
+    assert len(np.unique(luma)) > 50

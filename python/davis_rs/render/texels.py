@@ -49,6 +49,14 @@ class Texels:
         """Return the same picture with each texel given ``rows`` times down and ``columns`` times across."""
         return Texels(self._data.repeat(rows, axis=0).repeat(columns, axis=1), self._light)
 
+    @property
+    def coded(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]] | None:
+        """The texels (H, W, 3) as integers of 8 bits, and the linear value (256) that each stands for; None where they
+        are linear themselves."""
+        if self._light is None:
+            return None
+        return np.broadcast_to(self._data.astype(np.uint8, copy=False), self.shape), self._light.astype(np.float32)
+
     def pieces(self) -> Iterator[tuple[int, FloatArray]]:
         """Return all texels row by row, in pieces (n, 3), each with the number of its first texel."""
         flat = self._data.reshape(-1, self._data.shape[2])
@@ -95,13 +103,23 @@ def laid_out(
     layouts, framed, first = list[list[int]](), [np.zeros(0, dtype)], 0
     for image, wrap in images:
         height, width = image.shape[:2]
-        bordered = np.empty((height + 2, width + 2, *image.shape[2:]), dtype)
-        bordered[1:-1, 1:-1] = image
-        fill_border(bordered, wrap)
         layouts.append([first, width, height, wrap])
-        framed.append(bordered.ravel())
+        framed.append(bordered(image, wrap, dtype).ravel())
         first += (height + 2) * (width + 2)
     return layouts, np.concatenate(framed)
+
+
+def bordered(image: npt.NDArray[np.generic], wrap: int, dtype: type[_Number] | None = None) -> npt.NDArray[_Number]:
+    """Return a texture (H, W, ...) in a border of one texel (H + 2, W + 2, ...), filled by its wrap mode.
+
+    Args:
+        dtype: of the result; None for the texture's own.
+    """
+    height, width = image.shape[:2]
+    framed = np.empty((height + 2, width + 2, *image.shape[2:]), dtype or image.dtype)
+    framed[1:-1, 1:-1] = image
+    fill_border(framed, wrap)
+    return framed
 
 
 def fill_border(framed: npt.NDArray[np.generic], wrap: int) -> None:

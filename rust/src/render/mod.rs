@@ -57,6 +57,8 @@ pub use deform::Deformed;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
+pub use gloss::colours::{ColourImage, TextureColours};
+#[cfg(feature = "python")]
 pub use gloss::emissive::EmissiveTextures;
 #[cfg(feature = "python")]
 pub use gloss::finish::{Distribution, Finish, Fresnel, PASSING, Under};

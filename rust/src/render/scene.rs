@@ -95,7 +95,7 @@ pub struct SceneTables<'a> {
     /// What rays see that hit nothing, in addition to the lights' backgrounds.
     pub sky: Option<Sky>,
     /// Surfaces that are not diffuse.
-    pub gloss: GlossTables<'a>,
+    pub gloss: GlossTables,
     /// Whether point and directional lights throw shadows.
     pub shadows: bool,
     /// The middle of what stands still: shadows are offset by the distance from it, see `step`.
@@ -282,8 +282,7 @@ impl Scene {
     fn owner_of_gloss(&self, triangles: usize) -> Owner<'_> {
         Owner {
             triangles,
-            textures: self.textures.len(),
-            texels: self.texels.first().map_or(0, Vec::len),
+            textures: &self.textures,
             groups: self.texels.len(),
             lights: self.lights.len(),
             numbers: self.surfaces.iter().map(|surface| surface.number).collect(),

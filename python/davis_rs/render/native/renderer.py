@@ -317,7 +317,7 @@ def _core_of(table: SceneTable, threads: int | None, textures: TextureTable) -> 
         frames=table.frames,
         frame_count=1 + len(table.moving),
         layouts=textures.framed_sizes.astype(np.int64).ravel(),
-        texels=[textures.framed(group) for group in range(len(textures.group_weights))],
+        texels=table.core_texels(textures),
         lights=[
             (
                 _KINDS.get(light.kind, light.kind),

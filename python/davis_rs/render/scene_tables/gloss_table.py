@@ -13,6 +13,7 @@ from ..._mitsuba.types import MitsubaBsdf, MitsubaScene
 from ..baked.lights import integrator_of, paths_of
 from ..finishes import CoreFinish, Finish, NumberTexels
 from ..texels import TEXELS_AT_ONCE, laid_out
+from .scene_texture import CoreColours
 
 FloatArray = npt.NDArray[np.float64]
 _Texels = npt.NDArray[np.float32]
@@ -20,7 +21,7 @@ _Texels = npt.NDArray[np.float32]
 CoreGloss = tuple[
     list[CoreFinish],
     npt.NDArray[np.uint32],
-    _Texels,
+    CoreColours,
     list[list[float]],
     list[list[float]],
     FloatArray,

@@ -358,6 +358,18 @@ class SceneTable:
         assert self.baked is not None
         return map_coordinates(self.corners, self.baked.maps.divisions)
 
+    def core_texels(self, textures: TextureTable) -> list[npt.NDArray[np.float32]]:
+        """Return the texels as luma, for each light colour, with a border of one texel around each texture.
+
+        Glossy surfaces are shaded in colour, so that of their textures no luma is there.
+
+        Args:
+            textures: those of the table, or the same ones shared.
+        """
+        finishes = {} if self.gloss is None else self.gloss.finishes_of_textures(self.textures.texture_of)
+        unseen = {number for number, finish in finishes.items() if finish != DIFFUSE}
+        return [textures.framed(group, unseen) for group in range(len(textures.group_weights))]
+
     def core_gloss(self, textures: TextureTable) -> CoreGloss | None:
         """Return what the core takes of glossy surfaces; None where all are diffuse.
 
@@ -386,7 +398,7 @@ class SceneTable:
         return (
             self.gloss.core_finishes(),
             self.gloss.finish_of,
-            textures.framed_rgb().ravel(),
+            textures.colours(),
             colours.tolist(),
             backgrounds.tolist(),
             emitted,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..texels import (
     LUMINANCE,
     Texels,
     bilinear_meaning,
+    bordered,
     fill_border,
     laid_out,
     looked_up,
@@ -37,6 +38,9 @@ _DARK = 2**32 - 1
 
 _LARGE = 1 << 16
 """Textures of more texels than this are looked for among those that are there, see :meth:`TextureTable.shared`."""
+
+CoreColours = tuple[npt.NDArray[np.uint32], list[tuple[npt.NDArray[np.generic], npt.NDArray[np.float32] | None]]]
+"""The colours of textures, see :class:`davis_rs._core.SceneRenderer`."""
 
 _Number = TypeVar("_Number", bound=np.generic)
 
@@ -164,16 +168,38 @@ class TextureTable:
                 rgb[firsts[number] + start :][: len(piece)] = piece
         return rgb
 
-    def framed(self, group: int) -> npt.NDArray[np.float32]:
-        """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode."""
-        if group in self._emission_groups:
-            return self._framed(lambda number: self._emitted(number, group), np.float32)
-        weights = self.group_weights[group]
-        return self._framed(lambda number: self._products(self._texels[number], weights), np.float32)
+    def framed(self, group: int, unseen: Collection[int] = ()) -> npt.NDArray[np.float32]:
+        """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode.
 
-    def framed_rgb(self) -> npt.NDArray[np.float32]:
-        """Return :attr:`reflectances` (texels, 3) with the borders of :meth:`framed`."""
-        return self._framed(lambda number: self._products(self._texels[number], np.eye(3)), np.float32, (3,))
+        Args:
+            unseen: numbers of textures whose luma nobody asks for; it stays 0, and takes no memory.
+        """
+        seen = {number for number in range(len(self._sizes)) if number not in unseen}
+        seen = {self._alike[number] for number in seen} if self._is_shared else seen
+        weights = self.group_weights[group]
+
+        def image_of(number: int) -> npt.NDArray[np.float32] | None:
+            if number not in seen:
+                return None
+            if group in self._emission_groups:
+                return self._emitted(number, group)
+            return self._products(self._texels[number], weights)
+
+        return self._framed(image_of, np.float32)
+
+    def colours(self) -> CoreColours:
+        """Return the :attr:`reflectances` with the borders of :meth:`framed`, as the core takes them: what the file has
+        in 8 bits stays so."""
+        stored = self.stored()
+        image_of = {number: image for image, number in enumerate(stored)}
+        numbers = self._alike if self._is_shared else stored
+        of_texture = np.array([image_of[number] for number in numbers], np.uint32)
+        return of_texture, [self._coloured(number) for number in stored]
+
+    def _coloured(self, number: int) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.float32] | None]:
+        texels, wrap = self._texels[number], self._sizes[number][2]
+        image, values = texels.coded or (self._products(texels, np.eye(3)), None)
+        return bordered(image, wrap).ravel(), values
 
     def add_emission_group(self, name: str, weights: FloatArray) -> int:
         """Add a colour group that holds what shapes emit under a name, and return its number.
@@ -234,19 +260,18 @@ class TextureTable:
         self,
         image_of: Callable[[int], npt.NDArray[_Number] | None],
         dtype: type[_Number],
-        channels: tuple[int, ...] = (),
     ) -> npt.NDArray[_Number]:
         """Put the images of all textures one after the other, each in its border. There is no second copy of all.
 
         Of zeros nothing is written (None), because memory that nobody wrote to takes none.
         """
         layout = self.framed_sizes.tolist()
-        framed = np.zeros((self._count(1), *channels), dtype)
+        framed = np.zeros(self._count(1), dtype)
         for number in self.stored():
             if (pixels := image_of(number)) is None:
                 continue
             first, width, height, wrap = layout[number]
-            image = framed[first : first + (width + 2) * (height + 2)].reshape(height + 2, width + 2, *channels)
+            image = framed[first : first + (width + 2) * (height + 2)].reshape(height + 2, width + 2)
             image[1:-1, 1:-1] = pixels
             fill_border(image, wrap)
         return framed
@@ -407,12 +432,12 @@ class TextureTable:
 
 
 def _same_on_both_sides(parameters: MitsubaParameters) -> bool:
-    front, back = (
-        {key[7:]: _numbers(value) for key, value in parameters if key.startswith(f"brdf_{side}.")} for side in (0, 1)
-    )
+    front, back = ({key[7:]: value for key, value in parameters if key.startswith(f"brdf_{side}.")} for side in (0, 1))
     # One BSDF for both sides is listed once.
-    return not back or (front.keys() == back.keys() and all(np.array_equal(front[key], back[key]) for key in front))
+    return not back or (
+        front.keys() == back.keys() and all(np.array_equal(_numbers(front[key]), _numbers(back[key])) for key in front)
+    )
 
 
 def _numbers(value: MitsubaValue) -> npt.NDArray[np.generic]:
-    return np.array(getattr(value, "matrix", value))
+    return np.asarray(getattr(value, "matrix", value))

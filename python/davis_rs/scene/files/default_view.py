@@ -48,9 +48,10 @@ _STANDS = 0.6
 _LARGEST_ROOM_M, _LARGEST_M = 100.0, 1000.0
 """A room that is larger may be in centimetres; any world that is larger, in millimetres."""
 
-
 _MOST_OUTERMOST = 1000
 """So many points, or a few more, stand for all when it is found out how large they look."""
+_BLOCK = 256
+"""Points that are looked at together: their products stay in the cache."""
 
 
 class DefaultView(NamedTuple):
@@ -105,7 +106,14 @@ def _outermost(points: FloatArray) -> FloatArray:
     turn = np.pi * (1 + np.sqrt(5)) * number
     flat = np.sqrt(1 - z * z)
     directions = np.concatenate([np.stack([flat * np.cos(turn), flat * np.sin(turn), z], 1), np.eye(3), -np.eye(3)])
-    return points[np.unique([int((points @ direction).argmax()) for direction in directions])]
+    farthest, which = np.full(len(directions), -np.inf), np.zeros(len(directions), np.int64)
+    for start in range(0, len(points), _BLOCK):
+        along = directions @ points[start : start + _BLOCK].T
+        ahead = along.argmax(1)
+        most = along[np.arange(len(directions)), ahead]
+        which[most > farthest] = start + ahead[most > farthest]
+        farthest = np.maximum(farthest, most)
+    return points[np.unique(which)]
 
 
 def _on_surfaces(corners: FloatArray) -> tuple[FloatArray, FloatArray]:

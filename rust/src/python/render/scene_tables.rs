@@ -1,12 +1,14 @@
 //! The tables of a scene, made from arrays and tuples.
 
+use std::sync::Arc;
+
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::python::arrays::{column, groups, lists, numbers};
 use crate::render::{
-    Beam, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light, LightKind, LightMapTables,
-    NormalTextureTables, PASSING, Sky, Under, VectorMapTables,
+    Beam, ColourImage, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light, LightKind,
+    LightMapTables, NormalTextureTables, PASSING, Sky, TextureColours, Under, VectorMapTables,
 };
 
 /// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
@@ -40,12 +42,15 @@ type FinishTuple = (f64, String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple,
 /// For each texture the number of its emissive one, and layouts, lights and texels of these.
 type EmissiveTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Vec<u32>, Bound<'py, PyAny>);
 
-/// Finishes, that of each triangle, texels, colours of groups, backgrounds of lights, what each triangle emits, the sky,
+/// Of each texture the number of its image, and of these the texels, and what numbers of 8 bits stand for.
+type ColoursTuple<'py> = (Bound<'py, PyAny>, Vec<(Bound<'py, PyAny>, Option<Bound<'py, PyAny>>)>);
+
+/// Finishes, that of each triangle, colours of textures, colours of groups, backgrounds of lights, what each triangle emits, the sky,
 /// the longest path, layouts and texels of textures of roughness and metal, and emissive textures.
 pub(super) type GlossTuple<'py> = (
     Vec<FinishTuple>,
     Bound<'py, PyAny>,
-    Bound<'py, PyAny>,
+    ColoursTuple<'py>,
     Vec<[f64; 3]>,
     Vec<[f64; 3]>,
     Bound<'py, PyAny>,
@@ -74,17 +79,33 @@ pub(super) fn normal_texture_tables(
     })
 }
 
-/// Returns the tables of glossy surfaces, with these texels of all textures.
-pub(super) fn gloss_tables<'a>(
-    (finishes, finish_of, _, colours, backgrounds, emitted, sky, longest, lobes, emissive): GlossTuple<'_>,
-    texels: &'a [[f32; 3]],
-) -> PyResult<GlossTables<'a>> {
+/// Returns the colours of textures.
+fn texture_colours((of_texture, images): ColoursTuple<'_>) -> PyResult<TextureColours> {
+    let image = |(texels, values): (Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)| {
+        Ok(Arc::new(match values {
+            None => ColourImage::Linear(groups(&texels, "colours")?),
+            Some(values) => {
+                let values: [f32; 256] = numbers(&values, "values")?
+                    .try_into()
+                    .map_err(|_| PyValueError::new_err("numbers of 8 bits stand for 256 values"))?;
+                ColourImage::Coded(groups(&texels, "colours")?, Box::new(values))
+            }
+        }))
+    };
+    let of_texture = numbers(&of_texture, "of_texture")?;
+    Ok(TextureColours { of_texture, images: images.into_iter().map(image).collect::<PyResult<_>>()? })
+}
+
+/// Returns the tables of glossy surfaces.
+pub(super) fn gloss_tables(
+    (finishes, finish_of, texels, colours, backgrounds, emitted, sky, longest, lobes, emissive): GlossTuple<'_>,
+) -> PyResult<GlossTables> {
     let (lobe_layouts, lobes) = lobes;
     let (of_texture, layouts, lights, radiance) = emissive;
     Ok(GlossTables {
         finishes: finishes.into_iter().map(finish).collect::<PyResult<_>>()?,
         finish_of: numbers(&finish_of, "finish_of")?,
-        texels: texels.into(),
+        texels: texture_colours(texels)?,
         colours,
         backgrounds,
         emitted: groups(&emitted, "emitted")?,

@@ -2,8 +2,7 @@
 //!
 //! What must not break: a scene without glossy surfaces has none of this, and is rendered as if it did not exist.
 
-use std::borrow::Cow;
-
+use super::colours::TextureColours;
 use super::emissive::{Emissive, EmissiveTextures};
 use super::finish::Finish;
 use super::lamps::Lamps;
@@ -17,13 +16,13 @@ pub const DIFFUSE: u32 = u32::MAX;
 
 /// The glossy surfaces of a scene, and all of the scene in colour, because what they reflect is coloured.
 #[derive(Clone, Debug, Default)]
-pub struct GlossTables<'a> {
+pub struct GlossTables {
     /// How they reflect.
     pub finishes: Vec<Finish>,
     /// The finish of each triangle, [`DIFFUSE`] for none.
     pub finish_of: Vec<u32>,
-    /// The texels of all textures as red, green and blue, in the layout of the scene's.
-    pub texels: Cow<'a, [[f32; 3]]>,
+    /// The texels of the scene's textures.
+    pub texels: TextureColours,
     /// For each group of lights: what a strength of 1 is in red, green and blue.
     pub colours: Vec<[f64; 3]>,
     /// For each light: radiance of what a ray sees that hits nothing, for a strength of 1.
@@ -47,7 +46,7 @@ pub struct GlossTables<'a> {
 pub(crate) struct Gloss {
     finishes: Vec<Finish>,
     finish_of: Vec<u32>,
-    pub(crate) texels: Vec<[f32; 3]>,
+    pub(crate) texels: TextureColours,
     pub(crate) colours: Vec<[f64; 3]>,
     pub(crate) backgrounds: Vec<[f64; 3]>,
     emitted: Vec<[f64; 3]>,
@@ -63,9 +62,8 @@ pub(crate) struct Gloss {
 pub(crate) struct Owner<'a> {
     /// How many triangles its tables have.
     pub(crate) triangles: usize,
-    /// How many textures and texels they have, and in how many colours.
-    pub(crate) textures: usize,
-    pub(crate) texels: usize,
+    /// Their textures, and in how many colours they have these.
+    pub(crate) textures: &'a [Texture],
     pub(crate) groups: usize,
     pub(crate) lights: usize,
     /// The triangles that can be seen, in their order: their number in the tables, corners, and luma that they emit.
@@ -80,14 +78,13 @@ impl Gloss {
     /// # Errors
     ///
     /// [`Error::Argument`] for tables that do not belong together.
-    pub(crate) fn new<'a>(tables: &GlossTables<'_>, owner: impl FnOnce() -> Owner<'a>) -> Result<Option<Self>> {
+    pub(crate) fn new<'a>(tables: &GlossTables, owner: impl FnOnce() -> Owner<'a>) -> Result<Option<Self>> {
         if tables.finish_of.is_empty() {
             return Ok(None);
         }
         let owner = owner();
         for (name, expected, length) in [
             ("finish_of", owner.triangles, tables.finish_of.len()),
-            ("texels", owner.texels, tables.texels.len()),
             ("colours", owner.groups, tables.colours.len()),
             ("backgrounds", owner.lights, tables.backgrounds.len()),
             ("emitted", if tables.emitted.is_empty() { 0 } else { owner.triangles }, tables.emitted.len()),
@@ -100,6 +97,7 @@ impl Gloss {
         if let Some(number) = tables.finish_of.iter().find(|number| !finish(number)) {
             return Err(Error::Argument(format!("a triangle has finish {number} of {}", tables.finishes.len())));
         }
+        tables.texels.check(owner.textures)?;
         tables.finishes.iter().try_for_each(Finish::check)?;
         let lobe_textures = checked_layouts(&tables.lobe_layouts, Some(tables.lobes.len()), 1)?;
         let textured = |finish: &Finish| finish.lobe.iter().flatten().all(|&n| (n as usize) < lobe_textures.len());
@@ -111,10 +109,8 @@ impl Gloss {
         }
         let light = [&tables.colours, &tables.backgrounds, &tables.emitted];
         let wrong = light.into_iter().flatten().flatten().find(|x| !(x.is_finite() && **x >= 0.0));
-        if wrong.is_some() || tables.texels.iter().flatten().any(|x| !x.is_finite()) {
-            return Err(Error::Argument(
-                "colours of lights and texels must be finite, and of lights not negative".to_owned(),
-            ));
+        if wrong.is_some() {
+            return Err(Error::Argument("colours of lights must be finite and not negative".to_owned()));
         }
         let sky = match &tables.sky {
             Some((light, ..)) if *light as usize >= owner.lights => {
@@ -127,7 +123,7 @@ impl Gloss {
         Ok(Some(Self {
             finishes: tables.finishes.clone(),
             finish_of: numbers().map(|number| tables.finish_of[number]).collect(),
-            texels: tables.texels.to_vec(),
+            texels: tables.texels.clone(),
             colours: tables.colours.clone(),
             backgrounds: tables.backgrounds.clone(),
             emitted: if tables.emitted.is_empty() {
@@ -135,7 +131,7 @@ impl Gloss {
             } else {
                 numbers().map(|number| tables.emitted[number]).collect()
             },
-            emissive: Emissive::new(&tables.emissive, owner.textures, owner.lights)?,
+            emissive: Emissive::new(&tables.emissive, owner.textures.len(), owner.lights)?,
             sky,
             lamps: Lamps::new(owner.corners, |number| owner.emitted[number]),
             longest: tables.longest,

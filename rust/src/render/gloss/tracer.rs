@@ -199,8 +199,7 @@ impl Tracer<'_> {
         let fades = under.is_some() && self.lit.scene.bumps(surface).is_some_and(|bumps| bumps.rule.fades);
         let texture = &self.lit.scene.textures[surface.texture as usize];
         let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
-            let [red, green, blue] = gloss.texels[at];
-            [f64::from(red), f64::from(green), f64::from(blue)]
+            gloss.texels.at(surface.texture, at - texture.first)
         });
         let out = dot(normal, viewer);
         let spot = Spot { hit: *hit, finish, base, normal, viewer, out, under, fades, through: None };

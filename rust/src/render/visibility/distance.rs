@@ -58,12 +58,19 @@ impl Leaves for Looking<'_> {
     }
 }
 
+/// A triangle that is narrower than this fraction of its distance is as good as its edges.
+const NARROW: f64 = 1e-12;
+
 /// Returns the squared distance from a point to a triangle.
 fn to_triangle(point: Vector, corners: &[Vector; 3]) -> f64 {
     let [a, b, c] = corners.map(|corner| sub(corner, point));
-    let normal = cross(sub(b, a), sub(c, a));
+    let edges = [sub(b, a), sub(c, b), sub(a, c)];
+    let normal = cross(edges[0], edges[1]);
+    let most = |vectors: [Vector; 3]| vectors.iter().fold(0.0f64, |most, one| most.max(dot(*one, *one)));
+    // Of corners that lie in a line nothing but rounding is left in the normal.
+    let is_wide = dot(normal, normal) > NARROW * NARROW * most(edges) * most([a, b, c]);
     let inside = |from, to| dot(cross(from, to), normal) >= 0.0;
-    if inside(a, b) && inside(b, c) && inside(c, a) {
+    if is_wide && inside(a, b) && inside(b, c) && inside(c, a) {
         let aside = dot(a, normal);
         return aside * aside / dot(normal, normal);
     }
@@ -118,6 +125,15 @@ mod tests {
                 assert!((to_triangle(point, &flipped) - squared).abs() < 1e-12, "{point:?}");
             }
         }
+    }
+
+    /// Three corners in a line, whose normal is what rounding leaves of it, are as far away as the line.
+    #[test]
+    fn corners_in_a_line_are_a_line() {
+        let corners = [[-6.0, -5.0, 4.0], [-6.0, -7.0, 9.0], [-6.0, -3.0, -1.0]].map(|corner| scale(corner, 0.05));
+        let point = [0.0, 0.05 * 3.968_312_624_730_841, 0.0];
+        let [_, low, high] = corners.map(|corner| sub(corner, point));
+        assert!((to_triangle(point, &corners) - to_segment(low, high)).abs() < 1e-12);
     }
 
     proptest! {
