@@ -16,8 +16,8 @@ def settings_markdown() -> str:
 
 _SHARED = (
     "`davis-rs frames`, `davis_rs.events_from_frames` and `davis_rs.frames_to_folder` take these, and of the settings "
-    "above\n`--sensor`, the contrast thresholds, `--lux-per-luma`, `--start-phase`, `--seed`, `--threads` and "
-    "`--image-gain`. They are no\nkeys of plans."
+    "above\n`--sensor`, the contrast thresholds, `--lux-per-luma`, `--start-phase`, `--seed`, `--threads`, "
+    "`--signal-window` and `--image-gain`.\nThey are no keys of plans."
 )
 
 

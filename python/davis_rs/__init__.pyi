@@ -77,6 +77,8 @@ from .events.matching import EventComparison as EventComparison
 from .events.matching import compare_events as compare_events
 from .events.packet import Displacement as Displacement
 from .events.packet import Packet as Packet
+from .events.signal_labels import SignalLabels as SignalLabels
+from .events.signal_labels import label_signal as label_signal
 from .geometry.camera import Camera as Camera
 from .geometry.camera import load_camera as load_camera
 from .geometry.pose import GroundTruth as GroundTruth

@@ -133,6 +133,7 @@ VALUES: dict[str, tuple[str, Any]] = {
     "custom_effects": ("math:pi", ["math:pi"]),
     "flow_png": ("dsec", "dsec"),
     "event_truth": ("npz", "npz"),
+    "signal_window_us": ("10000", 10_000),
     "events_format": ("aedat4", "aedat4"),
 }
 
@@ -338,6 +339,7 @@ OTHER: dict[str, Any] = {
     "flow_interval_s": 0.05,
     "mask_rate_hz": 20.0,
     "normal_rate_hz": 20.0,
+    "signal_window_us": 5000,
 }
 """For each setting of a simulator a value that is not its default."""
 ELSEWHERE = {"camera", "size", "effects", "custom_effects", "threads", "poses_per_launch"}

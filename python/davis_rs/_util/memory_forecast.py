@@ -136,6 +136,7 @@ def simulation_forecast(
     cubic: bool = False,
     refine: bool = False,
     effects: bool = False,
+    twin: bool = False,
     frames: bool = False,
     truth: bool = False,
     ray_bytes: float = 0,
@@ -149,12 +150,13 @@ def simulation_forecast(
         cubic: keyframes have rates.
         refine: event times are refined.
         effects: pixels are not ideal.
+        twin: there is a twin of the pixels without noise.
         frames: active pixels are not ideal.
         truth: there are maps of flow, shapes or normals.
         ray_bytes: what the rays of a pixel take.
     """
     bytes_by_use = {
-        "the state of pixels": _STATE + _STATE_OF_EFFECTS * effects,
+        "the state of pixels": (_STATE + _STATE_OF_EFFECTS * effects) * (1 + twin),
         "luma": _LUMA + _RATES * cubic + _FRAMES * frames,
         "events": _EVENTS + _REFINED * refine,
         "ground truth": _TRUTH * truth,
@@ -164,7 +166,13 @@ def simulation_forecast(
 
 
 def frames_forecast(
-    size: tuple[int, int], *, frame_bytes: float, flow: bool = False, planes: int = 1, effects: bool = False
+    size: tuple[int, int],
+    *,
+    frame_bytes: float,
+    flow: bool = False,
+    planes: int = 1,
+    effects: bool = False,
+    twin: bool = False,
 ) -> MemoryForecast:
     """Forecast the memory of a run over frames.
 
@@ -174,9 +182,10 @@ def frames_forecast(
         flow: light between frames is interpolated along optical flow.
         planes: of light in a frame: 3 behind colour filters.
         effects: pixels are not ideal.
+        twin: there is a twin of the pixels without noise.
     """
     bytes_by_use = {
-        "the state of pixels": _STATE + _STATE_OF_EFFECTS * effects,
+        "the state of pixels": (_STATE + _STATE_OF_EFFECTS * effects) * (1 + twin),
         "frames": _OF_FRAMES + _OF_MORE_PLANES * (planes - 1) + _FRAMES_AT_ONCE * frame_bytes,
         "events": _EVENTS,
         "optical flow": _FLOW * flow,

@@ -39,6 +39,7 @@ NAMES_ELSEWHERE: dict[str, Elsewhere] = {
     "photoreceptor_noise": Elsewhere("v2e", "shot_noise_rms", _FROM_RATE),
     "refractory_period_s": Elsewhere("v2e", "refractory_period_us", _IN_US),
     "refractory_period": Elsewhere("v2e and esim_py", "refractory_period_us", _IN_US),
+    "label_signal_noise": Elsewhere("v2e", "signal_window_us", "how far off a match may be, in microseconds"),
     "dvs_emulator_seed": Elsewhere("v2e", "seed"),
     "dvs_params": Elsewhere("v2e", "sensor"),
     "dvs128": Elsewhere("v2e", "size", "128x128"),

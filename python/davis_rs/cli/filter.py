@@ -7,6 +7,7 @@ import argparse
 from .._util.argument_error import ArgumentError
 from .._util.terminal_text import tell
 from ..events.filters import BackgroundActivity, DropPixels, Filter, Flicker, Refractory
+from ..io.dataset.files import SIGNAL
 from ..io.files.conversion import convert, left_out_line
 from ..io.formats.registry import written_formats
 from .common import EVENTS_HELP, bar_of_fraction, sensor_size
@@ -91,6 +92,8 @@ def _filter(options: argparse.Namespace) -> int:
     taken = report.events + report.filtered_out
     percent_out = 100 * report.filtered_out / max(taken, 1)
     tell(f"{report.path}: {report.events:,} of {taken:,} events pass, {percent_out:.1f} % are left out")
+    if report.filter_score is not None:
+        tell(f"by {SIGNAL}: {report.filter_score}")
     if report.left_out:
         tell(left_out_line(report.path, report.format, report.left_out))
     return 0

@@ -8,9 +8,10 @@ one before let pass. Events are never changed, only left out. What decides is in
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -167,12 +168,93 @@ class EventFilters:
         Raises:
             ValueError: for an event outside of the sensor, or one that is earlier than the one before.
         """
+        taken = as_events(events)
+        return np.ascontiguousarray(taken.view("V16")[self.passing(taken)]).view(EVENT_DTYPE)
+
+    def passing(self, events: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Return which events of the next packet pass: bool (n,).
+
+        Raises:
+            ValueError: as :meth:`take`.
+        """
         left = as_events(events)
-        self.taken += len(left)
+        passing = np.ones(len(left), np.bool_)
         for passes in self._passes:
-            left = np.ascontiguousarray(left.view("V16")[passes(left)]).view(EVENT_DTYPE)
+            told = passes(left)
+            left = np.ascontiguousarray(left.view("V16")[told]).view(EVENT_DTYPE)
+            passing[passing] = told
+        self.taken += len(passing)
         self.passed += len(left)
-        return left
+        return passing
+
+
+@dataclass(frozen=True)
+class FilterScore:
+    """Says what filters do to events that are labelled as signal or noise.
+
+    Attributes:
+        signal, noise: how many events of either kind came.
+        signal_passed, noise_passed: how many of them passed.
+    """
+
+    signal: int
+    noise: int
+    signal_passed: int
+    noise_passed: int
+
+    @classmethod
+    def of(cls, signal: npt.NDArray[np.bool_], passing: npt.NDArray[np.bool_]) -> FilterScore:
+        """Count events by their labels (n,), and by which of them pass (n,)."""
+        counts = (signal, ~signal, signal & passing, ~signal & passing)
+        return cls(*(int(np.count_nonzero(each)) for each in counts))
+
+    def __add__(self, other: FilterScore) -> FilterScore:
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return FilterScore(*(mine + others for mine, others in pairs))
+
+    @property
+    def signal_kept(self) -> float:
+        """Return the share of the signal that passes; NaN without signal."""
+        return self.signal_passed / self.signal if self.signal else math.nan
+
+    @property
+    def noise_removed(self) -> float:
+        """Return the share of the noise that does not pass; NaN without noise."""
+        return 1 - self.noise_passed / self.noise if self.noise else math.nan
+
+    def __str__(self) -> str:
+        kept = f"{self.signal_kept:.1%} are kept" if self.signal else "nothing to keep"
+        removed = f"{self.noise_removed:.1%} are removed" if self.noise else "nothing to remove"
+        return f"of {self.signal:,} events of signal {kept}, of {self.noise:,} events of noise {removed}"
+
+
+def score_filters(
+    events: npt.ArrayLike,
+    signal: npt.ArrayLike,
+    filters: Filter | Sequence[Filter],
+    size: tuple[int, int],
+) -> FilterScore:
+    """Judge filters by events that are labelled as signal or noise.
+
+    >>> dataset = davis_rs.Dataset("labelled")
+    >>> print(score_filters(dataset.events, dataset.signal, BackgroundActivity(2000), dataset.size))
+
+    Args:
+        events, filters, size: as of :func:`filter_events`.
+        signal: (n,) of truth values, one for each event: True for signal, False for noise.
+
+    Raises:
+        ValueError: as :class:`EventFilters`, and for another number of labels than of events.
+    """
+    taken, labels = as_events(events), np.asarray(signal, np.bool_)
+    if labels.shape != taken.shape:
+        raise ArgumentError("{signal} must have a label for each of {} events, got the shape {}", len(taken),
+                            labels.shape)  # fmt: skip
+    return FilterScore.of(labels, EventFilters(_listed(filters), size).passing(taken))
+
+
+def _listed(filters: Filter | Sequence[Filter]) -> Sequence[Filter]:
+    return [filters] if isinstance(filters, Filter) else filters
 
 
 def filter_events(events: npt.ArrayLike, filters: Filter | Sequence[Filter], size: tuple[int, int]) -> EventArray:
@@ -186,4 +268,4 @@ def filter_events(events: npt.ArrayLike, filters: Filter | Sequence[Filter], siz
     Raises:
         ValueError: as :class:`EventFilters`.
     """
-    return EventFilters([filters] if isinstance(filters, Filter) else filters, size).take(events)
+    return EventFilters(_listed(filters), size).take(events)

@@ -17,7 +17,7 @@ DEFAULT_WINDOW_US = 10_000
 """The sampling period of a 100 Hz simulation: it stamps a crossing within the interval in which it falls, so less than
 that off. A much longer window would match events of different edges that pass the same pixel."""
 
-_LARGEST_WINDOW_US = 2**31 - 1  # with it, the costs of 10^8 events of one pixel still add up in 64 bits
+LARGEST_WINDOW_US = 2**31 - 1  # with it, the costs of 10^8 events of one pixel still add up in 64 bits
 _PART = 2**16  # events
 
 _Flags = npt.NDArray[np.bool_]
@@ -115,9 +115,9 @@ def compare_events(
     Source: Victor and Purpura, "Nature and precision of temporal coding in visual cortex: a metric-space analysis",
     Journal of Neurophysiology 76(2), 1996 (D^spike with q = 2 / window).
     """
-    check_number("window_us", window_us, 0, _LARGEST_WINDOW_US, whole=True)
+    check_number("window_us", window_us, 0, LARGEST_WINDOW_US, whole=True)
     size = as_size(size)
-    ours, theirs = _checked(events, "events", size), _checked(reference, "reference", size)
+    ours, theirs = checked_events(events, "events", size), checked_events(reference, "reference", size)
     columns = [np.concatenate([theirs[name], ours[name]]) for name in ("t", "p", "x", "y")]
     columns[1] = columns[1] != 0
     # Stable, and by time as its last key but one run after the other: among equals the reference comes first.
@@ -135,7 +135,7 @@ def compare_events(
     return EventComparison(len(theirs), len(ours), matched, len(theirs) - matched, len(ours) - matched, time_error_us)
 
 
-def _checked(array: npt.ArrayLike, name: str, size: tuple[int, int]) -> EventArray:
+def checked_events(array: npt.ArrayLike, name: str, size: tuple[int, int]) -> EventArray:
     events, (width, height) = as_events(array), size
     check_sorted(events, name)
     outside = (events["x"] >= width) | (events["y"] >= height)
@@ -148,16 +148,19 @@ def _checked(array: npt.ArrayLike, name: str, size: tuple[int, int]) -> EventArr
 
 def _time_errors(t_us: _Integers, is_ours: _Flags, first: _Flags, window_us: int) -> _Integers:
     """Return errors of the pairs of a best matching of events in order (pixel and polarity, time, reference first)."""
-    paired = _coincident(t_us, is_ours, first)
+    paired = coincident(t_us, is_ours, first)
     rest = np.flatnonzero(~paired)
     group = np.cumsum(first)[rest]
-    paired[rest] = _aligned(t_us[rest], is_ours[rest], np.diff(group, prepend=0) != 0, window_us)
+    paired[rest] = aligned(t_us[rest], is_ours[rest], np.diff(group, prepend=0) != 0, window_us)
     # In each pixel and polarity as many are paired of one stream as of the other: in order, they are the pairs.
     return t_us[paired & is_ours] - t_us[paired & ~is_ours]
 
 
-def _coincident(t_us: _Integers, is_ours: _Flags, first: _Flags) -> _Flags:
+def coincident(t_us: _Integers, is_ours: _Flags, first: _Flags) -> _Flags:
     """Return which events have one of the other stream at the same time, as many of either stream.
+
+    The events are in order (pixel and polarity, time, reference first); ``first`` marks the first of a pixel and
+    polarity.
 
     Some best matching pairs them: by the triangle inequality, whatever their partners were may as well pair. Without
     them the order by time is strict, and does not depend on which stream is the reference.
@@ -174,7 +177,7 @@ def _coincident(t_us: _Integers, is_ours: _Flags, first: _Flags) -> _Flags:
     return rank < np.repeat(pairs, lengths)
 
 
-def _aligned(t_us: _Integers, is_ours: _Flags, first: _Flags, window_us: int) -> _Flags:
+def aligned(t_us: _Integers, is_ours: _Flags, first: _Flags, window_us: int) -> _Flags:
     """Return which events a best matching pairs, for events by (pixel and polarity, time) of which no two coincide.
 
     A matching is a flow along the time axis, from the events of one stream to those of the other: across a gap between

@@ -55,6 +55,8 @@ class Packet:
             :attr:`Simulator.shape_names` and 0 for nothing, where a mask fell due, else None.
         normals: float32 (H, W, 3), unit normals of the surfaces in camera axes (x right, y down, z ahead), on the side
             that is seen, NaN where nothing is hit, where a map fell due, else None.
+        noiseless: with a ``signal_window_us``, the events that a twin of the pixels makes of the same light in the same
+            interval, without noise; :class:`~davis_rs.SignalLabels` tells signal from noise by them. Else None.
     """
 
     start_us: int
@@ -68,6 +70,7 @@ class Packet:
     displacement: Displacement | None = None
     shapes: npt.NDArray[np.uint16] | None = None
     normals: npt.NDArray[np.float32] | None = None
+    noiseless: EventArray | None = None
 
     def __repr__(self) -> str:
         names = (field.name for field in fields(self)[3:])  # all but the interval and its events

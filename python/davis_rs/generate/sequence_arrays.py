@@ -23,6 +23,7 @@ from ..io.dataset.files import (
     MASKS,
     META,
     NORMAL_MAPS,
+    SIGNAL,
     VELOCITY,
     ImageSeries,
 )
@@ -39,8 +40,9 @@ class SequenceArrays(NamedTuple):
     Attributes:
         meta: ``meta.json``, as it is.
         groups: for each kind of data its columns or maps by name; every group has ``t``, int64, microseconds.
-            ``events``: t, x, y uint16, p uint8; ``frames``, ``depth``, ``luma``, ``flow``, ``normals``: ``maps``
-            (n, H, W) or (n, H, W, channels); ``masks``: ``maps`` uint16; ``displacement``: ``maps``, ``occluded``;
+            ``events``: t, x, y uint16, p uint8, and signal uint8 where they are labelled; ``frames``, ``depth``,
+            ``luma``, ``flow``, ``normals``: ``maps`` (n, H, W) or (n, H, W, channels); ``masks``: ``maps`` uint16;
+            ``displacement``: ``maps``, ``occluded``;
             ``poses``: ``position`` (n, 3) m, ``quaternion`` (n, 4) x y z w; ``imu``: ``accel``, ``gyro``;
             ``velocity``: ``velocity``, ``angular_rate``, ``acceleration``, ``angular_acceleration``;
             ``event_truth``: as the file's columns.
@@ -64,6 +66,8 @@ def read_sequence(folder: Path) -> SequenceArrays:
         "events": {"t": events["t"].astype(np.int64), **{name: events[name] for name in ("x", "y")}}
     }
     groups["events"]["p"] = events["p"].astype(np.uint8)
+    if len(dataset.signal) == len(events):
+        groups["events"]["signal"] = dataset.signal.astype(np.uint8)
     maps: dict[str, tuple[ImageSeries, Sequence[StampedImage], Callable[[int], npt.NDArray[np.generic]]]] = {
         "frames": (FRAMES, dataset.frames, dataset.read_image),
         "depth": (DEPTH_MAPS, dataset.depth_maps, dataset.read_depth),
@@ -72,7 +76,7 @@ def read_sequence(folder: Path) -> SequenceArrays:
         "masks": (MASKS, dataset.masks, dataset.read_mask),
         "normals": (NORMAL_MAPS, dataset.normal_maps, dataset.read_normals),
     }
-    taken = {META, EVENTS, GROUND_TRUTH, INERTIAL, VELOCITY, *EVENT_TRUTH.values()}
+    taken = {META, EVENTS, GROUND_TRUTH, INERTIAL, VELOCITY, SIGNAL, *EVENT_TRUTH.values()}
     for name, (series, images, read) in maps.items():
         taken |= {series.list_name, *(image.path.relative_to(folder).as_posix() for image in images)}
         if images:

@@ -15,7 +15,7 @@ from .._util.array_types import AnyArray, JsonObject
 from .._util.terminal_text import printable
 from ..events.arrays import EventArray
 from ..geometry.pose import GroundTruth
-from ..io.dataset.files import META
+from ..io.dataset.files import META, SIGNAL
 from ..io.dataset.reader import Dataset
 from ..io.dataset.text_folder import StampedImage
 from ..sensor.effects import EFFECTS
@@ -149,6 +149,11 @@ def check_dataset(path: str | Path) -> CheckReport:
 
     if events is not None:
         report.counts = {"events": len(events), "on_events": int(np.count_nonzero(events["p"]))}
+        signal = read(lambda: dataset.signal)
+        if signal is not None and len(signal):
+            report.counts["signal_events"] = int(np.count_nonzero(signal))
+            if len(signal) != len(events):
+                problems.append(f"{SIGNAL} labels {len(signal)} events, the folder holds {len(events)}.")
     report.counts |= {"frames": len(frames), "depth_maps": len(depth_maps), "luma_maps": len(luma)}
     if meta:
         poses = {} if ground_truth is None else {"poses": len(ground_truth.t_us)}

@@ -241,6 +241,8 @@ def dataset_contents(dataset: Dataset) -> str:
         lines.append(f"clock       {start_line(start_time_ns, 'the input')}")
     if said.noise:
         lines.append(f"noise       {share_text(said.noise, 'the events are')}")
+    if len(signal := dataset.signal):
+        lines.append(f"signal      {signal.mean():.1%} of the events, the others are noise")
     if said.made_by is not None:
         lines.append(f"made by     {said.made_by}")
     lines.append(f"also        {_counted(part_counts(dataset)) or 'nothing'}")

@@ -268,6 +268,7 @@ class PreparedRun:
                 overwrite=overwrite,
                 shape_names=simulator.shape_names,
                 flow_png=given.flow_png,
+                signal_window_us=given.signal_window_us,
                 imu=None if self.inertial is None else self.inertial.imu,
                 meta={**self.describe(), **(meta or {})},
             ) as dataset,

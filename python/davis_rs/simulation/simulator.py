@@ -27,9 +27,10 @@ from ..sampling.event_refinement import EventRefinement
 from ..sampling.exposure import KeyframeExposure, expose
 from ..sampling.keyframes import Keyframe, Stretch
 from ..scene.scene import Scene
-from ..sensor.effects import with_optics
+from ..sensor.effects import Effects, with_optics
 from .due_instants import DueInstant, due_instants
 from .jumps import warn_of_jump
+from .noiseless_twin import NoiselessTwin, last_time_us
 from .run_description import SimulatorDescription, describe_run
 from .settings import Resolved, SimulatorSettings, complete, resolve, takes_settings, truth_rates_hz
 
@@ -136,19 +137,8 @@ class Simulator:
 
     def _begin(self) -> None:
         """Make what a sequence changes, as it is before the first instant."""
-        settings = self.settings
-        self._engine = CrossingEngine(
-            self.camera.width,
-            self.camera.height,
-            contrast_threshold=self.contrast_threshold,
-            contrast_threshold_off=self.contrast_threshold_off,
-            log_eps=self.log_eps,
-            interpolation=self.sampling.interpolation,
-            effects=self.effects.engine_settings(),
-            start_phase=self.start_phase,
-            seed=settings.seed,
-            threads=settings.threads,
-        )
+        self._engine = self._make_engine(self.effects)
+        self._twin = NoiselessTwin(self._make_engine, self.effects, wanted=self.settings.signal_window_us is not None)
         self._pose: Pose | None = None
         self._last: Keyframe | None = None
         self._t_us = 0
@@ -159,6 +149,20 @@ class Simulator:
         on_luma = self.custom_effects.on_luma
         self._exposure = KeyframeExposure(exposure_us, row_readout_us, self.camera.height) if on_luma else None
         self._frames = 0
+
+    def _make_engine(self, effects: Effects) -> CrossingEngine:
+        return CrossingEngine(
+            self.camera.width,
+            self.camera.height,
+            contrast_threshold=self.contrast_threshold,
+            contrast_threshold_off=self.contrast_threshold_off,
+            log_eps=self.log_eps,
+            interpolation=self.sampling.interpolation,
+            effects=effects.engine_settings(),
+            start_phase=self.start_phase,
+            seed=self.settings.seed,
+            threads=self.settings.threads,
+        )
 
     def __repr__(self) -> str:
         size = f"{self.camera.width} x {self.camera.height} px"
@@ -295,9 +299,9 @@ class Simulator:
         if self._pose is None:
             return []
         late = self.custom_effects.events(self._t_us, None, self._engine.flush())
-        if not len(late):
-            return []
-        return [Packet(self._t_us, int(late["t"][-1]), late, self._pose)]
+        noiseless = self._twin.flush(late)
+        end_us = last_time_us(late, noiseless)
+        return [] if end_us is None else [Packet(self._t_us, end_us, late, self._pose, noiseless=noiseless)]
 
     @property
     def dropped_events(self) -> int:
@@ -393,7 +397,8 @@ class Simulator:
                 events = self.custom_effects.events(packet_start, due.t_us, events)
             luma = keyframe.luma.copy() if "frame" in due.due else None
             frame = None if luma is None else self._frame(luma, due.t_us)
-            yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame, **truth)
+            noiseless = self._twin.take(events, due.t_us)
+            yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame, noiseless=noiseless, **truth)
             due = next(instants, due)
 
     def _truth(self, stretch: Stretch, due: DueInstant) -> _TruthMaps:
@@ -435,14 +440,16 @@ class Simulator:
         return keyframe
 
     def _take(self, keyframe: Keyframe, refinement: EventRefinement | None, *, due: bool) -> EventArray:
-        """Feed the crossing engine; return the events since the last keyframe.
+        """Feed the crossing engine and its twin; return the events since the last keyframe.
 
         Events that are refined come together where a packet falls ``due``.
         """
         last, self._last = self._last, keyframe
         if self.custom_effects.on_log_intensity:
             logs = self.custom_effects.log_intensity(keyframe.t_us, keyframe.luma, self.log_eps)
+            self._twin.push_log(keyframe.t_us, logs)
             return self._engine.push_log(keyframe.t_us, logs)
+        self._twin.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
         if refinement is None or last is None:
             return self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
         reference = self._engine.reference

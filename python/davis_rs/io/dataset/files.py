@@ -60,6 +60,7 @@ IMAGE_SERIES = (
 )
 VELOCITY, SHAPE_NAMES = "velocity.txt", "shapes.json"
 EVENT_TRUTH = {"h5": "event_truth.h5", "npz": "event_truth.npz"}
+SIGNAL = "signal.npy"
 EVENTS, GROUND_TRUTH, INERTIAL = "events.txt", "groundtruth.txt", "imu.txt"
 CALIBRATION, META = "calib.txt", "meta.json"
 KALIBR_IMU, KALIBR_CAMERA_CHAIN = "imu.yaml", "camchain.yaml"
@@ -333,7 +334,7 @@ def _remove_parts(path: Path) -> None:
         part_of(path / name).unlink(missing_ok=True)
     # The events go last: together with what describes them they mark the folder as a dataset.
     texts = (GROUND_TRUTH, INERTIAL, VELOCITY, SHAPE_NAMES, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION)
-    for name in (*texts, *EVENT_TRUTH.values(), META_PART, *EVENT_FILES.values()):
+    for name in (*texts, SIGNAL, *EVENT_TRUTH.values(), META_PART, *EVENT_FILES.values()):
         (path / name).unlink(missing_ok=True)
 
 

@@ -299,6 +299,7 @@ def part_counts(dataset: Dataset) -> dict[str, int]:
         "maps of normals": len(dataset.normal_maps),
         "luma maps": len(dataset.luma),
         "velocities": len(dataset.velocities.t_us),
+        "labels of signal and noise": len(dataset.signal),
     }
     return {what: count for what, count in counts.items() if count}
 

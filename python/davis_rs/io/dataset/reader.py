@@ -38,10 +38,12 @@ from .files import (
     NORMAL_MAPS,
     RIG,
     SHAPE_NAMES,
+    SIGNAL,
     VELOCITY,
     event_file,
     unfinished_told,
 )
+from .signal_file import read_signal
 from .text_folder import PIXEL_BYTES, StampedImage, TextFolder
 
 _THUMBNAIL_PX = 360
@@ -169,6 +171,15 @@ class Dataset(TextFolder):
                 return reader.read()
             except TruncatedFileWarning as warning:
                 raise DecodeError(str(warning)) from None
+
+    @cached_property
+    def signal(self) -> npt.NDArray[np.bool_]:
+        """Return a label for each event, bool (n,): True for signal, False for noise; empty in a folder without labels.
+
+        In a dataset that was not completed, the last events have none.
+        """
+        path = self.path / SIGNAL
+        return read_signal(path) if path.exists() else np.zeros(0, np.bool_)
 
     @cached_property
     def frames(self) -> list[StampedImage]:

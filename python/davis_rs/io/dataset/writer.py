@@ -38,6 +38,7 @@ from .files import (
     META_PART,
     NORMAL_MAPS,
     SHAPE_NAMES,
+    SIGNAL,
     VELOCITY,
     EventFile,
     ImageFiles,
@@ -52,6 +53,7 @@ from .files import (
     stamped_line,
     write_file,
 )
+from .signal_file import SignalFile
 
 _FRAME_FULL_SCALE = 0.8
 _FRAME_PERCENTILE = 98.0
@@ -102,6 +104,9 @@ class DatasetWriter:
         flow_png: write displacements as PNG too: the encoding, ``kitti`` or ``dsec``.
         events_format: of the event file: "text" (``events.txt``), or another one (docs/formats.md), whose file then
             stands in its place. What a killed process leaves of it is told there.
+        signal_window_us: label the events of packets, which have ``noiseless`` ones, as
+            :class:`~davis_rs.SignalLabels` does with this window, in ``signal.npy``: bool, one label for each event in
+            the order of the events, True for signal. In a folder whose writer was killed the last labels lack.
         imu: the IMU whose samples will be written: Kalibr's ``imu.yaml`` and ``camchain.yaml`` tell of it.
         meta: what is already known of the sequence, for ``meta.json``, so that a folder that is never finished has it.
 
@@ -126,6 +131,7 @@ class DatasetWriter:
         shape_names: Sequence[str] = (),
         flow_png: str | None = None,
         events_format: str = "text",
+        signal_window_us: int | None = None,
         imu: Imu | None = None,
         meta: Mapping[str, object] | None = None,
     ) -> None:
@@ -151,6 +157,8 @@ class DatasetWriter:
         self._hold = claim_folder(self.path, overwrite=overwrite)
         self._open = True
         self._events = EventFile(self.path, events_format, self.size)
+        window_us = signal_window_us
+        self._signal = None if window_us is None else SignalFile(self.path / SIGNAL, self.size, window_us)
         self._frames = ImageFiles(self.path, FRAMES)
         self._depth_maps = ImageFiles(self.path, DEPTH_MAPS)
         self._luma_maps = ImageFiles(self.path, LUMA_MAPS)
@@ -200,6 +208,8 @@ class DatasetWriter:
         try:
             self._end_us = packet.end_us
             self._events.write(events)
+            if self._signal is not None:
+                self._signal.write(packet)
             if luma is not None:
                 self._write_frame(packet.end_us, luma, luma if frame is None else frame)
             if depth is not None:
@@ -245,8 +255,9 @@ class DatasetWriter:
 
         ``meta.json`` holds ``meta`` (added to what the constructor was given) and, under keys that are the writer's
         own, ``sensor``, ``calibrated`` (whether there is a ``calib.txt``), ``image_gain`` (null where no frame was
-        written), ``counts`` (``events``, ``on_events``, ``frames``, ``depth_maps``, ``luma_maps``, ``poses``,
-        ``imu_samples``), ``duration_us`` (the end of the last packet), ``complete`` and ``interrupted``.
+        written), ``counts`` (``events``, ``on_events``, with labels ``signal_events``, ``frames``, ``depth_maps``,
+        ``luma_maps``, ``poses``, ``imu_samples``), ``duration_us`` (the end of the last packet), ``complete`` and
+        ``interrupted``.
 
         Args:
             meta: anything that JSON can hold; NumPy scalars and arrays and paths are converted.
@@ -262,7 +273,7 @@ class DatasetWriter:
         try:
             self._write_luma()
         finally:
-            self._events.close()
+            self._close_events()
         written = self._write_meta(complete=not interrupted, interrupted=interrupted)
         self._hold.release()
         return written
@@ -380,11 +391,18 @@ class DatasetWriter:
         if not self._open:
             raise ValueError(f"the writer of {self.path} is closed")
 
+    def _close_events(self) -> None:
+        try:
+            self._events.close()
+        finally:
+            if self._signal is not None:
+                self._signal.close()
+
     def _abandon(self, *, interrupted: bool) -> None:
         """Close after an exception, which must not be masked by what fails now for the same reason."""
         self._open = False
         with suppress(OSError):
-            self._events.close()
+            self._close_events()
         with suppress(OSError):
             if interrupted:  # nothing is wrong with what was written: let it be checked to its last frame
                 self._write_luma()
@@ -408,6 +426,7 @@ class DatasetWriter:
             "counts": {
                 "events": self._events.count,
                 "on_events": self._events.on_count,
+                **({} if self._signal is None else {"signal_events": self._signal.count}),
                 "frames": self._frames.count,
                 "depth_maps": self._depth_maps.count,
                 "luma_maps": self._luma_maps.count,

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean
 from ..._util.untrusted import MAX_PACKET_BYTES, guarded
 from ...events.arrays import EventArray
-from ...events.filters import EventFilters, Filter
+from ...events.filters import EventFilters, Filter, FilterScore
 from ..dataset.files import LATEST_START_US
 from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
 from ..formats.destination import Target
@@ -43,11 +44,14 @@ class ConversionReport(WriteReport):
         parts: how many frames, samples and so on were written, by the names of the parts.
         left_out: what the source has and the target does not hold, empty where nothing is lost.
         filtered_out: how many events did not pass the filters.
+        filter_score: what the filters did to signal and to noise, where the source is a folder whose events are
+            labelled, and all of them were taken; else None.
     """
 
     parts: dict[str, int]
     left_out: str
     filtered_out: int = 0
+    filter_score: FilterScore | None = None
 
 
 def convert(
@@ -125,7 +129,9 @@ def convert(
             wanted = [part for part in PARTS if (parts is None or part.name in parts) and hasattr(reader, part.read)]
             held = [part for part in wanted if part.name in FORMATS[writer.format].holds]
             items = heapq.merge(*(_items(reader, part, start_us, stop_us) for part in held), key=lambda item: item.t_us)
-            passing = EventFilters(filters, sensor)
+            whole = start_us is None and stop_us is None and roi is None and "drop" not in (backward, outside)
+            labels = reader.dataset.signal if whole and filters and isinstance(reader, FolderReader) else None
+            passing = _Filtering(filters, sensor, labels)
             packets = map(passing.take, reader.iter(start_us=start_us, stop_us=stop_us, roi=roi))
             if from_zero is None:
                 latest_us = LATEST_START_US if isinstance(writer, FolderWriter) else None
@@ -162,7 +168,34 @@ def convert(
         if left_out:
             warnings.warn(left_out_line(report.path, report.format, left_out), LeftOutWarning, 2)
         values = {field.name: getattr(report, field.name) for field in fields(WriteReport)}
-        return ConversionReport(**values, parts=written, left_out=left_out, filtered_out=passing.taken - passing.passed)
+        return ConversionReport(
+            **values,
+            parts=written,
+            left_out=left_out,
+            filtered_out=passing.taken - passing.passed,
+            filter_score=passing.score,
+        )
+
+
+class _Filtering(EventFilters):
+    """Filters packets, and counts what that does to labelled events.
+
+    Attributes:
+        score: the counts; None without labels.
+    """
+
+    def __init__(self, filters: Sequence[Filter], size: tuple[int, int], labels: npt.NDArray[np.bool_] | None) -> None:
+        super().__init__(filters, size)
+        self._labels = np.zeros(0, np.bool_) if labels is None else labels
+        self.score = FilterScore(0, 0, 0, 0) if len(self._labels) else None
+
+    def passing(self, events: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        before = self.taken
+        passing = super().passing(events)
+        if self.score is not None:
+            labels = self._labels[before : self.taken]
+            self.score += FilterScore.of(labels, passing[: len(labels)])  # a killed writer's last events have none
+        return passing
 
 
 def _seconds(t_us: int | None, otherwise: str) -> str:

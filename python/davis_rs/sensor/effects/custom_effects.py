@@ -79,6 +79,11 @@ class CustomEffects:
         """Return whether an effect acts on log intensity."""
         return any(True for _ in self._having("log_intensity"))
 
+    @property
+    def on_events(self) -> bool:
+        """Return whether an effect acts on events."""
+        return any(True for _ in self._having("events"))
+
     def luma(self, t_us: int, luma: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Apply the effects on luma.
 

@@ -40,6 +40,9 @@ EFFECTS: dict[str, type[Effect]] = {
 }
 """All effects by name, in the order in which light and events meet them."""
 
+NOISE = ("leak_rate_hz", "shot_noise_rms", "hot_pixels")
+"""The effects that make events without a change of light, or move others at random."""
+
 PLANNED = "auto"
 """Given instead of effects, or among them: adds the effects of the sensor that matter in the scene."""
 
@@ -136,6 +139,11 @@ class Effects:
     def optical(self) -> Effects:
         """Return the effects of the lens, which act on luma."""
         return Effects.of(effect for effect in self if effect.acts_on == "luma")
+
+    @property
+    def noiseless(self) -> Effects:
+        """Return the effects without those of :data:`NOISE`."""
+        return self.without(NOISE)
 
     def __bool__(self) -> bool:
         """Return whether any effect is on."""

@@ -16,11 +16,12 @@ from ..._util.read_ahead import read_ahead
 from ...events.arrays import EventArray, concatenate_events
 from ...events.colour import filter_numbers
 from ...events.packet import Packet
-from ...sensor.effects import Optics
+from ...sensor.effects import Effects, Optics
 from ...sensor.parameters import SensorParameters
 from ...sensor.presets import read_once
 from ..model_version import MODEL
 from ..no_events import warned_without_events
+from ..noiseless_twin import NoiselessTwin, last_time_us
 from ..run_description import RunDescription
 from ..settings import FrameSettings
 from .colour_light import ColourLight
@@ -119,16 +120,20 @@ class FrameRun:
         self.interpolation = resolved.interpolation()
         self.memory = resolved.memory(first.image)
         self.memory.refuse()
-        self._engine = CrossingEngine(
+        self._engine = self._make_engine(self.effects)
+        self._twin = NoiselessTwin(self._make_engine, self.effects, wanted=settings.signal_window_us is not None)
+
+    def _make_engine(self, effects: Effects) -> CrossingEngine:
+        return CrossingEngine(
             *self.size,
             contrast_threshold=self.contrast_threshold,
             contrast_threshold_off=self.contrast_threshold_off,
             log_eps=self.log_eps,
             interpolation=self.interpolation.engine,
-            effects=self.effects.engine_settings(),
+            effects=effects.engine_settings(),
             start_phase=self.start_phase,
-            seed=settings.seed,
-            threads=settings.threads,
+            seed=self.settings.seed,
+            threads=self.settings.threads,
         )
 
     @property
@@ -170,6 +175,7 @@ class FrameRun:
         before: SensorFrame | None = None
         for sample in self.interpolation.samples(self._sensor_frames()):
             events = self._engine.push(sample.t_us, sample.luma, sample.rate)
+            self._twin.push(sample.t_us, sample.luma, sample.rate)
             pending.append(events)
             of_frame.append(events)
             frame = sample.frame
@@ -197,13 +203,15 @@ class FrameRun:
         count = int(np.searchsorted(events["t"], end_us, side="right"))
         pending[:] = [events[count:]] if count < len(events) else []
         start_us, self._end_us = self._end_us, end_us
-        return Packet(start_us, end_us, events[:count], None, luma)
+        noiseless = self._twin.take(events[:count], end_us)
+        return Packet(start_us, end_us, events[:count], None, luma, noiseless=noiseless)
 
     def flush(self) -> Iterator[Packet]:
         """Yield what a readout still holds after the last frame: a packet, if there is any."""
         late = self._engine.flush()
-        if len(late):
-            yield Packet(self._end_us, int(late["t"][-1]), late, None)
+        noiseless = self._twin.flush(late)
+        if (end_us := last_time_us(late, noiseless)) is not None:
+            yield Packet(self._end_us, end_us, late, None, noiseless=noiseless)
 
     def describe(self) -> FramesDescription:
         """Return all that a repetition needs, for meta.json; after :meth:`packets` also what the frames showed."""

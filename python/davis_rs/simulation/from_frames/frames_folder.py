@@ -104,6 +104,7 @@ def frames_to_folder(
                 run.camera or run.size,
                 image_gain=given.image_gain,
                 events_format=given.events_format,
+                signal_window_us=given.signal_window_us,
                 overwrite=overwrite,
                 meta={**run.describe(), "images_every": given.images_every, **(meta or {})},
             ) as writer,

@@ -102,6 +102,7 @@ class ResolvedFrames:
             flow=self.settings.interpolation in ("auto", "flow"),
             planes=1 if self.colour_filter is None else 3,
             effects=bool(self.effects.engine_settings()),
+            twin=self.settings.signal_window_us is not None and self.effects.noiseless != self.effects,
         )
 
 

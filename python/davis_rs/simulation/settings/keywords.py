@@ -61,6 +61,7 @@ class EngineKeywords(TypedDict, total=False):
     """Names the keyword arguments of :class:`EngineSettings`."""
 
     threads: int | None
+    signal_window_us: int | None
 
 
 class SamplingKeywords(EngineKeywords, ViewKeywords, total=False):

@@ -145,6 +145,8 @@ def resolve(scene: Scene, settings: SimulatorSettings) -> Resolved:
         )
     if settings.refine and on_light:
         raise ArgumentError("{refine} asks the renderer for times: it cannot be combined with custom effects on light")
+    if settings.signal_window_us is not None and custom_effects.on_events:
+        raise ArgumentError("{signal_window_us} cannot tell which events of {custom_effects} on events are noise")
     if settings.flow_interval_s is not None and settings.flow_rate_hz == 0:
         raise ArgumentError("{flow_interval_s} is that of maps of flow: give {flow_rate_hz}")
     refine = chosen.refine and not in_engine and not on_light
@@ -303,6 +305,7 @@ def memory_of(
         cubic=chosen.sampling.interpolation != "linear",
         refine=refine,
         effects=in_engine,
+        twin=settings.signal_window_us is not None and effects.noiseless != effects,
         frames=effects.aps is not None,
         truth=any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values()),
         ray_bytes=ray_bytes,

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...events.colour import PATTERNS, ColourFilter
+from ...events.matching import LARGEST_WINDOW_US
 from ...geometry.camera import PRESETS, Camera
 from ...io.dataset.files import EVENT_FILES
 from ...render.baked.bake import BAKE_ERROR
@@ -255,7 +256,7 @@ class PlanSettings(EffectsToleranceSettings, ViewSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class EngineSettings(Settings):
-    """Declares how the crossing engine runs."""
+    """Declares how the crossing engine runs, and whether a twin of it does."""
 
     threads: int | None = declare(
         None,
@@ -266,6 +267,19 @@ class EngineSettings(Settings):
             high=1024,
             metavar="N",
             group=_ACCURACY,
+        ),
+    )
+    signal_window_us: int | None = declare(
+        None,
+        Declared(
+            "label each event as signal or noise, in signal.npy: signal is what the same pixels make without noise, at "
+            "most this far off; 10000 suits most sensors (docs/ground_truth.md)",
+            default_help="no labels",
+            unit="us",
+            low=0,
+            high=LARGEST_WINDOW_US,
+            metavar="US",
+            group=_TRUTH,
         ),
     )
 
