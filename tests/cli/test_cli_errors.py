@@ -116,12 +116,29 @@ def test_each_command_has_its_help(command: str, capsys: pytest.CaptureFixture[s
         (["calibrate", "sensor", "x", "--quie"], "unrecognized arguments: --quie; did you mean --quiet?"),
         (
             ["frames", "x", "-o", "x", "--roi", "100", "50", "300", "200"],
-            "--roi: must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got '100'",
+            "argument --roi: in place of the corners 100 50 300 200 give size and place, --roi 200x150+100+50 (see",
         ),
         (
-            ["convert", "x", "y", "--roi", "200x150+100+50"],
-            "--roi: expected 4 arguments: X0 Y0 X1 Y1 (see davis-rs convert --help)",
+            ["convert", "x", "y", "--roi", "100", "50", "300", "200"],
+            "argument --roi: in place of the corners 100 50 300 200 give size and place, --roi 200x150+100+50 (see",
         ),
+        (
+            ["compare", "x", "y", "--quiet-region", "0", "0", "20", "10", "--quiet"],
+            "--quiet-region: in place of the corners 0 0 20 10 give size and place, --quiet-region 20x10+0+0",
+        ),
+        (
+            ["convert", "x", "y", "--roi", "9", "9", "3", "3"],
+            "corners 9 9 3 3 give size and place, --roi WIDTHxHEIGHT+LEFT+TOP",
+        ),
+        *[
+            (
+                [*command, "--roi", roi],
+                f"--roi: must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got '{roi}'",
+            )
+            for command in (["convert", "x", "y"], ["frames", "x", "-o", "x"])
+            for roi in ("200x150", "100", "200x150+100", "100,50,300,200")
+        ],
+        (["convert", "x", "y", "--roi", "0x150+100+50"], "--roi: must lie in 1..65535 pixels each way, got 0 x 150"),
     ],
 )
 def test_a_wrong_command_line_is_told_in_one_line(

@@ -55,7 +55,7 @@ def test_a_slice_goes_from_text_through_formats_and_back(tmp_path: Path, capsys:
         pytest.importorskip(module)
     events = many(50_000)
     source = text_file(tmp_path / "events.txt", events)
-    arguments = ["--start", "1.05", "--stop", "1.4", "--roi", "10", "20", "100", "90", "--size", "240x180", "--quiet"]
+    arguments = ["--start", "1.05", "--stop", "1.4", "--roi", "90x70+10+20", "--size", "240x180", "--quiet"]
     assert main(["convert", str(source), str(tmp_path / "a.h5"), *arguments]) == 0
     for before, after in (("a.h5", "b.parquet"), ("b.parquet", "c.bag"), ("c.bag", "d.txt")):
         assert main(["convert", str(tmp_path / before), str(tmp_path / after), "--quiet"]) == 0

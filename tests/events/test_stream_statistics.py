@@ -344,7 +344,7 @@ def test_the_command_prints_writes_and_draws(tmp_path: Path, noisy: tuple[EventA
     half = command("compare", *files, "--size", "160x120", "--quiet", "--stop", "2.5", "--json", tmp_path / "half.json")
     assert half.returncode == 0
     assert json.loads((tmp_path / "half.json").read_text())["real"]["duration_s"] == pytest.approx(2.5, abs=0.01)
-    refused = command("compare", *files, "--size", "160x120", "--quiet", "--quiet-region", 0, 0, 500, 1)
+    refused = command("compare", *files, "--size", "160x120", "--quiet", "--quiet-region", "500x1+0+0")
     assert refused.returncode == 1
     assert "must lie in the sensor's 160 x 120 pixels" in refused.stderr
 

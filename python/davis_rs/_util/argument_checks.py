@@ -121,7 +121,7 @@ def as_size(size: Sequence[int] | str, argument: str = "size") -> tuple[int, int
 
 
 def parse_roi(roi: str) -> tuple[int, int, int, int]:
-    """Return (width, height, left, top) of ``WxH+X+Y``, in pixels.
+    """Return (x0, y0, x1, y1) of ``WxH+X+Y``, in pixels: x0 <= x < x1 and y0 <= y < y1 lie inside.
 
     Raises:
         ArgumentError: for something else, or sides outside of 1..65535.
@@ -129,7 +129,9 @@ def parse_roi(roi: str) -> tuple[int, int, int, int]:
     match = re.fullmatch(r"(\d{1,5}[xX]\d{1,5})\+(\d{1,5})\+(\d{1,5})", roi.strip())
     if match is None:
         raise ArgumentError("{roi} must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got {!r}", roi)
-    return *as_size(match[1], "roi"), int(match[2]), int(match[3])
+    width, height = as_size(match[1], "roi")
+    left, top = int(match[2]), int(match[3])
+    return left, top, left + width, top + height
 
 
 def check_type(argument: str, value: object, kind: type | tuple[type, ...], hint: str) -> None:

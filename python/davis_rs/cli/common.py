@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._util.argument_checks import as_size
+from .._util.argument_checks import as_size, parse_roi
 from .._util.argument_error import ArgumentError
 from .._util.extras import require
 from .._util.progress import progress, say, stage
@@ -199,6 +199,14 @@ def sensor_size(text: str) -> tuple[int, int]:
     """Parse WIDTHxHEIGHT in pixels."""
     try:
         return as_size(text)
+    except ArgumentError as error:
+        raise argparse.ArgumentTypeError(unnamed(error)) from None
+
+
+def region(text: str) -> tuple[int, int, int, int]:
+    """Parse WIDTHxHEIGHT+LEFT+TOP in pixels; return (x0, y0, x1, y1), half-open."""
+    try:
+        return parse_roi(text)
     except ArgumentError as error:
         raise argparse.ArgumentTypeError(unnamed(error)) from None
 

@@ -26,7 +26,7 @@ from ..io.files.rig_layouts import convert_rig
 from ..io.formats.parts import ALL_PARTS, PARTS
 from ..io.formats.registry import written_formats
 from ..io.formats.ros2 import MESSAGES, STORAGES
-from .common import EVENTS_HELP, bar_of_fraction, figure_file, of_camera, sensor_size
+from .common import EVENTS_HELP, bar_of_fraction, figure_file, of_camera, region, sensor_size
 
 
 def add_convert(conversion: argparse.ArgumentParser) -> None:
@@ -52,7 +52,10 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
         "--stop", dest="stop_us", type=_microseconds, metavar="S", help="only what is before this time of IN"
     )
     conversion.add_argument(
-        "--roi", type=int, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="only events with X0 <= x < X1, Y0 <= y < Y1"
+        "--roi",
+        type=region,
+        metavar="WxH+X+Y",
+        help="only events of a part of the sensor: its size, and its left and upper edge, in pixels",
     )
     conversion.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size, where IN does not say")
     conversion.add_argument(
@@ -130,7 +133,7 @@ def _convert(parser: argparse.ArgumentParser, options: argparse.Namespace) -> in
         "format": options.format,
         "start_us": options.start_us,
         "stop_us": options.stop_us,
-        "roi": None if options.roi is None else tuple(options.roi),
+        "roi": options.roi,
         "backward": options.backward,
         "outside": options.outside,
         "max_packet_bytes": options.max_packet_bytes,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, TypedDict
 
-from .common import bar_of_fraction, sensor_size
+from .common import bar_of_fraction, region, sensor_size
 
 if TYPE_CHECKING:
     from ..calibrate.sensor import MeasuredRecording
@@ -17,10 +17,10 @@ def add_measured(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size, where a file does not say")
     parser.add_argument(
         "--quiet-region",
-        type=int,
-        nargs=4,
-        metavar=("X0", "Y0", "X1", "Y1"),
-        help="pixels X0 <= x < X1, Y0 <= y < Y1 that see no signal; the quietest tiles of each stream if not given",
+        type=region,
+        metavar="WxH+X+Y",
+        help="a part of the sensor that sees no signal: its size, and its left and upper edge, in pixels; the quietest "
+        "tiles of each stream if not given",
     )
     parser.add_argument(
         "--start",
@@ -62,6 +62,9 @@ class _MeasuredSelection(TypedDict):
 
 
 def _selection(options: argparse.Namespace) -> _MeasuredSelection:
-    region = options.quiet_region
-    quiet = None if region is None else (region[0], region[1], region[2], region[3])
-    return {"size": options.size, "quiet": quiet, "start_s": options.start_s, "stop_s": options.stop_s}
+    return {
+        "size": options.size,
+        "quiet": options.quiet_region,
+        "start_s": options.start_s,
+        "stop_s": options.stop_s,
+    }

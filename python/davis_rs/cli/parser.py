@@ -8,6 +8,9 @@ from typing import Any, NoReturn
 
 from .._util.close_names import did_you_mean
 
+_REGIONS = ("--roi", "--quiet-region")
+"""Options that are WIDTHxHEIGHT+LEFT+TOP in pixels."""
+
 
 class Parser(argparse.ArgumentParser):
     """Parses arguments that are added when it is used; options are taken by their whole names.
@@ -36,11 +39,23 @@ class Parser(argparse.ArgumentParser):
         self.fill()
         # Each of its arguments by what the library calls it; a command's are put in the place of its parent's.
         self.set_defaults(written={action.dest: _written(action) for action in self._actions})
+        self._refuse_corners(args or ())
         values, unknown = super().parse_known_args(args, namespace)
         if unknown:  # said here, because only the command's own parser knows its options
             named = next((given for given in unknown if given.startswith("--")), "").split("=")[0]
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._meant(named)}")
         return values, unknown
+
+    def _refuse_corners(self, args: Sequence[str]) -> None:
+        """Refuse a region by its corners, X0 Y0 X1 Y1, as some commands once took it; say its present form."""
+        for option in {*_REGIONS} & {*args} & {*self._option_string_actions}:
+            at = args.index(option) + 1
+            corners = args[at : at + 4]
+            if len(corners) == 4 and all(corner.isdecimal() for corner in corners):
+                x0, y0, x1, y1 = map(int, corners)
+                form = f"{x1 - x0}x{y1 - y0}+{x0}+{y0}" if x0 < x1 and y0 < y1 else "WIDTHxHEIGHT+LEFT+TOP"
+                said = f"in place of the corners {' '.join(corners)} give size and place, {option} {form}"
+                self.error(f"argument {option}: {said}")
 
     def _meant(self, option: str) -> str:
         options = [option for action in self._actions for option in action.option_strings if option.startswith("--")]
@@ -54,15 +69,6 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print one line in place of the whole usage."""
         self.exit(2, f"davis-rs: error: {message} (see {self.prog} --help)\n")
-
-    def _match_argument(self, action: argparse.Action, arg_strings_pattern: str) -> int:
-        """Say which arguments an option is followed by, where there are too few."""
-        try:
-            return super()._match_argument(action, arg_strings_pattern)
-        except argparse.ArgumentError as error:
-            if isinstance(action.metavar, tuple):
-                error.message += f": {' '.join(action.metavar)}"
-            raise
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:

@@ -91,7 +91,8 @@ def frame_part(
         wide, high = as_size(crop, "crop")
         left, top = (width - wide) // 2, (height - high) // 2
     elif roi is not None:
-        wide, high, left, top = parse_roi(roi)
+        left, top, right, bottom = parse_roi(roi)
+        wide, high = right - left, bottom - top
     else:
         wide, high = width, height
     if left < 0 or top < 0 or left + wide > width or top + high > height:
