@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import base64
 import html.parser
 import io
+import re
+import signal
+import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from PIL import Image
 
 import davis_rs
-from davis_rs import Dataset, Effects, EventComparison, Packet, load_scene
+from davis_rs import Dataset, Effects, EventComparison, Packet, Simulator, load_scene
+from davis_rs.geometry.camera import Camera
+from davis_rs.render import thumbnail
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
 from davis_rs.sensor.effects import LeakRate
 from davis_rs.sensor.presets import SENSORS
 from davis_rs.simulation.planning import plan_effects
+from lamp_box import lamp_box
 from written_sequence import HEIGHT, WIDTH, write_sequence
 
 EVIL = "<script>alert('1')</script>"
@@ -69,6 +79,75 @@ def test_scene_camera_and_trajectory() -> None:
     assert {"duration", "2 s", "top speed"} <= set(shown(scene.path).text)
     still = replace(scene, trajectory=None, camera=None)
     assert "none" in shown(still).text
+
+
+def picture_of(html_text: str) -> npt.NDArray[np.uint8]:
+    found = re.search(r"data:image/png;base64,([^']+)'", html_text)
+    assert found is not None
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(found.group(1)))))
+
+
+def test_a_scene_has_a_picture_of_what_its_camera_sees_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first frame, small and lighter; rendered once for an object."""
+    scene = load_scene("three_planes")
+    made: list[object] = []
+
+    def counted(*arguments: Any, **more: Any) -> Renderer:
+        made.append(arguments)
+        return make_renderer(*arguments, **more)
+
+    monkeypatch.setattr(thumbnail, "make_renderer", counted)
+    html_text = scene._repr_html_()
+    assert scene._repr_html_() == html_text
+    assert len(made) == 1
+    assert "luma at t = 0" in shown(scene).text
+    picture = picture_of(html_text)
+    assert picture.shape == (120, 160)
+    frame = next(Simulator(scene, rays_per_pixel=8).run()).luma
+    assert frame is not None
+    small = np.asarray(Image.fromarray(frame).resize((160, 120), Image.Resampling.BOX))
+    assert np.corrcoef(picture.ravel(), small.ravel() ** (1 / 2.4))[0, 1] > 0.97
+    tall = replace(scene, camera=Camera(100, 400, 200.0, 200.0, 49.5, 199.5))
+    assert picture_of(tall._repr_html_()).shape == (160, 40)
+    tiny = replace(scene, camera=Camera(12, 9, 10.0, 10.0, 5.5, 4.0), trajectory=None, start=scene.path.pose(0.0))
+    assert picture_of(tiny._repr_html_()).shape == (9, 12)
+    assert "luma from where a camera starts" in shown(tiny).text
+
+
+def test_a_scene_without_a_picture_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It never raises an error, and gives up after a while; Ctrl-C is still the user's."""
+    scene = load_scene("three_planes")
+    assert "no picture: the scene has no camera path" in shown(replace(scene, trajectory=None, start=None)).text
+
+    def broken() -> Any:
+        raise RuntimeError(EVIL)
+
+    tags = shown(replace(scene, source=broken))
+    assert "script" not in tags.seen
+    assert f"no picture: {EVIL}" in "".join(tags.text)
+
+    def endless() -> Any:
+        time.sleep(30)
+
+    monkeypatch.setattr(thumbnail, "_LONGEST_S", 0.05)
+    before = signal.getsignal(signal.SIGALRM)
+    began = time.monotonic()
+    assert "no picture: it takes longer than 0.05 s" in shown(replace(scene, source=endless)).text
+    assert time.monotonic() - began < 5
+    assert signal.getsignal(signal.SIGALRM) == before
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+    def interrupted() -> Any:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        replace(scene, source=interrupted)._repr_html_()
+
+
+def test_a_scene_that_the_native_renderer_cannot_render_has_a_picture_too() -> None:
+    """An area light needs Mitsuba's integrators, or light that is baked first."""
+    picture = picture_of(lamp_box()._repr_html_())
+    assert picture.std() > 5
 
 
 def test_effects_sensor_and_comparison_have_units() -> None:

@@ -7,7 +7,9 @@ import html
 from collections.abc import Iterable, Sequence
 
 
-def html_table(title: str, rows: Iterable[Sequence[str]], *, heads: Sequence[str] = (), below: str = "") -> str:
+def html_table(
+    title: str, rows: Iterable[Sequence[str]], *, heads: Sequence[str] = (), below: str = "", beside: str = ""
+) -> str:
     """Return a table with a line above it; the first cell of each row names it.
 
     Args:
@@ -15,6 +17,7 @@ def html_table(title: str, rows: Iterable[Sequence[str]], *, heads: Sequence[str
         rows: cells of text, which is escaped.
         heads: of the columns, if there are any.
         below: HTML that follows, such as a picture of :func:`html_picture`; it is not escaped.
+        beside: HTML to the right of the table, likewise.
     """
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in heads)
     lines = [
@@ -23,10 +26,10 @@ def html_table(title: str, rows: Iterable[Sequence[str]], *, heads: Sequence[str
         )
         for name, *cells in rows
     ]
-    return (
-        f"<div><b>{html.escape(title)}</b><table>{f'<tr>{head}</tr>' if head else ''}{''.join(lines)}</table>"
-        f"{below}</div>"
-    )
+    table = f"<table>{f'<tr>{head}</tr>' if head else ''}{''.join(lines)}</table>"
+    if beside:
+        table = f"<div style='display:flex;gap:16px;align-items:flex-start'>{table}<div>{beside}</div></div>"
+    return f"<div><b>{html.escape(title)}</b>{table}{below}</div>"
 
 
 def html_picture(png: bytes, width: int) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +127,14 @@ class Scene:
         ]
         if self.note:
             rows.append(("note", self.note))
-        return html_table(f"Scene {self.name}", rows, below="" if path is None else path.html_plot())
+        below = "" if path is None else path.html_plot()
+        return html_table(f"Scene {self.name}", rows, below=below, beside=self._html_picture)
+
+    @cached_property
+    def _html_picture(self) -> str:
+        """Return a small picture of what its camera sees first, or why there is none, as HTML."""
+        # Renderers lie above scenes, so that none is imported before a notebook shows one.
+        return str(import_module("davis_rs.render.thumbnail").scene_picture(self))
 
     @property
     def path(self) -> Trajectory:
