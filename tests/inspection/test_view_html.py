@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from command_line import davis_rs
-from davis_rs import EVENT_DTYPE, convert, load_scene, simulate_to_folder, view_html
+from davis_rs import EVENT_DTYPE, convert, load_scene, open_writer, simulate_to_folder, view_html
 from davis_rs._util.terminal_text import printable
 from davis_rs.geometry.camera import Camera
 from davis_rs.inspection import html_page, page_layers
@@ -507,6 +507,15 @@ def test_a_browser_shows_depth_behind_the_events(with_truth: Path, tmp_path: Pat
         assert (near(cloud, (253, 231, 37), 6) > 2_000) == (name == "depth")
 
 
+def with_script(page: Path, script: str) -> Path:
+    """The page with one more script before its own, which its content security policy lets run."""
+    scripted = page.with_name("scripted.html")
+    text = page.read_text("utf-8").replace("script-src '", f"script-src '{html_page._hash(script)}' '")
+    own = '<script type="application/json"'
+    scripted.write_text(text.replace(own, f"<script>{script}</script>\n{own}"), "utf-8")
+    return scripted
+
+
 def with_pointer(page: Path, x: float, y: float) -> Path:
     """A page over whose sensor the pointer moves, when it is ready, to fractions of width and height."""
     script = f"""const wait = setInterval(() => {{
@@ -516,10 +525,7 @@ def with_pointer(page: Path, x: float, y: float) -> Path:
       const at = {{ clientX: box.left + {x} * box.width, clientY: box.top + {y} * box.height }};
       canvas.dispatchEvent(new PointerEvent("pointermove", at));
     }}, 20);"""
-    pointed = page.with_name("pointed.html")
-    text = page.read_text("utf-8").replace("script-src '", f"script-src '{html_page._hash(script)}' '")
-    pointed.write_text(text.replace("</body>", f"<script>{script}</script>\n</body>"), "utf-8")
-    return pointed
+    return with_script(page, script)
 
 
 @pytest.mark.parametrize(
@@ -535,6 +541,38 @@ def test_a_browser_names_the_shape_at_the_pointer(
     found = re.search(r'<span id="shape-name"([^>]*)>([^<]*)</span>', shown)
     assert found is not None
     assert (None if "hidden" in found[1] else found[2]) == name
+
+
+def test_a_browser_draws_many_events_in_parts(tmp_path: Path) -> None:
+    """While something moves some of them, and says so; a little later all: each pixel has its newest event's colour."""
+    rng, count, size = np.random.default_rng(3), 130_000, (60, 40)
+    events = np.zeros(count, EVENT_DTYPE)
+    events["t"] = np.sort(rng.integers(1, 1_000_000, count))
+    # Some pixels have had no event for long: only a drawing of all events has theirs.
+    events["x"], events["p"] = rng.integers(0, 60, count), rng.integers(0, 2, count)
+    events["y"] = np.minimum(39, rng.exponential(4, count)).astype(int)
+    with open_writer(tmp_path / "e.raw", size) as writer:
+        writer.write(events)
+    view_html(tmp_path / "e.raw", tmp_path / "p.html", t_s=events["t"][-1] / 1e6, window_s=2.0)
+    # Pictures by a timer, because a headless browser makes them when it likes.
+    script = """window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 16);
+    const says = document.getElementById("sensor-says"), canvas = document.getElementById("sensor"), said = [];
+    new MutationObserver(() => {
+      document.body.dataset.said = (said.push(says.textContent), said.join(";"));
+      if (said.length !== 3) return;
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      document.body.dataset.reds = data.filter((_, i) => i % 4 === 0);
+    }).observe(says, { childList: true });
+    new MutationObserver(() => {
+      document.getElementById("cloud").dispatchEvent(new WheelEvent("wheel", { deltaY: 1 }));
+    }).observe(document.documentElement, { attributes: true });"""
+    shown = browse(with_script(tmp_path / "p.html", script), tmp_path, "1280,800", "--dump-dom")
+    noted = dict(re.findall(r'data-(said|reds)="([^"]*)"', shown))
+    some, whole = "130,000 events (1 in 4 drawn while it moves) of the last 2.00 s", "130,000 events of the last 2.00 s"
+    assert noted["said"].split(";") == [whole, some, whole]
+    expected = np.full((40, 60), 255)
+    expected[events["y"], events["x"]] = np.where(events["p"] == 1, 202, 5)  # red of ON and of OFF; the newest stays
+    assert np.array_equal(np.array(noted["reds"].split(","), int).reshape(40, 60), expected)
 
 
 def test_a_browser_draws_the_page(folder: Path, tmp_path: Path) -> None:

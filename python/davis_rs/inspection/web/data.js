@@ -24,20 +24,24 @@ const inflated = async (text) => {
 
 const data = JSON.parse(element("data").textContent);
 
-/** Times, polarities and pixels of the events, from planes of bytes: html_page.py says how they lie. */
+const BLOCK = 1024;
+
+/** Times, polarities and pixels of the events, from planes of bytes: html_page.py says how they lie; ON events before each block. */
 const events = await (async () => {
   const bytes = await inflated(data.events.packed), count = data.events.kept;
   const t = new Float64Array(count), on = new Uint8Array(count), xy = new Uint16Array(2 * count);
-  let ticks = 0;
+  const onBefore = new Uint32Array(Math.ceil(count / BLOCK) + 1);
+  let ticks = 0, sum = 0;
   for (let i = 0; i < count; i++) {
+    if (i % BLOCK === 0) onBefore[i / BLOCK] = sum;
     const step = (bytes[i] | bytes[i + count] << 8 | bytes[i + 2 * count] << 16 | bytes[i + 3 * count] << 24) >>> 0;
     ticks += step >>> 1;
     t[i] = ticks * data.events.tick_us;
-    on[i] = step & 1;
+    sum += on[i] = step & 1;
     xy[2 * i] = bytes[i + 4 * count] | bytes[i + 5 * count] << 8;
     xy[2 * i + 1] = bytes[i + 6 * count] | bytes[i + 7 * count] << 8;
   }
-  return { count, word: count < data.events.total ? "sampled events" : "events", t, on, xy };
+  return { count, word: count < data.events.total ? "sampled events" : "events", t, on, xy, onBefore };
 })();
 
 const stamped = (part) => part && { t: new Float64Array(bytesOf(part.t)), values: new Float32Array(bytesOf(part.values)) };
@@ -53,6 +57,33 @@ const countUntil = (times, limit) => {
   return low;
 };
 
+/** How many of the events from `first` to before `last` are shown. */
+const countShown = (first, last, show) => {
+  const onUntil = (index) => {
+    const block = Math.floor(index / BLOCK);
+    let sum = events.onBefore[block];
+    for (let i = block * BLOCK; i < index; i++) sum += events.on[i];
+    return sum;
+  };
+  const on = onUntil(last) - onUntil(first);
+  return (show.on ? on : 0) + (show.off ? last - first - on : 0);
+};
+
+// A panel is drawn from so many events while something changes, in less than the time of a picture on a screen of 60 Hz. Those that
+// are left out are drawn once nothing moves, in parts of some milliseconds.
+const AT_ONCE = 40000, A_PART = 80000;
+// The events that are drawn at first are runs of neighbours, which lie together in memory.
+const RUN = 16;
+
+/** The number of the event that is drawn after number `k`, where one run in `step` is drawn. */
+const nextDrawn = (k, step) => k % RUN === RUN - 1 ? k + 1 + RUN * (step - 1) : k + 1;
+
+/** What a panel's text says of events, one in `step` of which is drawn. */
+const eventsText = (count, step, length_us) => {
+  const some = step > 1 ? ` (1 in ${step} drawn while it moves)` : "";
+  return `${number(count)} ${events.word}${some} of the last ${lengthText(length_us)}`;
+};
+
 const ON = [202, 0, 32], OFF = [5, 113, 176];  // as in the figures of davis-rs view
 const number = (value) => value.toLocaleString("en-US");
 
@@ -62,11 +93,17 @@ const lengthText = (us) => {
   return us < 1e6 ? `${(us / 1e3).toPrecision(3)} ms` : `${(us / 1e6).toPrecision(3)} s`;
 };
 
-/** A canvas whose pixels are those of the screen; draws in CSS pixels. Returns the context and the size in CSS pixels. */
-const sharp = (canvas, height) => {
+/** Give a canvas the pixels of the screen. Returns its size in CSS pixels, and how many of its own make one. */
+const sharpSize = (canvas, height) => {
   const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth;
   const columns = Math.max(1, Math.round(width * ratio)), rows = Math.max(1, Math.round(height * ratio));
   if (canvas.width !== columns || canvas.height !== rows) { canvas.width = columns; canvas.height = rows; }
+  return { width, height, ratio };
+};
+
+/** The same, cleared, with a context that draws in CSS pixels. */
+const sharp = (canvas, height) => {
+  const { width, ratio } = sharpSize(canvas, height);
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);

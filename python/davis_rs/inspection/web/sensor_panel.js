@@ -68,20 +68,26 @@ const sensorPanel = (() => {
     names = show.layer ? show.layer.names : {};
     showName();
     pixels.set(background);
-    const first = countUntil(events.t, t - window_us), last = countUntil(events.t, t);
-    let count = 0;
-    for (let i = first; i < last; i++) {
-      if (events.on[i] ? !show.on : !show.off) continue;
-      pixels[events.xy[2 * i + 1] * width + events.xy[2 * i]] = colours[events.on[i]];
-      count++;
-    }
-    context.putImageData(picture, 0, 0);
-    const says = [`${number(count)} ${events.word} of the last ${lengthText(window_us)}`];
-    if (show.layer) {
-      const { name, t: times } = show.layer;
-      const when = index < 0 ? `no ${name} yet` : `${name} of ${((times[index] + data.start_us) / 1e6).toFixed(4)} s`;
-      says.push(show.layer.says ? `${when}: ${show.layer.says}` : when);
-    }
-    element("sensor-says").textContent = says.join("; ");
+    const first = countUntil(events.t, t - window_us), total = countUntil(events.t, t) - first;
+    return {
+      total,
+      put: (from, to, step) => {
+        for (let k = from; k < to; k = nextDrawn(k, step)) {
+          const i = first + k;
+          if (events.on[i] ? !show.on : !show.off) continue;
+          pixels[events.xy[2 * i + 1] * width + events.xy[2 * i]] = colours[events.on[i]];
+        }
+      },
+      show: (step) => {
+        context.putImageData(picture, 0, 0);
+        const says = [eventsText(countShown(first, first + total, show), step, window_us)];
+        if (show.layer) {
+          const { name, t: times } = show.layer;
+          const when = index < 0 ? `no ${name} yet` : `${name} of ${((times[index] + data.start_us) / 1e6).toFixed(4)} s`;
+          says.push(show.layer.says ? `${when}: ${show.layer.says}` : when);
+        }
+        element("sensor-says").textContent = says.join("; ");
+      },
+    };
   };
 })();

@@ -1,6 +1,6 @@
 // Time, the controls, and what is drawn when one of them changes.
 
-const state = { t: data.t_us, playing: false, speed: data.speed, window: data.window_us, length: 0, dirty: true };
+const state = { t: data.t_us, playing: false, speed: data.speed, window: data.window_us, length: 0, dirty: false };
 // The cloud is longer than the window, and has some thousands of events where there are as many.
 state.length = Math.min(data.duration_us, Math.max(5 * state.window, 5000 / Math.max(1, events.count) * data.duration_us));
 
@@ -104,11 +104,35 @@ element("notes").textContent = [
     .map((layer) => `${layer.t.length} of ${number(layer.total)} ${layer.maps} are shown, evenly spaced.`),
 ].join(" ");
 
+// Panels of which only some events are drawn so far, and the one that is being drawn whole, with how many events it has.
+let rest = [], whole = null;
+const unfinished = () => whole || rest.length;
+
+/** Draw a part of what was left out. Whatever changes then, it begins with some of the events again. */
+const drawRest = () => {
+  whole ||= { panel: rest.shift()(), done: 0 };
+  const { panel, done } = whole, until = Math.min(panel.total, done + A_PART);
+  panel.put(done, until, 1);
+  whole.done = until;
+  if (until < panel.total) return;
+  panel.show(1);
+  whole = null;
+};
+
 const draw = () => {
+  whole = null;
   const layer = layers[Number(element("behind").value)];
   const show = { layer, on: element("show-on").checked, off: element("show-off").checked };
-  sensorPanel(state.t, state.window, show);
-  drawCloud(element("cloud"), cloudView, state.t, state.length, show);
+  const panels = [
+    () => sensorPanel(state.t, state.window, show),
+    () => cloudPanel(element("cloud"), cloudView, state.t, state.length, show),
+  ];
+  rest = panels.map((begin) => {
+    const panel = begin(), step = Math.ceil(panel.total / AT_ONCE) || 1;
+    panel.put(0, panel.total, step);
+    panel.show(step);
+    return step > 1 ? begin : null;
+  }).filter(Boolean);
   if (pathScene) drawPath(element("path"), pathView, state.t);
   for (const plot of plots) plot(state.t);
   element("time").value = state.t / data.duration_us;
@@ -126,6 +150,9 @@ const tick = (now) => {
   if (state.dirty) {
     state.dirty = false;
     draw();
+  } else {
+    const end = performance.now() + 8;
+    while (unfinished() && performance.now() < end) drawRest();
   }
   window.requestAnimationFrame(tick);
 };
@@ -133,6 +160,8 @@ const tick = (now) => {
 layersLoaded.then(() => {
   fromAddress();
   draw();
+  while (unfinished()) drawRest();
+  state.dirty = false;
   document.documentElement.dataset.state = "ready";
   window.requestAnimationFrame(tick);
 }).catch((error) => {
