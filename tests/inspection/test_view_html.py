@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import re
+import shlex
 import shutil
 import subprocess
 import zlib
@@ -29,7 +30,7 @@ from davis_rs.geometry.camera import Camera
 from davis_rs.inspection import html_page, page_layers
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB
 from davis_rs.inspection.page_layers import layers_of
-from davis_rs.inspection.sampling_for_display import evenly_spaced, event_counts, sample_events
+from davis_rs.inspection.sampling_for_display import evenly_spaced, event_counts, sample_events, span_of_events
 from davis_rs.inspection.truth_pictures import depth_picture, normals_picture, shape_colours
 from davis_rs.inspection.visual_sequence import VisualSequence, display_grey
 from davis_rs.io.dataset.reader import Dataset
@@ -541,6 +542,85 @@ def test_a_browser_names_the_shape_at_the_pointer(
     found = re.search(r'<span id="shape-name"([^>]*)>([^<]*)</span>', shown)
     assert found is not None
     assert (None if "hidden" in found[1] else found[2]) == name
+
+
+EVENT_TIMES = st.lists(st.integers(0, 60), min_size=1, max_size=40).map(sorted)
+
+
+@given(EVENT_TIMES, st.integers(1, 45), st.none() | st.integers(0, 60))
+def test_a_span_is_whole(times: list[int], most: int, around_us: int | None) -> None:
+    """No more than asked for, and none is missing between its ends; it is the densest, or that around the time."""
+    events = np.zeros(len(times), EVENT_DTYPE)
+    events["t"], events["x"] = times, np.arange(len(times))
+    span = span_of_events(events, most, around_us)
+    assert 1 <= len(span) <= most
+    if len(events) <= most:
+        assert len(span) == len(events)
+        return
+    first, last = span["t"][0], span["t"][-1]
+    if first < last:
+        assert np.array_equal(span, events[(events["t"] >= first) & (events["t"] <= last)])
+    lengths = events["t"][most - 1 :] - events["t"][: len(events) - most + 1]
+    if around_us is None:
+        assert last - first <= lengths.min()
+    elif len({*times}) == len(times):  # times that differ: the span has as many before as after, where there are
+        before, after = np.count_nonzero(span["t"] < around_us), np.count_nonzero(span["t"] >= around_us)
+        assert span["x"][0] == 0 or span["x"][-1] == len(times) - 1 or abs(before - after) <= 1
+
+
+def test_a_page_of_a_span(folder: Path, tmp_path: Path) -> None:
+    """All events of it and none of the others; it opens in its middle, or at the time that was asked for."""
+    events = Dataset(folder).events
+    page = view_html(folder, tmp_path / "p.html", max_events=500, whole=True)
+    data = Page(tmp_path / "p.html").data
+    kept, (first_us, last_us) = events_in(data), data["events"]["span_us"]
+    assert np.array_equal(kept, events[(events["t"] >= first_us) & (events["t"] <= last_us)])
+    assert page.kept["events"] == (len(kept), len(events))
+    assert data["t_us"] == (first_us + last_us) // 2
+    assert 400 < len(kept) <= 500
+    ran = davis_rs("view", folder, "--html", tmp_path / "q.html", "--max-events", "500", "--whole", "--time", "0.02")
+    assert ran.returncode == 0
+    data = Page(tmp_path / "q.html").data
+    first_us, last_us = data["events"]["span_us"]
+    assert first_us < data["t_us"] == 20_000 < last_us
+    assert Page(tmp_path / "q.html").data["window_us"] < last_us - first_us
+    view_html(folder, tmp_path / "r.html", whole=True)
+    assert Page(tmp_path / "r.html").data["events"]["span_us"] is None
+
+
+def test_a_page_says_how_to_keep_all(folder: Path, tmp_path: Path) -> None:
+    """By a command that does, with all else as it was; one that has all says nothing."""
+    output, options = tmp_path / "a page & more.html", ["--time", "0.02", "--speed", "0.1", "--max-frames", "2"]
+    ran = davis_rs("view", folder, "--html", output, "--max-events", "100", *options)
+    some = Page(output)
+    command = "".join(some.texts["code"])
+    assert command in ran.stdout
+    words = shlex.split(command)
+    assert words[:2] == ["davis-rs", "view"]
+    assert davis_rs(*words[1:]).returncode == 0
+    whole = Page(output)
+    assert whole.data["events"]["kept"] == whole.data["events"]["total"] == some.data["events"]["total"]
+    assert "code" not in whole.texts
+    for name in ("t_us", "speed"):
+        assert whole.data[name] == some.data[name]
+    assert len(whole.data["layers"][0]["t"]) == 2
+    inline = view_html(folder, inline=True, max_events=10, size=(WIDTH, HEIGHT))
+    total = len(Dataset(folder).events)
+    call = f"davis_rs.view_html({str(folder)!r}, inline=True, max_events={total}, size=({WIDTH}, {HEIGHT}))"
+    assert inline.keep_all == call
+
+
+def test_a_browser_says_where_events_are_kept(folder: Path, tmp_path: Path) -> None:
+    view_html(folder, tmp_path / "p.html", max_events=500, whole=True, t_s=0.02)
+    first_us, last_us = Page(tmp_path / "p.html").data["events"]["span_us"]
+    span = f"from {first_us / 1e6:.4f} s to {last_us / 1e6:.4f} s"
+    for address, said in (("", "events of the last"), ("#t=0.06", f"no events are kept here, those {span} are")):
+        shown = browse(tmp_path / "p.html", tmp_path, "1280,800", "--dump-dom", address)
+        found = re.search(r'id="sensor-says">([^<]*)<', shown)
+        assert found is not None
+        assert said in found[1]
+        assert "sampled" not in found[1]
+        assert re.search(rf"Events shown are all [\d,]+ {span}, of [\d,]+; the event rate counts all of them", shown)
 
 
 def test_a_browser_draws_many_events_in_parts(tmp_path: Path) -> None:

@@ -90,6 +90,12 @@ def add_view(parser: argparse.ArgumentParser) -> None:
         "cloud)",
     )
     parser.add_argument(
+        "--whole",
+        action="store_true",
+        default=None,
+        help="page: where there are more, keep all events of one span of time, around --time or where they are densest",
+    )
+    parser.add_argument(
         "--max-frames",
         type=int,
         metavar="N",
@@ -100,7 +106,7 @@ def add_view(parser: argparse.ArgumentParser) -> None:
 _SETTINGS = {
     "output": ("t_s", "window_s"),
     "video": ("fps", "speed", "panels", "window_s", "events_per_picture", "full_scale"),
-    "html": ("t_s", "window_s", "speed", "max_events", "max_frames"),
+    "html": ("t_s", "window_s", "speed", "max_events", "max_frames", "whole"),
     "rerun": ("max_events", "max_frames"),
 }
 """By what is made, the options that it takes."""

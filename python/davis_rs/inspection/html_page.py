@@ -7,7 +7,9 @@ import hashlib
 import html
 import json
 import math
+import shlex
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -24,7 +26,7 @@ from .._util.whole_file import write_whole
 from ..events.arrays import EventArray
 from ..geometry.pose import GroundTruth
 from .page_layers import layers_of
-from .sampling_for_display import evenly_spaced, event_counts, sample_events
+from .sampling_for_display import evenly_spaced, event_counts, sample_events, span_of_events
 from .visual_sequence import VisualSequence, open_visual_sequence
 
 MAX_EVENTS = 5_000_000
@@ -57,17 +59,20 @@ class HtmlPage:
             ``disparity maps``, ``IMU samples`` and ``poses``: how many the page holds, and how many there are. What the
             source does not have is not listed.
         size_bytes: of the file.
+        keep_all: the command, or the call, that makes such a page with all events; "" where it has all.
         text: of the page, where it was made inline.
     """
 
     path: Path | None
     kept: dict[str, tuple[int, int]]
     size_bytes: int
+    keep_all: str = ""
     text: str | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
         where = "a page" if self.path is None else self.path
-        return f"{where}: {_kept_text(self.kept)}; {self.size_bytes / 1e6:.1f} MB"
+        more = f"; all events: {self.keep_all}" if self.keep_all else ""
+        return f"{where}: {_kept_text(self.kept)}; {self.size_bytes / 1e6:.1f} MB{more}"
 
     def _repr_html_(self) -> str | None:
         if self.text is None:
@@ -88,14 +93,16 @@ def view_html(
     size: tuple[int, int] | None = None,
     max_events: int | None = None,
     max_frames: int | None = None,
+    whole: bool = False,
     show_progress: bool = False,
 ) -> HtmlPage:
     """Write a page that plays a sequence: events over frames or maps of the ground truth, a space-time cloud, event
     rates, IMU and camera path.
 
     The page is one file: program and data are in it, and its content security policy allows neither other scripts nor
-    any access to a network. Its size is bounded, because long sequences are sampled; the page says how much is kept.
-    The plot of event rates is made from all events. Frames hold linear light and are shown with sRGB's transfer curve.
+    any access to a network. Its size is bounded, because long sequences are sampled; the page says how much is kept,
+    and which command keeps all. The plot of event rates is made from all events. Frames hold linear light and are shown
+    with sRGB's transfer curve.
 
     Args:
         source: a dataset folder, an event file of any format, or a recording (AEDAT, or a camera's bytes).
@@ -111,6 +118,8 @@ def view_html(
             the file, inline a third more in the notebook's.
         max_frames: frames that are kept, at least 1, and maps of each kind; by default as many as fit 4 MB of the file,
             maps 1.3 MB.
+        whole: where there are more events than are kept, keep all of one span of time, and none of the others, in place
+            of some from everywhere: of the span around ``t_s``, or of the one in which they are densest.
         show_progress: how far it is, on standard error.
 
     Returns:
@@ -140,17 +149,26 @@ def view_html(
         raise ArgumentError("{t_s} must lie in the sequence, {:g}..{:g} s, got {}", start_us / 1e6, end_us / 1e6, t_s)
 
     duration_us = max(1, end_us - start_us)
-    events = sample_events(sequence.events, max_events or (MAX_EVENTS_INLINE if inline else MAX_EVENTS))
+    most = max_events or (MAX_EVENTS_INLINE if inline else MAX_EVENTS)
+    around_us = None if t_s is None else round(t_s * 1e6)
+    span_us: tuple[int, int] | None = None
+    if whole and len(sequence.events) > most:
+        events = span_of_events(sequence.events, most, around_us)
+        span_us = int(events["t"][0]), int(events["t"][-1])
+        around_us = (span_us[0] + span_us[1]) // 2 if around_us is None else around_us
+    else:
+        events = sample_events(sequence.events, most)
+    rate_per_us = len(events) / (duration_us if span_us is None else max(1, span_us[1] - span_us[0]))
     data: JsonObject = {
         "width": sequence.size[0],
         "height": sequence.size[1],
         "start_us": start_us,
         "duration_us": duration_us,
-        "t_us": (duration_us // 2) if t_s is None else round(t_s * 1e6) - start_us,
-        "window_us": round(window_s * 1e6) if window_s is not None else _window_us(sequence, len(events), duration_us),
+        "t_us": duration_us // 2 if around_us is None else around_us - start_us,
+        "window_us": round(window_s * 1e6) if window_s is not None else _window_us(sequence, rate_per_us, duration_us),
         "speed": speed or min(_SPEEDS, key=lambda speed: abs(math.log(speed * _PLAYING_TIME_S * 1e6 / duration_us))),
         "speeds": sorted({*_SPEEDS, *([speed] if speed else [])}, reverse=True),
-        "events": _packed_events(sequence, events, duration_us),
+        "events": _packed_events(sequence, events, duration_us, span_us),
         "rate": _packed_rates(sequence),
         "layers": [layer.packed(start_us, max_frames, show_progress=show_progress) for layer in layers_of(sequence)],
         "imu": _packed_imu(sequence),
@@ -163,17 +181,38 @@ def view_html(
         for name, part in (("IMU samples", data["imu"]), ("poses", data["path"]))
         if part
     }
-    text = _page(sequence.label, kept, sequence.read_note(), data)
+    keep_all = ""
+    if len(events) < len(sequence.events):
+        given = {"t_s": t_s, "window_s": window_s, "speed": speed, "size": size, "max_frames": max_frames}
+        keep_all = _call_for_all(source, output, len(sequence.events), given)
+    text = _page(sequence.label, kept, sequence.read_note(), keep_all, data)
     if output is not None:
         write_whole(output, text)
-    return HtmlPage(output, kept, len(text), text.decode() if inline else None)
+    return HtmlPage(output, kept, len(text), keep_all, text.decode() if inline else None)
 
 
 def _kept_text(kept: dict[str, tuple[int, int]]) -> str:
     return ", ".join(f"{some:,} of {total:,} {name}" for name, (some, total) in kept.items())
 
 
-def _page(label: str, kept: dict[str, tuple[int, int]], note: str | None, data: dict[str, object]) -> bytes:
+_OPTIONS = {"t_s": "--time", "window_s": "--window", "speed": "--speed", "size": "--size", "max_frames": "--max-frames"}
+
+
+def _call_for_all(source: str | Path, output: Path | None, events: int, given: Mapping[str, object]) -> str:
+    """Return what makes the page with all events: a command, or for a notebook a call; ``given`` are its arguments."""
+    given = {name: value for name, value in given.items() if value is not None}
+    if output is None:
+        more = "".join(f", {name}={value!r}" for name, value in given.items())
+        return f"davis_rs.view_html({str(source)!r}, inline=True, max_events={events}{more})"
+    words = ["davis-rs", "view", str(source), "--html", str(output), "--max-events", str(events)]
+    for name, value in given.items():
+        words += [_OPTIONS[name], "{}x{}".format(*value) if isinstance(value, tuple) else str(value)]
+    return shlex.join(words)
+
+
+def _page(
+    label: str, kept: dict[str, tuple[int, int]], note: str | None, keep_all: str, data: dict[str, object]
+) -> bytes:
     """Return the whole page. What comes from files is escaped, and the policy lets only the script of this hash run."""
     web = files(__package__) / "web"
     script = (
@@ -190,6 +229,7 @@ def _page(label: str, kept: dict[str, tuple[int, int]], note: str | None, data: 
         label=html.escape(label),
         kept=html.escape(_kept_text(kept)),
         note="" if note is None else html.escape(f" Note: {note}."),
+        keep_all=f" For all events: <code>{html.escape(keep_all)}</code>" if keep_all else "",
         script=script,
         style=style,
         script_hash=_hash(script),
@@ -208,15 +248,17 @@ def _base64(array: npt.NDArray[np.generic], dtype: str) -> str:
     return base64.b64encode(np.ascontiguousarray(array, dtype).tobytes()).decode()
 
 
-def _window_us(sequence: VisualSequence, kept: int, duration_us: int) -> int:
-    """Return the time in which the kept events cover a share of the pixels."""
+def _window_us(sequence: VisualSequence, rate_per_us: float, duration_us: int) -> int:
+    """Return the time in which the kept events, at their rate, cover a share of the pixels."""
     pixels = sequence.size[0] * sequence.size[1]
-    window = _EVENTS_A_PIXEL * pixels * duration_us / max(1, kept)
+    window = _EVENTS_A_PIXEL * pixels / rate_per_us if rate_per_us else math.inf
     return max(1, round(min(max(window, duration_us / 1000), duration_us / 4)))
 
 
-def _packed_events(sequence: VisualSequence, events: EventArray, duration_us: int) -> dict[str, object]:
-    """Return the events as bytes, compressed by zlib (RFC 1950).
+def _packed_events(
+    sequence: VisualSequence, events: EventArray, duration_us: int, span_us: tuple[int, int] | None
+) -> dict[str, object]:
+    """Return the events as bytes, compressed by zlib (RFC 1950), and the span of time that they are all of, if any.
 
     First all lowest bytes of the uint32 numbers that hold, for each event, the ticks since the event before and in the
     lowest bit the polarity; then their second bytes, and so on. Then likewise x and y, uint16. Equal bytes of
@@ -232,6 +274,7 @@ def _packed_events(sequence: VisualSequence, events: EventArray, duration_us: in
         "total": len(sequence.events),
         "kept": len(events),
         "tick_us": tick_us,
+        "span_us": None if span_us is None else [t_us - sequence.start_us for t_us in span_us],
         "packed": base64.b64encode(zlib.compress(b"".join(planes))).decode(),
     }
 

@@ -28,6 +28,35 @@ def sample_events(events: EventArray, most: int) -> EventArray:
     return events[edges[:-1] + offsets]
 
 
+def span_of_events(events: EventArray, most: int, around_us: int | None = None) -> EventArray:
+    """Return all events of one span of time, at most ``most``: of that around a time, or where they are densest.
+
+    Args:
+        around_us: a time in microseconds, with as many events before as after it; None for the span that takes the
+            least time.
+
+    Raises:
+        ValueError: if ``most`` is not at least 1.
+    """
+    if most < 1:
+        raise ValueError(f"at least 1 event must be kept, got {most}")
+    count, t_us = len(events), events["t"]
+    if count <= most:
+        return events
+    if around_us is None:
+        first = int(np.argmin(t_us[most - 1 :] - t_us[: count - most + 1]))
+    else:
+        first = int(np.clip(np.searchsorted(t_us, around_us) - most // 2, 0, count - most))
+    stop = first + most
+    # A microsecond at an end counts if all of its events do.
+    whole_first, whole_stop = first, stop
+    if first > 0 and t_us[first - 1] == t_us[first]:
+        whole_first = int(np.searchsorted(t_us, t_us[first], "right"))
+    if stop < count and t_us[stop - 1] == t_us[stop]:
+        whole_stop = int(np.searchsorted(t_us, t_us[stop], "left"))
+    return events[whole_first:whole_stop] if whole_first < whole_stop else events[first:stop]
+
+
 def evenly_spaced(count: int, most: int) -> Indices:
     """Return at most ``most`` of the indices 0 .. ``count`` - 1, evenly spaced, with the first and the last."""
     if count <= most:

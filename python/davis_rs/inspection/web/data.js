@@ -41,7 +41,7 @@ const events = await (async () => {
     xy[2 * i] = bytes[i + 4 * count] | bytes[i + 5 * count] << 8;
     xy[2 * i + 1] = bytes[i + 6 * count] | bytes[i + 7 * count] << 8;
   }
-  return { count, word: count < data.events.total ? "sampled events" : "events", t, on, xy, onBefore };
+  return { count, word: count < data.events.total && !data.events.span_us ? "sampled events" : "events", t, on, xy, onBefore };
 })();
 
 const stamped = (part) => part && { t: new Float64Array(bytesOf(part.t)), values: new Float32Array(bytesOf(part.values)) };
@@ -55,6 +55,12 @@ const countUntil = (times, limit) => {
     if (times[middle] <= limit) low = middle + 1; else high = middle;
   }
   return low;
+};
+
+/** The time of which all events are kept, as text. */
+const spanText = () => {
+  const [from, to] = data.events.span_us.map((t) => ((t + data.start_us) / 1e6).toFixed(4));
+  return `from ${from} s to ${to} s`;
 };
 
 /** How many of the events from `first` to before `last` are shown. */
@@ -78,10 +84,12 @@ const RUN = 16;
 /** The number of the event that is drawn after number `k`, where one run in `step` is drawn. */
 const nextDrawn = (k, step) => k % RUN === RUN - 1 ? k + 1 + RUN * (step - 1) : k + 1;
 
-/** What a panel's text says of events, one in `step` of which is drawn. */
-const eventsText = (count, step, length_us) => {
+/** What a panel's text says of the events of some time until `t`, one in `step` of which is drawn. */
+const eventsText = (count, step, t, length_us, where = "") => {
+  const span = data.events.span_us;
+  if (span && (t < span[0] || t - length_us > span[1])) return `no events are kept here, those ${spanText()} are`;
   const some = step > 1 ? ` (1 in ${step} drawn while it moves)` : "";
-  return `${number(count)} ${events.word}${some} of the last ${lengthText(length_us)}`;
+  return `${number(count)} ${events.word}${some} of the last ${lengthText(length_us)}${where}`;
 };
 
 const ON = [202, 0, 32], OFF = [5, 113, 176];  // as in the figures of davis-rs view

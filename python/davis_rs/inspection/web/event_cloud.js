@@ -93,7 +93,7 @@ const cloudPanel = (canvas, view, t, length_us, show) => {
       context.drawImage(points, 0, 0, width, height);
       if (!pictureIsFar) drawPicture(context, 0.6);
       drawLabels(context);
-      element("cloud-says").textContent = `${eventsText(countShown(first, last, show), step, length_us)} in space and time`;
+      element("cloud-says").textContent = eventsText(countShown(first, last, show), step, t, length_us, " in space and time");
     },
   };
 };

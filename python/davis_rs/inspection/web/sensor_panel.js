@@ -80,7 +80,7 @@ const sensorPanel = (() => {
       },
       show: (step) => {
         context.putImageData(picture, 0, 0);
-        const says = [eventsText(countShown(first, first + total, show), step, window_us)];
+        const says = [eventsText(countShown(first, first + total, show), step, t, window_us)];
         if (show.layer) {
           const { name, t: times } = show.layer;
           const when = index < 0 ? `no ${name} yet` : `${name} of ${((times[index] + data.start_us) / 1e6).toFixed(4)} s`;

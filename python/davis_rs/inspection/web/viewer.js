@@ -97,9 +97,10 @@ element("motion").hidden = !hasImu && !pathScene;
 element("motion").classList.toggle("single", !hasImu || !pathScene);
 
 element("notes").textContent = [
-  events.count < data.events.total
-    ? `Events shown are ${number(events.count)} drawn evenly from ${number(data.events.total)}; the event rate counts all of them.`
-    : "All events are shown.",
+  events.count === data.events.total ? "All events are shown."
+    : data.events.span_us
+      ? `Events shown are all ${number(events.count)} ${spanText()}, of ${number(data.events.total)}; the event rate counts all of them.`
+      : `Events shown are ${number(events.count)} drawn evenly from ${number(data.events.total)}; the event rate counts all of them.`,
   ...layers.filter((layer) => layer.t.length < layer.total)
     .map((layer) => `${layer.t.length} of ${number(layer.total)} ${layer.maps} are shown, evenly spaced.`),
 ].join(" ");
