@@ -41,6 +41,7 @@ const events = await (async () => {
     xy[2 * i] = bytes[i + 4 * count] | bytes[i + 5 * count] << 8;
     xy[2 * i + 1] = bytes[i + 6 * count] | bytes[i + 7 * count] << 8;
   }
+  if (count % BLOCK === 0) onBefore[count / BLOCK] = sum;
   return { count, word: count < data.events.total && !data.events.span_us ? "sampled events" : "events", t, on, xy, onBefore };
 })();
 

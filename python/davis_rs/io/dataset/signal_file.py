@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..._util.untrusted import decoding, read_charged
 from ...events.packet import Packet
 from ...events.signal_labels import SignalLabels
 from ..formats.destination import naming
+from ..formats.npy import npy_header
 
 
 class SignalFile:
@@ -55,12 +57,10 @@ class SignalFile:
 
     def _append(self, labels: npt.NDArray[np.bool_]) -> None:
         with naming(self._path):
-            self._file.seek(0, 2)
+            self._file.seek(0, os.SEEK_END)
             self._file.write(labels.tobytes())
             self._file.seek(0)
-            told = self._labels.signal + self._labels.noise
-            header = {"descr": "|b1", "fortran_order": False, "shape": (told,)}  # of one length, whatever the shape
-            np.lib.format.write_array_header_1_0(self._file, header)
+            self._file.write(npy_header(self._labels.signal + self._labels.noise, np.dtype(np.bool_)))
             self._file.flush()
 
 

@@ -7,7 +7,7 @@ import os
 from bisect import bisect_left
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 
@@ -28,9 +28,9 @@ HEADER = 192
 """Bytes of our header, the same for any number of events."""
 
 
-def npy_header(count: int) -> bytes:
-    """Return the header of an array of ``count`` events."""
-    text = f"{{'descr': {np.lib.format.dtype_to_descr(EVENT_DTYPE)!r}, 'fortran_order': False, 'shape': ({count},), }}"
+def npy_header(count: int, dtype: np.dtype[Any] = EVENT_DTYPE) -> bytes:
+    """Return the header of an array of ``count`` events, or of another type."""
+    text = f"{{'descr': {np.lib.format.dtype_to_descr(dtype)!r}, 'fortran_order': False, 'shape': ({count},), }}"
     length = HEADER - len(MAGIC) - 4
     return MAGIC + b"\x01\x00" + length.to_bytes(2, "little") + text.ljust(length - 1).encode() + b"\n"
 
