@@ -21,6 +21,12 @@ impl Rect {
         self.high = [self.high[0].max(x), self.high[1].max(y)];
     }
 
+    /// Returns the part that lies in another one; where none does, what of that is next to it.
+    pub(crate) fn within(&self, other: &Self) -> Self {
+        let inside = |at: [f32; 2]| std::array::from_fn(|i| at[i].max(other.low[i]).min(other.high[i]));
+        Self { low: inside(self.low), high: inside(self.high) }
+    }
+
     /// Returns what holds some points, `LANES` of which are looked at together; their number is a multiple of it.
     pub(crate) fn around<const LANES: usize>(x: &[f32], y: &[f32]) -> Self {
         let [(left, right), (top, bottom)] = [x, y].map(|values| {

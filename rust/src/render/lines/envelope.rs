@@ -47,7 +47,9 @@ pub(crate) struct Envelopes<Depth> {
     /// Of each line, from left to right.
     pub(super) segments: Vec<Vec<Segment>>,
     spare: Vec<Segment>,
+    /// Of what was let in, by number.
     depths: Vec<Depth>,
+    ranges: Vec<DepthRange>,
     /// Of each line the inverse depth behind which nothing is seen, and whether it sees something else since that was
     /// found.
     hidden: Vec<f32>,
@@ -77,6 +79,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
         self.changed.clear();
         self.changed.resize(pattern.heights.len(), true);
         self.depths.clear();
+        self.ranges.clear();
         self.behind = None;
         // What was let in is nowhere farther than this.
         let mut farthest = f32::INFINITY;
@@ -103,6 +106,9 @@ impl<Depth: LineDepth> Envelopes<Depth> {
             let in_tile = |Linear(function): Linear| warp.function(function.map(f64::from));
             let inverse_depth = in_tile(triangle.inverse_depth);
             self.depths.push(inverse_depth.depth(pattern));
+            let part = around.within(tile_rect);
+            self.ranges
+                .push(DepthRange { lowest: triangle.inverse_depth.lowest(&part), highest: triangle.nearest_in(&part) });
             self.intervals.begin(ends, height.lists(around, pattern, ends));
             if !covers {
                 for edge in triangle.edges {
@@ -133,7 +139,7 @@ impl<Depth: LineDepth> Envelopes<Depth> {
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 triangles")]
     fn let_in(&mut self, number: usize, nearest: f32, is_behind: bool, pattern: &LinePattern) {
-        let Self { segments, spare, depths, hidden, changed, intervals, .. } = self;
+        let Self { segments, spare, depths, ranges, hidden, changed, intervals, .. } = self;
         for list in intervals.lists.clone() {
             if !intervals.any(list) {
                 continue;
@@ -144,8 +150,8 @@ impl<Depth: LineDepth> Envelopes<Depth> {
                 }
                 intervals.each(line, |left, right| {
                     let new = Segment { left, right, candidate: number as u32 };
-                    let depths = (depths.as_slice(), pattern.heights[line]);
-                    changed[line] |= let_in_line(&mut segments[line], spare, depths, new, is_behind);
+                    let depths = Depths { functions: depths, ranges, height: pattern.heights[line] };
+                    changed[line] |= let_in_line(&mut segments[line], spare, &depths, new, is_behind);
                 });
             }
         }
@@ -161,6 +167,32 @@ impl<Depth: LineDepth> Envelopes<Depth> {
             least = least.min(self.hidden[line]);
         }
         least
+    }
+}
+
+/// What no inverse depth of a triangle is below, and above, in a tile.
+#[derive(Clone, Copy, Debug)]
+struct DepthRange {
+    lowest: f32,
+    highest: f32,
+}
+
+/// Inverse depths on a line of what was let in, by number.
+struct Depths<'a, Depth> {
+    functions: &'a [Depth],
+    ranges: &'a [DepthRange],
+    height: f32,
+}
+
+impl<Depth: LineDepth> Depths<'_, Depth> {
+    /// Returns where a triangle is nearer than another one that was let in before it, see [`LineDepth::nearer`].
+    fn nearer(&self, new: u32, old: u32, between: (f32, f32)) -> Option<[[f32; 2]; 2]> {
+        let (new, old) = (new as usize, old as usize);
+        // Of many triangles most lie behind all of another one: that is known without looking at the line.
+        if self.ranges[new].highest <= self.ranges[old].lowest {
+            return None;
+        }
+        self.functions[new].nearer(&self.functions[old], self.height, between)
     }
 }
 
@@ -187,7 +219,7 @@ fn put(segments: &mut Vec<Segment>, left: f32, right: f32, candidate: u32) {
 fn let_in_line<Depth: LineDepth>(
     of_line: &mut Vec<Segment>,
     spare: &mut Vec<Segment>,
-    depths: (&[Depth], f32),
+    depths: &Depths<Depth>,
     new: Segment,
     is_behind: bool,
 ) -> bool {
@@ -205,13 +237,7 @@ fn let_in_line<Depth: LineDepth>(
 
 /// Returns whether a triangle is nearer anywhere than what was seen so far. One that is known to be behind all of that is
 /// seen in gaps alone.
-fn is_seen<Depth: LineDepth>(
-    old: &[Segment],
-    (depths, height): (&[Depth], f32),
-    new: Segment,
-    is_behind: bool,
-) -> bool {
-    let depth = &depths[new.candidate as usize];
+fn is_seen<Depth: LineDepth>(old: &[Segment], depths: &Depths<Depth>, new: Segment, is_behind: bool) -> bool {
     let mut at = new.left;
     for segment in old {
         if segment.left.min(new.right) - at > LEAST {
@@ -224,7 +250,7 @@ fn is_seen<Depth: LineDepth>(
         let (left, right) = (segment.left.max(new.left), segment.right.min(new.right));
         if !is_behind
             && right - left > LEAST
-            && depth.nearer(&depths[segment.candidate as usize], height, (left, right)).is_some()
+            && depths.nearer(new.candidate, segment.candidate, (left, right)).is_some()
         {
             return true;
         }
@@ -236,12 +262,11 @@ fn is_seen<Depth: LineDepth>(
 fn insert<Depth: LineDepth>(
     old: &[Segment],
     out: &mut Vec<Segment>,
-    (depths, height): (&[Depth], f32),
+    depths: &Depths<Depth>,
     new: Segment,
     is_behind: bool,
 ) {
     out.clear();
-    let depth = depths[new.candidate as usize];
     let mut at = new.left;
     for segment in old {
         if at < segment.left && at < new.right {
@@ -253,8 +278,7 @@ fn insert<Depth: LineDepth>(
             put(out, segment.left, segment.right, segment.candidate);
             continue;
         }
-        let nearer = depth.nearer(&depths[segment.candidate as usize], height, (left, right));
-        let Some(nearer) = nearer else {
+        let Some(nearer) = depths.nearer(new.candidate, segment.candidate, (left, right)) else {
             put(out, segment.left, segment.right, segment.candidate);
             continue;
         };
@@ -297,14 +321,15 @@ mod tests {
     /// What lies next to a triangle is joined to it on both sides, and what is too short goes.
     #[test]
     fn neighbours_are_joined() {
-        let depths = [LinearDepth([0.0, 0.0, 1.0]); 3];
+        let ranges = [DepthRange { lowest: 1.0, highest: 1.0 }; 3];
+        let depths = &Depths { functions: &[LinearDepth([0.0, 0.0, 1.0]); 3], ranges: &ranges, height: 0.0 };
         let segment = |left: f32, right: f32, candidate: u32| Segment { left, right, candidate };
         let gap = 0.5 * LEAST;
         let mut of_line = vec![segment(0.0, 1.0 - gap, 0), segment(2.0 + gap, 3.0, 1)];
-        assert!(let_in_line(&mut of_line, &mut vec![], (&depths, 0.0), segment(1.0, 2.0, 2), false));
+        assert!(let_in_line(&mut of_line, &mut vec![], depths, segment(1.0, 2.0, 2), false));
         assert_eq!(of_line, [segment(0.0, 1.0 - gap, 0), segment(1.0 - gap, 2.0, 2), segment(2.0, 3.0, 1)]);
         let mut of_line = vec![segment(0.0, 1.0, 0)];
-        assert!(!let_in_line(&mut of_line, &mut vec![], (&depths, 0.0), segment(1.0, 1.0 + gap, 2), false));
+        assert!(!let_in_line(&mut of_line, &mut vec![], depths, segment(1.0, 1.0 + gap, 2), false));
     }
 
     proptest! {
@@ -318,11 +343,16 @@ mod tests {
                 triangles.iter().map(|&(_, _, at, along)| LinearDepth([f32::from(along) * 0.1, 0.0, f32::from(at) + 9.0])).collect();
             let (mut of_line, mut spare) = (vec![], vec![]);
             let mut ends = vec![];
+            let ranges: Vec<DepthRange> = triangles.iter().zip(&depths).map(|(&(left, length, ..), depth)| {
+                let ends = [left, left + length].map(|column| depth.least(0.0, (f32::from(column) * STEP, f32::from(column) * STEP)));
+                DepthRange { lowest: ends[0].min(ends[1]), highest: ends[0].max(ends[1]) }
+            }).collect();
+            let of = &Depths { functions: &depths, ranges: &ranges, height: 0.0 };
             for (candidate, &(left, length, ..)) in (0..).zip(&triangles) {
                 let (left, right) = (f32::from(left) * STEP, f32::from(left + length) * STEP);
                 let new = Segment { left, right, candidate };
                 let before = of_line.clone();
-                let seen = let_in_line(&mut of_line, &mut spare, (&depths, 0.0), new, behind);
+                let seen = let_in_line(&mut of_line, &mut spare, of, new, behind);
                 prop_assert_eq!(seen, of_line != before);
                 ends.push([left, right]);
             }
