@@ -23,11 +23,12 @@ fn cases() -> Vec<(&'static str, Effects)> {
     let leak = Leak { rate_hz: 0.1, spread: 0.23, jitter: 0.1, ..none().leak };
     let threshold_mismatch = ThresholdMismatch { sigma: 0.05, ..none().threshold_mismatch };
     let readout = Some(ReadoutParameters {
-        events_per_s: 12e6,
-        row_us: 0.55,
+        events_per_s: 9e6,
+        row_us: 0.32,
         latency_us: 3.0,
         jitter_us: 1.0,
         drop_after_us: None,
+        by_columns: false,
     });
     vec![
         ("none", none()),

@@ -170,6 +170,7 @@ fn stored(choice: u8) -> EngineState {
             latency_us: 1.0,
             jitter_us: 1.0,
             drop_after_us: None,
+            by_columns: bit(1),
         }),
         ..Effects::default()
     };

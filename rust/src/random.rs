@@ -24,6 +24,7 @@ pub(crate) enum Purpose {
     ThresholdColumn = 11,
     ThresholdRow = 12,
     LightPath = 13,
+    ReadoutRequest = 14,
 }
 
 /// 128 random bits, a function of (seed, purpose, pixel, index).

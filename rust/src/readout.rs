@@ -2,13 +2,14 @@
 //!
 //! A pixel that fires only requests its row. The bus grants one row after the other and carries a limited number of
 //! events a second, so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels
-//! have a readout of their own, which is in `aer::frame_assembler`.)
+//! have a readout of their own, which is in `aer::frame_assembler`.) On some chips, such as the DAVIS346, rows of the
+//! bus are columns of the image; here a line is a row of the bus.
 //!
 //! A pixel's reset waits for the bus: from its request until its event is read out, and for the refractory period after
 //! that, it cannot make another one. What reaches a level meanwhile is no event, and is counted as missed.
 //!
-//! What must not break: every event leaves once or is counted as dropped or missed, stamps never decrease, and the
-//! result does not depend on how the stream is split into calls.
+//! What must not break: every event leaves once or is counted as dropped or missed, stamps never decrease, events leave
+//! burst by burst, and the result does not depend on how the stream is split into calls.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -20,9 +21,10 @@ use crate::random::{Draw, Purpose};
 /// The parameters of a row-wise arbiter (address-event representation).
 ///
 /// Pixels ask for their row. The bus grants the row whose oldest request came first, and reads all of its requests in
-/// one burst: one stamp, the row's address, then a column a turn. Source: Brandli, Berner, Yang, Liu and Delbruck, "A
-/// 240 x 180 130 dB 3 us latency global shutter spatiotemporal vision sensor", IEEE JSSC 49(10), 2014 (word-serial
-/// burst mode).
+/// one burst: one stamp, the row's address, then a column a turn, upwards. Requests come in whole microseconds; when
+/// within its own a row asks is drawn. A stamp is the last whole microsecond before its time, as of a clock that runs by
+/// itself. Source: Brandli, Berner, Yang, Liu and Delbruck, "A 240 x 180 130 dB 3 us latency global shutter
+/// spatiotemporal vision sensor", IEEE JSSC 49(10), 2014 (word-serial burst mode).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadoutParameters {
     /// Events that the bus carries in a second, > 0; infinite for any number at once.
@@ -36,6 +38,8 @@ pub struct ReadoutParameters {
     pub jitter_us: f64,
     /// An event that has waited longer than this when its row is granted is dropped, and counted; None drops none.
     pub drop_after_us: Option<f64>,
+    /// Whether rows of the bus are columns of the image.
+    pub by_columns: bool,
 }
 
 impl ReadoutParameters {
@@ -105,9 +109,10 @@ pub(crate) struct Readout {
     /// Microseconds from a pixel's stamp to its next request, at least.
     reset_us: i64,
     ready_us: Vec<i64>,
-    rows: Vec<VecDeque<Event>>,
-    /// Rows with requests, by their oldest one: (time, row).
-    requests: BinaryHeap<Reverse<(i64, u16)>>,
+    lines: Vec<VecDeque<Event>>,
+    /// Lines with requests, by their oldest one: (whole microseconds, bits of the fraction, line). Positive floats have
+    /// the order of their bits.
+    requests: BinaryHeap<Reverse<(i64, u64, u16)>>,
     stamped: VecDeque<Event>,
     free_us: i64,
     free_share: f64,
@@ -127,7 +132,7 @@ impl Readout {
             seed,
             reset_us: refractory_us.max(1.0).ceil() as i64,
             ready_us: vec![0; size.pixels()],
-            rows: vec![VecDeque::new(); usize::from(size.height)],
+            lines: vec![VecDeque::new(); usize::from(if parameters.by_columns { size.width } else { size.height })],
             requests: BinaryHeap::new(),
             stamped: VecDeque::new(),
             free_us: 0,
@@ -189,7 +194,7 @@ impl Readout {
     }
 
     pub(crate) fn state(&self) -> ReadoutState {
-        let mut waiting: Vec<Event> = self.rows.iter().flatten().copied().collect();
+        let mut waiting: Vec<Event> = self.lines.iter().flatten().copied().collect();
         waiting.sort_by_key(|event| event.t);
         ReadoutState {
             waiting,
@@ -206,7 +211,8 @@ impl Readout {
 
     /// Takes the events until `until_us`, and turns them into those that have left by then.
     ///
-    /// `events` are sorted by (t, y, x, order), before and after; no later call gives stamps up to `until_us`.
+    /// `events` are sorted by time before, and after in the order of the bus; no later call gives stamps up to
+    /// `until_us`.
     pub(crate) fn pass(&mut self, events: &mut Vec<Event>, until_us: i64) {
         for &event in events.iter() {
             self.grant(event.t - 1); // which decides whether its pixel can ask
@@ -216,15 +222,12 @@ impl Readout {
         self.grant(until_us);
         let leaving = self.stamped.partition_point(|event| event.t <= until_us);
         events.extend(self.stamped.drain(..leaving));
-        in_order(events);
     }
 
     /// Returns everything that is left.
     pub(crate) fn flush(&mut self) -> Vec<Event> {
         self.grant(i64::MAX);
-        let mut events: Vec<Event> = self.stamped.drain(..).collect();
-        in_order(&mut events);
-        events
+        self.stamped.drain(..).collect()
     }
 
     /// Takes an event whose pixel can ask; one of another pixel is missed.
@@ -239,69 +242,83 @@ impl Readout {
     }
 
     fn request(&mut self, event: Event) {
-        let row = &mut self.rows[usize::from(event.y)];
-        if row.is_empty() {
-            self.requests.push(Reverse((event.t, event.y)));
+        let (line, _) = self.address(event);
+        let queue = &mut self.lines[usize::from(line)];
+        queue.push_back(event);
+        if queue.len() == 1 {
+            self.ask_for(line, event.t);
         }
-        row.push_back(event);
     }
 
-    /// Reads out all rows that are granted until a time.
+    /// Asks for a line in a microsecond.
+    fn ask_for(&mut self, line: u16, t_us: i64) {
+        self.requests.push(Reverse((t_us, within(self.seed, line, t_us).to_bits(), line)));
+    }
+
+    /// Returns an event's line, and its place in it.
+    fn address(&self, event: Event) -> (u16, u16) {
+        if self.parameters.by_columns { (event.x, event.y) } else { (event.y, event.x) }
+    }
+
+    /// Reads out all lines that are granted until a time.
     #[allow(clippy::cast_precision_loss, reason = "waits and bursts are far below 2^53")]
     #[allow(clippy::cast_possible_truncation, reason = "waits and bursts are far below 2^53")]
     fn grant(&mut self, until_us: i64) {
         let us_per_event = 1e6 / self.parameters.events_per_s;
-        while let Some(&Reverse((first_us, row))) = self.requests.peek() {
+        while let Some(&Reverse((asked_us, asked_share, line))) = self.requests.peek() {
             // Whole microseconds apart from their fraction: a float of both loses the fraction in a long time.
-            let (now_us, fraction) =
-                if first_us > self.free_us { (first_us, 0.0) } else { (self.free_us, self.free_share) };
-            if now_us > until_us || (now_us == until_us && fraction > 0.0) {
+            let (asked, free) = ((asked_us, f64::from_bits(asked_share)), (self.free_us, self.free_share));
+            let (now_us, fraction) = if asked > free { asked } else { free };
+            if now_us > until_us {
                 return;
             }
             self.requests.pop();
-            let queue = &mut self.rows[usize::from(row)];
+            let queue = &mut self.lines[usize::from(line)];
             let waiting = queue.partition_point(|event| event.t <= now_us);
-            let longest_us = self.parameters.drop_after_us.unwrap_or(f64::INFINITY);
-            let late = queue.partition_point(|event| (now_us - event.t) as f64 + fraction > longest_us);
+            let waited_us = |event: &Event| (now_us - event.t) as f64 + fraction - within(self.seed, line, event.t);
+            let late =
+                self.parameters.drop_after_us.map_or(0, |us| queue.partition_point(|event| waited_us(event) > us));
             for event in queue.drain(..late) {
-                self.ready_us[event.pixel(self.size)] = (now_us + fraction.ceil() as i64).saturating_add(self.reset_us);
+                self.ready_us[event.pixel(self.size)] = now_us.saturating_add(self.reset_us);
             }
             self.dropped += late as u64;
             let burst = waiting - late;
             if burst > 0 {
-                let delay_us = fraction + delay(&self.parameters, self.seed, row, self.bursts);
-                let stamp_us = (now_us + delay_us.ceil() as i64).max(self.last_stamp_us);
+                let delay_us = fraction + delay(&self.parameters, self.seed, line, self.bursts);
+                let stamp_us = (now_us + delay_us.floor() as i64).max(self.last_stamp_us);
                 let first = self.stamped.len();
                 for event in queue.drain(..burst) {
                     self.ready_us[event.pixel(self.size)] = stamp_us.saturating_add(self.reset_us);
                     self.stamped.push_back(event.at(stamp_us));
                 }
-                self.stamped.make_contiguous()[first..].sort_by_key(|event| event.x);
+                let by_columns = self.parameters.by_columns;
+                self.stamped.make_contiguous()[first..].sort_by_key(|e| if by_columns { e.y } else { e.x });
                 self.last_stamp_us = stamp_us;
                 self.bursts += 1;
                 let free = fraction + self.parameters.row_us + burst as f64 * us_per_event;
                 (self.free_us, self.free_share) = (now_us + free.floor() as i64, free.fract());
             }
-            if let Some(next) = queue.front() {
-                self.requests.push(Reverse((next.t, row)));
+            if let Some(t_us) = queue.front().map(|next| next.t) {
+                self.ask_for(line, t_us);
             }
         }
     }
 }
 
+/// Returns when within a microsecond a line asks, 0..1.
+#[allow(clippy::cast_sign_loss, reason = "any number names a draw")]
+fn within(seed: u64, line: u16, t_us: i64) -> f64 {
+    Draw::at(seed, Purpose::ReadoutRequest, line.into(), t_us as u64).uniform()
+}
+
 /// Returns the time from a burst's grant to its stamp, in microseconds. It is never negative, whatever the jitter is.
-fn delay(p: &ReadoutParameters, seed: u64, row: u16, burst: u64) -> f64 {
+fn delay(p: &ReadoutParameters, seed: u64, line: u16, burst: u64) -> f64 {
     let jitter_us = if p.jitter_us > 0.0 {
-        p.jitter_us * Draw::at(seed, Purpose::ReadoutJitter, row.into(), burst).normal()
+        p.jitter_us * Draw::at(seed, Purpose::ReadoutJitter, line.into(), burst).normal()
     } else {
         0.0
     };
     (p.latency_us + jitter_us).max(0.0)
-}
-
-/// Sorts by time; bursts of the same stamp in raster order.
-fn in_order(events: &mut [Event]) {
-    events.sort_by_key(|event| (event.t, event.y, event.x));
 }
 
 #[cfg(test)]
@@ -310,8 +327,14 @@ mod tests {
     use proptest::prelude::*;
 
     const SIZE: SensorSize = SensorSize { width: 16, height: 8 };
-    const BUS: ReadoutParameters =
-        ReadoutParameters { events_per_s: 1e6, row_us: 0.0, latency_us: 0.0, jitter_us: 0.0, drop_after_us: None };
+    const BUS: ReadoutParameters = ReadoutParameters {
+        events_per_s: 1e6,
+        row_us: 0.0,
+        latency_us: 0.0,
+        jitter_us: 0.0,
+        drop_after_us: None,
+        by_columns: false,
+    };
 
     fn readout(parameters: ReadoutParameters) -> Readout {
         Readout::new(SIZE, parameters, 1, 0.0)
@@ -322,9 +345,14 @@ mod tests {
         let pixel = prop_oneof![(0u16..8, 0u16..16), (2u16..4, 5u16..7)];
         prop::collection::vec((0i64..300, pixel, any::<bool>()), 0..200).prop_map(|events| {
             let mut events: Vec<Event> = events.into_iter().map(|(t, (y, x), on)| Event::new(t, x, y, on)).collect();
-            in_order(&mut events);
+            events.sort_by_key(raster);
             events
         })
+    }
+
+    /// The order in which events come.
+    fn raster(event: &Event) -> (i64, u16, u16) {
+        (event.t, event.y, event.x)
     }
 
     #[test]
@@ -342,17 +370,34 @@ mod tests {
         assert_eq!(got, [(10, 3, 4), (10, 3, 7), (12, 3, 1), (13, 5, 0)]);
     }
 
+    /// The same events with x and y exchanged, on a bus by columns: the same stamps, and the same order.
+    #[test]
+    fn a_column_is_a_row_of_a_bus_by_columns() {
+        const SQUARE: SensorSize = SensorSize { width: 16, height: 16 };
+        let bus = |by_columns| Readout::new(SQUARE, ReadoutParameters { by_columns, ..BUS }, 1, 0.0);
+        let events: Vec<Event> =
+            (0..200u16).map(|i| Event::new(i64::from(i / 9), i * 5 % 16, i * 3 % 16, true)).collect();
+        let mut by_rows = events.clone();
+        by_rows.sort_by_key(raster);
+        let turned = |event: &Event| Event::new(event.t, event.y, event.x, event.p == 1);
+        let mut by_columns: Vec<Event> = events.iter().map(turned).collect();
+        by_columns.sort_by_key(raster);
+        bus(false).pass(&mut by_rows, 1000);
+        bus(true).pass(&mut by_columns, 1000);
+        assert_eq!(by_rows.iter().map(turned).collect::<Vec<_>>(), by_columns);
+    }
+
     proptest! {
         #[test]
-        fn every_event_leaves_once_in_order_or_is_missed(requests in requests(), rate in 1e4f64..1e8, row_us in 0.0f64..20.0, latency_us in 0.0f64..50.0, jitter_us in 0.0f64..20.0, refractory_us in 0.0f64..9.0, cut in 0i64..300) {
-            let parameters = ReadoutParameters { events_per_s: rate, row_us, latency_us, jitter_us, drop_after_us: None };
+        fn every_event_leaves_once_in_order_or_is_missed(requests in requests(), rate in 1e4f64..1e8, row_us in 0.0f64..20.0, latency_us in 0.0f64..50.0, jitter_us in 0.0f64..20.0, by_columns: bool, refractory_us in 0.0f64..9.0, cut in 0i64..300) {
+            let parameters = ReadoutParameters { events_per_s: rate, row_us, latency_us, jitter_us, drop_after_us: None, by_columns };
             let readout = || Readout::new(SIZE, parameters, 1, refractory_us);
             let mut whole = requests.clone();
             let mut bus = readout();
             bus.pass(&mut whole, 300);
             prop_assert!(whole.iter().all(|event| event.t <= 300));
             whole.extend(bus.flush());
-            prop_assert!(whole.is_sorted_by_key(|event| (event.t, event.y, event.x)));
+            prop_assert!(whole.is_sorted_by_key(|event| event.t));
             prop_assert_eq!(requests.len() as u64, whole.len() as u64 + bus.missed());
             // Of each pixel: the first request that comes when it can ask, and then the first after its reset.
             #[allow(clippy::cast_possible_truncation, reason = "small")]
@@ -429,13 +474,14 @@ mod tests {
     }
 
     #[test]
-    fn a_neutral_bus_changes_nothing() {
+    fn a_neutral_bus_delays_nothing() {
         let mut bus = readout(ReadoutParameters { events_per_s: f64::INFINITY, ..BUS });
         let came: Vec<Event> = (0..100u16).map(|i| Event::new(i64::from(i / 7), i % 16, i % 8, i % 3 == 0)).collect();
         let mut came = came;
-        in_order(&mut came);
+        came.sort_by_key(raster);
         let mut left = came.clone();
         bus.pass(&mut left, 100);
+        left.sort_by_key(raster); // the bus is without an order of rows
         assert_eq!(left, came);
     }
 }

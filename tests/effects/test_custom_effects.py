@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -108,13 +109,14 @@ def test_an_effect_on_events_acts_on_the_stream_behind_the_pixels() -> None:
 
 
 def test_what_is_held_back_comes_at_the_end() -> None:
-    """In a packet behind the last one, with the bus's own late events."""
-    bus = Effects(readout=2e4)
+    """In a packet behind the last one, with the bus's own late events, and in the order of the bus."""
+    bus = Effects(readout={"events_per_s": math.inf, "latency_us": 3_000.0})
     plain = list(simulate(PLANES, camera=SMALL, renderer="native", effects=bus))
     held = list(simulate(PLANES, camera=SMALL, renderer="native", effects=bus, custom_effects=SecondLate()))
     assert len(held) == len(plain)
     assert all(not len(packet.events) for packet in held[:-1])
     whole = concatenate_events([packet.events for packet in plain])
+    assert np.any(whole != np.sort(whole, order=("t", "y", "x")))
     whole["t"] += 1_000_000
     np.testing.assert_array_equal(held[-1].events, whole)
     assert (held[-1].start_us, held[-1].end_us) == (300_000, whole["t"][-1])

@@ -165,6 +165,7 @@ def test_the_engine_gets_what_it_carries_out() -> None:
         "jitter_us": 0.0,
         "drop_after_us": None,
         "row_us": 0.0,
+        "by_columns": 0,
     }
     assert settings["photoreceptor_bandwidth_hz"] == {"hz": 300.0, "source_follower_hz": 3e3}
     CrossingEngine(2, 2, effects=settings)
@@ -307,6 +308,7 @@ NONSENSE: list[tuple[type[Effect], dict[str, Any], str]] = [
     (Readout, {"latency_us": math.inf}, "readout: latency_us must lie in 0..1e9 us, got inf"),
     (Readout, {"jitter_us": math.nan}, "readout: jitter_us must lie in 0..1e9 us, got NaN"),
     (Readout, {"row_us": -0.5}, "readout: row_us must lie in 0..1e9 us, got -0.5"),
+    (Readout, {"by_columns": 2}, "readout: by_columns must be 0 or 1, got 2"),
     (LeakRate, {"rate_hz": 1, "spread": 1.5}, "leak_rate_hz: spread must lie in 0..1 of the rate, got 1.5"),
     (LeakRate, {"rate_hz": 1, "double_luma": 0}, "leak_rate_hz: double_luma must be > 0 units of luma, got 0"),
     (HotPixels, {"fraction": 0.1, "least_cv": 0.6}, "hot_pixels: least_cv must lie in 0..0.5 of an interval, got 0.6"),

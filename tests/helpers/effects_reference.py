@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -213,7 +214,7 @@ class Draw:
         self.normal = math.sqrt(-2 * math.log(self.uniform)) * math.cos(2 * math.pi * self.second_uniform)
 
 
-START_PHASE, LEAK_SPREAD, LEAK_JITTER = 3, 8, 9
+START_PHASE, LEAK_SPREAD, LEAK_JITTER, READOUT_REQUEST = 3, 8, 9, 14
 
 
 def start_distance(start_phase: str, *, pixel: int, seed: int, c: tuple[float, float]) -> float:
@@ -279,20 +280,39 @@ def read_out(
     latency_us: float = 0.0,
     drop_after_us: float = math.inf,
     period_us: float = 0.0,
+    by_columns: bool = False,
+    seed: int = 0,
 ) -> tuple[EventArray, int, int]:
     """What a bus makes of events, how many it drops, and how many are missed.
 
-    It grants the row with the oldest request, and carries all of it. A pixel asks no more until its event was carried
-    and its reset, of the refractory period and at least a microsecond, is over.
+    It grants the row with the oldest request, and carries all of it, in order of columns. When within its microsecond
+    a row asks is drawn. A pixel asks no more until its event was carried and its reset, of the refractory period and at
+    least a microsecond, is over.
     """
+    if by_columns:
+        turned, dropped, missed = read_out(
+            _turned(events[np.lexsort((events["y"], events["x"], events["t"]))]),
+            events_per_s=events_per_s,
+            row_us=row_us,
+            latency_us=latency_us,
+            drop_after_us=drop_after_us,
+            period_us=period_us,
+            seed=seed,
+        )
+        return _turned(turned), dropped, missed
+
+    @cache
+    def asked_us(t_us: int, row: int) -> float:
+        return t_us + Draw(seed, READOUT_REQUEST, row, t_us).uniform
+
     coming = [(int(e["t"]), int(e["y"]), int(e["x"]), int(e["p"])) for e in events]
     pending: list[tuple[int, int, int, int]] = []
     ready_us: dict[tuple[int, int], float] = {}
     free_us, dropped, missed = 0.0, 0, 0
     carried: list[tuple[int, int, int, int]] = []
     while coming or pending:
-        first_us, row = min(pending, key=lambda event: event[:2])[:2] if pending else (math.inf, -1)
-        now_us = max(free_us, float(first_us))
+        first_us, row = min((asked_us(*event[:2]), event[1]) for event in pending) if pending else (math.inf, -1)
+        now_us = max(free_us, first_us)
         if coming and coming[0][0] <= now_us:
             event = coming.pop(0)
             if event[0] < ready_us.get(event[1:3], 0):
@@ -303,14 +323,20 @@ def read_out(
             continue
         granted = [event for event in pending if event[1] == row]
         pending = [event for event in pending if event[1] != row]
-        in_time = [event for event in granted if now_us - event[0] <= drop_after_us]
+        in_time = [event for event in granted if now_us - asked_us(*event[:2]) <= drop_after_us]
         dropped += len(granted) - len(in_time)
-        stamp_us = math.ceil(now_us + latency_us)
+        stamp_us = math.floor(now_us + latency_us)
         for event in granted:
-            read_us = stamp_us if event in in_time else math.ceil(now_us)
+            read_us = stamp_us if event in in_time else math.floor(now_us)
             ready_us[event[1:3]] = read_us + math.ceil(max(period_us, 1.0))
         if in_time:
-            carried += [(stamp_us, x, y, p) for _, y, x, p in in_time]
+            carried += sorted((stamp_us, x, y, p) for _, y, x, p in in_time)
             free_us = now_us + row_us + len(in_time) * (1e6 / events_per_s)
-    carried.sort(key=lambda event: (event[0], event[2], event[1]))
     return np.array(carried, EVENT_DTYPE), dropped, missed
+
+
+def _turned(events: EventArray) -> EventArray:
+    """Events with x and y exchanged."""
+    turned = events.copy()
+    turned["x"], turned["y"] = events["y"], events["x"]
+    return turned

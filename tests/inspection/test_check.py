@@ -228,6 +228,19 @@ def test_ties_in_another_order_are_found(folder: Path) -> None:
     assert f"not sorted by (t, y, x): event {tied + 2} of events.txt" in problem_of(folder)
 
 
+def test_a_bus_has_its_own_order_within_a_time(folder: Path) -> None:
+    """What a bus has read out is sorted by time alone."""
+    events = Dataset(folder).events.copy()
+    tied = np.flatnonzero((np.diff(events["t"]) == 0) & (np.diff(events["y"].astype(int)) > 0))[0]
+    events[[tied, tied + 1]] = events[[tied + 1, tied]]
+    rewrite_events(folder, events)
+    change_meta(folder, effects={"readout": {"events_per_s": 12e6}})
+    assert check_dataset(folder).ok
+    events[[0, -1]] = events[[-1, 0]]
+    rewrite_events(folder, events)
+    assert "event times must not decrease" in problem_of(folder)
+
+
 def test_a_camera_has_its_own_order_within_a_time(tmp_path: Path) -> None:
     """What was converted from a recording is sorted by time alone, and may begin at 0."""
     events = np.array([(0, 5, 3, 1), (7, 6, 2, 0), (7, 1, 1, 1), (9, 0, 0, 1)], EVENT_DTYPE)

@@ -39,7 +39,8 @@ class Packet:
     Attributes:
         start_us, end_us: the interval in microseconds from the start of the sequence; events lie in
             (start_us, end_us]. The first packet has start_us == end_us and no events: it only sets the references.
-        events: the events, ``EVENT_DTYPE``, sorted by (t, y, x).
+        events: the events, ``EVENT_DTYPE``, sorted by (t, y, x); behind a bus
+            (:class:`~davis_rs.sensor.effects.Readout`) by t, and in its order.
         pose: T_world_camera at ``end_us``; None where no camera moved: events from frames.
         luma: linear luma, float32 (H, W), where an intensity frame fell due at ``end_us``, else None.
         depth: z along the optical axis in metres, float32 (H, W), inf where nothing is hit, where a depth map fell

@@ -118,10 +118,11 @@ def check_dataset(path: str | Path) -> CheckReport:
     Its events: log intensity is reconstructed from the first luma map, the start phases and the events, and compared
     with the rendered one wherever luma is stored; in every pixel the error L - R must lie inside (-C_off, C_on), give
     or take ``TOLERANCE``. This is the check of the paper, for ideal pixels: where an effect acts behind the luma, it is
-    left out, and the report says so. Its structure: events sorted by (t, y, x), or by t where they were converted from
-    a recording, inside the sensor and the duration; counts as in ``meta.json``; every listed image there, readable and
-    of the sensor's size, at strictly increasing times that are multiples of its period to the nearest microsecond;
-    ground truth at strictly increasing times with unit quaternions.
+    left out, and the report says so. Its structure: events sorted by (t, y, x), or by t where a bus has read
+    them out or they were converted from a recording, inside the sensor and the duration; counts as in
+    ``meta.json``; every listed image there, readable and of the sensor's size, at strictly increasing times that
+    are multiples of its period to the nearest microsecond; ground truth at strictly increasing times with unit
+    quaternions.
 
     Raises:
         OSError: if there is no dataset at ``path``. All else becomes a sentence in the report.
@@ -165,7 +166,15 @@ def check_dataset(path: str | Path) -> CheckReport:
     event_problems = (
         []
         if events is None
-        else list(_event_problems(events, size, _duration(meta), recorded="converted_from" in meta))
+        else list(
+            _event_problems(
+                events,
+                size,
+                _duration(meta),
+                recorded="converted_from" in meta,
+                behind_bus="readout" in (meta.get("effects") or {}),
+            )
+        )
     )
     luma_problems = list(_image_problems("luma map", luma, dataset.read_luma, size, None))
     problems += event_problems
@@ -229,9 +238,10 @@ def _meta_problems(meta: JsonObject, counts: dict[str, int]) -> Iterator[str]:
 
 
 def _event_problems(
-    events: EventArray, size: tuple[int, int], duration_us: int | None, *, recorded: bool
+    events: EventArray, size: tuple[int, int], duration_us: int | None, *, recorded: bool, behind_bus: bool
 ) -> Iterator[str]:
-    """Yield what is wrong with events; ``recorded`` ones begin at 0 and have a camera's order within a time."""
+    """Yield what is wrong with events; ``recorded`` ones begin at 0, and within a time have a camera's order, as those
+    behind a bus."""
     height, width = size
     outside = (events["x"] >= width) | (events["y"] >= height)
     if outside.any():
@@ -251,12 +261,13 @@ def _event_problems(
     # One key a pixel keeps (y, x) order; times and keys of neighbours then decide.
     pixel = events["y"].astype(np.int64) * 65536 + events["x"]
     back = t_us[1:] < t_us[:-1]
-    if not recorded:
+    by_time_alone = recorded or behind_bus
+    if not by_time_alone:
         back |= (t_us[1:] == t_us[:-1]) & (pixel[1:] < pixel[:-1])
     if back.any():
         at = int(back.argmax()) + 1
         yield (
-            f"The events are not sorted by {'t' if recorded else '(t, y, x)'}: event {at + 1} of events.txt, at "
+            f"The events are not sorted by {'t' if by_time_alone else '(t, y, x)'}: event {at + 1} of events.txt, at "
             f"{_seconds(t_us[at])}, belongs before the one above it."
         )
 

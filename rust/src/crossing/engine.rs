@@ -472,6 +472,7 @@ mod tests {
                 latency_us: 1.0,
                 jitter_us: 1.0,
                 drop_after_us: None,
+                by_columns: false,
             }),
             ..Effects::default()
         }

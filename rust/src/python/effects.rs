@@ -113,6 +113,14 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
                         none if none.is_none() => None,
                         _ => Some(number("drop_after_us")?),
                     },
+                    by_columns: match number("by_columns")? {
+                        0.0 => false,
+                        1.0 => true,
+                        other => {
+                            let rule = format!("readout: by_columns must be 0 or 1, got {other}");
+                            return Err(PyValueError::new_err(rule));
+                        }
+                    },
                 });
             }
             _ => return Err(PyValueError::new_err(format!("there is no effect {name:?} of the crossing engine"))),
@@ -166,6 +174,7 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
             ("row_us", bus.row_us),
             ("latency_us", bus.latency_us),
             ("jitter_us", bus.jitter_us),
+            ("by_columns", f64::from(u8::from(bus.by_columns))),
         ];
         put("readout", &numbers)?.set_item("drop_after_us", bus.drop_after_us)?;
     }

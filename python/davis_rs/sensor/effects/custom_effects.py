@@ -33,8 +33,9 @@ class CustomEffects:
     - ``log_intensity(t_us, log_intensity)``: likewise ln(luma + log_eps), float64 (H, W), before the photoreceptor.
       Returns finite numbers.
     - ``events(start_us, end_us, events)``: the events in (start_us, end_us], behind the bus; the intervals follow each
-      other without a gap. Returns events in that interval, sorted by (t, y, x), in the sensor. An effect keeps what
-      shall come later for a later call. After the last interval ``end_us`` is None: then it returns all that it kept.
+      other without a gap. Returns events in that interval, sorted by (t, y, x), or behind a bus by t, in the sensor.
+      An effect keeps what shall come later for a later call. After the last interval ``end_us`` is None: then it
+      returns all that it kept.
     - ``begin(width, height, seed)``: called before all others, at the begin of a run.
 
     Args:
@@ -42,13 +43,14 @@ class CustomEffects:
             stands for a class or a function is called without arguments, and gives the object.
         width, height: of the sensor in pixels.
         seed: of the simulation.
+        behind_bus: whether a bus (:class:`~davis_rs.sensor.effects.Readout`) orders the events of one stamp.
 
     Raises:
         ValueError: for an object without any of these methods, or an entry that is not there.
         OSError: if a file cannot be read.
     """
 
-    def __init__(self, effects: object, width: int, height: int, seed: int) -> None:
+    def __init__(self, effects: object, width: int, height: int, seed: int, *, behind_bus: bool = False) -> None:
         if effects is None:
             given: Sequence[object] = ()
         else:
@@ -60,7 +62,7 @@ class CustomEffects:
                 raise ValueError(
                     f"a custom effect must have one of the methods {', '.join(_METHODS)}, got {effect!r}{hint}"
                 )
-        self._width, self._height = width, height
+        self._width, self._height, self._behind_bus = width, height, behind_bus
         for effect in self._effects:
             if callable(getattr(effect, "begin", None)):
                 effect.begin(width, height, seed)  # type: ignore[attr-defined]
@@ -135,14 +137,14 @@ class CustomEffects:
             raise ValueError(f"{where}: {error}") from None
         t, x, y = events["t"], events["x"].astype(np.int64), events["y"].astype(np.int64)
         late = np.zeros(len(t), np.bool_) if end_us is None else t > end_us
-        pixel = y * 65536 + x
+        pixel = np.zeros_like(y) if self._behind_bus else y * 65536 + x
         backward = np.zeros(len(t), np.bool_)
         backward[1:] = (t[1:] < t[:-1]) | ((t[1:] == t[:-1]) & (pixel[1:] < pixel[:-1]))
         for wrong, rule in (
             ((x >= self._width) | (y >= self._height), f"events must lie in {self._width} x {self._height} pixels"),
             (events["p"] > 1, "p must be 0 or 1"),
             ((t <= start_us) | late, "events must lie in that interval"),
-            (backward, "events must be sorted by (t, y, x)"),
+            (backward, f"events must be sorted by {'t' if self._behind_bus else '(t, y, x)'}"),
         ):
             if wrong.any():
                 first = int(wrong.argmax())

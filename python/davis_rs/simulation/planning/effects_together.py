@@ -127,7 +127,8 @@ class _PixelRuns:
         streams = [sample.segment_events(segment, in_pixels or None) for segment in sample.segments]
         bus = effects.readout
         if bus is not None:
-            rows, held = self._estimator.sequence.camera.height, effects.refractory_period_us
+            camera, held = self._estimator.sequence.camera, effects.refractory_period_us
+            rows = bus.rows(camera.width, camera.height)
             refractory_us = 0.0 if held is None else held.period_us
             streams = [
                 carried_events(events, bus, sample.sensor_share, rows, sample.seed, refractory_us=refractory_us)

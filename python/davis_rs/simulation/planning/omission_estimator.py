@@ -238,7 +238,8 @@ def _hot_pixels(estimator: OmissionEstimator, effect: HotPixels) -> tuple[Omissi
 
 
 def _readout(estimator: OmissionEstimator, effect: Readout) -> tuple[OmissionError, str]:
-    return through_bus(estimator.sequence.pixels, effect, estimator.scale, estimator.sequence.camera.height)
+    camera = estimator.sequence.camera
+    return through_bus(estimator.sequence.pixels, effect, estimator.scale, effect.rows(camera.width, camera.height))
 
 
 ESTIMATORS: dict[type[Effect], Callable[[OmissionEstimator, Any], tuple[OmissionError, str]]] = {

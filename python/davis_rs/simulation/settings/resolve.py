@@ -133,10 +133,16 @@ def resolve(scene: Scene, settings: SimulatorSettings) -> Resolved:
     settings = replace(settings, sensor=fixed_sensor(scene, settings.sensor))
     view, chosen = view_scene(scene, settings), chosen_sampling(settings)
     camera = view.camera
-    custom_effects = CustomEffects(settings.custom_effects, camera.width, camera.height, settings.seed)
+    effects = effects_of(settings.effects, not_planned=_NOT_PLANNED).with_defaults(view.sensor_effects)
+    custom_effects = CustomEffects(
+        settings.custom_effects,
+        camera.width,
+        camera.height,
+        settings.seed,
+        behind_bus=effects.readout is not None,
+    )
     on_light = custom_effects.on_luma or custom_effects.on_log_intensity
     sampling = whole_frame_sampling(settings) if on_light else chosen.sampling
-    effects = effects_of(settings.effects, not_planned=_NOT_PLANNED).with_defaults(view.sensor_effects)
     in_engine = effects.engine_settings()
     _check_exposure(effects, settings.frame_rate_hz, camera.height)
     if settings.refine and in_engine:
