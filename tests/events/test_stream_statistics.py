@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections import Counter
-from itertools import groupby, pairwise
+from itertools import accumulate, groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -93,10 +93,17 @@ def test_sums_are_those_of_plain_loops(rows: list[tuple[int, int, int, int]], cu
     assert histogram_of(either) == list(found.any.counts)
     runs = [(stamp, [row[1] for row in run]) for (stamp, _), run in groupby(rows, key=lambda row: (row[0], row[2]))]
     stamps = [stamp for stamp, _ in runs]
+    firsts = [0, *accumulate(len(run) for _, run in runs)][:-1]
     assert histogram_of([len(run) for _, run in runs]) == list(found.bursts.events_per_row.counts)
     assert histogram_of(list(Counter(stamps).values())) == list(found.bursts.rows_per_us.counts)
     windows = [sum(begin <= other < begin + 10 for other in stamps[place:]) for place, begin in enumerate(stamps)]
     assert histogram_of(windows) == list(found.bursts.rows_per_window.counts)
+    windows = [sum(t <= row[0] < t + 10 for row in rows[first:]) for t, first in zip(stamps, firsts, strict=True)]
+    assert histogram_of(windows) == list(found.bursts.events_per_window.counts)
+    in_row = [(t, row) for (t, row), _ in groupby(rows, key=lambda row: (row[0], row[2]))]
+    steps = [after[1] - before[1] for before, after in pairwise(in_row) if after[0] == before[0]]
+    assert found.bursts.rows_up == sum(step > 0 for step in steps)
+    assert found.bursts.rows_down == sum(step < 0 for step in steps)
     several = [columns for _, columns in runs if len(columns) > 1]
     up = sum(all(a < b for a, b in pairwise(columns)) for columns in several)
     down = sum(all(a > b for a, b in pairwise(columns)) for columns in several)
@@ -107,6 +114,21 @@ def test_sums_are_those_of_plain_loops(rows: list[tuple[int, int, int, int]], cu
     counts = Counter((p, y, x) for _, x, y, p in rows)
     assert {place: int(n) for place, n in np.ndenumerate(found.counts) if n} == dict(counts)
     assert found.describe() == metered(np.array(rows, EVENT_DTYPE), (4, 3), []).describe()
+
+
+def test_bursts_of_a_davis346_run_along_columns() -> None:
+    """Its bus has 346 rows: bursts are those of a stream with x and y exchanged, as another camera has them."""
+    events = small_stream()
+    events["t"] //= 1000
+    events["y"] //= 20
+    turned = events.copy()
+    turned["x"], turned["y"] = events["y"], events["x"]
+    one, other = measure_stream(events, size=(260, 346)), measure_stream(turned, size=(346, 260))
+    shared = ("rows_per_us", "rows_per_10_us", "events_per_10_us", "events_per_row", "column_order", "rows_up_share")
+    assert (one.bursts.events_per_row.most or 0) > 3
+    for name in shared:
+        assert one.describe()[name] == other.describe()[name]
+    assert (one.describe()["rows_of_bus"], other.describe()["rows_of_bus"]) == ("rows", "columns")
 
 
 def histogram_of(values: list[int]) -> list[int]:

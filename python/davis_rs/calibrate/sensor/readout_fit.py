@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from ...inspection.statistics import StreamStatistics
+from ...inspection.statistics.bursts import WINDOW_US
 from ...inspection.statistics.stream_statistics import Measured
 from .finding import Finding, combined
 
@@ -20,15 +21,24 @@ def find_refractory_period(shortest: int | None) -> Finding:
 
 
 def row_bound_us(recordings: Sequence[StreamStatistics]) -> float:
-    """Return how long a row takes at most, by the most row bursts in 10 us."""
-    return 10 / max(1, *(one.bursts.rows_per_window.most or 0 for one in recordings))
+    """Return how long a row takes at most, infinity if nothing tells: of n bursts in a window n - 1 took less."""
+    windows = [(us, most) for one in recordings for us, most in _most_rows(one) if most > 1]
+    return min((us / (most - 1) for us, most in windows), default=math.inf)
+
+
+def _most_rows(recording: StreamStatistics) -> list[tuple[int, int]]:
+    """Return windows in us, and the most row bursts in one."""
+    bursts = recording.bursts
+    return [(1, bursts.rows_per_us.most or 0), (WINDOW_US, bursts.rows_per_window.most or 0)]
 
 
 def find_readout(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
-    rows = max(one.bursts.rows_per_window.most or 0 for one in recordings)
+    counts = [max(most for _, most in window) for window in zip(*map(_most_rows, recordings), strict=True)]
+    bound_us = row_bound_us(recordings)
+    told = f"a row costs less than {bound_us:.2g} us" if math.isfinite(bound_us) else "what a row costs is not seen"
     yield Finding(
         "readout", "readout_events_per_s", None,
-        f"at least {rows} row bursts in 10 us were carried: a row costs at most {10 / max(rows, 1):.2g} us",
+        f"at most {counts[0]} row bursts of one stamp, and {counts[1]} in {WINDOW_US} us: {told}",
     )  # fmt: skip
 
 

@@ -73,13 +73,19 @@ def _cells(stream: StreamStatistics) -> dict[str, str]:
         for percents in ((1, 10, 50), (90, 99)):
             listed = [_number(_in_ms(intervals[f"p{percent}"])) for percent in percents]
             cells[f"  {kind}: {', '.join(map(str, percents))} % are below"] = " / ".join(listed) + " ms"
-    for key, words in (("rows_per_us", "row bursts in a us"), ("rows_per_10_us", "row bursts in 10 us")):
+    cells["rows of the bus"] = f"{described['rows_of_bus']} of the image"
+    for key, words in (
+        ("rows_per_us", "row bursts in a us"),
+        ("rows_per_10_us", "row bursts in 10 us"),
+        ("events_per_10_us", "events in 10 us"),
+        ("events_per_row", "events in a row burst"),
+    ):
         cells[f"{words}: mean / 99 % / most"] = _three(described[key])
-    cells["events in a row burst: mean / 99 % / most"] = _three(described["events_per_row"])
-    cells["columns in a burst: ascending / descending"] = (
-        f"{_percent(order['ascending'])} / {_percent(order['descending'])}"
-    )
     cells |= {
+        "columns in a burst: ascending / descending": (
+            f"{_percent(order['ascending'])} / {_percent(order['descending'])}"
+        ),
+        "rows of one stamp: the next one is higher": _percent(described["rows_up_share"]),
         "events that share their stamp": _percent(described["shared_stamp_share"]),
         "hot pixels": f"{hot['count']} ({100 * hot['share']:.3f} %)",
         "  their rate: least / median / most": _three(hot["rate_hz"], ("least", "median", "most"), " Hz"),

@@ -11,7 +11,7 @@ import numpy as np
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import names_checked
 from ...events.arrays import EventArray, as_events, check_sorted
-from .bursts import Bursts
+from .bursts import SIZES_BY_COLUMNS, Bursts
 from .event_stream import EventStream, cut, open_event_stream
 from .pixel_sums import PixelSums
 from .stream_statistics import Region, StreamStatistics, evaluate
@@ -36,7 +36,8 @@ class StreamMeter:
         if width < 1 or height < 1 or width * height > MOST_PIXELS:
             raise ValueError(f"a sensor must have 1..{MOST_PIXELS} pixels to be measured, got {width} x {height}")
         self._width, self._height = width, height
-        self._pixels, self._bursts = PixelSums(width, height), Bursts()
+        self._pixels = PixelSums(width, height)
+        self._bursts = Bursts(by_columns=(width, height) in SIZES_BY_COLUMNS)
         self._first_us: int | None = None
         self._last_us = 0
         self._backward = self._outside = 0

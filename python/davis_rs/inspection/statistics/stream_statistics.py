@@ -116,6 +116,7 @@ class StreamStatistics:
         """Return all numbers in JSON's types; None where the stream does not tell."""
         hot, bursts = self.hot_pixels, self.bursts
         several = bursts.ascending + bursts.descending + bursts.unordered
+        steps = bursts.rows_up + bursts.rows_down
         pixels = self.size[0] * self.size[1]
         off, on = self.rates_hz.mean(axis=(1, 2)).tolist()
         parity = {"columns": self.column_parity, "rows": self.row_parity}
@@ -130,13 +131,16 @@ class StreamStatistics:
             "rate_per_pixel_hz": {"on": on, "off": off},
             "interval_us": {name: _percentiles(one) for name, one in (("same", self.same), ("any", self.any))},
             "shared_stamp_share": bursts.sharing / self.events if self.events else None,
+            "rows_of_bus": "columns" if bursts.by_columns else "rows",
             "rows_per_us": _shape(bursts.rows_per_us),
             "rows_per_10_us": _shape(bursts.rows_per_window),
+            "events_per_10_us": _shape(bursts.events_per_window),
             "events_per_row": _shape(bursts.events_per_row),
             "column_order": {
                 order: getattr(bursts, order) / several if several else None
                 for order in ("ascending", "descending", "unordered")
             },
+            "rows_up_share": bursts.rows_up / steps if steps else None,
             "hot_pixels": {
                 "count": len(hot),
                 "share": len(hot) / pixels,
