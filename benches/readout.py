@@ -14,12 +14,12 @@ from davis_rs.geometry.pose import FloatArray
 from davis_rs.sensor.effects import Readout
 
 WIDTH, HEIGHT, STEP_US = 240, 180, 500
-ROWS_US = 0.0, 0.55
+ROWS_US = 0.0, 0.32
 
 
 def edge(speed_px_per_s: float, row_us: float | None) -> EventArray:
     """The events of a slanted edge that crosses the sensor, behind a bus or without one."""
-    bus = None if row_us is None else Readout(12e6, latency_us=3.0, row_us=row_us)
+    bus = None if row_us is None else Readout(9e6, latency_us=3.0, row_us=row_us)
     engine = CrossingEngine(WIDTH, HEIGHT, effects=Effects(readout=bus, threshold_mismatch=0.12))
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     packets = []

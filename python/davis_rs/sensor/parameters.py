@@ -56,6 +56,7 @@ _FRACTIONS = {
     "threshold_column_parity",
     "threshold_correlation",
     "hot_pixel_fraction",
+    "readout_by_columns",
     "leak_spread",
     "leak_jitter",
     "aps_prnu",
@@ -106,6 +107,7 @@ class SensorParameters:
         readout_row_us: the time that the bus needs for a row's address; None takes 0.
         readout_latency_us: delay of every event; None takes 0.
         readout_jitter_us: scatter of the stamps; None takes 0.
+        readout_by_columns: 1 where rows of the bus are columns of the image, else 0; None takes 0.
         aps_exposure_us: exposure of the intensity frames.
         aps_read_noise_dn: their read noise in counts of the converter; None takes the effect's own value.
         aps_bits: bits of the converter; None takes the effect's own value.
@@ -156,6 +158,7 @@ class SensorParameters:
     readout_row_us: float | None = None
     readout_latency_us: float | None = None
     readout_jitter_us: float | None = None
+    readout_by_columns: int | None = None
     aps_exposure_us: float | None = None
     aps_read_noise_dn: float | None = None
     aps_bits: int | None = None
@@ -187,6 +190,8 @@ class SensorParameters:
             )
             if name in _SIZES and value != int(value):
                 raise ValueError(f"{name} must be an integer number of pixels, got {value!r}")
+        if self.readout_by_columns not in (None, 0, 1):
+            raise ValueError(f"readout_by_columns must be 0 or 1, got {self.readout_by_columns!r}")
         self.colour_filter()
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
         if (hz is None) != (lux is None):
@@ -313,6 +318,7 @@ class SensorParameters:
                 row_us=self.readout_row_us,
                 latency_us=self.readout_latency_us,
                 jitter_us=self.readout_jitter_us,
+                by_columns=self.readout_by_columns,
             ),
             aps=_effect(
                 Aps,
