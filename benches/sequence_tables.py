@@ -31,7 +31,7 @@ from davis_rs.io.dataset.writer import image_gain_for
 from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.rules import MaxDisplacement
 from davis_rs.scene.sequences import SEQUENCES, Sequence, sequence_named
-from davis_rs.scene.sequences.event_counts import MEASURED, MEASURED_RECORDED, EventCount, read_counts
+from davis_rs.scene.sequences.event_counts import MEASURED, EventCount, read_counts
 from davis_rs.scene.sequences.listing import HEAD, WORDS, table
 from davis_rs.sensor.presets import IDEAL, RECORDED
 from davis_rs.simulation.simulator import Simulator
@@ -191,14 +191,13 @@ def main(arguments: Rows[str] | None = None) -> int:
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="the picture, or the counts")
     parser.add_argument("--sensor", choices=(IDEAL, RECORDED), default=IDEAL, help="whose events are counted")
     parser.add_argument("--measured", type=Path, metavar="CSV", default=MEASURED)
-    parser.add_argument("--measured-recorded", type=Path, metavar="CSV", default=MEASURED_RECORDED)
     options = parser.parse_args(arguments)
     chosen = [sequence_named(name) for name in options.names or SEQUENCES]
     if options.what != "table" and options.output is None:
         parser.error(f"{options.what} needs -o FILE")
     if options.what == "table":
-        counts = read_counts(options.measured), read_counts(options.measured_recorded)
-        print(as_markdown(table(each(chosen, "listing", len(chosen), unit="sequences"), *counts)))
+        counts = read_counts(options.measured)
+        print(as_markdown(table(each(chosen, "listing", len(chosen), unit="sequences"), counts)))
     elif options.what == "sheet":
         print(draw_sheet(each(chosen, "simulating", len(chosen), unit="sequences"), options.output))
     else:

@@ -134,12 +134,12 @@ def test_biases_that_do_not_exist_are_refused(biases: Any, message: str) -> None
 
 
 def test_the_indoor_biases() -> None:
-    """Thresholds, refractory period and the fast source follower of the paper's set."""
-    sensor = SensorParameters.from_biases("indoors")
+    """Thresholds and refractory period of the paper's set, whose photoreceptor is slower than the source follower."""
+    sensor = SensorParameters.from_biases("indoors", source_follower_bandwidth_hz=None)
     assert sensor.contrast_threshold == pytest.approx(0.414, abs=5e-4)
     assert sensor.contrast_threshold_off == pytest.approx(0.116, abs=5e-4)
     assert sensor.refractory_period_us == pytest.approx(12.96, abs=5e-3)
-    assert sensor.source_follower_bandwidth_hz == pytest.approx(110_700, rel=1e-3)
+    assert sensor.source_follower_bandwidth_hz is None
     assert sensor.photoreceptor_bandwidth_hz is None
 
 
@@ -186,8 +186,14 @@ def test_the_outdoor_biases() -> None:
             {},
             "contrast_threshold does not follow from these biases: it needs DiffBn, which is not among them",
         ),
+        (
+            "indoors",
+            {},
+            "source_follower_bandwidth_hz does not follow from these biases: PrSFBp 3/96 (2.28e-09 A) must be at most "
+            "half of PrBp 3/72 (1.71e-09 A)",
+        ),
     ],
-    ids=["no OFF current", "ON below the amplifier", "OFF not below", "no reset current", "missing"],
+    ids=["no OFF current", "ON below the amplifier", "OFF not below", "no reset current", "missing", "fast follower"],
 )
 def test_what_the_formulas_do_not_cover_is_refused(biases: Any, known: dict[str, float], message: str) -> None:
     """The error says which quantity, why, and what to do, where the formula would give NaN or nonsense."""

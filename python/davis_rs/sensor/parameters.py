@@ -221,10 +221,13 @@ class SensorParameters:
         """Return thresholds, source follower and refractory period of a DAVIS240 or DAVIS346 with these biases.
 
         - thresholds: (kappa_n / kappa_p^2) (C2 / C1) ln(I / I_DiffBn) with I of OnBn, and of OffBn (negative there);
-        - source follower's bandwidth: I_PrSFBp / (2 pi U_T C1), in any light;
+        - source follower's bandwidth: I_PrSFBp / (2 pi U_T C1), in any light, where I_PrSFBp is at most half of I_PrBp;
         - refractory period: 20 fF x 0.8 V / I_RefrBp.
 
-        They are nominal: mismatch and temperature move them.
+        They are nominal: mismatch and temperature move them. Of the vendor's default biases recordings of a DAVIS346
+        tell about the same thresholds (0.286 +- 0.01 and 0.311 +- 0.02, the formula 0.283 and 0.262: docs/sensor.md).
+        Of the dataset's indoor biases the formula's thresholds, 0.414 and 0.116, are refuted: counterparts of the
+        sequences have up to 5 times the paper's events with them, four of five OFF (docs/sequences.md).
 
         Args:
             biases: "indoors" or "outdoors" (the sets of the event-camera dataset), or names with (coarse, fine).
@@ -400,7 +403,14 @@ def _off_threshold(quantity: str, biases: _Biases) -> float:
 
 
 def _follower_bandwidth_hz(quantity: str, biases: _Biases) -> float:
-    return _current_a(quantity, "PrSFBp", biases) / (2 * math.pi * THERMAL_VOLTAGE_V * INPUT_CAPACITANCE_F)
+    current = _current_a(quantity, "PrSFBp", biases)
+    if "PrBp" in biases and current > biases["PrBp"].current_a / 2:
+        raise _uncovered(
+            quantity,
+            f"PrSFBp {biases['PrSFBp']} ({current:.3g} A) must be at most half of PrBp {biases['PrBp']} "
+            f"({biases['PrBp'].current_a:.3g} A), or the photoreceptor limits it",
+        )
+    return current / (2 * math.pi * THERMAL_VOLTAGE_V * INPUT_CAPACITANCE_F)
 
 
 def _refractory_period_us(quantity: str, biases: _Biases) -> float:

@@ -12,9 +12,6 @@ MEASURED = Path(__file__).with_name("measured.csv")
 They are kept here because counting them takes hours.
 """
 
-MEASURED_RECORDED = Path(__file__).with_name("measured_recorded.csv")
-"""The counts of the sensors of the recordings."""
-
 
 @dataclass(frozen=True)
 class EventCount:

@@ -13,7 +13,7 @@ from .sequence import Sequence
 HEAD = (
     *("sequence", "motion", "lens", "biases"),
     *("T [s]", "ours", "TS [m/s]", "ours", "RS [deg/s]", "ours"),
-    *("NE", "ours", "recorded sensor"),
+    *("NE", "ours"),
 )
 """The heads of the columns of :func:`table`."""
 
@@ -21,21 +21,18 @@ WORDS = 4
 """The number of columns from the left that hold words; the others hold numbers."""
 
 
-def table(
-    sequences: Iterable[Sequence], counts: Mapping[str, EventCount], recorded: Mapping[str, EventCount]
-) -> list[tuple[str, ...]]:
+def table(sequences: Iterable[Sequence], counts: Mapping[str, EventCount]) -> list[tuple[str, ...]]:
     """Return a row of cells for each sequence; a ``-`` is not counted.
 
     Args:
         counts: of ideal pixels, by name.
-        recorded: of the recorded sensor.
 
     Our top speeds are those of :meth:`~davis_rs.Trajectory.top_speeds`.
     """
-    return [_row(sequence, (counts.get(sequence.name), recorded.get(sequence.name))) for sequence in sequences]
+    return [_row(sequence, counts.get(sequence.name)) for sequence in sequences]
 
 
-def _row(sequence: Sequence, counts: tuple[EventCount | None, EventCount | None]) -> tuple[str, ...]:
+def _row(sequence: Sequence, count: EventCount | None) -> tuple[str, ...]:
     paper, path = sequence.paper, sequence.scene().path
     top = path.top_speeds()
     return (
@@ -50,7 +47,7 @@ def _row(sequence: Sequence, counts: tuple[EventCount | None, EventCount | None]
         _cell(paper.rate_deg_s, 0),
         _cell(float(np.degrees(top.rate_rad_s)), 0),
         f"{paper.events:,}",
-        *("-" if count is None else f"{count.events:,}" for count in counts),
+        "-" if count is None else f"{count.events:,}",
     )
 
 

@@ -13,36 +13,46 @@ RECORDED = "recorded"
 """The name of the sensor of a recording, for a sequence of the dataset."""
 
 
-def recorded_sensor(biases: str) -> SensorParameters:
-    """Return the DAVIS240C with the biases of the dataset's recordings.
+def recorded_sensor(biases: str, contrast_threshold: float) -> SensorParameters:
+    """Return the DAVIS240C of the dataset's recordings: what follows from their biases, and all else of ``davis240c``.
 
-    Both thresholds, the source follower's corner and the refractory period follow from the biases
-    (:meth:`~davis_rs.SensorParameters.from_biases`), all else is that of the preset ``davis240c``. Two values do not
-    follow from them:
+    The refractory period follows from the biases, and outdoors the source follower's corner
+    (:meth:`~davis_rs.SensorParameters.from_biases`). What does not:
 
-    - outdoors, OffBn 4/0 has no nominal current: the OFF threshold is taken to be the ON threshold;
+    - thresholds: the formula's are refuted indoors, where they make up to 5 times the paper's events, four of five OFF.
+      Both are the scene's, which is chosen for the paper's number of events;
+    - the source follower indoors, where the photoreceptor limits it: it is left open, and noise keeps the poles of the
+      preset;
     - shot noise: its rms is the one that makes as many noise events at 200 lux as that of the preset does, in the mean
-      over pixels. The preset's own rms would make thousands of events a second in each pixel with the indoor biases,
-      whose source follower is 400 times as fast, and the recordings do not have them.
+      over pixels.
 
     Args:
         biases: ``indoors`` or ``outdoors``, a key of :data:`~davis_rs.BIAS_SETS`.
+        contrast_threshold: of the scene, in natural-log units.
 
     Raises:
-        ValueError: for another one.
+        ValueError: for other biases, or a threshold that is not > 0.
 
     Source: Mueggler et al., IJRR 2017, the table of bias settings.
     """
-    known = {"contrast_threshold_off": None} if biases == "outdoors" else {}
-    derived = SensorParameters.from_biases(biases, **known)
     preset = SENSORS["davis240c"]
+    open_indoors = {"source_follower_bandwidth_hz": None} if biases == "indoors" else {}
+    derived = SensorParameters.from_biases(
+        biases, contrast_threshold=contrast_threshold, contrast_threshold_off=None, **open_indoors
+    )
     sensor = replace(
         preset,
-        contrast_threshold=derived.contrast_threshold,
-        contrast_threshold_off=derived.contrast_threshold_off,
+        contrast_threshold=contrast_threshold,
+        contrast_threshold_off=None,
         source_follower_bandwidth_hz=derived.source_follower_bandwidth_hz,
         refractory_period_us=derived.refractory_period_us,
     )
+    if sensor.source_follower_bandwidth_hz is None:
+        sensor = replace(
+            sensor,
+            shot_noise_half_lux=preset.noise_half_lux,
+            shot_noise_bandwidth_hz=preset.source_follower_bandwidth_hz,
+        )
     return replace(sensor, shot_noise_rms=_rms_of_as_many_events(sensor, _noise_hz(preset)))
 
 

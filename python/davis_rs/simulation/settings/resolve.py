@@ -205,7 +205,7 @@ def fixed_sensor(
             "but scene {!r} has no recording",
             *(RECORDED, scene.name),
         )
-    return recorded_sensor(scene.biases)
+    return recorded_sensor(scene.biases, scene.contrast_threshold)
 
 
 def renderer_of(
