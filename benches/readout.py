@@ -46,7 +46,7 @@ def main() -> None:
                 axis.set(xlabel=f"bursts of rows in {window_us} us", ylabel="share", yscale="log")
                 print(f"row_us {row_us:g}: at most {made.max():.0f} bursts in {window_us} us, of {len(events)} events")
         axes[0].set_xlim(0, 15)
-        for axis, most in zip(axes, (3, 16), strict=True):
+        for axis, most in zip(axes, (3, 17), strict=True):
             axis.axvline(most, color="k", linestyle=":", label="most in two recordings")
             axis.legend(fontsize=6)
 

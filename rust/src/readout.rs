@@ -242,7 +242,7 @@ impl Readout {
     }
 
     fn request(&mut self, event: Event) {
-        let (line, _) = self.address(event);
+        let line = if self.parameters.by_columns { event.x } else { event.y };
         let queue = &mut self.lines[usize::from(line)];
         queue.push_back(event);
         if queue.len() == 1 {
@@ -253,11 +253,6 @@ impl Readout {
     /// Asks for a line in a microsecond.
     fn ask_for(&mut self, line: u16, t_us: i64) {
         self.requests.push(Reverse((t_us, within(self.seed, line, t_us).to_bits(), line)));
-    }
-
-    /// Returns an event's line, and its place in it.
-    fn address(&self, event: Event) -> (u16, u16) {
-        if self.parameters.by_columns { (event.x, event.y) } else { (event.y, event.x) }
     }
 
     /// Reads out all lines that are granted until a time.
