@@ -255,14 +255,15 @@ fn damage(state: &mut EngineState, [field, place, value @ ..]: &[u8; 10]) {
         }
         (22, _) => {
             if let Some(readout) = &mut state.readout {
-                match place % 7 {
+                match place % 8 {
                     0 => readout.free_us = bits,
                     1 => readout.free_share = float,
                     2 => readout.last_stamp_us = bits,
                     3 => readout.bursts = bits as u64,
                     4 => readout.dropped = bits as u64,
                     5 => readout.missed = bits as u64,
-                    _ => set(&mut readout.ready_us, place / 7, bits),
+                    6 => readout.started_us = bits,
+                    _ => set(&mut readout.ready_us, place / 8, bits),
                 }
             }
         }

@@ -78,6 +78,8 @@ const LONGEST_AHEAD_US: i64 = 1 << 50;
 /// What a readout still holds, as plain data to be stored.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadoutState {
+    /// The time of the first frame.
+    pub started_us: i64,
     /// Requests that were not granted yet, in the order of their coming.
     pub waiting: Vec<Event>,
     /// Events that were read, with stamps that lie ahead.
@@ -108,6 +110,8 @@ pub(crate) struct Readout {
     seed: u64,
     /// Microseconds from a pixel's stamp to its next request, at least.
     reset_us: i64,
+    /// The time of the first frame: draws are named by the time since then.
+    started_us: Option<i64>,
     ready_us: Vec<i64>,
     lines: Vec<VecDeque<Event>>,
     /// Lines with requests, by their oldest one: (whole microseconds, bits of the fraction, line). Positive floats have
@@ -131,6 +135,7 @@ impl Readout {
             parameters,
             seed,
             reset_us: refractory_us.max(1.0).ceil() as i64,
+            started_us: None,
             ready_us: vec![0; size.pixels()],
             lines: vec![VecDeque::new(); usize::from(if parameters.by_columns { size.width } else { size.height })],
             requests: BinaryHeap::new(),
@@ -159,6 +164,9 @@ impl Readout {
         if state.waiting.iter().any(|event| !(0..=t_us).contains(&event.t)) {
             return rule("must have waiting events until then");
         }
+        if !(0..=t_us).contains(&state.started_us) {
+            return rule("must have begun by then");
+        }
         let latest_us = t_us.saturating_add(LONGEST_AHEAD_US);
         let ahead = |us: i64| t_us < us && us <= latest_us;
         if state.stamped.iter().any(|event| !ahead(event.t)) {
@@ -177,6 +185,7 @@ impl Readout {
         if waiting != state.waiting.len() || !state.waiting.iter().all(waits) {
             return rule("must have one waiting event of each pixel that waits");
         }
+        self.started_us = Some(state.started_us);
         self.ready_us.clone_from(&state.ready_us);
         self.stamped = state.stamped.iter().copied().collect();
         (self.free_us, self.free_share, self.last_stamp_us) = (state.free_us, state.free_share, state.last_stamp_us);
@@ -197,6 +206,7 @@ impl Readout {
         let mut waiting: Vec<Event> = self.lines.iter().flatten().copied().collect();
         waiting.sort_by_key(|event| event.t);
         ReadoutState {
+            started_us: self.started_us.unwrap_or(0),
             waiting,
             stamped: self.stamped.iter().copied().collect(),
             free_us: self.free_us,
@@ -212,8 +222,9 @@ impl Readout {
     /// Takes the events until `until_us`, and turns them into those that have left by then.
     ///
     /// `events` are sorted by time before, and after in the order of the bus; no later call gives stamps up to
-    /// `until_us`.
+    /// `until_us`. The first call is that of the first frame, which has none.
     pub(crate) fn pass(&mut self, events: &mut Vec<Event>, until_us: i64) {
+        self.started_us.get_or_insert(until_us);
         for &event in events.iter() {
             self.grant(event.t - 1); // which decides whether its pixel can ask
             self.ask(event);
@@ -252,7 +263,8 @@ impl Readout {
 
     /// Asks for a line in a microsecond.
     fn ask_for(&mut self, line: u16, t_us: i64) {
-        self.requests.push(Reverse((t_us, within(self.seed, line, t_us).to_bits(), line)));
+        let share = within(self.seed, line, t_us - self.started_us.unwrap_or(0));
+        self.requests.push(Reverse((t_us, share.to_bits(), line)));
     }
 
     /// Reads out all lines that are granted until a time.
@@ -260,6 +272,7 @@ impl Readout {
     #[allow(clippy::cast_possible_truncation, reason = "waits and bursts are far below 2^53")]
     fn grant(&mut self, until_us: i64) {
         let us_per_event = 1e6 / self.parameters.events_per_s;
+        let started_us = self.started_us.unwrap_or(0);
         while let Some(&Reverse((asked_us, asked_share, line))) = self.requests.peek() {
             // Whole microseconds apart from their fraction: a float of both loses the fraction in a long time.
             let (asked, free) = ((asked_us, f64::from_bits(asked_share)), (self.free_us, self.free_share));
@@ -270,7 +283,8 @@ impl Readout {
             self.requests.pop();
             let queue = &mut self.lines[usize::from(line)];
             let waiting = queue.partition_point(|event| event.t <= now_us);
-            let waited_us = |event: &Event| (now_us - event.t) as f64 + fraction - within(self.seed, line, event.t);
+            let share = |event: &Event| within(self.seed, line, event.t - started_us);
+            let waited_us = |event: &Event| (now_us - event.t) as f64 + fraction - share(event);
             let late =
                 self.parameters.drop_after_us.map_or(0, |us| queue.partition_point(|event| waited_us(event) > us));
             for event in queue.drain(..late) {
@@ -300,10 +314,10 @@ impl Readout {
     }
 }
 
-/// Returns when within a microsecond a line asks, 0..1.
+/// Returns when within a microsecond a line asks, 0..1. `since_us` is the time since the first frame.
 #[allow(clippy::cast_sign_loss, reason = "any number names a draw")]
-fn within(seed: u64, line: u16, t_us: i64) -> f64 {
-    Draw::at(seed, Purpose::ReadoutRequest, line.into(), t_us as u64).uniform()
+fn within(seed: u64, line: u16, since_us: i64) -> f64 {
+    Draw::at(seed, Purpose::ReadoutRequest, line.into(), since_us as u64).uniform()
 }
 
 /// Returns the time from a burst's grant to its stamp, in microseconds. It is never negative, whatever the jitter is.
@@ -332,7 +346,13 @@ mod tests {
     };
 
     fn readout(parameters: ReadoutParameters) -> Readout {
-        Readout::new(SIZE, parameters, 1, 0.0)
+        begun(Readout::new(SIZE, parameters, 1, 0.0))
+    }
+
+    /// A bus that has seen the first frame, at 0.
+    fn begun(mut bus: Readout) -> Readout {
+        bus.pass(&mut vec![], 0);
+        bus
     }
 
     fn requests() -> impl Strategy<Value = Vec<Event>> {
@@ -369,7 +389,7 @@ mod tests {
     #[test]
     fn a_column_is_a_row_of_a_bus_by_columns() {
         const SQUARE: SensorSize = SensorSize { width: 16, height: 16 };
-        let bus = |by_columns| Readout::new(SQUARE, ReadoutParameters { by_columns, ..BUS }, 1, 0.0);
+        let bus = |by_columns| begun(Readout::new(SQUARE, ReadoutParameters { by_columns, ..BUS }, 1, 0.0));
         let events: Vec<Event> =
             (0..200u16).map(|i| Event::new(i64::from(i / 9), i * 5 % 16, i * 3 % 16, true)).collect();
         let mut by_rows = events.clone();
@@ -386,7 +406,7 @@ mod tests {
         #[test]
         fn every_event_leaves_once_in_order_or_is_missed(requests in requests(), rate in 1e4f64..1e8, row_us in 0.0f64..20.0, latency_us in 0.0f64..50.0, jitter_us in 0.0f64..20.0, by_columns: bool, refractory_us in 0.0f64..9.0, cut in 0i64..300) {
             let parameters = ReadoutParameters { events_per_s: rate, row_us, latency_us, jitter_us, drop_after_us: None, by_columns };
-            let readout = || Readout::new(SIZE, parameters, 1, refractory_us);
+            let readout = || begun(Readout::new(SIZE, parameters, 1, refractory_us));
             let mut whole = requests.clone();
             let mut bus = readout();
             bus.pass(&mut whole, 300);

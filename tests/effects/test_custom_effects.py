@@ -22,7 +22,7 @@ from davis_rs.events.arrays import EVENT_DTYPE, EventArray, concatenate_events
 from davis_rs.geometry.camera import Camera
 from davis_rs.inspection.visual_sequence import open_visual_sequence
 from davis_rs.sampling.exposure import KeyframeExposure
-from davis_rs.sensor.effects import Aps, CustomEffects, event_draws
+from davis_rs.sensor.effects import Aps, CustomEffects, Readout, event_draws
 from davis_rs.sensor.effects.custom_effects import load_custom_effect
 from long_form import long_values
 
@@ -110,7 +110,7 @@ def test_an_effect_on_events_acts_on_the_stream_behind_the_pixels() -> None:
 
 def test_what_is_held_back_comes_at_the_end() -> None:
     """In a packet behind the last one, with the bus's own late events, and in the order of the bus."""
-    bus = Effects(readout={"events_per_s": math.inf, "latency_us": 3_000.0})
+    bus = Effects(readout=Readout(math.inf, latency_us=3_000.0))
     plain = list(simulate(PLANES, camera=SMALL, renderer="native", effects=bus))
     held = list(simulate(PLANES, camera=SMALL, renderer="native", effects=bus, custom_effects=SecondLate()))
     assert len(held) == len(plain)

@@ -391,6 +391,8 @@ def test_states_of_effects_that_no_engine_can_be_in_are_refused(change: dict[str
         ({"ready_us": np.zeros(6, np.int64)}, "one waiting event of each pixel that waits"),
         ({"ready_us": np.full(6, 2**63 - 1)}, "one waiting event of each pixel that waits"),
         ({"waiting": ("p", 2)}, "events of the sensor"),
+        ({"started_us": 2_001}, "have begun by then"),
+        ({"started_us": -1}, "have begun by then"),
         (None, "a readout if its effects have one, and only then"),
     ],
 )

@@ -78,6 +78,7 @@ fn effect_state_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EffectState> {
 
 fn readout_to_dict(py: Python<'_>, state: ReadoutState) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
+    dict.set_item("started_us", state.started_us)?;
     dict.set_item("waiting", state.waiting.into_pyarray(py))?;
     dict.set_item("stamped", state.stamped.into_pyarray(py))?;
     dict.set_item("free_us", state.free_us)?;
@@ -92,6 +93,7 @@ fn readout_to_dict(py: Python<'_>, state: ReadoutState) -> PyResult<Bound<'_, Py
 
 fn readout_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<ReadoutState> {
     Ok(ReadoutState {
+        started_us: item(dict, "started_us")?.extract()?,
         waiting: values::<Event>(dict, "waiting")?,
         stamped: values::<Event>(dict, "stamped")?,
         free_us: item(dict, "free_us")?.extract()?,

@@ -19,8 +19,8 @@ class Readout(EngineEffect):
     ``drop_after_us`` is given; those that still wait at the end come from :meth:`~davis_rs.CrossingEngine.flush`, with
     later stamps.
 
-    Events of pixels have whole microseconds. When within its microsecond a row asks is a draw of (seed, row, time), and
-    a stamp is the last whole microsecond before its time, as of a camera's clock.
+    Events of pixels have whole microseconds. When within its microsecond a row asks is a draw of (seed, row, time since
+    the first frame), and a stamp is the last whole microsecond before its time, as of a camera's clock.
 
     A pixel's reset waits for the bus: what reaches a level before the pixel's last event was read out, and its
     refractory period (at least a microsecond) was over, is no event, and is counted as missed. What log intensity the
