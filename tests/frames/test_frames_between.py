@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -93,7 +94,7 @@ def test_flow_finds_how_the_image_moves(step: tuple[float, float]) -> None:
     inner = (slice(12, -12), slice(12, -12))
     assert np.abs(pair.forward[inner] - step).mean() < 0.1
     assert np.abs(pair.backward[inner] + step).mean() < 0.1
-    assert pair.displacement_px == pytest.approx(np.hypot(*step), abs=0.7)
+    assert pair.displacement_px == pytest.approx(np.hypot(*step), abs=0.8)
     assert pair.occluded < 0.15
     for share, [made] in zip((0.25, 0.5, 0.9), pair.frames([0.25, 0.5, 0.9], [before], [after]), strict=True):
         truth = texture(x - share * step[0], y - share * step[1])
@@ -168,6 +169,21 @@ def test_auto_takes_cubics_where_the_image_hardly_moves() -> None:
     assert next(run.findings()).startswith(
         "interpolation auto: 4 of 8 intervals by cubics, where the image moves by 1 px"
     )
+
+
+def test_a_small_object_counts_as_much_as_its_events() -> None:
+    """Before a camera that stands still, a square of 2 % of the image makes all of the events, so it decides."""
+    count, step, noise = 4, 5, np.random.default_rng(0)
+    still, square = moving_texture(1, 0.0, WIDTH, HEIGHT)[0], moving_texture(1, 0.0, 12, 12)[0][::-1]
+    frames = np.repeat(still[None], count, 0)
+    for number, frame in enumerate(frames):
+        frame[28:40, 20 + step * number : 32 + step * number] = square
+    frames += noise.normal(0.0, 1e-3, frames.shape).astype(np.float32)
+    finder = FlowFinder()
+    for before, after in pairwise(frames):
+        assert finder.between(before, after).displacement_px == pytest.approx(step, abs=1.5)
+    assert finder.between(still, still).displacement_px == 0
+    assert not np.array_equal(events(frames, "auto"), events(frames, "cubic"))
 
 
 def test_too_much_motion_is_said(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:

@@ -55,6 +55,8 @@ class FlowFinder:
     def __init__(self) -> None:
         self._cv2 = _opencv()
         self._dis = self._cv2.DISOpticalFlow_create(self._cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        # The preset ends at half the resolution, where objects of less than 16 pixels hardly seem to move.
+        self._dis.setFinestScale(0)
 
     def flow(self, before: LumaFrame, after: LumaFrame) -> FlowField:
         """Compute the flow from each pixel of ``before`` (H, W) to its position in ``after``.
@@ -88,14 +90,26 @@ class FlowFinder:
         return np.pad(grey, ((0, low), (0, wide)), "symmetric") if low or wide else grey
 
 
-def displacement(frame: LumaFrame, flow: FlowField) -> float:
-    """Return how far the image moves, in pixels: the 98th percentile of pixels that have texture; 0 without any."""
+def displacement(frame: LumaFrame, flow: FlowField, other: LumaFrame) -> float:
+    """Return how far the image moves, in pixels: the 98th percentile of pixels that have texture; 0 without any.
+
+    Pixels count by how much they change, because that many events come from there: before a camera that stands still, a
+    small object makes all of them.
+
+    Args:
+        frame: (H, W), whose pixels move by ``flow`` until ``other``.
+    """
     cv2 = _opencv()
-    grey = _as_grey(frame, _white(frame)).astype(np.float32)
+    white = max(_white(frame), _white(other))
+    grey, then = (_as_grey(luma, white).astype(np.float32) for luma in (frame, other))
     across, down = (cv2.Sobel(grey, -1, 1 - k, k, ksize=3, scale=1 / 8) for k in (0, 1))
     textured = across * across + down * down > np.float32(_TEXTURE**2)
-    moved = np.hypot(flow[..., 0], flow[..., 1])[textured]
-    return float(np.percentile(moved, _PERCENTILE)) if len(moved) else 0.0
+    moved, changed = np.hypot(flow[..., 0], flow[..., 1])[textured], np.abs(then - grey)[textured]
+    order = np.argsort(moved, kind="stable")
+    counted = np.cumsum(changed[order], dtype=np.float64)
+    if not len(counted) or not counted[-1]:
+        return 0.0
+    return float(moved[order[np.searchsorted(counted, _PERCENTILE / 100 * counted[-1])]])
 
 
 class BoundedPlane(NamedTuple):
@@ -155,7 +169,9 @@ class FlowPair:
     @property
     def displacement_px(self) -> float:
         """Return how far the image moves, in pixels, as :func:`displacement`."""
-        return max(displacement(self.before, self.forward), displacement(self.after, self.backward))
+        return max(
+            displacement(self.before, self.forward, self.after), displacement(self.after, self.backward, self.before)
+        )
 
     @property
     def occluded(self) -> float:
