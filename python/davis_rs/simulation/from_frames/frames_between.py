@@ -91,7 +91,7 @@ class Motion:
         if self.unsure:
             yield (
                 f"in {self.unsure} of {self.by_cubics + self.by_frames} intervals the image moves too far from a frame "
-                f"to the next (98 % of what changes by up to {self.largest_px:.0f} px), or too much is hidden, to know "
+                f"to the next (95 % of what changes by up to {self.largest_px:.0f} px), or too much is hidden, to know "
                 "what lies between: events there are a guess, and a higher frame rate is the only cure"
             )
 
@@ -169,7 +169,7 @@ class FramesBetween(Interpolation):
         return {"rule": rule, **name, **self.motion.describe()}
 
     def findings(self) -> Iterator[str]:
-        moved = f"98 % of what changes moves by less than {self.motion.largest_px:.3g} px from a frame to the next"
+        moved = f"95 % of what changes moves by less than {self.motion.largest_px:.3g} px from a frame to the next"
         yield f"{self.motion.made:,} frames were made between frames; {moved}"
         yield from self.motion.warnings()
 
@@ -226,7 +226,7 @@ class Auto(Interpolation):
         yield (
             f"interpolation auto: {motion.by_cubics} of {motion.by_cubics + motion.by_frames} intervals by cubics, "
             f"where the image moves by {CUBIC_UP_TO_PX:g} px at most; {motion.by_frames} along optical flow, where "
-            f"98 % of what changes moves by less than {motion.largest_px:.3g} px"
+            f"95 % of what changes moves by less than {motion.largest_px:.3g} px"
         )
         yield from motion.warnings()
 

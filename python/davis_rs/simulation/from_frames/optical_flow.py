@@ -31,7 +31,7 @@ _AGREEMENT_PX = 1.0
 _TURNS = 3
 """Steps of the fixed-point iteration that finds where a pixel of an instant between came from."""
 
-_PERCENTILE = 98.0
+_PERCENTILE = 95.0
 """Of how far pixels move: the fastest may be mistakes."""
 
 _TEXTURE = 3.0
@@ -91,7 +91,7 @@ class FlowFinder:
 
 
 def displacement(frame: LumaFrame, flow: FlowField, other: LumaFrame) -> float:
-    """Return how far the image moves, in pixels: the 98th percentile of pixels that have texture; 0 without any.
+    """Return how far the image moves, in pixels: the 95th percentile of pixels that have texture; 0 without any.
 
     Pixels count by how much they change, because that many events come from there: before a camera that stands still, a
     small object makes all of them.
