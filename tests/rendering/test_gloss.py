@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.views import Views
-from davis_rs.render.choice import make_renderer
+from davis_rs.render.choice import make_renderer, why_not_noise_free
 from davis_rs.render.diffuse_materials import children, simplify_materials
 from davis_rs.render.finishes import Finish, NumberTexels, dielectric, read_finish
 from davis_rs.render.integrator.renderer import IntegratorRenderer
@@ -149,8 +150,9 @@ def test_an_area_light_behind_rough_glass_is_counted_once(alpha: float, size: fl
         {"type": "conductor", "material": "Au"},
         {"type": "conductor", "specular_reflectance": COLOUR},
         {"type": "thindielectric"},
+        {"type": "polarizer", "transmittance": {"type": "rgb", "value": [0.2, 0.5, 0.9]}, "polarizing": False},
     ],
-    ids=["gold", "tinted mirror", "thin glass"],
+    ids=["gold", "tinted mirror", "thin glass", "polarizer"],
 )
 def test_even_light_is_mirrored_as_by_mitsuba(bsdf: dict[str, Any]) -> None:
     """Under light of one radiance from all sides no path tracer has noise."""
@@ -159,6 +161,40 @@ def test_even_light_is_mirrored_as_by_mitsuba(bsdf: dict[str, Any]) -> None:
     renderer = native(scene, bake_error=0.1)
     np.testing.assert_allclose(renderer.luma(VIEWS), mitsubas(scene), rtol=1e-3)
     assert "grainy" not in renderer.reason
+    assert ("polarizers" in renderer.reason) == (bsdf["type"] == "polarizer")
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("turned", [False, True])
+def test_polarizers_pass_half_of_the_light_straight(turned: bool) -> None:
+    """One over the other, from either side, as Mitsuba's path tracer shows them, which has no noise here: what is
+    behind is seen there, and lamps throw shadows of them."""
+    scale = -0.25 if turned else 0.25
+    plates = {
+        f"plate_{number}": {
+            "type": "rectangle",
+            "to_world": np.array([[0.25, 0, 0, at], [0, 0.25, 0, at], [0, 0, scale, 0.5 + at], [0, 0, 0, 1]]),
+            "bsdf": {"type": "polarizer", "theta": 90.0 * number, "transmittance": transmittance},
+        }
+        for number, (at, transmittance) in enumerate([(0.0, 0.8), (0.2, {"type": "rgb", "value": [0.3, 0.6, 1.0]})])
+    }
+    scene = scene_of({"type": "diffuse", "reflectance": COLOUR}, {"type": "path", "max_depth": 4}, lamp=POINT, **plates)
+    renderer = native(scene, bake_error=0.1)
+    theirs, ours = mitsubas(scene), renderer.luma(VIEWS)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-3, atol=1e-3 * theirs.max())
+    assert "polarizers throw no shadow" in renderer.reason
+    plain = mitsubas(scene_of({"type": "diffuse", "reflectance": COLOUR}, DIRECT, lamp=POINT))
+    assert len(np.unique(np.round(ours / plain, 1))) > 3
+
+
+@pytest.mark.parametrize("shape", [{}, {"light": {"type": "area", "radiance": 2.0}}])
+def test_polarizers_that_lamps_shine_through_stay_with_the_integrator(shape: dict[str, Any]) -> None:
+    """Mitsuba's volumetric path tracers follow lamps through them, other ones do not."""
+    plate = {"type": "rectangle", "bsdf": {"type": "polarizer"}, **shape}
+    for integrator in ("path", "volpath"):
+        parts = {"type": "scene", "integrator": {"type": integrator}, "lamp": POINT, "film": plate}
+        told = "; ".join(map(str, why_not_noise_free(Scene("film", functools.partial(dict, parts)))))
+        assert ("shape 'film' has a polarizer surface" in told) == (integrator == "volpath" or bool(shape)), told
 
 
 @pytest.mark.parametrize("name", ["roughplastic", "gold, ggx", "principled metal"])
@@ -197,6 +233,7 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
         {"type": "roughdielectric", "alpha": squares},
         {"type": "roughdielectric", "alpha_u": 0.1, "alpha_v": 0.3},
         {"type": "roughdielectric", "specular_transmittance": squares},
+        {"type": "polarizer", "transmittance": squares},
     ]
     with variant(SCALAR) as (mi, _):
         for bsdf in unknown:

@@ -128,7 +128,7 @@ def simplify_materials(
         diffuse = known[bsdf]
         if diffuse is None or (diffuse.lost and not matte):
             continue
-        if diffuse.finish is not None and diffuse.finish.blends and not may_blend(shape):
+        if diffuse.finish is not None and diffuse.finish.is_null and not may_blend(shape):
             continue
         if diffuse.lost:
             replaced[f"{material_id(bsdf) or shape.id() or shape_name(shape)} ({', '.join(diffuse.lost)})"] = None

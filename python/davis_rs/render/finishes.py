@@ -1,7 +1,7 @@
 """Reads how glossy materials reflect, as the native renderer knows it: one lobe over a diffuse colour, or glass.
 
-Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric, roughdielectric, thindielectric and
-diffuse mask become a :class:`Finish` and a base colour. docs/light.md says what is approximate.
+Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric, roughdielectric, thindielectric,
+polarizer and diffuse mask become a :class:`Finish` and a base colour. docs/light.md says what is approximate.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ _ROUND = 1e-3
 
 _HALF = 0.5
 """The mean opacity from which on a surface stops light that is baked."""
+
+_UNBENT = 1 + 1e-9
+"""The index of what neither bends nor reflects light; the core asks for one other than 1."""
 
 _PASSING_NODES = 33
 """Cosines at which it is known what passes a rough coat."""
@@ -99,6 +102,12 @@ class Finish:
     def blends(self) -> bool:
         """Whether it covers a part of its area, and the rest is seen through."""
         return self.under[0] == "blend"
+
+    @property
+    def is_null(self) -> bool:
+        """Whether light passes it as where nothing is, all of it or a part: Mitsuba's volumetric integrators let lamps
+        shine through."""
+        return self.blends or self.under == ("sheet", (_UNBENT,))
 
     @property
     def is_clear(self) -> bool:
@@ -409,6 +418,15 @@ def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> 
     return _white(mi), Finish(alpha, distribution, ("dielectric", (index,)), tint, passing, under=(kind, (index,)))
 
 
+def _polarizer(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    """Read a polarizer as it is where light has no polarization: it takes half of it."""
+    transmittance = constant_of(inside["transmittance"], mi)
+    if transmittance is None:
+        return None
+    half, index = _rgb(transmittance / 2), (_UNBENT,)
+    return _white(mi), Finish(0.0, "ggx", ("dielectric", index), passing=half, under=("sheet", index))
+
+
 _READERS: dict[str, Callable[[MitsubaBsdf, dict[str, MitsubaObject], Mitsuba], _Read]] = {
     "SmoothPlastic": _plastic,
     "RoughPlastic": _plastic,
@@ -418,6 +436,7 @@ _READERS: dict[str, Callable[[MitsubaBsdf, dict[str, MitsubaObject], Mitsuba], _
     "SmoothDielectric": _glass,
     "RoughDielectric": _glass,
     "ThinDielectric": _glass,
+    "LinearPolarizer": _polarizer,
 }
 
 

@@ -10,7 +10,12 @@ import numpy as np
 
 from .._mitsuba.types import MitsubaObject, MitsubaShape
 
-_PLUGINS = {"BlendBSDF": "blendbsdf", "MeshAttribute": "mesh_attribute", "PolarizedPlastic": "pplastic"}
+_PLUGINS = {
+    "BlendBSDF": "blendbsdf",
+    "LinearPolarizer": "polarizer",
+    "MeshAttribute": "mesh_attribute",
+    "PolarizedPlastic": "pplastic",
+}
 """Names of plugins that do not follow from their classes."""
 
 

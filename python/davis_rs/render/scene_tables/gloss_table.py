@@ -59,6 +59,11 @@ class GlossTable:
         return any(finish.under[0] == "solid" for finish in self.finishes)
 
     @property
+    def has_polarizers(self) -> bool:
+        """Whether anything dims what is seen through it, and not the light that is baked."""
+        return any(finish.is_null and not finish.blends for finish in self.finishes)
+
+    @property
     def digest(self) -> bytes:
         """A hash of all of it."""
         lobes = b"".join(texels.values for texels in self._lobes)

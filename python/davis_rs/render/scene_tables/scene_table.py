@@ -425,7 +425,9 @@ class SceneTable:
         surfaces = "diffuse triangles" if self.gloss is None else "diffuse and glossy triangles"
         glass = "; what solid glass shows is grainy, and makes events of its own" if self._has_solid_glass else ""
         if self.baked is not None:
-            return f"{surfaces} under {self.baked.description}{glass}"
+            bright = self.gloss is not None and self.gloss.has_polarizers
+            films = "; in baked light polarizers throw no shadow" if bright else ""
+            return f"{surfaces} under {self.baked.description}{glass}{films}"
         kinds = sorted({light.kind for light in self.lights} - {"emission"})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
         return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows{glass}"
