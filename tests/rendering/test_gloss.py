@@ -49,6 +49,11 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
         1e-3,
     ),
     "roughplastic, ggx": ({"type": "roughplastic", "alpha": 0.3, "distribution": "ggx", "nonlinear": True}, 1e-3),
+    "pplastic": (
+        {"type": "pplastic", "diffuse_reflectance": COLOUR, "alpha": 0.2, "specular_reflectance": 0.7, "int_ior": 1.7},
+        2e-4,
+    ),
+    "pplastic, ggx": ({"type": "pplastic", "distribution": "ggx", "alpha": 0.3}, 2e-4),
     "copper, beckmann": ({"type": "roughconductor", "material": "Cu", "alpha": 0.25}, 2e-4),
     "gold, ggx": ({"type": "roughconductor", "material": "Au", "alpha": 0.15, "distribution": "ggx"}, 2e-4),
     "tinted metal": ({"type": "roughconductor", "material": "Al", "alpha": 0.4, "specular_reflectance": COLOUR}, 2e-4),
@@ -234,6 +239,9 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
         {"type": "roughdielectric", "alpha_u": 0.1, "alpha_v": 0.3},
         {"type": "roughdielectric", "specular_transmittance": squares},
         {"type": "polarizer", "transmittance": squares},
+        {"type": "pplastic", "alpha_u": 0.1, "alpha_v": 0.3},
+        {"type": "pplastic", "int_ior": 1.0, "ext_ior": 1.5},
+        {"type": "pplastic", "specular_reflectance": squares},
     ]
     with variant(SCALAR) as (mi, _):
         for bsdf in unknown:
@@ -256,6 +264,7 @@ def test_two_sides_of_one_finish_are_one() -> None:
     [
         ({"type": "plastic", "nonlinear": True}, "plastic"),
         ({"type": "roughplastic", "alpha": 0.05}, "roughplastic"),
+        ({"type": "pplastic", "alpha": 0.3}, "pplastic"),
         ({"type": "conductor", "material": "Cu"}, "conductor"),
         ({"type": "principled", "metallic": 1.0, "roughness": 0.2}, "metal"),
         ({"type": "principled", "roughness": 0.7}, "principled"),

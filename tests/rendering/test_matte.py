@@ -74,6 +74,7 @@ WITH_A_COLOUR = {
     "varnished": ({"type": "principled", "base_color": COLOUR, "clearcoat": 0.5}, "principled"),
     "plastic": ({"type": "plastic", "diffuse_reflectance": COLOUR}, "plastic"),
     "roughplastic": ({"type": "roughplastic", "diffuse_reflectance": COLOUR}, "roughplastic"),
+    "pplastic": ({"type": "pplastic", "diffuse_reflectance": COLOUR}, "pplastic"),
     "bumps": ({"type": "bumpmap", "map": BUMPY, "nested": MATTE}, "bumpmap"),
     "bumps on plastic": (
         {"type": "bumpmap", "map": BUMPY, "nested": {"type": "plastic", "diffuse_reflectance": COLOUR}},

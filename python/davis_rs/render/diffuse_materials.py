@@ -35,6 +35,7 @@ _COLOURS = {
     "PrincipledThin": ("principledthin", "base_color"),
     "SmoothPlastic": ("plastic", "diffuse_reflectance"),
     "RoughPlastic": ("roughplastic", "diffuse_reflectance"),
+    "PolarizedPlastic": ("pplastic", "diffuse_reflectance"),
 }
 """For the classes of materials that have more than a diffuse colour: their plugin, and the name of that colour."""
 

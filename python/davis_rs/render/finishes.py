@@ -1,7 +1,8 @@
 """Reads how glossy materials reflect, as the native renderer knows it: one lobe over a diffuse colour, or glass.
 
-Mitsuba's plastic, roughplastic, conductor, roughconductor, principled, dielectric, roughdielectric, thindielectric,
-polarizer and diffuse mask become a :class:`Finish` and a base colour. docs/light.md says what is approximate.
+Mitsuba's plastic, roughplastic, pplastic, conductor, roughconductor, principled, dielectric, roughdielectric,
+thindielectric, polarizer and diffuse mask become a :class:`Finish` and a base colour. docs/light.md says what is
+approximate.
 """
 
 from __future__ import annotations
@@ -192,7 +193,7 @@ def finish_remedy(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsu
         inside, mi: as of :func:`read_finish`.
     """
     kind = bsdf.class_name()
-    if kind in ("RoughConductor", "RoughDielectric"):
+    if kind in ("RoughConductor", "RoughDielectric", "PolarizedPlastic"):
         if "alpha" not in inside:
             return "give it one alpha in place of alpha_u and alpha_v"
         return "give it an alpha that is the same everywhere" if constant_of(inside["alpha"], mi) is None else ""
@@ -284,6 +285,20 @@ def _alpha(inside: dict[str, MitsubaObject], mi: Mitsuba) -> float | None:
     """Return the roughness of microfacets; None where it differs from place to place, or between along and across."""
     value = constant_of(inside["alpha"], mi) if "alpha" in inside else None
     return None if value is None else float(value.flat[0])
+
+
+def _polarized_plastic(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
+    """Read a ``pplastic`` as it is where light has no polarization: what enters its coat and leaves it once is light of
+    the base, and nothing is reflected inside."""
+    alpha, tint, eta = _alpha(inside, mi), _tint(inside, "specular_reflectance", mi), constant_of(inside["eta"], mi)
+    if alpha is None or tint is None or eta is None or eta.flat[0] <= 1:
+        return None
+    index = float(eta.flat[0])
+    entering = 1 - _mean(lambda c: dielectric(c, index))
+    # Light of a base below a coat is weaker by the square of the index, for which its reflections inside make up.
+    under = "coated", (index, 1 - 1 / index**2, entering, 0.0)
+    finish = Finish(alpha, _distribution(bsdf), ("dielectric", (index,)), tint, under=under)
+    return inside["diffuse_reflectance"], finish
 
 
 def _metal(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
@@ -430,6 +445,7 @@ def _polarizer(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba)
 _READERS: dict[str, Callable[[MitsubaBsdf, dict[str, MitsubaObject], Mitsuba], _Read]] = {
     "SmoothPlastic": _plastic,
     "RoughPlastic": _plastic,
+    "PolarizedPlastic": _polarized_plastic,
     "SmoothConductor": _metal,
     "RoughConductor": _metal,
     "Principled": _principled,
