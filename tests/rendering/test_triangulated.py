@@ -10,17 +10,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.interpolate import BSpline
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, Scene, load_scene
+from davis_rs._mitsuba.variants import FAST, load_scene_source, variant
 from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render import scene_cache
-from davis_rs.render.choice import make_renderer
+from davis_rs.render.choice import make_renderer, why_not_noise_free
 from davis_rs.render.closest_view import ClosestView
+from davis_rs.render.curves import CURVES, Curves, curve_mesh
 from davis_rs.render.integrator.renderer import IntegratorRenderer
 from davis_rs.render.motion.scene_motion import STILL
 from davis_rs.render.native.renderer import NativeRenderer
-from davis_rs.render.primitives import MOST_TRIANGLES, OUTLINE_PX, round_mesh
+from davis_rs.render.round_meshes import MOST_TRIANGLES, OUTLINE_PX, round_mesh
 from davis_rs.render.scene_tables.sharp_textures import RAMP_PX, divide
 from davis_rs.render.truth.scene_surfaces import SceneSurfaces
 from long_form import long_values
@@ -203,6 +208,189 @@ def test_outlines_are_within_a_fiftieth_of_a_pixel_or_it_is_told(kind: str, radi
     assert len(sides[0])
     assert (reach.max() - 1) * radius_px <= off_px * 1.001
     assert (1 - deepest) * radius_px <= off_px * 1.001
+
+
+BENDS = """\
+-1 0 0 .1
+-.4 .4 .2 .2
+.1 -.3 .1 .1
+.5 .4 -.2 .15
+1 .2 .3 .1
+1.4 .1 .8 .1
+
+-.7 -.4 .1 .1
+-.3 -.9 0 .05
+.2 -.6 0 .1
+1 -1 0 .2
+"""
+"""Two curves, none of which bends more tightly than it is thick."""
+
+
+LENGTHWISE = np.array([[6, 0, 0.3], [0, 18.7, 0.1], [0, 0, 1]])
+"""No edge of a texture lies on a ball, all of which has one coordinate along the curve."""
+
+
+def curve(kind: str, tmp_path: Path, points: str = BENDS, **parts: Any) -> Parts:
+    file = tmp_path / "curve.txt"
+    file.write_text(points)
+    return {"type": kind, "filename": str(file), "bsdf": board(to_uv=LENGTHWISE), **parts}
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("kind", CURVES)
+def test_curves_look_as_mitsubas(kind: str, tmp_path: Path) -> None:
+    """Outline, shading, shadow and texture, into open ends too; how many triangles there are is told. What falls
+    through open ends lights no floor here."""
+    shape = curve(kind, tmp_path, to_world=matrix((1, 0.2, 0), (0, 1, 0), (0, 0, 1.5)))
+    floor = {"floor": {"type": "rectangle", "to_world": matrix(at=(0, 0, -1))}} if kind == "linearcurve" else {}
+    scene = scene_of(shape=shape, **floor)
+    off = differences(scene)
+    assert np.sqrt((off**2).mean()) < 0.03
+    assert abs(off.mean()) < 2e-3
+    assert "1 shape made of " in make_renderer(scene, CAMERA).reason
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("kind", CURVES)
+@pytest.mark.parametrize("at", [(0.4, -1.5, 1.6), (0.2, 1.9, 0.9), (0.5, 1.0, -1.9)])
+def test_curves_are_where_mitsubas_are(kind: str, at: tuple[float, float, float], tmp_path: Path) -> None:
+    """Depth and normals at pixels, and the area between both outlines: less than 0.02 px times their length. They are
+    not seen along themselves, where Mitsuba misses some of their rim."""
+    camera = Camera(900, 700, 700.0, 700.0, 449.5, 349.5)
+    ahead = -np.array(at) / np.linalg.norm(at)
+    right = np.cross(ahead, [0, 0, 1.0])
+    axes = np.stack([right / np.linalg.norm(right), np.cross(ahead, right / np.linalg.norm(right)), ahead], 1)
+    pose = Pose(at, Rotation.from_matrix(axes).as_quat())
+    path = SegmentTrajectory(pose, pose, 1.0)
+    scene = replace(scene_of(shape=curve(kind, tmp_path)), trajectory=path, camera=camera)
+    seen = SceneSurfaces(scene, camera).frame(Views.at_rest([pose]))
+    with variant(FAST) as (mi, _):
+        rays = camera.rays(np.stack(np.meshgrid(np.arange(900.0), np.arange(700.0)), -1).reshape(-1, 2))
+        rays = np.concatenate([rays, np.ones((len(rays), 1))], 1)
+        towards = mi.Vector3f((rays @ axes.T).T.astype(np.float32))
+        found = load_scene_source(scene.source(), mi).ray_intersect(mi.Ray3f(mi.Point3f(*at), towards))
+        depth, normal = np.array(found.t), np.array(found.sh_frame.n).T @ axes
+    theirs, ours = np.isfinite(depth), np.isfinite(seen.depth)
+    picture = theirs.reshape(700, 900)
+    outline = (picture[1:] != picture[:-1]).sum() + (picture[:, 1:] != picture[:, :-1]).sum()
+    assert outline > 1000
+    assert (theirs != ours).sum() < OUTLINE_PX * outline
+    both = theirs & ours
+    # At an outline before another part of the curves the one or the other is hit.
+    off_px = np.abs(depth[both] - seen.depth[both]) * 700 / depth[both]
+    assert np.mean(off_px > 0.5) < 0.01
+    assert np.median(off_px) < OUTLINE_PX
+    turned = np.degrees(np.arccos(np.clip((normal * seen.normal).sum(1)[both], -1, 1)))
+    assert np.mean(turned > 1.5) < 0.01
+    assert np.median(turned) < 0.3
+
+
+def test_textures_of_curves_follow_mitsubas_turns() -> None:
+    """Where a spline comes near the upright, its texture turns at once and its circles do not; no triangle has texture
+    coordinates of a whole turn or more."""
+    points = np.array([[0, 0, -2, 0.1], [0, 0, -1, 0.1], [0.02, 0, 0, 0.1], [0.1, 0.3, 1, 0.1], [1, 0.6, 1, 0.1]])
+    made = curve_mesh(Curves(np.array([*points, *points]), np.array([0, 1, 5, 6]), is_spline=True), np.full(4, 200.0))
+    assert made is not None
+    u = made.mesh.uv[made.mesh.faces, 0]
+    assert u.min() > -0.1
+    assert u.max() < 1.1
+    assert np.unique(np.floor(made.mesh.uv[:, 0])).size > 1
+    alone = curve_mesh(Curves(points, np.array([0, 1]), is_spline=True), np.full(2, 200.0))
+    assert alone is not None
+    assert len(made.mesh.faces) == 2 * len(alone.mesh.faces)
+
+
+@pytest.mark.parametrize("is_spline", [False, True])
+@pytest.mark.parametrize("px", [3.0, 100.0, 1e4, np.inf])
+def test_curves_are_as_fine_as_triangles_allow_and_it_is_told(is_spline: bool, px: float) -> None:
+    points = np.array([line.split() for line in BENDS.splitlines() if line], float)
+    firsts = np.array([0, 1, 2, 6] if is_spline else [0, 1, 2, 3, 4, 6, 7, 8])
+    made = curve_mesh(Curves(points, firsts, is_spline), np.full(len(firsts), px))
+    assert made is not None
+    assert len(made.mesh.faces) <= MOST_TRIANGLES
+    assert (made.off_px <= OUTLINE_PX) == (px <= 100)
+    unknown = curve_mesh(Curves(points, firsts, is_spline), None)
+    assert unknown is not None
+    assert np.isnan(unknown.off_px)
+    corners = made.mesh.vertices[made.mesh.faces]
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+    assert (np.einsum("ij,ikj->ik", facing, made.normals[made.mesh.faces]) > 0.8).all()
+
+
+def test_splines_are_as_far_from_their_middle_as_their_radius() -> None:
+    """At the middles and edges of triangles, where they are off most."""
+    points, px = np.array([line.split() for line in BENDS.splitlines()[:6]], float), 150.0
+    made = curve_mesh(Curves(points, np.arange(3), is_spline=True), np.full(3, px))
+    assert made is not None
+    spline = BSpline(np.arange(-3.0, 7.0), points, 3)(np.linspace(0, 3, 30_001))
+    corners = made.mesh.vertices[made.mesh.faces][::7]
+    places = np.concatenate([corners.mean(1), *((corners[:, i] + corners[:, i - 1]) / 2 for i in range(3))])
+    distance, nearest = cKDTree(spline[:, :3]).query(places)
+    inside = (nearest > 0) & (nearest < 30_000)  # at open ends the nearest point of the middle is not beside
+    off_px = np.abs(distance - spline[nearest, 3])[inside] * px
+    assert off_px.max() < made.off_px * 1.02 <= OUTLINE_PX * 1.02
+    assert off_px.max() > 0.4 * made.off_px
+
+
+@pytest.mark.parametrize("is_spline", [False, True])
+def test_too_many_segments_stay_curves(is_spline: bool) -> None:
+    for count, fits in ((400, True), (2000, is_spline), (5000, False)):
+        points = np.stack([np.arange(count + 4.0), np.zeros(count + 4), np.zeros(count + 4), np.ones(count + 4)], 1)
+        made = curve_mesh(Curves(points, np.arange(count), is_spline), np.full(count, 100.0))
+        assert (made is not None) == fits
+        assert made is None or len(made.mesh.faces) <= MOST_TRIANGLES
+
+
+@pytest.mark.parametrize(
+    ("points", "reach"),
+    [
+        ("0 0 0 1\n0.5 0 0 .2", 1.0),  # one ball holds the other
+        ("0.5 0 0 .2\n0 0 0 1", 1.0),
+        ("0 0 0 .5\n0 0 0 .5", 0.5),  # nothing between
+        ("0 0 0 .5\n0 0 0 .5\n0 0 0 1", 1.0),
+        ("0 0 0 0\n1 0 0 0.5", 1.5),  # a tip
+    ],
+)
+def test_balls_within_each_other(points: str, reach: float) -> None:
+    """Every direction from the middle of the largest ball meets its surface; nothing lies beyond."""
+    controls = np.array([line.split() for line in points.splitlines()], float)
+    made = curve_mesh(Curves(controls, np.arange(len(controls) - 1), is_spline=False), None)
+    assert made is not None
+    vertices, faces = made.mesh.vertices, made.mesh.faces
+    assert np.isfinite(vertices).all()
+    assert np.isfinite(made.normals).all()
+    assert np.linalg.norm(vertices[faces], axis=-1).max() == pytest.approx(reach, rel=1e-3)
+    corners = vertices[faces] - controls[controls[:, 3].argmax(), :3]
+    volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    assert volume >= 4 / 3 * np.pi * controls[:, 3].max() ** 3 * 0.99
+
+
+def test_splines_that_stand_still() -> None:
+    """Control points that are one another's, at an end or all of them, have a direction all the same."""
+    end = np.array([[0, 0, 0, 1.0]] * 4 + [[1, 0, 0, 1.0], [3, 0, 0, 1.0]])
+    for points in (end, end[:4]):
+        made = curve_mesh(Curves(points, np.arange(len(points) - 3), is_spline=True), None)
+        assert made is not None
+        np.testing.assert_allclose(np.linalg.norm(made.normals, axis=1), 1.0)
+        assert np.isfinite(made.mesh.vertices).all()
+        assert np.isfinite(made.mesh.uv).all()
+
+
+def test_what_is_said_of_curves(tmp_path: Path) -> None:
+    """Of too many segments, of thin air, and by the table kernel, which does not see through open ends."""
+    many = "".join(f"{x} 0 0 .1\n" for x in range(5001))
+    told = "; ".join(map(str, why_not_noise_free(scene_of(hair=curve("linearcurve", tmp_path, many)))))
+    assert told == "shape 'hair' is a linearcurve of 5,000 segments, too many for 50,000 triangles: give it as a mesh"
+    air = curve("linearcurve", tmp_path, "0 0 0 0\n1 0 0 -1")
+    assert "is a linearcurve" in str(why_not_noise_free(scene_of(hair=air))[0])
+    tube = scene_of(tube=curve("bsplinecurve", tmp_path))
+    assert "px from their outlines" not in native(tube).reason
+    inside = SegmentTrajectory(Pose([0, 0, 0.1], DOWN.quaternion), DOWN, 1.0)
+    assert "px from their outlines" in native(replace(tube, trajectory=inside)).reason
+    assert SceneSurfaces(tube, CAMERA).names == ("tube",)
+    with pytest.raises(ValueError, match="shape 'tube' is a bsplinecurve, through whose open ends only the native"):
+        make_renderer(tube, CAMERA, kind="table")
 
 
 @pytest.mark.long

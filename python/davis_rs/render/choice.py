@@ -30,7 +30,7 @@ from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .native.estimators import ESTIMATORS
 from .native.renderer import NativeRenderer
-from .obstacles import Obstacle, Obstacles, Unsuitable, listed
+from .obstacles import Obstacle, Obstacles, Unsuitable, listed, shape_name
 from .primitives import triangulated
 from .scene_cache import cached
 from .scene_tables.normal_textures import NormalTextures
@@ -111,10 +111,12 @@ class NoiseFreeKind(RendererKind):
     Attributes:
         baked: light of lamps and of other surfaces is computed once.
         glossy: surfaces may have a finish, not diffuse ones alone.
+        culls: one sees through backs, such as those of tubes from their open ends.
     """
 
     baked: ClassVar[bool] = False
     glossy: ClassVar[bool] = True
+    culls: ClassVar[bool] = True
 
     def why_not(self, scene: Scene) -> tuple[Obstacle, ...]:
         """Return the obstacles for ``auto`` to take this renderer; renders and bakes nothing."""
@@ -140,6 +142,10 @@ class NoiseFreeKind(RendererKind):
             loaded, mi, matte=scene.matte, glossy=self.glossy, may_blend=_may_blend(scene, loaded)
         )
         obstacles = Obstacles()
+        for number in () if self.culls else made.open_curves:
+            with obstacles.collect():
+                rule = "is a bsplinecurve, through whose open ends only the native renderer sees"
+                raise Unsuitable(rule, "give it as a mesh", shape_name(loaded.shapes()[number]))
         if self.baked:
             with obstacles.collect():
                 check_baking(scene, loaded, mi, motion, by_name=by_name)
@@ -157,7 +163,7 @@ class NoiseFreeKind(RendererKind):
             finishes=finishes,
             reflections=scene.reflections,
             emission=light_groups(loaded, list(motion.lights)) if scene.soft_light else None,
-            one_sided=scene.one_sided,
+            one_sided=made.one_sided(scene.one_sided),
             normal_textures=NormalTextures(normal_textures, like_gltf=scene.soft_light),
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
@@ -191,7 +197,7 @@ class TableKind(NoiseFreeKind):
     """Describes the table kernel: the same scenes on Dr.Jit, with derivatives."""
 
     name, label = "table", "table kernel"
-    glossy = False
+    glossy = culls = False
     summary = "the same, on LLVM"
 
     def make(self, request: _RendererRequest) -> Renderer:

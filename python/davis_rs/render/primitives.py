@@ -1,8 +1,10 @@
-"""Makes triangles of Mitsuba's spheres, disks, cylinders, instances and masked meshes, for renderers without noise.
+"""Makes triangles of Mitsuba's spheres, disks, cylinders, curves, instances and masked meshes, for renderers without
+noise.
 
 The outline of a round shape becomes a polygon. Its corners lie as far outside of the true outline as the middles of its
 sides lie inside, and it has so many sides that both stay within :data:`OUTLINE_PX` wherever the camera's path is
-closest. Normals and texture coordinates are those of the true shape at the corners, and linear in between. Meshes whose
+closest. Normals and texture coordinates are those of the true shape at the corners, and linear in between. Curves
+become tubes, see :mod:`curves`. Meshes whose
 material has an opacity mask are cut along its outline, see :mod:`opacity_masks`.
 """
 
@@ -12,7 +14,6 @@ import functools
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,45 +24,24 @@ from ..scene.files.alpha_mask import TOLERANCE_TEXELS
 from ..scene.meshes import Mesh, mitsuba_mesh
 from ..scene.scene import Scene
 from .closest_view import ClosestView
+from .curves import CURVES, Curves, curve_mesh
 from .diffuse_materials import children, nested_objects
 from .mesh_buffers import MeshBuffers, mesh_attributes
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .obstacles import plugin_name
 from .opacity_masks import CutMesh, cut_mesh, is_masked
+from .round_meshes import OUTLINE_PX, round_mesh
 
 FloatArray = npt.NDArray[np.float64]
 
-OUTLINE_PX = 0.02
-"""How far a polygon may lie from the outline that it stands for, pixels."""
-
-MOST_TRIANGLES = 50_000
-"""The most triangles of one round shape."""
-
 _MOST_OF_INSTANCES = 4_000_000
 """The most triangles of all instances; they are kept as they are where they would have more."""
-
-_LEAST_SIDES, _UNKNOWN_SIDES = 24, 128
-"""The fewest sides around a shape, which keep its normals right; and the number where no path is known."""
 
 _RINGS = 16
 """Rings of a disk whose colour differs from place to place: its texture coordinates are polar."""
 
 _ROUND = ("sphere", "disk", "cylinder")
-
-
-class RoundMesh(NamedTuple):
-    """Holds triangles in place of a round shape.
-
-    Attributes:
-        mesh: in the axes of the shape's transform.
-        normals: (n, 3), outwards.
-        off_px: how far its outline lies from the true one at most; NaN where no path is known.
-    """
-
-    mesh: Mesh
-    normals: FloatArray
-    off_px: float
 
 
 @dataclass
@@ -75,6 +55,7 @@ class Triangulated:
         cut: how many meshes were cut along their opacity masks.
         outline_texels: how far an outline of a mask may have moved at most.
         off_px: how far an outline lies from the true one at most; NaN where no path is known.
+        open_curves: the numbers of the shapes that stand for curves with open ends: Mitsuba culls their backs.
     """
 
     scene: MitsubaScene
@@ -83,6 +64,7 @@ class Triangulated:
     cut: int = 0
     outline_texels: float = 0.0
     off_px: float = 0.0
+    open_curves: tuple[int, ...] = ()
 
     @property
     def description(self) -> str:
@@ -95,6 +77,12 @@ class Triangulated:
         off = f", up to {self.off_px:.2g} px from their outlines" if self.off_px > OUTLINE_PX else ""
         shapes = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
         return f"; {shapes} made of {self.triangles:,} triangles{off}{cut}"
+
+    def one_sided(self, names: Collection[str]) -> list[int]:
+        """Return the numbers of the shapes whose backs are culled: those of these ids, and open curves."""
+        ids = set(names)
+        shapes = enumerate(self.scene.shapes())
+        return [number for number, shape in shapes if shape.id() in ids or number in self.open_curves]
 
     def note(self, cut: CutMesh) -> None:
         """Count a mesh of which a mask hides a part."""
@@ -118,7 +106,7 @@ def as_triangles(
     """
     result = Triangulated(scene)
     shapes = list(scene.shapes())
-    if not any(plugin_name(shape) in (*_ROUND, "instance") or is_masked(shape) for shape in shapes):
+    if not any(plugin_name(shape) in (*_ROUND, *CURVES, "instance") or is_masked(shape) for shape in shapes):
         return result
     # A mesh that many instances show is cut once.
     cut_once = functools.cache(functools.partial(cut_mesh, mi=mi))
@@ -134,6 +122,10 @@ def as_triangles(
             continue
         if plugin_name(shape) in _ROUND:
             made = [_round(shape, np.eye(4), view, mi, result)]
+        elif plugin_name(shape) in CURVES:
+            made = _tubes(shape, view, mi, result)
+            if made and plugin_name(shape) == "bsplinecurve":
+                result.open_curves += (len(meshes),)
         elif plugin_name(shape) == "instance":
             made = _copies(shape, groups, cut_once, view, mi, result)
             of_instances += sum(int(mesh.face_count()) for mesh in made)
@@ -260,6 +252,23 @@ def _round(
     return _placed(shape, shape.bsdf(), mesh.vertices, faces, mesh.uv, normals, matrix, mi)
 
 
+def _tubes(shape: MitsubaShape, view: ClosestView, mi: Mitsuba, result: Triangulated) -> list[MitsubaShape]:
+    """Return a mesh in place of curves; none if they have too many segments, or radii that no tube has."""
+    parameters = mi.traverse(shape)
+    points = np.array(parameters["control_points"], np.float64).reshape(-1, 4)
+    firsts = np.array(parameters["segment_indices"], np.int64)
+    points[:, 3] = np.maximum(points[:, 3], 0.0)
+    if not points[:, 3].any():
+        return []
+    curves = Curves(points, firsts, is_spline=plugin_name(shape) == "bsplinecurve")
+    made = curve_mesh(curves, view.pixels_per_metre(curves.boxes, str(shape.id())) if view.known else None)
+    if made is None:
+        return []
+    result.off_px = float(np.fmax(result.off_px, made.off_px))
+    mesh = made.mesh
+    return [_placed(shape, shape.bsdf(), mesh.vertices, mesh.faces, mesh.uv, made.normals, np.eye(4), mi)]
+
+
 def _faces_inwards(shape: MitsubaShape, mi: Mitsuba) -> bool:
     """Return whether the front of a round shape is the side towards its axis or centre; of a disk, towards -z."""
     own = _matrix(shape, mi)
@@ -306,65 +315,3 @@ def _placed(
         values = np.array(value, np.float32)
         made.add_attribute(name, values.size // (len(faces) if name.startswith("face_") else len(vertices)), values)
     return made
-
-
-def round_mesh(kind: str, radius_px: float | None, *, rings: int = 1) -> RoundMesh:
-    """Make the triangles of a sphere, disk or cylinder of radius 1.
-
-    Args:
-        kind: ``sphere``, around the origin; ``disk``, in the plane z = 0, facing +z; or ``cylinder``, open, around the
-            z axis from 0 to 1. Texture coordinates are Mitsuba's.
-        radius_px: how many pixels the radius covers at most; None if that is not known.
-        rings: of a disk.
-    """
-    most = {
-        "sphere": int(np.sqrt(MOST_TRIANGLES)),
-        "disk": MOST_TRIANGLES // (2 * rings),
-        "cylinder": MOST_TRIANGLES // 2,
-    }
-    sides = _UNKNOWN_SIDES
-    # The middle of a side lies by 1 - cos(pi / sides), about pi^2 / (2 sides^2), below the circle through its ends.
-    # Half of that lies on each side of the true circle. On a sphere, what both directions lose adds up.
-    both = 2 if kind == "sphere" else 1
-    if radius_px is not None:
-        wanted = np.pi * np.sqrt(both * min(radius_px, 1e9) / (4 * OUTLINE_PX))
-        sides = int(np.clip(2 * np.ceil(wanted / 2), _LEAST_SIDES, most[kind] // 2 * 2))
-    off = 1 - np.cos(np.pi / sides) ** both
-    off_px = np.nan if radius_px is None else radius_px * off / (2 - off)
-    wider = 2 / (2 - off)
-    around = np.linspace(0.0, 2 * np.pi, sides + 1)
-    cos, sin = np.cos(around), np.sin(around)
-    cos[-1], sin[-1] = 1.0, 0.0
-    if kind == "sphere":
-        down = np.linspace(0.0, np.pi, sides // 2 + 1)[:, None]
-        normals = np.stack([np.sin(down) * cos, np.sin(down) * sin, np.cos(down) + 0 * cos], -1)
-        points = normals * wider
-        u, v = np.broadcast_arrays(around / (2 * np.pi), down / np.pi)
-    elif kind == "disk":
-        out = np.linspace(0.0, 1.0, rings + 1)[:, None]
-        points = np.stack([out * cos * wider, out * sin * wider, 0 * out * cos], -1)
-        normals = np.broadcast_to(np.array([0.0, 0, 1]), points.shape)
-        u, v = np.broadcast_arrays(out, around / (2 * np.pi))
-    else:
-        up = np.array([[0.0], [1.0]])
-        normals = np.stack([cos + 0 * up, sin + 0 * up, 0 * up * cos], -1)
-        points = np.stack([cos * wider + 0 * up, sin * wider + 0 * up, up + 0 * cos], -1)
-        u, v = np.broadcast_arrays(around / (2 * np.pi), up)
-    uv = np.stack([u, v], -1).astype(np.float64)
-    # Where all directions meet, each triangle takes the one in its middle.
-    if kind == "sphere":
-        uv[0, :-1, 0] += 0.5 / sides
-        uv[-1, 1:, 0] -= 0.5 / sides
-    elif kind == "disk":
-        uv[0, :-1, 1] += 0.5 / sides
-    rows, columns = points.shape[:2]
-    index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = (corner.ravel() for corner in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
-    first, second = np.stack([a, d, c], 1), np.stack([a, c, b], 1)
-    if kind == "cylinder":
-        first, second = first[:, ::-1], second[:, ::-1]
-    faces = np.concatenate([first, second])
-    vertices = points.reshape(-1, 3)
-    corners = vertices[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return RoundMesh(Mesh(vertices, faces[area > 1e-12], uv.reshape(-1, 2)), normals.reshape(-1, 3), off_px)

@@ -135,18 +135,16 @@ class MeshTriangles:
         return bool(ours @ theirs < 0)
 
 
-def culled_triangles(
-    names: Sequence[str], counts: Sequence[int], one_sided: Sequence[str]
-) -> npt.NDArray[np.uint32] | None:
+def culled_triangles(counts: Sequence[int], one_sided: Sequence[int]) -> npt.NDArray[np.uint32] | None:
     """Return 1 for each triangle whose back is culled, else 0; None where there is none.
 
     Args:
-        names: the ids of the shapes.
-        counts: how many triangles each has.
-        one_sided: the ids of those whose backs are culled.
+        counts: how many triangles each shape has.
+        one_sided: the numbers of the shapes whose backs are culled.
     """
-    culled = np.isin(names, one_sided)
-    return np.repeat(culled.astype(np.uint32), counts) if culled.any() else None
+    if not len(one_sided):
+        return None
+    return np.repeat(np.isin(np.arange(len(counts)), one_sided).astype(np.uint32), counts)
 
 
 def flat_normal_maps(normals: FloatArray) -> FloatArray:

@@ -35,10 +35,12 @@ from ..baked.irradiance import Surfaces
 from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, group_name, integrator_of, small_lamps, textured_lamp
 from ..closest_view import ClosestView
+from ..curves import CURVES
 from ..finishes import Finish
 from ..mesh_buffers import MeshBuffers
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
+from ..round_meshes import MOST_TRIANGLES
 from .deforming_meshes import DeformingMesh
 from .gloss_table import DIFFUSE, CoreGloss, gloss_table
 from .mesh_triangles import MeshTriangles, culled_triangles, flat_normal_maps
@@ -95,7 +97,7 @@ class SceneTable:
         emission: the names of the groups of lights, see :func:`~..baked.lights.light_groups`. Then area lights are
             shown from both sides, also by textures, and light of theirs that falls on other surfaces comes from a bake
             alone. None: they need a bake to be shown at all.
-        one_sided: the ids of the shapes whose backs are culled.
+        one_sided: the numbers of the shapes whose backs are culled.
         normal_textures: what turns the normals of shapes; the textures are read here. None: there are none.
 
     Attributes:
@@ -142,7 +144,7 @@ class SceneTable:
         finishes: Mapping[MitsubaBsdf, Finish] | None = None,
         reflections: bool = False,
         emission: Sequence[str] | None = None,
-        one_sided: Sequence[str] = (),
+        one_sided: Sequence[int] = (),
         normal_textures: NormalTextures | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
@@ -195,7 +197,7 @@ class SceneTable:
         if finishes:
             self.gloss = gloss_table(scene, finishes, self.counts, baked=baked, reflections=reflections)
         self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
-        self.culled = culled_triangles(self.names, self.counts, one_sided)
+        self.culled = culled_triangles(self.counts, one_sided)
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
         self.deforming: list[DeformingMesh] = []
@@ -223,14 +225,14 @@ class SceneTable:
         *,
         baked: bool,
         deforming: Sequence[str],
-        one_sided: Sequence[str],
+        one_sided: Sequence[int],
     ) -> None:
         """Compute what each triangle has, a part of a mesh at a time.
 
         Args:
             shapes: each with what its reflectance says.
             deforming: ids of those whose meshes deform.
-            one_sided: ids of those whose backs are culled; the order of their corners says which side that is.
+            one_sided: the numbers of those whose backs are culled; the order of their corners says which side that is.
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
@@ -244,7 +246,7 @@ class SceneTable:
             # Which side is the front matters only where the back is another, or the front alone emits.
             matters = not added.two_sided or (baked and shape.is_emitter())
             matters |= number in self.normal_textures and not self.normal_textures.like_gltf
-            turned = None if matters and shape.id() not in one_sided else False
+            turned = None if matters and number not in one_sided else False
             for part in MeshTriangles.parts(shape, added.uv):
                 turned = part.is_turned(shape, mi) if turned is None else turned
                 if shape.id() in deforming:
@@ -473,7 +475,11 @@ def _check_integrator(integrator: MitsubaIntegrator) -> None:
 def _triangles(shape: MitsubaShape) -> int:
     """Return the number of triangles of a mesh."""
     if not shape.is_mesh():
-        raise Unsuitable(f"is a {plugin_name(shape)}, not made of triangles", "give it as a mesh", shape_name(shape))
+        rule = f"is a {plugin_name(shape)}, not made of triangles"
+        if plugin_name(shape) in CURVES:
+            segments = int(shape.primitive_count())
+            rule = f"is a {plugin_name(shape)} of {segments:,} segments, too many for {MOST_TRIANGLES:,} triangles"
+        raise Unsuitable(rule, "give it as a mesh", shape_name(shape))
     return int(shape.face_count())
 
 

@@ -75,7 +75,7 @@ class SceneSurfaces:
         self.camera = camera
         with variant(SCALAR) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
-            loaded, self.motion, _, _ = triangulated(scene, camera, loaded, mi)
+            loaded, self.motion, _, made = triangulated(scene, camera, loaded, mi)
             shapes = list(loaded.shapes())
             if len(shapes) > _MOST_SHAPES:
                 raise ValueError(f"a map of shapes has {_MOST_SHAPES} at most, scene {scene.name!r} has {len(shapes)}")
@@ -112,7 +112,7 @@ class SceneSurfaces:
             normal_maps=None,
             textures=np.zeros(count, np.uint32),
             two_sided=np.ones(count, np.uint32),
-            culled=culled_triangles(self.names, counts, scene.one_sided if culled else ()),
+            culled=culled_triangles(counts, made.one_sided(scene.one_sided if culled else ())),
             frames=frames,
             frame_count=1 + len(moving),
             layouts=np.array([0, 1, 1, 0], np.int64),
