@@ -202,6 +202,39 @@ def test_polarizers_that_lamps_shine_through_stay_with_the_integrator(shape: dic
         assert ("shape 'film' has a polarizer surface" in told) == (integrator == "volpath" or bool(shape)), told
 
 
+RED, BLUE = (
+    {"type": "diffuse", "reflectance": {"type": "rgb", "value": value}} for value in ([0.8, 0.2, 0.1], [0, 0, 1])
+)
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("weight", [0.3, 1.7, METAL | FINER, {**COLOUR, "wrap_mode": "clamp"}])
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_blends_of_two_colours_are_mitsubas(weight: Any, two_sided: bool) -> None:
+    blend: dict[str, Any] = {"type": "blendbsdf", "weight": weight, "first": RED, "second": BLUE}
+    scene = scene_of({"type": "twosided", "nested": blend} if two_sided else blend, lamp=POINT)
+    renderer = make_renderer(scene, CAMERA, rays_per_pixel=2)
+    assert "diffuse triangles" in renderer.reason
+    theirs = mitsubas(scene)
+    np.testing.assert_allclose(renderer.luma(VIEWS), theirs, rtol=2e-4, atol=2e-6 * theirs.max())
+
+
+def test_blends_that_stay_with_mitsuba() -> None:
+    squares, two_sided = {"type": "checkerboard"}, {"type": "twosided", "nested": BLUE}
+    tinted = {"type": "rgb", "value": [0.2, 0.5, 0.9]}
+    for weight, first, second in (
+        (squares, RED, BLUE),
+        (tinted, RED, BLUE),
+        (0.5, RED, {"type": "diffuse", "reflectance": COLOUR}),
+        (0.5, RED, two_sided),
+        (0.5, RED, {"type": "plastic"}),
+        (0.5, RED, {"type": "principled", "clearcoat": 0.3}),
+        (0.5, {"type": "bumpmap", "arbitrary": METAL, "nested": RED}, BLUE),
+    ):
+        scene = scene_of({"type": "blendbsdf", "weight": weight, "first": first, "second": second}, lamp=POINT)
+        assert "has a blendbsdf(" in str(why_not_noise_free(scene)[0]), (weight, first, second)
+
+
 @pytest.mark.parametrize("name", ["roughplastic", "gold, ggx", "principled metal"])
 def test_rates_are_differences(name: str) -> None:
     """dY/dt along a moving camera, under a lamp and its image."""

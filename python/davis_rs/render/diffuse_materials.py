@@ -26,7 +26,7 @@ from .._mitsuba.types import (
     MitsubaTexture,
     MitsubaValue,
 )
-from .finishes import Finish, finish_remedy, read_blend, read_finish
+from .finishes import Finish, finish_remedy, mixed_colour, read_blend, read_finish
 from .obstacles import plugin_name, shape_name
 from .texels import uv_map_of
 
@@ -226,9 +226,14 @@ def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> 
         return None if blend is None else nested._replace(colour=blend[0], finish=blend[1])
     if kind == "BlendBSDF":
         value = _constant(inside["weight"], mi)
-        if value is None or not ((value == 0).all() or (value == 1).all()):
+        first, second = (_diffuse_within(inside[f"bsdf_{number}"], mi, glossy=glossy) for number in (0, 1))
+        if value is not None and ((value == 0).all() or (value == 1).all()):
+            return second if value.all() else first
+        if first is None or second is None or not (_is_only_diffuse(first) and _is_only_diffuse(second)):
             return None
-        return _diffuse_within(inside[f"bsdf_{int(value.flat[0])}"], mi, glossy=glossy)
+        mixed = mixed_colour((first.colour, second.colour), inside["weight"], mi)
+        alike = first.two_sided == second.two_sided
+        return first._replace(colour=mixed) if alike and mixed is not None else None
     if kind in _BUMPS:
         nested = _diffuse_within(inside["nested_bsdf"], mi, glossy=glossy)
         if nested is None or _is_flat(kind, inside, mi):
@@ -242,6 +247,10 @@ def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> 
                 return nested._replace(normal_texture=NormalTexture(texture, fades, height))
         return nested._replace(lost=(_BUMPS[kind], *nested.lost))
     return None
+
+
+def _is_only_diffuse(material: _DiffuseMaterial) -> bool:
+    return not material.lost and material.finish is None and material.normal_texture is None
 
 
 def _is_flat(kind: str, inside: dict[str, MitsubaObject], mi: Mitsuba) -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
+from ..scene.texel_lookup import WRAP_MODES
 from .texels import LUMINANCE, bilinear_meaning, looked_up, lookup_positions, uv_map_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -217,6 +218,26 @@ def read_blend(base: MitsubaTexture, opacity: MitsubaTexture, mi: Mitsuba) -> tu
         base = placed
     under = "blend", (covered.mean,)
     return base, Finish(0.0, "ggx", ("dielectric", (1.5,)), under=under, lobe=(covered.texels, None))
+
+
+def mixed_colour(
+    colours: tuple[MitsubaTexture, MitsubaTexture], weight: MitsubaTexture, mi: Mitsuba
+) -> MitsubaTexture | None:
+    """Return a texture that is two colours in one, the second by a weight from place to place, within 0..1.
+
+    None where a colour is not the same everywhere, or the weight neither a number nor a bilinear bitmap.
+    """
+    first, second = (constant_of(colour, mi) for colour in colours)
+    by, same = _scalar(weight, mi), constant_of(weight, mi)
+    if first is None or second is None or by is None or (same is not None and np.ptp(same) > 0):
+        return None
+    first, second = np.array(_rgb(first)), np.array(_rgb(second))
+    if by.texels is None or by.uv_map is None:
+        part = min(max(by.mean, 0.0), 1.0)
+        return mi.load_dict({"type": "rgb", "value": (first + part * (second - first)).tolist()})
+    texels = (first + by.texels.image[..., None] * (second - first)).astype(np.float32)
+    mode, to_uv = WRAP_MODES[by.texels.wrap], mi.ScalarTransform3f(by.uv_map.tolist())
+    return mi.load_dict({"type": "bitmap", "raw": True, "data": mi.TensorXf(texels), "wrap_mode": mode, "to_uv": to_uv})
 
 
 def constant_of(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
