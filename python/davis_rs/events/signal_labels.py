@@ -63,7 +63,7 @@ class SignalLabels:
             until_us: both streams are complete up to this time, in microseconds: later packets have later events.
 
         Returns:
-            bool (k,): True for signal, of the first k events that had no label yet.
+            The labels of the first k events that had none yet, bool (k,), True for signal.
 
         Raises:
             ValueError: for events out of order, outside of the sensor or of another time (with the first one), and

@@ -142,7 +142,7 @@ class Effects:
 
     @property
     def noiseless(self) -> Effects:
-        """Return the effects without those of :data:`NOISE`."""
+        """Return the effects without leak, shot noise and hot pixels."""
         return self.without(NOISE)
 
     def __bool__(self) -> bool:
