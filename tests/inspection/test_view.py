@@ -122,6 +122,24 @@ def test_an_odd_number_of_panels_leaves_no_quarter_empty(tmp_path: Path) -> None
     assert alone.get_position().x0 == pytest.approx(1 - alone.get_position().x1, abs=0.01)
 
 
+def test_the_band_is_where_the_events_are(tmp_path: Path) -> None:
+    """The middle rows, unless others have more than four times their events; a hot pixel does not count for more."""
+
+    def band(name: str, *events: tuple[int, int, int, int]) -> str:
+        with DatasetWriter(tmp_path / name, Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)) as writer:
+            writer.write(packet_of(0, 1000, *sorted(events)))
+        (title,) = (axes.get_title() for axes in view(tmp_path / name).axes if "of rows" in axes.get_title())
+        return title.split("events of ")[1].split(",")[0]
+
+    middle = f"rows {HEIGHT // 2 - 2} to {HEIGHT // 2 + 2}"
+    here = [(100 * x + 1, x, HEIGHT // 2, 1) for x in range(5)]
+    above = [(10 * x + 2, x, 3, 1) for x in range(20)]
+    assert band("few above", *here, *above) == middle
+    assert band("many above", *here[:4], *above) == "rows 0 to 4"
+    assert band("a hot pixel", *here, *((t, 5, 0, 1) for t in range(1, 501))) == middle
+    assert band("none elsewhere", *above) == "rows 0 to 4"
+
+
 def test_a_dataset_without_events_makes_a_figure(tmp_path: Path) -> None:
     """A camera that rests gives an empty cloud, not an error."""
     with DatasetWriter(tmp_path / "d", Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)) as writer:

@@ -29,6 +29,7 @@ OFF_RGB = (5, 113, 176)
 
 _EVENTS_A_PIXEL = 0.2
 _BAND_ROWS, _BAND_EVENTS_A_COLUMN, _BAND_WINDOWS = 5, 30, 20
+_BAND_SHARE, _HOT = 0.25, 10
 _FORMATS = ("png", "pdf", "svg", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
 _WIDTH_IN, _TITLE_IN, _TICKS_IN, _LABEL_IN = 7.2, 0.25, 0.3, 0.18
 _LABEL_CHARACTERS = 100
@@ -54,11 +55,12 @@ def view(
     """Draw one moment of a sequence as a figure of some panels, 7.2 inches wide; in a notebook it shows itself.
 
     The intensity frame; the events of a short window around it, ON red and OFF blue, over the faded frame; the depth
-    map (grey where nothing is hit); and column over time of the events of a few middle rows, in a longer window. Where
-    a folder has them: optical flow as the usual colour wheel, shapes, surface normals, and in the folder of a rig's
-    first camera the disparity with the second one. Frames hold linear light, so they are drawn with sRGB's transfer
-    curve; those of a colour sensor are demosaiced. What the source does not have gets no panel. ``savefig`` of the
-    figure writes PNG, PDF, SVG and others, by the suffix.
+    map (grey where nothing is hit); and column over time of the events of a few rows, in a longer window: those in the
+    middle, or the fullest ones where the middle has less than a quarter of their events. Where a folder has them:
+    optical flow as the usual colour wheel, shapes, surface normals, and in the folder of a rig's first camera the
+    disparity with the second one. Frames hold linear light, so they are drawn with sRGB's transfer curve; those of a
+    colour sensor are demosaiced. What the source does not have gets no panel. ``savefig`` of the figure writes PNG,
+    PDF, SVG and others, by the suffix.
 
     Args:
         source: a dataset folder, an event file of any format, or a recording (AEDAT, or a camera's bytes).
@@ -92,7 +94,7 @@ def view(
     pixels = width * height
     limits_us = start_us, end_us
     shown, shown_us = events_around(sequence.events, t_us, _EVENTS_A_PIXEL * pixels, window_s, limits_us)
-    rows = max(0, height // 2 - _BAND_ROWS // 2), min(height, height // 2 + (_BAND_ROWS + 1) // 2)
+    rows = _band_rows(sequence.events, sequence.size)
     in_band = (sequence.events["y"] >= rows[0]) & (sequence.events["y"] < rows[1])
     band, band_us = events_around(
         sequence.events[in_band],
@@ -201,6 +203,25 @@ def events_around(
         half_us = 0
     window = slice(np.searchsorted(t, t_us - half_us), np.searchsorted(t, t_us + half_us, side="right"))
     return events[window], (max(t_us - half_us, min(limits_us[0], t_us)), min(t_us + half_us, max(limits_us[1], t_us)))
+
+
+def _band_rows(events: EventArray, size: tuple[int, int]) -> tuple[int, int]:
+    """Return the first row of the band that is drawn over time, and the one after its last.
+
+    That is the middle of the sensor, or the fullest band where the middle has less than a quarter of its events. A
+    pixel counts at most ten times the median of those with events, so that a hot one does not decide.
+    """
+    width, height = size
+    rows = min(_BAND_ROWS, height)
+    middle = max(0, height // 2 - _BAND_ROWS // 2)
+    middle = min(middle, height - rows)
+    pixels = np.bincount(events["y"].astype(np.int64) * width + events["x"], minlength=width * height)
+    if pixels.any():
+        pixels = np.minimum(pixels, _HOT * np.median(pixels[pixels > 0]))
+    of_rows = np.concatenate([[0], np.cumsum(pixels.reshape(height, width).sum(axis=1))])
+    of_bands = of_rows[rows:] - of_rows[:-rows]
+    first = middle if of_bands[middle] >= _BAND_SHARE * of_bands.max() else int(of_bands.argmax())
+    return first, first + rows
 
 
 def _panels(
