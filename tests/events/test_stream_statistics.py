@@ -371,6 +371,30 @@ def test_the_command_prints_writes_and_draws(tmp_path: Path, noisy: tuple[EventA
     assert "must lie in the sensor's 160 x 120 pixels" in refused.stderr
 
 
+def test_maps_of_the_page_have_the_colours_and_marks_of_what_they_show() -> None:
+    """Colours span the rates that there are, and at most three decades; a title names only marks that are drawn."""
+    from matplotlib.figure import Figure
+
+    from davis_rs.inspection.statistics import comparison_figure as page
+
+    even = np.linspace(20.0, 80.0, 1000).reshape(20, 50)
+    low, high = page._map_limits([even, np.zeros((20, 50))])
+    assert 20 < low < 21
+    assert 79 < high < 80
+    assert page._map_limits([np.array([[1e-4, 1e3] * 1000])]) == (1.0, 1e3)
+    assert page._map_limits([np.zeros((2, 2))])[0] > 0
+    axes = Figure().subplots()
+    page._draw_map(axes, measure_stream(small_stream(), size=(240, 180)), "real", (1.0, 2.0))
+    assert axes.get_title().startswith("real: ")
+    assert "hot" not in axes.get_title()
+    axes.set_xscale("log")
+    axes.set_xlim(5, 50)
+    page._plain_ticks(axes.xaxis)
+    named = {label.get_text() for label in axes.get_xticklabels()}
+    assert {"5", "10", "20", "50"} <= named <= {"1", "2", "5", "10", "20", "50", "100"}
+    assert not any(label.get_text() for label in axes.get_xticklabels(minor=True))
+
+
 @pytest.mark.long
 def test_a_page_of_nothing_is_drawn(tmp_path: Path) -> None:
     """Streams without events, and a sensor of one row, draw too."""

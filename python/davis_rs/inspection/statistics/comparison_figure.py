@@ -16,6 +16,7 @@ from .stream_statistics import StreamStatistics
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 _COLOURS = {"real": "#1b1b1b", "simulated": "#d95f02"}
 _FLOOR_HZ = 1e-3
@@ -49,10 +50,12 @@ def draw_comparison(comparison: StreamComparison, output: str | Path) -> Path:
     _label(
         axes[1, 2], "column x (px)", "events of a pixel, compared with the mean", "columns (thin: each, thick: 8 px)"
     )
-    brightest = max(float(np.percentile(one.rates_hz.sum(axis=0), 99.5)) for one in streams.values())
+    _plain_ticks(axes[0, 1].xaxis)
+    limits = _map_limits([stream.rates_hz.sum(axis=0) for stream in streams.values()])
     for ax, (name, stream) in zip(axes[1, :2], streams.items(), strict=True):
-        image = _draw_map(ax, stream, name, max(brightest, 10 * _FLOOR_HZ))
-    figure.colorbar(image, ax=axes[1, 1], label="events a second", shrink=0.8)
+        image = _draw_map(ax, stream, name, limits)
+    bar = figure.colorbar(image, ax=axes[1, 1], label="events a second", shrink=0.8)
+    _plain_ticks(bar.ax.yaxis)
     with whole_file(output) as working_path:
         figure.savefig(working_path, dpi=120)
     return Path(output)
@@ -64,6 +67,25 @@ def _label(ax: Axes, x: str, y: str, title: str) -> None:
     ax.set_title(title, fontsize=9)
     if ax.get_legend_handles_labels()[0]:
         ax.legend(fontsize=8)
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """Name the rates along a logarithmic axis as plain numbers that do not overlap: 10, 20, 50."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    subs = range(1, 10) if high < 4 * low else (1, 2, 5) if high < 1e3 * low else (1,)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _map_limits(maps: list[npt.NDArray[np.float64]]) -> tuple[float, float]:
+    """Return the least and the largest rate of the colours: nearly all pixels with events, at most three decades."""
+    rates = np.concatenate([one[one > 0] for one in maps])
+    least, largest = np.percentile(rates, [0.5, 99.5]) if len(rates) else (0.0, 0.0)
+    largest = max(float(largest), 10 * _FLOOR_HZ)
+    return min(max(float(least), largest * 1e-3), largest / 2), largest
 
 
 def _draw_intervals(ax: Axes, stream: StreamStatistics, name: str, colour: str) -> None:
@@ -127,18 +149,22 @@ _AROUND = 9
 """Pixels across of the square in which quiet pixels are counted."""
 
 
-def _draw_map(ax: Axes, stream: StreamStatistics, name: str, brightest: float) -> Any:
+def _draw_map(ax: Axes, stream: StreamStatistics, name: str, limits: tuple[float, float]) -> Any:
     from matplotlib.colors import LogNorm
 
     rates = np.ma.masked_equal(stream.rates_hz.sum(axis=0), 0)
-    image = ax.imshow(rates, cmap="viridis", norm=LogNorm(max(_FLOOR_HZ, brightest * 1e-3), brightest))
+    image = ax.imshow(rates, cmap="viridis", norm=LogNorm(*limits))
     ax.set_facecolor("0.85")
+    marks = []
     if 0 < stream.quiet.mean() < 1 and min(stream.quiet.shape) > 1:
         from scipy.ndimage import uniform_filter
 
         # Where most pixels around are quiet: single ones, each with an outline, would hide the map.
         ax.contour(uniform_filter(stream.quiet.astype(np.float32), _AROUND), levels=[0.55], colors="k", linewidths=0.5)
+        marks.append("quiet pixels outlined")
     hot = stream.hot_pixels
-    ax.plot(hot.x, hot.y, "o", mfc="none", mec="r", ms=7)
-    ax.set_title(f"{name}: {stream.name}\nhot pixels circled, quiet ones outlined", fontsize=9)
+    if len(hot.x):
+        ax.plot(hot.x, hot.y, "o", mfc="none", mec="r", ms=7)
+        marks.insert(0, "hot pixels circled")
+    ax.set_title("\n".join([f"{name}: {stream.name}", ", ".join(marks)]).rstrip(), fontsize=9)
     return image
