@@ -115,7 +115,7 @@ def test_unplugging_ends_the_iteration_after_what_arrived(after: int) -> None:
         assert error.value.errno == errno.ENODEV
     expected = decode("DAVIS240C", words[: after // 2 * 2]).events
     np.testing.assert_array_equal(join(packets).events, expected)
-    with pytest.raises(FileNotFoundError, match="there is none"):
+    with pytest.raises(FileNotFoundError, match=r"no DAVIS camera on the USB$"):
         Davis.open(backend=VirtualBackend(virtual))
 
 

@@ -153,7 +153,11 @@ def _record(options: argparse.Namespace) -> int:
         gyroscope_range_deg_s=options.gyroscope_range_deg_s,
     )
     if options.virtual is None:
-        with Davis.open(options.serial, settings=settings) as camera:
+        try:
+            opened = Davis.open(options.serial, settings=settings)
+        except FileNotFoundError as error:
+            raise FileNotFoundError(f"{error}; --virtual SCENE records a simulated one") from None
+        with opened as camera:
             return _record_camera(camera, options, None)
 
     from ..scene.load import load_scene

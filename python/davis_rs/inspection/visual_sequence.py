@@ -242,5 +242,9 @@ def _whole(frame: Frame, size: tuple[int, int]) -> FrameImage:
 def _check_inside(events: EventArray, size: tuple[int, int], path: Path) -> None:
     outside = (events["x"] >= size[0]) | (events["y"] >= size[1])
     if outside.any():
-        _, x, y, _ = events[int(outside.argmax())].tolist()
-        raise ValueError(f"{path}: an event at (x, y) = ({x}, {y}) lies outside of the {size[0]} x {size[1]} sensor")
+        at = int(outside.argmax())
+        _, x, y, _ = events[at].tolist()
+        raise ValueError(
+            f"{path}: event {at} at (x, y) = ({x}, {y}) lies outside of the {size[0]} x {size[1]} sensor: is the size "
+            "that of another camera?"
+        )

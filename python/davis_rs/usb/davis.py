@@ -229,6 +229,6 @@ def _choose(devices: list[FoundDevice], serial: str | None) -> FoundDevice:
         # Any that could not be asked for its serial number may be the one that is meant.
         if device.problem is not None:
             raise device.problem
-    there = ", ".join(device.serial or "?" for device in openable) or "none"
     wanted = "DAVIS camera" if serial is None else f"DAVIS camera with the serial number {serial}"
-    raise FileNotFoundError(f"no {wanted} on the USB; there is {there}")
+    there = ", ".join(device.serial or "one without a serial number" for device in openable)
+    raise FileNotFoundError(f"no {wanted} on the USB" + (f"; there is {there}" if there else ""))

@@ -104,7 +104,10 @@ class _ObjFile:
         width = _WIDTH[key]
         if len(words) < (1 if key == "vt" else width):
             raise ValueError(f"{key} needs {width} numbers, got {len(words)}")
-        values = [float(word) for word in words]
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            raise ValueError(f"{key} needs numbers, got {' '.join(words)!r}") from None
         self.budget.take(8 * len(values), "its vertices")
         self.numbers[key].extend([*values, 0.0][:width])
         if key == "v" and len(values) >= 6:

@@ -137,7 +137,7 @@ class ViewSettings(PixelSettings):
     size: tuple[int, int] | str | None = declare(
         None,
         Declared(
-            "size of the image in pixels, which a calib.txt does not hold",
+            "size of the image in pixels, or of a camera, such as evk4; a calib.txt holds none",
             default_help="the camera's or the sensor's",
             metavar="WxH",
             text=str,
