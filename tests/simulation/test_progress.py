@@ -125,6 +125,20 @@ def test_a_forecast_of_steps_that_come_evenly() -> None:
     assert foretold(Forecast(390.0), [(step, 0.05 * step) for step in range(1, 390)]) == [], "19.5 s need no line"
 
 
+def test_a_long_run_is_foretold_in_a_log(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Once, before the first line; work that asks for no forecast, and short work, have none."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    for total, forecast in ((120.0, "--accuracy fast takes less"), (120.0, None), (1.0, "")):
+        with progress("simulating", total, unit="s", forecast=forecast) as bar:
+            now[0] += 30.0
+            bar.begin()
+            for step in range(1, 6):
+                now[0] += 3.0
+                bar.to(0.2 * step)
+    assert capsys.readouterr().err == "simulating will take about 30 minutes; --accuracy fast takes less\n"
+
+
 def test_a_long_run_is_foretold_once_above_the_bar() -> None:
     told = in_a_terminal(
         "from davis_rs._util import progress as module\n"

@@ -76,7 +76,7 @@ def progress(
             raise
         bar.close()
     else:
-        yield _Lines(task, total, unit, start)
+        yield _Lines(task, total, unit, start, forecast)
 
 
 @contextmanager
@@ -176,6 +176,34 @@ class Forecast:
         return in_all_s if in_all_s > self._above_s else None
 
 
+class _Foretold:
+    """Says once how long the work will take, as soon as that is known, if it is long.
+
+    Args:
+        task: what is done.
+        total: work in all.
+        advice: what to add to the line; None for no line.
+    """
+
+    def __init__(self, task: str, total: float, advice: str | None) -> None:
+        self._task, self._advice = task, advice
+        self._forecast = None if advice is None else Forecast(total)
+        self._began = time.monotonic()
+
+    def begin(self) -> None:
+        """Take the time from now on; what came before prepared the work."""
+        self._began = time.monotonic()
+
+    def to(self, done: float) -> None:
+        """Take how much is done by now."""
+        if self._forecast is None:
+            return
+        in_all_s = self._forecast.seconds(done, time.monotonic() - self._began)
+        if in_all_s is not None:
+            self._forecast = None
+            say(f"{self._task} will take {about(in_all_s)}{f'; {self._advice}' if self._advice else ''}")
+
+
 def _in_notebook() -> bool:
     """Tell whether cells of a notebook are being run, without importing IPython."""
     ipython = sys.modules.get("IPython")
@@ -200,8 +228,7 @@ class _Bar(Progress):
 
         super().__init__(total)
         self.done = self._start = start
-        self._task, self._advice = task, forecast
-        self._forecast = None if forecast is None else Forecast(total - start)
+        self._foretold = _Foretold(task, total - start, forecast)
         unit = f" {unit}" if unit else ""
         self._bar = Bar(
             total=total or None,
@@ -213,7 +240,6 @@ class _Bar(Progress):
             leave=None,
             dynamic_ncols=True,
         )
-        self._began = time.monotonic()
         _shown.append(self)
 
     def _show(self, note: str) -> None:
@@ -227,16 +253,11 @@ class _Bar(Progress):
             self._bar.refresh()  # the first step shows at once
         else:
             self._bar.update(self.done - self._bar.n)
-        if self._forecast is None:
-            return
-        in_all_s = self._forecast.seconds(self.done - self._start, time.monotonic() - self._began)
-        if in_all_s is not None:
-            self._forecast = None
-            say(f"{self._task} will take {about(in_all_s)}{f'; {self._advice}' if self._advice else ''}")
+        self._foretold.to(self.done - self._start)
 
     def begin(self) -> None:
         """Take the time from now on; what came before prepared the work."""
-        self._began = time.monotonic()
+        self._foretold.begin()
 
     def note(self, task: str) -> None:
         """Say on it what is being done, at once."""
@@ -260,15 +281,21 @@ _shown: list[_Bar] = []
 
 
 class _Lines(Progress):
-    """Shows a line a minute."""
+    """Shows a line a minute, and before them how long the work will take."""
 
-    def __init__(self, task: str, total: float, unit: str, start: float) -> None:
+    def __init__(self, task: str, total: float, unit: str, start: float, forecast: str | None) -> None:
         super().__init__(total)
         self._task, self._unit = task, f" {unit}" if unit else ""
         self.done = self._start = start
         self._began = self._said = time.monotonic()
+        self._foretold = _Foretold(task, total - start, forecast)
+
+    def begin(self) -> None:
+        """Take the time for a forecast from now on; what came before prepared the work."""
+        self._foretold.begin()
 
     def _show(self, note: str) -> None:
+        self._foretold.to(self.done - self._start)
         now = time.monotonic()
         if now - self._said < LINE_EVERY_S:
             return
