@@ -508,6 +508,26 @@ def test_a_browser_shows_depth_behind_the_events(with_truth: Path, tmp_path: Pat
         assert (near(cloud, (253, 231, 37), 6) > 2_000) == (name == "depth")
 
 
+def test_no_event_of_a_large_sensor_falls_between_the_pixels_of_the_screen(tmp_path: Path) -> None:
+    """A sensor of 1280 pixels is shown on half as many: each single event is seen, and of no more than its place."""
+    rng = np.random.default_rng(5)
+    events = np.zeros(300, EVENT_DTYPE)
+    events["t"] = 1000
+    events["p"] = 1
+    places = rng.permutation(64 * 36)[: len(events)]  # cells of 20 x 20 pixels
+    events["x"], events["y"] = (
+        20 * (places % 64) + rng.integers(4, 16, 300),
+        20 * (places // 64) + rng.integers(4, 16, 300),
+    )
+    with open_writer(tmp_path / "e.raw", (1280, 720)) as writer:
+        writer.write(np.sort(events, order=["t", "y", "x"]))
+    view_html(tmp_path / "e.raw", tmp_path / "p.html")
+    pixels = screen(tmp_path / "p.html", tmp_path, "1280,900", "#t=0.001")[130:560, :640].astype(int)
+    rows, columns = np.nonzero((np.abs(pixels - (202, 0, 32)) < 3).all(-1))
+    assert len(np.unique((rows // 4) * 1000 + columns // 4)) >= 300
+    assert len(rows) < 6 * 300
+
+
 def with_script(page: Path, script: str) -> Path:
     """The page with one more script before its own, which its content security policy lets run."""
     scripted = page.with_name("scripted.html")

@@ -22,6 +22,14 @@ const sensorPanel = (() => {
   const colours = [word(...OFF), word(...ON)];
   let shown = null, rgba = null;
 
+  // Where the screen shows fewer pixels than the sensor has, an event covers as many as make one of the screen's: otherwise most would
+  // fall between them.
+  const blockSide = () => Math.max(1, Math.ceil(width / ((canvas.clientWidth || width) * (window.devicePixelRatio || 1)) - 0.01));
+  const fillBlock = (x, y, side, colour) => {
+    const right = Math.min(width, x + side), bottom = Math.min(height, y + side);
+    for (let row = y; row < bottom; row++) pixels.fill(colour, row * width + x, row * width + right);
+  };
+
   // A picture is faded, so that events stand out; without events it is shown as it is.
   const fill = (layer, index, faded) => {
     const key = `${layer && layer.name} ${index} ${faded}`;
@@ -69,13 +77,15 @@ const sensorPanel = (() => {
     showName();
     pixels.set(background);
     const first = countUntil(events.t, t - window_us), total = countUntil(events.t, t) - first;
+    const side = blockSide();
     return {
       total,
       put: (from, to, step) => {
         for (let k = from; k < to; k = nextDrawn(k, step)) {
           const i = first + k;
           if (events.on[i] ? !show.on : !show.off) continue;
-          pixels[events.xy[2 * i + 1] * width + events.xy[2 * i]] = colours[events.on[i]];
+          if (side > 1) fillBlock(events.xy[2 * i], events.xy[2 * i + 1], side, colours[events.on[i]]);
+          else pixels[events.xy[2 * i + 1] * width + events.xy[2 * i]] = colours[events.on[i]];
         }
       },
       show: (step) => {
