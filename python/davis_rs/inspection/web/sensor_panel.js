@@ -27,7 +27,9 @@ const sensorPanel = (() => {
   const blockSide = () => Math.max(1, Math.ceil(width / ((canvas.clientWidth || width) * (window.devicePixelRatio || 1)) - 0.01));
   const fillBlock = (x, y, side, colour) => {
     const right = Math.min(width, x + side), bottom = Math.min(height, y + side);
-    for (let row = y; row < bottom; row++) pixels.fill(colour, row * width + x, row * width + right);
+    for (let row = y; row < bottom; row++) {
+      for (let column = x; column < right; column++) pixels[row * width + column] = colour;
+    }
   };
 
   // A picture is faded, so that events stand out; without events it is shown as it is.
