@@ -18,8 +18,9 @@ import pytest
 from PIL import Image
 
 import davis_rs
-from davis_rs import Dataset, Effects, EventComparison, Packet, Simulator, load_scene
+from davis_rs import Dataset, Effects, EventComparison, Packet, Pose, Simulator, load_scene
 from davis_rs.geometry.camera import Camera
+from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.render import thumbnail
 from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
@@ -177,6 +178,20 @@ def test_a_dataset_has_its_counts_and_a_frame(tmp_path: Path) -> None:
     tags = shown(Dataset(tmp_path / "d"))
     assert {f"{WIDTH} x {HEIGHT} px", "0.06 s", "frames", "events"} <= set(tags.text)
     assert "img" in tags.seen
+
+
+def test_a_dataset_shows_its_frame_as_a_display_wants_it_and_its_events(tmp_path: Path) -> None:
+    """Two pictures: linear light is encoded, and events have their colours; too many of them are not read."""
+    luma = np.full((HEIGHT, WIDTH), 0.2, np.float32)
+    events = davis_rs.event_array(t=[10, 20], x=[1, 5], y=[2, 6], p=[1, 0])
+    with DatasetWriter(tmp_path / "d", Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5), image_gain=1.0) as writer:
+        writer.write(Packet(0, 100, events, Pose([0, 0, 0], [0, 0, 0, 1]), luma))
+    shown_html = Dataset(tmp_path / "d")._repr_html_()
+    frame, drawn = (picture_of(part) for part in shown_html.split("<img")[1:])
+    assert frame[0, 0].tolist() == pytest.approx([124] * frame.shape[2] if frame.ndim == 3 else 124, abs=2)
+    assert tuple(drawn[2, 1][:3]) == (202, 0, 32)
+    assert tuple(drawn[6, 5][:3]) == (5, 113, 176)
+    assert "2 events in" in shown_html
 
 
 def test_what_comes_from_files_is_escaped(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import io
 import json
 import warnings
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.budget import Budget
-from ..._util.html_table import html_picture, html_table
+from ..._util.html_table import html_table
 from ..._util.untrusted import decoding, read_charged, read_text
 from ...events.arrays import EventArray
 from ...events.packet import Displacement
@@ -45,9 +46,6 @@ from .files import (
 )
 from .signal_file import read_signal
 from .text_folder import PIXEL_BYTES, StampedImage, TextFolder
-
-_THUMBNAIL_PX = 360
-"""The longest side of the frame that a notebook shows."""
 
 
 class Dataset(TextFolder):
@@ -111,18 +109,13 @@ class Dataset(TextFolder):
             "normal maps": self.normal_maps,
         }
         rows += [(name, f"{len(images):,}") for name, images in series.items() if images]
-        return html_table(f"Dataset {self.path}", rows, below=self._html_frame())
+        return html_table(f"Dataset {self.path}", rows, below=self._html_pictures)
 
-    def _html_frame(self) -> str:
-        """Return the middle frame as HTML; "" without frames."""
-        if not self.frames:
-            return ""
-        from PIL import Image
-
-        image, stream = Image.fromarray(self.read_image(len(self.frames) // 2)), io.BytesIO()
-        image.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
-        image.save(stream, "PNG")
-        return html_picture(stream.getvalue(), image.width)
+    @cached_property
+    def _html_pictures(self) -> str:
+        """Return the middle frame and the events around it, as HTML."""
+        # What draws lies above files, so that it is not imported before a notebook shows a dataset.
+        return str(import_module("davis_rs.inspection.dataset_picture").dataset_picture(self))
 
     @property
     def size(self) -> tuple[int, int] | None:
