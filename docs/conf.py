@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import re
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 from sphinx.application import Sphinx
@@ -13,6 +16,13 @@ from davis_rs import __version__
 
 # Kernels of notebooks would warn that a debugger, which nobody attaches, may miss breakpoints.
 os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
+# They would warn that they talk to this process without encryption, too; errors are still told.
+if "IPYTHONDIR" not in os.environ:
+    os.environ["IPYTHONDIR"] = tempfile.mkdtemp(prefix="davis_rs_site_")
+    atexit.register(shutil.rmtree, os.environ["IPYTHONDIR"], ignore_errors=True)
+    profile = Path(os.environ["IPYTHONDIR"], "profile_default")
+    profile.mkdir()
+    (profile / "ipython_kernel_config.py").write_text("get_config().IPKernelApp.log_level = 40\n")
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "davis_rs"
