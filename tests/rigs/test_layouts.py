@@ -163,6 +163,17 @@ def test_a_disparity_leads_to_the_same_point_in_the_right_camera(folder: Path, t
     assert np.abs(left - right)[:, 0].mean() > 1
 
 
+def test_a_notebook_shows_what_the_folder_of_a_rig_has(folder: Path) -> None:
+    dataset = RigDataset(folder)
+    shown = dataset._repr_html_()
+    for number, camera in dataset.cameras.items():
+        width, height = camera.size or (0, 0)
+        assert (
+            f"cam{number}</th><td style='text-align:left'>{width} x {height} px, {len(camera.events):,} events" in shown
+        )
+    assert f"{len(dataset.disparities)} maps of cam0 with cam1" in shown
+
+
 def test_mvsec_has_both_cameras_in_one_file(folder: Path, tmp_path: Path) -> None:
     target = tmp_path / "pair.hdf5"
     with pytest.warns(LeftOutWarning, match="pair.hdf5"):

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ..._util.array_types import JsonObject
 from ..._util.close_names import names_checked
+from ..._util.html_table import html_table
 from ...geometry.pose import GroundTruth, Pose
 from ...sensor.imu import ImuArray, kalibr_imu
 from ...sensor.rig import Rig, StereoTruth, kalibr_rig_chain, read_rig_file, rig_yaml, stereo_truth
@@ -173,6 +174,20 @@ class RigDataset(TextFolder):
 
     def __repr__(self) -> str:
         return f"<RigDataset {self.path}, {len(self.cameras)} cameras>"
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for number, camera in self.cameras.items():
+            size, counts = camera.size, camera.meta.get("counts")
+            events = counts.get("events") if isinstance(counts, dict) else None
+            facts = ["sensor unknown" if size is None else f"{size[0]} x {size[1]} px"]
+            facts += [f"{events:,} events"] if isinstance(events, int) else []
+            facts += [f"{len(camera.frames):,} frames", f"{len(camera.depth_maps):,} depth maps"]
+            rows.append((f"cam{number}", ", ".join(facts)))
+        rows += [(f"imu{number}", f"{len(samples):,} samples") for number, samples in enumerate(self.imus)]
+        if self.disparities:
+            rows.append(("disparity", f"{len(self.disparities):,} maps of cam0 with cam1"))
+        return html_table(f"RigDataset {self.path}", rows)
 
     @cached_property
     def rig(self) -> Rig:
