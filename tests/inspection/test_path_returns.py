@@ -61,7 +61,9 @@ def test_a_run_and_its_page_say_so(tmp_path: Path, capsys: pytest.CaptureFixture
         note = "the camera is back at its first pose at 0.04 s"
         assert (f"note: {note}" in printed.err) == said
         davis_rs.view_html(out, tmp_path / "page.html")
-        assert (f"Note: {note}" in (tmp_path / "page.html").read_text()) == said
+        page = (tmp_path / "page.html").read_text()
+        assert (f"Note: {note}" in page) == said
+        assert (f'aria-label="event rate over time" title="{note}' in page) == said, "where one points at the peak"
 
 
 @pytest.mark.long

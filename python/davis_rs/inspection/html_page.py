@@ -229,6 +229,7 @@ def _page(
         label=html.escape(label),
         kept=html.escape(_kept_text(kept)),
         note="" if note is None else html.escape(f" Note: {note}."),
+        peaks="" if note is None else f' title="{html.escape(note)}"',
         keep_all=f" For all events: <code>{html.escape(keep_all)}</code>" if keep_all else "",
         script=script,
         style=style,
