@@ -553,6 +553,11 @@ UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
         DIRECT,
         r"'first' \(likewise shape 'second'\) has a roughconductor surface, not a diffuse one",
     ),
+    "polariser": (
+        {"shape": rectangle({"type": "polarizer"})},
+        DIRECT,
+        r"'shape' has a linearpolarizer surface, not a diffuse one \(polarisation of light is not simulated, by any",
+    ),
     "mirror on the back": (
         {"shape": rectangle({"type": "twosided", "front": diffuse(), "back": {"type": "conductor"}})},
         DIRECT,

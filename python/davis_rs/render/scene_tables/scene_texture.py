@@ -39,6 +39,9 @@ _DARK = 2**32 - 1
 _LARGE = 1 << 16
 """Textures of more texels than this are looked for among those that are there, see :meth:`TextureTable.shared`."""
 
+_POLARISING = ("linearpolarizer", "circularpolarizer", "linearretarder")
+"""Plugins that only a renderer with polarised light shows as they are."""
+
 CoreColours = tuple[npt.NDArray[np.uint32], list[tuple[npt.NDArray[np.generic], npt.NDArray[np.float32] | None]]]
 """The colours of textures, see :class:`davis_rs._core.SceneRenderer`."""
 
@@ -307,6 +310,8 @@ class TextureTable:
         two_sided = is_two_sided(bsdf)
         if not is_plain(bsdf):
             rule = f"has a {surface_kind(bsdf)} surface, not a diffuse one"
+            if any(name in surface_kind(bsdf) for name in _POLARISING):
+                rule += " (polarisation of light is not simulated, by any renderer)"
             raise Unsuitable(rule, surface_remedy(bsdf, self._mi), named)
         prefix = "brdf_0.reflectance" if two_sided else "reflectance"
         if two_sided and not _same_on_both_sides(parameters):
