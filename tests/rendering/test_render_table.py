@@ -554,9 +554,9 @@ UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
         r"'first' \(likewise shape 'second'\) has a roughconductor surface, not a diffuse one",
     ),
     "polariser": (
-        {"shape": rectangle({"type": "polarizer"})},
+        {"shape": rectangle({"type": "retarder"})},
         DIRECT,
-        r"'shape' has a linearpolarizer surface, not a diffuse one \(polarisation of light is not simulated, by any",
+        r"'shape' has a linearretarder surface, not a diffuse one \(polarisation of light is not simulated, by any",
     ),
     "mirror on the back": (
         {"shape": rectangle({"type": "twosided", "front": diffuse(), "back": {"type": "conductor"}})},

@@ -426,13 +426,15 @@ class SceneTable:
         """What the scene is made of, for messages."""
         surfaces = "diffuse triangles" if self.gloss is None else "diffuse and glossy triangles"
         glass = "; what solid glass shows is grainy, and makes events of its own" if self._has_solid_glass else ""
+        polarizers = ""
+        if self.gloss is not None and self.gloss.has_polarizers:
+            polarizers = "; light is not polarised, so that each polarizer takes half of it, whatever its angle"
         if self.baked is not None:
-            bright = self.gloss is not None and self.gloss.has_polarizers
-            films = "; in baked light polarizers throw no shadow" if bright else ""
+            films = f"{polarizers}, and throws no shadow in baked light" if polarizers else ""
             return f"{surfaces} under {self.baked.description}{glass}{films}"
         kinds = sorted({light.kind for light in self.lights} - {"emission"})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
-        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows{glass}"
+        return f"{surfaces} under {lights}, {'with' if self.shadows else 'without'} shadows{glass}{polarizers}"
 
     @property
     def _has_solid_glass(self) -> bool:

@@ -39,8 +39,8 @@ _DARK = 2**32 - 1
 _LARGE = 1 << 16
 """Textures of more texels than this are looked for among those that are there, see :meth:`TextureTable.shared`."""
 
-_POLARISING = ("linearpolarizer", "circularpolarizer", "linearretarder")
-"""Plugins that only a renderer with polarised light shows as they are."""
+_POLARISING = ("polarizer", "retarder")
+"""In the names of surfaces that only a renderer with polarised light shows as they are."""
 
 CoreColours = tuple[npt.NDArray[np.uint32], list[tuple[npt.NDArray[np.generic], npt.NDArray[np.float32] | None]]]
 """The colours of textures, see :class:`davis_rs._core.SceneRenderer`."""
