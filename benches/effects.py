@@ -16,7 +16,7 @@ import numpy.typing as npt
 from davis_rs import SENSORS, Effects, Simulator, compare_events, load_scene
 from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB
-from davis_rs.inspection.visual_sequence import display_grey
+from davis_rs.scene.textures import to_srgb
 from davis_rs.sensor.effects import Aps, HotPixels, PhotoreceptorBandwidth, Readout
 
 SCENE = load_scene("three_planes")
@@ -141,7 +141,7 @@ def draw(found: dict[str, tuple[EventArray, Any]], path: str) -> None:
             half = image.shape[1] // 2
             image[:, :half] = ideal_frame[CROP][:, :half]
             gain = 1 / np.quantile(ideal_frame, 0.999)
-            axis.imshow(display_grey(np.clip(gain * image, 0, 1)), cmap="gray", vmin=0, vmax=1)
+            axis.imshow(to_srgb(np.clip(gain * image, 0, 1)), cmap="gray", vmin=0, vmax=1)
             axis.axvline(half - 0.5, color="white", linewidth=1)
             axis.set_title(f"{name}\nframe: left without it, right with", fontsize=8)
             continue

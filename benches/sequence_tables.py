@@ -25,7 +25,6 @@ from davis_rs._util.progress import each, progress
 from davis_rs._util.whole_file import whole_file
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.inspection.figure import event_picture
-from davis_rs.inspection.visual_sequence import display_grey
 from davis_rs.io.dataset.files import as_grey
 from davis_rs.io.dataset.writer import image_gain_for
 from davis_rs.render.choice import make_renderer
@@ -33,6 +32,7 @@ from davis_rs.sampling.rules import MaxDisplacement
 from davis_rs.scene.sequences import SEQUENCES, Sequence, sequence_named
 from davis_rs.scene.sequences.event_counts import MEASURED, EventCount, read_counts
 from davis_rs.scene.sequences.listing import HEAD, WORDS, table
+from davis_rs.scene.textures import to_srgb
 from davis_rs.sensor.presets import IDEAL, RECORDED
 from davis_rs.simulation.simulator import Simulator
 
@@ -155,7 +155,7 @@ def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
     packets = list(simulator.run())
     luma = next(packet.luma for packet in reversed(packets) if packet.luma is not None)
     events = np.concatenate([packet.events for packet in packets])
-    grey = display_grey(as_grey(luma, image_gain_for(luma)) / 255.0)
+    grey = to_srgb(as_grey(luma, image_gain_for(luma)) / 255.0)
     shown = events[len(events) - min(len(events), round(_EVENTS_A_PIXEL * luma.size)) :]
     frame = np.repeat(np.rint(255 * grey)[..., None], 3, axis=2).astype(np.uint8)
     return np.concatenate([frame, event_picture(grey, shown)], axis=1)

@@ -19,9 +19,10 @@ from davis_rs.events.packet import Packet
 from davis_rs.geometry.camera import Camera
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB, event_picture, view
 from davis_rs.inspection.video import _even_moments, _moments_of_events, _speed_text, accumulated_picture, make_video
-from davis_rs.inspection.visual_sequence import display_grey, open_visual_sequence
+from davis_rs.inspection.visual_sequence import open_visual_sequence
 from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.io.files.sensor_size import SensorSizeWarning
+from davis_rs.scene.textures import to_srgb
 from recording_files import aedat2, aedat2_event
 from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, pose_at, write_sequence
 
@@ -173,7 +174,7 @@ def test_a_pixel_has_the_colour_of_its_last_event() -> None:
 
 def test_frames_are_drawn_with_the_srgb_curve() -> None:
     """Black, white, the linear toe and middle grey of IEC 61966-2-1 (linear 0.2140 is 0.5)."""
-    grey = display_grey(np.array([0, 255, 55]) / 255)
+    grey = to_srgb(np.array([0, 255, 55]) / 255)
     assert grey[:2].tolist() == pytest.approx([0, 1])
     assert grey[2] == pytest.approx(0.5, abs=0.005)
 
@@ -358,7 +359,7 @@ def test_frames_of_a_colour_sensor_are_shown_in_colour(tmp_path: Path) -> None:
     assert red > 5 * green == pytest.approx(5 * blue)
     assert open_visual_sequence(tmp_path / "odd").read_frame(0).shape == (HEIGHT, WIDTH)
     pixels = pixels_of(view_dataset(tmp_path / "d", tmp_path / "figure.png"))
-    shown = tuple(np.rint(255 * display_grey(frame[0, 0])).astype(int))
+    shown = tuple(np.rint(255 * to_srgb(frame[0, 0])).astype(int))
     assert count_of(pixels, shown, within=2) > 10_000
     assert event_picture(frame, np.zeros(0, EVENT_DTYPE)).shape == (HEIGHT, WIDTH, 3)
     make_video(tmp_path / "d", tmp_path / "v.gif", panels="frame,events")

@@ -32,9 +32,10 @@ from davis_rs.inspection.figure import OFF_RGB, ON_RGB
 from davis_rs.inspection.page_layers import layers_of
 from davis_rs.inspection.sampling_for_display import evenly_spaced, event_counts, sample_events, span_of_events
 from davis_rs.inspection.truth_pictures import depth_picture, normals_picture, shape_colours
-from davis_rs.inspection.visual_sequence import VisualSequence, display_grey
+from davis_rs.inspection.visual_sequence import VisualSequence
 from davis_rs.io.dataset.reader import Dataset
 from davis_rs.io.dataset.writer import DatasetWriter
+from davis_rs.scene.textures import to_srgb
 from recording_files import aedat4, aedat4_events, aedat4_frame, aedat4_imu, events_of, frame_of
 from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, write_sequence
 
@@ -110,7 +111,7 @@ def test_the_page_holds_the_sequence(folder: Path, tmp_path: Path) -> None:
     assert data["layers"][0]["t"] == [image.t_us for image in dataset.frames]
     for number, png in enumerate(data["layers"][0]["png"]):
         with Image.open(io.BytesIO(base64.b64decode(png))) as image:
-            expected = np.rint(255 * display_grey(dataset.read_image(number) / 255.0))
+            expected = np.rint(255 * to_srgb(dataset.read_image(number) / 255.0))
             assert np.array_equal(np.array(image), expected)
     poses = array(data["path"]["values"], "<f4").reshape(-1, 7)
     assert np.allclose(poses[:, :3], dataset.groundtruth.positions, atol=1e-6)

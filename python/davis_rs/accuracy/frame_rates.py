@@ -11,12 +11,12 @@ import numpy.typing as npt
 from ..events.arrays import EventArray, concatenate_events
 from ..events.matching import compare_events
 from ..geometry.camera import Camera
-from ..inspection.visual_sequence import display_grey
 from ..io.dataset.writer import image_gain_for
 from ..render.choice import make_renderer
 from ..sampling.displacement import DisplacementClock
 from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene
+from ..scene.textures import to_srgb
 from ..simulation.from_frames.events_from_frames import events_from_frames
 from ..simulation.settings import INTERPOLATIONS
 from .accuracy_sweep import half_way_s
@@ -128,7 +128,7 @@ class FrameRateSweep:
         log_eps: float | None = self._recipe.log_eps
         if setting.bits == 8:
             gain = image_gain_for(frames[0])
-            encoded = display_grey(np.minimum(gain * frames.astype(np.float64), 1))
+            encoded = to_srgb(np.minimum(gain * frames.astype(np.float64), 1))
             frames, log_eps = np.rint(255 * encoded).astype(np.uint8), None
         packets = events_from_frames(
             frames,

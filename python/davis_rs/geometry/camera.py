@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -87,6 +87,22 @@ class Camera:
     def distortion(self) -> tuple[float, float, float, float, float]:
         """Return the coefficients (k1, k2, p1, p2, k3), in the order of ``calib.txt``."""
         return (self.k1, self.k2, self.p1, self.p2, self.k3)
+
+    def resized(self, width: int, height: int) -> Camera:
+        """Return the same lens on an image of another size in pixels, with the same horizontal field of view.
+
+        Pixels keep their shape, and the principal point its place as a fraction of the image.
+        """
+        scale = width / self.width
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * scale,
+            fy=self.fy * scale,
+            cx=(self.cx + 0.5) * scale - 0.5,
+            cy=(self.cy + 0.5) * height / self.height - 0.5,
+        )
 
     def project(self, points: npt.ArrayLike) -> FloatArray:
         """Return pixel coordinates (..., 2) of points (..., 3) in camera axes (x right, y down, z forward, metres).

@@ -10,8 +10,9 @@ import numpy.typing as npt
 from .._util.html_table import html_picture
 from .._util.quantities import time_text
 from ..io.dataset.reader import Dataset
+from ..scene.textures import to_srgb
 from .figure import event_picture, events_around
-from .visual_sequence import display_grey, open_visual_sequence
+from .visual_sequence import open_visual_sequence
 
 _EVENTS_READ = 10_000_000
 """Most events that are read for a picture, which takes a second or two."""
@@ -32,13 +33,13 @@ def dataset_picture(dataset: Dataset) -> str:
         return ""
     index = len(dataset.frames) // 2
     if not isinstance(total, int) or not 0 < total <= _EVENTS_READ:
-        return _picture(display_grey(dataset.read_image(index) / 255.0)) if dataset.frames else ""
+        return _picture(to_srgb(dataset.read_image(index) / 255.0)) if dataset.frames else ""
     sequence = open_visual_sequence(dataset.path)
     width, height = sequence.size
     grey, pictures = np.ones((height, width)), []
     t_us = (sequence.start_us + sequence.end_us) // 2
     if sequence.frame_times:
-        grey, t_us = display_grey(sequence.read_frame(index)), sequence.frame_times[index]
+        grey, t_us = to_srgb(sequence.read_frame(index)), sequence.frame_times[index]
         pictures.append((_picture(grey), f"frame at t = {t_us / 1e6:.6g} s"))
     limits_us = sequence.start_us, sequence.end_us
     events, (from_us, to_us) = events_around(sequence.events, t_us, _EVENTS_A_PIXEL * width * height, None, limits_us)

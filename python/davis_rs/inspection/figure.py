@@ -16,8 +16,9 @@ from .._util.close_names import names_checked
 from .._util.extras import from_extra
 from .._util.quantities import time_text
 from ..events.arrays import EventArray
+from ..scene.textures import to_srgb
 from .truth_panels import Panel, draw_map, truth_panels
-from .visual_sequence import VisualSequence, display_grey, nearest, open_visual_sequence
+from .visual_sequence import VisualSequence, nearest, open_visual_sequence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,7 +104,7 @@ def view(
         None if window_s is None else min(_BAND_WINDOWS * window_s, max((end_us - start_us) / 1e6, window_s)),
         limits_us,
     )
-    grey = np.ones((height, width)) if frame is None else display_grey(sequence.read_frame(frame))
+    grey = np.ones((height, width)) if frame is None else to_srgb(sequence.read_frame(frame))
 
     with mpl.rc_context(_STYLE):
         # The three pictures have one size, whatever stands next to them.

@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.progress import progress
+from ..scene.textures import to_srgb
 from .flow_picture import flow_picture
 from .sampling_for_display import evenly_spaced
 from .truth_pictures import HIDDEN, depth_picture, normals_picture, shape_colours
-from .visual_sequence import VisualSequence, display_grey
+from .visual_sequence import VisualSequence
 
 _FRAME_BYTES, _MAP_BYTES = 3_000_000, 1_000_000
 """What frames take of the page, and each kind of maps."""
@@ -92,7 +93,7 @@ def layers_of(sequence: VisualSequence) -> Iterator[Layer]:
             "frame",
             "frames",
             sequence.frame_times,
-            lambda number: display_grey(sequence.read_frame(number)),
+            lambda number: to_srgb(sequence.read_frame(number)),
             "",
             _FRAME_BYTES,
         )

@@ -17,10 +17,11 @@ from .._util.close_names import names_checked
 from .._util.extras import from_extra
 from .._util.progress import each
 from .._util.whole_file import whole_file
+from ..scene.textures import to_srgb
 from .figure import OFF_RGB, ON_RGB, event_picture
 from .flow_picture import flow_picture
 from .sampling_for_display import evenly_spaced, event_counts, sample_events
-from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
+from .visual_sequence import VisualSequence, open_visual_sequence
 
 MAX_EVENTS = 2_000_000
 """Events that the space-time cloud keeps by default: 16 bytes each."""
@@ -175,7 +176,7 @@ class _RerunWriter:
             return
         for number in each(numbers, "frames", len(numbers), unit="frames", show=self._show):
             self._at(sequence.frame_times[number])
-            grey = np.rint(255 * np.clip(display_grey(sequence.read_frame(number)), 0, 1)).astype(np.uint8)
+            grey = np.rint(255 * np.clip(to_srgb(sequence.read_frame(number)), 0, 1)).astype(np.uint8)
             self._log_picture("camera/image/frame", grey)
         self.kept["frames"] = len(numbers), len(sequence.frame_times)
 

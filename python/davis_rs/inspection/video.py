@@ -17,8 +17,9 @@ from .._util.extras import from_extra
 from .._util.progress import each
 from .._util.whole_file import whole_file
 from ..events.arrays import EventArray
+from ..scene.textures import to_srgb
 from .figure import event_picture
-from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
+from .visual_sequence import VisualSequence, open_visual_sequence
 
 _PANEL_HEIGHT = 360
 _CAPTION_HEIGHT = 28
@@ -202,7 +203,7 @@ def _pictures(
     for moment in moments:
         latest = int(np.searchsorted(sequence.frame_times, moment.t_us, side="right")) - 1
         if latest != shown:
-            shown, grey = latest, display_grey(sequence.read_frame(latest))
+            shown, grey = latest, to_srgb(sequence.read_frame(latest))
         events = sequence.events[moment.first : moment.stop]
         picture = Image.new("RGB", size, "white")
         for number, panel in enumerate(panels):

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from .._util.array_types import FloatingArray
 from .._util.quantities import percent
 from .._util.terminal_text import printable
 from ..events.arrays import EventArray
@@ -119,11 +118,6 @@ def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = Non
 def nearest(times_us: Sequence[int], t_us: int) -> int | None:
     """Return the index of the time that is nearest, None where there is none."""
     return min(range(len(times_us)), key=lambda i: abs(times_us[i] - t_us), default=None)
-
-
-def display_grey(linear: FloatingArray) -> FrameImage:
-    """Return linear values in 0..1 as a display wants them, in 0..1 (IEC 61966-2-1, the sRGB transfer curve)."""
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def _label(dataset: Dataset, size: tuple[int, int]) -> str:

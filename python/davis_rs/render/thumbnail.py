@@ -9,7 +9,6 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +17,7 @@ from .._util.html_table import html_picture
 from ..geometry.camera import PRESETS, Camera
 from ..geometry.trajectory.views import Views
 from ..scene.scene import Scene
+from ..scene.textures import to_srgb
 from .base import Renderer
 from .choice import make_renderer
 
@@ -59,17 +59,7 @@ def _seen(scene: Scene) -> tuple[npt.NDArray[np.float32], str]:
 def _small(camera: Camera) -> Camera:
     """Return the same lens with an image of at most :data:`_LONGEST_SIDE` pixels each way."""
     factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
-    width, height = (max(1, round(side * factor)) for side in (camera.width, camera.height))
-    across, down = width / camera.width, height / camera.height
-    return replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx * across,
-        fy=camera.fy * down,
-        cx=(camera.cx + 0.5) * across - 0.5,
-        cy=(camera.cy + 0.5) * down - 0.5,
-    )
+    return camera.resized(*(max(1, round(side * factor)) for side in (camera.width, camera.height)))
 
 
 def _quick_renderer(scene: Scene, camera: Camera) -> Renderer:
@@ -86,9 +76,8 @@ def _png(luma: npt.NDArray[np.float32]) -> bytes:
 
     bright = float(np.percentile(luma, 98))
     linear = np.clip(luma * (0.8 / bright if bright > 0 else 1.0), 0.0, 1.0)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     stream = io.BytesIO()
-    Image.fromarray(np.rint(255 * encoded).astype(np.uint8)).save(stream, "PNG")
+    Image.fromarray(np.rint(255 * to_srgb(linear)).astype(np.uint8)).save(stream, "PNG")
     return stream.getvalue()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -166,7 +167,7 @@ class FlowPair:
         seen = (_seen(one, other) for one, other in ((forward, backward), (backward, forward)))
         return cls(before, after, forward, backward, *seen)
 
-    @property
+    @cached_property
     def displacement_px(self) -> float:
         """Return how far the image moves, in pixels, as :func:`displacement`."""
         return max(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 from ..._util.argument_checks import parse_size
@@ -47,11 +46,7 @@ def image_camera(
     wanted = asked or own
     if camera is None:
         own_camera = scene.own_camera
-        return (
-            own_camera
-            if wanted in (None, (own_camera.width, own_camera.height))
-            else _with_same_view(own_camera, *wanted)
-        )
+        return own_camera if wanted in (None, (own_camera.width, own_camera.height)) else own_camera.resized(*wanted)
     return camera_of_size(camera, wanted, "size" if asked is not None else "the sensor")
 
 
@@ -125,20 +120,6 @@ def _centred(camera: Camera) -> bool:
     across = abs(camera.cx - (camera.width - 1) / 2) / camera.width
     down = abs(camera.cy - (camera.height - 1) / 2) / camera.height
     return max(across, down) <= _CENTRED
-
-
-def _with_same_view(camera: Camera, width: int, height: int) -> Camera:
-    """Return the same lens on another size, with the same horizontal field of view."""
-    scale = width / camera.width
-    return replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx * scale,
-        fy=camera.fy * scale,
-        cx=(camera.cx + 0.5) * scale - 0.5,
-        cy=(camera.cy + 0.5) * height / camera.height - 0.5,
-    )
 
 
 def _text(size: tuple[int, int]) -> str:

@@ -45,8 +45,8 @@ type EmissiveTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Vec<u32>, Bound<'py
 /// Of each texture the number of its image, and of these the texels, and what numbers of 8 bits stand for.
 type ColoursTuple<'py> = (Bound<'py, PyAny>, Vec<(Bound<'py, PyAny>, Option<Bound<'py, PyAny>>)>);
 
-/// Finishes, that of each triangle, colours of textures, colours of groups, backgrounds of lights, what each triangle emits, the sky,
-/// the longest path, layouts and texels of textures of roughness and metal, and emissive textures.
+/// Finishes, that of each triangle, colours of textures, colours of groups, backgrounds of lights, what each triangle
+/// emits, the sky, the longest path, layouts and texels of textures of roughness and metal, and emissive textures.
 pub(super) type GlossTuple<'py> = (
     Vec<FinishTuple>,
     Bound<'py, PyAny>,

@@ -7,8 +7,8 @@
 //!
 //! - [`tables`]: which triangles are glossy, and all of the scene in colour.
 //! - [`tracer`]: follows the paths; [`pattern`] says along which directions and to which points of the [`lamps`].
-//! - [`finish`]: reflectance. [`colours`]: of textures. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures and light maps at
-//!   single points.
+//! - [`finish`]: reflectance. [`colours`]: of textures. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
+//!   and light maps at single points.
 //! - [`sky_levels`]: the environment map, from fine to coarse.
 //! - [`number`]: float64 with or without its rate, so that luma and rates are one computation.
 //!
