@@ -682,20 +682,36 @@ def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
             assert (grid[near & inside] == 1.0).all()
 
 
-def test_meshes_of_many_corners_are_baked_on_request_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Light is baked at every corner at least: hours and gigabytes for millions, which nobody is put through unasked.
+def test_meshes_of_many_corners_are_baked_quickly_unless_a_bake_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Light is baked at every corner at least: that takes hours for millions, which nobody is put through unasked."""
+    monkeypatch.setattr(baked_scene, "MOST_CORNERS", 3)
+    scene = make_scene(PATH, lamp=lamp(), floor=plate(0, 0, 0, (3, 3)))
+    unasked, asked = (make_renderer(scene, CAMERA, kind=kind, rays_per_pixel=4) for kind in ("auto", "baked"))
+    assert unasked.name == asked.name == "native renderer"
+    assert "it is a quick bake (--renderer baked obeys --bake-error)" in unasked.reason
+    assert "quick bake" not in asked.reason
+    monkeypatch.undo()
+    assert "quick bake" not in make_renderer(scene, CAMERA, kind="auto", rays_per_pixel=4).reason
 
-    The tables, gigabytes too, are not made before that is known.
-    """
+
+def test_meshes_of_very_many_triangles_are_baked_on_request_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their tables, which are large, are not made before that is known."""
     scene = make_scene(PATH, lamp=lamp(), floor=plate(0, 0, 0, (3, 3)))
     monkeypatch.setattr(baked_scene, "MOST_CORNERS", 3)
+    monkeypatch.setattr(baked_scene, "MOST_QUICK_SIDES", 3)
     monkeypatch.setattr(scene_table, "MeshTriangles", None)
     (obstacle,) = why_not_noise_free(scene)
-    assert re.match(r"its light would have to be baked at about \d+ corners of triangles; beyond 3 ", obstacle.rule)
+    assert re.match(r"it has \d+ sides of triangles, and the limit of a quick bake is 3$", obstacle.rule)
     assert "--renderer baked" in obstacle.remedy
-    monkeypatch.undo()
+
+
+def test_large_meshes_are_not_baked_unasked_where_objects_move(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = moving_camera()
+    moving = replace(scene, objects={"floor": scene.path})
+    assert not why_not_noise_free(moving)
     monkeypatch.setattr(baked_scene, "MOST_CORNERS", 3)
-    assert make_renderer(scene, CAMERA, kind="baked").name == "native renderer"
+    (obstacle,) = why_not_noise_free(moving)
+    assert obstacle.rule.endswith("in meshes of more than 3 corners, is baked on request alone")
 
 
 def test_what_writes_more_next_to_light_shows_the_light_of_what_is_inside() -> None:

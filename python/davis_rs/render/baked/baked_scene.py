@@ -52,7 +52,7 @@ VERSION = 6
 
 
 MOST_CORNERS = 400_000
-"""Of meshes whose light is baked without a request."""
+"""Of meshes, at most, whose light is baked as finely as is asked for without a request by name."""
 
 MOST_QUICK_SIDES = 1_000_000
 """Sides of triangles that reflect, of meshes whose light is baked quickly."""
@@ -143,7 +143,7 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
     """Refuse a scene whose light cannot be baked.
 
     Args:
-        scene: the scene. If its light is soft (:attr:`Scene.soft_light`), a bake that nobody asked for is a quick one.
+        scene: the scene.
         loaded: the same, under the variant in force.
         motion: of its objects.
         by_name: the user asked for baked light, so that it may take hours.
@@ -174,29 +174,36 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
             if shape.id() in motion.objects:
                 rule = "moves: its sharp shadows would have to move with it"
                 raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
-    meshes = [shape for shape in loaded.shapes() if shape.is_mesh()]
-    if scene.soft_light and not by_name:
+    if _effort(scene, loaded, by_name=by_name) is QUICK_EFFORT:
         with obstacles.collect():
             if motion.objects and not motion.deformations:
-                raise Unsuitable("light of objects that move is baked on request alone", _ASK)
+                large = "" if scene.soft_light else f", in meshes of more than {MOST_CORNERS:,} corners,"
+                raise Unsuitable(f"light of objects that move{large} is baked on request alone", _ASK)
         with obstacles.collect():
-            sides = sum(shape.face_count() * _sides(shape) for shape in meshes)
+            sides = sum(shape.face_count() * _sides(shape) for shape in _meshes(loaded))
             if sides > MOST_QUICK_SIDES:
                 rule = f"it has {sides:,} sides of triangles, and the limit of a quick bake is {MOST_QUICK_SIDES:,}"
                 raise Unsuitable(rule, _ASK)
-    elif not by_name:
-        with obstacles.collect():
-            corners = sum(_corners(shape) for shape in meshes)
-            if corners > MOST_CORNERS:
-                raise Unsuitable(
-                    f"its light would have to be baked at about {corners:,} corners of triangles; beyond "
-                    f"{MOST_CORNERS:,} that takes hours and gigabytes, so it is done on request alone",
-                    f"{_ASK}, or give meshes of fewer triangles",
-                )
     obstacles.refuse()
 
 
 _ASK = "ask for it (--renderer baked, renderer='baked')"
+
+
+def _effort(scene: Scene, loaded: MitsubaScene, *, by_name: bool) -> Effort:
+    """Return how much a bake may cost.
+
+    One that was asked for by name may take hours. Else it is a quick one where a file does not say which light it wants
+    (:attr:`Scene.soft_light`), and where meshes have more than :data:`MOST_CORNERS`.
+    """
+    if by_name:
+        return FULL_EFFORT
+    large = sum(_corners(shape) for shape in _meshes(loaded)) > MOST_CORNERS
+    return QUICK_EFFORT if scene.soft_light or large else FULL_EFFORT
+
+
+def _meshes(loaded: MitsubaScene) -> list[MitsubaShape]:
+    return [shape for shape in loaded.shapes() if shape.is_mesh()]
 
 
 def _sides(shape: MitsubaShape) -> int:
@@ -234,11 +241,11 @@ def baked_light(
 
     Raises:
         ValueError: for lights that cannot be.
-        Unsuitable: if the bake is a quick one, and no light reaches the scene's camera.
+        Unsuitable: if the bake of soft light is a quick one, and no light reaches the scene's camera.
     """
     check_strengths(loaded, mi, soft=scene.soft_light)
     paths = light_paths(scene, loaded)
-    effort = QUICK_EFFORT if scene.soft_light and not by_name else FULL_EFFORT
+    effort = _effort(scene, loaded, by_name=by_name)
     error = max(error, effort.least_error)
     names = light_groups(loaded, list(motion.lights))
     duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
@@ -256,7 +263,7 @@ def baked_light(
     if maps is None:
         kept = cache.load_partial(key)
         lights_at = irradiance_of(loaded, mi, surfaces, names, kept, motion, paths=paths, soft=scene.soft_light)
-        if effort is QUICK_EFFORT:
+        if scene.soft_light and effort is QUICK_EFFORT:
             _check_reach(scene, lights_at(0.0), sum(background_luma(loaded, mi, names)))
         with progress("baking light", 0, unit="points") as bar, cache.kept_if_stopped(key, kept):
 
