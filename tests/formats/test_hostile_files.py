@@ -25,7 +25,9 @@ from davis_rs import DecodeError
 from davis_rs.cli import main
 from davis_rs.generate import load_sequence_plan
 from davis_rs.generate.generate import draw_sequences
+from davis_rs.geometry.camera import PRESETS
 from davis_rs.io.dataset.writer import DatasetWriter
+from davis_rs.render.choice import make_renderer
 from davis_rs.usb.raw_file import RawRecording
 from long_form import long_values
 from recording_files import aedat4, aedat4_events
@@ -408,6 +410,48 @@ def test_files_that_never_end(tmp_path: Path) -> None:
         for read in (davis_rs.read_events, davis_rs.read_recording):
             with pytest.raises(OSError, match="not a regular file"):
                 read(path)
+
+
+LFS_POINTER = b"""version https://git-lfs.github.com/spec/v1
+oid sha256:aae51760731104270067a48246cc4d6d91c54af372b9c98281318c30b32e9506
+size 132818295
+"""
+
+
+@pytest.mark.parametrize("name", ["events.aedat4", "events.npy", "events.h5", "events.txt", "recording.bag"])
+def test_a_pointer_of_git_lfs_is_told_from_the_file(name: str, tmp_path: Path) -> None:
+    """A clone without Git LFS has a few lines of text in place of each large file."""
+    (path := tmp_path / name).write_bytes(LFS_POINTER)
+    for read in (davis_rs.read_events, davis_rs.read_recording):
+        with pytest.raises(DecodeError, match=r"a pointer of Git LFS \(git lfs pull"):
+            read(path)
+
+
+@pytest.mark.parametrize("name", ["mesh.obj", "mesh.ply", "world.glb", "world.gltf"])
+def test_a_pointer_of_git_lfs_is_told_from_a_world(name: str, tmp_path: Path) -> None:
+    (path := tmp_path / name).write_bytes(LFS_POINTER)
+    with pytest.raises(DecodeError, match="a pointer of Git LFS"):
+        davis_rs.load_scene(path)
+
+
+@pytest.mark.parametrize("named", ["texture.png", "sky.exr", "mesh.ply", "mesh.obj"])
+def test_a_pointer_of_git_lfs_is_found_by_the_scene_that_names_it(named: str, tmp_path: Path) -> None:
+    (tmp_path / named).write_bytes(LFS_POINTER)
+    filename = f'<string name="filename" value="{named}"/>'
+    parts = {
+        "texture.png": f'<shape type="cube"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">{filename}'
+        "</texture></bsdf></shape>",
+        "sky.exr": f'<emitter type="envmap">{filename}</emitter>',
+    }
+    part = parts.get(named, f'<shape type="{named[-3:]}">{filename}</shape>')
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{part}</scene>')
+    with pytest.raises(DecodeError, match=rf"{named}: .*a pointer of Git LFS"):
+        make_renderer(davis_rs.load_scene(tmp_path / "scene.xml"), PRESETS["ideal"])
+
+
+def test_a_short_file_is_no_pointer_of_git_lfs(tmp_path: Path) -> None:
+    (path := tmp_path / "events.txt").write_text("0.1 3 4 1\n")
+    assert len(davis_rs.read_events(path)) == 1
 
 
 # --- texts ---

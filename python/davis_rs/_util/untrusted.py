@@ -48,13 +48,23 @@ def regular_file(path: str | os.PathLike[str]) -> Path:
 
     Raises:
         OSError: if there is none, or it is something else.
+        DecodeError: if Git LFS has a pointer in its place.
     """
-    mode = os.stat(path).st_mode
-    if stat.S_ISDIR(mode):
+    status = os.stat(path)
+    if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
-    if not stat.S_ISREG(mode):
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "not a regular file", os.fspath(path))
+    if status.st_size < _MOST_POINTER_BYTES:
+        with open(path, "rb") as file:
+            if file.read(len(_POINTER_START)) == _POINTER_START:
+                rule = "not the file itself, but a pointer of Git LFS (git lfs pull in its repository brings the file)"
+                raise DecodeError(f"{os.fspath(path)}: {rule}")
     return Path(path)
+
+
+_POINTER_START, _MOST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 1024
+"""How a pointer of Git LFS begins, and how long it may be (its specification, git-lfs/docs/spec.md)."""
 
 
 def read_limited(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> bytes:
