@@ -58,6 +58,21 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
     "gold, ggx": ({"type": "roughconductor", "material": "Au", "alpha": 0.15, "distribution": "ggx"}, 2e-4),
     "tinted metal": ({"type": "roughconductor", "material": "Al", "alpha": 0.4, "specular_reflectance": COLOUR}, 2e-4),
     "rough glass": ({"type": "roughdielectric", "alpha": 0.3, "specular_reflectance": 0.7}, 2e-4),
+    "metal of one roughness along and across": ({"type": "roughconductor", "alpha_u": 0.3, "alpha_v": 0.3}, 2e-4),
+    "textured metal": (
+        {"type": "roughconductor", "material": "Au", "alpha": ROUGHNESS | FINER, "distribution": "ggx"},
+        2e-4,
+    ),
+    "textured and tinted metal, beckmann": (
+        {
+            "type": "roughconductor",
+            "material": "Al",
+            "alpha": ROUGHNESS | FINER,
+            "specular_reflectance": COLOUR | FINER,
+        },
+        2e-4,
+    ),
+    "textured glass": ({"type": "roughdielectric", "alpha": ROUGHNESS | FINER}, 2e-4),
     "principled": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "specular": 0.8}, 2e-4),
     "principled metal": ({"type": "principled", "base_color": COLOUR, "roughness": 0.4, "metallic": 0.7}, 2e-4),
     "principled, textured": (
@@ -104,6 +119,33 @@ def test_sharp_lights_have_mitsubas_closed_form(bsdf: dict[str, Any], tolerance:
     """Highlight and base, pixel by pixel: both renderers follow the same rays, and draw nothing at random."""
     theirs, ours = mitsubas(scene_of(bsdf, **lights)), native(scene_of(bsdf, **lights)).luma(VIEWS)
     np.testing.assert_allclose(ours, theirs, rtol=tolerance, atol=tolerance * theirs.max() * 0.01)
+
+
+SQUARES = {"type": "checkerboard", "color0": 0.15, "color1": 0.5, "to_uv": np.diag([6.0, 4.0, 1.0])}
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize(
+    "bsdf",
+    [
+        {"type": "roughconductor", "alpha": SQUARES},
+        {"type": "roughdielectric", "alpha": SQUARES},
+        {"type": "principled", "roughness": SQUARES, "metallic": 0.7},
+        {
+            "type": "blendbsdf",
+            "weight": SQUARES,
+            "first": {"type": "diffuse", "reflectance": 0.1},
+            "b": {"type": "diffuse"},
+        },
+    ],
+    ids=["metal", "glass", "principled", "blend"],
+)
+def test_squares_of_two_numbers_are_mitsubas(bsdf: dict[str, Any]) -> None:
+    """All rays but those that meet a ramp, which is 1/128 of a square wide."""
+    scene = scene_of(bsdf, lamp=POINT)
+    theirs, ours = mitsubas(scene), make_renderer(scene, CAMERA, kind="native", rays_per_pixel=2).luma(VIEWS)
+    assert np.mean(np.abs(ours - theirs) > 2e-4 * theirs + 2e-6 * theirs.max()) < 0.1
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.01)
 
 
 @pytest.mark.few(2)
@@ -223,7 +265,7 @@ def test_blends_that_stay_with_mitsuba() -> None:
     squares, two_sided = {"type": "checkerboard"}, {"type": "twosided", "nested": BLUE}
     tinted = {"type": "rgb", "value": [0.2, 0.5, 0.9]}
     for weight, first, second in (
-        (squares, RED, BLUE),
+        ({**squares, "color1": tinted}, RED, {"type": "diffuse", "reflectance": squares}),
         (tinted, RED, BLUE),
         (0.5, RED, {"type": "diffuse", "reflectance": COLOUR}),
         (0.5, RED, two_sided),
@@ -260,18 +302,21 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
     squares = {"type": "checkerboard"}
     unknown = [
         {"type": "principled", "clearcoat": 0.3},
-        {"type": "principled", "roughness": squares},
+        {"type": "principled", "roughness": {"type": "checkerboard", "color1": 1.2}},
+        {"type": "principled", "roughness": {"type": "checkerboard", "color1": ROUGHNESS}},
         {"type": "principled", "base_color": COLOUR, "metallic": {**METAL, "to_uv": np.diag([2.0, 2.0, 1.0])}},
         {"type": "principled", "base_color": squares, "metallic": METAL},
         {"type": "principled", "roughness": {**ROUGHNESS, "filter_type": "nearest"}},
         {"type": "principled", "roughness": {**ROUGHNESS, "data": 1.2 * TEXELS[..., :1]}},
-        {"type": "roughconductor", "alpha": squares},
+        {"type": "roughconductor", "alpha": {**ROUGHNESS, "filter_type": "nearest"}},
+        {"type": "roughconductor", "alpha": ROUGHNESS, "specular_reflectance": COLOUR | FINER},
         {"type": "plastic", "specular_reflectance": squares},
         {"type": "dielectric", "specular_transmittance": squares},
-        {"type": "roughdielectric", "alpha": squares},
+        {"type": "roughdielectric", "alpha": {**ROUGHNESS, "data": 1.2 * TEXELS[..., :1]}},
         {"type": "roughdielectric", "alpha_u": 0.1, "alpha_v": 0.3},
         {"type": "roughdielectric", "specular_transmittance": squares},
         {"type": "polarizer", "transmittance": squares},
+        {"type": "pplastic", "alpha": ROUGHNESS},
         {"type": "pplastic", "alpha_u": 0.1, "alpha_v": 0.3},
         {"type": "pplastic", "int_ior": 1.0, "ext_ior": 1.5},
         {"type": "pplastic", "specular_reflectance": squares},

@@ -46,6 +46,9 @@ _UNBENT = 1 + 1e-9
 _PASSING_NODES = 33
 """Cosines at which it is known what passes a rough coat."""
 
+_PERIOD = 256
+"""Texels along a side of a checkerboard's period: its edges become ramps of one texel."""
+
 _UNUSED = ("anisotropic", "clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
 """Parts of ``principled`` that a finish does not have: they must be 0."""
 
@@ -87,8 +90,9 @@ class Finish:
             coat the fractions that pass it follow, at :data:`_PASSING_NODES` cosines from 0 to 1), ``rough``
             (roughness, factor), ``solid`` (index; its surface is as rough as ``alpha`` says), ``sheet`` (index) or
             ``blend`` (opacity: a diffuse base covers so much, and the rest is seen through).
-        lobe: roughness and metal from place to place, of ``mixed`` over ``rough``, whose own numbers are then means;
-            or opacity and None, of ``blend``; None for what is the same everywhere.
+        lobe: roughness and metal from place to place, of ``mixed`` over ``rough``; ``alpha`` and None, over ``nothing``
+            or of ``solid``; or opacity and None, of ``blend``. Its own numbers are then means. None for what is the
+            same everywhere.
     """
 
     alpha: float
@@ -197,7 +201,13 @@ def finish_remedy(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsu
     if kind in ("RoughConductor", "RoughDielectric", "PolarizedPlastic"):
         if "alpha" not in inside:
             return "give it one alpha in place of alpha_u and alpha_v"
-        return "give it an alpha that is the same everywhere" if constant_of(inside["alpha"], mi) is None else ""
+        if _scalar(inside["alpha"], mi) is None:
+            return "give it an alpha that is a number, or a bilinear bitmap or a checkerboard of 0 to 1"
+        if constant_of(inside["alpha"], mi) is None:
+            if kind == "PolarizedPlastic":
+                return "give it an alpha that is the same everywhere"
+            return "look its alpha and its other textures up at the same coordinates"
+        return ""
     if kind == "Principled":
         return f"set its {' and '.join(more)} to 0" if (more := _parts_left_out(inside, mi)) else ""
     return ""
@@ -211,13 +221,11 @@ def read_blend(base: MitsubaTexture, opacity: MitsubaTexture, mi: Mitsuba) -> tu
     covered = _scalar(opacity, mi)
     if covered is None or not 0 <= covered.mean <= 1:
         return None
-    if covered.uv_map is not None:
-        placed = _placed_alike(base, [covered.uv_map], mi)
-        if placed is None:
-            return None
-        base = placed
+    placed = _placed(base, covered, mi=mi)
+    if placed is None:
+        return None
     under = "blend", (covered.mean,)
-    return base, Finish(0.0, "ggx", ("dielectric", (1.5,)), under=under, lobe=(covered.texels, None))
+    return placed, Finish(0.0, "ggx", ("dielectric", (1.5,)), under=under, lobe=(covered.texels, None))
 
 
 def mixed_colour(
@@ -302,38 +310,48 @@ def _rough_coat(alpha: float, distribution: str, index: float, mi: Mitsuba) -> t
     return reflected, passing
 
 
-def _alpha(inside: dict[str, MitsubaObject], mi: Mitsuba) -> float | None:
-    """Return the roughness of microfacets; None where it differs from place to place, or between along and across."""
-    value = constant_of(inside["alpha"], mi) if "alpha" in inside else None
-    return None if value is None else float(value.flat[0])
+def _alpha(inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Scalar | None:
+    """Return the roughness of microfacets; None where it differs between along and across, or is no
+    texture that :func:`_scalar` reads."""
+    if "alpha" not in inside:
+        along, across = (constant_of(inside[name], mi) for name in ("alpha_u", "alpha_v"))
+        if along is None or across is None or along.flat[0] != across.flat[0]:
+            return None
+        return _Scalar(float(along.flat[0]))
+    value = constant_of(inside["alpha"], mi)
+    return _scalar(inside["alpha"], mi) if value is None else _Scalar(float(value.flat[0]))
 
 
 def _polarized_plastic(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
     """Read a ``pplastic`` as it is where light has no polarization: what enters its coat and leaves it once is light of
     the base, and nothing is reflected inside."""
     alpha, tint, eta = _alpha(inside, mi), _tint(inside, "specular_reflectance", mi), constant_of(inside["eta"], mi)
-    if alpha is None or tint is None or eta is None or eta.flat[0] <= 1:
+    if alpha is None or alpha.texels is not None or tint is None or eta is None or eta.flat[0] <= 1:
         return None
     index = float(eta.flat[0])
     entering = 1 - _mean(lambda c: dielectric(c, index))
     # Light of a base below a coat is weaker by the square of the index, for which its reflections inside make up.
     under = "coated", (index, 1 - 1 / index**2, entering, 0.0)
-    finish = Finish(alpha, _distribution(bsdf), ("dielectric", (index,)), tint, under=under)
+    finish = Finish(alpha.mean, _distribution(bsdf), ("dielectric", (index,)), tint, under=under)
     return inside["diffuse_reflectance"], finish
 
 
 def _metal(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
     rough = bsdf.class_name() == "RoughConductor"
-    alpha = _alpha(inside, mi) if rough else 0.0
+    alpha = _alpha(inside, mi) if rough else _Scalar(0.0)
     if alpha is None:
         return None
     eta, k = (constant_of(inside[name], mi) for name in ("eta", "k"))
     if eta is None or k is None:
         return None
     numbers = (*_rgb(eta), *_rgb(k))
-    base = inside.get("specular_reflectance")
-    finish = Finish(alpha, _distribution(bsdf) if rough else "ggx", ("conductor", numbers), base_tints=base is not None)
-    return _white(mi) if base is None else base, finish
+    own = inside.get("specular_reflectance")
+    base = _placed(_white(mi) if own is None else own, alpha, mi=mi)
+    if base is None:
+        return None
+    distribution, tints = _distribution(bsdf) if rough else "ggx", own is not None
+    lobe = alpha.texels, None
+    return base, Finish(alpha.mean, distribution, ("conductor", numbers), base_tints=tints, lobe=lobe)
 
 
 def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
@@ -372,21 +390,15 @@ def _lobe(
         return None
     base = inside["base_color"]
     lobe = rough.texels, metal.texels
-    uv_maps = [number.uv_map for number in (rough, metal) if number.uv_map is not None]
-    if uv_maps:
-        placed = _placed_alike(base, uv_maps, mi)
-        if placed is None:
-            return None
-        base = placed
-    return base, lobe, rough.mean, metal.mean
+    placed = _placed(base, rough, metal, mi=mi)
+    return None if placed is None else (placed, lobe, rough.mean, metal.mean)
 
 
-def _placed_alike(base: MitsubaTexture, uv_maps: list[FloatArray], mi: Mitsuba) -> MitsubaTexture | None:
-    """Return a base colour that is looked up at the same texture coordinates as other textures; None where it is not.
-
-    Args:
-        uv_maps: (3, 3) each, the transforms of their coordinates, one or more.
-    """
+def _placed(base: MitsubaTexture, *others: _Scalar, mi: Mitsuba) -> MitsubaTexture | None:
+    """Return a base colour that is looked up at the same coordinates as other textures; None where it is not."""
+    uv_maps = [number.uv_map for number in others if number.uv_map is not None]
+    if not uv_maps:
+        return base
     colour = constant_of(base, mi)
     if colour is None:
         of_base = _uv_map(base, mi)
@@ -414,10 +426,12 @@ class _Scalar(NamedTuple):
 
 
 def _scalar(texture: MitsubaTexture, mi: Mitsuba) -> _Scalar | None:
-    """Read a texture of numbers from 0 to 1; None of one that is neither a constant nor a bilinear bitmap of them."""
+    """Read a texture of numbers from 0 to 1; None of one that is no constant, bitmap or checkerboard of them."""
     value = constant_of(texture, mi)
     if value is not None:
         return _Scalar(float(value.flat[0]))
+    if texture.class_name() == "Checkerboard":
+        return _checkerboard(texture, mi)
     uv_map = _uv_map(texture, mi)
     if uv_map is None:
         return None
@@ -434,6 +448,27 @@ def _scalar(texture: MitsubaTexture, mi: Mitsuba) -> _Scalar | None:
     return _Scalar(float(values.mean()), NumberTexels(height, width, wrap, values.tobytes()), uv_map)
 
 
+def _checkerboard(texture: MitsubaTexture, mi: Mitsuba) -> _Scalar | None:
+    """Read a checkerboard of two numbers from 0 to 1 as one period of texels; None of one of other textures."""
+    parameters = mi.traverse(texture)
+    keys = ["color0.value", "color1.value"]
+    if any(key not in parameters for key in keys):
+        return None
+    first, second = (_luminance(np.array(parameters[key], np.float64)) for key in keys)
+    if not (0 <= first <= 1 and 0 <= second <= 1):
+        return None
+    half = np.arange(_PERIOD) >= _PERIOD // 2
+    # Rows go down as v goes up, as those of a bitmap.
+    values = np.where(half == half[::-1, None], first, second).astype(np.float32)
+    texels = NumberTexels(_PERIOD, _PERIOD, WRAP_MODES.index("repeat"), values.tobytes())
+    return _Scalar((first + second) / 2, texels, uv_map_of(parameters))
+
+
+def _luminance(value: FloatArray) -> float:
+    """Return the one number that Mitsuba makes of a number or of red, green and blue."""
+    return float((np.array(_rgb(value)) @ LUMINANCE)[0])
+
+
 def _uv_map(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
     """Return the transform (3, 3) of a bitmap's coordinates; None of another texture."""
     parameters = mi.traverse(texture)
@@ -447,11 +482,14 @@ def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> 
     kind = "sheet" if bsdf.class_name() == "ThinDielectric" else "solid"
     tint, passing = (_tint(inside, name, mi) for name in ("specular_reflectance", "specular_transmittance"))
     rough = bsdf.class_name() == "RoughDielectric"
-    alpha = _alpha(inside, mi) if rough else 0.0
+    alpha = _alpha(inside, mi) if rough else _Scalar(0.0)
     if tint is None or passing is None or index == 1 or alpha is None:
         return None
-    distribution = _distribution(bsdf) if rough else "ggx"
-    return _white(mi), Finish(alpha, distribution, ("dielectric", (index,)), tint, passing, under=(kind, (index,)))
+    base = _placed(_white(mi), alpha, mi=mi)
+    if base is None:
+        return None
+    distribution, under, lobe = _distribution(bsdf) if rough else "ggx", (kind, (index,)), (alpha.texels, None)
+    return base, Finish(alpha.mean, distribution, ("dielectric", (index,)), tint, passing, under=under, lobe=lobe)
 
 
 def _polarizer(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:

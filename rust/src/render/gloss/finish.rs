@@ -36,6 +36,9 @@ pub enum Fresnel {
 /// A mix of a dielectric and a metal is never smoother than this, as Mitsuba's is not.
 const SMOOTHEST: f64 = 1e-3;
 
+/// What a texture makes rough is never smoother than this, as Mitsuba's is not.
+const LEAST_ALPHA: f64 = 1e-4;
+
 /// At so many cosines it is known how much passes a rough coat.
 pub const PASSING: usize = 33;
 
@@ -84,8 +87,8 @@ pub struct Finish {
     pub base_tints: bool,
     /// What is below.
     pub under: Under,
-    /// The number of a texture of the roughness, or of the opacity, and of one of the metal, where they differ from place
-    /// to place.
+    /// The number of a texture of the roughness or of the opacity, and of one of the metal, where they differ from place
+    /// to place. The roughness of a mix is the root of its alpha, else it is alpha.
     pub lobe: [Option<u32>; 2],
 }
 
@@ -132,7 +135,7 @@ impl Finish {
         };
         let textured = match (&self.fresnel, &self.under) {
             (Fresnel::Mixed(..), Under::Rough(..)) => true,
-            (_, Under::Blend(_)) => self.lobe[1].is_none(),
+            (_, Under::Blend(_) | Under::Nothing | Under::Solid(_)) => self.lobe[1].is_none(),
             _ => self.lobe == [None; 2],
         };
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
@@ -141,7 +144,8 @@ impl Finish {
         }
         Err(Error::Argument(format!(
             "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, and a \
-             texture of roughness or metal only if it is a mix of both, of opacity only if it blends, got {self:?}"
+             texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
+             only if it blends, got {self:?}"
         )))
     }
 
@@ -154,7 +158,7 @@ impl Finish {
             return Self { under: Under::Blend(rough.unwrap_or(opacity)), ..self.clone() };
         }
         let (Fresnel::Mixed(index, own_metal), &Under::Rough(own_rough, _)) = (self.fresnel, &self.under) else {
-            return self.clone();
+            return Self { alpha: rough.unwrap_or(self.alpha).max(LEAST_ALPHA), ..self.clone() };
         };
         let (rough, metal) = (rough.unwrap_or(own_rough), metal.unwrap_or(own_metal));
         Self {
