@@ -775,6 +775,7 @@ class PixelRays:
             ValueError: as the class does.
         """
 
+_Slide = tuple[list[list[float]], list[list[float]], bool, bool, list[int], npt.NDArray[np.float32]]
 _Views = tuple[
     npt.NDArray[np.float64],
     npt.NDArray[np.float64],
@@ -805,13 +806,13 @@ class SceneRenderer:
         frame_count: frames in all, with the world's.
         layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
         texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
-        lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
+        lights: of each light (kind, colour, strength, background luma per strength, vector, beam, slide). The kind is
             ``point``, whose vector is its position, ``directional``, whose vector is the unit vector along which it
             travels, ``constant``, ``baked``, or ``visible``: baked lights take the light maps' texels one after the
             other, and visible ones fall on nothing, but emissions and the sky are theirs. The beam is that of a point:
             None where it shines alike to all sides; (unit vector, None) where it does with the cosine of the angle to
             it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which it shines fully, and at
-            all.
+            all. The slide is that before a point: its number and which of its planes counts, or None.
         light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
             (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
             int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi;
@@ -843,6 +844,13 @@ class SceneRenderer:
             or of a bump map its height in metres: the lower and the upper half of a float32, and 0; for each, whether
             it is a bump map; for each, whether light fades where a turned normal faces it and the surface hardly
             does; and whether all follow glTF's rule for mirrored texture coordinates and backs, or Mitsuba's.
+        slides: what lights throw on surfaces, each (rows, map, projected, nearest, layout, texels). Rows (3, 3) are
+            vectors of the world for u, v and depth: a place that lies ``away`` from the light has u = rows[0] . away /
+            rows[2] . away, and v likewise; the last one is the unit vector along which the light looks. The map (2, 3)
+            takes (u, v, 1) to the coordinates of the texture. A slide that is ``projected`` ends where u or v leave
+            0..1, and has the third power of one over the cosine to the last row as a factor; ``nearest`` takes the
+            nearest texel in place of a mix of four. The layout is (width, height, wrap mode); texels are float32, one
+            plane or three (red, green, blue), each in a frame of one texel. None where there are none.
         shadows: whether point and directional lights throw shadows.
         centre: (3), metres, the middle of the scene.
         step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
@@ -867,7 +875,17 @@ class SceneRenderer:
         frame_count: int,
         layouts: npt.NDArray[np.int64],
         texels: list[npt.NDArray[np.float32]],
-        lights: list[tuple[str, int, float, float, list[float], tuple[list[float], tuple[float, float] | None] | None]],
+        lights: list[
+            tuple[
+                str,
+                int,
+                float,
+                float,
+                list[float],
+                tuple[list[float], tuple[float, float] | None] | None,
+                tuple[int, int] | None,
+            ]
+        ],
         light_maps: tuple[
             npt.NDArray[np.float64],
             npt.NDArray[np.float64],
@@ -906,6 +924,7 @@ class SceneRenderer:
             npt.NDArray[np.uint32], list[list[int]], npt.NDArray[np.uint16], list[bool], list[bool], bool
         ]
         | None = None,
+        slides: list[_Slide] | None = None,
         shadows: bool,
         centre: list[float],
         step: float,
@@ -1304,8 +1323,9 @@ class IrradianceSampler:
         groups: of lights that are baked together, each (lamps, constant, map, points, directions, small lamps). A lamp
             is (first triangle, number of triangles, radiance, whether it shines from its back too); ``constant`` is the
             radiance from all sides or None; ``map`` is an environment map (width, height, float32 texels (height,
-            width, 3), rotation (3, 3) of the world to its axes) or None; points are (position, intensity, beam), with
-            the beams of :class:`SceneRenderer`; directions are (unit vector along which light travels, irradiance).
+            width, 3), rotation (3, 3) of the world to its axes) or None; points are (position, intensity, beam,
+            slide), with beams and slides of :class:`SceneRenderer` or None; directions are (unit vector along which
+            light travels, irradiance).
 
     Raises:
         ValueError: for arrays that do not belong together, or light that is not finite or negative.
@@ -1328,7 +1348,12 @@ class IrradianceSampler:
                 Sequence[float] | None,
                 tuple[int, int, npt.NDArray[np.float32], Sequence[Sequence[float]]] | None,
                 Sequence[
-                    tuple[Sequence[float], Sequence[float], tuple[Sequence[float], tuple[float, float] | None] | None]
+                    tuple[
+                        Sequence[float],
+                        Sequence[float],
+                        tuple[Sequence[float], tuple[float, float] | None] | None,
+                        _Slide | None,
+                    ]
                 ],
                 Sequence[tuple[Sequence[float], Sequence[float]]],
                 Sequence[tuple[int, int, Sequence[float], bool]],

@@ -23,7 +23,7 @@ def one_triangle(**more: Any) -> SceneRenderer:
         "frame_count": 1,
         "layouts": np.array([0, 1, 1, 0], np.int64),
         "texels": [np.full(9, 0.5, np.float32)],
-        "lights": [("constant", 0, 1.0, 0.0, [0.0, 0.0, 0.0], None)],
+        "lights": [("constant", 0, 1.0, 0.0, [0.0, 0.0, 0.0], None, None)],
         "shadows": True,
         "centre": [0.0, 0.0, 1.0],
         "step": 1e-4,

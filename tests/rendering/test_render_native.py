@@ -88,7 +88,7 @@ class Soup:
             frame_count=1,
             layouts=layouts.ravel(),
             texels=[np.repeat(self.reflectances, 9).astype(np.float32)],
-            lights=[(kind, 0, self.strength, 0.0, self.vector.tolist(), None)],
+            lights=[(kind, 0, self.strength, 0.0, self.vector.tolist(), None, None)],
             shadows=kind != "constant",
             centre=self.centre.tolist(),
             step=STEP,

@@ -583,10 +583,10 @@ UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
         DIRECT,
         "'shape' is a sdfgrid, not made of triangles: give it as a mesh",
     ),
-    "spot light": (
-        {"lamp": {"type": "spot", "texture": bitmap()}, "floor": FLOOR},
+    "wide spot light": (
+        {"lamp": {"type": "spot", "texture": bitmap(), "cutoff_angle": 90.0}, "floor": FLOOR},
         DIRECT,
-        "the spot light 'lamp' has a texture",
+        "the spot light 'lamp' has a texture and a cutoff_angle of 90 degrees or more: make it narrower",
     ),
     "checkerboard of pictures": (
         {"shape": rectangle(diffuse({"type": "checkerboard", "color0": bitmap()}))},
@@ -644,7 +644,8 @@ MANY_OBSTACLES = """<scene version="3.0.0"><integrator type="path"/>
 <texture type="checkerboard" name="reflectance"/></bsdf><bsdf type="diffuse"/></bsdf></shape>
 <shape type="rectangle" id="coat"><bsdf type="twosided"><bsdf type="principled">
 <float name="clearcoat" value="0.5"/></bsdf></bsdf></shape>
-<emitter type="projector" id="beamer"><texture type="checkerboard" name="irradiance"/></emitter>
+<emitter type="projector" id="beamer"><texture type="checkerboard" name="irradiance">
+<texture type="checkerboard" name="color0"/></texture></emitter>
 </scene>"""
 
 
@@ -661,8 +662,7 @@ def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
         "shape 'floor' has two different sides: give both the same diffuse material",
         "shape 'coat' has a twosided(principled) surface, not a diffuse one: --matte (matte=True) takes its diffuse "
         "colour alone, or set its clearcoat to 0, or give it a diffuse material",
-        "light 'beamer', a Projector, is not baked: point, spot, directional, area and constant lights and "
-        "environment maps are: give it as one of these",
+        "the projector 'beamer' throws a checkerboard, which is no bitmap: give it as one",
     }
     assert set(map(str, why_not_noise_free(scene))) == told
     renderer = make_renderer(scene, CAMERA, rays_per_pixel=1)

@@ -78,8 +78,8 @@ class EventTimeModel:
 
     Raises:
         TypeError, ValueError, OSError: as :class:`~davis_rs.Simulator`; ValueError for a scene that another renderer
-            than the native one renders, for effects, whose events are not where log luma reaches a level, and for
-            thresholds of another shape or not > 0.
+            than the native one renders, for lights that throw a picture with edges, for effects, whose events are not
+            where log luma reaches a level, and for thresholds of another shape or not > 0.
     """
 
     def __init__(
@@ -99,6 +99,12 @@ class EventTimeModel:
                 "derivatives of event times need the native renderer, which takes diffuse meshes; this is the "
                 f"{renderer.name}: {renderer.reason}"
             )
+        for light in renderer.table.lights:
+            if light.slide is not None and renderer.table.slides[light.slide[0]].has_edges:
+                raise ValueError(
+                    f"derivatives of event times do not follow the edges of what light {light.name!r} throws, at which "
+                    "light jumps; they follow a spot with a bitmap of the filter_type bilinear"
+                )
         effects = [*simulator.effects.engine_settings()]
         effects += ["custom_effects"] if simulator.custom_effects else []
         effects += ["an effect of the lens"] if renderer.optics is not None else []

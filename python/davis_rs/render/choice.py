@@ -211,6 +211,8 @@ class TableKind(NoiseFreeKind):
                 raise Unsuitable("a mesh deforms, which only the native renderer and Mitsuba's integrators show")
             if any(light.kind == "spot" for light in table.lights):
                 raise Unsuitable("a light is a spot light, which only the native renderer has")
+            if any(light.kind == "projector" for light in table.lights):
+                raise Unsuitable("a light is a projector, which only the native renderer has")
             if any(light.kind == "emission" for light in table.lights):
                 raise Unsuitable("a shape emits light, which only the native renderer shows")
             renderer = TableRenderer(

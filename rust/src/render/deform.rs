@@ -127,7 +127,7 @@ mod tests {
         let own = |i: usize| if i == 0 { 0.0 } else { bend };
         let map = |i: usize, n: f64| [0.2 * own(i), 0.0, 0.1 * own(i), n];
         let normal_maps = planes.iter().enumerate().map(|(i, p)| [0, 1, 2].map(|k| map(i, p[k]))).collect();
-        let light = |kind| Light { kind, group: 0, strength: 2.0, background: 0.0, beam: None };
+        let light = |kind| Light { kind, group: 0, strength: 2.0, background: 0.0, beam: None, slide: None };
         let tables = SceneTables {
             corners: corners.into(),
             planes: planes.into(),

@@ -17,8 +17,8 @@
 //! - [`visibility`]: [`bins`](visibility::bins) and the [`nearest`](visibility::nearest) triangle of each ray, or a
 //!   [`beam`](visibility::beam) for a tile.
 //! - [`light`]: a [`shader`](light::shader) is a triangle as a camera sees it, and [`shade`](light::shade) computes the
-//!   luma of its rays from [`lights`](light::lights), [`light_map`](light::light_map), [`texture`](light::texture) and
-//!   [`sky`](light::sky). [`shadows`](light::shadows) finds what lies between a [`patch`](light::patch) and a light, as
+//!   luma of its rays from [`lights`](light::lights), [`light_map`](light::light_map), [`texture`](light::texture),
+//!   [`slide`](light::slide) and [`sky`](light::sky). [`shadows`](light::shadows) finds what lies between a [`patch`](light::patch) and a light, as
 //!   [`cone`](light::cone)s, and [`cast`](light::cast) the rays that see hidden points; [`any_hit`](light::any_hit)
 //!   asks the BVH for a few points at a time.
 //! - [`gloss`]: surfaces that are not diffuse, by rays of their own.
@@ -75,6 +75,8 @@ pub use light::light_map::{Emission, LightMapTables, VectorMapTables};
 #[cfg(feature = "python")]
 pub use light::normal_texture::NormalTextureTables;
 pub use light::sky::Sky;
+#[cfg(feature = "python")]
+pub use light::slide::{Slide, SlideTables};
 #[cfg(feature = "python")]
 pub use lines::pattern::LinePattern;
 pub use renderer::Renderer;

@@ -578,6 +578,7 @@ mod tests {
                     strength: 9.0,
                     background: 0.0,
                     beam: None,
+                    slide: None,
                 },
                 Light {
                     kind: LightKind::Directional([0.0, 0.6, 0.8]),
@@ -585,8 +586,9 @@ mod tests {
                     strength: 2.0,
                     background: 0.0,
                     beam: None,
+                    slide: None,
                 },
-                Light { kind: LightKind::Constant, group: 0, strength: 0.1, background: 0.5, beam: None },
+                Light { kind: LightKind::Constant, group: 0, strength: 0.1, background: 0.5, beam: None, slide: None },
             ],
             shadows: true,
             step: 1000.0 / f64::from(1 << 24),

@@ -7,6 +7,7 @@
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -18,6 +19,7 @@ use super::light::beam::Beam;
 use super::light::light_map::{Emission, LightMapTables, SideMap};
 use super::light::normal_texture::{Bumps, NormalTextureTables, NormalTextures};
 use super::light::sky::Sky;
+use super::light::slide::{SeenSlide, Slide};
 use super::light::texture::{self, Texture};
 use crate::error::{Error, Result};
 use crate::threads::SHARED;
@@ -53,6 +55,8 @@ pub struct Light {
     pub background: f64,
     /// To which sides a light at a position shines; None where to all alike.
     pub beam: Option<Beam>,
+    /// The number of the slide before a light at a position, and which of its planes this light takes; None without.
+    pub slide: Option<(u32, u32)>,
 }
 
 /// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the
@@ -92,6 +96,8 @@ pub struct SceneTables<'a> {
     pub emissions: Vec<Option<Emission>>,
     /// The lights.
     pub lights: Vec<Light>,
+    /// What lights throw on surfaces.
+    pub slides: Vec<Arc<Slide>>,
     /// What rays see that hit nothing, in addition to the lights' backgrounds.
     pub sky: Option<Sky>,
     /// Surfaces that are not diffuse.
@@ -159,6 +165,7 @@ pub struct Scene {
     /// Of the maps of irradiance vectors, likewise, for x, y and z.
     pub(crate) irradiance_vectors: Vec<[Vec<u64>; 3]>,
     pub(crate) lights: Vec<Light>,
+    pub(crate) slides: Vec<Arc<Slide>>,
     pub(crate) sky: Option<Sky>,
     /// None where all surfaces are diffuse.
     pub(crate) gloss: Option<Gloss>,
@@ -194,6 +201,7 @@ impl Scene {
                 vectors.map(|axes| axes.each_ref().map(|map| texture::paired(map))).collect()
             },
             lights: tables.lights.clone(),
+            slides: tables.slides.clone(),
             sky: tables.sky.clone(),
             gloss: None,
             shadows: tables.shadows,
@@ -293,6 +301,12 @@ impl Scene {
                 .map(|surface| surface.emission.as_ref().map_or(0.0, |own| own.luma))
                 .collect(),
         }
+    }
+
+    /// Returns the slide before a light; `turned` gives a vector of the world in the axes that are wanted, and its rate.
+    pub(crate) fn slide(&self, light: &Light, turned: impl Fn(Vector) -> [Vector; 2]) -> Option<SeenSlide> {
+        let (number, plane) = light.slide.map(|(number, plane)| (number as usize, plane as usize))?;
+        Some(SeenSlide { number, plane, rows: self.slides[number].rows(turned) })
     }
 
     /// Returns whether a triangle of the scene is shaded by [`gloss`](super::gloss), not as a diffuse one.
@@ -407,6 +421,15 @@ fn check(tables: &SceneTables) -> Result<()> {
         if light.beam.is_some_and(|beam| !in_a_place || !beam.is_valid()) {
             return refuse(format!(
                 "a beam is that of a light at a position, and 0 <= full < cutoff <= pi, got {light:?}"
+            ));
+        }
+        let there = |(number, plane): (u32, u32)| {
+            tables.slides.get(number as usize).is_some_and(|slide| (plane as usize) < slide.planes())
+        };
+        if light.slide.is_some_and(|slide| !in_a_place || !there(slide)) {
+            return refuse(format!(
+                "a slide is that of a light at a position, and one of {}, got {light:?}",
+                tables.slides.len()
             ));
         }
     }

@@ -42,6 +42,7 @@ from .lights import (
     numbers,
     paths_of,
     sky_map,
+    slides,
     small_lamps,
 )
 
@@ -332,6 +333,9 @@ def _content(scene: MitsubaScene, mi: Mitsuba, surfaces: Surfaces, poses: FloatA
             value = numbers(parameters[name])
             digest.update(f"{name} {value.shape} {value.dtype}".encode())
             digest.update(np.ascontiguousarray(value).tobytes())
+    # Of the bitmaps that lights throw, Mitsuba tells neither filter nor wrap mode.
+    for slide in slides(scene, mi):
+        digest.update(repr(slide.core()[:5]).encode())
     return digest.hexdigest()
 
 

@@ -25,6 +25,7 @@ from ..._mitsuba.types import (
 from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.lattice import rank1_lattice
+from ..beam_lights import BEAMS, Slide, beam_light
 from ..diffuse_materials import nested_objects
 from ..motion.scene_motion import STILL, SceneMotion
 from ..obstacles import Obstacles, Unsuitable
@@ -34,7 +35,7 @@ from .partial import PartialBake
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-SHARP = ("PointLight", "SpotLight", "DirectionalEmitter")
+SHARP = ("PointLight", "DirectionalEmitter", *BEAMS)
 """Their direct light is left to the renderer, with its exact shadows, and so is that of small lamps."""
 
 _SKIES = ("ConstantBackgroundEmitter", "EnvironmentMapEmitter")
@@ -123,7 +124,7 @@ def check_lights(scene: MitsubaScene, mi: Mitsuba, *, soft: bool = False) -> Non
         name = f"light {own_name!r}, a {kind},"
         with obstacles.collect():
             if kind not in (*SHARP, *_SOFT):
-                lights = "point, spot, directional, area and constant lights and environment maps"
+                lights = "projectors, point, spot, directional, area and constant lights and environment maps"
                 raise Unsuitable(f"is not baked: {lights} are", "give it as one of these", name)
             if kind == "AreaLight" and not soft and "radiance.value" not in mi.traverse(emitter):
                 raise textured_lamp(own_name)
@@ -144,7 +145,8 @@ def check_strengths(scene: MitsubaScene, mi: Mitsuba, *, soft: bool = False) -> 
     for name, emitter in named_emitters(scene):
         parameters = mi.traverse(emitter)
         for key, values in ((key, _flat(parameters[key])) for key in parameters.keys()):  # noqa: SIM118
-            if key.partition(".")[0] not in ("radiance", "intensity", "irradiance", "data", "scale"):
+            what, _, part = key.partition(".")
+            if part == "to_uv" or what not in ("radiance", "intensity", "irradiance", "texture", "data", "scale"):
                 continue
             texels = soft and emitter.class_name() == "AreaLight" and key == "radiance.data"
             wrong = ~(np.isfinite(values) & (texels | (values >= 0)))
@@ -350,6 +352,12 @@ def _octahedral_directions(side: int) -> FloatArray:
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
+def slides(scene: MitsubaScene, mi: Mitsuba) -> list[Slide]:
+    """Return what the lights of a scene throw on surfaces."""
+    beams = (beam_light(emitter, mi) for emitter in scene.emitters() if emitter.class_name() in BEAMS)
+    return [beam.slide for beam in beams if beam.slide is not None]
+
+
 def small_lamps(scene: MitsubaScene) -> list[MitsubaShape]:
     """Return the shapes that shine and are small next to the scene."""
 
@@ -516,9 +524,12 @@ class _LightGroup:
                 directions.append(((along / np.linalg.norm(along)).tolist(), irradiance))
             elif kind == "PointLight":
                 position = _flat(parameters["position"]).tolist()
-                points.append((position, _rgb(parameters["intensity.value"]).tolist(), None))
+                points.append((position, _rgb(parameters["intensity.value"]).tolist(), None, None))
             else:
-                points.append(_spot(parameters))
+                light = beam_light(emitter, mi)
+                beam = None if light.angles is None else (light.axis.tolist(), light.angles)
+                slide = None if light.slide is None else light.slide.core()
+                points.append((light.position.tolist(), light.intensity.tolist(), beam, slide))
         self.lights = lamps, constant, environment, points, directions, small_ones
         kinds = {
             "lamps": bool(lamps),
@@ -526,15 +537,6 @@ class _LightGroup:
             "sharp": bool(points or directions or small_ones),
         }
         self.kinds = frozenset(kind for kind, there in kinds.items() if there)
-
-
-def _spot(parameters: MitsubaParameters) -> tuple[_Rgb, _Rgb, tuple[_Rgb, tuple[float, float]]]:
-    """Return the position, intensity and beam of a spot light."""
-    axis = _linear(parameters)[:, 2]
-    position = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 3]
-    full, cutoff = (float(np.radians(_flat(parameters[key])[0])) for key in ("beam_width", "cutoff_angle"))
-    beam = (axis / np.linalg.norm(axis)).tolist(), (full, cutoff)
-    return position.tolist(), _rgb(parameters["intensity.value"]).tolist(), beam
 
 
 def _rgb(value: MitsubaValue) -> FloatArray:

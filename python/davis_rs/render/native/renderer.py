@@ -27,7 +27,7 @@ from .estimators import ESTIMATORS, ViewArrays
 
 _Pixel = TypeVar("_Pixel", np.float32, np.uint32)
 
-_KINDS = {"spot": "point", "lamp": "point", "emission": "constant"}
+_KINDS = {"spot": "point", "projector": "point", "lamp": "point", "emission": "constant"}
 
 _PIXELS_PER_LAUNCH = 1 << 21
 
@@ -326,6 +326,7 @@ def _core_of(table: SceneTable, threads: int | None, textures: TextureTable) -> 
                 table.background_per_strength(light),
                 light.vector.tolist(),
                 light.beam,
+                light.slide,
             )
             for light in table.lights
         ],
@@ -334,6 +335,7 @@ def _core_of(table: SceneTable, threads: int | None, textures: TextureTable) -> 
         sky=_sky(table),
         gloss=table.core_gloss(textures),
         normal_textures=table.normal_textures.core(table.textures.sizes),
+        slides=[slide.core() for slide in table.slides],
         shadows=table.shadows,
         centre=table.centre.tolist(),
         step=STEP,

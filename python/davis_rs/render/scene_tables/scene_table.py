@@ -34,6 +34,7 @@ from ..baked.baked_scene import BakedLight
 from ..baked.irradiance import Surfaces
 from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, group_name, integrator_of, small_lamps, textured_lamp
+from ..beam_lights import BEAMS, Slide, beam_light
 from ..closest_view import ClosestView
 from ..curves import CURVES
 from ..finishes import Finish
@@ -56,11 +57,12 @@ _Float = TypeVar("_Float", np.float32, np.float64)
 class Light:
     """One light: its kind, colour group, strength and id.
 
-    ``vector`` is the position (point, spot and lamp, metres) or the direction that light travels (directional, unit).
-    ``background`` is what baked light of strength 1 adds to luma where nothing is hit. ``axis`` is the middle of a
-    spot's beam, and the normal at a point of a small area light (kind ``lamp``); ``angles`` (radians from a spot's
-    axis) are those up to which it shines fully, and up to which it shines at all. ``instant`` is the number of the
-    instant of baked light, see :class:`BakedLight`. What a camera sees directly of the same area lights and skies is a
+    ``vector`` is the position (point, spot, projector and lamp, metres) or the direction that light travels
+    (directional, unit). ``background`` is what baked light of strength 1 adds to luma where nothing is hit. ``axis`` is
+    the middle of a spot's beam, and the normal at a point of a small area light (kind ``lamp``); ``angles`` (radians
+    from a spot's axis) are those up to which it shines fully, and up to which it shines at all. ``slide`` is the number
+    of what it throws among the table's slides, and which plane of that. ``instant`` is the number of the instant of
+    baked light, see :class:`BakedLight`. What a camera sees directly of the same area lights and skies is a
     light of kind ``visible``. What shapes emit, where that is shown without a bake, is of kind ``emission``: constant
     light on texels of emission.
     """
@@ -73,6 +75,7 @@ class Light:
     background: float = 0.0
     axis: FloatArray | None = None
     angles: tuple[float, float] | None = None
+    slide: tuple[int, int] | None = None
     instant: int | None = None
 
     @property
@@ -119,6 +122,7 @@ class SceneTable:
         deforming: what does not change of the meshes that deform.
         centre: (3,), the middle of what stands still, see :mod:`shadow_rays`.
         lights: the lights.
+        slides: what lights throw on surfaces.
         gloss: how glossy surfaces reflect, their textures being their base colours; None where all are diffuse.
         baked: the baked light; None before :meth:`bake`.
         emission_lights: uint32 (n), the number of its light for each triangle that emits.
@@ -157,12 +161,13 @@ class SceneTable:
                 _check_integrator(integrator_of(scene))
         colours: list[FloatArray] = []
         self.lights: list[Light] = []
+        self.slides: list[Slide] = []
         for emitter in scene.emitters():
             if emission is not None and emitter.class_name() == "AreaLight":
                 continue
             if not baked or emitter.class_name() in SHARP:
                 with obstacles.collect():
-                    self.lights.append(_light(emitter, mi, colours))
+                    self.lights += self._lights_of(emitter, mi, colours)
         for shape in small_lamps(scene) if baked and emission is None else ():
             with obstacles.collect():
                 self.lights += _area_light_points(shape, mi, colours)
@@ -205,6 +210,31 @@ class SceneTable:
         self._add_triangles(shapes, mi, baked=baked, deforming=deforming, one_sided=one_sided)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
         self.baked: BakedLight | None = None
+
+    def _lights_of(self, emitter: MitsubaEmitter, mi: Mitsuba, colours: list[FloatArray]) -> list[Light]:
+        """Return the lights of an emitter, and add their colours to ``colours`` unless those of the same hue are there.
+
+        A light whose slide has hues is three lights, each of one channel: the texels of a surface are weighted to luma
+        for one colour, and that of such a light differs from place to place.
+        """
+        if emitter.class_name() not in BEAMS:
+            return [_light(emitter, mi, colours)]
+        read = beam_light(emitter, mi)
+        kind = "projector" if read.angles is None else "spot"
+
+        def light(intensity: FloatArray, slide: tuple[int, int] | None) -> Light:
+            strength, group = _strength(intensity, colours)
+            axis = None if read.angles is None else read.axis
+            return Light(kind, group, strength, read.position, emitter.id(), axis=axis, angles=read.angles, slide=slide)
+
+        if read.slide is None:
+            return [light(read.intensity, None)]
+        number, planes = len(self.slides), read.slide.planes
+        self.slides.append(read.slide)
+        if planes == 1:
+            return [light(read.intensity, (number, 0))]
+        channels = (plane for plane in range(planes) if read.intensity[plane] != 0)
+        return [light(read.intensity * np.eye(planes)[plane], (number, plane)) for plane in channels]
 
     def _forecast_memory(self) -> None:
         """Say how much memory the tables will take if it is much, and refuse more than there is before it is taken."""
@@ -533,34 +563,27 @@ def _pixels_per_unit(
 
 
 def _light(emitter: MitsubaEmitter, mi: Mitsuba, colours: list[FloatArray]) -> Light:
-    """Return the emitter as a light, and add its colour to ``colours`` unless one of the same hue is there."""
+    """Return an emitter that shines alike to all sides as a light, and add its colour to ``colours`` unless one of the
+    same hue is there."""
     kind = emitter.class_name()
     parameters = mi.traverse(emitter)
     names = {
         "PointLight": ("point", "intensity.value"),
         "DirectionalEmitter": ("directional", "irradiance.value"),
-        "SpotLight": ("spot", "intensity.value"),
         "ConstantBackgroundEmitter": ("constant", "radiance.value"),
     }
     if kind not in names or names[kind][1] not in parameters:
-        rule = f"a light is a {kind}, not a point, spot, directional or constant one of one colour"
+        rule = f"a light is a {kind}, not a projector, or a point, spot, directional or constant light of one colour"
         raise Unsuitable(rule, "give it as one of these")
     kind, name = names[kind]
     strength, group = _strength(parameters[name], colours)
-    vector, axis, angles = np.zeros(3), None, None
-    if kind == "spot":
-        if not np.array_equal(np.array(parameters.get("texture.value", 0.0)).reshape(-1), [1.0]):
-            raise Unsuitable("has a texture", "leave its texture out", f"the spot light {emitter.id()!r}")
-        matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
-        vector, axis = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
-        full, cutoff = (float(np.array(parameters[key]).reshape(())) for key in ("beam_width", "cutoff_angle"))
-        angles = (float(np.radians(full)), float(np.radians(cutoff)))
+    vector = np.zeros(3)
     if kind == "point":
         vector = np.array(parameters["position"], np.float64).reshape(3)
     elif kind == "directional":
         vector = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 2]
         vector = vector / np.linalg.norm(vector)
-    return Light(kind, group, strength, vector, emitter.id(), axis=axis, angles=angles)
+    return Light(kind, group, strength, vector, emitter.id())
 
 
 def _strength(value: MitsubaValue, colours: list[FloatArray]) -> tuple[float, int]:

@@ -4,7 +4,7 @@ use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use super::scene_tables::{BeamTuple, beam_of};
+use super::scene_tables::{BeamTuple, SlideTuple, beam_of, slide_of};
 use crate::python::arrays::{column, flags, grouped, groups, matrices, numbers};
 use crate::render::{
     AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, ReflectedLight, SharpLight, SkyLight,
@@ -17,12 +17,15 @@ type LampTuple = (usize, usize, [f64; 3], bool);
 /// Width, height, texels, and the rotation to its axes, of an environment map.
 type MapTuple<'py> = (usize, usize, Bound<'py, PyAny>, [[f64; 3]; 3]);
 
+/// Position, intensity, beam and slide of a light.
+type PointTuple<'py> = ([f64; 3], [f64; 3], Option<BeamTuple>, Option<SlideTuple<'py>>);
+
 /// Lamps, radiance from all sides, environment map, lights at points, from directions, and small lamps.
 type GroupTuple<'py> = (
     Vec<LampTuple>,
     Option<[f64; 3]>,
     Option<MapTuple<'py>>,
-    Vec<([f64; 3], [f64; 3], Option<BeamTuple>)>,
+    Vec<PointTuple<'py>>,
     Vec<([f64; 3], [f64; 3])>,
     Vec<LampTuple>,
 );
@@ -40,11 +43,11 @@ fn group_light((lamps, constant, map, points, directions, small): GroupTuple<'_>
         }
         (None, None) => None,
     };
-    let points = points.into_iter().map(|(position, intensity, beam)| SharpLight::Point {
-        position,
-        intensity,
-        beam: beam.map(beam_of),
-    });
+    let point = |(position, intensity, beam, slide): PointTuple<'_>| {
+        let (beam, slide) = (beam.map(beam_of), slide.map(slide_of).transpose()?);
+        Ok(SharpLight::Point { position, intensity, beam, slide })
+    };
+    let points = points.into_iter().map(point).collect::<PyResult<Vec<_>>>()?.into_iter();
     let directions = directions.into_iter().map(|(along, irradiance)| SharpLight::Directional { along, irradiance });
     let small = small.into_iter().map(|tuple| SharpLight::Lamp(lamp(tuple)));
     Ok(GroupLight {
@@ -112,8 +115,9 @@ impl PyReflectedLight {
 ///     groups: of lights that are baked together, each (lamps, constant, map, points, directions, small lamps). A lamp
 ///         is (first triangle, number of triangles, radiance, whether it shines from its back too); ``constant`` is the
 ///         radiance from all sides or None; ``map`` is an environment map (width, height, float32 texels (height,
-///         width, 3), rotation (3, 3) of the world to its axes) or None; points are (position, intensity, beam), with
-///         the beams of :class:`SceneRenderer`; directions are (unit vector along which light travels, irradiance).
+///         width, 3), rotation (3, 3) of the world to its axes) or None; points are (position, intensity, beam,
+///         slide), with beams and slides of :class:`SceneRenderer` or None; directions are (unit vector along which
+///         light travels, irradiance).
 ///
 /// Raises:
 ///     ValueError: for arrays that do not belong together, or light that is not finite or negative.

@@ -8,8 +8,8 @@ use pyo3::prelude::*;
 
 use super::pixel_rays::PyPixelRays;
 use super::scene_tables::{
-    EmissionTuple, GlossTuple, LightMapTuple, LightTuple, NormalTextureTuple, SkyTuple, emission_table, gloss_tables,
-    light_map_tables, normal_texture_tables, numbered, sky_map,
+    EmissionTuple, GlossTuple, LightMapTuple, LightTuple, NormalTextureTuple, SkyTuple, SlideTuple, emission_table,
+    gloss_tables, light_map_tables, normal_texture_tables, numbered, sky_map, slide_of,
 };
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{column, flags, grouped, groups, matrices, numbers};
@@ -37,13 +37,13 @@ use crate::render::{
 ///     frame_count: frames in all, with the world's.
 ///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
 ///     texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
-///     lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
+///     lights: of each light (kind, colour, strength, background luma per strength, vector, beam, slide). The kind is
 ///         ``point``, whose vector is its position, ``directional``, whose vector is the unit vector along which it
 ///         travels, ``constant``, ``baked``, or ``visible``: baked lights take the light maps' texels one after the
 ///         other, and visible ones fall on nothing, but emissions and the sky are theirs. The beam is that of a point:
 ///         None where it shines alike to all sides; (unit vector, None) where it does with the cosine of the angle to
 ///         it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which it shines fully, and at
-///         all.
+///         all. The slide is that before a point: its number and which of its planes counts, or None.
 ///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
 ///         (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
 ///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi;
@@ -75,6 +75,13 @@ use crate::render::{
 ///         or of a bump map its height in metres: the lower and the upper half of a float32, and 0; for each, whether
 ///         it is a bump map; for each, whether light fades where a turned normal faces it and the surface hardly
 ///         does; and whether all follow glTF's rule for mirrored texture coordinates and backs, or Mitsuba's.
+///     slides: what lights throw on surfaces, each (rows, map, projected, nearest, layout, texels). Rows (3, 3) are
+///         vectors of the world for u, v and depth: a place that lies ``away`` from the light has u = rows[0] . away /
+///         rows[2] . away, and v likewise; the last one is the unit vector along which the light looks. The map (2, 3)
+///         takes (u, v, 1) to the coordinates of the texture. A slide that is ``projected`` ends where u or v leave
+///         0..1, and has the third power of one over the cosine to the last row as a factor; ``nearest`` takes the
+///         nearest texel in place of a mix of four. The layout is (width, height, wrap mode); texels are float32, one
+///         plane or three (red, green, blue), each in a frame of one texel. None where there are none.
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
 ///     step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
@@ -128,6 +135,7 @@ impl PySceneRenderer {
         sky=None,
         gloss=None,
         normal_textures=None,
+        slides=None,
         shadows,
         centre,
         step,
@@ -154,6 +162,7 @@ impl PySceneRenderer {
         sky: Option<SkyTuple<'_>>,
         gloss: Option<GlossTuple<'_>>,
         normal_textures: Option<NormalTextureTuple<'_>>,
+        slides: Option<Vec<SlideTuple<'_>>>,
         shadows: bool,
         centre: [f64; 3],
         step: f64,
@@ -182,6 +191,7 @@ impl PySceneRenderer {
             layouts: groups(layouts, "layouts")?,
             texels: texels.iter().map(|texels| Ok(texels.as_slice()?.into())).collect::<PyResult<_>>()?,
             lights: numbered(lights)?,
+            slides: slides.unwrap_or_default().into_iter().map(slide_of).collect::<PyResult<_>>()?,
             light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
             emissions: emissions.map_or(Ok(vec![]), emission_table)?,
             sky: sky.map(sky_map).transpose()?,

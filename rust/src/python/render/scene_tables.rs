@@ -8,14 +8,18 @@ use pyo3::prelude::*;
 use crate::python::arrays::{column, groups, lists, numbers};
 use crate::render::{
     Beam, ColourImage, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light, LightKind,
-    LightMapTables, NormalTextureTables, PASSING, Sky, TextureColours, Under, VectorMapTables,
+    LightMapTables, NormalTextureTables, PASSING, Sky, Slide, SlideTables, TextureColours, Under, VectorMapTables,
 };
 
 /// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
 pub(super) type BeamTuple = ([f64; 3], Option<(f64, f64)>);
 
-/// Kind, group, strength, background, vector and beam of a light.
-pub(super) type LightTuple = (String, u32, f64, f64, [f64; 3], Option<BeamTuple>);
+/// Kind, group, strength, background, vector and beam of a light, and the number of its slide and the plane of that.
+pub(super) type LightTuple = (String, u32, f64, f64, [f64; 3], Option<BeamTuple>, Option<(u32, u32)>);
+
+/// Rows, map to texture coordinates, whether it is a projector's, whether the nearest texel is taken, layout and texels
+/// of a slide.
+pub(super) type SlideTuple<'py> = ([[f64; 3]; 3], [[f64; 3]; 2], bool, bool, [i64; 3], Bound<'py, PyAny>);
 
 /// `u_maps`, `v_maps`, layouts and texels of the light maps, and of those of irradiance vectors.
 pub(super) type LightMapTuple<'py> = (
@@ -230,7 +234,7 @@ pub(super) fn emission_table((lumas, lights): EmissionTuple<'_>) -> PyResult<Vec
 }
 
 fn light(
-    (kind, group, strength, background, vector, beam): LightTuple,
+    (kind, group, strength, background, vector, beam, slide): LightTuple,
     baked: &mut impl Iterator<Item = u32>,
 ) -> PyResult<Light> {
     let kind = match kind.as_str() {
@@ -245,7 +249,13 @@ fn light(
             )));
         }
     };
-    Ok(Light { kind, group, strength, background, beam: beam.map(beam_of) })
+    Ok(Light { kind, group, strength, background, beam: beam.map(beam_of), slide })
+}
+
+/// Returns the slide before a light.
+pub(super) fn slide_of((rows, uv_map, projected, nearest, layout, texels): SlideTuple<'_>) -> PyResult<Arc<Slide>> {
+    let texels = numbers(&texels, "texels of a slide")?;
+    Ok(Arc::new(Slide::new(SlideTables { rows, uv_map, projected, nearest, layout, texels })?))
 }
 
 /// Returns the beam of a light at a position.

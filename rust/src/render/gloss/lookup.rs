@@ -24,7 +24,15 @@ pub(crate) fn looked_up<N: Number, const CHANNELS: usize>(
         }
         return values;
     }
-    let ([a, b, c, d], [x, y]) = around(texture, wrap, maps, point, texel);
+    let (corners, past) = around(texture, wrap, [at_map(maps[0], point), at_map(maps[1], point)], texel);
+    mixed(corners, past)
+}
+
+/// Mixes four texels, two of a row and the two below, by how far a point is past the first.
+pub(crate) fn mixed<N: Number, const CHANNELS: usize>(
+    [a, b, c, d]: [[f64; CHANNELS]; 4],
+    [x, y]: [N; 2],
+) -> [N; CHANNELS] {
     let mut values = [N::constant(0.0); CHANNELS];
     for i in 0..CHANNELS {
         let upper = N::constant(a[i]) + x.scaled(b[i] - a[i]);
@@ -42,23 +50,23 @@ pub(crate) fn slopes<N: Number>(
     point: Triple<N>,
     texel: impl Fn(usize) -> f64,
 ) -> [N; 2] {
-    let ([a, b, c, d], [x, y]) = around(texture, wrap, maps, point, texel);
+    let ([a, b, c, d], [x, y]) = around(texture, wrap, [at_map(maps[0], point), at_map(maps[1], point)], texel);
     let grown = |map: &[f64; 4], size: u32| f64::from(size) * direction(at_map(map, point).value(), wrap);
     let along_u = N::constant(b - a) + y.scaled((d - c) - (b - a));
     let along_v = N::constant(c - a) + x.scaled((d - b) - (c - a));
     [along_u.scaled(grown(maps[0], texture.width)), along_v.scaled(grown(maps[1], texture.height))]
 }
 
-/// Returns the four texels around a point, two of a row and the two below, and how far it is past the first.
-fn around<N: Number, T>(
+/// Returns the four texels around texture coordinates, two of a row and the two below, and how far these are past the
+/// first.
+pub(crate) fn around<N: Number, T>(
     texture: &Texture,
     wrap: Wrap,
-    maps: [&[f64; 4]; 2],
-    point: Triple<N>,
+    [u, v]: [N; 2],
     texel: impl Fn(usize) -> T,
 ) -> ([T; 4], [N; 2]) {
-    let (column, x) = before(folded(at_map(maps[0], point), wrap), texture.width);
-    let (row, y) = before(folded(at_map(maps[1], point), wrap), texture.height);
+    let (column, x) = before(folded(u, wrap), texture.width);
+    let (row, y) = before(folded(v, wrap), texture.height);
     let stride = texture.width as usize + 2;
     let first = texture.first + row * stride + column;
     ([first, first + 1, first + stride, first + stride + 1].map(texel), [x, y])

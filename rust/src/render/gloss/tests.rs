@@ -89,7 +89,7 @@ fn room(mirror: Option<Finish>) -> SceneTables<'static> {
 }
 
 fn light(kind: LightKind, strength: f64) -> Light {
-    Light { kind, group: 0, strength, background: 0.0, beam: None }
+    Light { kind, group: 0, strength, background: 0.0, beam: None, slide: None }
 }
 
 /// Returns a camera, the same in both frames but for the body's own motion.

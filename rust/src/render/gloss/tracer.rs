@@ -293,7 +293,11 @@ impl Tracer<'_> {
         if !spot.sees(towards) {
             return [N::constant(0.0); 3];
         }
-        let fraction = light.beam.map_or(N::constant(1.0), |beam| beam.fraction(negated(towards)));
+        let mut fraction = light.beam.map_or(N::constant(1.0), |beam| beam.fraction(negated(towards)));
+        if let Some(seen) = &light.slide {
+            let slide = &self.lit.scene.slides[seen.number];
+            fraction = fraction * slide.sent(seen.plane, &seen.rows.numbers(), negated(way));
+        }
         if fraction.value() == 0.0 && fraction.rate() == 0.0 || self.is_hidden(spot, values(way), self.to_lamps()) {
             return [N::constant(0.0); 3];
         }

@@ -9,6 +9,7 @@
 use crate::render::geometry::vector::{Vector, add, cross, scale, sub};
 use crate::render::geometry::view::{Pose, View};
 use crate::render::light::beam::Beam;
+use crate::render::light::slide::SeenSlide;
 use crate::render::scene::{Light, LightKind, Scene};
 
 /// A light in the axes of a frame, and how it changes there.
@@ -20,6 +21,7 @@ pub(crate) struct FramedLight {
     pub(crate) strength: [f64; 2],
     /// The beam, its axis turned into the frame, and the axis's rate.
     pub(crate) beam: Option<(Beam, Vector)>,
+    pub(crate) slide: Option<SeenSlide>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +67,7 @@ pub(crate) fn framed_lights(scene: &Scene, view: &View, frame: usize) -> Vec<Fra
                 (Beam::Spot { axis, full, cutoff }, rate)
             }
         }),
+        slide: scene.slide(light, |row| turned(camera, own, row)),
     };
     scene.lights.iter().zip(&view.factors).map(of_light).collect()
 }

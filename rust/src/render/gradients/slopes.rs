@@ -11,8 +11,10 @@ use std::f64::consts::FRAC_1_PI;
 use super::framed_lights::{FramedKind, FramedLight};
 use crate::render::geometry::vector::{Vector, add, dot, largest, scale, sub};
 use crate::render::geometry::view::View;
+use crate::render::gloss::number::{Number, Rated, rated};
 use crate::render::light::beam::Beam;
 use crate::render::light::light_map::SideMap;
+use crate::render::light::slide::{SeenSlide, Slide};
 use crate::render::light::texture::{Texture, Wrap, parted};
 use crate::render::scene::{Scene, Surface};
 use crate::render::visibility::first_hit::{Ray, is_blocked};
@@ -178,11 +180,18 @@ fn falling(scene: &Scene, light: &FramedLight, hit: &Hit, normal: &Normal) -> Op
             let nearer = 3.0 * above.value / squared;
             let by_place = sub(scale(to, nearer), normal.unit);
             let value = Sloped { value: per_cube * above.value, slope: scale(add(by_place, above.slope), per_cube) };
-            let value_rate = -per_cube * dot(by_place, rate);
-            let Some((beam, axis_rate)) = &light.beam else { return Some((value, value_rate)) };
-            let (fraction, fraction_rate) = in_beam(beam, *axis_rate, scale(to, -1.0), rate);
-            (fraction.value > 0.0)
-                .then(|| (value.times(&fraction), value_rate * fraction.value + value.value * fraction_rate))
+            let (mut value, mut value_rate) = (value, -per_cube * dot(by_place, rate));
+            let away = scale(to, -1.0);
+            let beam = light.beam.as_ref().map(|(beam, axis_rate)| in_beam(beam, *axis_rate, away, rate));
+            let slide = light.slide.as_ref().map(|seen| through_slide(&scene.slides[seen.number], seen, away, rate));
+            for (fraction, fraction_rate) in beam.into_iter().chain(slide) {
+                if fraction.value <= 0.0 {
+                    return None;
+                }
+                value_rate = value_rate * fraction.value + value.value * fraction_rate;
+                value = value.times(&fraction);
+            }
+            Some((value, value_rate))
         }
     }
 }
@@ -209,6 +218,16 @@ fn in_beam(beam: &Beam, axis_rate: Vector, away: Vector, position_rate: Vector) 
         }
     };
     (Sloped { value: fraction, slope: scale(slope, by_cosine) }, by_cosine * rate)
+}
+
+/// Returns the factor of a light that its slide sends to a point `away` from it, and its rate by the light's own motion.
+fn through_slide(slide: &Slide, seen: &SeenSlide, away: Vector, position_rate: Vector) -> (Sloped, f64) {
+    let at_rest = seen.rows.numbers::<f64>().map(|row| rated(row, [0.0; 3]));
+    let sent = |rows, change| slide.sent::<Rated>(seen.plane, rows, rated(away, change));
+    let along = |axis: usize| sent(&at_rest, std::array::from_fn(|k| if k == axis { 1.0 } else { 0.0 })).rate();
+    let rows = seen.rows.numbers();
+    let moving = sent(&rows, scale(position_rate, -1.0));
+    (Sloped { value: moving.value(), slope: std::array::from_fn(along) }, moving.rate())
 }
 
 /// Returns whether something lies between a point and a light, by the rule of all renderers: a shadow's ray begins a

@@ -3,12 +3,14 @@
 //! What must not break: a sample's light divided by its density has the light itself as its mean.
 
 use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 
 use super::lattice::BELOW_ONE;
 use super::surfaces::{Colour, colour, padded};
 use crate::error::{Error, Result};
 use crate::render::geometry::vector::{Vector, add, cross, dot, largest, single, sub};
 use crate::render::light::beam::{Beam, acos};
+use crate::render::light::slide::Slide;
 use crate::render::visibility::ray_tracer::RayTracer;
 
 /// How far two triangles may be from the halves of a parallelogram, as a fraction of its size.
@@ -31,7 +33,7 @@ pub struct AreaLamp {
 }
 
 /// A light that is not baked where it shines directly, because its shadows are sharp.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum SharpLight {
     /// At a position, metres.
     Point {
@@ -41,6 +43,8 @@ pub enum SharpLight {
         intensity: [f64; 3],
         /// To which sides it shines; None where to all alike.
         beam: Option<Beam>,
+        /// What it throws; None where that is its own colour alone.
+        slide: Option<Arc<Slide>>,
     },
     /// From one direction.
     Directional {
@@ -359,7 +363,7 @@ impl SkyMap {
 /// A sharp light, in the coordinates of the rays.
 #[derive(Debug)]
 pub(crate) enum Sharp {
-    Point { position: [f32; 3], intensity: Colour, beam: Option<Beam> },
+    Point { position: [f32; 3], intensity: Colour, beam: Option<Beam>, slide: Option<Arc<Slide>> },
     Directional { towards: [f32; 3], irradiance: Colour },
     Lamp(Lamp),
 }
@@ -375,7 +379,7 @@ impl Sharp {
                 let end = if cosine > 0.0 { f32::INFINITY } else { 0.0 };
                 Arriving { towards: *towards, end, light: irradiance.map(|x| x * weight) }
             }
-            Self::Point { position, intensity, beam } => {
+            Self::Point { position, intensity, beam, slide } => {
                 let away = [0, 1, 2].map(|i| position[i] - receiver[i]);
                 let squared = dots(away, away);
                 let distance = squared.sqrt();
@@ -386,7 +390,12 @@ impl Sharp {
                 let weight = cosine / (squared * PI) * beam.map_or(1.0, |beam| factor(&beam, away, distance));
                 let towards = [0, 1, 2].map(|i| position[i] - origin[i]);
                 let end = if weight > 0.0 { 1.0 - END } else { 0.0 };
-                Arriving { towards, end, light: intensity.map(|x| x * weight) }
+                let mut light = intensity.map(|x| x * weight);
+                if let Some(slide) = slide {
+                    let sent = sent_by(slide, away.map(|x| -x));
+                    light = std::array::from_fn(|i| light[i] * sent[i]);
+                }
+                Arriving { towards, end: if light == [0.0; 4] { 0.0 } else { end }, light }
             }
         }
     }
@@ -402,6 +411,12 @@ fn factor(beam: &Beam, away: [f32; 3], distance: f32) -> f32 {
             ((cutoff - acos(cosine(axis))) / (cutoff - full)).clamp(0.0, 1.0)
         }
     }
+}
+
+/// Returns what factor of its light a slide sends to a point `away` from the light.
+fn sent_by(slide: &Slide, away: [f32; 3]) -> Colour {
+    let (rows, last) = (slide.rows_at_rest().numbers(), slide.planes() - 1);
+    padded([0, 1, 2].map(|plane: usize| slide.sent(plane.min(last), &rows, away)))
 }
 
 /// Lights of a group, ready to be sampled.
@@ -432,7 +447,7 @@ impl Lights {
                     check_colour("irradiance", *irradiance)?;
                     Sharp::Directional { towards: single(along.map(|x| -x)), irradiance: colour(*irradiance) }
                 }
-                SharpLight::Point { position, intensity, beam } => {
+                SharpLight::Point { position, intensity, beam, slide } => {
                     check_colour("intensity", *intensity)?;
                     if !position.iter().all(|x| x.is_finite()) || !beam.is_none_or(|beam| beam.is_valid()) {
                         return Err(Error::Argument("a light has a finite position and a valid beam".to_owned()));
@@ -441,6 +456,7 @@ impl Lights {
                         position: tracer.scaled(*position),
                         intensity: colour(intensity.map(|x| x * squared)),
                         beam: *beam,
+                        slide: slide.clone(),
                     }
                 }
             })

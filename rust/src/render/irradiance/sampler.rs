@@ -677,10 +677,13 @@ fn trace(
 #[cfg(test)]
 #[allow(clippy::cast_precision_loss, reason = "small numbers")]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::render::Beam;
     use crate::render::geometry::vector::{cross, dot, sub};
     use crate::render::irradiance::emitters::{AreaLamp, EnvironmentMap, SharpLight, SkyLight};
+    use crate::render::light::slide::{Slide, SlideTables};
 
     const ONE: [f64; 3] = [1.0, 0.5, 0.25];
 
@@ -867,7 +870,7 @@ mod tests {
         let (squares, _) = ceiling(0);
         let at = [0.0, 0.0, -2.0];
         let spot = |full, cutoff| Some(Beam::Spot { axis: UP.map(|x| -x), full, cutoff });
-        let lamp_at = |beam| SharpLight::Point { position: [0.0, 0.0, 0.5], intensity: ONE, beam };
+        let lamp_at = |beam| SharpLight::Point { position: [0.0, 0.0, 0.5], intensity: ONE, beam, slide: None };
         let group = |light| GroupLight { sharp: vec![light], ..GroupLight::default() };
         let slanted = [0.0, -0.6, -0.8];
         let groups = [
@@ -895,6 +898,31 @@ mod tests {
         let factor = (1.0 - angle) / 0.5 * 0.8 / distance_squared / std::f64::consts::PI;
         close(beams[0], ONE.map(|x| x * factor), 1e-4);
         assert_eq!(beams[1..], [[0.0; 3]; 2]); // out of the beam, and behind
+    }
+
+    /// A slide of three colours before a light that looks down, in a scene of another size than a metre too.
+    #[test]
+    fn slides_are_thrown_in_colour() {
+        let texels = [0.5f32, 1.0, 2.0].iter().flat_map(|&value| [value; 9]).collect();
+        let slide = SlideTables {
+            rows: [[1.0, 0.0, -0.5], [0.0, -1.0, -0.5], [0.0, 0.0, -1.0]],
+            uv_map: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            projected: true,
+            nearest: false,
+            layout: [1, 1, 0],
+            texels,
+        };
+        let slide = Some(Arc::new(Slide::new(slide).unwrap()));
+        let light = SharpLight::Point { position: [0.0, 0.0, 0.5], intensity: [1.0; 3], beam: None, slide };
+        let groups = [GroupLight { sharp: vec![light], ..GroupLight::default() }];
+        let there = [point([0.5, 0.9, -2.0], UP), point([1.3, 0.0, -2.0], UP), point([0.0, 0.0, 1.0], UP)];
+        let far = [[0.0, 0.0, 50.0], UP, [0.0, 1.0, 0.0]];
+        for squares in [vec![ceiling(0).0[0]], vec![ceiling(0).0[0], far]] {
+            let light = scene(&squares, 0.0, &groups).of_sharp(0, &there, 16).unwrap();
+            // As strong at the edge as in the middle: the slant of the surface and of the way cancel the cube.
+            close(light[0], [0.5, 1.0, 2.0].map(|x| x / 6.25 / std::f64::consts::PI), 1e-4);
+            assert_eq!(light[1..], [[0.0; 3]; 2]); // beyond the slide's edge, and behind
+        }
     }
 
     /// A closed box whose walls reflect a half: light that falls on them evenly is gathered, and paths find the sum of
@@ -955,7 +983,7 @@ mod tests {
             squares.push([vector(2.0), vector(0.5), vector(0.5)]);
         }
         let lamps = vec![AreaLamp { first: 0, count: 2, radiance: ONE, two_sided: false }];
-        let sharp = vec![SharpLight::Point { position: [0.4, -0.3, 1.5], intensity: ONE, beam: None }];
+        let sharp = vec![SharpLight::Point { position: [0.4, -0.3, 1.5], intensity: ONE, beam: None, slide: None }];
         let (texels, to_map) = ((0..32).map(|texel| [0.1 + (texel % 7) as f32; 3]).collect(), TURNED);
         let sky = Some(SkyLight::Map(EnvironmentMap { width: 8, height: 4, texels, to_map }));
         scene(&squares, 0.5, &[GroupLight { lamps, sky, sharp }])

@@ -7,6 +7,7 @@
 
 use super::beam::SeenBeam;
 use super::cone::FrameCones;
+use super::slide::SeenSlide;
 use crate::render::geometry::vector::{Vector, add, sub};
 use crate::render::geometry::view::View;
 use crate::render::scene::{LightKind, Scene};
@@ -19,6 +20,7 @@ pub(crate) struct SeenLight {
     pub(crate) strength: f64,
     pub(crate) strength_rate: f64,
     pub(crate) beam: Option<SeenBeam>,
+    pub(crate) slide: Option<SeenSlide>,
 }
 
 /// Where it shines from.
@@ -71,6 +73,10 @@ pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
             strength: light.strength * factor[0],
             strength_rate: light.strength * factor[1],
             beam: light.beam.map(|beam| beam.seen(camera)),
+            slide: scene.slide(light, |row| {
+                let turned = camera.turned(row);
+                [turned, camera.turning(turned)]
+            }),
         })
         .collect();
     lights.sort_by_key(|light| light.group);

@@ -33,18 +33,42 @@ impl Positions {
         depth_rate: &Lanes,
     ) -> Self {
         let (x, y) = (rays.x, rays.y);
-        let mut positions = Self { taps: Taps::NONE, per_unit: [Lanes::ZERO; 2], per_second: [Lanes::ZERO; 2] };
+        let mut positions = Self::NONE;
         for i in 0..rays.count() {
-            let (u, u_rate) = u_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
-            let (v, v_rate) = v_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
-            let [by_u, by_v] = positions.taps.set::<F>(i, sampler, u, v);
-            (positions.per_unit[0][i], positions.per_unit[1][i]) = (by_u, by_v);
-            if RATE {
-                positions.per_second[0][i] = by_u * u_rate;
-                positions.per_second[1][i] = by_v * v_rate;
-            }
+            let u = u_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+            let v = v_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+            positions.set::<RATE, F>(i, sampler, [u, v]);
         }
         positions
+    }
+
+    /// None yet.
+    pub(super) const NONE: Self = Self { taps: Taps::NONE, per_unit: [Lanes::ZERO; 2], per_second: [Lanes::ZERO; 2] };
+
+    /// Sets that of a ray by the texture's coordinates u and v, each with its rate.
+    #[inline(always)]
+    pub(super) fn set<const RATE: bool, F: Fold>(
+        &mut self,
+        ray: usize,
+        sampler: &Sampler,
+        [(u, u_rate), (v, v_rate)]: [(f32, f32); 2],
+    ) {
+        let [by_u, by_v] = self.taps.set::<F>(ray, sampler, u, v);
+        (self.per_unit[0][ray], self.per_unit[1][ray]) = (by_u, by_v);
+        if RATE {
+            self.per_second[0][ray] = by_u * u_rate;
+            self.per_second[1][ray] = by_v * v_rate;
+        }
+    }
+
+    /// Moves the first n to the middles of the nearest texels, where they stay.
+    #[inline(always)]
+    pub(super) fn snap(&mut self, n: usize) {
+        for i in 0..n {
+            self.taps.x[i] = if self.taps.x[i] < 0.5 { 0.0 } else { 1.0 };
+            self.taps.y[i] = if self.taps.y[i] < 0.5 { 0.0 } else { 1.0 };
+        }
+        self.per_second = [Lanes::ZERO; 2];
     }
 
     /// Mixes the texels around a position: two next to each other, and the two below. Returns the value and its rate.

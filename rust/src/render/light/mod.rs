@@ -16,4 +16,5 @@ pub(super) mod shade;
 pub(super) mod shader;
 pub(super) mod shadows;
 pub(super) mod sky;
+pub(super) mod slide;
 pub(super) mod texture;

@@ -10,6 +10,7 @@ use super::cast::Caster;
 use super::lookup::{BLACK, Reflected, looked_up};
 use super::normals::{Normals, normals};
 use super::shader::{Falls, LightMap, Shader};
+use super::slide;
 use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Wrap};
 use crate::render::lanes::{Lanes, Rays};
 
@@ -74,6 +75,10 @@ impl Shader<'_> {
                 }
                 if let (Some(beam), Some(position)) = (&lit.beam, lit.falls.position()) {
                     beam.take::<RATE, FULL>(position, rays, (depth, depth_rate), (added, added_rate));
+                }
+                if let (Some(seen), Some(position)) = (lit.slide, lit.falls.position()) {
+                    let (thrown, depths) = ((self.scene.slides[seen.number].as_ref(), seen), (depth, depth_rate));
+                    slide::take::<RATE, FULL>(thrown, position, rays, depths, (&mut *added, &mut *added_rate));
                 }
                 if caster.hides(lit.light) {
                     caster.take((receiver, lit.light), rays, depth, (added, added_rate));

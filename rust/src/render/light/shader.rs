@@ -9,6 +9,7 @@ use super::beam::SeenBeam;
 use super::bumps::{SeenBumps, Source};
 use super::light_map::SideMap;
 use super::lights::{SeenKind, SeenLight, Surroundings};
+use super::slide::SeenSlide;
 use super::texture::{Texture, Wrap};
 use crate::render::geometry::linear::Linear;
 use crate::render::geometry::vector::{Vector, dot, single};
@@ -58,11 +59,12 @@ impl Falls {
 
 /// A light on a triangle: its colour, its number among the view's lights.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Lit {
+pub(super) struct Lit<'a> {
     pub(super) falls: Falls,
     pub(super) group: usize,
     pub(super) light: usize,
     pub(super) beam: Option<SeenBeam>,
+    pub(super) slide: Option<&'a SeenSlide>,
 }
 
 /// A triangle as a camera sees it.
@@ -83,14 +85,14 @@ pub(crate) struct Shader<'a> {
     /// Luma that the side emits, and its rate.
     pub(super) emitted: (f32, f32),
     pub(super) two_sided: bool,
-    pub(super) lit: Vec<Lit>,
+    pub(super) lit: Vec<Lit<'a>>,
     /// Whether all of it is black.
     pub(crate) dark: bool,
 }
 
 impl<'a> Shader<'a> {
     /// Sets up a triangle; `lit` is room for its lights.
-    fn new(surroundings: &Surroundings<'a>, seen: &Seen, mut lit: Vec<Lit>) -> Self {
+    fn new(surroundings: &Surroundings<'a>, seen: &Seen, mut lit: Vec<Lit<'a>>) -> Self {
         lit.clear();
         let Surroundings { scene, view, lights, .. } = *surroundings;
         let surface = &scene.surfaces[seen.triangle as usize];
@@ -152,7 +154,8 @@ impl<'a> Shader<'a> {
         if !dark {
             shader.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
                 let falls = if one_normal { plane.lit_by(light, facing) } else { on_smooth(light) };
-                Some(Lit { falls: falls?, group: light.group, light: number, beam: light.beam })
+                let (beam, slide) = (light.beam, light.slide.as_ref());
+                Some(Lit { falls: falls?, group: light.group, light: number, beam, slide })
             }));
             shader.dark = shader.lit.is_empty() && surface.emission.is_none();
         }
