@@ -13,9 +13,11 @@ import pytest
 from PIL import Image
 
 from davis_rs import Camera, Pose, Scene, VertexKeyframes
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
+from davis_rs.render.primitives import triangulated
 from davis_rs.render.truth.scene_surfaces import SceneSurfaces
 from davis_rs.scene.files import alpha_mask
 from davis_rs.scene.files.alpha_mask import AlphaMask, Pieces
@@ -244,3 +246,13 @@ def test_what_shines_deforms_or_has_attributes_is_not_cut() -> None:
 def test_what_is_left_of_a_smooth_mesh_is_smooth() -> None:
     normals = np.array([[-0.6, -0.3, 0.8], [0.6, -0.3, 0.8], [0.6, 0.3, 0.8], [-0.6, 0.3, 0.8]])
     assert rms(with_cloth(SQUARE, normals / np.linalg.norm(normals[0]))) < 0.006
+
+
+@pytest.mark.parametrize(("softness", "is_kept"), [(1.5, True), (0.0, False)])
+def test_a_scene_of_which_nothing_is_cut_is_not_loaded_again(softness: float, is_kept: bool) -> None:
+    """Large worlds have many materials that blend, and are large."""
+    given = scene_of(masked(blobs(96, softness=softness)))
+    with variant(SCALAR) as (mi, _):
+        loaded = load_scene_source(given.source(), mi)
+        made = triangulated(given, CAMERA, loaded, mi)[0]
+        assert (made is loaded) == is_kept

@@ -96,8 +96,8 @@ def as_triangles(
 ) -> Triangulated:
     """Replace round shapes and instances of a loaded scene by meshes, and cut meshes along their opacity masks.
 
-    Shapes keep their order and ids. An instance of several shapes becomes as many, ``<id>_<number>``. A scene without
-    such shapes is returned as it is.
+    Shapes keep their order and ids. An instance of several shapes becomes as many, ``<id>_<number>``. A scene of which
+    nothing is replaced is returned as it is: to load a large one again takes time.
 
     Args:
         scene: loaded under the variant in force. Its parts belong to the new scene afterwards.
@@ -140,7 +140,8 @@ def as_triangles(
         for number, mesh in enumerate(made):
             named = shape.id() and len(made) > 1
             meshes.append((f"{shape.id()}_{number}" if named else str(shape.id()), mesh))
-    result.scene = _scene_of(scene, meshes, list(groups.values()) if kept_group else [], mi)
+    if [mesh for _, mesh in meshes] != shapes:
+        result.scene = _scene_of(scene, meshes, list(groups.values()) if kept_group else [], mi)
     return result
 
 
