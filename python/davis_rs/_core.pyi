@@ -776,6 +776,10 @@ class PixelRays:
         """
 
 _Slide = tuple[list[list[float]], list[list[float]], bool, bool, list[int], npt.NDArray[np.float32]]
+_Channel = tuple[npt.NDArray[np.float32], int, int]
+_Colours = tuple[
+    npt.NDArray[np.uint32], list[tuple[tuple[int, int, int], npt.NDArray[np.generic], npt.NDArray[np.float32] | None]]
+]
 _Views = tuple[
     npt.NDArray[np.float64],
     npt.NDArray[np.float64],
@@ -815,9 +819,10 @@ class SceneRenderer:
             all. The slide is that before a point: its number and which of its planes counts, or None.
         light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
             (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
-            int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi;
+            int64 (t, 2 sides, 4), as those of textures; for each baked light all texels as irradiance / pi, as
+            (float32 (texels, channels), flat, the number of channels, and the light's own channel);
             and None, or where normal textures turn surfaces the part of irradiance vectors / pi along these: layouts,
-            and for each baked light float32 of x, y and z in the triangle's frame.
+            and for each baked light three such of x, y and z in the triangle's frame.
         emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
             (t); None where none does.
         sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
@@ -826,8 +831,9 @@ class SceneRenderer:
             ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
             colour tints the lobe, what is below, and the numbers of textures of roughness and of metal or None);
             uint32 (t), the finish of each triangle, 2^32 - 1 for none; the colours of textures: uint32
-            (textures), the number of each one's image, and for each image its texels (n, 3), flat, in a frame of one
-            texel, as float32 and None, or as uint8 and float32 (256), what each number stands for; for each light
+            (textures), the number of each one's image, and for each image (width, height, wrap mode), and its texels
+            (height, width, 3), flat, as float32 and None, or as uint8 and float32 (256, 3), flat, what each number
+            stands for in red, green and blue; for each light
             colour what strength 1 is in red, green and blue; for each light such a background; float64 (t, 3),
             radiance that each triangle emits, or nothing; the number of a sky's light, its side and float32 (side,
             side, 3); the most segments of a path; layouts and float32 texels of the textures of roughness and metal,
@@ -890,8 +896,8 @@ class SceneRenderer:
             npt.NDArray[np.float64],
             npt.NDArray[np.float64],
             npt.NDArray[np.int64],
-            list[npt.NDArray[np.float32]],
-            tuple[npt.NDArray[np.int64], list[list[npt.NDArray[np.float32]]]] | None,
+            list[_Channel],
+            tuple[npt.NDArray[np.int64], list[list[_Channel]]] | None,
         ]
         | None = None,
         emissions: tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32]] | None = None,
@@ -910,7 +916,7 @@ class SceneRenderer:
                 ]
             ],
             npt.NDArray[np.uint32],
-            tuple[npt.NDArray[np.uint32], list[tuple[npt.NDArray[np.generic], npt.NDArray[np.float32] | None]]],
+            _Colours,
             list[list[float]],
             list[list[float]],
             npt.NDArray[np.float64],
@@ -1318,8 +1324,7 @@ class IrradianceSampler:
         uv: float64 (t, 3, 2), texture coordinates of the corners.
         textures: uint32 (t), the number of the triangle's texture.
         two_sided: uint32 (t), 1 where the back of the triangle reflects too.
-        layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
-        texels: float32 (n, 3), reflectance, red, green and blue.
+        colours: the reflectance of textures, as that of :class:`SceneRenderer`'s glossy surfaces.
         groups: of lights that are baked together, each (lamps, constant, map, points, directions, small lamps). A lamp
             is (first triangle, number of triangles, radiance, whether it shines from its back too); ``constant`` is the
             radiance from all sides or None; ``map`` is an environment map (width, height, float32 texels (height,
@@ -1340,8 +1345,7 @@ class IrradianceSampler:
         uv: npt.NDArray[np.float64],
         textures: npt.NDArray[np.uint32],
         two_sided: npt.NDArray[np.uint32],
-        layouts: npt.NDArray[np.int64],
-        texels: npt.NDArray[np.float32],
+        colours: _Colours,
         groups: Sequence[
             tuple[
                 Sequence[tuple[int, int, Sequence[float], bool]],

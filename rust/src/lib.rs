@@ -51,9 +51,9 @@ pub use read::{
 };
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use render::{
-    AreaLamp, Beam, Emission, EnvironmentMap, GroupLight, IrradianceSampler, Light, LightKind, LightMapTables,
-    PathRule, PixelRays, Pose, ReflectedLight, Renderer, Scene, SceneTables, SharpLight, Sky, SkyLight, SurfacePoint,
-    SurfaceTables, VectorMapTables, View,
+    AreaLamp, Beam, Channel, ColourImage, Emission, EnvironmentMap, GroupLight, IrradianceSampler, Light, LightKind,
+    LightMapTables, PathRule, PixelRays, Pose, ReflectedLight, Renderer, Scene, SceneTables, SharpLight, Sky, SkyLight,
+    SurfacePoint, SurfaceTables, TextureColours, VectorMapTables, View,
 };
 pub use represent::{Measurement, TimeBins, count_events, latest_times, spike_tensor, voxel_grid};
 pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};

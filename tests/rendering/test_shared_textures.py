@@ -54,16 +54,16 @@ def test_alike_textures_are_stored_once(monkeypatch: pytest.MonkeyPatch) -> None
     shared = textures.shared()
     assert textures.has_alike
     assert len(textures.texels(0)) == 4 * COUNT
-    assert len(shared.texels(0)) == len(shared.reflectances) == 3 * COUNT
+    assert len(shared.texels(0)) == 3 * COUNT
     assert shared.framed(0).shape == (3 * 302**2,)
     of_texture, images = shared.colours()
     assert of_texture.tolist() == [0, 1, 1, 2]
-    assert [(texels.shape, values) for texels, values in images] == 3 * [((3 * 302**2,), None)]
+    assert [layout for layout, _, _ in images] == [(300, 300, 0), (300, 300, 0), (300, 300, 1)]
+    assert [(texels.shape, values) for _, texels, values in images] == 3 * [((3 * COUNT,), None)]
+    for image, (_, texels, _) in zip(of_texture, textures.colours()[1], strict=True):
+        np.testing.assert_array_equal(images[image][1], texels)
     assert shared.sizes[:, 0].tolist() == [0, COUNT, COUNT, 2 * COUNT]
-    for number, (first, width, height, _) in enumerate(shared.sizes.tolist()):
-        own, count = int(textures.sizes[number, 0]), width * height
-        assert textures.sizes[number, 1:3].tolist() == [width, height]
-        np.testing.assert_array_equal(shared.reflectances[first:][:count], textures.reflectances[own:][:count])
+    np.testing.assert_array_equal(shared.sizes[:, 1:], textures.sizes[:, 1:])
     luma = renderer.luma(VIEWS)
     monkeypatch.setattr(scene_texture, "_LARGE", 1 << 40)
     apart = renderer_of(*materials)
@@ -97,14 +97,15 @@ def test_albedos_are_those_of_each_finish() -> None:
     renderer = renderer_of(diffuse(), plastic, other, plastic)
     surfaces, finishes = renderer.table.surfaces, renderer.table.gloss
     assert finishes is not None
-    assert surfaces.sizes[:, 0].tolist() == [0, COUNT, 2 * COUNT, COUNT]
+    of_texture, images = surfaces.reflectances()
+    assert of_texture.tolist() == [0, 1, 2, 1]
     base = TEXELS.reshape(-1, 3).astype(np.float64)
     kinds = finishes.finishes_of_textures(surfaces.texture_of)
     for number in (1, 2):
         albedo = finishes.finishes[kinds[number]].albedo(base).astype(np.float32)
-        np.testing.assert_array_equal(surfaces.reflectances[surfaces.sizes[number, 0] :][:COUNT], albedo)
-    np.testing.assert_array_equal(surfaces.reflectances[:COUNT], TEXELS.reshape(-1, 3))
-    assert np.abs(np.diff(surfaces.reflectances[COUNT:].reshape(2, -1), axis=0)).max() > 0.01
+        np.testing.assert_array_equal(images[number][1], albedo.ravel())
+    np.testing.assert_array_equal(images[0][1], TEXELS.ravel())
+    assert np.abs(np.subtract(images[1][1], images[2][1])).max() > 0.01
 
 
 def test_what_emits_shares_no_texels() -> None:
@@ -162,7 +163,7 @@ def test_glossy_surfaces_see_8_bits_as_the_values_that_they_stand_for(raw: bool)
 
         made = [renderer(coded) for coded in (True, False)]
     tables = [renderer.table for renderer in made]
-    stored = [[values is not None for _, values in table.textures.colours()[1]] for table in tables]
+    stored = [[values is not None for _, _, values in table.textures.colours()[1]] for table in tables]
     assert (sum(stored[0]), sum(stored[1])) == (2, 0)
     unseen, seen = tables[0].core_texels(tables[0].textures)[0], tables[0].textures.framed(0)
     assert np.count_nonzero(unseen) < np.count_nonzero(seen)

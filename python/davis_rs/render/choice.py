@@ -16,6 +16,7 @@ from .._util.former_names import takes_former_names
 from ..events.colour import Weights
 from ..events.luma import LUMA_WEIGHTS
 from ..geometry.camera import PRESETS, Camera
+from ..scene.image_textures import stand_ins
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
 from .baked.baked_scene import baked_light, check_baking
@@ -131,7 +132,8 @@ class NoiseFreeKind(RendererKind):
         self, scene: Scene, camera: Camera, mi: Mitsuba, *, by_name: bool, weights: Weights = LUMA_WEIGHTS
     ) -> _SceneTables:
         try:
-            loaded = load_scene_source(scene.source(), mi)
+            with stand_ins() as images:
+                loaded = load_scene_source(scene.source(), mi)
         except ValueError as error:
             if by_name:
                 raise
@@ -165,6 +167,7 @@ class NoiseFreeKind(RendererKind):
             emission=light_groups(loaded, list(motion.lights)) if scene.soft_light else None,
             one_sided=made.one_sided(scene.one_sided),
             normal_textures=NormalTextures(normal_textures, like_gltf=scene.soft_light),
+            stand_ins=images,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
         told = made.description + _ramps_told(table.textures) + _media_told(loaded)

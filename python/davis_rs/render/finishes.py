@@ -132,7 +132,8 @@ class Finish:
     def albedo(self, base: FloatArray) -> FloatArray:
         """Return how much of light from all sides is reflected (n, 3), for base colours (n, 3); 0 where it is clear.
 
-        Light that bounces is baked as if surfaces were diffuse with this reflectance, so that no energy is lost.
+        Light that bounces is baked as if surfaces were diffuse with this reflectance, so that no energy is lost. Each
+        channel depends on itself alone: textures of 8 bits ask for 256 values of each.
         """
         if self.is_clear:
             return np.zeros_like(base)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
@@ -22,6 +23,10 @@ _Number = TypeVar("_Number", bound=np.generic)
 TEXELS_AT_ONCE = 1 << 18
 """How many texels are decoded and weighted at a time."""
 
+CoreImage = tuple[tuple[int, int, int], npt.NDArray[np.generic], npt.NDArray[np.float32] | None]
+CoreColours = tuple[npt.NDArray[np.uint32], list[CoreImage]]
+"""The colours of textures, see :class:`davis_rs._core.SceneRenderer`."""
+
 LUMINANCE = np.array([[0.212671], [0.715160], [0.072169]])
 """Weights (3, 1) of linear red, green and blue where Mitsuba takes a coloured texture for a number."""
 
@@ -33,12 +38,14 @@ class Texels:
 
     Args:
         data: (H, W) or (H, W, channels), of which the first three count.
-        light: the linear value that each integer of ``data`` stands for; None where ``data`` is linear itself.
+        light: (256,) the linear value that each integer of ``data`` stands for, or (256, 3) in red, green and blue;
+            None where ``data`` is linear itself.
     """
 
     def __init__(self, data: npt.NDArray[np.generic], light: FloatArray | None = None) -> None:
         self._data = data.reshape(data.shape[0], data.shape[1], -1)[..., :3]
-        self._light = light
+        alike = light is not None and light.ndim == 2 and bool((light == light[:, :1]).all())
+        self._light = light[:, 0] if light is not None and alike else light
         self.shape = (*data.shape[:2], 3)
 
     def __getitem__(self, where: tuple[IntArray, IntArray]) -> FloatArray:
@@ -51,11 +58,12 @@ class Texels:
 
     @property
     def coded(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]] | None:
-        """The texels (H, W, 3) as integers of 8 bits, and the linear value (256) that each stands for; None where they
-        are linear themselves."""
+        """The texels (H, W, 3) as integers of 8 bits, and the linear red, green and blue (256, 3) that each stands for;
+        None where they are linear themselves."""
         if self._light is None:
             return None
-        return np.broadcast_to(self._data.astype(np.uint8, copy=False), self.shape), self._light.astype(np.float32)
+        values = np.broadcast_to(self._light.reshape(256, -1), (256, 3))
+        return np.broadcast_to(self._data.astype(np.uint8, copy=False), self.shape), values.astype(np.float32)
 
     def pieces(self) -> Iterator[tuple[int, FloatArray]]:
         """Return all texels row by row, in pieces (n, 3), each with the number of its first texel."""
@@ -67,10 +75,9 @@ class Texels:
     @property
     def range(self) -> float:
         """How far apart the smallest and the largest value lie."""
-        low, high = (self._rgb(np.array([[value]]))[0, 0] for value in (self._data.min(), self._data.max()))
-        return float(high - low)
+        return float(np.ptp(self._rgb(np.array([[self._data.min()], [self._data.max()]]))))
 
-    @property
+    @functools.cached_property
     def digest(self) -> bytes:
         """What tells texels from others of another size or other values."""
         light = b"" if self._light is None else self._light.tobytes()
@@ -82,10 +89,14 @@ class Texels:
     @property
     def is_grey(self) -> bool:
         """Whether none has a hue."""
-        return bool((self._data == self._data[..., :1]).all())
+        return all(bool((piece == piece[:, :1]).all()) for _, piece in self.pieces())
 
     def _rgb(self, values: npt.NDArray[np.generic]) -> FloatArray:
-        linear = values.astype(np.float64) if self._light is None else self._light[values.astype(np.uint8, copy=False)]
+        if self._light is None:
+            linear = values.astype(np.float64)
+        else:
+            numbers = values.astype(np.uint8, copy=False)
+            linear = self._light[numbers] if self._light.ndim == 1 else self._light[numbers, np.arange(3)]
         return np.broadcast_to(linear, (*linear.shape[:-1], 3))
 
 

@@ -128,8 +128,7 @@ def shape(
     """Make a Mitsuba shape of a mesh, seen from both sides; call it under the variant that loads the scene.
 
     Args:
-        reflectance: a texture (H, W, 3) or Mitsuba's tensor of one, a colour (3,) in linear RGB, or grey; or a
-            ``mi.Bitmap`` of 8 bits in sRGB.
+        reflectance: a texture (H, W, 3), Mitsuba's own texture, a colour (3,) in linear RGB, or grey.
         normals: (n, 3) at the vertices of a smooth surface; None where every triangle is flat.
         wrap: what lies beyond a texture's edges: repeat, clamp or mirror.
         nearest: its texels have hard edges; others are bilinear.
@@ -141,9 +140,9 @@ def shape(
     """
     import mitsuba as mi
 
-    if isinstance(reflectance, mi.Bitmap):
-        colour = encoded_bitmap(reflectance, wrap=wrap, nearest=nearest)
-    elif isinstance(reflectance, mi.TensorXf) or (isinstance(reflectance, np.ndarray) and reflectance.ndim == 3):
+    if isinstance(reflectance, mi.Texture):
+        colour = reflectance
+    elif isinstance(reflectance, np.ndarray) and reflectance.ndim == 3:
         colour = bitmap(mi.TensorXf(reflectance), wrap=wrap, nearest=nearest)
     else:
         colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}

@@ -67,14 +67,26 @@ class EncodedTexture:
         height, width = self.texels.shape[:2]
         budget.take(_LINEAR_BYTES * height * width, f"{where}: a texture of {width} x {height} texels in linear light")
 
+    @property
+    def is_tinted(self) -> bool:
+        """Whether its light is not that of its texels alone."""
+        return bool((self.tint != 1.0).any())
+
+    @property
+    def light(self) -> FloatArray:
+        """The linear value (256, 3) that each number of 8 bits stands for, in red, green and blue."""
+        light = np.repeat(from_srgb(np.arange(256) / 255)[:, None], 3, axis=1)
+        if not self.is_tinted:
+            return light
+        # Rounded to float32, as Mitsuba has them: all renderers see the same texels.
+        return (light.astype(np.float32).astype(np.float64) * self.tint).astype(np.float32).astype(np.float64)
+
     def linear(self) -> Texture:
         """Return the reflectance (H, W, 3) in linear RGB."""
         height, width = self.texels.shape[:2]
-        light_of = from_srgb(np.arange(256) / 255).astype(np.float32).astype(np.float64)
-        tables = (light_of[:, None] * self.tint).astype(np.float32).T
         reflectance = np.empty(self.texels.shape, np.float32)
         for rows in _strips(height, width):
-            for channel, light in enumerate(tables):
+            for channel, light in enumerate(self.light.astype(np.float32).T):
                 reflectance[rows, :, channel] = light[self.texels[rows, :, channel]]
         return reflectance
 

@@ -106,11 +106,6 @@ pub(super) fn flags(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<bool>>
     Ok(column::<u32>(array, name)?.as_slice()?.iter().map(|&flag| flag != 0).collect())
 }
 
-/// Returns the numbers of each array of a list.
-pub(super) fn lists<T: Element + Copy>(arrays: &[Bound<'_, PyAny>], name: &str) -> PyResult<Vec<Vec<T>>> {
-    arrays.iter().map(|array| numbers(array, name)).collect()
-}
-
 /// Splits a flat array into groups of N numbers.
 pub(super) fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[T; N]>> {
     Ok(grouped(&column(array, name)?, name)?.to_vec())

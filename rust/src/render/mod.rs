@@ -57,8 +57,6 @@ pub use deform::Deformed;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
-pub use gloss::colours::{ColourImage, TextureColours};
-#[cfg(feature = "python")]
 pub use gloss::emissive::EmissiveTextures;
 #[cfg(feature = "python")]
 pub use gloss::finish::{Distribution, Finish, Fresnel, PASSING, Under};
@@ -71,7 +69,8 @@ pub use irradiance::{
     SurfacePoint, SurfaceTables,
 };
 pub use light::beam::Beam;
-pub use light::light_map::{Emission, LightMapTables, VectorMapTables};
+pub use light::colours::{ColourImage, TextureColours};
+pub use light::light_map::{Channel, Emission, LightMapTables, VectorMapTables};
 #[cfg(feature = "python")]
 pub use light::normal_texture::NormalTextureTables;
 pub use light::sky::Sky;

@@ -16,7 +16,7 @@ use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::geometry::view::View;
 use super::gloss::tables::{Gloss, GlossTables, Owner};
 use super::light::beam::Beam;
-use super::light::light_map::{Emission, LightMapTables, SideMap};
+use super::light::light_map::{Emission, LightMapTables, SideMap, SideMaps};
 use super::light::normal_texture::{Bumps, NormalTextureTables, NormalTextures};
 use super::light::sky::Sky;
 use super::light::slide::{SeenSlide, Slide};
@@ -91,7 +91,7 @@ pub struct SceneTables<'a> {
     /// Which way the texels of surfaces face.
     pub normal_textures: NormalTextureTables,
     /// Irradiance that was computed beforehand.
-    pub light_maps: LightMapTables,
+    pub light_maps: LightMapTables<'a>,
     /// What triangles emit; empty where none does.
     pub emissions: Vec<Option<Emission>>,
     /// The lights.
@@ -184,7 +184,7 @@ impl Scene {
     ///
     /// [`Error::Argument`] for tables that do not belong together.
     pub fn new(tables: &SceneTables) -> Result<Self> {
-        let textures = texture::checked(&tables.layouts, &tables.texels)?;
+        let textures = texture::checked(&tables.layouts, tables.texels.iter().map(|group| group.iter()))?;
         check(tables)?;
         let light_maps = tables.light_maps.checked(tables.corners.len())?;
         let normal_textures = NormalTextures::new(&tables.normal_textures, textures.len())?;
@@ -193,12 +193,12 @@ impl Scene {
             corners: Vec::with_capacity(tables.corners.len()),
             surfaces: Vec::with_capacity(tables.corners.len()),
             textures,
-            texels: tables.texels.iter().map(|group| texture::paired(group)).collect(),
+            texels: tables.texels.iter().map(|group| texture::paired(group.iter())).collect(),
             normal_textures,
-            irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map)).collect(),
+            irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map.iter())).collect(),
             irradiance_vectors: {
                 let vectors = tables.light_maps.vectors.texels.iter();
-                vectors.map(|axes| axes.each_ref().map(|map| texture::paired(map))).collect()
+                vectors.map(|axes| axes.map(|map| texture::paired(map.iter()))).collect()
             },
             lights: tables.lights.clone(),
             slides: tables.slides.clone(),
@@ -235,7 +235,7 @@ impl Scene {
     fn push_frame(
         &mut self,
         tables: &SceneTables,
-        light_maps: &[[SideMap; 2]],
+        light_maps: &SideMaps<'_>,
         frame: usize,
         members: &[usize],
         parallel: bool,
@@ -271,9 +271,9 @@ impl Scene {
                 culled: tables.culled.get(i).is_some_and(|culled| *culled),
                 #[allow(clippy::cast_possible_truncation, reason = "it came as u32")]
                 frame: frame as u32,
-                light_maps: light_maps.get(i).map(|sides| {
-                    Box::new(sides.clone().map(|side| SideMap { u: moved(side.u), v: moved(side.v), ..side }))
-                }),
+                light_maps: light_maps
+                    .of(i)
+                    .map(|sides| Box::new(sides.map(|side| SideMap { u: moved(side.u), v: moved(side.v), ..side }))),
                 emission: tables.emissions.get(i).copied().flatten().map(Box::new),
             }
         };

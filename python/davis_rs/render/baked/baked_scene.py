@@ -325,14 +325,14 @@ def _content(scene: MitsubaScene, mi: Mitsuba, surfaces: Surfaces, poses: FloatA
     of_surfaces = surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, surfaces.bumpy
     for array in (*of_surfaces, poses):
         digest.update(repr(array.shape).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(np.ascontiguousarray(array).data)
     for plugin in _parts(scene):
         parameters = mi.traverse(plugin)
         digest.update(f"{plugin.class_name()} {plugin}".encode())
         for name in sorted(key for key, _ in parameters):
             value = numbers(parameters[name])
             digest.update(f"{name} {value.shape} {value.dtype}".encode())
-            digest.update(np.ascontiguousarray(value).tobytes())
+            digest.update(np.ascontiguousarray(value).data)
     # Of the bitmaps that lights throw, Mitsuba tells neither filter nor wrap mode.
     for slide in slides(scene, mi):
         digest.update(repr(slide.core()[:5]).encode())

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from ..._core import IrradianceSampler, ReflectedLight
 from ..._util.progress import doing
 from ...events.luma import LUMA_WEIGHTS
+from ..texels import CoreColours
 from .partial import PartialBake
 
 FloatArray = npt.NDArray[np.float64]
@@ -63,8 +64,7 @@ class Surfaces:
         frames: int64 (t), the frame that each is in: 0 for the world, 1, 2, ... for bodies that move.
         uv: float64 (t, 3, 2), texture coordinates at the corners.
         texture_of: uint32 (t), the texture of each.
-        sizes: int32 (textures, 4): first texel, width, height and wrap mode of each texture.
-        reflectances: float32 (texels, 3).
+        reflectances: gives that of all textures, as the core takes it; light that comes from the cache needs none.
         looks: a hash of how surfaces look that these do not tell.
         bumpy: bool (t), which of them have a normal texture or a bump map.
     """
@@ -77,8 +77,7 @@ class Surfaces:
     frames: IntArray
     uv: FloatArray
     texture_of: npt.NDArray[np.uint32]
-    sizes: npt.NDArray[np.int32]
-    reflectances: npt.NDArray[np.float32]
+    reflectances: Callable[[], CoreColours]
     looks: bytes
     bumpy: npt.NDArray[np.bool_]
 

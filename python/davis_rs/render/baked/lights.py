@@ -470,8 +470,7 @@ def _sampler(surfaces: Surfaces, groups: Sequence[_LightGroup], poses: FloatArra
         uv=surfaces.uv.ravel(),
         textures=surfaces.texture_of,
         two_sided=surfaces.two_sided.astype(np.uint32),
-        layouts=surfaces.sizes.astype(np.int64).ravel(),
-        texels=surfaces.reflectances.ravel(),
+        colours=surfaces.reflectances(),
         groups=[group.lights for group in groups],
     )
 
@@ -546,7 +545,7 @@ def _rgb(value: MitsubaValue) -> FloatArray:
 def numbers(value: MitsubaValue) -> npt.NDArray[Any]:
     """Return a parameter of Mitsuba's as an array."""
     # Colours have an attribute of the same name.
-    return np.array(value.matrix if "Transform" in type(value).__name__ else value)
+    return np.asarray(value.matrix if "Transform" in type(value).__name__ else value)
 
 
 def _flat(value: MitsubaValue) -> FloatArray:

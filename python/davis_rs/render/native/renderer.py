@@ -21,7 +21,7 @@ from ..rays.camera_rays import pixel_rays, ray_table, table_bytes
 from ..rays.shadow_rays import END, STEP
 from ..scene_cache import cached
 from ..scene_tables.deforming_meshes import DeformingMeshes
-from ..scene_tables.scene_table import SceneTable
+from ..scene_tables.scene_table import CoreChannel, SceneTable
 from ..scene_tables.scene_texture import TextureTable
 from .estimators import ESTIMATORS, ViewArrays
 
@@ -351,7 +351,7 @@ def _sky(table: SceneTable) -> tuple[int, int, npt.NDArray[np.float32]] | None:
     return table.light_of_group(sky.group), sky.side, sky.texels.ravel()
 
 
-_Texels = list[npt.NDArray[np.float32]]
+_Texels = list[CoreChannel]
 _VectorMaps = tuple[npt.NDArray[np.int64], list[_Texels]]
 
 

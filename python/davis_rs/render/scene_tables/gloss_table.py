@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +12,7 @@ import numpy.typing as npt
 from ..._mitsuba.types import MitsubaBsdf, MitsubaScene
 from ..baked.lights import integrator_of, paths_of
 from ..finishes import CoreFinish, Finish, NumberTexels
-from ..texels import TEXELS_AT_ONCE, laid_out
-from .scene_texture import CoreColours
+from ..texels import CoreColours, laid_out
 
 FloatArray = npt.NDArray[np.float64]
 _Texels = npt.NDArray[np.float32]
@@ -93,19 +92,10 @@ class GlossTable:
         numbers, first = np.unique(texture_of, return_index=True)
         return dict(zip(numbers.tolist(), self.finish_of[first].tolist(), strict=True))
 
-    def replace_by_albedos(self, reflectances: _Texels, textures: Iterable[tuple[int, int, int]]) -> None:
-        """Replace the reflectances of texels (n, 3) of glossy surfaces by their albedo.
-
-        Args:
-            textures: the first texel, the number of texels, and the finish of each texture; each texel once.
-        """
-        for first, count, finish in textures:
-            if finish == DIFFUSE:
-                continue
-            # A few at a time: in float64, all of a large texture would take a gigabyte.
-            for start in range(first, first + count, TEXELS_AT_ONCE):
-                texels = reflectances[start : min(start + TEXELS_AT_ONCE, first + count)]
-                texels[:] = self.finishes[finish].albedo(texels.astype(np.float64))
+    def albedo(self, finish: int, base: FloatArray) -> FloatArray:
+        """Return how much surfaces with a finish, or :data:`DIFFUSE`, reflect of light from all sides (n, 3), for base
+        colours (n, 3)."""
+        return base if finish == DIFFUSE else self.finishes[finish].albedo(base)
 
     def without_clear(self, corners: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return corners and their normals (t, 3, 3) with all of glass in one point, where no ray hits it.

@@ -30,6 +30,7 @@ from ..._util.progress import say
 from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ...geometry.lattice import rank1_lattice
+from ...scene.image_textures import StandIns
 from ..baked.baked_scene import BakedLight
 from ..baked.irradiance import Surfaces
 from ..baked.light_maps import map_coordinates
@@ -42,6 +43,7 @@ from ..mesh_buffers import MeshBuffers
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
 from ..round_meshes import MOST_TRIANGLES
+from ..texels import CoreColours
 from .deforming_meshes import DeformingMesh
 from .gloss_table import DIFFUSE, CoreGloss, gloss_table
 from .mesh_triangles import MeshTriangles, culled_triangles, flat_normal_maps
@@ -51,6 +53,9 @@ from .scene_texture import Added, TextureTable
 FloatArray = npt.NDArray[np.float64]
 
 _Float = TypeVar("_Float", np.float32, np.float64)
+
+CoreChannel = tuple[npt.NDArray[np.float32], int, int]
+"""A channel of light maps, see :class:`davis_rs._core.SceneRenderer`."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,7 @@ class SceneTable:
             alone. None: they need a bake to be shown at all.
         one_sided: the numbers of the shapes whose backs are culled.
         normal_textures: what turns the normals of shapes; the textures are read here. None: there are none.
+        stand_ins: textures of the scene that hold no texels, and the images that they stand for.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -150,6 +156,7 @@ class SceneTable:
         emission: Sequence[str] | None = None,
         one_sided: Sequence[int] = (),
         normal_textures: NormalTextures | None = None,
+        stand_ins: StandIns | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._weights = np.asarray(weights)
@@ -171,7 +178,7 @@ class SceneTable:
         for shape in small_lamps(scene) if baked and emission is None else ():
             with obstacles.collect():
                 self.lights += _area_light_points(shape, mi, colours)
-        self.textures = TextureTable(mi, [self._weights * colour for colour in colours])
+        self.textures = TextureTable(mi, [self._weights * colour for colour in colours], stand_ins)
         shining = dict[MitsubaShape, str]()
         if emission is not None:
             emitters = [shape for shape in scene.shapes() if shape.is_emitter()]
@@ -312,17 +319,9 @@ class SceneTable:
             at_corners = np.einsum("tij,tkj->tki", maps[..., :3], self.corners) + maps[:, None, :, 3]
         length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
         normals = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
-        corners, looks, texture_of = self.corners, b"", self.textures.texture_of
-        finishes = {} if self.gloss is None else self.gloss.finishes_of_textures(texture_of)
-        textures = self.textures.shared(finishes)
-        reflectances, sizes = textures.reflectances, textures.sizes
+        corners, looks, texture_of = self.corners, self.textures.images_digest, self.textures.texture_of
         if self.gloss is not None:
-            looks = self.gloss.digest
-            places = ((number, *sizes[number].tolist()) for number in textures.stored())
-            self.gloss.replace_by_albedos(
-                reflectances,
-                ((first, width * height, finishes.get(number, DIFFUSE)) for number, first, width, height, _ in places),
-            )
+            looks += self.gloss.digest
             corners, normals = self.gloss.without_clear(corners, normals)
         at_points = np.concatenate([self.corners, np.ones((*self.corners.shape[:2], 1))], -1)
         return Surfaces(
@@ -334,11 +333,23 @@ class SceneTable:
             frames=self.frames.astype(np.int64),
             uv=np.stack([np.einsum("tkj,tj->tk", at_points, maps) for maps in (self.u_maps, self.v_maps)], -1),
             texture_of=texture_of,
-            sizes=sizes,
-            reflectances=reflectances,
+            reflectances=functools.cache(self._reflectances),
             looks=looks,
             bumpy=np.isin(texture_of, self.normal_textures.numbers),
         )
+
+    def _reflectances(self) -> CoreColours:
+        """Return how much of the light from all sides each texel reflects."""
+        gloss = self.gloss
+        if gloss is None:
+            return self.textures.shared().colours()
+        # A texture that no triangle shows has no finish.
+        finishes = gloss.finishes_of_textures(self.textures.texture_of)
+
+        def albedo(number: int, base: FloatArray) -> FloatArray:
+            return gloss.albedo(finishes.get(number, DIFFUSE), base)
+
+        return self.textures.shared(finishes).colours(albedo)
 
     def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
         """Compute the light on the surfaces with ``light``, and add it to the lights."""
@@ -370,17 +381,17 @@ class SceneTable:
         return self._first_baked + group
 
     @property
-    def irradiance(self) -> list[npt.NDArray[np.float32]]:
+    def irradiance(self) -> list[CoreChannel]:
         """The texels of the maps of each baked light: irradiance / pi."""
         maps = [] if self.baked is None else self.baked.maps.texels
-        return [np.ascontiguousarray(texels[:, channel]) for texels in maps for channel in range(self._channels)]
+        return [_channel(texels, channel) for texels in maps for channel in range(self._channels)]
 
     @property
-    def irradiance_vectors(self) -> list[list[npt.NDArray[np.float32]]]:
+    def irradiance_vectors(self) -> list[list[CoreChannel]]:
         """The x, y and z of the maps of irradiance vectors of each baked light; empty where no surface needs them."""
         maps = [] if self.baked is None else self.baked.maps.vectors
         return [
-            [np.ascontiguousarray(vectors[:, 3 * axis + channel]) for axis in range(3)]
+            [_channel(vectors, 3 * axis + channel) for axis in range(3)]
             for vectors in maps
             for channel in range(self._channels)
         ]
@@ -487,6 +498,11 @@ class SceneTable:
         if self._hides_lights or light.kind != "constant":
             return 0.0
         return float(self.textures.group_weights[light.group].sum())
+
+
+def _channel(texels: npt.NDArray[np.float32], channel: int) -> CoreChannel:
+    """Return one channel of texels (n, channels) for the core; nothing is copied."""
+    return texels.ravel(), texels.shape[1], channel
 
 
 _EVEN = ("constant", "emission")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple, TypeVar
 
@@ -11,13 +12,17 @@ import numpy.typing as npt
 
 from ..._mitsuba.types import Mitsuba, MitsubaParameters, MitsubaShape, MitsubaTexture, MitsubaValue
 from ...scene.files.mesh_scene import colours_as_texture
+from ...scene.image_textures import ImageTexture, StandIns
+from ...scene.texel_lookup import WRAP_MODES
 from ..diffuse_materials import is_plain, is_two_sided, reflectance_of, surface_kind, surface_name, surface_remedy
 from ..obstacles import Unsuitable, plugin_name
 from ..texels import (
     LUMINANCE,
+    TEXELS_AT_ONCE,
+    CoreColours,
+    CoreImage,
     Texels,
     bilinear_meaning,
-    bordered,
     fill_border,
     laid_out,
     looked_up,
@@ -41,9 +46,6 @@ _LARGE = 1 << 16
 
 _POLARISING = ("polarizer", "retarder")
 """In the names of surfaces that only a renderer with polarised light shows as they are."""
-
-CoreColours = tuple[npt.NDArray[np.uint32], list[tuple[npt.NDArray[np.generic], npt.NDArray[np.float32] | None]]]
-"""The colours of textures, see :class:`davis_rs._core.SceneRenderer`."""
 
 _Number = TypeVar("_Number", bound=np.generic)
 
@@ -73,6 +75,7 @@ class TextureTable:
     Args:
         mi: Mitsuba, under the variant that loaded the scene.
         group_weights: for each light colour the weights (3,) that turn reflected RGB into luma.
+        stand_ins: textures of Mitsuba that hold no texels, and the images that they stand for.
 
     Attributes:
         sizes: int32 (textures, 4): first texel, width, height, index into :data:`WRAP_MODES`.
@@ -82,8 +85,11 @@ class TextureTable:
         has_ramps: whether any texture has ramps in place of hard edges.
     """
 
-    def __init__(self, mi: Mitsuba, group_weights: list[FloatArray]) -> None:
+    def __init__(self, mi: Mitsuba, group_weights: list[FloatArray], stand_ins: StandIns | None = None) -> None:
         self._mi, self.group_weights = mi, group_weights
+        self._stand_ins = {} if stand_ins is None else stand_ins
+        self._image_texels: dict[ImageTexture, Texels] = {}
+        self._of_images: list[int] = []
         self._texels: list[Texels] = []
         self._sizes: list[tuple[int, int, int]] = []
         self._alike: list[int] = []
@@ -161,16 +167,6 @@ class TextureTable:
                 luma[firsts[number] + start :][: len(piece)] = piece @ self.group_weights[group]
         return luma
 
-    @property
-    def reflectances(self) -> npt.NDArray[np.float32]:
-        """The reflectance of all texels, float32 (texels, 3), red, green and blue."""
-        rgb = np.empty((self._count(0), 3), np.float32)
-        firsts = self.sizes[:, 0].tolist()
-        for number in self.stored():
-            for start, piece in self._texels[number].pieces():
-                rgb[firsts[number] + start :][: len(piece)] = piece
-        return rgb
-
     def framed(self, group: int, unseen: Collection[int] = ()) -> npt.NDArray[np.float32]:
         """Return :meth:`texels` with a border of one texel around each texture, filled by its wrap mode.
 
@@ -190,19 +186,38 @@ class TextureTable:
 
         return self._framed(image_of, np.float32)
 
-    def colours(self) -> CoreColours:
-        """Return the :attr:`reflectances` with the borders of :meth:`framed`, as the core takes them: what the file has
-        in 8 bits stays so."""
+    def colours(self, seen: Callable[[int, FloatArray], FloatArray] | None = None) -> CoreColours:
+        """Return red, green and blue of all texels, as the core takes them: what the file has in 8 bits stays so.
+
+        Args:
+            seen: returns what colours (n, 3) become on the surfaces with a texture, by its number and theirs. Each
+                channel must depend on itself alone, because of texels of 8 bits it is asked for 256 values. None
+                leaves colours as they are.
+        """
         stored = self.stored()
         image_of = {number: image for image, number in enumerate(stored)}
         numbers = self._alike if self._is_shared else stored
         of_texture = np.array([image_of[number] for number in numbers], np.uint32)
-        return of_texture, [self._coloured(number) for number in stored]
+        images: list[CoreImage] = []
+        for number in stored:
+            texels, (width, height, wrap) = self._texels[number], self._sizes[number]
+            image, values = texels.coded or (self._products(texels, np.eye(3)), None)
+            if seen is not None:
+                colours = image.reshape(-1, 3) if values is None else values
+                # Some at a time: in float64, all of a large texture would take a gigabyte.
+                for start in range(0, len(colours), TEXELS_AT_ONCE):
+                    piece = colours[start : start + TEXELS_AT_ONCE]
+                    piece[:] = seen(number, piece.astype(np.float64))
+            images.append(((width, height, wrap), image.ravel(), None if values is None else values.ravel()))
+        return of_texture, images
 
-    def _coloured(self, number: int) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.float32] | None]:
-        texels, wrap = self._texels[number], self._sizes[number][2]
-        image, values = texels.coded or (self._products(texels, np.eye(3)), None)
-        return bordered(image, wrap).ravel(), values
+    @property
+    def images_digest(self) -> bytes:
+        """A hash of the images that Mitsuba does not hold; empty where it holds all."""
+        if not self._of_images:
+            return b""
+        said = ((number, self._sizes[number], self._texels[number].digest) for number in self._of_images)
+        return hashlib.sha256(repr(list(said)).encode()).digest()
 
     def add_emission_group(self, name: str, weights: FloatArray) -> int:
         """Add a colour group that holds what shapes emit under a name, and return its number.
@@ -318,7 +333,11 @@ class TextureTable:
             raise Unsuitable("has two different sides", "give both the same diffuse material", named)
         uv: FloatArray | None = None
         uv_map, wrap = np.eye(3), 0
-        if f"{prefix}.value" in parameters:
+        image = self._stand_ins.get(reflectance_of(bsdf))
+        if image is not None:
+            self._of_images.append(len(self._sizes))
+            texels, wrap = self._of_image(image, pixels_per_unit)
+        elif f"{prefix}.value" in parameters:
             value = np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1)
             texels = Texels(np.broadcast_to(value, (1, 1, 3)))
         elif f"{prefix}.data" in parameters:
@@ -353,8 +372,8 @@ class TextureTable:
             if uv is not None:
                 raise Unsuitable("has a mesh_attribute and a normal map", "give it one of the two", named)
             read = self._directions_of if turned.height is None else self._heights_of
-            image, plain = read(turned.texture, named), TextureImage(texels, wrap, uv_map)
-            texels, wrap, uv_map = normals.add(len(self._sizes), image, plain, named, turned)
+            turning, plain = read(turned.texture, named), TextureImage(texels, wrap, uv_map)
+            texels, wrap, uv_map = normals.add(len(self._sizes), turning, plain, named, turned)
         number, (height, width) = len(self._sizes), texels.shape[:2]
         first = number
         if height * width > _LARGE and number not in self._emissions:
@@ -365,6 +384,24 @@ class TextureTable:
         self._texels.append(texels if first == number else self._texels[first])
         self._alike.append(first)
         return Added(two_sided, uv)
+
+    def _of_image(self, texture: ImageTexture, pixels_per_unit: PixelsPerUnit | None) -> tuple[Texels, int]:
+        """Return the texels of an image and the number of its wrap mode; with hard edges, made finer."""
+        if texture not in self._image_texels:
+            self._image_texels[texture] = Texels(texture.image.texels, texture.image.light)
+        texels = self._image_texels[texture]
+        if texture.nearest:
+            texels = self._finer(texels, np.eye(3), pixels_per_unit)
+        return texels, WRAP_MODES.index(texture.wrap)
+
+    def _finer(self, texels: Texels, uv_map: FloatArray, pixels_per_unit: PixelsPerUnit | None) -> Texels:
+        """Return texels with hard edges as so many more that a bilinear lookup shows these as narrow ramps."""
+        height, width = texels.shape[:2]
+        per_unit = None if pixels_per_unit is None else pixels_per_unit(uv_map)
+        pixels = None if per_unit is None else (per_unit[0] / width, per_unit[1] / height)
+        ramp = divide(pixels, 1, width * height)
+        self._ramped(ramp)
+        return texels.repeated(ramp.rows, ramp.columns)
 
     def _emission_of(self, shape: MitsubaShape, pixels_per_unit: PixelsPerUnit | None) -> TextureImage:
         """Return the radiance that a shape with an area light emits."""
@@ -426,12 +463,7 @@ class TextureTable:
         if (meant := bilinear_meaning(data, mapped, own)) is not None:
             return meant
         if (meant := nearest_meaning(data, mapped, own)) is not None:
-            (texels, wrap), (height, width) = meant, data.shape[:2]
-            per_unit = None if pixels_per_unit is None else pixels_per_unit(uv_map)
-            pixels = None if per_unit is None else (per_unit[0] / width, per_unit[1] / height)
-            ramp = divide(pixels, 1, width * height)
-            self._ramped(ramp)
-            return texels.repeated(ramp.rows, ramp.columns), wrap
+            return self._finer(meant[0], uv_map, pixels_per_unit), meant[1]
         rule = "has a texture whose lookup is neither bilinear nor nearest"
         raise Unsuitable(rule, "give its bitmap the filter_type bilinear", named)
 

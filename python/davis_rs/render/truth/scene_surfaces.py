@@ -14,6 +14,7 @@ from ...events.packet import Displacement
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.views import Views
+from ...scene.image_textures import stand_ins
 from ...scene.scene import Scene
 from ..flow import OpticalFlow
 from ..mesh_buffers import MeshBuffers
@@ -74,7 +75,8 @@ class SceneSurfaces:
     def __init__(self, scene: Scene, camera: Camera, *, culled: bool = True, threads: int | None = None) -> None:
         self.camera = camera
         with variant(SCALAR) as (mi, _):
-            loaded = load_scene_source(scene.source(), mi)
+            with stand_ins():  # of the looks nothing counts here
+                loaded = load_scene_source(scene.source(), mi)
             loaded, self.motion, _, made = triangulated(scene, camera, loaded, mi)
             shapes = list(loaded.shapes())
             if len(shapes) > _MOST_SHAPES:

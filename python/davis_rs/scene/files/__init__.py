@@ -8,5 +8,5 @@ Mitsuba's own plug-ins ignore OBJ's materials and trust PLY's indices, so meshes
 become a texture of 2 x 2 texels a triangle, which is linear between them. glTF is read here, too: trimesh knows neither
 animations nor lights, and pygltflib takes 0.2 ms for each object of the JSON and checks nothing. Every index, size and
 offset is checked. A scene's file, its buffers, images, materials, accessors and keyframes charge one budget before
-they take memory. Texels stay as encoded until a shape is made of them.
+they take memory. Texels stay as encoded; ``image_textures`` makes Mitsuba's textures of them, or stand-ins.
 """

@@ -19,6 +19,7 @@ from ...geometry.pose import FloatArray, Pose
 from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..default_paths import CAMERA
 from ..deformation import Deformation, DeformedMesh
+from ..image_textures import ImageTextures
 from ..lost_looks import TRANSPARENCY, LostLook, lost_looks, shown
 from ..mesh_part import MeshPart
 from ..parts import DIRECT, GLOSSY_DIRECT
@@ -159,14 +160,19 @@ class _GltfScene:
             shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"
         file_name = self.file.path.name
         glossy = any(part.metal is not None for part in shapes.values())
-        return Scene(
-            name=self.file.path.stem,
-            source=lambda: {
+
+        def source() -> SceneDictionary:
+            textures = ImageTextures()
+            return {
                 "type": "scene",
                 "integrator": GLOSSY_DIRECT if glossy else DIRECT,
                 **described,
-                **{name: mitsuba_shape(part) for name, part in shapes.items()},
-            },
+                **{name: mitsuba_shape(part, textures) for name, part in shapes.items()},
+            }
+
+        return Scene(
+            name=self.file.path.stem,
+            source=source,
             file=self.file.path,
             files=tuple(self.file.files),
             camera=camera,

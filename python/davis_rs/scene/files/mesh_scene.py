@@ -14,6 +14,7 @@ from ..._util.argument_error import ArgumentError
 from ..._util.budget import Budget
 from ...geometry.pose import FloatArray
 from ..default_paths import CAMERA, direction
+from ..image_textures import ImageTexture, ImageTextures
 from ..lost_looks import lost_looks
 from ..mesh_part import MeshPart
 from ..meshes import Mesh, shape
@@ -123,11 +124,12 @@ def _shape_ids(parts: list[MeshPart]) -> list[str]:
 
 
 def _source(parts: dict[str, MeshPart], light: SceneDictionary) -> SceneDictionary:
+    textures = ImageTextures()
     return {
         "type": "scene",
         "integrator": DIRECT,
         **light,
-        **{name: mitsuba_shape(part) for name, part in parts.items()},
+        **{name: mitsuba_shape(part, textures) for name, part in parts.items()},
     }
 
 
@@ -149,10 +151,12 @@ def usual_light(view: DefaultView | None) -> SceneDictionary:
     return {"sun": {"type": "directional", "direction": towards, "irradiance": _SUN}, "sky": sky}
 
 
-def mitsuba_shape(part: MeshPart) -> MitsubaShape:
-    """Make a shape of a part in world axes; call it under the variant that loads the scene."""
-    import mitsuba as mi
+def mitsuba_shape(part: MeshPart, textures: ImageTextures) -> MitsubaShape:
+    """Make a shape of a part in world axes; call it under the variant that loads the scene.
 
+    Args:
+        textures: of the scene.
+    """
     if part.patches is not None:
         part = painted(part)
     uv, emission = part.uv, _linear(part.emission)
@@ -162,12 +166,7 @@ def mitsuba_shape(part: MeshPart) -> MitsubaShape:
     if part.unlit:
         emission, reflectance = _linear(reflectance), np.zeros(3)
     if isinstance(reflectance, EncodedTexture):
-        if (reflectance.tint == 1.0).all():
-            texels = reflectance.texels
-            reflectance = mi.Bitmap(texels, mi.Bitmap.PixelFormat.RGB)
-            reflectance.set_srgb_gamma(True)
-        else:  # of a large texture there is only this tensor, which Mitsuba copies
-            reflectance = mi.TensorXf(reflectance.linear())
+        reflectance = textures.of(ImageTexture(reflectance, part.wrap, part.nearest))
     flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0
     count = 3 * len(part.corners)
     mesh = Mesh(part.corners.reshape(-1, 3), np.arange(count).reshape(-1, 3), flipped.reshape(-1, 2))

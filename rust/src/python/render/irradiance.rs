@@ -4,7 +4,7 @@ use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use super::scene_tables::{BeamTuple, SlideTuple, beam_of, slide_of};
+use super::scene_tables::{BeamTuple, ColoursTuple, SlideTuple, beam_of, slide_of, texture_colours};
 use crate::python::arrays::{column, flags, grouped, groups, matrices, numbers};
 use crate::render::{
     AreaLamp, EnvironmentMap, GroupLight, IrradianceSampler, PathRule, ReflectedLight, SharpLight, SkyLight,
@@ -110,8 +110,7 @@ impl PyReflectedLight {
 ///     uv: float64 (t, 3, 2), texture coordinates of the corners.
 ///     textures: uint32 (t), the number of the triangle's texture.
 ///     two_sided: uint32 (t), 1 where the back of the triangle reflects too.
-///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
-///     texels: float32 (n, 3), reflectance, red, green and blue.
+///     colours: the reflectance of textures, as that of :class:`SceneRenderer`'s glossy surfaces.
 ///     groups: of lights that are baked together, each (lamps, constant, map, points, directions, small lamps). A lamp
 ///         is (first triangle, number of triangles, radiance, whether it shines from its back too); ``constant`` is the
 ///         radiance from all sides or None; ``map`` is an environment map (width, height, float32 texels (height,
@@ -138,7 +137,7 @@ fn flat_vectors(py: Python<'_>, light: Vec<[[f64; 3]; 3]>) -> Flat<'_> {
 impl PyIrradianceSampler {
     #[new]
     #[pyo3(signature = (
-        *, corners, normals, shading_normals, uv, textures, two_sided, layouts, texels, groups
+        *, corners, normals, shading_normals, uv, textures, two_sided, colours, groups
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
@@ -148,13 +147,12 @@ impl PyIrradianceSampler {
         uv: &Bound<'_, PyAny>,
         textures: &Bound<'_, PyAny>,
         two_sided: &Bound<'_, PyAny>,
-        layouts: &Bound<'_, PyAny>,
-        texels: &Bound<'_, PyAny>,
+        colours: ColoursTuple<'_>,
         groups: Vec<GroupTuple<'_>>,
     ) -> PyResult<Self> {
         let (corners, normals) = (column::<f64>(corners, "corners")?, column::<f64>(normals, "normals")?);
         let shading_normals = column::<f64>(shading_normals, "shading_normals")?;
-        let (uv, texels) = (column::<f64>(uv, "uv")?, column::<f32>(texels, "texels")?);
+        let uv = column::<f64>(uv, "uv")?;
         let tables = SurfaceTables {
             corners: matrices(&corners, "corners")?.into(),
             normals: grouped(&normals, "normals")?.into(),
@@ -162,8 +160,7 @@ impl PyIrradianceSampler {
             uv: matrices(&uv, "uv")?.into(),
             textures: numbers::<u32>(textures, "textures")?,
             two_sided: flags(two_sided, "two_sided")?,
-            layouts: crate::python::arrays::groups(layouts, "layouts")?,
-            texels: grouped(&texels, "texels")?.into(),
+            colours: texture_colours(colours)?,
         };
         let groups = groups.into_iter().map(group_light).collect::<PyResult<Vec<_>>>()?;
         Ok(Self(IrradianceSampler::new(&tables, &groups)?))

@@ -8,8 +8,8 @@ use pyo3::prelude::*;
 
 use super::pixel_rays::PyPixelRays;
 use super::scene_tables::{
-    EmissionTuple, GlossTuple, LightMapTuple, LightTuple, NormalTextureTuple, SkyTuple, SlideTuple, emission_table,
-    gloss_tables, light_map_tables, normal_texture_tables, numbered, sky_map, slide_of,
+    EmissionTuple, GlossTuple, LightMapColumns, LightMapTuple, LightTuple, NormalTextureTuple, SkyTuple, SlideTuple,
+    emission_table, gloss_tables, normal_texture_tables, numbered, sky_map, slide_of,
 };
 use super::views::{Views, view_pixels, views_of};
 use crate::python::arrays::{column, flags, grouped, groups, matrices, numbers};
@@ -46,9 +46,10 @@ use crate::render::{
 ///         all. The slide is that before a point: its number and which of its planes counts, or None.
 ///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
 ///         (t, 2 sides, 4), affine maps of a point to coordinates in the map of the triangle's front and back; layouts,
-///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi;
+///         int64 (t, 2 sides, 4), as those of textures; for each baked light all texels as irradiance / pi, as
+///         (float32 (texels, channels), flat, the number of channels, and the light's own channel);
 ///         and None, or where normal textures turn surfaces the part of irradiance vectors / pi along these: layouts,
-///         and for each baked light float32 of x, y and z in the triangle's frame.
+///         and for each baked light three such of x, y and z in the triangle's frame.
 ///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
 ///         (t); None where none does.
 ///     sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
@@ -57,8 +58,9 @@ use crate::render::{
 ///         ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
 ///         colour tints the lobe, what is below, and the numbers of textures of roughness and of metal or None);
 ///         uint32 (t), the finish of each triangle, 2^32 - 1 for none; the colours of textures: uint32
-///         (textures), the number of each one's image, and for each image its texels (n, 3), flat, in a frame of one
-///         texel, as float32 and None, or as uint8 and float32 (256), what each number stands for; for each light
+///         (textures), the number of each one's image, and for each image (width, height, wrap mode), and its texels
+///         (height, width, 3), flat, as float32 and None, or as uint8 and float32 (256, 3), flat, what each number
+///         stands for in red, green and blue; for each light
 ///         colour what strength 1 is in red, green and blue; for each light such a background; float64 (t, 3),
 ///         radiance that each triangle emits, or nothing; the number of a sky's light, its side and float32 (side,
 ///         side, 3); the most segments of a path; layouts and float32 texels of the textures of roughness and metal,
@@ -172,6 +174,7 @@ impl PySceneRenderer {
         let (corners, planes) = (column::<f64>(corners, "corners")?, column::<f64>(planes, "planes")?);
         let (u_maps, v_maps) = (column::<f64>(u_maps, "u_maps")?, column::<f64>(v_maps, "v_maps")?);
         let normal_maps = normal_maps.map(|maps| column::<f64>(maps, "normal_maps")).transpose()?;
+        let light_maps = light_maps.map(LightMapColumns::new).transpose()?;
         // Texels may be the largest of all: none are copied here.
         let texels = texels.iter().map(|texels| column::<f32>(texels, "texels")).collect::<PyResult<Vec<_>>>()?;
         let tables = SceneTables {
@@ -192,7 +195,7 @@ impl PySceneRenderer {
             texels: texels.iter().map(|texels| Ok(texels.as_slice()?.into())).collect::<PyResult<_>>()?,
             lights: numbered(lights)?,
             slides: slides.unwrap_or_default().into_iter().map(slide_of).collect::<PyResult<_>>()?,
-            light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
+            light_maps: light_maps.as_ref().map_or(Ok(LightMapTables::default()), LightMapColumns::tables)?,
             emissions: emissions.map_or(Ok(vec![]), emission_table)?,
             sky: sky.map(sky_map).transpose()?,
             normal_textures: normal_textures.map_or(Ok(NormalTextureTables::default()), normal_texture_tables)?,

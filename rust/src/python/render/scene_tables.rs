@@ -2,13 +2,15 @@
 
 use std::sync::Arc;
 
+use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::python::arrays::{column, groups, lists, numbers};
+use crate::python::arrays::{column, grouped, groups, numbers};
 use crate::render::{
-    Beam, ColourImage, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light, LightKind,
-    LightMapTables, NormalTextureTables, PASSING, Sky, Slide, SlideTables, TextureColours, Under, VectorMapTables,
+    Beam, Channel, ColourImage, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light,
+    LightKind, LightMapTables, NormalTextureTables, PASSING, Sky, Slide, SlideTables, TextureColours, Under,
+    VectorMapTables,
 };
 
 /// The unit vector in the middle of a beam, and the angles up to which a spot shines fully, and at all.
@@ -26,9 +28,12 @@ pub(super) type LightMapTuple<'py> = (
     Bound<'py, PyAny>,
     Bound<'py, PyAny>,
     Bound<'py, PyAny>,
-    Vec<Bound<'py, PyAny>>,
-    Option<(Bound<'py, PyAny>, Vec<[Bound<'py, PyAny>; 3]>)>,
+    Vec<ChannelTuple<'py>>,
+    Option<(Bound<'py, PyAny>, Vec<[ChannelTuple<'py>; 3]>)>,
 );
+
+/// Texels, how many channels they have, and which of these is meant.
+type ChannelTuple<'py> = (Bound<'py, PyAny>, usize, usize);
 
 /// Luma that each triangle emits, and the number of its light.
 pub(super) type EmissionTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
@@ -46,8 +51,8 @@ type FinishTuple = (f64, String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple,
 /// For each texture the number of its emissive one, and layouts, lights and texels of these.
 type EmissiveTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Vec<u32>, Bound<'py, PyAny>);
 
-/// Of each texture the number of its image, and of these the texels, and what numbers of 8 bits stand for.
-type ColoursTuple<'py> = (Bound<'py, PyAny>, Vec<(Bound<'py, PyAny>, Option<Bound<'py, PyAny>>)>);
+/// Of each texture the number of its image, and of these the layouts, the texels, and what numbers of 8 bits stand for.
+pub(super) type ColoursTuple<'py> = (Bound<'py, PyAny>, Vec<([i64; 3], Bound<'py, PyAny>, Option<Bound<'py, PyAny>>)>);
 
 /// Finishes, that of each triangle, colours of textures, colours of groups, backgrounds of lights, what each triangle
 /// emits, the sky, the longest path, layouts and texels of textures of roughness and metal, and emissive textures.
@@ -84,15 +89,13 @@ pub(super) fn normal_texture_tables(
 }
 
 /// Returns the colours of textures.
-fn texture_colours((of_texture, images): ColoursTuple<'_>) -> PyResult<TextureColours> {
-    let image = |(texels, values): (Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)| {
+pub(super) fn texture_colours((of_texture, images): ColoursTuple<'_>) -> PyResult<TextureColours> {
+    let image = |(layout, texels, values): (_, Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)| {
         Ok(Arc::new(match values {
-            None => ColourImage::Linear(groups(&texels, "colours")?),
+            None => ColourImage::linear(layout, grouped(&column(&texels, "colours")?, "colours")?)?,
             Some(values) => {
-                let values: [f32; 256] = numbers(&values, "values")?
-                    .try_into()
-                    .map_err(|_| PyValueError::new_err("numbers of 8 bits stand for 256 values"))?;
-                ColourImage::Coded(groups(&texels, "colours")?, Box::new(values))
+                let values = groups(&values, "values")?;
+                ColourImage::coded(layout, grouped(&column(&texels, "colours")?, "colours")?, &values)?
             }
         }))
     };
@@ -175,48 +178,72 @@ pub(super) fn sky_map((light, side, texels): SkyTuple<'_>) -> PyResult<Sky> {
     Ok(Sky { light, side, texels: numbers(&texels, "sky")? })
 }
 
-/// Pairs the maps to both texture coordinates.
-fn uv_maps(u_maps: &Bound<'_, PyAny>, v_maps: &Bound<'_, PyAny>) -> PyResult<Vec<[[f64; 4]; 2]>> {
-    let (u_maps, v_maps) = (groups::<f64, 4>(u_maps, "u_maps")?, groups::<f64, 4>(v_maps, "v_maps")?);
-    if u_maps.len() != v_maps.len() {
-        return Err(PyValueError::new_err(format!(
-            "{} u_maps need as many v_maps, got {}",
-            u_maps.len(),
-            v_maps.len()
-        )));
-    }
-    Ok(u_maps.into_iter().zip(v_maps).map(|(u, v)| [u, v]).collect())
-}
-
 /// Returns the lights, of which those that are baked are numbered.
 pub(super) fn numbered(lights: Vec<LightTuple>) -> PyResult<Vec<Light>> {
     let mut baked = 0..;
     lights.into_iter().map(|tuple| light(tuple, &mut baked)).collect()
 }
 
-/// Returns the tables of the light maps.
-pub(super) fn light_map_tables(
-    (u_maps, v_maps, layouts, texels, vectors): LightMapTuple<'_>,
-) -> PyResult<LightMapTables> {
-    let vectors = match vectors {
-        None => VectorMapTables::default(),
-        Some((layouts, texels)) => VectorMapTables {
-            layouts: groups(&layouts, "layouts of vectors")?,
-            texels: texels
-                .iter()
-                .map(|axes| {
-                    let axes = lists(axes.as_slice(), "irradiance vectors")?;
-                    <[Vec<f32>; 3]>::try_from(axes).map_err(|_| PyValueError::new_err("vectors have three axes"))
-                })
-                .collect::<PyResult<_>>()?,
-        },
-    };
-    Ok(LightMapTables {
-        vectors,
-        uv_maps: uv_maps(&u_maps, &v_maps)?,
-        layouts: groups(&layouts, "layouts")?,
-        texels: lists(&texels, "texels")?,
-    })
+/// The arrays of the light maps, which the tables borrow.
+pub(super) struct LightMapColumns<'py> {
+    u_maps: PyReadonlyArray1<'py, f64>,
+    v_maps: PyReadonlyArray1<'py, f64>,
+    layouts: PyReadonlyArray1<'py, i64>,
+    texels: Vec<ChannelColumn<'py>>,
+    vectors: Option<(PyReadonlyArray1<'py, i64>, Vec<[ChannelColumn<'py>; 3]>)>,
+}
+
+/// The array of a channel.
+struct ChannelColumn<'py>(PyReadonlyArray1<'py, f32>, usize, usize);
+
+impl<'py> ChannelColumn<'py> {
+    fn new((texels, channels, channel): &ChannelTuple<'py>, name: &str) -> PyResult<Self> {
+        Ok(Self(column(texels, name)?, *channels, *channel))
+    }
+
+    fn channel(&self) -> PyResult<Channel<'_>> {
+        Ok(Channel::new(self.0.as_slice()?, self.1, self.2)?)
+    }
+}
+
+impl<'py> LightMapColumns<'py> {
+    pub(super) fn new((u_maps, v_maps, layouts, texels, vectors): LightMapTuple<'py>) -> PyResult<Self> {
+        let axes = |[x, y, z]: &[ChannelTuple<'py>; 3]| -> PyResult<[ChannelColumn<'py>; 3]> {
+            let read = |axis| ChannelColumn::new(axis, "irradiance vectors");
+            Ok([read(x)?, read(y)?, read(z)?])
+        };
+        let vectors = vectors.map(|(layouts, texels)| -> PyResult<_> {
+            Ok((column(&layouts, "layouts of vectors")?, texels.iter().map(axes).collect::<PyResult<_>>()?))
+        });
+        Ok(Self {
+            u_maps: column(&u_maps, "u_maps")?,
+            v_maps: column(&v_maps, "v_maps")?,
+            layouts: column(&layouts, "layouts")?,
+            texels: texels.iter().map(|texels| ChannelColumn::new(texels, "texels")).collect::<PyResult<_>>()?,
+            vectors: vectors.transpose()?,
+        })
+    }
+
+    /// Returns the tables.
+    pub(super) fn tables(&self) -> PyResult<LightMapTables<'_>> {
+        let vectors = match &self.vectors {
+            None => VectorMapTables::default(),
+            Some((layouts, texels)) => VectorMapTables {
+                layouts: grouped(layouts, "layouts of vectors")?.into(),
+                texels: texels
+                    .iter()
+                    .map(|[x, y, z]| Ok([x.channel()?, y.channel()?, z.channel()?]))
+                    .collect::<PyResult<_>>()?,
+            },
+        };
+        Ok(LightMapTables {
+            u_maps: grouped(&self.u_maps, "u_maps")?.into(),
+            v_maps: grouped(&self.v_maps, "v_maps")?.into(),
+            layouts: grouped(&self.layouts, "layouts")?.into(),
+            texels: self.texels.iter().map(ChannelColumn::channel).collect::<PyResult<_>>()?,
+            vectors,
+        })
+    }
 }
 
 /// Returns what each triangle emits; those of luma 0 emit nothing.

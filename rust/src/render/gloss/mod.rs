@@ -7,7 +7,7 @@
 //!
 //! - [`tables`]: which triangles are glossy, and all of the scene in colour.
 //! - [`tracer`]: follows the paths; [`pattern`] says along which directions and to which points of the [`lamps`].
-//! - [`finish`]: reflectance. [`colours`]: of textures. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
+//! - [`finish`]: reflectance. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
 //!   and light maps at single points.
 //! - [`sky_levels`]: the environment map, from fine to coarse.
 //! - [`number`]: float64 with or without its rate, so that luma and rates are one computation.
@@ -17,7 +17,6 @@
 //!
 //! What must not break: scenes of diffuse surfaces have the same bits, in the same time, as without all this.
 
-pub(super) mod colours;
 pub(super) mod emissive;
 pub(super) mod finish;
 pub(super) mod frame_axes;

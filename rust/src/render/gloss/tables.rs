@@ -2,13 +2,13 @@
 //!
 //! What must not break: a scene without glossy surfaces has none of this, and is rendered as if it did not exist.
 
-use super::colours::TextureColours;
 use super::emissive::{Emissive, EmissiveTextures};
 use super::finish::Finish;
 use super::lamps::Lamps;
 use super::sky_levels::SkyLevels;
 use crate::error::{Error, Result};
 use crate::render::geometry::vector::Vector;
+use crate::render::light::colours::TextureColours;
 use crate::render::light::texture::{Texture, checked_layouts};
 
 /// The number of its finish of a triangle that is diffuse.
@@ -97,7 +97,7 @@ impl Gloss {
         if let Some(number) = tables.finish_of.iter().find(|number| !finish(number)) {
             return Err(Error::Argument(format!("a triangle has finish {number} of {}", tables.finishes.len())));
         }
-        tables.texels.check(owner.textures)?;
+        tables.texels.check_sizes(owner.textures)?;
         tables.finishes.iter().try_for_each(Finish::check)?;
         let lobe_textures = checked_layouts(&tables.lobe_layouts, Some(tables.lobes.len()), 1)?;
         let textured = |finish: &Finish| finish.lobe.iter().flatten().all(|&n| (n as usize) < lobe_textures.len());

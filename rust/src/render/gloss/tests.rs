@@ -3,11 +3,11 @@
 
 use std::sync::Arc;
 
-use super::colours::ColourImage;
 use super::emissive::{DARK, EmissiveTextures};
 use super::finish::{Distribution, Finish, Fresnel, Under};
 use super::tables::{DIFFUSE, GlossTables};
 use crate::render::geometry::vector::{cross, dot, sub};
+use crate::render::light::colours::ColourImage;
 use crate::render::visibility::first_hit::{FirstHits, Ray, is_blocked};
 use crate::render::{Emission, Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
 
@@ -25,6 +25,10 @@ const MIRROR: Finish = Finish {
     lobe: [None; 2],
 };
 
+fn colours(layout: [i64; 3], texels: &[[f32; 3]]) -> Arc<ColourImage> {
+    Arc::new(ColourImage::linear(layout, texels).unwrap())
+}
+
 /// Adds a parallelogram of two triangles, whose front is where its sides turn left.
 fn add(tables: &mut SceneTables, [corner, u, v]: [[f64; 3]; 3], look: (f64, u32, u32)) {
     let (reflectance, finish, frame) = look;
@@ -40,9 +44,8 @@ fn add(tables: &mut SceneTables, [corner, u, v]: [[f64; 3]; 3], look: (f64, u32,
     for texels in &mut tables.texels {
         texels.to_mut().extend([row, row, row].iter().flatten().map(|&x| x as f32));
     }
-    let image = [row, row, row].iter().flatten().map(|&x| [x as f32; 3]).collect();
     tables.gloss.texels.of_texture.push(tables.gloss.texels.images.len() as u32);
-    tables.gloss.texels.images.push(Arc::new(ColourImage::Linear(image)));
+    tables.gloss.texels.images.push(colours([2, 1, 1], &[[low as f32; 3], [high as f32; 3]]));
     let along: f64 = u.iter().map(|x| x * x).sum();
     for corners in [[at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0)], [at(0.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)]] {
         let offset = -(0..3).map(|i| normal[i] * corner[i]).sum::<f64>();
@@ -460,14 +463,13 @@ fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));
     assert!(Scene::new(&good).is_ok());
-    let wrong: [fn(&mut GlossTables); 20] = [
+    let wrong: [fn(&mut GlossTables); 19] = [
         |gloss| gloss.finish_of.truncate(3),
         |gloss| gloss.finish_of[0] = 1,
         |gloss| gloss.texels.of_texture.truncate(1),
         |gloss| gloss.texels.of_texture[0] = 99,
-        |gloss| gloss.texels.images[0] = Arc::new(ColourImage::Linear(vec![[0.5; 3]; 11])),
-        |gloss| gloss.texels.images[0] = Arc::new(ColourImage::Linear(vec![[f32::NAN; 3]; 12])),
-        |gloss| gloss.texels.images[0] = Arc::new(ColourImage::Coded(vec![[0; 3]; 12], Box::new([f32::NAN; 256]))),
+        |gloss| gloss.texels.images[0] = colours([1, 2, 1], &[[0.5; 3]; 2]),
+        |gloss| gloss.texels.images[0] = colours([2, 1, 0], &[[0.5; 3]; 2]),
         |gloss| gloss.colours.clear(),
         |gloss| gloss.colours[0] = [-1.0; 3],
         |gloss| gloss.backgrounds.truncate(2),

@@ -198,8 +198,9 @@ impl Tracer<'_> {
         let (normal, under) = self.normal(hit, surface, viewer);
         let fades = under.is_some() && self.lit.scene.bumps(surface).is_some_and(|bumps| bumps.rule.fades);
         let texture = &self.lit.scene.textures[surface.texture as usize];
+        let image = gloss.texels.of(surface.texture);
         let base = looked_up(texture, texture.wrap, surface.uv().each_ref(), hit.in_frame, |at| {
-            gloss.texels.at(surface.texture, at - texture.first)
+            image.at(at - texture.first).map(f64::from)
         });
         let out = dot(normal, viewer);
         let spot = Spot { hit: *hit, finish, base, normal, viewer, out, under, fades, through: None };

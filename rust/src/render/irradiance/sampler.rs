@@ -683,6 +683,7 @@ mod tests {
     use crate::render::Beam;
     use crate::render::geometry::vector::{cross, dot, sub};
     use crate::render::irradiance::emitters::{AreaLamp, EnvironmentMap, SharpLight, SkyLight};
+    use crate::render::light::colours::{ColourImage, TextureColours};
     use crate::render::light::slide::{Slide, SlideTables};
 
     const ONE: [f64; 3] = [1.0, 0.5, 0.25];
@@ -762,8 +763,10 @@ mod tests {
             uv: vec![[[0.0; 2]; 3]; n].into(),
             textures: vec![0; n],
             two_sided: vec![false; n],
-            layouts: vec![[0, 1, 1, 0]],
-            texels: vec![[reflectance; 3]].into(),
+            colours: TextureColours {
+                of_texture: vec![0],
+                images: vec![ColourImage::linear([1, 1, 0], &[[reflectance; 3]]).unwrap().into()],
+            },
         };
         IrradianceSampler::new(&tables, groups).unwrap()
     }

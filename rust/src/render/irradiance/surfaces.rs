@@ -8,7 +8,8 @@ use std::borrow::Cow;
 
 use crate::error::{Error, Result};
 use crate::render::geometry::vector::{Vector, single};
-use crate::render::light::texture::{Texture, Wrap, checked_layouts};
+use crate::render::light::colours::TextureColours;
+use crate::render::light::texture::Wrap;
 
 /// Red, green, blue, and nothing.
 pub(crate) type Colour = [f32; 4];
@@ -28,10 +29,8 @@ pub struct SurfaceTables<'a> {
     pub textures: Vec<u32>,
     /// Whether the back reflects too.
     pub two_sided: Vec<bool>,
-    /// For each texture: first texel, width, height and wrap mode (0 repeat, 1 clamp, 2 mirror).
-    pub layouts: Vec<[i64; 4]>,
-    /// Reflectance of all texels, red, green and blue.
-    pub texels: Cow<'a, [[f32; 3]]>,
+    /// The reflectance of all textures.
+    pub colours: TextureColours,
 }
 
 /// How a triangle reflects.
@@ -48,8 +47,7 @@ struct Surface {
 #[derive(Debug)]
 pub(crate) struct Surfaces {
     triangles: Vec<Surface>,
-    textures: Vec<Texture>,
-    texels: Vec<Colour>,
+    colours: TextureColours,
 }
 
 /// Light that falls on both sides of each triangle, to be looked up where rays hit them.
@@ -137,12 +135,10 @@ impl Surfaces {
                 return Err(Error::Argument(format!("{n} triangles need as many {name}, got {length}")));
             }
         }
-        let textures = checked_layouts(&tables.layouts, Some(tables.texels.len()), 0)?;
-        if let Some(number) = tables.textures.iter().find(|&&number| number as usize >= textures.len()) {
-            return Err(Error::Argument(format!("there are {} textures, got number {number}", textures.len())));
-        }
-        if let Some(texel) = tables.texels.iter().flatten().find(|texel| !texel.is_finite()) {
-            return Err(Error::Argument(format!("reflectance is finite, got {texel}")));
+        tables.colours.check()?;
+        let count = tables.colours.of_texture.len();
+        if let Some(number) = tables.textures.iter().find(|&&number| number as usize >= count) {
+            return Err(Error::Argument(format!("there are {count} textures, got number {number}")));
         }
         let surface = |i: usize| Surface {
             normal: single(tables.normals[i]),
@@ -151,11 +147,7 @@ impl Surfaces {
             texture: tables.textures[i],
             two_sided: tables.two_sided[i],
         };
-        Ok(Self {
-            triangles: (0..n).map(surface).collect(),
-            textures,
-            texels: tables.texels.iter().map(|&texel| padded(texel)).collect(),
-        })
+        Ok(Self { triangles: (0..n).map(surface).collect(), colours: tables.colours.clone() })
     }
 
     /// Returns how many triangles there are.
@@ -191,17 +183,20 @@ impl Surfaces {
         if side == 1 && !surface.two_sided {
             return [0.0; 4];
         }
-        let texture = &self.textures[surface.texture as usize];
+        let image = self.colours.of(surface.texture);
+        let texture = &image.texture;
         if texture.is_constant() {
-            return self.texels[texture.first];
+            return padded(image.at(0));
         }
         let [a, b, c] = surface.uv;
         let (columns, x) = taps(a[0] + second * (b[0] - a[0]) + third * (c[0] - a[0]), texture.width, texture.wrap);
         let (rows, y) = taps(a[1] + second * (b[1] - a[1]) + third * (c[1] - a[1]), texture.height, texture.wrap);
-        let first = [0, 1].map(|i| texture.first + rows[i] as usize * texture.width as usize);
-        let upper = [&self.texels[first[0] + columns[0] as usize], &self.texels[first[0] + columns[1] as usize]];
-        let lower = [&self.texels[first[1] + columns[0] as usize], &self.texels[first[1] + columns[1] as usize]];
-        mixed(upper, lower, x, y)
+        // A frame of one texel lies around the image.
+        let texel = |row: usize, column: usize| {
+            let before = (rows[row] as usize + 1) * (texture.width as usize + 2);
+            padded(image.at(before + columns[column] as usize + 1))
+        };
+        mixed([&texel(0, 0), &texel(0, 1)], [&texel(1, 0), &texel(1, 1)], x, y)
     }
 }
 
@@ -260,6 +255,7 @@ pub(crate) fn colour(rgb: Vector) -> Colour {
 #[allow(clippy::cast_precision_loss, reason = "small numbers")]
 mod tests {
     use super::*;
+    use crate::render::light::colours::ColourImage;
 
     /// A map of 3 x 3 texels in its frame: bilinear between them, each side its own, and never below 0.
     #[test]
@@ -306,8 +302,12 @@ mod tests {
                 uv: vec![[[-1.5, 0.5], [2.5, 0.5], [-1.5, 0.5]]].into(),
                 textures: vec![0],
                 two_sided: vec![false],
-                layouts: vec![[0, 4, 1, wrap]],
-                texels: vec![[0.0; 3], [1.0; 3], [4.0; 3], [9.0; 3]].into(),
+                colours: TextureColours {
+                    of_texture: vec![0],
+                    images: vec![
+                        ColourImage::linear([4, 1, wrap], &[[0.0; 3], [1.0; 3], [4.0; 3], [9.0; 3]]).unwrap().into(),
+                    ],
+                },
             };
             let surfaces = Surfaces::new(&tables).unwrap();
             for step in 0..64u8 {

@@ -5,6 +5,7 @@ pub(super) mod any_hit;
 pub(super) mod beam;
 mod bumps;
 pub(super) mod cast;
+pub(super) mod colours;
 pub(super) mod cone;
 pub(super) mod light_map;
 pub(super) mod lights;

@@ -70,7 +70,7 @@ impl Slide {
         {
             return Err(Error::Argument("a slide is finite, and its texels are not negative".to_owned()));
         }
-        let planes = texels.chunks_exact(each).map(paired).collect();
+        let planes = texels.chunks_exact(each).map(|plane| paired(plane.iter())).collect();
         Ok(Self { rows, uv_map, projected, nearest, texture, planes })
     }
 

@@ -38,14 +38,18 @@ impl Texture {
     }
 }
 
-/// Returns the textures of a scene, each in a frame of one texel.
-pub(crate) fn checked(layouts: &[[i64; 4]], texels: &[impl AsRef<[f32]>]) -> Result<Vec<Texture>> {
-    let length = texels.first().map_or(0, |group| group.as_ref().len());
-    let groups = || texels.iter().map(AsRef::as_ref);
-    if groups().any(|group: &[f32]| group.len() != length || !group.iter().all(|t| t.is_finite())) {
-        return Err(Error::Argument("the texels of all light colours must be finite and equally many".to_owned()));
+/// Returns the textures of a scene, each in a frame of one texel; `groups` has the texels of each light colour.
+pub(crate) fn checked<'a, T: ExactSizeIterator<Item = &'a f32>>(
+    layouts: &[[i64; 4]],
+    groups: impl Iterator<Item = T>,
+) -> Result<Vec<Texture>> {
+    let mut length = None;
+    for mut texels in groups {
+        if *length.get_or_insert(texels.len()) != texels.len() || !texels.all(|t| t.is_finite()) {
+            return Err(Error::Argument("the texels of all light colours must be finite and equally many".to_owned()));
+        }
     }
-    checked_layouts(layouts, (!texels.is_empty()).then_some(length), 1)
+    checked_layouts(layouts, length, 1)
 }
 
 /// Returns the textures that these layouts place, each in a frame of so many texels; all lie within `length` texels, if
@@ -79,13 +83,29 @@ pub(crate) fn checked_layouts(layouts: &[[i64; 4]], length: Option<usize>, frame
     Ok(textures)
 }
 
+/// Returns the texels of a texture, row by row, in a frame of one texel around it, which its wrap mode says.
+pub(crate) fn framed<T: Copy>(texels: &[T], width: usize, wrap: Wrap) -> Vec<T> {
+    // The texel before the first, and the one after the last, by their numbers along a side.
+    let around = |length: usize| if wrap == Wrap::Repeat { (length - 1, 0) } else { (0, length - 1) };
+    let height = texels.len() / width;
+    let ((before, after), (above, below)) = (around(width), around(height));
+    let mut framed = Vec::with_capacity((width + 2) * (height + 2));
+    for row in [above].into_iter().chain(0..height).chain([below]) {
+        let row = &texels[row * width..][..width];
+        framed.push(row[before]);
+        framed.extend_from_slice(row);
+        framed.push(row[after]);
+    }
+    framed
+}
+
 /// Pairs each texel with the one after it: a row of two is then fetched at once.
 ///
 /// Zeros are not written: most texels of what surfaces emit are zero, and memory that nobody wrote to takes none.
-pub(crate) fn paired(texels: &[f32]) -> Vec<u64> {
+pub(crate) fn paired<'a>(texels: impl ExactSizeIterator<Item = &'a f32> + Clone) -> Vec<u64> {
     let mut pairs = vec![0; texels.len()];
-    let after = texels.iter().skip(1).chain([&0.0]);
-    for (pair, (one, next)) in pairs.iter_mut().zip(texels.iter().zip(after)) {
+    let after = texels.clone().skip(1).chain([&0.0]);
+    for (pair, (one, next)) in pairs.iter_mut().zip(texels.zip(after)) {
         let bits = u64::from(one.to_bits()) | u64::from(next.to_bits()) << 32;
         if bits != 0 {
             *pair = bits;
