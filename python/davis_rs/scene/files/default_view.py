@@ -159,8 +159,6 @@ class _VoxelGrid:
     def room(self) -> tuple[FloatArray, float, float, float] | None:
         """Return where a camera stands in a room (3), how far it is from surfaces there, the direction in the plane in
         which it sees farthest, radians from -y, and the free height above it; None where there is no room."""
-        from scipy.ndimage import distance_transform_edt, label
-
         if self.cell * self.filled.shape[2] < _LEAST_HEIGHT_M:
             return None
         inner = (slice(1, -1),) * 3
@@ -169,6 +167,9 @@ class _VoxelGrid:
         empty = np.count_nonzero(~self.filled[inner])
         if np.count_nonzero(space) < _ROOM * empty or not empty:
             return None
+        # Most worlds are no rooms, and need none of this.
+        from scipy.ndimage import distance_transform_edt, label
+
         names, count = label(space)
         largest = names == 1 + np.bincount(names.ravel(), minlength=count + 1)[1:].argmax()
         cells = np.argwhere(largest)
