@@ -2,7 +2,7 @@
 
 A large image is the largest part of many worlds. Mitsuba's integrators need its texels, once. The renderers without
 noise read texels themselves, so that a second copy in Mitsuba would only take memory and time. They load a scene within
-:func:`stand_ins`: there each texture is one grey texel, and a table says which image it stands for.
+:func:`stand_ins`: there each texture is grey, and a table says which image it stands for.
 
 What must not break: nothing is rendered of a scene that was loaded with stand-ins but what looks images up in the
 table.

@@ -99,8 +99,8 @@ class Reflected:
 
     def __init__(self, layouts: IntArray, texels: npt.NDArray[np.float32]) -> None:
         self.light = ReflectedLight(np.ascontiguousarray(layouts[..., :2]).ravel(), texels.ravel())
-        digest = hashlib.sha256(np.ascontiguousarray(layouts).tobytes())
-        digest.update(np.ascontiguousarray(texels).tobytes())
+        digest = hashlib.sha256(np.ascontiguousarray(layouts).data)
+        digest.update(np.ascontiguousarray(texels).data)
         self.digest = digest.digest()
 
 

@@ -111,8 +111,8 @@ impl TextureColours {
             let (given, count) = (self.of_texture.len(), textures.len());
             return Err(Error::Argument(format!("colours are given of {count} textures, got {given}")));
         }
-        for (number, texture) in textures.iter().enumerate() {
-            let own = &self.of(number as u32).texture;
+        for (number, (texture, image)) in textures.iter().zip(&self.of_texture).enumerate() {
+            let own = &self.images[*image as usize].texture;
             if (own.width, own.height, own.wrap) != (texture.width, texture.height, texture.wrap) {
                 return Err(Error::Argument(format!(
                     "the colours of texture {number} must be {} x {} texels, and wrap as it does",
