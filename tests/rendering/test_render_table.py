@@ -635,7 +635,7 @@ def test_glossy_surfaces_are_the_native_renderers(kind: str) -> None:
 
 
 MANY_OBSTACLES = """<scene version="3.0.0"><integrator type="path"/>
-<bsdf type="roughdielectric" id="glass"><texture type="checkerboard" name="alpha"/></bsdf>
+<bsdf type="roughdielectric" id="glass"><texture type="checkerboard" name="alpha"><float name="color1" value="1.5"/></texture></bsdf>
 <shape type="sphere" id="ball"><ref id="glass"/></shape>
 <shape type="sphere" id="knob"><ref id="glass"/></shape>
 <shape type="disk"><transform name="to_world"><translate x="3" y="-1"/></transform><bsdf type="roughconductor">
@@ -655,8 +655,8 @@ def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
     file.write_text(MANY_OBSTACLES)
     scene = load_scene(file)
     told = {
-        "material 'glass' has a roughdielectric surface, not a diffuse one: give it an alpha that is the same "
-        "everywhere, or give it a diffuse material",
+        "material 'glass' has a roughdielectric surface, not a diffuse one: give it an alpha that is a number, or a "
+        "bilinear bitmap or a checkerboard of 0 to 1, or give it a diffuse material",
         "the mesh without an id around (3, -1, 0) has a roughconductor surface, not a diffuse one: give it one alpha "
         "in place of alpha_u and alpha_v, or give it a diffuse material",
         "shape 'floor' has two different sides: give both the same diffuse material",
