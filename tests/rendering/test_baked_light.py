@@ -577,6 +577,15 @@ def test_what_looks_before_a_run_bakes_as_the_run_does(folder: Path) -> None:
     assert len(list(folder.iterdir())) == 1
 
 
+def test_light_of_another_wrap_mode_is_not_taken_from_the_cache(folder: Path) -> None:
+    """Mitsuba tells everything of a texture but this."""
+    for wrap in ("repeat", "mirror", "mirror", "clamp"):
+        stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (4, 4, 1)), "wrap_mode": wrap}
+        scene = make_scene(PATH, floor=plate(0, 0, 0, (1, 1), diffuse(stripes)), panel=lamp())
+        make_renderer(scene, CAMERA, kind="baked", rays_per_pixel=1, bake_error=0.3)
+    assert len(list(folder.iterdir())) == 3
+
+
 def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for radiance in (1.0, 2.0):
         luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(2.0, radiance)), 0.2)

@@ -635,7 +635,8 @@ def test_glossy_surfaces_are_the_native_renderers(kind: str) -> None:
 
 
 MANY_OBSTACLES = """<scene version="3.0.0"><integrator type="path"/>
-<bsdf type="roughdielectric" id="glass"><texture type="checkerboard" name="alpha"><float name="color1" value="1.5"/></texture></bsdf>
+<bsdf type="roughdielectric" id="glass"><texture type="checkerboard" name="alpha">
+<float name="color1" value="1.5"/></texture></bsdf>
 <shape type="sphere" id="ball"><ref id="glass"/></shape>
 <shape type="sphere" id="knob"><ref id="glass"/></shape>
 <shape type="disk"><transform name="to_world"><translate x="3" y="-1"/></transform><bsdf type="roughconductor">

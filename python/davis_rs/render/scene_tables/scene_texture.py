@@ -213,11 +213,10 @@ class TextureTable:
 
     @property
     def images_digest(self) -> bytes:
-        """A hash of the images that Mitsuba does not hold; empty where it holds all."""
-        if not self._of_images:
-            return b""
-        said = ((number, self._sizes[number], self._texels[number].digest) for number in self._of_images)
-        return hashlib.sha256(repr(list(said)).encode()).digest()
+        """A hash of what Mitsuba does not tell of textures: their wrap modes, and images that it does not hold."""
+        wrap_modes = [wrap for _, _, wrap in self._sizes]
+        images = [(number, self._sizes[number], self._texels[number].digest) for number in self._of_images]
+        return hashlib.sha256(repr((wrap_modes, images)).encode()).digest()
 
     def add_emission_group(self, name: str, weights: FloatArray) -> int:
         """Add a colour group that holds what shapes emit under a name, and return its number.
