@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ TEXELS = np.random.RandomState(3).random_sample((5, 8, 3)).astype(np.float32)
 COLOUR = {"type": "bitmap", "raw": True, "data": TEXELS}
 ROUGHNESS = {"type": "bitmap", "raw": True, "wrap_mode": "mirror", "data": 0.25 + 0.5 * TEXELS[..., :1]}
 FINER = {"to_uv": np.array([[5.0, 0, 0.3], [0, 5, 0.1], [0, 0, 1]])}
+BRUSHED = {"type": "bitmap", "raw": True, "data": 0.1 + 0.5 * TEXELS[:4, :7, 1:2]}
 METAL = {"type": "bitmap", "raw": True, "wrap_mode": "mirror", "data": TEXELS[:3, :7, 1:2]}
 
 ROUGH: dict[str, tuple[dict[str, Any], float]] = {
@@ -88,8 +90,30 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
         {"type": "principled", "base_color": 0.4, "roughness": 0.5, "metallic": METAL | FINER | {"wrap_mode": "clamp"}},
         2e-4,
     ),
+    "brushed metal, ggx": (
+        {"type": "roughconductor", "material": "Al", "alpha_u": 0.1, "alpha_v": 0.4, "distribution": "ggx"},
+        2e-4,
+    ),
+    "brushed metal, beckmann": ({"type": "roughconductor", "alpha_u": 0.4, "alpha_v": 0.15}, 2e-4),
+    "brushed and tinted metal": (
+        {"type": "roughconductor", "alpha_u": 0.2, "alpha_v": 0.5, "specular_reflectance": COLOUR | FINER},
+        2e-4,
+    ),
+    "brushed by textures": (
+        {"type": "roughconductor", "alpha_u": ROUGHNESS | FINER, "alpha_v": BRUSHED | FINER, "distribution": "ggx"},
+        2e-4,
+    ),
+    "brushed by one texture": ({"type": "roughconductor", "alpha_u": 0.1, "alpha_v": ROUGHNESS}, 2e-4),
+    "brushed glass": ({"type": "roughdielectric", "alpha_u": 0.1, "alpha_v": 0.4}, 2e-4),
+    "principled, brushed": (
+        {"type": "principled", "base_color": COLOUR, "roughness": 0.5, "metallic": 0.7, "anisotropic": 0.8},
+        2e-4,
+    ),
     "principled of an index": ({"type": "principled", "roughness": 0.3, "eta": 1.33}, 2e-4),
 }
+
+
+BRUSHED_METALS = [name for name in ROUGH if "brushed" in name and "texture" not in name]  # their rates are not exact
 
 
 def scene_of(bsdf: dict[str, Any], integrator: dict[str, Any] = DIRECT, **lights: Any) -> Scene:
@@ -121,6 +145,7 @@ def test_sharp_lights_have_mitsubas_closed_form(bsdf: dict[str, Any], tolerance:
     np.testing.assert_allclose(ours, theirs, rtol=tolerance, atol=tolerance * theirs.max() * 0.01)
 
 
+TURNED = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
 SQUARES = {"type": "checkerboard", "color0": 0.15, "color1": 0.5, "to_uv": np.diag([6.0, 4.0, 1.0])}
 
 
@@ -156,8 +181,11 @@ def test_squares_of_two_numbers_are_mitsubas(bsdf: dict[str, Any]) -> None:
     [{**POINT, "position": [0.4, -0.5, -1.5]}, {**SUN, "direction": [0.3, 0.2, 1.0]}],
     ids=["point", "directional"],
 )
-def test_light_from_behind_rough_glass_has_mitsubas_closed_form(distribution: str, lamp: dict[str, Any]) -> None:
-    glass = {"type": "roughdielectric", "alpha": 0.3, "distribution": distribution, "specular_transmittance": 0.8}
+@pytest.mark.parametrize("alphas", [{"alpha": 0.3}, {"alpha_u": 0.15, "alpha_v": 0.4}], ids=["even", "brushed"])
+def test_light_from_behind_rough_glass_has_mitsubas_closed_form(
+    distribution: str, lamp: dict[str, Any], alphas: dict[str, float]
+) -> None:
+    glass = {"type": "roughdielectric", **alphas, "distribution": distribution, "specular_transmittance": 0.8}
     theirs, ours = mitsubas(scene_of(glass, lamp=lamp)), native(scene_of(glass, lamp=lamp)).luma(VIEWS)
     np.testing.assert_allclose(ours, theirs, rtol=2e-4, atol=2e-4 * theirs.max())
     assert theirs.max() > 10
@@ -277,7 +305,7 @@ def test_blends_that_stay_with_mitsuba() -> None:
         assert "has a blendbsdf(" in str(why_not_noise_free(scene)[0]), (weight, first, second)
 
 
-@pytest.mark.parametrize("name", ["roughplastic", "gold, ggx", "principled metal"])
+@pytest.mark.parametrize("name", ["roughplastic", "gold, ggx", "principled metal", *BRUSHED_METALS])
 def test_rates_are_differences(name: str) -> None:
     """dY/dt along a moving camera, under a lamp and its image."""
     scene = scene_of(ROUGH[name][0], lamp=POINT, sun=SUN)
@@ -287,6 +315,65 @@ def test_rates_are_differences(name: str) -> None:
     np.testing.assert_array_equal(luma, renderer.luma(moving))
     before, after = (renderer.luma(moving.moved(np.array([t]))).astype(np.float64) for t in (-dt, dt))
     np.testing.assert_allclose(rate, (after - before) / (2 * dt), atol=0.01 * np.abs(rate).max())
+
+
+def brushed_scene(shape: dict[str, Any], bsdf: dict[str, Any], **lights: Any) -> Scene:
+    parts = {"type": "scene", "integrator": DIRECT, **lights, "thing": {**shape, "bsdf": bsdf}}
+    return Scene("brushed", lambda: dict(parts))
+
+
+BRUSHED_METAL = {"type": "roughconductor", "alpha_u": 0.08, "alpha_v": 0.4, "distribution": "ggx"}
+BUMPS = 0.5 + 0.2 * (np.random.RandomState(5).random_sample((4, 4, 3)) - 0.5) + [0, 0, 0.45]
+BUMPY_METAL = {
+    "type": "normalmap",
+    "normalmap": {"type": "bitmap", "raw": True, "data": BUMPS.astype(np.float32)},
+    "nested": BRUSHED_METAL,
+    "use_shadowing_function": False,
+}
+ROLLED = np.array([[0.77, -0.64, 0, 0.1], [0.64, 0.77, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("bsdf", [BRUSHED_METAL, BUMPY_METAL], ids=["smooth", "normal map"])
+def test_metal_is_brushed_along_u(bsdf: dict[str, Any]) -> None:
+    """Of a sheet that is turned in its plane, and stretched, also under a normal map."""
+    scene = brushed_scene({"type": "rectangle", "to_world": ROLLED @ np.diag([3.0, 1.5, 1, 1])}, bsdf, lamp=POINT)
+    theirs, ours = mitsubas(scene), native(scene).luma(VIEWS)
+    np.testing.assert_allclose(ours, theirs, rtol=5e-4 if bsdf is BRUSHED_METAL else 0.01)
+
+
+@pytest.mark.usefixtures("llvm")
+def test_round_shapes_are_brushed_as_mitsubas() -> None:
+    """Triangles stand for a ball; its poles are above and below."""
+    on_its_side = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    scene = brushed_scene({"type": "sphere", "radius": 0.9, "to_world": on_its_side}, BRUSHED_METAL, lamp=POINT)
+    theirs = mitsubas(scene, 64)
+    ours = make_renderer(scene, CAMERA, kind="native", rays_per_pixel=64).luma(VIEWS)
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=1e-3)
+    assert np.abs(ours - theirs).max() < 3e-3 * theirs.max()
+
+
+@pytest.mark.usefixtures("llvm")
+def test_brushed_metal_shows_a_lamp_as_the_path_tracer_does() -> None:
+    panel = {
+        "type": "rectangle",
+        "to_world": np.array([[0.5, 0, 0, 0.3], [0, -0.3, 0, -0.2], [0, 0, -1, 2.5], [0, 0, 0, 1]]),
+        "emitter": {"type": "area", "radiance": 4.0},
+    }
+    sky = {"type": "constant", "radiance": 0.2}
+    scene = scene_of(BRUSHED_METAL, {"type": "path", "max_depth": 3}, panel=panel, sky=sky)
+    theirs = mitsubas(scene, 1024)
+    ours = make_renderer(scene, CAMERA, rays_per_pixel=64, bake_error=0.1).luma(VIEWS)
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.01)
+    assert np.sqrt(np.mean((ours / theirs - 1) ** 2)) < 0.04
+
+
+def test_a_brushed_mesh_without_texture_coordinates_stays_with_the_integrator(tmp_path: Path) -> None:
+    (file := tmp_path / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    shape = {"type": "obj", "filename": str(file)}
+    (obstacle,) = why_not_noise_free(brushed_scene(shape, BRUSHED_METAL, lamp=POINT))
+    assert "is brushed, and has no texture coordinates that say along what" in str(obstacle)
+    assert not why_not_noise_free(brushed_scene(shape, {"type": "roughconductor", "alpha": 0.2}, lamp=POINT))
 
 
 def test_two_sides_and_one() -> None:
@@ -313,7 +400,11 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
         {"type": "plastic", "specular_reflectance": squares},
         {"type": "dielectric", "specular_transmittance": squares},
         {"type": "roughdielectric", "alpha": {**ROUGHNESS, "data": 1.2 * TEXELS[..., :1]}},
-        {"type": "roughdielectric", "alpha_u": 0.1, "alpha_v": 0.3},
+        {"type": "roughconductor", "alpha_u": ROUGHNESS, "alpha_v": BRUSHED | FINER},
+        {"type": "roughconductor", "alpha_u": 0.1, "alpha_v": ROUGHNESS | {"to_uv": TURNED}},
+        {"type": "roughconductor", "alpha_u": 0.1, "alpha_v": 0.2, "specular_reflectance": COLOUR | {"to_uv": TURNED}},
+        {"type": "principled", "anisotropic": 0.5, "roughness": ROUGHNESS},
+        {"type": "principled", "anisotropic": ROUGHNESS},
         {"type": "roughdielectric", "specular_transmittance": squares},
         {"type": "polarizer", "transmittance": squares},
         {"type": "pplastic", "alpha": ROUGHNESS},

@@ -539,19 +539,19 @@ def test_rays_that_miss_do_no_harm(kind: str, run_python: Callable[..., str]) ->
     assert run_python(MISSES, kind) == "alive\n"
 
 
-BRUSHED = {"type": "roughconductor", "alpha_u": 0.1, "alpha_v": 0.3}
+VARNISH = {"type": "principled", "clearcoat": 0.3}
 
 FLOOR = rectangle(diffuse())
 UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
-    "brushed metal": (
-        {"shape": rectangle(BRUSHED)},
+    "varnish": (
+        {"shape": rectangle(VARNISH)},
         DIRECT,
-        "'shape' has a roughconductor surface, not a diffuse one",
+        "'shape' has a principled surface, not a diffuse one",
     ),
-    "two brushed metals alike": (
-        {"first": rectangle(BRUSHED), "second": rectangle(BRUSHED)},
+    "two varnishes alike": (
+        {"first": rectangle(VARNISH), "second": rectangle(VARNISH)},
         DIRECT,
-        r"'first' \(likewise shape 'second'\) has a roughconductor surface, not a diffuse one",
+        r"'first' \(likewise shape 'second'\) has a principled surface, not a diffuse one",
     ),
     "polariser": (
         {"shape": rectangle({"type": "retarder"})},
@@ -640,7 +640,8 @@ MANY_OBSTACLES = """<scene version="3.0.0"><integrator type="path"/>
 <shape type="sphere" id="ball"><ref id="glass"/></shape>
 <shape type="sphere" id="knob"><ref id="glass"/></shape>
 <shape type="disk"><transform name="to_world"><translate x="3" y="-1"/></transform><bsdf type="roughconductor">
-<float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.3"/></bsdf></shape>
+<float name="alpha_u" value="0.1"/><texture type="checkerboard" name="alpha_v"><float name="color1" value="2"/>
+</texture></bsdf></shape>
 <shape type="rectangle" id="floor"><bsdf type="twosided"><bsdf type="diffuse">
 <texture type="checkerboard" name="reflectance"/></bsdf><bsdf type="diffuse"/></bsdf></shape>
 <shape type="rectangle" id="coat"><bsdf type="twosided"><bsdf type="principled">
@@ -656,10 +657,10 @@ def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
     file.write_text(MANY_OBSTACLES)
     scene = load_scene(file)
     told = {
-        "material 'glass' has a roughdielectric surface, not a diffuse one: give it an alpha that is a number, or a "
-        "bilinear bitmap or a checkerboard of 0 to 1, or give it a diffuse material",
-        "the mesh without an id around (3, -1, 0) has a roughconductor surface, not a diffuse one: give it one alpha "
-        "in place of alpha_u and alpha_v, or give it a diffuse material",
+        "material 'glass' has a roughdielectric surface, not a diffuse one: give it a roughness that is a number, or "
+        "a bilinear bitmap or a checkerboard of 0 to 1, or give it a diffuse material",
+        "the mesh without an id around (3, -1, 0) has a roughconductor surface, not a diffuse one: give it a roughness "
+        "that is a number, or a bilinear bitmap or a checkerboard of 0 to 1, or give it a diffuse material",
         "shape 'floor' has two different sides: give both the same diffuse material",
         "shape 'coat' has a twosided(principled) surface, not a diffuse one: --matte (matte=True) takes its diffuse "
         "colour alone, or set its clearcoat to 0, or give it a diffuse material",

@@ -17,6 +17,7 @@ SURVEY = Path(__file__).parents[2] / "benches" / "worlds.py"
 
 MATTE = '<bsdf type="diffuse"/>'
 BRUSHED = '<bsdf type="roughconductor"><float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.3"/></bsdf>'
+VARNISHED = '<bsdf type="principled"><float name="clearcoat" value="0.3"/></bsdf>'
 BOARD = '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf>'
 NEAREST = """<bsdf type="diffuse"><texture type="bitmap" name="reflectance">
 <string name="filename" value="picture.png"/>
@@ -68,7 +69,8 @@ SCENES = {
     ),
     "glass": (xml(shape("sphere", '<bsdf type="dielectric"/>')), "native", ""),
     "frosted": (xml(shape("sphere", '<bsdf type="roughdielectric"/>')), "native", ""),
-    "brushed": (xml(shape("sphere", BRUSHED)), "integrator", "has a roughconductor surface"),
+    "brushed": (xml(shape("sphere", BRUSHED)), "native", ""),
+    "varnished": (xml(shape("sphere", VARNISHED)), "integrator", "has a principled surface"),
     "variable": (xml(shape("sphere", '<float name="radius" value="$r"/>')), "refused", "-D r=VALUE"),
     "absent": (xml(shape("obj", '<string name="filename" value="nowhere.obj"/>')), "missing files", "nowhere.obj"),
 }

@@ -25,7 +25,14 @@ _Rgb = tuple[float, float, float]
 _Kind = tuple[str, tuple[float, ...]]
 
 CoreFinish = tuple[
-    float, str, tuple[str, list[float]], list[float], list[float], bool, tuple[str, list[float]], list[int | None]
+    tuple[float, float | None],
+    str,
+    tuple[str, list[float]],
+    list[float],
+    list[float],
+    bool,
+    tuple[str, list[float]],
+    list[int | None],
 ]
 """What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
 
@@ -49,7 +56,10 @@ _PASSING_NODES = 33
 _PERIOD = 256
 """Texels along a side of a checkerboard's period: its edges become ramps of one texel."""
 
-_UNUSED = ("anisotropic", "clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
+_LEAST_ALPHA = 1e-4
+"""A brushed surface is never smoother than this, as Mitsuba's is not."""
+
+_UNUSED = ("clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
 """Parts of ``principled`` that a finish does not have: they must be 0."""
 
 
@@ -79,7 +89,8 @@ class Finish:
     """How a surface reflects, besides its base colour.
 
     Attributes:
-        alpha: roughness of the microfacets; 0 is a mirror.
+        alpha: roughness of the microfacets; 0 is a mirror. Of a brushed surface that along the direction in which u
+            grows.
         distribution: of the microfacets, ``ggx`` or ``beckmann``.
         fresnel: ``dielectric`` (index), ``conductor`` (index and extinction, three channels each) or ``mixed`` (index,
             fraction of metal).
@@ -90,9 +101,10 @@ class Finish:
             coat the fractions that pass it follow, at :data:`_PASSING_NODES` cosines from 0 to 1), ``rough``
             (roughness, factor), ``solid`` (index; its surface is as rough as ``alpha`` says), ``sheet`` (index) or
             ``blend`` (opacity: a diffuse base covers so much, and the rest is seen through).
-        lobe: roughness and metal from place to place, of ``mixed`` over ``rough``; ``alpha`` and None, over ``nothing``
-            or of ``solid``; or opacity and None, of ``blend``. Its own numbers are then means. None for what is the
-            same everywhere.
+        lobe: roughness and metal from place to place, of ``mixed`` over ``rough``; ``alpha`` and ``across``, over
+            ``nothing`` or of ``solid``; or opacity and None, of ``blend``. Its own numbers are then means. None for
+            what is the same everywhere.
+        across: of a brushed surface, roughness at right angles to that of ``alpha``; None where it is the same.
     """
 
     alpha: float
@@ -103,6 +115,7 @@ class Finish:
     base_tints: bool = False
     under: _Kind = ("nothing", ())
     lobe: tuple[NumberTexels | None, NumberTexels | None] = (None, None)
+    across: float | None = None
 
     @property
     def blends(self) -> bool:
@@ -127,7 +140,7 @@ class Finish:
         tints = list(self.tint), list(self.passing)
         kinds = (fresnel, list(numbers)), (under, list(below))
         lobe = [None if texels is None else numbers_of[texels] for texels in self.lobe]
-        return self.alpha, self.distribution, kinds[0], *tints, self.base_tints, kinds[1], lobe
+        return (self.alpha, self.across), self.distribution, kinds[0], *tints, self.base_tints, kinds[1], lobe
 
     def albedo(self, base: FloatArray) -> FloatArray:
         """Return how much of light from all sides is reflected (n, 3), for base colours (n, 3); 0 where it is clear.
@@ -157,7 +170,8 @@ class Finish:
         """Return the mean of what the lobe reflects, less what rough microfacets hide from each other."""
         if self.alpha == 0:
             return _mean(reflected)
-        facets, hidden, weights = _facets_seen(self.alpha, self.distribution)
+        alpha = self.alpha if self.across is None else float(np.sqrt(self.alpha * self.across))
+        facets, hidden, weights = _facets_seen(alpha, self.distribution)
         return float((reflected(facets) * hidden * weights).sum())
 
     def _below(self, base: FloatArray) -> FloatArray:
@@ -200,14 +214,13 @@ def finish_remedy(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsu
     """
     kind = bsdf.class_name()
     if kind in ("RoughConductor", "RoughDielectric", "PolarizedPlastic"):
-        if "alpha" not in inside:
-            return "give it one alpha in place of alpha_u and alpha_v"
-        if _scalar(inside["alpha"], mi) is None:
-            return "give it an alpha that is a number, or a bilinear bitmap or a checkerboard of 0 to 1"
-        if constant_of(inside["alpha"], mi) is None:
-            if kind == "PolarizedPlastic":
-                return "give it an alpha that is the same everywhere"
-            return "look its alpha and its other textures up at the same coordinates"
+        alphas = [inside[name] for name in _ALPHAS if name in inside]
+        if any(_scalar(alpha, mi) is None for alpha in alphas):
+            return "give it a roughness that is a number, or a bilinear bitmap or a checkerboard of 0 to 1"
+        if kind == "PolarizedPlastic" and _same_alpha(inside, mi) is None:
+            return "give it one alpha that is the same everywhere"
+        if any(constant_of(alpha, mi) is None for alpha in alphas):
+            return "look its roughness and its other textures up at the same coordinates"
         return ""
     if kind == "Principled":
         return f"set its {' and '.join(more)} to 0" if (more := _parts_left_out(inside, mi)) else ""
@@ -311,56 +324,83 @@ def _rough_coat(alpha: float, distribution: str, index: float, mi: Mitsuba) -> t
     return reflected, passing
 
 
-def _alpha(inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Scalar | None:
-    """Return the roughness of microfacets; None where it differs between along and across, or is no
-    texture that :func:`_scalar` reads."""
-    if "alpha" not in inside:
-        along, across = (constant_of(inside[name], mi) for name in ("alpha_u", "alpha_v"))
-        if along is None or across is None or along.flat[0] != across.flat[0]:
-            return None
-        return _Scalar(float(along.flat[0]))
-    value = constant_of(inside["alpha"], mi)
-    return _scalar(inside["alpha"], mi) if value is None else _Scalar(float(value.flat[0]))
+_ALPHAS = ("alpha", "alpha_u", "alpha_v")
+
+
+def _alphas(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[_Scalar] | None:
+    """Return the roughness of microfacets: one number, or of a brushed surface those along u and across it.
+
+    None where one is no texture that :func:`_scalar` reads.
+    """
+    alphas = [_scalar(inside[name], mi) for name in _ALPHAS if name in inside]
+    known = [alpha for alpha in alphas if alpha is not None]
+    if len(known) < len(alphas):
+        return None
+    alike = all(alpha.texels is None and alpha.mean == known[0].mean for alpha in known)
+    return known[:1] if alike else known
+
+
+def _same_alpha(inside: dict[str, MitsubaObject], mi: Mitsuba) -> float | None:
+    """Return the roughness of microfacets; None where it differs from place to place, or between along and across."""
+    alphas = _alphas(inside, mi)
+    return alphas[0].mean if alphas is not None and len(alphas) == 1 and alphas[0].texels is None else None
+
+
+class _Rough(NamedTuple):
+    """Roughness, as a :class:`Finish` has it."""
+
+    alpha: float
+    across: float | None
+    lobe: tuple[NumberTexels | None, NumberTexels | None]
+
+
+def _rough(base: MitsubaTexture, inside: dict[str, MitsubaObject], mi: Mitsuba) -> tuple[MitsubaTexture, _Rough] | None:
+    """Return the base colour of a rough surface, and its roughness; None where their coordinates differ."""
+    alphas = _alphas(inside, mi)
+    placed = None if alphas is None else _placed(base, *alphas, brushed=len(alphas) > 1, mi=mi)
+    if alphas is None or placed is None:
+        return None
+    if len(alphas) == 1:
+        return placed, _Rough(alphas[0].mean, None, (alphas[0].texels, None))
+    along, across = alphas
+    return placed, _Rough(max(along.mean, _LEAST_ALPHA), max(across.mean, _LEAST_ALPHA), (along.texels, across.texels))
 
 
 def _polarized_plastic(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
     """Read a ``pplastic`` as it is where light has no polarization: what enters its coat and leaves it once is light of
     the base, and nothing is reflected inside."""
-    alpha, tint, eta = _alpha(inside, mi), _tint(inside, "specular_reflectance", mi), constant_of(inside["eta"], mi)
-    if alpha is None or alpha.texels is not None or tint is None or eta is None or eta.flat[0] <= 1:
+    alpha, tint = _same_alpha(inside, mi), _tint(inside, "specular_reflectance", mi)
+    eta = constant_of(inside["eta"], mi)
+    if alpha is None or tint is None or eta is None or eta.flat[0] <= 1:
         return None
     index = float(eta.flat[0])
     entering = 1 - _mean(lambda c: dielectric(c, index))
     # Light of a base below a coat is weaker by the square of the index, for which its reflections inside make up.
     under = "coated", (index, 1 - 1 / index**2, entering, 0.0)
-    finish = Finish(alpha.mean, _distribution(bsdf), ("dielectric", (index,)), tint, under=under)
+    finish = Finish(alpha, _distribution(bsdf), ("dielectric", (index,)), tint, under=under)
     return inside["diffuse_reflectance"], finish
 
 
 def _metal(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
-    rough = bsdf.class_name() == "RoughConductor"
-    alpha = _alpha(inside, mi) if rough else _Scalar(0.0)
-    if alpha is None:
-        return None
-    eta, k = (constant_of(inside[name], mi) for name in ("eta", "k"))
-    if eta is None or k is None:
-        return None
-    numbers = (*_rgb(eta), *_rgb(k))
     own = inside.get("specular_reflectance")
-    base = _placed(_white(mi) if own is None else own, alpha, mi=mi)
-    if base is None:
+    base = _white(mi) if own is None else own
+    rough = _rough(base, inside, mi) if bsdf.class_name() == "RoughConductor" else (base, _MIRROR)
+    eta, k = (constant_of(inside[name], mi) for name in ("eta", "k"))
+    if rough is None or eta is None or k is None:
         return None
-    distribution, tints = _distribution(bsdf) if rough else "ggx", own is not None
-    lobe = alpha.texels, None
-    return base, Finish(alpha.mean, distribution, ("conductor", numbers), base_tints=tints, lobe=lobe)
+    base, (alpha, across, lobe) = rough
+    distribution = "ggx" if alpha == 0 else _distribution(bsdf)
+    fresnel = "conductor", (*_rgb(eta), *_rgb(k))
+    return base, Finish(alpha, distribution, fresnel, base_tints=own is not None, lobe=lobe, across=across)
 
 
 def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
     parameters = mi.traverse(bsdf)
     if _parts_left_out(inside, mi):
         return None
-    surface = _lobe(inside, mi)
-    if surface is None:
+    brushed = constant_of(inside["anisotropic"], mi) if "anisotropic" in inside else np.zeros(1)
+    surface = None if brushed is None else _lobe(inside, mi, brushed=bool(brushed.any()))
+    if brushed is None or surface is None:
         return None
     base, lobe, rough, metal = surface
     if "eta" in parameters:
@@ -370,19 +410,29 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
         index = float((1 + root) / (1 - root))
     # Without a difference of the index nothing is reflected; the core asks for one.
     index = max(index, 1 + 1e-6)
-    alpha, under = max(rough * rough, _ROUND), ("rough", (rough, 1 - metal))
-    return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe)
+    under, squared, across = ("rough", (rough, 1 - metal)), rough * rough, None
+    if brushed.any():
+        aspect = float(np.sqrt(1 - 0.9 * brushed.flat[0]))  # Burley 2012, section 5.4
+        squared, across = squared / aspect, max(squared * aspect, _ROUND)
+    alpha = max(squared, _ROUND)
+    return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe, across=across)
 
 
 def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
     """Return the parts of a ``principled`` material that it has and a finish has not."""
-    return [
+    left_out = [
         name for name in _UNUSED if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any())
     ]
+    if "anisotropic" in inside:
+        brushed = constant_of(inside["anisotropic"], mi)
+        textured = any(constant_of(inside[name], mi) is None for name in ("roughness", "metallic"))
+        if brushed is None or (brushed.any() and textured):
+            left_out.insert(0, "anisotropic")
+    return left_out
 
 
 def _lobe(
-    inside: dict[str, MitsubaObject], mi: Mitsuba
+    inside: dict[str, MitsubaObject], mi: Mitsuba, *, brushed: bool
 ) -> tuple[MitsubaTexture, tuple[NumberTexels | None, NumberTexels | None], float, float] | None:
     """Return the base colour of a ``principled`` material, its roughness and metal from place to place, and their
     means; None where their textures are not looked up at the same coordinates, or are none that are known."""
@@ -391,21 +441,31 @@ def _lobe(
         return None
     base = inside["base_color"]
     lobe = rough.texels, metal.texels
-    placed = _placed(base, rough, metal, mi=mi)
+    placed = _placed(base, rough, metal, brushed=brushed, mi=mi)
     return None if placed is None else (placed, lobe, rough.mean, metal.mean)
 
 
-def _placed(base: MitsubaTexture, *others: _Scalar, mi: Mitsuba) -> MitsubaTexture | None:
-    """Return a base colour that is looked up at the same coordinates as other textures; None where it is not."""
+def _placed(base: MitsubaTexture, *others: _Scalar, brushed: bool = False, mi: Mitsuba) -> MitsubaTexture | None:
+    """Return a base colour that is looked up at the same coordinates as other textures; None where it is not.
+
+    Args:
+        brushed: it needs coordinates in any case, whose axes are those of the mesh.
+    """
     uv_maps = [number.uv_map for number in others if number.uv_map is not None]
+    colour = constant_of(base, mi)
+    if colour is None and (of_base := _uv_map(base, mi)) is not None:
+        uv_maps.insert(0, of_base)
+    elif colour is None:
+        return None if uv_maps or brushed else base
+    uv_maps = uv_maps or ([np.eye(3)] if brushed else [])
     if not uv_maps:
         return base
-    colour = constant_of(base, mi)
-    if colour is None:
-        of_base = _uv_map(base, mi)
-        return base if of_base is not None and all(np.array_equal(of_base, other) for other in uv_maps) else None
     if any(not np.array_equal(other, uv_maps[0]) for other in uv_maps):
         return None
+    if brushed and (uv_maps[0][0, 1] != 0 or uv_maps[0][1, 0] != 0):
+        return None
+    if colour is None:
+        return base
     # A texture of one texel has no coordinates, so it gets a second one.
     texels = np.broadcast_to(_rgb(colour), (1, 2, 3)).astype(np.float32)
     to_uv = mi.ScalarTransform3f(uv_maps[0].tolist())
@@ -482,15 +542,14 @@ def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> 
     index = float(mi.traverse(bsdf)["eta"])
     kind = "sheet" if bsdf.class_name() == "ThinDielectric" else "solid"
     tint, passing = (_tint(inside, name, mi) for name in ("specular_reflectance", "specular_transmittance"))
-    rough = bsdf.class_name() == "RoughDielectric"
-    alpha = _alpha(inside, mi) if rough else _Scalar(0.0)
-    if tint is None or passing is None or index == 1 or alpha is None:
+    base = _white(mi)
+    rough = _rough(base, inside, mi) if bsdf.class_name() == "RoughDielectric" else (base, _MIRROR)
+    if tint is None or passing is None or index == 1 or rough is None:
         return None
-    base = _placed(_white(mi), alpha, mi=mi)
-    if base is None:
-        return None
-    distribution, under, lobe = _distribution(bsdf) if rough else "ggx", (kind, (index,)), (alpha.texels, None)
-    return base, Finish(alpha.mean, distribution, ("dielectric", (index,)), tint, passing, under=under, lobe=lobe)
+    base, (alpha, across, lobe) = rough
+    distribution, under = "ggx" if alpha == 0 else _distribution(bsdf), (kind, (index,))
+    fresnel = "dielectric", (index,)
+    return base, Finish(alpha, distribution, fresnel, tint, passing, under=under, lobe=lobe, across=across)
 
 
 def _polarizer(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> _Read:
@@ -501,6 +560,8 @@ def _polarizer(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba)
     half, index = _rgb(transmittance / 2), (_UNBENT,)
     return _white(mi), Finish(0.0, "ggx", ("dielectric", index), passing=half, under=("sheet", index))
 
+
+_MIRROR = _Rough(0.0, None, (None, None))
 
 _READERS: dict[str, Callable[[MitsubaBsdf, dict[str, MitsubaObject], Mitsuba], _Read]] = {
     "SmoothPlastic": _plastic,

@@ -59,7 +59,9 @@ pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
 pub use gloss::emissive::EmissiveTextures;
 #[cfg(feature = "python")]
-pub use gloss::finish::{Distribution, Finish, Fresnel, PASSING, Under};
+pub use gloss::finish::{Finish, Fresnel, PASSING, Under};
+#[cfg(feature = "python")]
+pub use gloss::microfacets::Distribution;
 #[cfg(feature = "python")]
 pub use gloss::tables::GlossTables;
 #[cfg(feature = "python")]

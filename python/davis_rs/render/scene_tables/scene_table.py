@@ -198,6 +198,7 @@ class SceneTable:
                 per_unit = None
                 if view is not None and view.known and faces:
                     per_unit = functools.partial(_pixels_per_unit, view, shape, read)
+                _check_brushed(shape, (finishes or {}).get(shape.bsdf()))
                 added = self.textures.add(
                     shape, faces, read, per_unit, emission=shining.get(shape), normals=self.normal_textures
                 )
@@ -498,6 +499,13 @@ class SceneTable:
         if self._hides_lights or light.kind != "constant":
             return 0.0
         return float(self.textures.group_weights[light.group].sum())
+
+
+def _check_brushed(shape: MitsubaShape, finish: Finish | None) -> None:
+    """Refuse a brushed mesh without texture coordinates, which say along what it is brushed."""
+    if finish is not None and finish.across is not None and shape.is_mesh() and not shape.has_vertex_texcoords():
+        rule = "is brushed, and has no texture coordinates that say along what"
+        raise Unsuitable(rule, "give it some, or one roughness along and across", shape_name(shape))
 
 
 def _channel(texels: npt.NDArray[np.float32], channel: int) -> CoreChannel:

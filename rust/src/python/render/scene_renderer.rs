@@ -54,7 +54,8 @@ use crate::render::{
 ///         (t); None where none does.
 ///     sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
 ///         (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
-///     gloss: surfaces that are not diffuse; None where all are. The finishes, each (roughness, ``ggx`` or
+///     gloss: surfaces that are not diffuse; None where all are. The finishes, each (roughness along u and, if that
+///         differs, across it or None, ``ggx`` or
 ///         ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
 ///         colour tints the lobe, what is below, and the numbers of textures of roughness and of metal or None);
 ///         uint32 (t), the finish of each triangle, 2^32 - 1 for none; the colours of textures: uint32

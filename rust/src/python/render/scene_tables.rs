@@ -46,7 +46,7 @@ type KindTuple = (String, Vec<f64>);
 
 /// Roughness, distribution, Fresnel's equations, tint, what passes, whether the base tints, what is below, and the
 /// numbers of textures of roughness (or opacity) and of metal.
-type FinishTuple = (f64, String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple, [Option<u32>; 2]);
+type FinishTuple = ((f64, Option<f64>), String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple, [Option<u32>; 2]);
 
 /// For each texture the number of its emissive one, and layouts, lights and texels of these.
 type EmissiveTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Vec<u32>, Bound<'py, PyAny>);
@@ -132,7 +132,9 @@ pub(super) fn gloss_tables(
     })
 }
 
-fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under, lobe): FinishTuple) -> PyResult<Finish> {
+fn finish(
+    ((alpha, across), distribution, fresnel, tint, passing, base_tints, under, lobe): FinishTuple,
+) -> PyResult<Finish> {
     let distribution = match distribution.as_str() {
         "ggx" => Distribution::Ggx,
         "beckmann" => Distribution::Beckmann,
@@ -166,7 +168,7 @@ fn finish((alpha, distribution, fresnel, tint, passing, base_tints, under, lobe)
             ));
         }
     };
-    Ok(Finish { alpha, distribution, fresnel, tint, passing, base_tints, under, lobe })
+    Ok(Finish { alpha, across, distribution, fresnel, tint, passing, base_tints, under, lobe })
 }
 
 fn unknown(kinds: &str, kind: &str, values: &[f64]) -> PyErr {

@@ -1,25 +1,15 @@
 //! Finishes: how glossy surfaces reflect light between two directions.
 //!
-//! A finish has one lobe of microfacets (GGX: Walter et al. 2007, Microfacet Models for Refraction through Rough
-//! Surfaces; or Beckmann), weighted by Fresnel's equations, over a diffuse colour. A surface without roughness is a
+//! A finish has one lobe of [`microfacets`](super::microfacets), weighted by Fresnel's equations, over a diffuse colour. A surface without roughness is a
 //! mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`, `conductor`, `roughconductor`, `dielectric`,
 //! `roughdielectric`, `thindielectric` and `principled`, so that its path tracer is the reference.
 //!
 //! What must not break: only arithmetic, roots and `libm` are used, so that bits are the same on every processor.
 
-use std::f64::consts::{FRAC_1_PI, PI};
-
-use super::number::{Number, Triple, add, constant, cross, dot, each, scale, sub, times, unit};
+use super::microfacets::Distribution;
+use super::microfacets::{Cosines, Grain, facet_of_lobe};
+use super::number::{Number, Triple, add, constant, dot, each, scale, sub, times, unit};
 use crate::error::{Error, Result};
-
-/// How microfacets are turned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Distribution {
-    /// Trowbridge and Reitz, with long tails.
-    Ggx,
-    /// Beckmann and Spizzichino.
-    Beckmann,
-}
 
 /// How much light microfacets reflect, by the angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,6 +65,9 @@ pub enum Under {
 pub struct Finish {
     /// Roughness; 0 is a mirror.
     pub alpha: f64,
+    /// Of a brushed surface, roughness at right angles to the direction in which u grows, where `alpha` is that along it;
+    /// None where it is the same.
+    pub across: Option<f64>,
     /// Of the microfacets.
     pub distribution: Distribution,
     /// Of the microfacets.
@@ -88,25 +81,9 @@ pub struct Finish {
     /// What is below.
     pub under: Under,
     /// The number of a texture of the roughness or of the opacity, and of one of the metal, where they differ from place
-    /// to place. The roughness of a mix is the root of its alpha, else it is alpha.
+    /// to place. The roughness of a mix is the root of its alpha, else it is alpha; of a brushed surface the second texture is
+    /// of the roughness across.
     pub lobe: [Option<u32>; 2],
-}
-
-/// Cosines between directions at a surface: each to the normal or, `facet`, of both to the half vector.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Cosines<N> {
-    pub(crate) out: N,
-    pub(crate) into: N,
-    pub(crate) half: N,
-    pub(crate) facet: N,
-}
-
-impl<N: Number> Cosines<N> {
-    /// Returns those of unit vectors: the normal, and directions to the viewer and to the light.
-    pub(crate) fn new(normal: Triple<N>, viewer: Triple<N>, light: Triple<N>) -> Self {
-        let half = unit(add(viewer, light));
-        Self { out: dot(normal, viewer), into: dot(normal, light), half: dot(normal, half), facet: dot(viewer, half) }
-    }
 }
 
 impl Finish {
@@ -134,18 +111,20 @@ impl Finish {
             Under::Blend(opacity) => fraction(opacity),
         };
         let textured = match (&self.fresnel, &self.under) {
-            (Fresnel::Mixed(..), Under::Rough(..)) => true,
-            (_, Under::Blend(_) | Under::Nothing | Under::Solid(_)) => self.lobe[1].is_none(),
-            _ => self.lobe == [None; 2],
+            (Fresnel::Mixed(..), Under::Rough(..)) => self.across.is_none() || self.lobe == [None; 2],
+            (_, Under::Nothing | Under::Solid(_)) => self.across.is_some() || self.lobe[1].is_none(),
+            (_, Under::Blend(_)) => self.across.is_none() && self.lobe[1].is_none(),
+            _ => self.across.is_none() && self.lobe == [None; 2],
         };
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
-        if (0.0..=2.0).contains(&self.alpha) && fresnel && under && tints && textured {
+        let brushed = self.across.is_none_or(|across| across > 0.0 && across <= 2.0 && self.alpha > 0.0);
+        if (0.0..=2.0).contains(&self.alpha) && brushed && fresnel && under && tints && textured {
             return Ok(());
         }
         Err(Error::Argument(format!(
             "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, and a \
              texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
-             only if it blends, got {self:?}"
+             only if it blends; a brushed one is no mirror, got {self:?}"
         )))
     }
 
@@ -158,7 +137,8 @@ impl Finish {
             return Self { under: Under::Blend(rough.unwrap_or(opacity)), ..self.clone() };
         }
         let (Fresnel::Mixed(index, own_metal), &Under::Rough(own_rough, _)) = (self.fresnel, &self.under) else {
-            return Self { alpha: rough.unwrap_or(self.alpha).max(LEAST_ALPHA), ..self.clone() };
+            let across = self.across.map(|own| metal.unwrap_or(own).max(LEAST_ALPHA));
+            return Self { alpha: rough.unwrap_or(self.alpha).max(LEAST_ALPHA), across, ..self.clone() };
         };
         let (rough, metal) = (rough.unwrap_or(own_rough), metal.unwrap_or(own_metal));
         Self {
@@ -167,6 +147,15 @@ impl Finish {
             under: Under::Rough(rough, 1.0 - metal),
             ..*self
         }
+    }
+
+    /// Returns the least roughness along any direction.
+    pub(crate) fn least_alpha(&self) -> f64 {
+        self.across.map_or(self.alpha, |across| across.min(self.alpha))
+    }
+
+    fn visible<N: Number>(&self, cosine: N, stretch: Option<N>) -> N {
+        self.distribution.visible(cosine, self.alpha, stretch)
     }
 
     pub(crate) fn is_mirror(&self) -> bool {
@@ -193,8 +182,10 @@ impl Finish {
 
     /// Returns the lobe's reflectance (per steradian) times the cosine to the light.
     pub(crate) fn lobe<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
-        let Cosines { out, into, half, facet } = *cosines;
-        let shape = self.density(half) * self.visible(out) * self.visible(into) / out.scaled(4.0);
+        let Cosines { out, into, half, facet, .. } = *cosines;
+        let brushed = cosines.stretches;
+        let seen = self.visible(out, brushed.map(|of| of.out)) * self.visible(into, brushed.map(|of| of.into));
+        let shape = self.distribution.density(half, self.alpha, brushed.as_ref()) * seen / out.scaled(4.0);
         scale(self.reflected(base, facet), shape)
     }
 
@@ -209,6 +200,7 @@ impl Finish {
         viewer: Triple<N>,
         light: Triple<N>,
         index: f64,
+        grain: Option<&Grain<N>>,
     ) -> Option<(Triple<N>, N)> {
         let half = unit(add(viewer, scale(light, N::constant(index))));
         let half = scale(half, N::constant(dot(half, normal).value().signum()));
@@ -220,8 +212,13 @@ impl Finish {
         let passed = N::constant(1.0) - dielectric(facet, index);
         let spread = facet * behind / ((facet - behind.scaled(index)).squared() * out);
         let up = dot(normal, half);
-        let shape = self.density(up) * self.visible(out) * self.visible(into) * spread;
-        let density = (ggx_density(up, self.alpha) * ggx_visible(out, self.alpha) * spread).scaled(index * index);
+        let brushed = grain.map(|grain| grain.stretches(viewer, light, half));
+        let of_out = brushed.map(|of| of.out);
+        let seen = self.visible(out, of_out) * self.visible(into, brushed.map(|of| of.into));
+        let shape = self.distribution.density(up, self.alpha, brushed.as_ref()) * seen * spread;
+        let ggx = Distribution::Ggx;
+        let chosen = ggx.density(up, self.alpha, brushed.as_ref()) * ggx.visible(out, self.alpha, of_out);
+        let density = (chosen * spread).scaled(index * index);
         Some((scale(constant(self.passing), passed * shape), density))
     }
 
@@ -233,8 +230,9 @@ impl Finish {
         viewer: Triple<N>,
         disk: [f64; 2],
         index: f64,
+        grain: Option<&Grain<N>>,
     ) -> Option<Triple<N>> {
-        let (half, _) = facet_of_lobe(self.alpha, normal, viewer, disk);
+        let (half, _) = facet_of_lobe(self.alpha, normal, viewer, disk, grain);
         let facet = dot(viewer, half);
         let squared = N::constant(1.0) - (N::constant(1.0) - facet.squared()).scaled(1.0 / (index * index));
         if facet.value() <= 0.0 || squared.value() <= 0.0 {
@@ -242,36 +240,6 @@ impl Finish {
         }
         let along = facet.scaled(1.0 / index) - squared.sqrt();
         Some(sub(scale(half, along), scale(viewer, N::constant(1.0 / index))))
-    }
-
-    /// Returns how many microfacets are turned so (Walter et al. 2007, equations 25 and 33), by the cosine to the normal.
-    fn density<N: Number>(&self, cosine: N) -> N {
-        match self.distribution {
-            Distribution::Ggx => ggx_density(cosine, self.alpha),
-            Distribution::Beckmann => {
-                let squared = cosine.squared();
-                let tangent = (N::constant(1.0) - squared) / squared;
-                (-tangent.scaled(1.0 / (self.alpha * self.alpha))).exp()
-                    / squared.squared().scaled(PI * self.alpha * self.alpha)
-            }
-        }
-    }
-
-    /// Returns the fraction of microfacets that are seen (Walter et al. 2007, equations 27 and 34).
-    fn visible<N: Number>(&self, cosine: N) -> N {
-        match self.distribution {
-            Distribution::Ggx => ggx_visible(cosine, self.alpha),
-            Distribution::Beckmann => {
-                let squared = cosine.squared();
-                let tangent = ((N::constant(1.0) - squared).at_least(0.0) / squared).sqrt();
-                if tangent.value() * self.alpha * 1.6 <= 1.0 {
-                    return N::constant(1.0);
-                }
-                let a = N::constant(1.0 / self.alpha) / tangent;
-                let above = a.scaled(3.535) + a.squared().scaled(2.181);
-                above / (N::constant(1.0) + a.scaled(2.276) + a.squared().scaled(2.577))
-            }
-        }
     }
 
     /// Returns the reflectance of what is below the lobe for light from a direction: times irradiance / pi it is
@@ -370,102 +338,10 @@ fn conductor<N: Number>(cosine: N, eta: f64, k: f64) -> N {
     (across + along).scaled(0.5)
 }
 
-fn ggx_density<N: Number>(cosine: N, alpha: f64) -> N {
-    let squared = alpha * alpha;
-    let rest = N::constant(1.0) - cosine.squared().scaled(1.0 - squared);
-    N::constant(squared * FRAC_1_PI) / rest.squared()
-}
-
-fn ggx_visible<N: Number>(cosine: N, alpha: f64) -> N {
-    let squared = cosine.squared();
-    let tangent = (N::constant(1.0) - squared).at_least(0.0) / squared;
-    N::constant(2.0) / (N::constant(1.0) + (N::constant(1.0) + tangent.scaled(alpha * alpha)).sqrt())
-}
-
-/// A direction of a lobe, and how densely directions lie there, per steradian.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct LobeRay<N> {
-    pub(crate) towards: Triple<N>,
-    pub(crate) density: N,
-    pub(crate) cosines: Cosines<N>,
-}
-
-/// Returns how densely the directions of [`lobe_ray`] lie.
-pub(crate) fn lobe_density<N: Number>(alpha: f64, cosines: &Cosines<N>) -> N {
-    ggx_visible(cosines.out, alpha) * ggx_density(cosines.half, alpha) / cosines.out.scaled(4.0)
-}
-
-/// Returns the direction of a lobe for a point of the unit disk, which stands for a microfacet that is seen (Heitz 2018,
-/// Sampling the GGX Distribution of Visible Normals); None where it leads below the surface.
-///
-/// Microfacets of GGX stand in for Beckmann's, whose tails are shorter. Their weights take the difference back.
-pub(crate) fn lobe_ray<N: Number>(
-    alpha: f64,
-    normal: Triple<N>,
-    viewer: Triple<N>,
-    disk: [f64; 2],
-) -> Option<LobeRay<N>> {
-    let (half, out) = facet_of_lobe(alpha, normal, viewer, disk);
-    let facet = dot(viewer, half);
-    let towards = sub(scale(half, facet.scaled(2.0)), viewer);
-    let cosines = Cosines { out, into: dot(normal, towards), half: dot(normal, half), facet };
-    let seen = cosines.into.value() > 0.0 && facet.value() > 0.0 && cosines.out.value() > 0.0;
-    seen.then(|| LobeRay { towards, density: lobe_density(alpha, &cosines), cosines })
-}
-
-/// Returns the normal of the microfacet for a point of the unit disk, and the cosine between surface and viewer.
-fn facet_of_lobe<N: Number>(alpha: f64, normal: Triple<N>, viewer: Triple<N>, disk: [f64; 2]) -> (Triple<N>, N) {
-    let [across, along] = tangents(normal);
-    let local = [dot(viewer, across), dot(viewer, along), dot(viewer, normal)];
-    let facet = seen_facet(unit([local[0].scaled(alpha), local[1].scaled(alpha), local[2]]), disk);
-    let half = unit([facet[0].scaled(alpha), facet[1].scaled(alpha), facet[2].at_least(0.0)]);
-    (add(add(scale(across, half[0]), scale(along, half[1])), scale(normal, half[2])), local[2])
-}
-
-/// Returns a normal of the half sphere above a plane that a viewer in a direction sees, for a point of the unit disk.
-///
-/// The disk's axes are fixed to those of the plane, not to the viewer's azimuth, so that the pattern does not turn where
-/// a surface is seen from straight above.
-fn seen_facet<N: Number>(viewer: Triple<N>, [x, y]: [f64; 2]) -> Triple<N> {
-    let one = N::constant(1.0);
-    let first = unit(sub(constant([1.0, 0.0, 0.0]), scale(viewer, viewer[0])));
-    let flat = viewer[0].squared() + viewer[1].squared();
-    let level = if flat.value() < 1e-18 {
-        first
-    } else {
-        let per_length = one / flat.sqrt();
-        [-viewer[1] * per_length, viewer[0] * per_length, N::constant(0.0)]
-    };
-    let upwards = cross(viewer, level);
-    let (cosine, sine) = (dot(level, first), dot(level, cross(viewer, first)));
-    let [x, y] = [cosine.scaled(x) + sine.scaled(y), cosine.scaled(y) - sine.scaled(x)];
-    // What of the disk lies below the equator, as the viewer sees it, is squeezed away.
-    let most = (one - x.squared()).at_least(0.0).sqrt();
-    let fraction = (one + viewer[2]).scaled(0.5);
-    let y = most * (one - fraction) + y * fraction;
-    let z = (one - x.squared() - y.squared()).at_least(0.0).sqrt();
-    add(add(scale(level, x), scale(upwards, y)), scale(viewer, z))
-}
-
-/// Returns two unit vectors that stand on a unit normal and on each other. They change smoothly with the normal, except
-/// where it points along one direction that no wall of a level camera has.
-fn tangents<N: Number>(normal: Triple<N>) -> [Triple<N>; 2] {
-    let fixed: Triple<N> = constant([0.48, 0.6, 0.64]);
-    let along = dot(normal, fixed);
-    let flat = sub(fixed, scale(normal, along));
-    let flat = if dot(flat, flat).value() > 1e-12 {
-        flat
-    } else {
-        let other: Triple<N> = constant([1.0, 0.0, 0.0]);
-        sub(other, scale(normal, dot(normal, other)))
-    };
-    let first = unit(flat);
-    [first, cross(normal, first)]
-}
-
 #[cfg(test)]
 #[allow(clippy::cast_precision_loss, reason = "small numbers")]
 mod tests {
+    use super::super::microfacets::{lobe_density, lobe_ray};
     use super::super::pattern::Pattern;
     use super::*;
 
@@ -473,6 +349,7 @@ mod tests {
         Finish {
             lobe: [None; 2],
             alpha,
+            across: None,
             distribution,
             fresnel: Fresnel::Conductor([0.2; 3], [3.9; 3]),
             tint: [1.0; 3],
@@ -506,12 +383,13 @@ mod tests {
             for distribution in [Distribution::Ggx, Distribution::Beckmann] {
                 let finish = metal(alpha, distribution);
                 let viewer = [0.6 * sine, 0.8 * sine, f64::sqrt(1.0 - sine * sine)];
-                let whole = over_directions(|towards| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards))[0]);
+                let whole =
+                    over_directions(|towards| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards, None))[0]);
                 let (mut sum, mut above, count) = (0.0, 0.0, 2048);
                 let pattern = Pattern::new(count);
-                for ray in (0..count).filter_map(|ray| lobe_ray(alpha, up, viewer, pattern.point(ray).disk)) {
+                for ray in (0..count).filter_map(|ray| lobe_ray(alpha, up, viewer, pattern.point(ray).disk, None)) {
                     assert!((lobe_density(alpha, &ray.cosines) - ray.density).abs() < 1e-12);
-                    let cosines = Cosines::new(up, viewer, ray.towards);
+                    let cosines = Cosines::new(up, viewer, ray.towards, None);
                     assert!(
                         (cosines.half - ray.cosines.half).abs() < 1e-9
                             && (cosines.into - ray.cosines.into).abs() < 1e-9
@@ -520,7 +398,7 @@ mod tests {
                     above += 1.0 / count as f64;
                 }
                 assert!((sum / whole - 1.0).abs() < 0.01, "{alpha} {sine} {distribution:?}: {sum} {whole}");
-                let density = over_directions(|towards| lobe_density(alpha, &Cosines::new(up, viewer, towards)));
+                let density = over_directions(|towards| lobe_density(alpha, &Cosines::new(up, viewer, towards, None)));
                 assert!((density / above - 1.0).abs() < 0.01, "{alpha} {sine}: {density} {above}");
             }
         }
@@ -534,14 +412,16 @@ mod tests {
             for distribution in [Distribution::Ggx, Distribution::Beckmann] {
                 let finish = Finish { passing: [1.0, 0.5, 0.0], ..metal(alpha, distribution) };
                 let viewer = [0.6 * sine, 0.8 * sine, f64::sqrt(1.0 - sine * sine)];
-                let below = |towards: [f64; 3]| finish.lobe_through(up, viewer, scale(towards, -1.0), index);
+                let below = |towards: [f64; 3]| finish.lobe_through(up, viewer, scale(towards, -1.0), index, None);
                 let whole = over_directions(|towards| below(towards).map_or(0.0, |(light, _)| light[0]));
                 let all_density = over_directions(|towards| below(towards).map_or(0.0, |(_, density)| density));
                 let (mut sum, mut followed, count) = ([0.0; 3], 0.0, 2048);
                 let pattern = Pattern::new(count);
                 for ray in 0..count {
-                    let Some(towards) = finish.refracted(up, viewer, pattern.point(ray).disk, index) else { continue };
-                    if let Some((light, density)) = finish.lobe_through(up, viewer, towards, index) {
+                    let Some(towards) = finish.refracted(up, viewer, pattern.point(ray).disk, index, None) else {
+                        continue;
+                    };
+                    if let Some((light, density)) = finish.lobe_through(up, viewer, towards, index, None) {
                         assert!(towards[2] < 0.0 && (dot(towards, towards) - 1.0f64).abs() < 1e-12);
                         sum = add(sum, scale(light, 1.0 / (density * count as f64)));
                         followed += 1.0 / count as f64;
@@ -553,17 +433,20 @@ mod tests {
                 assert!((all_density / followed - 1.0).abs() < 0.01, "{told}: {all_density} {followed}");
                 // What does not pass is reflected. Some is lost between microfacets.
                 let lobe = Finish { fresnel: Fresnel::Dielectric(index), ..metal(alpha, distribution) };
-                let up_there = over_directions(|towards| lobe.lobe([1.0; 3], &Cosines::new(up, viewer, towards))[0]);
+                let up_there =
+                    over_directions(|towards| lobe.lobe([1.0; 3], &Cosines::new(up, viewer, towards, None))[0]);
                 let all = up_there + whole * index * index;
                 assert!((0.75..1.01).contains(&all), "{told}: {all}");
             }
         }
         // From the front, a light behind; not the other way round, and none along the surface.
         let glass = metal(0.3, Distribution::Ggx);
-        assert!(glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, 0.6, 0.8], 1.5).is_none());
-        assert!(glass.lobe_through(up, [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], 1.5).is_none());
+        assert!(glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, 0.6, 0.8], 1.5, None).is_none());
+        assert!(glass.lobe_through(up, [0.0, 0.6, -0.8], [0.0, 0.6, -0.8], 1.5, None).is_none());
         assert!(
-            glass.lobe_through(up, [0.0, 0.6, 0.8], [0.0, -0.4, -0.9], 1.5).is_some_and(|(light, _)| light[0] > 0.0)
+            glass
+                .lobe_through(up, [0.0, 0.6, 0.8], [0.0, -0.4, -0.9], 1.5, None)
+                .is_some_and(|(light, _)| light[0] > 0.0)
         );
     }
 
@@ -573,8 +456,69 @@ mod tests {
         for distribution in [Distribution::Ggx, Distribution::Beckmann] {
             for alpha in [0.2, 0.4, 0.9] {
                 let finish = metal(alpha, distribution);
-                let area = over_directions(|half| finish.density(half[2]) * half[2]);
+                let area = over_directions(|half| finish.distribution.density(half[2], finish.alpha, None) * half[2]);
                 assert!((area - 1.0).abs() < 0.01, "{distribution:?} {alpha}: {area}");
+            }
+        }
+    }
+
+    /// Of a brushed surface, too, directions of the lobe stand for the half sphere above it, and those through it for the one
+    /// below.
+    #[test]
+    fn directions_of_a_brushed_lobe_stand_for_all() {
+        let (up, count, index) = ([0.0, 0.0, 1.0], 2048, 1.5);
+        let pattern = Pattern::new(count);
+        for (alphas, angle, sine) in [([0.2, 0.5], 0.4, 0.6), ([0.6, 0.3], 1.9, 0.8), ([0.3, 0.4], 5.0, 0.1)] {
+            let grain = Grain::new(up, [0.6, 0.8, 0.3], alphas);
+            let viewer = [sine * f64::cos(angle), sine * f64::sin(angle), f64::sqrt(1.0 - sine * sine)];
+            for distribution in [Distribution::Ggx, Distribution::Beckmann] {
+                let finish = Finish { across: Some(alphas[1]), ..metal(alphas[0], distribution) };
+                let of = |towards| Cosines::new(up, viewer, towards, Some(&grain));
+                let whole = over_directions(|towards| finish.lobe([1.0; 3], &of(towards))[0]);
+                let density = over_directions(|towards| lobe_density(alphas[0], &of(towards)));
+                let below = |towards| finish.lobe_through(up, viewer, scale(towards, -1.0), index, Some(&grain));
+                let behind = over_directions(|towards| below(towards).map_or(0.0, |(light, _)| light[0]));
+                let (mut sum, mut above, mut through) = (0.0, 0.0, 0.0);
+                for point in (0..count).map(|number| pattern.point(number).disk) {
+                    if let Some(ray) = lobe_ray(alphas[0], up, viewer, point, Some(&grain)) {
+                        let cosines = of(ray.towards);
+                        assert!((lobe_density(alphas[0], &cosines) / ray.density - 1.0).abs() < 1e-9);
+                        sum += finish.lobe([1.0; 3], &ray.cosines)[0] / ray.density / count as f64;
+                        above += 1.0 / count as f64;
+                    }
+                    if let Some(towards) = finish.refracted(up, viewer, point, index, Some(&grain))
+                        && let Some((light, density)) = finish.lobe_through(up, viewer, towards, index, Some(&grain))
+                    {
+                        through += light[0] / density / count as f64;
+                    }
+                }
+                let told = format!("{alphas:?} {distribution:?}: {sum} {whole} {above} {density} {through} {behind}");
+                assert!((sum / whole - 1.0).abs() < 0.01 && (density / above - 1.0).abs() < 0.01, "{told}");
+                assert!((through / behind - 1.0).abs() < 0.01, "{told}");
+                let turned = |half| grain.stretches(up, up, half);
+                let area =
+                    over_directions(|half| distribution.density(half[2], alphas[0], Some(&turned(half))) * half[2]);
+                assert!((area - 1.0).abs() < 0.01, "{told} {area}");
+            }
+        }
+    }
+
+    /// One that is as rough along as across is like one that is not brushed, whatever the grain's direction.
+    #[test]
+    fn an_even_brush_is_none() {
+        let (up, viewer) = ([0.0, 0.0, 1.0], unit([0.3, -0.5, 0.9]));
+        for along in [[1.0, 0.0, 0.0], [0.3, -0.9, 0.5], [0.0; 3]] {
+            let grain = Grain::new(up, along, [0.35; 2]);
+            for distribution in [Distribution::Ggx, Distribution::Beckmann] {
+                let finish = metal(0.35, distribution);
+                for towards in [[0.1, 0.2, 0.9], [-0.7, 0.1, 0.4], [0.9, 0.9, 0.1]].map(unit) {
+                    let [brushed, even] = [Some(&grain), None]
+                        .map(|grain| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards, grain)));
+                    assert!(
+                        (brushed[0] / even[0] - 1.0f64).abs() < 1e-9,
+                        "{along:?} {towards:?}: {brushed:?} {even:?}"
+                    );
+                }
             }
         }
     }

@@ -7,7 +7,7 @@
 //!
 //! - [`tables`]: which triangles are glossy, and all of the scene in colour.
 //! - [`tracer`]: follows the paths; [`pattern`] says along which directions and to which points of the [`lamps`].
-//! - [`finish`]: reflectance. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
+//! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
 //!   and light maps at single points.
 //! - [`sky_levels`]: the environment map, from fine to coarse.
 //! - [`number`]: float64 with or without its rate, so that luma and rates are one computation.
@@ -22,6 +22,7 @@ pub(super) mod finish;
 pub(super) mod frame_axes;
 mod lamps;
 pub(super) mod lookup;
+pub(super) mod microfacets;
 pub(super) mod number;
 pub(super) mod pattern;
 mod sky_levels;

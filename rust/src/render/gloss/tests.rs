@@ -4,7 +4,8 @@
 use std::sync::Arc;
 
 use super::emissive::{DARK, EmissiveTextures};
-use super::finish::{Distribution, Finish, Fresnel, Under};
+use super::finish::{Finish, Fresnel, Under};
+use super::microfacets::Distribution;
 use super::tables::{DIFFUSE, GlossTables};
 use crate::render::geometry::vector::{cross, dot, sub};
 use crate::render::light::colours::ColourImage;
@@ -16,6 +17,7 @@ const SIZE: usize = 16;
 /// A mirror of all light.
 const MIRROR: Finish = Finish {
     alpha: 0.0,
+    across: None,
     distribution: Distribution::Ggx,
     fresnel: Fresnel::Conductor([0.0; 3], [1.0; 3]),
     tint: [1.0; 3],
@@ -463,7 +465,7 @@ fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));
     assert!(Scene::new(&good).is_ok());
-    let wrong: [fn(&mut GlossTables); 19] = [
+    let wrong: [fn(&mut GlossTables); 22] = [
         |gloss| gloss.finish_of.truncate(3),
         |gloss| gloss.finish_of[0] = 1,
         |gloss| gloss.texels.of_texture.truncate(1),
@@ -476,6 +478,12 @@ fn tables_that_do_not_belong_together_are_refused() {
         |gloss| gloss.emitted.truncate(2),
         |gloss| gloss.sky = Some((3, 1, vec![[1.0; 3]])),
         |gloss| gloss.finishes[0].alpha = -0.1,
+        |gloss| gloss.finishes[0].across = Some(0.2),
+        |gloss| gloss.finishes[0] = Finish { across: Some(0.0), ..mixed(0.3, 0.5) },
+        |gloss| {
+            gloss.finishes[0] = Finish { across: Some(0.2), lobe: [Some(0), None], ..mixed(0.3, 0.5) };
+            (gloss.lobe_layouts, gloss.lobes) = (vec![[0, 1, 1, 0]], vec![0.5; 9]);
+        },
         |gloss| gloss.finishes[0].under = Under::Solid(1.0),
         |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed(1.5, 1.1),
         |gloss| gloss.finishes[0].tint = [f64::INFINITY; 3],

@@ -1,0 +1,251 @@
+//! Microfacets: how they are turned, how many of them are seen, and which directions they reflect light along.
+//!
+//! They are those of GGX (Walter et al. 2007, Microfacet Models for Refraction through Rough Surfaces) or of Beckmann.
+//! Brushed ones are rougher across the brush than along it, or the other way round: they are the same ones, stretched
+//! (Heitz 2014, Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs, section 5.3).
+//!
+//! What must not break: surfaces that are equally rough along all directions keep their bits.
+
+use std::f64::consts::{FRAC_1_PI, PI};
+
+use super::number::{Number, Triple, add, constant, cross, dot, scale, sub, unit};
+
+/// How microfacets are turned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Distribution {
+    /// Trowbridge and Reitz, with long tails.
+    Ggx,
+    /// Beckmann and Spizzichino.
+    Beckmann,
+}
+
+/// The directions that a surface is brushed along and across, unit vectors that stand on its normal, and its roughness
+/// along each.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Grain<N> {
+    tangents: [Triple<N>; 2],
+    alphas: [f64; 2],
+}
+
+impl<N: Number> Grain<N> {
+    /// Returns the grain of a surface with a unit normal, which u grows along; `along` is that direction in about, or
+    /// zero where there is none.
+    pub(crate) fn new(normal: Triple<N>, along: Triple<N>, alphas: [f64; 2]) -> Self {
+        let flat = sub(along, scale(normal, dot(normal, along)));
+        let tangents = if dot(flat, flat).value() > 0.0 {
+            let first = unit(flat);
+            [first, cross(normal, first)]
+        } else {
+            tangents(normal)
+        };
+        Self { tangents, alphas }
+    }
+
+    /// Returns how a direction is stretched by the roughness: the squares of what lies in the plane.
+    fn stretched(&self, direction: Triple<N>) -> N {
+        let [x, y] = self.tangents.map(|tangent| dot(tangent, direction));
+        x.squared().scaled(self.alphas[0] * self.alphas[0]) + y.squared().scaled(self.alphas[1] * self.alphas[1])
+    }
+
+    /// Returns the directions' stretches: to the viewer, to the light, and of the half vector the other way round.
+    pub(crate) fn stretches(&self, viewer: Triple<N>, light: Triple<N>, half: Triple<N>) -> Stretches<N> {
+        let [x, y] = self.tangents.map(|tangent| dot(tangent, half));
+        let [along, across] = self.alphas;
+        let half = x.squared().scaled(1.0 / (along * along)) + y.squared().scaled(1.0 / (across * across));
+        Stretches { out: self.stretched(viewer), into: self.stretched(light), half, area: along * across }
+    }
+}
+
+/// What stands for roughness times sine where a surface is brushed, as squares.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stretches<N> {
+    pub(crate) out: N,
+    pub(crate) into: N,
+    /// Of the half vector, by what roughness divides.
+    half: N,
+    /// Both roughnesses multiplied.
+    area: f64,
+}
+
+/// Cosines between directions at a surface: each to the normal or, `facet`, of both to the half vector.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cosines<N> {
+    pub(crate) out: N,
+    pub(crate) into: N,
+    pub(crate) half: N,
+    pub(crate) facet: N,
+    /// None where a surface is equally rough along all directions.
+    pub(crate) stretches: Option<Stretches<N>>,
+}
+
+impl<N: Number> Cosines<N> {
+    /// Returns those of unit vectors: the normal, and directions to the viewer and to the light.
+    pub(crate) fn new(normal: Triple<N>, viewer: Triple<N>, light: Triple<N>, grain: Option<&Grain<N>>) -> Self {
+        let half = unit(add(viewer, light));
+        Self {
+            out: dot(normal, viewer),
+            into: dot(normal, light),
+            half: dot(normal, half),
+            facet: dot(viewer, half),
+            stretches: grain.map(|grain| grain.stretches(viewer, light, half)),
+        }
+    }
+}
+
+impl Distribution {
+    /// Returns how many microfacets are turned so (Walter et al. 2007, equations 25 and 33), by the cosine to the normal.
+    pub(crate) fn density<N: Number>(self, cosine: N, alpha: f64, stretches: Option<&Stretches<N>>) -> N {
+        let squared = cosine.squared();
+        match (self, stretches) {
+            (Self::Ggx, None) => ggx_density(cosine, alpha),
+            (Self::Ggx, Some(brushed)) => N::constant(FRAC_1_PI / brushed.area) / (brushed.half + squared).squared(),
+            (Self::Beckmann, None) => {
+                let tangent = (N::constant(1.0) - squared) / squared;
+                (-tangent.scaled(1.0 / (alpha * alpha))).exp() / squared.squared().scaled(PI * alpha * alpha)
+            }
+            (Self::Beckmann, Some(brushed)) => {
+                (-(brushed.half / squared)).exp() / squared.squared().scaled(PI * brushed.area)
+            }
+        }
+    }
+
+    /// Returns the fraction of microfacets that are seen (Walter et al. 2007, equations 27 and 34), by the cosine to the
+    /// normal; `stretch` is that of the direction where the surface is brushed.
+    pub(crate) fn visible<N: Number>(self, cosine: N, alpha: f64, stretch: Option<N>) -> N {
+        match (self, stretch) {
+            (Self::Ggx, None) => ggx_visible(cosine, alpha),
+            (Self::Ggx, Some(stretch)) => seen_of_ggx(stretch / cosine.squared()),
+            (Self::Beckmann, None) => {
+                let squared = cosine.squared();
+                let tangent = ((N::constant(1.0) - squared).at_least(0.0) / squared).sqrt();
+                if tangent.value() * alpha * 1.6 <= 1.0 {
+                    return N::constant(1.0);
+                }
+                seen_of_beckmann(N::constant(1.0 / alpha) / tangent)
+            }
+            (Self::Beckmann, Some(stretch)) => {
+                let sloped = (stretch / cosine.squared()).sqrt();
+                if sloped.value() * 1.6 <= 1.0 {
+                    return N::constant(1.0);
+                }
+                seen_of_beckmann(N::constant(1.0) / sloped)
+            }
+        }
+    }
+}
+
+fn ggx_density<N: Number>(cosine: N, alpha: f64) -> N {
+    let squared = alpha * alpha;
+    let rest = N::constant(1.0) - cosine.squared().scaled(1.0 - squared);
+    N::constant(squared * FRAC_1_PI) / rest.squared()
+}
+
+fn ggx_visible<N: Number>(cosine: N, alpha: f64) -> N {
+    let squared = cosine.squared();
+    let tangent = (N::constant(1.0) - squared).at_least(0.0) / squared;
+    seen_of_ggx(tangent.scaled(alpha * alpha))
+}
+
+/// Returns the fraction by the square of roughness times tangent.
+fn seen_of_ggx<N: Number>(squared: N) -> N {
+    N::constant(2.0) / (N::constant(1.0) + (N::constant(1.0) + squared).sqrt())
+}
+
+/// Returns the fraction by one over roughness times tangent.
+fn seen_of_beckmann<N: Number>(a: N) -> N {
+    let above = a.scaled(3.535) + a.squared().scaled(2.181);
+    above / (N::constant(1.0) + a.scaled(2.276) + a.squared().scaled(2.577))
+}
+
+/// A direction of a lobe, and how densely directions lie there, per steradian.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LobeRay<N> {
+    pub(crate) towards: Triple<N>,
+    pub(crate) density: N,
+    pub(crate) cosines: Cosines<N>,
+}
+
+/// Returns how densely the directions of [`lobe_ray`] lie.
+pub(crate) fn lobe_density<N: Number>(alpha: f64, cosines: &Cosines<N>) -> N {
+    let Cosines { out, half, stretches, .. } = cosines;
+    let ggx = Distribution::Ggx;
+    let seen = ggx.visible(*out, alpha, stretches.map(|brushed| brushed.out));
+    seen * ggx.density(*half, alpha, stretches.as_ref()) / out.scaled(4.0)
+}
+
+/// Returns the direction of a lobe for a point of the unit disk, which stands for a microfacet that is seen (Heitz 2018,
+/// Sampling the GGX Distribution of Visible Normals); None where it leads below the surface.
+///
+/// Microfacets of GGX stand in for Beckmann's, whose tails are shorter. Their weights take the difference back.
+pub(crate) fn lobe_ray<N: Number>(
+    alpha: f64,
+    normal: Triple<N>,
+    viewer: Triple<N>,
+    disk: [f64; 2],
+    grain: Option<&Grain<N>>,
+) -> Option<LobeRay<N>> {
+    let (half, out) = facet_of_lobe(alpha, normal, viewer, disk, grain);
+    let facet = dot(viewer, half);
+    let towards = sub(scale(half, facet.scaled(2.0)), viewer);
+    let stretches = grain.map(|grain| grain.stretches(viewer, towards, half));
+    let cosines = Cosines { out, into: dot(normal, towards), half: dot(normal, half), facet, stretches };
+    let seen = cosines.into.value() > 0.0 && facet.value() > 0.0 && cosines.out.value() > 0.0;
+    seen.then(|| LobeRay { towards, density: lobe_density(alpha, &cosines), cosines })
+}
+
+/// Returns the normal of the microfacet for a point of the unit disk, and the cosine between surface and viewer.
+pub(crate) fn facet_of_lobe<N: Number>(
+    alpha: f64,
+    normal: Triple<N>,
+    viewer: Triple<N>,
+    disk: [f64; 2],
+    grain: Option<&Grain<N>>,
+) -> (Triple<N>, N) {
+    let ([across, along], [first, second]) =
+        grain.map_or_else(|| (tangents(normal), [alpha; 2]), |grain| (grain.tangents, grain.alphas));
+    let local = [dot(viewer, across), dot(viewer, along), dot(viewer, normal)];
+    let facet = seen_facet(unit([local[0].scaled(first), local[1].scaled(second), local[2]]), disk);
+    let half = unit([facet[0].scaled(first), facet[1].scaled(second), facet[2].at_least(0.0)]);
+    (add(add(scale(across, half[0]), scale(along, half[1])), scale(normal, half[2])), local[2])
+}
+
+/// Returns a normal of the half sphere above a plane that a viewer in a direction sees, for a point of the unit disk.
+///
+/// The disk's axes are fixed to those of the plane, not to the viewer's azimuth, so that the pattern does not turn where
+/// a surface is seen from straight above.
+fn seen_facet<N: Number>(viewer: Triple<N>, [x, y]: [f64; 2]) -> Triple<N> {
+    let one = N::constant(1.0);
+    let first = unit(sub(constant([1.0, 0.0, 0.0]), scale(viewer, viewer[0])));
+    let flat = viewer[0].squared() + viewer[1].squared();
+    let level = if flat.value() < 1e-18 {
+        first
+    } else {
+        let per_length = one / flat.sqrt();
+        [-viewer[1] * per_length, viewer[0] * per_length, N::constant(0.0)]
+    };
+    let upwards = cross(viewer, level);
+    let (cosine, sine) = (dot(level, first), dot(level, cross(viewer, first)));
+    let [x, y] = [cosine.scaled(x) + sine.scaled(y), cosine.scaled(y) - sine.scaled(x)];
+    // What of the disk lies below the equator, as the viewer sees it, is squeezed away.
+    let most = (one - x.squared()).at_least(0.0).sqrt();
+    let fraction = (one + viewer[2]).scaled(0.5);
+    let y = most * (one - fraction) + y * fraction;
+    let z = (one - x.squared() - y.squared()).at_least(0.0).sqrt();
+    add(add(scale(level, x), scale(upwards, y)), scale(viewer, z))
+}
+
+/// Returns two unit vectors that stand on a unit normal and on each other. They change smoothly with the normal, except
+/// where it points along one direction that no wall of a level camera has.
+fn tangents<N: Number>(normal: Triple<N>) -> [Triple<N>; 2] {
+    let fixed: Triple<N> = constant([0.48, 0.6, 0.64]);
+    let along = dot(normal, fixed);
+    let flat = sub(fixed, scale(normal, along));
+    let flat = if dot(flat, flat).value() > 1e-12 {
+        flat
+    } else {
+        let other: Triple<N> = constant([1.0, 0.0, 0.0]);
+        sub(other, scale(normal, dot(normal, other)))
+    };
+    let first = unit(flat);
+    [first, cross(normal, first)]
+}
