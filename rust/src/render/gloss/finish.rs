@@ -511,7 +511,7 @@ mod tests {
             let grain = Grain::new(up, along, [0.35; 2]);
             for distribution in [Distribution::Ggx, Distribution::Beckmann] {
                 let finish = metal(0.35, distribution);
-                for towards in [[0.1, 0.2, 0.9], [-0.7, 0.1, 0.4], [0.9, 0.9, 0.1]].map(unit) {
+                for towards in [[0.1, 0.2, 0.9], [-0.7, 0.1, 0.4], [0.7, 0.5, 0.35], [0.9, 0.9, 0.1]].map(unit) {
                     let [brushed, even] = [Some(&grain), None]
                         .map(|grain| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards, grain)));
                     assert!(
@@ -521,6 +521,20 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Where a texture says that a surface is smooth, it is nearly so, and no mirror, which has no lobe.
+    #[test]
+    fn textures_make_no_mirror() {
+        let finish = Finish { across: Some(0.2), ..metal(0.3, Distribution::Ggx) };
+        let of = |lobe| {
+            let there = finish.with_lobe(lobe);
+            (there.alpha, there.across)
+        };
+        assert_eq!(of([Some(0.0), None]), (LEAST_ALPHA, Some(0.2)));
+        assert_eq!(of([None, Some(0.0)]), (0.3, Some(LEAST_ALPHA)));
+        assert_eq!(of([Some(0.7), Some(0.4)]), (0.7, Some(0.4)));
+        assert_eq!(metal(0.3, Distribution::Ggx).with_lobe([Some(0.0), None]).alpha, LEAST_ALPHA);
     }
 
     #[test]

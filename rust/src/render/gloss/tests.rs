@@ -465,7 +465,7 @@ fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));
     assert!(Scene::new(&good).is_ok());
-    let wrong: [fn(&mut GlossTables); 22] = [
+    let wrong: [fn(&mut GlossTables); 23] = [
         |gloss| gloss.finish_of.truncate(3),
         |gloss| gloss.finish_of[0] = 1,
         |gloss| gloss.texels.of_texture.truncate(1),
@@ -479,6 +479,10 @@ fn tables_that_do_not_belong_together_are_refused() {
         |gloss| gloss.sky = Some((3, 1, vec![[1.0; 3]])),
         |gloss| gloss.finishes[0].alpha = -0.1,
         |gloss| gloss.finishes[0].across = Some(0.2),
+        |gloss| {
+            gloss.finishes[0] = Finish { alpha: 0.2, lobe: [None, Some(0)], ..MIRROR };
+            (gloss.lobe_layouts, gloss.lobes) = (vec![[0, 1, 1, 0]], vec![0.5; 9]);
+        },
         |gloss| gloss.finishes[0] = Finish { across: Some(0.0), ..mixed(0.3, 0.5) },
         |gloss| {
             gloss.finishes[0] = Finish { across: Some(0.2), lobe: [Some(0), None], ..mixed(0.3, 0.5) };
