@@ -39,6 +39,12 @@ def bumpy(nested: dict[str, Any], **more: Any) -> dict[str, Any]:
     return {"type": "twosided", "front": {"type": "normalmap", "normalmap": bitmap(BUMPS), "bsdf": nested, **more}}
 
 
+def tilted(nested: dict[str, Any]) -> dict[str, Any]:
+    """A surface with a normal map of one direction."""
+    direction = {"type": "rawconstant", "value": [0.65, 0.4, 0.95]}
+    return {"type": "twosided", "front": {"type": "normalmap", "normalmap": direction, "bsdf": nested}}
+
+
 HEIGHTS = NUMBERS.uniform(0, 0.1, (8, 8, 1)).astype(np.float32)
 
 
@@ -96,6 +102,8 @@ CASES = {
     "front alone": (bumpy(diffuse())["front"], POINT, 2.2, "rectangle"),
     "back of that": (bumpy(diffuse())["front"], BEHIND, -2.2, "rectangle"),
     "smooth": (bumpy(diffuse()), POINT, 3.0, "sphere"),
+    "tilted": (tilted(diffuse()), POINT, 2.2, "rectangle"),
+    "tilted metal": (tilted(metal()), LOW, 2.2, "sphere"),
     "metal": (bumpy(metal()), POINT, 2.2, "rectangle"),
     "metal in grazing light": (bumpy(metal()), GRAZING, 2.2, "rectangle"),
     "metal by a low lamp": (bumpy(metal()), LOW, 2.2, "rectangle"),

@@ -418,6 +418,10 @@ class TextureTable:
     def _directions_of(self, texture: MitsubaTexture, named: str) -> TextureImage:
         """Return the directions of a normal texture, from 0 to 1."""
         parameters = self._mi.traverse(texture)
+        if "value" in parameters:
+            value = np.array(parameters["value"], np.float32).reshape(-1)
+            # One texel would have no texture coordinates, which say how a surface is turned.
+            return TextureImage(Texels(np.broadcast_to(value, (2, 2, 3)).copy()), 0, np.eye(3))
         if "data" not in parameters:
             raise Unsuitable("has a normal map that is no bitmap", "give it as one", named)
         uv_map, data = uv_map_of(parameters), np.asarray(parameters["data"])
