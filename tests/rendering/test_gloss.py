@@ -16,9 +16,11 @@ from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer, why_not_noise_free
 from davis_rs.render.diffuse_materials import children, simplify_materials
-from davis_rs.render.finishes import Finish, NumberTexels, dielectric, read_finish
+from davis_rs.render.finish import Finish, dielectric
+from davis_rs.render.finishes import read_finish
 from davis_rs.render.integrator.renderer import IntegratorRenderer
 from davis_rs.render.native.renderer import NativeRenderer
+from davis_rs.render.number_textures import NumberTexels
 from davis_rs.render.scene_tables.gloss_table import GlossTable
 from long_form import long_values
 

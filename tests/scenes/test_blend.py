@@ -13,7 +13,7 @@ from davis_rs import Pose, Scene, SceneFileWarning, load_scene
 from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
-from davis_rs.render.finishes import Finish
+from davis_rs.render.finish import Finish
 from gltf_files import CORNERS, FACES, UV, Gltf, png, quad
 
 FloatArray = npt.NDArray[np.float64]

@@ -26,7 +26,8 @@ from .._mitsuba.types import (
     MitsubaTexture,
     MitsubaValue,
 )
-from .finishes import Finish, finish_remedy, mixed_colour, read_blend, read_finish
+from .finish import Finish
+from .finishes import finish_remedy, mixed_colour, read_blend, read_finish
 from .obstacles import plugin_name, shape_name
 from .texels import uv_map_of
 

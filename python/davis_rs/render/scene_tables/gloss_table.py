@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from ..._mitsuba.types import MitsubaBsdf, MitsubaScene
 from ..baked.lights import integrator_of, paths_of
-from ..finishes import CoreFinish, Finish, NumberTexels
+from ..finish import CoreFinish, Finish
+from ..number_textures import NumberTexels
 from ..texels import CoreColours, laid_out
 
 FloatArray = npt.NDArray[np.float64]

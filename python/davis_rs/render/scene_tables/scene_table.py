@@ -38,7 +38,7 @@ from ..baked.lights import SHARP, area_light_name, group_name, integrator_of, sm
 from ..beam_lights import BEAMS, Slide, beam_light
 from ..closest_view import ClosestView
 from ..curves import CURVES
-from ..finishes import Finish
+from ..finish import Finish
 from ..mesh_buffers import MeshBuffers
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
