@@ -3,7 +3,8 @@
 ``base`` is the interface (:class:`~davis_rs.render.base.Renderer`), ``choice`` takes the first renderer that can
 render a scene. A renderer refuses a scene with all ``obstacles``, each with its remedy. ``diffuse_materials`` knows
 which materials are diffuse, or may be taken so. A ``finish`` says how a glossy one reflects, and ``finishes`` reads it.
-``texels`` looks bitmaps up as Mitsuba does, ``number_textures`` reads those of one number. ``beam_lights`` reads spots and projectors. ``scene_cache`` keeps what was made of a scene.
+``texels`` looks bitmaps up as Mitsuba does, ``number_textures`` reads those of one number. ``beam_lights`` reads spots
+and projectors. ``scene_cache`` keeps what was made of a scene.
 
 - ``native`` (the Rust core) and ``table`` (Dr.Jit, with derivatives) take the same ``scene_tables``: diffuse
   triangles under direct light, without noise; the native one also glossy ones. ``auto`` prefers it, because it is
