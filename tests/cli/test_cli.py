@@ -281,7 +281,7 @@ def test_a_real_hand_held_trajectory(tmp_path: Path) -> None:
 NOWHERE = "/nonexistent/libLLVM.so"
 BALL = """<scene version="3.0.0"><integrator type="direct"/>
 <emitter type="point"><point name="position" x="0" y="-1" z="-3"/></emitter><shape type="sphere">
-<bsdf type="roughconductor"><float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.3"/></bsdf></shape>
+<bsdf type="principled"><float name="clearcoat" value="0.3"/></bsdf></shape>
 <sensor type="perspective">
 <transform name="to_world"><lookat origin="0,0,-3" target="0,0,0" up="0,1,0"/></transform>
 <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/></film></sensor></scene>"""

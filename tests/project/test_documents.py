@@ -80,7 +80,7 @@ NOT_RUN = {
     "davis-rs view DIR --rerun out.rrd": "needs Rerun's SDK; tests/inspection/test_view_rerun.py runs it where it is",
     "davis-rs view DIR --rerun": "starts a viewer",
     "davis-rs generate PLAN.yaml -o ROOT --cluster tcp://HOST:8786": "needs a Dask scheduler",
-    "davis-rs simulate brushed.xml --trajectory slide.txt --size 64x48 -o DIR": "is refused; "
+    "davis-rs simulate varnished.xml --trajectory slide.txt --size 64x48 -o DIR": "is refused; "
     "tests/rendering/test_monte_carlo_noise.py refuses such scenes",
     "davis-rs devices": "needs libusb, and tells what is plugged in",
     "davis-rs simulate mesh.obj -o DIR": "needs a mesh; tests/project/test_own_scene_page.py makes one",

@@ -98,8 +98,8 @@ def noisy_room(folder: Path) -> list[str]:
         <shape type="rectangle" id="floor"><transform name="to_world"><scale value="4"/></transform>
         <bsdf type="twosided"><bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
         <transform name="to_uv"><scale value="4"/></transform></texture></bsdf><bsdf type="diffuse"/></bsdf></shape>
-        <shape type="sphere" id="ball"><float name="radius" value="0.1"/><bsdf type="roughconductor">
-        <float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.3"/></bsdf></shape>
+        <shape type="sphere" id="ball"><float name="radius" value="0.1"/><bsdf type="principled">
+        <float name="metallic" value="1"/><float name="clearcoat" value="1"/></bsdf></shape>
         </scene>"""
     )
     path = folder / "path.txt"
@@ -297,8 +297,8 @@ def test_samples_are_a_number_or_auto(capsys: pytest.CaptureFixture[str]) -> Non
 OBSTACLES = """\
 what keeps the renderers without noise from this scene:
 - shape 'floor' has two different sides: give both the same diffuse material
-- shape 'ball' has a roughconductor surface, not a diffuse one: give it one alpha in place of alpha_u and alpha_v, \
-or give it a diffuse material
+- shape 'ball' has a principled surface, not a diffuse one: --matte (matte=True) takes its diffuse colour alone, or \
+set its clearcoat to 0, or give it a diffuse material
 the ways on:
 - mend what is listed: then no event is noise
 """
