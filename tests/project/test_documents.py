@@ -59,6 +59,7 @@ RUN_INSTEAD = {
     "--start 0.6 --duration 0.02 --rays-per-pixel 1",
     "davis-rs view walls --time 0.6": "davis-rs view walls --time 0.01",
     "davis-rs view walls --html out.html --time 0.6": "davis-rs view DIR --html out.html --time 0.01",
+    "davis-rs view DIR --html span.html --whole --time 1.5": "davis-rs view DIR --html span.html --whole --time 0.01",
     "davis-rs simulate checkerboard -o DIR --imu mpu6150 --frame-rate 20 --depth-rate 0": "davis-rs simulate "
     "checkerboard -o DIR --imu mpu6150 --frame-rate 10 --depth-rate 0 --duration 2 --max-displacement 8 "
     "--rays-per-pixel 1 --contrast-threshold 1",
@@ -84,6 +85,8 @@ NOT_RUN = {
     "tests/rendering/test_monte_carlo_noise.py refuses such scenes",
     "davis-rs devices": "needs libusb, and tells what is plugged in",
     "davis-rs simulate mesh.obj -o DIR": "needs a mesh; tests/project/test_own_scene_page.py makes one",
+    "davis-rs info data": "needs the folder of the lines before it; tests/inspection/test_plan_folder.py runs it",
+    "davis-rs view data/sequence_00000": "the same",
     "davis-rs record -o FILE": "needs a camera",
     "davis-rs accuracy SCENE -o COSTS": "its reference takes a minute; tests/accuracy/test_accuracy.py runs small ones",
     "davis-rs accuracy SCENE -o DIR": "the same",
