@@ -374,7 +374,7 @@ def test_a_brushed_mesh_without_texture_coordinates_stays_with_the_integrator(tm
     (file := tmp_path / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     shape = {"type": "obj", "filename": str(file)}
     (obstacle,) = why_not_noise_free(brushed_scene(shape, BRUSHED_METAL, lamp=POINT))
-    assert "is brushed, and has no texture coordinates that say along what" in str(obstacle)
+    assert "is anisotropic, and has no texture coordinates that say along what" in str(obstacle)
     assert not why_not_noise_free(brushed_scene(shape, {"type": "roughconductor", "alpha": 0.2}, lamp=POINT))
 
 

@@ -45,8 +45,8 @@ class Finish:
     """How a surface reflects, besides its base colour.
 
     Attributes:
-        alpha: roughness of the microfacets; 0 is a mirror. Of a brushed surface that along the direction in which u
-            grows.
+        alpha: roughness of the microfacets; 0 is a mirror. Of an anisotropic surface, that along the direction in which
+            u grows.
         distribution: of the microfacets, ``ggx`` or ``beckmann``.
         fresnel: ``dielectric`` (index), ``conductor`` (index and extinction, three channels each) or ``mixed`` (index,
             fraction of metal).
@@ -60,7 +60,7 @@ class Finish:
         lobe: roughness and metal from place to place, of ``mixed`` over ``rough``; ``alpha`` and ``across``, over
             ``nothing`` or of ``solid``; or opacity and None, of ``blend``. Its own numbers are then means. None for
             what is the same everywhere.
-        across: of a brushed surface, roughness at right angles to that of ``alpha``; None where it is the same.
+        across: of an anisotropic surface, roughness at right angles to that of ``alpha``; None where it is the same.
     """
 
     alpha: float

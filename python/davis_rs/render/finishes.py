@@ -25,7 +25,7 @@ _ROUND = 1e-3
 """A principled material is never smoother than this."""
 
 _LEAST_ALPHA = 1e-4
-"""A brushed surface is never smoother than this, as Mitsuba's is not."""
+"""An anisotropic surface is never smoother than this, as Mitsuba's is not."""
 
 _UNUSED = ("clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
 """Parts of ``principled`` that a finish does not have: they must be 0."""
@@ -154,7 +154,7 @@ _ALPHAS = ("alpha", "alpha_u", "alpha_v")
 
 
 def _alphas(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[NumberTexture] | None:
-    """Return the roughness of microfacets: one number, or of a brushed surface those along u and across it.
+    """Return the roughness of microfacets: one number, or of an anisotropic surface those along u and across it.
 
     None where one is no texture that :func:`_scalar` reads.
     """
@@ -183,7 +183,7 @@ class _Rough(NamedTuple):
 def _rough(base: MitsubaTexture, inside: dict[str, MitsubaObject], mi: Mitsuba) -> tuple[MitsubaTexture, _Rough] | None:
     """Return the base colour of a rough surface, and its roughness; None where their coordinates differ."""
     alphas = _alphas(inside, mi)
-    placed = None if alphas is None else placed_alike(base, *alphas, brushed=len(alphas) > 1, mi=mi)
+    placed = None if alphas is None else placed_alike(base, *alphas, anisotropic=len(alphas) > 1, mi=mi)
     if alphas is None or placed is None:
         return None
     if len(alphas) == 1:
@@ -224,9 +224,9 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     parameters = mi.traverse(bsdf)
     if _parts_left_out(inside, mi):
         return None
-    brushed = constant_of(inside["anisotropic"], mi) if "anisotropic" in inside else np.zeros(1)
-    surface = None if brushed is None else _lobe(inside, mi, brushed=bool(brushed.any()))
-    if brushed is None or surface is None:
+    anisotropic = constant_of(inside["anisotropic"], mi) if "anisotropic" in inside else np.zeros(1)
+    surface = None if anisotropic is None else _lobe(inside, mi, anisotropic=bool(anisotropic.any()))
+    if anisotropic is None or surface is None:
         return None
     base, lobe, rough, metal = surface
     if "eta" in parameters:
@@ -237,8 +237,8 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     # Without a difference of the index nothing is reflected; the core asks for one.
     index = max(index, 1 + 1e-6)
     under, squared, across = ("rough", (rough, 1 - metal)), rough * rough, None
-    if brushed.any():
-        aspect = float(np.sqrt(1 - 0.9 * brushed.flat[0]))  # Burley 2012, section 5.4
+    if anisotropic.any():
+        aspect = float(np.sqrt(1 - 0.9 * anisotropic.flat[0]))  # Burley 2012, section 5.4
         squared, across = squared / aspect, max(squared * aspect, _ROUND)
     alpha = max(squared, _ROUND)
     return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe, across=across)
@@ -250,15 +250,15 @@ def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
         name for name in _UNUSED if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any())
     ]
     if "anisotropic" in inside:
-        brushed = constant_of(inside["anisotropic"], mi)
+        anisotropic = constant_of(inside["anisotropic"], mi)
         textured = any(constant_of(inside[name], mi) is None for name in ("roughness", "metallic"))
-        if brushed is None or (brushed.any() and textured):
+        if anisotropic is None or (anisotropic.any() and textured):
             left_out.insert(0, "anisotropic")
     return left_out
 
 
 def _lobe(
-    inside: dict[str, MitsubaObject], mi: Mitsuba, *, brushed: bool
+    inside: dict[str, MitsubaObject], mi: Mitsuba, *, anisotropic: bool
 ) -> tuple[MitsubaTexture, tuple[NumberTexels | None, NumberTexels | None], float, float] | None:
     """Return the base colour of a ``principled`` material, its roughness and metal from place to place, and their
     means; None where their textures are not looked up at the same coordinates, or are none that are known."""
@@ -267,7 +267,7 @@ def _lobe(
         return None
     base = inside["base_color"]
     lobe = rough.texels, metal.texels
-    placed = placed_alike(base, rough, metal, brushed=brushed, mi=mi)
+    placed = placed_alike(base, rough, metal, anisotropic=anisotropic, mi=mi)
     return None if placed is None else (placed, lobe, rough.mean, metal.mean)
 
 

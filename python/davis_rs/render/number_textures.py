@@ -118,25 +118,25 @@ def constant_of(texture: MitsubaTexture, mi: Mitsuba) -> FloatArray | None:
 
 
 def placed_alike(
-    base: MitsubaTexture, *others: NumberTexture, brushed: bool = False, mi: Mitsuba
+    base: MitsubaTexture, *others: NumberTexture, mi: Mitsuba, anisotropic: bool = False
 ) -> MitsubaTexture | None:
     """Return a base colour that is looked up at the same coordinates as other textures; None where it is not.
 
     Args:
-        brushed: it needs coordinates in any case, whose axes are those of the mesh.
+        anisotropic: it needs coordinates in any case, whose axes are those of the mesh.
     """
     uv_maps = [number.uv_map for number in others if number.uv_map is not None]
     colour = constant_of(base, mi)
     if colour is None and (of_base := _uv_map(base, mi)) is not None:
         uv_maps.insert(0, of_base)
     elif colour is None:
-        return None if uv_maps or brushed else base
-    uv_maps = uv_maps or ([np.eye(3)] if brushed else [])
+        return None if uv_maps or anisotropic else base
+    uv_maps = uv_maps or ([np.eye(3)] if anisotropic else [])
     if not uv_maps:
         return base
     if any(not np.array_equal(other, uv_maps[0]) for other in uv_maps):
         return None
-    if brushed and (uv_maps[0][0, 1] != 0 or uv_maps[0][1, 0] != 0):
+    if anisotropic and (uv_maps[0][0, 1] != 0 or uv_maps[0][1, 0] != 0):
         return None
     if colour is None:
         return base

@@ -198,7 +198,7 @@ class SceneTable:
                 per_unit = None
                 if view is not None and view.known and faces:
                     per_unit = functools.partial(_pixels_per_unit, view, shape, read)
-                _check_brushed(shape, (finishes or {}).get(shape.bsdf()))
+                _check_anisotropic(shape, (finishes or {}).get(shape.bsdf()))
                 added = self.textures.add(
                     shape, faces, read, per_unit, emission=shining.get(shape), normals=self.normal_textures
                 )
@@ -501,10 +501,10 @@ class SceneTable:
         return float(self.textures.group_weights[light.group].sum())
 
 
-def _check_brushed(shape: MitsubaShape, finish: Finish | None) -> None:
-    """Refuse a brushed mesh without texture coordinates, which say along what it is brushed."""
+def _check_anisotropic(shape: MitsubaShape, finish: Finish | None) -> None:
+    """Refuse an anisotropic mesh without texture coordinates, which say along what."""
     if finish is not None and finish.across is not None and shape.is_mesh() and not shape.has_vertex_texcoords():
-        rule = "is brushed, and has no texture coordinates that say along what"
+        rule = "is anisotropic, and has no texture coordinates that say along what"
         raise Unsuitable(rule, "give it some, or one roughness along and across", shape_name(shape))
 
 

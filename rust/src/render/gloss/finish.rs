@@ -1,13 +1,14 @@
 //! Finishes: how glossy surfaces reflect light between two directions.
 //!
-//! A finish has one lobe of [`microfacets`](super::microfacets), weighted by Fresnel's equations, over a diffuse colour. A surface without roughness is a
-//! mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`, `conductor`, `roughconductor`, `dielectric`,
-//! `roughdielectric`, `thindielectric` and `principled`, so that its path tracer is the reference.
+//! A finish has one lobe of [`microfacets`](super::microfacets), weighted by Fresnel's equations, over a diffuse
+//! colour. A surface without roughness is a mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`,
+//! `conductor`, `roughconductor`, `dielectric`, `roughdielectric`, `thindielectric` and `principled`, so that its path
+//! tracer is the reference.
 //!
 //! What must not break: only arithmetic, roots and `libm` are used, so that bits are the same on every processor.
 
 use super::microfacets::Distribution;
-use super::microfacets::{Cosines, Grain, facet_of_lobe};
+use super::microfacets::{Anisotropy, Cosines, facet_of_lobe};
 use super::number::{Number, Triple, add, constant, dot, each, scale, sub, times, unit};
 use crate::error::{Error, Result};
 
@@ -65,7 +66,7 @@ pub enum Under {
 pub struct Finish {
     /// Roughness; 0 is a mirror.
     pub alpha: f64,
-    /// Of a brushed surface, roughness at right angles to the direction in which u grows, where `alpha` is that along it;
+    /// Of an anisotropic surface, roughness across the direction in which u grows, where `alpha` is that along it;
     /// None where it is the same.
     pub across: Option<f64>,
     /// Of the microfacets.
@@ -81,8 +82,8 @@ pub struct Finish {
     /// What is below.
     pub under: Under,
     /// The number of a texture of the roughness or of the opacity, and of one of the metal, where they differ from place
-    /// to place. The roughness of a mix is the root of its alpha, else it is alpha; of a brushed surface the second texture is
-    /// of the roughness across.
+    /// to place. The roughness of a mix is the root of its alpha, else it is alpha; the second texture of an anisotropic
+    /// surface is of the roughness across.
     pub lobe: [Option<u32>; 2],
 }
 
@@ -117,14 +118,14 @@ impl Finish {
             _ => self.across.is_none() && self.lobe == [None; 2],
         };
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
-        let brushed = self.across.is_none_or(|across| across > 0.0 && across <= 2.0 && self.alpha > 0.0);
-        if (0.0..=2.0).contains(&self.alpha) && brushed && fresnel && under && tints && textured {
+        let across = self.across.is_none_or(|across| across > 0.0 && across <= 2.0 && self.alpha > 0.0);
+        if (0.0..=2.0).contains(&self.alpha) && across && fresnel && under && tints && textured {
             return Ok(());
         }
         Err(Error::Argument(format!(
             "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, and a \
              texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
-             only if it blends; a brushed one is no mirror, got {self:?}"
+             only if it blends; an anisotropic one is no mirror, got {self:?}"
         )))
     }
 
@@ -183,9 +184,9 @@ impl Finish {
     /// Returns the lobe's reflectance (per steradian) times the cosine to the light.
     pub(crate) fn lobe<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
         let Cosines { out, into, half, facet, .. } = *cosines;
-        let brushed = cosines.stretches;
-        let seen = self.visible(out, brushed.map(|of| of.out)) * self.visible(into, brushed.map(|of| of.into));
-        let shape = self.distribution.density(half, self.alpha, brushed.as_ref()) * seen / out.scaled(4.0);
+        let stretches = cosines.stretches;
+        let seen = self.visible(out, stretches.map(|of| of.out)) * self.visible(into, stretches.map(|of| of.into));
+        let shape = self.distribution.density(half, self.alpha, stretches.as_ref()) * seen / out.scaled(4.0);
         scale(self.reflected(base, facet), shape)
     }
 
@@ -200,7 +201,7 @@ impl Finish {
         viewer: Triple<N>,
         light: Triple<N>,
         index: f64,
-        grain: Option<&Grain<N>>,
+        anisotropy: Option<&Anisotropy<N>>,
     ) -> Option<(Triple<N>, N)> {
         let half = unit(add(viewer, scale(light, N::constant(index))));
         let half = scale(half, N::constant(dot(half, normal).value().signum()));
@@ -212,12 +213,12 @@ impl Finish {
         let passed = N::constant(1.0) - dielectric(facet, index);
         let spread = facet * behind / ((facet - behind.scaled(index)).squared() * out);
         let up = dot(normal, half);
-        let brushed = grain.map(|grain| grain.stretches(viewer, light, half));
-        let of_out = brushed.map(|of| of.out);
-        let seen = self.visible(out, of_out) * self.visible(into, brushed.map(|of| of.into));
-        let shape = self.distribution.density(up, self.alpha, brushed.as_ref()) * seen * spread;
+        let stretches = anisotropy.map(|anisotropy| anisotropy.stretches(viewer, light, half));
+        let of_out = stretches.map(|of| of.out);
+        let seen = self.visible(out, of_out) * self.visible(into, stretches.map(|of| of.into));
+        let shape = self.distribution.density(up, self.alpha, stretches.as_ref()) * seen * spread;
         let ggx = Distribution::Ggx;
-        let chosen = ggx.density(up, self.alpha, brushed.as_ref()) * ggx.visible(out, self.alpha, of_out);
+        let chosen = ggx.density(up, self.alpha, stretches.as_ref()) * ggx.visible(out, self.alpha, of_out);
         let density = (chosen * spread).scaled(index * index);
         Some((scale(constant(self.passing), passed * shape), density))
     }
@@ -230,9 +231,9 @@ impl Finish {
         viewer: Triple<N>,
         disk: [f64; 2],
         index: f64,
-        grain: Option<&Grain<N>>,
+        anisotropy: Option<&Anisotropy<N>>,
     ) -> Option<Triple<N>> {
-        let (half, _) = facet_of_lobe(self.alpha, normal, viewer, disk, grain);
+        let (half, _) = facet_of_lobe(self.alpha, normal, viewer, disk, anisotropy);
         let facet = dot(viewer, half);
         let squared = N::constant(1.0) - (N::constant(1.0) - facet.squared()).scaled(1.0 / (index * index));
         if facet.value() <= 0.0 || squared.value() <= 0.0 {
@@ -462,32 +463,33 @@ mod tests {
         }
     }
 
-    /// Of a brushed surface, too, directions of the lobe stand for the half sphere above it, and those through it for the one
-    /// below.
+    /// Of an anisotropic surface, directions of the lobe stand for the half sphere above it, those through it for the
+    /// one below.
     #[test]
-    fn directions_of_a_brushed_lobe_stand_for_all() {
+    fn directions_of_an_anisotropic_lobe_stand_for_all() {
         let (up, count, index) = ([0.0, 0.0, 1.0], 2048, 1.5);
         let pattern = Pattern::new(count);
         for (alphas, angle, sine) in [([0.2, 0.5], 0.4, 0.6), ([0.6, 0.3], 1.9, 0.8), ([0.3, 0.4], 5.0, 0.1)] {
-            let grain = Grain::new(up, [0.6, 0.8, 0.3], alphas);
+            let anisotropy = Anisotropy::new(up, [0.6, 0.8, 0.3], alphas);
             let viewer = [sine * f64::cos(angle), sine * f64::sin(angle), f64::sqrt(1.0 - sine * sine)];
             for distribution in [Distribution::Ggx, Distribution::Beckmann] {
                 let finish = Finish { across: Some(alphas[1]), ..metal(alphas[0], distribution) };
-                let of = |towards| Cosines::new(up, viewer, towards, Some(&grain));
+                let of = |towards| Cosines::new(up, viewer, towards, Some(&anisotropy));
                 let whole = over_directions(|towards| finish.lobe([1.0; 3], &of(towards))[0]);
                 let density = over_directions(|towards| lobe_density(alphas[0], &of(towards)));
-                let below = |towards| finish.lobe_through(up, viewer, scale(towards, -1.0), index, Some(&grain));
+                let below = |towards| finish.lobe_through(up, viewer, scale(towards, -1.0), index, Some(&anisotropy));
                 let behind = over_directions(|towards| below(towards).map_or(0.0, |(light, _)| light[0]));
                 let (mut sum, mut above, mut through) = (0.0, 0.0, 0.0);
                 for point in (0..count).map(|number| pattern.point(number).disk) {
-                    if let Some(ray) = lobe_ray(alphas[0], up, viewer, point, Some(&grain)) {
+                    if let Some(ray) = lobe_ray(alphas[0], up, viewer, point, Some(&anisotropy)) {
                         let cosines = of(ray.towards);
                         assert!((lobe_density(alphas[0], &cosines) / ray.density - 1.0).abs() < 1e-9);
                         sum += finish.lobe([1.0; 3], &ray.cosines)[0] / ray.density / count as f64;
                         above += 1.0 / count as f64;
                     }
-                    if let Some(towards) = finish.refracted(up, viewer, point, index, Some(&grain))
-                        && let Some((light, density)) = finish.lobe_through(up, viewer, towards, index, Some(&grain))
+                    if let Some(towards) = finish.refracted(up, viewer, point, index, Some(&anisotropy))
+                        && let Some((light, density)) =
+                            finish.lobe_through(up, viewer, towards, index, Some(&anisotropy))
                     {
                         through += light[0] / density / count as f64;
                     }
@@ -495,7 +497,7 @@ mod tests {
                 let told = format!("{alphas:?} {distribution:?}: {sum} {whole} {above} {density} {through} {behind}");
                 assert!((sum / whole - 1.0).abs() < 0.01 && (density / above - 1.0).abs() < 0.01, "{told}");
                 assert!((through / behind - 1.0).abs() < 0.01, "{told}");
-                let turned = |half| grain.stretches(up, up, half);
+                let turned = |half| anisotropy.stretches(up, up, half);
                 let area =
                     over_directions(|half| distribution.density(half[2], alphas[0], Some(&turned(half))) * half[2]);
                 assert!((area - 1.0).abs() < 0.01, "{told} {area}");
@@ -503,20 +505,20 @@ mod tests {
         }
     }
 
-    /// One that is as rough along as across is like one that is not brushed, whatever the grain's direction.
+    /// One with equal roughness along both directions is isotropic, whatever the directions are.
     #[test]
-    fn an_even_brush_is_none() {
+    fn equal_alphas_are_isotropic() {
         let (up, viewer) = ([0.0, 0.0, 1.0], unit([0.3, -0.5, 0.9]));
         for along in [[1.0, 0.0, 0.0], [0.3, -0.9, 0.5], [0.0; 3]] {
-            let grain = Grain::new(up, along, [0.35; 2]);
+            let anisotropy = Anisotropy::new(up, along, [0.35; 2]);
             for distribution in [Distribution::Ggx, Distribution::Beckmann] {
                 let finish = metal(0.35, distribution);
                 for towards in [[0.1, 0.2, 0.9], [-0.7, 0.1, 0.4], [0.7, 0.5, 0.35], [0.9, 0.9, 0.1]].map(unit) {
-                    let [brushed, even] = [Some(&grain), None]
-                        .map(|grain| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards, grain)));
+                    let [equal, isotropic] = [Some(&anisotropy), None]
+                        .map(|anisotropy| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards, anisotropy)));
                     assert!(
-                        (brushed[0] / even[0] - 1.0f64).abs() < 1e-9,
-                        "{along:?} {towards:?}: {brushed:?} {even:?}"
+                        (equal[0] / isotropic[0] - 1.0f64).abs() < 1e-9,
+                        "{along:?} {towards:?}: {equal:?} {isotropic:?}"
                     );
                 }
             }

@@ -1,7 +1,7 @@
 //! Microfacets: how they are turned, how many of them are seen, and which directions they reflect light along.
 //!
 //! They are those of GGX (Walter et al. 2007, Microfacet Models for Refraction through Rough Surfaces) or of Beckmann.
-//! Brushed ones are rougher across the brush than along it, or the other way round: they are the same ones, stretched
+//! Anisotropic ones, as those of brushed metal, are rougher along one direction than across it: the same ones, stretched
 //! (Heitz 2014, Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs, section 5.3).
 //!
 //! What must not break: surfaces that are equally rough along all directions keep their bits.
@@ -19,17 +19,16 @@ pub enum Distribution {
     Beckmann,
 }
 
-/// The directions that a surface is brushed along and across, unit vectors that stand on its normal, and its roughness
-/// along each.
+/// Two directions in a surface, unit vectors that stand on its normal and on each other, and its roughness along each.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Grain<N> {
+pub(crate) struct Anisotropy<N> {
     tangents: [Triple<N>; 2],
     alphas: [f64; 2],
 }
 
-impl<N: Number> Grain<N> {
-    /// Returns the grain of a surface with a unit normal, which u grows along; `along` is that direction in about, or
-    /// zero where there is none.
+impl<N: Number> Anisotropy<N> {
+    /// Returns that of a surface with a unit normal. `along` is the direction of the first roughness, in the surface or
+    /// close to it; zero for any.
     pub(crate) fn new(normal: Triple<N>, along: Triple<N>, alphas: [f64; 2]) -> Self {
         let flat = sub(along, scale(normal, dot(normal, along)));
         let tangents = if dot(flat, flat).value() > 0.0 {
@@ -56,7 +55,7 @@ impl<N: Number> Grain<N> {
     }
 }
 
-/// What stands for roughness times sine where a surface is brushed, as squares.
+/// What stands for roughness times sine where a surface is anisotropic, as squares.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stretches<N> {
     pub(crate) out: N,
@@ -80,14 +79,19 @@ pub(crate) struct Cosines<N> {
 
 impl<N: Number> Cosines<N> {
     /// Returns those of unit vectors: the normal, and directions to the viewer and to the light.
-    pub(crate) fn new(normal: Triple<N>, viewer: Triple<N>, light: Triple<N>, grain: Option<&Grain<N>>) -> Self {
+    pub(crate) fn new(
+        normal: Triple<N>,
+        viewer: Triple<N>,
+        light: Triple<N>,
+        anisotropy: Option<&Anisotropy<N>>,
+    ) -> Self {
         let half = unit(add(viewer, light));
         Self {
             out: dot(normal, viewer),
             into: dot(normal, light),
             half: dot(normal, half),
             facet: dot(viewer, half),
-            stretches: grain.map(|grain| grain.stretches(viewer, light, half)),
+            stretches: anisotropy.map(|anisotropy| anisotropy.stretches(viewer, light, half)),
         }
     }
 }
@@ -98,19 +102,17 @@ impl Distribution {
         let squared = cosine.squared();
         match (self, stretches) {
             (Self::Ggx, None) => ggx_density(cosine, alpha),
-            (Self::Ggx, Some(brushed)) => N::constant(FRAC_1_PI / brushed.area) / (brushed.half + squared).squared(),
+            (Self::Ggx, Some(of)) => N::constant(FRAC_1_PI / of.area) / (of.half + squared).squared(),
             (Self::Beckmann, None) => {
                 let tangent = (N::constant(1.0) - squared) / squared;
                 (-tangent.scaled(1.0 / (alpha * alpha))).exp() / squared.squared().scaled(PI * alpha * alpha)
             }
-            (Self::Beckmann, Some(brushed)) => {
-                (-(brushed.half / squared)).exp() / squared.squared().scaled(PI * brushed.area)
-            }
+            (Self::Beckmann, Some(of)) => (-(of.half / squared)).exp() / squared.squared().scaled(PI * of.area),
         }
     }
 
     /// Returns the fraction of microfacets that are seen (Walter et al. 2007, equations 27 and 34), by the cosine to the
-    /// normal; `stretch` is that of the direction where the surface is brushed.
+    /// normal; `stretch` is the direction's on an anisotropic surface.
     pub(crate) fn visible<N: Number>(self, cosine: N, alpha: f64, stretch: Option<N>) -> N {
         match (self, stretch) {
             (Self::Ggx, None) => ggx_visible(cosine, alpha),
@@ -169,7 +171,7 @@ pub(crate) struct LobeRay<N> {
 pub(crate) fn lobe_density<N: Number>(alpha: f64, cosines: &Cosines<N>) -> N {
     let Cosines { out, half, stretches, .. } = cosines;
     let ggx = Distribution::Ggx;
-    let seen = ggx.visible(*out, alpha, stretches.map(|brushed| brushed.out));
+    let seen = ggx.visible(*out, alpha, stretches.map(|of| of.out));
     seen * ggx.density(*half, alpha, stretches.as_ref()) / out.scaled(4.0)
 }
 
@@ -182,12 +184,12 @@ pub(crate) fn lobe_ray<N: Number>(
     normal: Triple<N>,
     viewer: Triple<N>,
     disk: [f64; 2],
-    grain: Option<&Grain<N>>,
+    anisotropy: Option<&Anisotropy<N>>,
 ) -> Option<LobeRay<N>> {
-    let (half, out) = facet_of_lobe(alpha, normal, viewer, disk, grain);
+    let (half, out) = facet_of_lobe(alpha, normal, viewer, disk, anisotropy);
     let facet = dot(viewer, half);
     let towards = sub(scale(half, facet.scaled(2.0)), viewer);
-    let stretches = grain.map(|grain| grain.stretches(viewer, towards, half));
+    let stretches = anisotropy.map(|anisotropy| anisotropy.stretches(viewer, towards, half));
     let cosines = Cosines { out, into: dot(normal, towards), half: dot(normal, half), facet, stretches };
     let seen = cosines.into.value() > 0.0 && facet.value() > 0.0 && cosines.out.value() > 0.0;
     seen.then(|| LobeRay { towards, density: lobe_density(alpha, &cosines), cosines })
@@ -199,10 +201,10 @@ pub(crate) fn facet_of_lobe<N: Number>(
     normal: Triple<N>,
     viewer: Triple<N>,
     disk: [f64; 2],
-    grain: Option<&Grain<N>>,
+    anisotropy: Option<&Anisotropy<N>>,
 ) -> (Triple<N>, N) {
-    let ([across, along], [first, second]) =
-        grain.map_or_else(|| (tangents(normal), [alpha; 2]), |grain| (grain.tangents, grain.alphas));
+    let ([across, along], [first, second]) = anisotropy
+        .map_or_else(|| (tangents(normal), [alpha; 2]), |anisotropy| (anisotropy.tangents, anisotropy.alphas));
     let local = [dot(viewer, across), dot(viewer, along), dot(viewer, normal)];
     let facet = seen_facet(unit([local[0].scaled(first), local[1].scaled(second), local[2]]), disk);
     let half = unit([facet[0].scaled(first), facet[1].scaled(second), facet[2].at_least(0.0)]);

@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use super::finish::{Finish, Fresnel, Under, dielectric};
 use super::frame_axes::{at_map, from_frame, into_frame, point_in_frame};
 use super::lookup::looked_up;
-use super::microfacets::{Cosines, Grain, lobe_density, lobe_ray};
+use super::microfacets::{Anisotropy, Cosines, lobe_density, lobe_ray};
 use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
 use super::pattern::{Pattern, PatternPoint};
 use super::tables::Gloss;
@@ -109,8 +109,8 @@ struct Spot<'a, N> {
     fades: bool,
     /// Light comes from behind the surface of a rough solid: the index there, relative to the viewer's side.
     through: Option<f64>,
-    /// Of a brushed surface.
-    grain: Option<Grain<N>>,
+    /// Of an anisotropic surface.
+    anisotropy: Option<Anisotropy<N>>,
 }
 
 impl<N: Number> Spot<'_, N> {
@@ -129,13 +129,13 @@ impl<N: Number> Spot<'_, N> {
     /// it is wanted.
     fn reflected(&self, towards: Triple<N>, with_lobe: bool) -> Triple<N> {
         if let (Some(index), Some(finish)) = (self.through, self.finish) {
-            let through = finish.lobe_through(self.normal, self.viewer, towards, index, self.grain.as_ref());
+            let through = finish.lobe_through(self.normal, self.viewer, towards, index, self.anisotropy.as_ref());
             return through.map_or([N::constant(0.0); 3], |(light, _)| light);
         }
         let into = dot(self.normal, towards);
         let diffuse = into.scaled(std::f64::consts::FRAC_1_PI);
         let Some(finish) = self.finish else { return scale(self.base, diffuse) };
-        let cosines = Cosines::new(self.normal, self.viewer, towards, self.grain.as_ref());
+        let cosines = Cosines::new(self.normal, self.viewer, towards, self.anisotropy.as_ref());
         let below = scale(finish.below(self.base, &cosines), diffuse);
         if !with_lobe || finish.is_mirror() { below } else { add(below, finish.lobe(self.base, &cosines)) }
     }
@@ -206,8 +206,8 @@ impl Tracer<'_> {
             image.at(at - texture.first).map(f64::from)
         });
         let out = dot(normal, viewer);
-        let grain = finish.and_then(|finish| self.grain(finish, surface, normal));
-        let spot = Spot { hit: *hit, finish, base, normal, viewer, out, under, fades, through: None, grain };
+        let anisotropy = finish.and_then(|finish| self.anisotropy(finish, surface, normal));
+        let spot = Spot { hit: *hit, finish, base, normal, viewer, out, under, fades, through: None, anisotropy };
         match finish {
             Some(finish @ Finish { under: Under::Solid(index), .. }) if !finish.is_mirror() => {
                 self.through_rough_solid(&spot, finish, *index, (surface, path))
@@ -224,14 +224,14 @@ impl Tracer<'_> {
         }
     }
 
-    /// Returns along which directions a surface is brushed; None of one that is not.
-    fn grain<N: Number>(&self, finish: &Finish, surface: &Surface, normal: Triple<N>) -> Option<Grain<N>> {
+    /// Returns along which directions a surface is how rough; None of an isotropic one.
+    fn anisotropy<N: Number>(&self, finish: &Finish, surface: &Surface, normal: Triple<N>) -> Option<Anisotropy<N>> {
         let across = finish.across?;
         // Along it v does not grow.
         let [x, y, z, _] = surface.uv()[1];
         let along = vector::cross([x, y, z], normal_of(surface));
         let pose = &self.lit.view.poses[surface.frame as usize];
-        Some(Grain::new(normal, from_frame(pose, constant(along)), [finish.alpha, across]))
+        Some(Anisotropy::new(normal, from_frame(pose, constant(along)), [finish.alpha, across]))
     }
 
     /// Returns a finish as it is at a place.
@@ -365,7 +365,7 @@ impl Tracer<'_> {
         each: f64,
         path: &Path,
     ) -> Triple<N> {
-        match lobe_ray(finish.alpha, spot.normal, spot.viewer, point.disk, spot.grain.as_ref()) {
+        match lobe_ray(finish.alpha, spot.normal, spot.viewer, point.disk, spot.anisotropy.as_ref()) {
             Some(ray) if spot.sees(ray.towards) => {
                 let lobe = finish.lobe(spot.base, &ray.cosines);
                 let weight = scale(lobe, spot.fading(ray.towards).scaled(each) / ray.density);
@@ -389,15 +389,17 @@ impl Tracer<'_> {
         if triangle == spot.hit.triangle || !spot.sees(towards) || facing.value() <= 0.0 {
             return dark;
         }
-        let cosines = Cosines::new(spot.normal, spot.viewer, towards, spot.grain.as_ref());
+        let cosines = Cosines::new(spot.normal, spot.viewer, towards, spot.anisotropy.as_ref());
         let by_lamps = dot(way, way).scaled(lamps.density(triangle)) / facing;
         let (lobe, density) = match spot.through {
             None if finish.is_mirror() => (dark, N::constant(0.0)),
             None => (finish.lobe(spot.base, &cosines), lobe_density(finish.alpha, &cosines)),
-            Some(index) => match finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.grain.as_ref()) {
-                None => return dark,
-                Some(through) => through,
-            },
+            Some(index) => {
+                match finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.anisotropy.as_ref()) {
+                    None => return dark,
+                    Some(through) => through,
+                }
+            }
         };
         let mut reflected = scale(lobe, N::constant(1.0) / (by_lamps + density));
         if self.lamps_are_baked() && spot.through.is_none() {
@@ -454,10 +456,11 @@ impl Tracer<'_> {
         let (points, each) = self.points(path);
         for number in points {
             let point = self.pattern.point(number);
-            if let Some(towards) = finish.refracted(spot.normal, spot.viewer, point.disk, index, spot.grain.as_ref())
+            if let Some(towards) =
+                finish.refracted(spot.normal, spot.viewer, point.disk, index, spot.anisotropy.as_ref())
                 && behind.sees(towards)
                 && let Some((lobe, density)) =
-                    finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.grain.as_ref())
+                    finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.anisotropy.as_ref())
             {
                 let weight = scale(lobe, N::constant(each) / density);
                 let path = &Path { point: Some(number), ..*path };
