@@ -84,9 +84,9 @@ class EncodedTexture:
     def linear(self) -> Texture:
         """Return the reflectance (H, W, 3) in linear RGB."""
         height, width = self.texels.shape[:2]
-        reflectance = np.empty(self.texels.shape, np.float32)
+        reflectance, tables = np.empty(self.texels.shape, np.float32), self.light.astype(np.float32).T
         for rows in _strips(height, width):
-            for channel, light in enumerate(self.light.astype(np.float32).T):
+            for channel, light in enumerate(tables):
                 reflectance[rows, :, channel] = light[self.texels[rows, :, channel]]
         return reflectance
 

@@ -199,8 +199,9 @@ def _effort(scene: Scene, loaded: MitsubaScene, *, by_name: bool) -> Effort:
     """
     if by_name:
         return FULL_EFFORT
-    large = sum(_corners(shape) for shape in _meshes(loaded)) > MOST_CORNERS
-    return QUICK_EFFORT if scene.soft_light or large else FULL_EFFORT
+    # Of soft light corners need not be counted, which takes time for many shapes.
+    quick = scene.soft_light or sum(_corners(shape) for shape in _meshes(loaded)) > MOST_CORNERS
+    return QUICK_EFFORT if quick else FULL_EFFORT
 
 
 def _meshes(loaded: MitsubaScene) -> list[MitsubaShape]:
