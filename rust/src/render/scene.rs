@@ -21,6 +21,7 @@ use super::light::normal_texture::{Bumps, NormalTextureTables, NormalTextures};
 use super::light::sky::Sky;
 use super::light::slide::{SeenSlide, Slide};
 use super::light::texture::{self, Texture};
+use super::visibility::unoccluded::{Shining, Still, Unoccluded};
 use crate::error::{Error, Result};
 use crate::threads::SHARED;
 
@@ -173,6 +174,7 @@ pub struct Scene {
     pub(crate) step: f64,
     /// How many times farther from the surface than from the light an occluder may lie.
     pub(crate) farthest: f32,
+    unoccluded: Unoccluded,
 }
 
 impl Scene {
@@ -208,6 +210,7 @@ impl Scene {
             step: tables.step,
             #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
             farthest: ((1.0 - tables.end) / tables.end) as f32,
+            unoccluded: Unoccluded::default(),
         };
         for light in &mut scene.lights {
             if let LightKind::Point(position) = &mut light.kind {
@@ -229,7 +232,44 @@ impl Scene {
             SHARED.pool()?.install(|| push_frames(true));
         }
         scene.gloss = Gloss::new(&tables.gloss, || scene.owner_of_gloss(tables.corners.len()))?;
+        let somewhere = |light: &Light| match light.kind {
+            LightKind::Point(position) if scene.shadows => Some(Shining::At(position)),
+            LightKind::Directional(along) if scene.shadows => Some(Shining::From(along.map(|x| -x))),
+            _ => None,
+        };
+        let lights = scene.lights_in_order().into_iter().map(somewhere).collect();
+        scene.unoccluded = Unoccluded::new(scene.frames[0].triangles.len(), lights, scene.gloss.is_some());
         Ok(scene)
+    }
+
+    /// Returns the lights in the order of their colours, as those that are seen.
+    pub(crate) fn lights_in_order(&self) -> Vec<&Light> {
+        let mut lights: Vec<_> = self.lights.iter().collect();
+        lights.sort_by_key(|light| light.group);
+        lights
+    }
+
+    /// Returns whether triangles of a frame, or of those after it, throw shadows.
+    pub(crate) fn has_shadows_from(&self, frame: usize) -> bool {
+        self.shadows && self.frames[frame..].iter().any(|frame| !frame.triangles.is_empty())
+    }
+
+    /// Returns whether nothing that stands still lies between a triangle that does, too, and a light, given its number
+    /// among those that are seen; true also where the light is nowhere, so that nothing can.
+    #[inline]
+    pub(crate) fn is_lit(&self, triangle: u32, light: usize) -> bool {
+        self.unoccluded.is_lit(self.still(), triangle as usize, light)
+    }
+
+    /// Returns whether no ray from a triangle that stands still hits another one that does in about a direction of the
+    /// world.
+    #[inline]
+    pub(crate) fn is_free(&self, triangle: u32, direction: Vector) -> bool {
+        self.unoccluded.is_free(self.still(), triangle as usize, direction)
+    }
+
+    fn still(&self) -> Still<'_> {
+        Still { bvh: &self.frames[0].bvh, corners: &self.corners[self.frames[0].triangles.clone()] }
     }
 
     fn push_frame(

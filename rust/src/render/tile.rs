@@ -73,6 +73,8 @@ struct Shading {
     caster: Caster,
     sorted: Vec<Sorted>,
     visible: Vec<u32>,
+    /// Numbers among those that are visible, in the order in which they are shaded.
+    turns: Vec<u32>,
     picked: Picked,
     luma: Vec<f32>,
     rate: Vec<f32>,
@@ -282,7 +284,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     shaders: &mut Shaders<'a>,
 ) {
     let RayBlocks { x, y, around, .. } = *ray_blocks;
-    let Shading { caster, sorted, visible, picked, luma, rate, tracer } = shading;
+    let Shading { caster, sorted, visible, turns, picked, luma, rate, tracer } = shading;
     luma.clear();
     luma.resize(x.len(), tile_view.background.0);
     rate.clear();
@@ -306,45 +308,58 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     }
     let seen = |index: u32| &all[list[index as usize].seen as usize];
     shaders.set_up(&tile_view.lit, visible.iter().map(|&index| seen(index)));
+    // Where nothing that stands still throws a shadow, only bodies are looked through for some that do.
+    turns.clear();
+    turns.extend((0..).zip(shaders.iter()).filter(|(_, shader)| shader.is_unoccluded()).map(|(at, _)| at));
+    let open = turns.len();
+    turns.extend((0..).zip(shaders.iter()).filter(|(_, shader)| !shader.is_unoccluded()).map(|(at, _)| at));
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
-    let by_rays = tile_view.lit.scene.shadows && visible.len() > tile_view.ways.receivers;
-    while at < visible.len() {
+    while at < turns.len() {
         let first = at;
-        at += 1;
-        if by_rays {
-            at = visible.len();
-            caster.shadow.by_rays(&tile_view.lit, |light| shaders.iter().any(|one| one.lit_by(light)));
-        } else if tile_view.lit.scene.shadows {
+        let (group, from) = if at < open { (0..open, 1) } else { (open..turns.len(), 0) };
+        let shadows = tile_view.lit.scene.has_shadows_from(from);
+        let by_rays = shadows && group.len() > tile_view.ways.receivers;
+        let of = |at: usize| (&shaders[turns[at] as usize], visible[turns[at] as usize]);
+        if !shadows {
+            at = group.end;
+            caster.shadow.begin(&tile_view.lit, from);
+        } else if by_rays {
+            at = group.end;
+            caster.shadow.by_rays(&tile_view.lit, from, |light| group.clone().any(|at| of(at).0.lit_by(light)));
+        } else {
             // Neighbours in space follow each other in the list: what shadows them is searched for together.
-            let own = if Hits::ALONE { &hits.around(visible[first]) } else { around };
-            let mut patch = Patch::new(&tile_view.lit, seen(visible[first]), own);
-            while !Hits::ALONE && at < visible.len() {
-                let other = Patch::new(&tile_view.lit, seen(visible[at]), around);
+            at += 1;
+            let index = of(first).1;
+            let own = if Hits::ALONE { &hits.around(index) } else { around };
+            let mut patch = Patch::new(&tile_view.lit, seen(index), own);
+            while !Hits::ALONE && at < group.end {
+                let other = Patch::new(&tile_view.lit, seen(of(at).1), around);
                 let Some(both) = patch.with(&other) else { break };
                 patch = both;
                 at += 1;
             }
-            let falls = |light: usize| shaders[first..at].iter().any(|one| one.lit_by(light));
-            let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
-            caster.shadow.search(&tile_view.lit, &patch, alone, falls);
+            let falls = |light: usize| (first..at).any(|at| of(at).0.lit_by(light));
+            let alone = (at == first + 1).then_some(seen(index).triangle);
+            caster.shadow.search(&tile_view.lit, (&patch, from), alone, falls);
         }
-        let run = &visible[first..at];
+        let run = first..at;
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
-        for (sorted, &index) in sorted.iter_mut().zip(run) {
-            hits.sort(index, !by_rays, sorted);
+        for (sorted, at) in sorted.iter_mut().zip(run.clone()) {
+            hits.sort(of(at).1, !by_rays, sorted);
         }
-        if tile_view.lit.scene.shadows && caster.shadow.falls() {
+        if caster.shadow.falls() {
             caster.clear();
-            let by_lines = !by_rays && run.iter().all(|&index| hits.cast(&tile_view.lit, caster, seen(index), index));
+            let by_lines =
+                !by_rays && run.clone().all(|at| hits.cast(&tile_view.lit, caster, seen(of(at).1), of(at).1));
             if !by_lines {
-                for (sorted, &index) in sorted.iter().zip(run) {
-                    caster.fall_on(&tile_view.lit, seen(index), &sorted.scattered);
+                for (sorted, at) in sorted.iter().zip(run.clone()) {
+                    caster.fall_on(&tile_view.lit, seen(of(at).1), &sorted.scattered);
                 }
                 caster.cast(&tile_view.lit, x, y);
             }
         }
-        for (number, ((shader, &index), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
+        for (number, ((shader, index), sorted)) in run.map(of).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
                 shaded::<RATE>(shader, &row.rays(x, y, picked), caster, number, (&mut one, &mut one_rate));
                 row.put(&one, hits.indices(), index, luma);

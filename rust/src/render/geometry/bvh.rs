@@ -198,8 +198,13 @@ impl Bvh {
                     prefetch(high);
                 }
                 // The nearest comes last, to be taken first.
-                let at = begin + waiting[begin..].iter().filter(|other| other.distance > new.distance).count();
-                waiting.insert(at, new);
+                waiting.push(new);
+                let mut at = waiting.len() - 1;
+                while at > begin && waiting[at - 1].distance <= new.distance {
+                    waiting[at] = waiting[at - 1];
+                    at -= 1;
+                }
+                waiting[at] = new;
             }
         }
     }

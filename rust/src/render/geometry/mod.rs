@@ -6,5 +6,6 @@ mod bvh_node;
 pub(super) mod curve;
 pub(super) mod linear;
 pub(super) mod pixel_rays;
+pub(super) mod sweep;
 pub(super) mod vector;
 pub(super) mod view;

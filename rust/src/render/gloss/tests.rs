@@ -583,13 +583,13 @@ fn rays_meet_what_a_search_of_all_finds() {
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
         missed += scene.frames.iter().zip(&rays).filter(|(f, ray)| f.bvh.is_missed(ray.origin, ray.direction)).count();
         of_bodies += usize::from(all.first().is_some_and(|hit| scene.surfaces[hit.1 as usize].frame > 1));
-        assert_eq!(is_blocked(&scene, &rays, f64::INFINITY, u32::MAX, &mut vec![]), !all.is_empty());
+        assert_eq!(is_blocked(&scene, (&rays, 0), f64::INFINITY, u32::MAX, &mut vec![]), !all.is_empty());
         let number = |at: usize| all.get(at).map(|hit| hit.1);
-        assert_eq!(hits.nearest(&scene, &rays, 0.0, u32::MAX), number(0));
+        assert_eq!(hits.nearest(&scene, (&rays, 0), 0.0, u32::MAX), number(0));
         if let [first, second, ..] = all[..] {
             met += 1;
-            assert_eq!(hits.nearest(&scene, &rays, 0.0, first.1), Some(second.1));
-            assert_eq!(hits.nearest(&scene, &rays, f64::midpoint(first.0, second.0), u32::MAX), Some(second.1));
+            assert_eq!(hits.nearest(&scene, (&rays, 0), 0.0, first.1), Some(second.1));
+            assert_eq!(hits.nearest(&scene, (&rays, 0), f64::midpoint(first.0, second.0), u32::MAX), Some(second.1));
         }
     }
     assert!(met > 100 && missed > 1000 && of_bodies > 15, "{met} {missed} {of_bodies}");

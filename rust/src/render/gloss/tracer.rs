@@ -251,24 +251,24 @@ impl Tracer<'_> {
     fn lit_by_all<N: Number>(&mut self, spot: &Spot<N>, surface: &Surface, path: &Path) -> Triple<N> {
         let (lit, gloss) = (self.lit, self.gloss);
         let (mut sum, mut evenly) = ([N::constant(0.0); 3], [N::constant(0.0); 3]);
-        for light in lit.lights {
+        for (number, light) in lit.lights.iter().enumerate() {
             let strength = N::new(light.strength, light.strength_rate);
             let colour = scale(constant(gloss.colours[light.group]), strength);
             match light.kind {
                 SeenKind::Visible => {}
                 SeenKind::Constant => evenly = add(evenly, scale(colour, spot.even_fraction())),
                 SeenKind::Baked(_) if light.strength == 0.0 && light.strength_rate == 0.0 => {}
-                SeenKind::Baked(number) => {
+                SeenKind::Baked(texels) => {
                     if let Some([front, back]) = surface.light_maps.as_deref() {
                         let side = if spot.hit.front || !surface.two_sided { front } else { back };
-                        let texels = &lit.scene.irradiance[number];
+                        let irradiance = &lit.scene.irradiance[texels];
                         let [value] =
                             looked_up(&side.texture, Wrap::Clamp, [&side.u, &side.v], spot.hit.in_frame, |at| {
-                                [f64::from(parted(texels[at])[0])]
+                                [f64::from(parted(irradiance[at])[0])]
                             });
                         let mut value = value.at_least(0.0);
                         if spot.under.is_some() {
-                            let grown = self.grown(spot, surface, side, number);
+                            let grown = self.grown(spot, surface, side, texels);
                             value = (value * spot.even_fraction() + grown).at_least(0.0);
                         }
                         evenly = add(evenly, scale(colour, value));
@@ -276,13 +276,13 @@ impl Tracer<'_> {
                 }
                 SeenKind::Directional(towards, rate) => {
                     let towards = rated(towards, rate);
-                    if spot.sees(towards) && !self.is_hidden(spot, values(towards), f64::INFINITY) {
+                    if spot.sees(towards) && !self.is_hidden(spot, values(towards), f64::INFINITY, Some(number)) {
                         let reflected = scale(spot.reflected(towards, true), spot.fading(towards));
                         sum = add(sum, times(colour, reflected));
                     }
                 }
                 SeenKind::Point(position, rate) => {
-                    let reflected = self.lit_from_position(spot, light, rated(position, rate));
+                    let reflected = self.lit_from_position(spot, (number, light), rated(position, rate));
                     sum = add(sum, times(colour, reflected));
                 }
             }
@@ -302,7 +302,12 @@ impl Tracer<'_> {
     }
 
     /// Returns what a surface reflects of a light at a position, for a strength of 1.
-    fn lit_from_position<N: Number>(&mut self, spot: &Spot<N>, light: &SeenLight, position: Triple<N>) -> Triple<N> {
+    fn lit_from_position<N: Number>(
+        &mut self,
+        spot: &Spot<N>,
+        (number, light): (usize, &SeenLight),
+        position: Triple<N>,
+    ) -> Triple<N> {
         let way = sub(position, spot.hit.point);
         let towards = unit(way);
         if !spot.sees(towards) {
@@ -313,7 +318,8 @@ impl Tracer<'_> {
             let slide = &self.lit.scene.slides[seen.number];
             fraction = fraction * slide.sent(seen.plane, &seen.rows.numbers(), negated(way));
         }
-        if fraction.value() == 0.0 && fraction.rate() == 0.0 || self.is_hidden(spot, values(way), self.to_lamps()) {
+        let nothing = fraction.value() == 0.0 && fraction.rate() == 0.0;
+        if nothing || self.is_hidden(spot, values(way), self.to_lamps(), Some(number)) {
             return [N::constant(0.0); 3];
         }
         // In a lobe, a lamp of many places is looked at as the triangles that it is made of.
@@ -408,7 +414,7 @@ impl Tracer<'_> {
             let weight = cosines.into.scaled(std::f64::consts::FRAC_1_PI) / by_lamps;
             reflected = add(reflected, scale(more, weight));
         }
-        if largest(values(reflected)) < NO_SHADOW || self.is_hidden(spot, values(way), self.to_lamps()) {
+        if largest(values(reflected)) < NO_SHADOW || self.is_hidden(spot, values(way), self.to_lamps(), None) {
             return dark;
         }
         times(scale(reflected, spot.fading(towards)), self.emitted(triangle))
@@ -635,11 +641,13 @@ impl Tracer<'_> {
         self.set_rays(origin, values(towards));
         let TracerScratch { rays, hits, .. } = &mut *self.scratch;
         let after = NEAREST * (largest(rays[0].origin) + largest(origin));
-        hits.nearest(self.lit.scene, rays, after, spot.hit.triangle)
+        let from = usize::from(self.lit.scene.is_free(spot.hit.triangle, rays[0].direction));
+        hits.nearest(self.lit.scene, (rays, from), after, spot.hit.triangle)
     }
 
-    /// Returns whether anything hides a light from a surface, along a vector of which `end` is the way to it.
-    fn is_hidden<N: Number>(&mut self, spot: &Spot<N>, along: Vector, end: f64) -> bool {
+    /// Returns whether anything hides a light from a surface, along a vector of which `end` is the way to it. The light's
+    /// number is given where it is one of the view's.
+    fn is_hidden<N: Number>(&mut self, spot: &Spot<N>, along: Vector, end: f64, light: Option<usize>) -> bool {
         let scene = self.lit.scene;
         if !scene.shadows {
             return false;
@@ -648,9 +656,17 @@ impl Tracer<'_> {
         let plane = if spot.through.is_some() { vector::scale(plane, -1.0) } else { plane };
         let in_world = self.lit.view.poses[0].point(point);
         let step = scene.step * (largest(in_world) + largest(point));
+        let along_in_world = self.lit.view.poses[0].vector(along);
+        let from = usize::from(match light {
+            Some(light) => scene.is_lit(spot.hit.triangle, light),
+            None => scene.is_free(spot.hit.triangle, along_in_world),
+        });
+        if !scene.has_shadows_from(from) {
+            return false;
+        }
         self.set_rays(vector::add(point, vector::scale(plane, step)), along);
         let TracerScratch { rays, stack, .. } = &mut *self.scratch;
-        is_blocked(scene, rays, end, spot.hit.triangle, stack)
+        is_blocked(scene, (rays, from), end, spot.hit.triangle, stack)
     }
 
     /// Brings a ray into all frames.

@@ -254,7 +254,7 @@ fn is_hidden(scene: &Scene, view: &View, light: &FramedLight, hit: &Hit, stack: 
         .iter()
         .map(|pose| Ray { origin: pose.point(add(hit.seen, off)), direction: pose.vector(rest) })
         .collect();
-    is_blocked(scene, &rays, end, hit.triangle, stack)
+    is_blocked(scene, (&rays, 0), end, hit.triangle, stack)
 }
 
 /// Looks up bilinearly. Returns the value, and how it changes with the point.

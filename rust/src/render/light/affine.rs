@@ -23,12 +23,13 @@ pub(super) struct Affine {
     pub(super) offset_rate: f32,
 }
 
+impl Changing {
+    pub(super) const ZERO: Self = Self { now: Linear([0.0; 3]), rate: Linear([0.0; 3]) };
+}
+
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Affine {
-    pub(super) const ZERO: Self = {
-        let slope = Changing { now: Linear([0.0; 3]), rate: Linear([0.0; 3]) };
-        Self { slope, offset: 0.0, offset_rate: 0.0 }
-    };
+    pub(super) const ZERO: Self = Self { slope: Changing::ZERO, offset: 0.0, offset_rate: 0.0 };
 
     #[inline(always)]
     pub(super) fn at<const RATE: bool>(&self, x: f32, y: f32, depth: f32, depth_rate: f32) -> (f32, f32) {

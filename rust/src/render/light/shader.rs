@@ -91,9 +91,30 @@ pub(crate) struct Shader<'a> {
 }
 
 impl<'a> Shader<'a> {
-    /// Sets up a triangle; `lit` is room for its lights.
-    fn new(surroundings: &Surroundings<'a>, seen: &Seen, mut lit: Vec<Lit<'a>>) -> Self {
-        lit.clear();
+    /// Returns a triangle as a view sees it.
+    fn new(surroundings: &Surroundings<'a>, seen: &Seen) -> Self {
+        let scene = surroundings.scene;
+        let mut shader = Self {
+            triangle: seen.triangle,
+            scene,
+            texture: &scene.textures[0],
+            inverse_depth: Changing::ZERO,
+            u: Affine::ZERO,
+            v: Affine::ZERO,
+            smooth: None,
+            bumpy: None,
+            light_map: None,
+            emitted: (0.0, 0.0),
+            two_sided: false,
+            lit: vec![],
+            dark: true,
+        };
+        shader.become_of(surroundings, seen);
+        shader
+    }
+
+    /// Becomes that of another triangle, in place: to make a new one and to move it here takes longer.
+    fn become_of(&mut self, surroundings: &Surroundings<'a>, seen: &Seen) {
         let Surroundings { scene, view, lights, .. } = *surroundings;
         let surface = &scene.surfaces[seen.triangle as usize];
         let pose = &view.poses[surface.frame as usize];
@@ -106,65 +127,62 @@ impl<'a> Shader<'a> {
             height: dot([surface.plane[0], surface.plane[1], surface.plane[2]], pose.position) + surface.plane[3],
             height_rate: -dot(normal, pose.drift()),
         };
-        let smooth = surface.normal.as_ref().map(|maps| {
+        self.smooth = surface.normal.as_ref().map(|maps| {
             // The map's components along the frame's axes, turned into camera axes.
             let rows = maps.map(|map| Map::new(&map, pose));
             std::array::from_fn(|i| turned_map(&rows, pose, i))
         });
-        let [u, v] = if texture.is_constant() {
+        [self.u, self.v] = if texture.is_constant() {
             [Affine::ZERO; 2]
         } else {
             surface.uv().map(|map| coordinate(&map, pose, texture.wrap))
         };
         // The normal n points at the camera where n . p + d > 0 at its position p.
         let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
-        // Glossy triangles are shaded elsewhere.
-        let glossy = scene.is_glossy(seen.triangle);
-        let bumpy = scene.bumps(surface).map(|bumps| {
+        self.bumpy = scene.bumps(surface).map(|bumps| {
             let towards = if facing > 0.0 { 1.0 } else { -1.0 };
             Box::new(SeenBumps::new(bumps, pose, [plane.normal, plane.normal_rate], towards))
         });
-        let one_normal = smooth.is_none() && bumpy.is_none();
-        let dark = glossy || one_normal && facing < 0.0 && !surface.two_sided;
-        let mut shader = Self {
-            triangle: seen.triangle,
-            scene,
-            texture,
-            inverse_depth: Changing {
-                now: seen.inverse_depth,
-                rate: Linear(single(std::array::from_fn(|i| {
-                    (plane.normal[i] * plane.height_rate / plane.height - plane.normal_rate[i]) / plane.height
-                }))),
-            },
-            u,
-            v,
-            smooth,
-            bumpy,
-            light_map: surface.light_maps.as_deref().map(|[front, back]| {
-                LightMap::new(if facing > 0.0 || !surface.two_sided { front } else { back }, pose)
-            }),
-            emitted: (0.0, 0.0),
-            two_sided: surface.two_sided,
-            lit,
-            dark,
+        self.triangle = seen.triangle;
+        self.texture = texture;
+        self.inverse_depth = Changing {
+            now: seen.inverse_depth,
+            rate: Linear(single(std::array::from_fn(|i| {
+                (plane.normal[i] * plane.height_rate / plane.height - plane.normal_rate[i]) / plane.height
+            }))),
         };
-        if let (Some(emission), true) = (&surface.emission, facing > 0.0 && !glossy) {
-            shader.emitted = emitted(emission.luma, view.factors[emission.light as usize]);
-        }
-        if !dark {
-            shader.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
+        self.light_map = surface
+            .light_maps
+            .as_deref()
+            .map(|[front, back]| LightMap::new(if facing > 0.0 || !surface.two_sided { front } else { back }, pose));
+        self.two_sided = surface.two_sided;
+        // Glossy triangles are shaded elsewhere.
+        let glossy = scene.is_glossy(seen.triangle);
+        self.emitted = match &surface.emission {
+            Some(emission) if facing > 0.0 && !glossy => emitted(emission.luma, view.factors[emission.light as usize]),
+            _ => (0.0, 0.0),
+        };
+        self.lit.clear();
+        let one_normal = self.smooth.is_none() && self.bumpy.is_none();
+        self.dark = glossy || one_normal && facing < 0.0 && !surface.two_sided;
+        if !self.dark {
+            self.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
                 let falls = if one_normal { plane.lit_by(light, facing) } else { on_smooth(light) };
                 let (beam, slide) = (light.beam, light.slide.as_ref());
                 Some(Lit { falls: falls?, group: light.group, light: number, beam, slide })
             }));
-            shader.dark = shader.lit.is_empty() && surface.emission.is_none();
+            self.dark = self.lit.is_empty() && surface.emission.is_none();
         }
-        shader
     }
 
     /// Returns whether a light of this number falls on it.
     pub(crate) fn lit_by(&self, light: usize) -> bool {
         self.lit.iter().any(|lit| lit.light == light)
+    }
+
+    /// Returns whether nothing that stands still lies between it and any light that falls on it.
+    pub(crate) fn is_unoccluded(&self) -> bool {
+        self.lit.iter().all(|lit| self.scene.is_lit(self.triangle, lit.light))
     }
 }
 
@@ -200,10 +218,9 @@ impl<'a> Shaders<'a> {
             // What stands here may be seen by this tile, too, so the last of those that are known goes.
             let place = if few { at + FEW - 1 } else { at }.min(self.all.len());
             if let Some(shader) = self.all.get_mut(place) {
-                let room = std::mem::take(&mut shader.lit);
-                *shader = Shader::new(surroundings, seen, room);
+                shader.become_of(surroundings, seen);
             } else {
-                self.all.push(Shader::new(surroundings, seen, vec![]));
+                self.all.push(Shader::new(surroundings, seen));
             }
             if place != at {
                 self.all.swap(at, place);

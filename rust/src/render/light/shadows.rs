@@ -22,8 +22,6 @@ pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     if !scene.shadows {
         return vec![];
     }
-    let mut lights: Vec<_> = scene.lights.iter().collect();
-    lights.sort_by_key(|light| light.group); // as those that are seen
     let still = &scene.corners[scene.frames[0].triangles.clone()];
     let of_light = |kind: &LightKind| {
         let mut packets = vec![];
@@ -36,7 +34,7 @@ pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
         }
         packets
     };
-    lights.iter().map(|light| of_light(&light.kind)).collect()
+    scene.lights_in_order().iter().map(|light| of_light(&light.kind)).collect()
 }
 
 /// Finds the cones of what moves, as it is in a view: by frame, without the world's.
@@ -102,22 +100,25 @@ struct LightShadow {
 pub(crate) struct Shadow {
     lights: Vec<LightShadow>,
     stack: Vec<u32>,
+    /// Of what stands still in the frames before this one nothing hides a light.
+    from: usize,
     /// The world's frame, by which surfaces are stepped off.
     pub(crate) world: ToFrame,
     pub(crate) step: f32,
 }
 
 impl Shadow {
-    /// Finds what may hide some of the lights from a patch of one triangle, or where `alone` is None, of several.
+    /// Finds what may hide some of the lights from a patch of one triangle, or where `alone` is None, of several, in the
+    /// frames `from` this one on.
     pub(crate) fn search(
         &mut self,
         surroundings: &Surroundings,
-        patch: &Patch,
+        (patch, from): (&Patch, usize),
         alone: Option<u32>,
         falls: impl Fn(usize) -> bool,
     ) {
         let (scene, view) = (surroundings.scene, surroundings.view);
-        self.begin(surroundings);
+        self.begin(surroundings, from);
         let corners = patch.corners(view);
         let depth = corners.iter().fold(0.0f64, |most, corner| most.max(corner[2]));
         let region = |frame: usize| {
@@ -129,7 +130,7 @@ impl Shadow {
         };
         let reach = |region: &Bounds| largest(region.low).max(largest(region.high));
         let step = 1.001 * scene.step * (reach(&region(0)) + depth);
-        for frame in 0..scene.frames.len() {
+        for frame in from..scene.frames.len() {
             if scene.frames[frame].triangles.is_empty() {
                 continue;
             }
@@ -146,8 +147,8 @@ impl Shadow {
     }
 
     /// Leaves the search for what hides points to [`Self::before`], once single points are known.
-    pub(crate) fn by_rays(&mut self, surroundings: &Surroundings, falls: impl Fn(usize) -> bool) {
-        self.begin(surroundings);
+    pub(crate) fn by_rays(&mut self, surroundings: &Surroundings, from: usize, falls: impl Fn(usize) -> bool) {
+        self.begin(surroundings, from);
         for (number, shadow) in self.lights.iter_mut().enumerate().filter(|(number, _)| falls(*number)) {
             let source = source(&surroundings.lights[number], &surroundings.view.poses[0]);
             shadow.by_rays = source.is_some();
@@ -156,8 +157,9 @@ impl Shadow {
         }
     }
 
-    /// Forgets what was found for another patch.
-    fn begin(&mut self, surroundings: &Surroundings) {
+    /// Forgets what was found for another patch. Nothing hides a light until it is searched for.
+    pub(crate) fn begin(&mut self, surroundings: &Surroundings, from: usize) {
+        self.from = from;
         self.lights.resize_with(surroundings.lights.len(), LightShadow::default);
         for shadow in &mut self.lights {
             (shadow.dark, shadow.used, shadow.by_rays) = (false, 0, false);
@@ -175,7 +177,7 @@ impl Shadow {
         number: usize,
     ) -> impl Iterator<Item = (usize, Before<'a>)> + use<'a> {
         let LightShadow { by_rays, farthest, .. } = self.lights[number];
-        let frames = surroundings.scene.frames.iter().zip(&surroundings.view.poses).enumerate();
+        let frames = surroundings.scene.frames.iter().zip(&surroundings.view.poses).enumerate().skip(self.from);
         frames.filter(move |(_, (frame, _))| by_rays && !frame.triangles.is_empty()).filter_map(
             move |(at, (frame, pose))| {
                 let source = source(&surroundings.lights[number], pose)?;

@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use super::bins::{Entry, NEARER, Pyramid, Seen};
 use super::nearest::{NOTHING, Nearest, least};
-use super::ray_cells::{RayCells, WORD};
+use super::ray_cells::{RayCells, RayWord, WORD};
 use super::set_up::{Pending, Projected, SetUp};
 use crate::prefetch::prefetch;
 use crate::render::geometry::bvh::{self, Leaves, WIDTH, Waiting};
@@ -38,8 +38,9 @@ pub(crate) struct Beam {
     /// Of each ray the number in the scene of what it sees so far.
     triangles: Vec<u32>,
     pending: Pending,
-    /// Of the pending triangles, one after the other: the rays that may meet it, as bits.
-    met_by: Vec<u64>,
+    /// Of the pending triangles, one after the other: the rays that may meet it; and where those of each end.
+    met_by: Vec<RayWord>,
+    ends: [usize; WIDTH],
     waiting: Vec<Waiting>,
     /// Of each triangle that was tested its index among those that are seen.
     indices: Vec<u32>,
@@ -50,14 +51,14 @@ pub(crate) struct Beam {
 /// The rays of a tile, and what they see so far.
 struct BeamHits<'a> {
     ray_blocks: &'a RayBlocks<'a>,
-    words: usize,
     /// Of each ray the index of what it sees among those that were tested, its number in the scene, and its inverse
     /// depth.
     index: &'a mut [u32],
     triangles: &'a mut [u32],
     inverse_depth: &'a mut [f32],
     tested: &'a mut Vec<Seen>,
-    met_by: &'a mut [u64],
+    met_by: &'a mut [RayWord],
+    ends: &'a mut [usize; WIDTH],
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
@@ -66,11 +67,9 @@ impl SetUp for BeamHits<'_> {
     #[inline(always)]
     fn look_at(&mut self, position: usize, seen: &Seen) {
         let mut any = false;
-        for word in 0..self.words {
-            let mut rays = self.met_by[position * self.words + word];
-            if rays == 0 {
-                continue;
-            }
+        let first = if position == 0 { 0 } else { self.ends[position - 1] };
+        for at in first..self.ends[position] {
+            let RayWord { word, mut rays } = self.met_by[at];
             if rays.count_ones() > FEW {
                 for first in (word * WORD..(word + 1) * WORD).step_by(LANES) {
                     any |= self.test_all(seen, first);
@@ -146,6 +145,7 @@ struct Walk<'a> {
     /// The first triangle of the frame.
     first: usize,
     cells: &'a mut RayCells,
+    has_cells: bool,
     pending: &'a mut Pending,
     hits: BeamHits<'a>,
     /// Triangles that are projected next, and how many they are: leaves have few, and vector code takes [`WIDTH`].
@@ -206,14 +206,16 @@ impl Walk<'_> {
             if apart || projected.nearest[i] < self.depth.closed {
                 continue;
             }
-            if self.hits.words == 0 {
+            if !self.has_cells {
                 self.cells.take(self.hits.ray_blocks);
-                self.hits.words = self.cells.words;
+                self.has_cells = true;
             }
             let corner = |extent: &[[f32; WIDTH]; 2]| [extent[0][i], extent[1][i]];
             let range = self.cells.range(corner(&projected.low), corner(&projected.high));
-            let met_by = &mut self.hits.met_by[self.pending.count * self.hits.words..];
-            if self.cells.rays_in(range, met_by) {
+            let first = if self.pending.count == 0 { 0 } else { self.hits.ends[self.pending.count - 1] };
+            let found = self.cells.rays_in(range, &mut self.hits.met_by[first..]);
+            if found > 0 {
+                self.hits.ends[self.pending.count] = first + found;
                 self.pending.add(&projected, i, self.next[i]);
                 if self.pending.count == WIDTH {
                     self.set_up();
@@ -276,21 +278,21 @@ impl Beam {
         self.tested.clear();
         self.triangles.clear();
         self.triangles.resize(rays, NOTHING);
-        self.met_by.resize(WIDTH * rays / WORD, 0);
+        self.met_by.resize(WIDTH * rays / WORD, RayWord::default());
         let mut depth = Depth { open: 0, closed: 0.0, farthest: f32::INFINITY, wait: 0 };
         // Cells are made when the first triangle is met: many tiles have none.
-        let mut words = 0;
+        let mut has_cells = false;
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
             let pyramid = Pyramid::new(ray_blocks.around, pose, frame.bvh.reach);
-            let Self { tested, waiting, cells, triangles, pending, met_by, .. } = self;
+            let Self { tested, waiting, cells, triangles, pending, met_by, ends, .. } = self;
             let (index, inverse_depth) = (&mut *nearest.index, &mut *nearest.inverse_depth);
-            let hits = BeamHits { ray_blocks, words, index, triangles, inverse_depth, tested, met_by };
+            let hits = BeamHits { ray_blocks, index, triangles, inverse_depth, tested, met_by, ends };
             let (first, next, count) = (frame.triangles.start, [0; WIDTH], 0);
-            let mut walk = Walk { scene, pose, first, cells, pending, hits, next, count, depth };
+            let mut walk = Walk { scene, pose, first, cells, has_cells, pending, hits, next, count, depth };
             frame.bvh.visit_from_front(waiting, &pyramid, &mut walk);
             walk.look();
             walk.set_up();
-            (words, depth) = (walk.hits.words, walk.depth);
+            (has_cells, depth) = (walk.has_cells, walk.depth);
         }
         self.list_seen(&nearest.index, list);
         for index in nearest.index.iter_mut().filter(|index| **index != NOTHING) {

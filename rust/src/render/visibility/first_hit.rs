@@ -281,10 +281,16 @@ pub(crate) struct FirstHits(Vec<Waiting>);
 
 impl FirstHits {
     /// Returns the triangle that a ray meets first, but one, farther away than `after`; `rays` are the ray in each of the
-    /// scene's frames.
-    pub(crate) fn nearest(&mut self, scene: &Scene, rays: &[Ray], after: f64, but: u32) -> Option<u32> {
+    /// scene's frames, of which those before `from` have nothing that it meets.
+    pub(crate) fn nearest(
+        &mut self,
+        scene: &Scene,
+        (rays, from): (&[Ray], usize),
+        after: f64,
+        but: u32,
+    ) -> Option<u32> {
         let (mut nearest, mut distance) = (None, f64::INFINITY);
-        for (frame, ray) in scene.frames.iter().zip(rays) {
+        for (frame, ray) in scene.frames.iter().zip(rays).skip(from) {
             if frame.bvh.is_missed(ray.origin, ray.direction) {
                 continue;
             }
@@ -318,10 +324,17 @@ fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
     (distance > 0.0).then_some(distance)
 }
 
-/// Returns whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames.
+/// Returns whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames, of
+/// which those before `from` have nothing that it meets.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
-    for (frame, ray) in scene.frames.iter().zip(rays) {
+pub(crate) fn is_blocked(
+    scene: &Scene,
+    (rays, from): (&[Ray], usize),
+    end: f64,
+    but: u32,
+    stack: &mut Vec<u32>,
+) -> bool {
+    for (frame, ray) in scene.frames.iter().zip(rays).skip(from) {
         if frame.bvh.is_missed(ray.origin, ray.direction) {
             continue;
         }

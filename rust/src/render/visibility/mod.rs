@@ -10,3 +10,4 @@ mod ray_cells;
 pub(super) mod ray_tracer;
 mod set_up;
 pub(super) mod sorted;
+pub(super) mod unoccluded;

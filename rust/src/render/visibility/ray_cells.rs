@@ -27,6 +27,13 @@ pub(super) struct RayCells {
     below: [Vec<u64>; 2],
 }
 
+/// Some of the rays of a word, as bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct RayWord {
+    pub(super) word: usize,
+    pub(super) rays: u64,
+}
+
 /// First and last cell of a rectangle along each axis.
 pub(super) type CellRange = [[usize; 2]; 2];
 
@@ -77,20 +84,23 @@ impl RayCells {
         [0, 1].map(|axis| [self.cell(axis, low[axis]), self.cell(axis, high[axis])])
     }
 
-    /// Finds the rays in cells; says whether there are any.
+    /// Finds the rays in cells, as words that have any, and puts them to the front of `found`, which has room for all;
+    /// returns how many words these are.
     #[inline(always)]
-    pub(super) fn rays_in(&self, range: CellRange, rays: &mut [u64]) -> bool {
+    pub(super) fn rays_in(&self, range: CellRange, found: &mut [RayWord]) -> usize {
         let [columns, rows] = range;
         let row = |axis: usize, cell: usize| &self.below[axis][cell * self.words..][..self.words];
         let (left, right) = (row(0, columns[0]), row(0, columns[1] + 1));
         let (top, bottom) = (row(1, rows[0]), row(1, rows[1] + 1));
-        let rays = &mut rays[..self.words];
-        let mut any = 0;
+        let found = &mut found[..self.words];
+        let mut count = 0;
         for word in 0..self.words {
-            rays[word] = right[word] & !left[word] & bottom[word] & !top[word];
-            any |= rays[word];
+            let rays = right[word] & !left[word] & bottom[word] & !top[word];
+            // What is not wanted is overwritten by the next: that takes less time than to branch.
+            found[count.min(word)] = RayWord { word, rays };
+            count += usize::from(rays != 0);
         }
-        any != 0
+        count
     }
 }
 
@@ -100,6 +110,18 @@ mod tests {
     use super::*;
     use crate::render::geometry::linear::Rect;
     use proptest::prelude::*;
+
+    /// Returns the rays of each word.
+    fn words_in(cells: &RayCells, low: [f32; 2], high: [f32; 2]) -> Vec<u64> {
+        let mut found = vec![RayWord { word: 7, rays: u64::MAX }; cells.words];
+        let count = cells.rays_in(cells.range(low, high), &mut found);
+        let mut words = vec![0; cells.words];
+        for RayWord { word, rays } in &found[..count] {
+            assert!(*rays != 0 && words[*word] == 0);
+            words[*word] = *rays;
+        }
+        words
+    }
 
     proptest! {
         /// Every ray of a rectangle is found, and none that is more than two cells away.
@@ -119,9 +141,7 @@ mod tests {
             cells.take(&RayBlocks { x: &x, y: &y, around: &around, blocks: &[around] });
             let low = [corners[0].min(corners[1]), 0.02 * corners[2].min(corners[3])];
             let high = [corners[0].max(corners[1]), 0.02 * corners[2].max(corners[3])];
-            let mut words = vec![u64::MAX; x.len() / WORD];
-            let any = cells.rays_in(cells.range(low, high), &mut words);
-            prop_assert_eq!(any, words.iter().any(|&word| word != 0));
+            let words = words_in(&cells, low, high);
             for ray in 0..x.len() {
                 let is_in_words = words[ray / WORD] >> (ray % WORD) & 1 == 1;
                 let inside = |axis: usize, value: f32, by: f32| low[axis] - by <= value && value <= high[axis] + by;
@@ -146,12 +166,8 @@ mod tests {
         let mut cells = RayCells::default();
         cells.take(&RayBlocks { x: &x, y: &x, around: &around, blocks: &[around] });
         for (low, high) in [(0.0, 127.0), (f32::NEG_INFINITY, f32::INFINITY)] {
-            let mut words = [0; 2];
-            assert!(cells.rays_in(cells.range([low; 2], [high; 2]), &mut words));
-            assert_eq!(words, [u64::MAX; 2]);
+            assert_eq!(words_in(&cells, [low; 2], [high; 2]), [u64::MAX; 2]);
         }
-        let mut words = [7; 2];
-        assert!(!cells.rays_in(cells.range([10.0, 50.0], [20.0, 60.0]), &mut words));
-        assert_eq!(words, [0; 2]);
+        assert_eq!(words_in(&cells, [10.0, 50.0], [20.0, 60.0]), [0; 2]);
     }
 }
