@@ -34,6 +34,8 @@ pub(crate) struct Sweep<'a> {
     /// Planes through its sides, all of it before them: their normals, not of unit length, and where along them they lie,
     /// less what is rounding.
     planes: Vec<(Vector, f64)>,
+    /// Boxes are compared with so many of them: more would take longer than to look at what they hold.
+    of_boxes: usize,
 }
 
 impl<'a> Sweep<'a> {
@@ -47,7 +49,7 @@ impl<'a> Sweep<'a> {
         };
         let end = if let Towards::Point(point) = towards { point } else { [0.0; 3] };
         let size = corners.iter().chain([&end]).fold(0.0f64, |most, &corner| most.max(length(corner)));
-        let mut sweep = Self { origin, corners, edges, towards, size, planes: Vec::with_capacity(8) };
+        let mut sweep = Self { origin, corners, edges, towards, size, planes: Vec::with_capacity(8), of_boxes: 0 };
         sweep.add_plane(cross(edges[0], edges[1]));
         match towards {
             Towards::Point(point) => {
@@ -56,15 +58,20 @@ impl<'a> Sweep<'a> {
                 }
             }
             Towards::Directions(directions) => {
-                for (i, &way) in directions.iter().enumerate() {
+                let count = directions.len();
+                for i in (0..count).filter(|_| count > 1) {
+                    sweep.add_plane(cross(directions[i], directions[(i + 1) % count]));
+                }
+                sweep.of_boxes = if count > 1 { sweep.planes.len() } else { 0 };
+                for &way in directions {
                     for edge in edges {
                         sweep.add_plane(cross(edge, way));
                     }
-                    if directions.len() > 1 {
-                        sweep.add_plane(cross(way, directions[(i + 1) % directions.len()]));
-                    }
                 }
             }
+        }
+        if sweep.of_boxes == 0 {
+            sweep.of_boxes = sweep.planes.len();
         }
         sweep
     }
@@ -125,7 +132,7 @@ impl Region for Sweep<'_> {
     #[inline(always)]
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
         let mut meets = [true; WIDTH];
-        for (axis, least) in &self.planes {
+        for (axis, least) in &self.planes[..self.of_boxes] {
             let (mut most, mut reach) = ([0f64; WIDTH], [0f64; WIDTH]);
             for k in 0..3 {
                 let corner = if axis[k] > 0.0 { &boxes.high[k] } else { &boxes.low[k] };

@@ -26,6 +26,9 @@ const BITS: usize = 2;
 const CLEAR: u8 = 1;
 const BLOCKED: u8 = 2;
 
+/// After so many triangles that lie near the way, it is not looked on: to trace the rays takes less time.
+const MOST_TESTED: usize = 256;
+
 /// No more than so many bytes are kept for either of the tables.
 const MOST: usize = 1 << 28;
 
@@ -120,9 +123,11 @@ impl Unoccluded {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn is_clear(still: Still, triangle: usize, towards: Towards) -> bool {
     let sweep = Sweep::new(&still.corners[triangle], towards);
-    let mut clear = true;
+    let (mut clear, mut tested) = (true, 0);
     still.bvh.visit(&mut vec![], &sweep, |leaf| {
-        clear = leaf.triangles.clone().all(|other| other == triangle || sweep.misses(&still.corners[other]));
+        tested += leaf.triangles.len();
+        let misses = |other: usize| other == triangle || sweep.misses(&still.corners[other]);
+        clear = tested <= MOST_TESTED && leaf.triangles.clone().all(misses);
         clear
     });
     clear
