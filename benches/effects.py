@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import SENSORS, Effects, Simulator, compare_events, load_scene
+from davis_rs._util.srgb import to_srgb
 from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB
-from davis_rs.scene.textures import to_srgb
 from davis_rs.sensor.effects import Aps, HotPixels, PhotoreceptorBandwidth, Readout
 
 SCENE = load_scene("three_planes")

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from davis_rs._util.argument_error import ArgumentError
 from davis_rs._util.progress import each, progress
+from davis_rs._util.srgb import to_srgb
 from davis_rs._util.whole_file import whole_file
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.inspection.figure import event_picture
@@ -32,7 +33,6 @@ from davis_rs.sampling.rules import MaxDisplacement
 from davis_rs.scene.sequences import SEQUENCES, Sequence, sequence_named
 from davis_rs.scene.sequences.event_counts import MEASURED, EventCount, read_counts
 from davis_rs.scene.sequences.listing import HEAD, WORDS, table
-from davis_rs.scene.textures import to_srgb
 from davis_rs.sensor.presets import IDEAL, RECORDED
 from davis_rs.simulation.simulator import Simulator
 

@@ -14,6 +14,7 @@ from imageio.plugins.ffmpeg import get_exe
 from PIL import Image
 
 from davis_rs import EVENT_DTYPE, RecordingWarning, convert, view_html
+from davis_rs._util.srgb import to_srgb
 from davis_rs.cli.main import main
 from davis_rs.events.packet import Packet
 from davis_rs.geometry.camera import Camera
@@ -22,7 +23,6 @@ from davis_rs.inspection.video import _even_moments, _moments_of_events, _speed_
 from davis_rs.inspection.visual_sequence import open_visual_sequence
 from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.io.files.sensor_size import SensorSizeWarning
-from davis_rs.scene.textures import to_srgb
 from recording_files import aedat2, aedat2_event
 from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, pose_at, write_sequence
 

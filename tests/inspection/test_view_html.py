@@ -25,6 +25,7 @@ from PIL import Image
 
 from command_line import davis_rs
 from davis_rs import EVENT_DTYPE, convert, load_scene, open_writer, simulate_to_folder, view_html
+from davis_rs._util.srgb import to_srgb
 from davis_rs._util.terminal_text import printable
 from davis_rs.geometry.camera import Camera
 from davis_rs.inspection import html_page, page_layers
@@ -35,7 +36,6 @@ from davis_rs.inspection.truth_pictures import depth_picture, normals_picture, s
 from davis_rs.inspection.visual_sequence import VisualSequence
 from davis_rs.io.dataset.reader import Dataset
 from davis_rs.io.dataset.writer import DatasetWriter
-from davis_rs.scene.textures import to_srgb
 from recording_files import aedat4, aedat4_events, aedat4_frame, aedat4_imu, events_of, frame_of
 from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, write_sequence
 

@@ -14,6 +14,7 @@ from PIL import Image
 
 from davis_rs import Camera, Pose, Scene, VertexKeyframes
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs._util.srgb import from_srgb
 from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
@@ -22,7 +23,6 @@ from davis_rs.render.truth.scene_surfaces import SceneSurfaces
 from davis_rs.scene.files import alpha_mask
 from davis_rs.scene.files.alpha_mask import AlphaMask, Pieces
 from davis_rs.scene.meshes import Mesh, mitsuba_mesh
-from davis_rs.scene.textures import from_srgb
 
 CAMERA = Camera(48, 36, 40.0, 40.0, 23.5, 17.5)
 DOWN = Pose([0.0, 0.0, 3.0], [1.0, 0.0, 0.0, 0.0])

@@ -10,12 +10,12 @@ import pytest
 
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba.variants import SCALAR, variant
+from davis_rs._util.srgb import from_srgb
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.render.scene_tables import scene_texture
 from davis_rs.render.texels import Texels
-from davis_rs.scene.textures import from_srgb
 
 CAMERA = Camera(24, 8, 16.0, 16.0, 11.5, 3.5)
 VIEWS = Views.at_rest([Pose([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])])

@@ -13,6 +13,7 @@ import pytest
 
 from davis_rs import Pose, Scene, SegmentTrajectory, load_scene
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs._util.srgb import from_srgb
 from davis_rs.events.luma import LUMA_WEIGHTS
 from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.views import Views
@@ -24,7 +25,6 @@ from davis_rs.render.scene_tables.emissive_textures import TextureImage, alike
 from davis_rs.render.texels import Texels
 from davis_rs.scene.light_profile import SampledProfile
 from davis_rs.scene.texel_lookup import bilinear
-from davis_rs.scene.textures import from_srgb
 from gltf_files import CORNERS, FACES, UV, Gltf, png, quad
 
 FloatArray = npt.NDArray[np.float64]

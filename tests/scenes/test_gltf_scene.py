@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import DecodeError, LostLookWarning, Scene, SceneFileWarning, Simulator, load_scene, simulate
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs._util.srgb import from_srgb
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.diffuse_materials import children
@@ -27,7 +28,6 @@ from davis_rs.render.truth import lost_look_fractions
 from davis_rs.scene.files import gltf_mesh
 from davis_rs.scene.lost_looks import BACKS
 from davis_rs.scene.texel_lookup import WRAP_MODES
-from davis_rs.scene.textures import from_srgb
 from gltf_files import CORNERS, FACES, UV, Gltf, png, quad, with_camera
 
 TURN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])

@@ -15,6 +15,7 @@ import pytest
 from davis_rs import Camera, Scene, load_scene
 from davis_rs._mitsuba.types import MitsubaTexture
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs._util.srgb import from_srgb
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render import choice
 from davis_rs.render.choice import make_renderer
@@ -22,7 +23,6 @@ from davis_rs.render.diffuse_materials import children
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.scene.image_textures import stand_ins
 from davis_rs.scene.load import start_pose
-from davis_rs.scene.textures import from_srgb
 from gltf_files import UV, Gltf, png, quad, with_camera
 
 CAMERA = Camera(32, 16, 20.0, 20.0, 15.5, 7.5)

@@ -17,6 +17,7 @@ import numpy as np
 
 from .._util.stop_requests import interrupts_deferred
 from .files import XmlFile, check_scene_dictionary, check_scene_file
+from .foreign_plugins import load_file
 from .llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
 from .types import DrJit, Mitsuba, MitsubaScene, SceneDictionary
 
@@ -117,11 +118,15 @@ def _set_variant(mi: Mitsuba, name: str) -> None:
             vars(integrators).setdefault("common", common)
 
 
-def load_scene_source(source: Path | XmlFile | Mapping[str, object], mi: Mitsuba) -> MitsubaScene:
+def load_scene_source(
+    source: Path | XmlFile | Mapping[str, object], mi: Mitsuba, notes: list[str] | None = None
+) -> MitsubaScene:
     """Load a Mitsuba XML file or scene dictionary.
 
-    In a dictionary, NumPy arrays stand for what Mitsuba wants there: ``to_world`` and ``to_uv`` for transforms, any
-    other key for a tensor (a bitmap's ``data``). Equal objects are not merged, so that each keeps its name.
+    What an XML file names that Mitsuba does not have, and that does not say how the scene looks, is left out; ``notes``
+    gets a line for each. In a dictionary, NumPy arrays stand for what Mitsuba wants there: ``to_world`` and ``to_uv``
+    for transforms, any other key for a tensor (a bitmap's ``data``). Equal objects are not merged, so that each keeps
+    its name.
 
     Raises:
         OSError: if the XML file cannot be read.
@@ -136,7 +141,7 @@ def load_scene_source(source: Path | XmlFile | Mapping[str, object], mi: Mitsuba
         check_scene_dictionary(file)
     try:
         if isinstance(file, XmlFile):
-            scene = mi.load_file(str(file.path), optimize=False, **file.variables)
+            scene = load_file(file, mi, [] if notes is None else notes)
         else:
             scene = mi.load_dict(_with_mitsuba_types(file, mi), optimize=False)
     except RuntimeError as error:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from .._util.srgb import to_srgb
 from ..events.arrays import EventArray, concatenate_events
 from ..events.matching import compare_events
 from ..geometry.camera import Camera
@@ -16,7 +17,6 @@ from ..render.choice import make_renderer
 from ..sampling.displacement import DisplacementClock
 from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene
-from ..scene.textures import to_srgb
 from ..simulation.from_frames.events_from_frames import events_from_frames
 from ..simulation.settings import INTERPOLATIONS
 from .accuracy_sweep import half_way_s

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from .._util.html_table import html_picture
 from .._util.quantities import time_text
+from .._util.srgb import to_srgb
 from ..io.dataset.reader import Dataset
-from ..scene.textures import to_srgb
 from .figure import event_picture, events_around
 from .visual_sequence import open_visual_sequence
 

@@ -15,8 +15,8 @@ from .._util.argument_error import ArgumentError
 from .._util.close_names import names_checked
 from .._util.extras import from_extra
 from .._util.quantities import time_text
+from .._util.srgb import to_srgb
 from ..events.arrays import EventArray
-from ..scene.textures import to_srgb
 from .truth_panels import Panel, draw_map, truth_panels
 from .visual_sequence import VisualSequence, nearest, open_visual_sequence
 

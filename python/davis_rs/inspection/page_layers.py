@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.progress import progress
-from ..scene.textures import to_srgb
+from .._util.srgb import to_srgb
 from .flow_picture import flow_picture
 from .sampling_for_display import evenly_spaced
 from .truth_pictures import HIDDEN, depth_picture, normals_picture, shape_colours

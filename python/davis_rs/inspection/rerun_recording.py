@@ -16,8 +16,8 @@ from .._util.array_types import AnyArray
 from .._util.close_names import names_checked
 from .._util.extras import from_extra
 from .._util.progress import each
+from .._util.srgb import to_srgb
 from .._util.whole_file import whole_file
-from ..scene.textures import to_srgb
 from .figure import OFF_RGB, ON_RGB, event_picture
 from .flow_picture import flow_picture
 from .sampling_for_display import evenly_spaced, event_counts, sample_events

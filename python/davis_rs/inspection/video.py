@@ -15,9 +15,9 @@ from .._util.argument_error import ArgumentError
 from .._util.close_names import did_you_mean, names_checked
 from .._util.extras import from_extra
 from .._util.progress import each
+from .._util.srgb import to_srgb
 from .._util.whole_file import whole_file
 from ..events.arrays import EventArray
-from ..scene.textures import to_srgb
 from .figure import event_picture
 from .visual_sequence import VisualSequence, open_visual_sequence
 

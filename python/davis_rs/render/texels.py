@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaParameters, MitsubaValue
 from .._mitsuba.variants import FAST
+from .._util.srgb import from_srgb
 from ..scene.texel_lookup import WRAP_MODES, bilinear, wrap_index
-from ..scene.textures import from_srgb
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

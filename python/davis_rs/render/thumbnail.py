@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.html_table import html_picture
+from .._util.srgb import to_srgb
 from ..geometry.camera import PRESETS, Camera
 from ..geometry.trajectory.views import Views
 from ..scene.scene import Scene
-from ..scene.textures import to_srgb
 from .base import Renderer
 from .choice import make_renderer
 

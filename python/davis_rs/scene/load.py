@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from .._mitsuba.files import XmlFile
 from .._mitsuba.types import Mitsuba, MitsubaObject
@@ -22,6 +23,7 @@ from .builtin.planes_and_walls import three_planes, three_walls
 from .files.gltf_scene import gltf_scene
 from .files.mesh_scene import READERS as MESH_READERS
 from .files.mesh_scene import Axis, mesh_scene
+from .repairs import SceneFileWarning
 from .scene import Scene, check_scene
 
 BUILTIN_SCENES = {
@@ -34,6 +36,9 @@ BUILTIN_SCENES = {
 
 GLTF = (".gltf", ".glb")
 """Suffixes of files that hold whole scenes."""
+
+_FILE_ROUNDING = 1e-3
+"""By so much numbers of a camera's matrix may stretch it that a file writes with few digits."""
 
 _VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 _CONVERTIBLE = (".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
@@ -142,10 +147,19 @@ def _scene_of_file(path: Path, variables: dict[str, str]) -> Scene:
     camera: Camera | None = None
     start: Pose | None = None
     with variant(default_variant()[0]) as (mi, _):
-        sensors = load_scene_source(source, mi).sensors()
+        notes = list[str]()
+        sensors = load_scene_source(source, mi, notes).sensors()
+        if notes:
+            warnings.warn(f"{path} is taken without {'; '.join(notes)}", SceneFileWarning, stacklevel=3)
         if sensors:
             camera, start = _camera_and_pose(sensors[0], mi)
     return Scene(name=path.stem, source=lambda: source, file=path, camera=camera, start=start, variables=variables)
+
+
+def _nearest_rotation(matrix: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the rotation next to a matrix that is one but for its rounding in a file; any other as it is."""
+    left, stretch, right = np.linalg.svd(matrix)
+    return left @ right if np.abs(stretch - 1.0).max() < _FILE_ROUNDING else matrix
 
 
 def _camera_and_pose(sensor: MitsubaObject, mi: Mitsuba) -> tuple[Camera | None, Pose]:
@@ -153,7 +167,16 @@ def _camera_and_pose(sensor: MitsubaObject, mi: Mitsuba) -> tuple[Camera | None,
     parameters = mi.traverse(sensor)
     matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
     # Mitsuba's cameras look along z too, but their x points left and their y up.
-    pose = Pose.from_matrix(matrix @ np.diag([-1.0, -1.0, 1.0, 1.0]))
+    matrix = matrix @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    if np.linalg.det(matrix[:3, :3]) < 0.0:
+        warnings.warn(
+            "the scene's camera mirrors its image, as no real camera does: the mirror is left out",
+            SceneFileWarning,
+            stacklevel=2,
+        )
+        matrix = matrix @ np.diag([-1.0, 1.0, 1.0, 1.0])
+    matrix[:3, :3] = _nearest_rotation(matrix[:3, :3])
+    pose = Pose.from_matrix(matrix)
     if "x_fov" not in parameters:
         return None, pose
     if "aperture_radius" in parameters:

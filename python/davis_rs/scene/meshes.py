@@ -159,9 +159,12 @@ def shape(
         material = _clear(glass)
     properties["bsdf"] = mi.load_dict(material)
     if emission is not None:
-        radiance: SceneDictionary = {"type": "rgb", "value": emission.tolist()}
-        if emission.ndim == 3:
-            radiance = bitmap(mi.TensorXf(emission), wrap=wrap, nearest=nearest)
+        # A list of all texels of a texture takes seconds.
+        radiance: SceneDictionary = (
+            bitmap(mi.TensorXf(emission), wrap=wrap, nearest=nearest)
+            if emission.ndim == 3
+            else {"type": "rgb", "value": emission.tolist()}
+        )
         properties["emitter"] = mi.load_dict({"type": "area", "id": "emitter", "radiance": radiance})
     return mitsuba_mesh(mesh, properties, normals)
 

@@ -15,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.budget import Budget
+from .._util.srgb import from_srgb
 from .._util.untrusted import read_charged
 from ..geometry.pose import FloatArray
-from .textures import Texture, from_srgb
+from .textures import Texture
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -22,18 +22,6 @@ _FILTERS = {False: "bilinear", True: "nearest"}
 """Mitsuba's names, by whether texels have hard edges."""
 
 
-def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
-    """Decode values of sRGB's curve to linear ones (IEC 61966-2-1), both in 0 to 1."""
-    value = np.asarray(encoded, np.float64)
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-
-
-def to_srgb(linear: npt.ArrayLike) -> FloatArray:
-    """Encode linear values by sRGB's curve (IEC 61966-2-1), as a display wants them, both in 0 to 1."""
-    value = np.asarray(linear, np.float64)
-    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
-
-
 def bitmap(
     data: Texture | MitsubaValue,
     *,

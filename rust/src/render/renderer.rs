@@ -548,7 +548,7 @@ pub(crate) fn check_length(expected: usize, got: usize) -> Result<()> {
 #[cfg(test)]
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small numbers")]
 mod tests {
-    use super::super::{Light, LightKind, Pose, SceneTables};
+    use super::super::{Emission, Light, LightKind, Pose, SceneTables};
     use super::*;
 
     /// Numbers in -1..1 that are the same everywhere.
@@ -973,6 +973,33 @@ mod tests {
             hashes.map(|hash| format!("{hash:016x}")),
             ["6b825c6111343541", "e54a2a44d2fffdb0", "96ccee866b60461f", "f6bde6739b9028a7"]
         );
+    }
+
+    /// Triangles that emit light do so alone: in frames, where a tile takes over what the one before made ready, as in
+    /// single pixels, where it does not. What is remembered of their ways to lights changes nothing.
+    #[test]
+    fn triangles_have_nothing_of_others() {
+        let (width, height) = (45, 27);
+        let rays = grid(width, height, &[[0.3, 0.2], [0.7, 0.8]]);
+        let mut numbers = Numbers(6);
+        for count in [9, 60, 1500] {
+            let mut tables = tables(&mut numbers, count);
+            tables.emissions =
+                (0..count).map(|i| (i % 4 == 1).then_some(Emission { light: 2, luma: 0.3 + i as f64 })).collect();
+            let renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+            let mut forgetful = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+            forgetful.scene.unoccluded.forget();
+            let views = line_views(&mut numbers);
+            let size = width * height * views.len();
+            let (mut luma, mut traced, mut single) = (vec![0f32; size], vec![0f32; size], vec![0f32; size]);
+            renderer.luma(&rays, &views, &mut luma, None).unwrap();
+            forgetful.luma(&rays, &views, &mut traced, None).unwrap();
+            let pixel = |at: usize| ((at / (width * height)) as u32, (at % (width * height)) as u32);
+            renderer.samples(&rays, &views, &(0..size).map(pixel).collect::<Vec<_>>(), &mut single).unwrap();
+            assert_eq!(luma, single);
+            assert_eq!(luma, traced);
+            assert!(luma.iter().any(|&value| value > 1.0));
+        }
     }
 
     /// What single rays hit is what they hit in a frame, where there is nothing as well.

@@ -174,7 +174,7 @@ pub struct Scene {
     pub(crate) step: f64,
     /// How many times farther from the surface than from the light an occluder may lie.
     pub(crate) farthest: f32,
-    unoccluded: Unoccluded,
+    pub(super) unoccluded: Unoccluded,
 }
 
 impl Scene {

@@ -289,24 +289,16 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     luma.resize(x.len(), tile_view.background.0);
     rate.clear();
     rate.resize(if RATE { x.len() } else { 0 }, tile_view.background.1);
+    let seen = |index: u32| &all[list[index as usize].seen as usize];
     visible.clear();
     if !list.is_empty() {
         visible.extend((0..).take(list.len()).filter(|&index| hits.sees(index)));
     }
-    if let Some(sky) = &tile_view.lit.scene.sky {
-        let (pose, [factor, factor_rate]) =
-            (&tile_view.lit.view.poses[0], tile_view.lit.view.factors[sky.light as usize]);
-        for ray in 0..x.len() {
-            if list.is_empty() || hits.hit(ray).is_none() {
-                let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
-                luma[ray] += single([factor])[0] * one;
-                if RATE {
-                    rate[ray] += single([factor])[0] * one_rate + single([factor_rate])[0] * one;
-                }
-            }
-        }
-    }
-    let seen = |index: u32| &all[list[index as usize].seen as usize];
+    // What is glossy is shaded ray by ray.
+    let all_visible = visible.len();
+    visible.retain(|&index| !tile_view.lit.scene.is_glossy(seen(index).triangle));
+    let any_glossy = visible.len() < all_visible;
+    add_sky::<RATE>(tile_view, (x, y), |ray| list.is_empty() || hits.hit(ray).is_none(), (luma, rate));
     shaders.set_up(&tile_view.lit, visible.iter().map(|&index| seen(index)));
     // Where nothing that stands still throws a shadow, only bodies are looked through for some that do.
     turns.clear();
@@ -379,7 +371,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
             }
         }
     }
-    if visible.iter().any(|&index| tile_view.lit.scene.is_glossy(seen(index).triangle)) {
+    if any_glossy {
         let per_block = x.len() / ray_blocks.blocks.len();
         let number = |ray: usize| match order {
             Order::Blocks => ray % per_block / LANES,
@@ -391,6 +383,26 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
             gloss::<Rated>(tile_view, rays, tracer, |ray, value| (luma[ray], rate[ray]) = value);
         } else {
             gloss::<f64>(tile_view, rays, tracer, |ray, value| luma[ray] = value.0);
+        }
+    }
+}
+
+/// Adds luma of the sky, and its rate, to rays that see it.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn add_sky<const RATE: bool>(
+    tile_view: &TileView,
+    (x, y): (&[f32], &[f32]),
+    sees_it: impl Fn(usize) -> bool,
+    (luma, rate): (&mut [f32], &mut [f32]),
+) {
+    let Some(sky) = &tile_view.lit.scene.sky else { return };
+    let (pose, [factor, factor_rate]) = (&tile_view.lit.view.poses[0], tile_view.lit.view.factors[sky.light as usize]);
+    for ray in (0..x.len()).filter(|&ray| sees_it(ray)) {
+        let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
+        luma[ray] += single([factor])[0] * one;
+        if RATE {
+            rate[ray] += single([factor])[0] * one_rate + single([factor_rate])[0] * one;
         }
     }
 }

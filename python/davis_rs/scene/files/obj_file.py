@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.budget import Budget
+from ..._util.srgb import from_srgb
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
 from ..lost_looks import MEAN_EMISSION, OWN_LIGHT, TRANSPARENCY
@@ -17,7 +18,6 @@ from ..mesh_part import GREY, Blend, MeshPart, charge_triangles, check_finite, u
 from ..named_file import named_file
 from ..repairs import Repairs
 from ..texture_file import EncodedTexture, TextureFiles
-from ..textures import from_srgb
 from .alpha_mask import blended, masked
 from .mtl_file import Materials, text_lines
 from .rounding import ROUNDING, within

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._util.budget import Budget
+from ..._util.srgb import from_srgb
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
 from ..lost_looks import TRANSPARENCY
@@ -19,7 +20,6 @@ from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_nor
 from ..named_file import named_file
 from ..repairs import Repairs
 from ..texture_file import TextureFiles
-from ..textures import from_srgb
 from .alpha_mask import blended, masked
 from .rounding import ROUNDING, within
 from .triangulation import cut_polygons, cut_strip, has_area

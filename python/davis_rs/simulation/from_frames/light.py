@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
+from ..._util.srgb import from_srgb
 from ...events.colour import ColourFilter, Weights
 from ...events.luma import LUMA_WEIGHTS
 from .frame_source import Encoding, FrameArray
@@ -36,7 +37,7 @@ def parse_transfer(name: str) -> Callable[[FloatArray], FloatArray]:
     if name == "linear":
         return lambda value: value
     if name == "srgb":
-        return lambda value: np.where(value <= 0.04045, value / 12.92, ((np.maximum(value, 0) + 0.055) / 1.055) ** 2.4)
+        return from_srgb
     if name == "rec709":
         return lambda value: np.where(
             value < 0.081, value / 4.5, ((np.maximum(value, 0) + 0.099) / 1.099) ** (1 / 0.45)

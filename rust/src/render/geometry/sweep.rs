@@ -152,7 +152,6 @@ impl Region for Sweep<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bvh_node::below;
     use super::*;
     use crate::render::geometry::vector::{Bounds, add, scale};
     use proptest::prelude::*;
@@ -161,18 +160,33 @@ mod tests {
         prop::array::uniform3(-size..size)
     }
 
-    /// Returns where along a segment, or a ray where `end` is infinite, it passes through a triangle by more than rounding.
-    fn passes(from: Vector, way: Vector, end: f64, [a, b, c]: &[Vector; 3]) -> bool {
+    /// Returns where a segment, or a ray where `end` is infinite, passes through a triangle by more than rounding.
+    fn passes(from: Vector, way: Vector, end: f64, [a, b, c]: &[Vector; 3]) -> Option<Vector> {
         let normal = cross(sub(*b, *a), sub(*c, *a));
         let at = dot(normal, sub(*a, from)) / dot(normal, way);
         let point = add(from, scale(way, at));
         let sides = [(a, b), (b, c), (c, a)].map(|(from, to)| dot(cross(sub(*to, *from), sub(point, *from)), normal));
-        at > 1e-9 && at < end - 1e-9 && sides.iter().all(|&side| side > 1e-9 * dot(normal, normal))
+        let inside = sides.iter().all(|&side| side > 1e-9 * dot(normal, normal));
+        (at > 1e-9 && at < end - 1e-9 && inside).then_some(point)
+    }
+
+    /// A node all of whose boxes are one.
+    fn boxes_of(bounds: &Bounds) -> Boxes {
+        let mut boxes = Boxes { low: [[0.0; WIDTH]; 3], high: [[0.0; WIDTH]; 3] };
+        for lane in 0..WIDTH {
+            boxes.put(lane, bounds);
+        }
+        boxes
     }
 
     fn point_of([a, b, c]: &[Vector; 3], [u, v]: [f64; 2]) -> Vector {
         let [u, v] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
         add(*a, add(scale(sub(*b, *a), u), scale(sub(*c, *a), v)))
+    }
+
+    /// Of its ends more than others: there ways run along a sweep's own edges.
+    fn fraction() -> impl Strategy<Value = f64> {
+        prop_oneof![2 => 0f64..1.0, 1 => prop::sample::select(vec![0.0, 1.0])]
     }
 
     /// A polygon of directions around one.
@@ -193,7 +207,7 @@ mod tests {
         fn what_is_passed_through_is_not_missed(
             corners in prop::array::uniform3(vector(1.0)), other in prop::array::uniform3(vector(2.0)),
             shared in 0usize..4, flat in any::<bool>(), target in vector(3.0), size in 0.01f64..0.5,
-            samples in prop::collection::vec((prop::array::uniform2(0f64..1.0), prop::array::uniform2(0f64..1.0)), 64),
+            samples in prop::collection::vec((prop::array::uniform2(fraction()), prop::array::uniform2(fraction())), 64),
         ) {
             let mut other = other;
             other[..shared.min(2)].copy_from_slice(&corners[..shared.min(2)]);
@@ -201,19 +215,13 @@ mod tests {
                 let [a, b, _] = other;
                 other[2] = [other[2][0], other[2][1], a[2] + (b[2] - a[2]) * 0.5];
             }
-            let around = Bounds::of(&other);
-            let mut boxes = Boxes { low: [[0.0; WIDTH]; 3], high: [[0.0; WIDTH]; 3] };
-            for lane in 0..WIDTH {
-                boxes.put(lane, &around);
-            }
-            prop_assert!(f64::from(boxes.low[0][0]) <= around.low[0] && below(around.low[0]) == boxes.low[0][0]);
             let directions = polygon(target, size);
             let single = [target];
             for towards in [Towards::Point(target), Towards::Directions(&directions), Towards::Directions(&single)] {
                 let sweep = Sweep::new(&corners, towards);
-                let passed = samples.iter().any(|&(at, along)| {
+                for &(at, along) in &samples {
                     let from = point_of(&corners, at);
-                    match towards {
+                    let point = match towards {
                         Towards::Point(point) => passes(from, sub(point, from), 1.0, &other),
                         Towards::Directions([only]) => passes(from, *only, f64::INFINITY, &other),
                         Towards::Directions(directions) => {
@@ -223,11 +231,13 @@ mod tests {
                             let way = add(scale(a, 1.0 - along[1]), scale(b, along[1]));
                             passes(from, way, f64::INFINITY, &other)
                         }
+                    };
+                    if let Some(point) = point {
+                        prop_assert!(!sweep.misses(&other), "{towards:?}");
+                        for bounds in [Bounds::of(&other), Bounds::of(&[point])] {
+                            prop_assert_eq!(sweep.meets(&boxes_of(&bounds)), [true; WIDTH]);
+                        }
                     }
-                });
-                if passed {
-                    prop_assert!(!sweep.misses(&other), "{towards:?}");
-                    prop_assert_eq!(sweep.meets(&boxes), [true; WIDTH]);
                 }
             }
         }
@@ -263,6 +273,52 @@ mod tests {
         let sweep = Sweep::new(&triangle, Towards::Directions(&along));
         assert!(sweep.misses(&[[-3.0, 0.0, 0.0], [-2.0, 1.0, 0.0], [-2.0, 0.0, 1.0]]));
         assert!(!sweep.misses(&[[3.0, -1.0, -1.0], [3.0, 1.0, -1.0], [3.0, 0.0, 1.0]]));
+    }
+
+    /// Each of these is parted from the way by planes across one axis alone: its own normal, or one across two edges.
+    #[test]
+    fn each_axis_counts() {
+        let triangle = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let light = [0.3, 0.3, 5.0];
+        let sweep = Sweep::new(&triangle, Towards::Point(light));
+        // Large, close to a corner, and across the ways that leave it to either side.
+        let by = |x: f64| [[x - 9.0, -9.0, -9.0], [x + 9.0, 9.0, -9.0], [x, 0.0, 20.0]];
+        assert!(sweep.misses(&by(1.02)) && !sweep.misses(&by(0.98)));
+        // Close to an edge: across it, and its plane cuts what lies behind the edge.
+        let leaning = |[at, edge, outward]: [Vector; 3], by: f64| {
+            let (across, at) = (cross(edge, outward), add(at, scale(outward, by)));
+            [add(at, scale(across, 0.5)), sub(at, scale(across, 0.5)), add(at, add(scale(outward, 3.0), edge))]
+        };
+        let way = scale(sub(light, triangle[1]), 0.2);
+        let of_way = [add(triangle[1], scale(way, 2.0)), way, [1.0, -0.4, 0.16]];
+        let of_edge = [[0.5, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -1.0, -1.0]];
+        for place in [of_way, of_edge] {
+            assert!(sweep.misses(&leaning(place, 0.01)) && !sweep.misses(&leaning(place, -0.01)), "{place:?}");
+        }
+    }
+
+    /// Boxes to any side of the ways are not met, those on them are; however far away the light is, neighbours are missed.
+    #[test]
+    fn boxes_aside_are_not_met() {
+        let triangle = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let up = polygon([0.0, 0.0, 1.0], 0.2);
+        for towards in
+            [Towards::Point([0.3, 0.3, 5.0]), Towards::Directions(&[[0.0, 0.0, 1.0]]), Towards::Directions(&up)]
+        {
+            let sweep = Sweep::new(&triangle, towards);
+            let met = |at: Vector| sweep.meets(&boxes_of(&Bounds { low: at, high: add(at, [0.1; 3]) }));
+            assert_eq!(met([0.3, 0.3, 3.0]), [true; WIDTH]);
+            for aside in [[-2.0, 0.3, 3.0], [2.5, 0.3, 3.0], [0.3, -2.0, 3.0], [0.3, 2.5, 3.0], [0.3, 0.3, -0.5]] {
+                assert_eq!(met(aside), [false; WIDTH], "{towards:?} {aside:?}");
+            }
+        }
+        let far = [[3.17, 1.93, 0.21], [3.2, 1.9, 0.2], [3.1, 1.88, 0.23]];
+        let sweep = Sweep::new(&far, Towards::Point([1e5, 2e5, 3e7]));
+        assert!((0..3).all(|k| sweep.misses(&[
+            far[k],
+            far[(k + 1) % 3],
+            sub(add(far[k], far[(k + 1) % 3]), far[(k + 2) % 3])
+        ])));
     }
 
     /// From a triangle without an area nothing is certain in its plane.

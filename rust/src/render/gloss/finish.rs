@@ -8,8 +8,8 @@
 //! What must not break: only arithmetic, roots and `libm` are used, so that bits are the same on every processor.
 
 use super::microfacets::Distribution;
-use super::microfacets::{Anisotropy, Cosines, facet_of_lobe};
-use super::number::{Number, Triple, add, constant, dot, each, scale, sub, times, unit};
+use super::microfacets::{Anisotropy, Cosines};
+use super::number::{Number, Triple, add, constant, dot, each, scale, times, unit};
 use crate::error::{Error, Result};
 
 /// How much light microfacets reflect, by the angle.
@@ -223,26 +223,6 @@ impl Finish {
         Some((scale(constant(self.passing), passed * shape), density))
     }
 
-    /// Returns a direction in which light passes the surface of a rough solid, for a point of the unit disk; None where there
-    /// is none. `index` is that behind it, relative to the viewer's side.
-    pub(crate) fn refracted<N: Number>(
-        &self,
-        normal: Triple<N>,
-        viewer: Triple<N>,
-        disk: [f64; 2],
-        index: f64,
-        anisotropy: Option<&Anisotropy<N>>,
-    ) -> Option<Triple<N>> {
-        let (half, _) = facet_of_lobe(self.alpha, normal, viewer, disk, anisotropy);
-        let facet = dot(viewer, half);
-        let squared = N::constant(1.0) - (N::constant(1.0) - facet.squared()).scaled(1.0 / (index * index));
-        if facet.value() <= 0.0 || squared.value() <= 0.0 {
-            return None;
-        }
-        let along = facet.scaled(1.0 / index) - squared.sqrt();
-        Some(sub(scale(half, along), scale(viewer, N::constant(1.0 / index))))
-    }
-
     /// Returns the reflectance of what is below the lobe for light from a direction: times irradiance / pi it is
     /// radiance.
     pub(crate) fn below<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
@@ -342,7 +322,7 @@ fn conductor<N: Number>(cosine: N, eta: f64, k: f64) -> N {
 #[cfg(test)]
 #[allow(clippy::cast_precision_loss, reason = "small numbers")]
 mod tests {
-    use super::super::microfacets::{lobe_density, lobe_ray};
+    use super::super::microfacets::{SeenFacets, lobe_density};
     use super::super::pattern::Pattern;
     use super::*;
 
@@ -388,7 +368,8 @@ mod tests {
                     over_directions(|towards| finish.lobe([1.0; 3], &Cosines::new(up, viewer, towards, None))[0]);
                 let (mut sum, mut above, count) = (0.0, 0.0, 2048);
                 let pattern = Pattern::new(count);
-                for ray in (0..count).filter_map(|ray| lobe_ray(alpha, up, viewer, pattern.point(ray).disk, None)) {
+                let facets = SeenFacets::new(alpha, up, viewer, None);
+                for ray in (0..count).filter_map(|ray| facets.lobe_ray(pattern.point(ray).disk)) {
                     assert!((lobe_density(alpha, &ray.cosines) - ray.density).abs() < 1e-12);
                     let cosines = Cosines::new(up, viewer, ray.towards, None);
                     assert!(
@@ -419,7 +400,9 @@ mod tests {
                 let (mut sum, mut followed, count) = ([0.0; 3], 0.0, 2048);
                 let pattern = Pattern::new(count);
                 for ray in 0..count {
-                    let Some(towards) = finish.refracted(up, viewer, pattern.point(ray).disk, index, None) else {
+                    let Some(towards) =
+                        SeenFacets::new(alpha, up, viewer, None).refracted(pattern.point(ray).disk, index)
+                    else {
                         continue;
                     };
                     if let Some((light, density)) = finish.lobe_through(up, viewer, towards, index, None) {
@@ -481,13 +464,14 @@ mod tests {
                 let behind = over_directions(|towards| below(towards).map_or(0.0, |(light, _)| light[0]));
                 let (mut sum, mut above, mut through) = (0.0, 0.0, 0.0);
                 for point in (0..count).map(|number| pattern.point(number).disk) {
-                    if let Some(ray) = lobe_ray(alphas[0], up, viewer, point, Some(&anisotropy)) {
+                    if let Some(ray) = SeenFacets::new(alphas[0], up, viewer, Some(&anisotropy)).lobe_ray(point) {
                         let cosines = of(ray.towards);
                         assert!((lobe_density(alphas[0], &cosines) / ray.density - 1.0).abs() < 1e-9);
                         sum += finish.lobe([1.0; 3], &ray.cosines)[0] / ray.density / count as f64;
                         above += 1.0 / count as f64;
                     }
-                    if let Some(towards) = finish.refracted(up, viewer, point, index, Some(&anisotropy))
+                    if let Some(towards) =
+                        SeenFacets::new(alphas[0], up, viewer, Some(&anisotropy)).refracted(point, index)
                         && let Some((light, density)) =
                             finish.lobe_through(up, viewer, towards, index, Some(&anisotropy))
                     {

@@ -175,65 +175,95 @@ pub(crate) fn lobe_density<N: Number>(alpha: f64, cosines: &Cosines<N>) -> N {
     seen * ggx.density(*half, alpha, stretches.as_ref()) / out.scaled(4.0)
 }
 
-/// Returns the direction of a lobe for a point of the unit disk, which stands for a microfacet that is seen (Heitz 2018,
-/// Sampling the GGX Distribution of Visible Normals); None where it leads below the surface.
+/// The microfacets of a surface that a viewer sees, of which points of the unit disk stand for one each (Heitz 2018,
+/// Sampling the GGX Distribution of Visible Normals).
 ///
 /// Microfacets of GGX stand in for Beckmann's, whose tails are shorter. Their weights take the difference back.
-pub(crate) fn lobe_ray<N: Number>(
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SeenFacets<'a, N> {
     alpha: f64,
     normal: Triple<N>,
     viewer: Triple<N>,
-    disk: [f64; 2],
-    anisotropy: Option<&Anisotropy<N>>,
-) -> Option<LobeRay<N>> {
-    let (half, out) = facet_of_lobe(alpha, normal, viewer, disk, anisotropy);
-    let facet = dot(viewer, half);
-    let towards = sub(scale(half, facet.scaled(2.0)), viewer);
-    let stretches = anisotropy.map(|anisotropy| anisotropy.stretches(viewer, towards, half));
-    let cosines = Cosines { out, into: dot(normal, towards), half: dot(normal, half), facet, stretches };
-    let seen = cosines.into.value() > 0.0 && facet.value() > 0.0 && cosines.out.value() > 0.0;
-    seen.then(|| LobeRay { towards, density: lobe_density(alpha, &cosines), cosines })
+    anisotropy: Option<&'a Anisotropy<N>>,
+    /// Directions in the surface, and its roughness along each.
+    tangents: [Triple<N>; 2],
+    alphas: [f64; 2],
+    /// The cosine between surface and viewer.
+    out: N,
+    /// Of the half sphere of facets as the viewer sees it: the viewer's direction, two that stand on it, and how the disk
+    /// is turned about it, as a cosine and a sine.
+    towards: Triple<N>,
+    level: Triple<N>,
+    upwards: Triple<N>,
+    turn: [N; 2],
 }
 
-/// Returns the normal of the microfacet for a point of the unit disk, and the cosine between surface and viewer.
-pub(crate) fn facet_of_lobe<N: Number>(
-    alpha: f64,
-    normal: Triple<N>,
-    viewer: Triple<N>,
-    disk: [f64; 2],
-    anisotropy: Option<&Anisotropy<N>>,
-) -> (Triple<N>, N) {
-    let ([across, along], [first, second]) = anisotropy
-        .map_or_else(|| (tangents(normal), [alpha; 2]), |anisotropy| (anisotropy.tangents, anisotropy.alphas));
-    let local = [dot(viewer, across), dot(viewer, along), dot(viewer, normal)];
-    let facet = seen_facet(unit([local[0].scaled(first), local[1].scaled(second), local[2]]), disk);
-    let half = unit([facet[0].scaled(first), facet[1].scaled(second), facet[2].at_least(0.0)]);
-    (add(add(scale(across, half[0]), scale(along, half[1])), scale(normal, half[2])), local[2])
-}
+impl<'a, N: Number> SeenFacets<'a, N> {
+    pub(crate) fn new(alpha: f64, normal: Triple<N>, viewer: Triple<N>, anisotropy: Option<&'a Anisotropy<N>>) -> Self {
+        let (tangents, alphas) = anisotropy
+            .map_or_else(|| (tangents(normal), [alpha; 2]), |anisotropy| (anisotropy.tangents, anisotropy.alphas));
+        let ([across, along], [first, second]) = (tangents, alphas);
+        let local = [dot(viewer, across), dot(viewer, along), dot(viewer, normal)];
+        let towards = unit([local[0].scaled(first), local[1].scaled(second), local[2]]);
+        // The disk's axes are fixed to those of the plane, not to the viewer's azimuth, so that the pattern does not turn
+        // where a surface is seen from straight above.
+        let fixed = unit(sub(constant([1.0, 0.0, 0.0]), scale(towards, towards[0])));
+        let flat = towards[0].squared() + towards[1].squared();
+        let level = if flat.value() < 1e-18 {
+            fixed
+        } else {
+            let per_length = N::constant(1.0) / flat.sqrt();
+            [-towards[1] * per_length, towards[0] * per_length, N::constant(0.0)]
+        };
+        let upwards = cross(towards, level);
+        let turn = [dot(level, fixed), dot(level, cross(towards, fixed))];
+        Self { alpha, normal, viewer, anisotropy, tangents, alphas, out: local[2], towards, level, upwards, turn }
+    }
 
-/// Returns a normal of the half sphere above a plane that a viewer in a direction sees, for a point of the unit disk.
-///
-/// The disk's axes are fixed to those of the plane, not to the viewer's azimuth, so that the pattern does not turn where
-/// a surface is seen from straight above.
-fn seen_facet<N: Number>(viewer: Triple<N>, [x, y]: [f64; 2]) -> Triple<N> {
-    let one = N::constant(1.0);
-    let first = unit(sub(constant([1.0, 0.0, 0.0]), scale(viewer, viewer[0])));
-    let flat = viewer[0].squared() + viewer[1].squared();
-    let level = if flat.value() < 1e-18 {
-        first
-    } else {
-        let per_length = one / flat.sqrt();
-        [-viewer[1] * per_length, viewer[0] * per_length, N::constant(0.0)]
-    };
-    let upwards = cross(viewer, level);
-    let (cosine, sine) = (dot(level, first), dot(level, cross(viewer, first)));
-    let [x, y] = [cosine.scaled(x) + sine.scaled(y), cosine.scaled(y) - sine.scaled(x)];
-    // What of the disk lies below the equator, as the viewer sees it, is squeezed away.
-    let most = (one - x.squared()).at_least(0.0).sqrt();
-    let fraction = (one + viewer[2]).scaled(0.5);
-    let y = most * (one - fraction) + y * fraction;
-    let z = (one - x.squared() - y.squared()).at_least(0.0).sqrt();
-    add(add(scale(level, x), scale(upwards, y)), scale(viewer, z))
+    /// Returns the direction of a lobe for a point of the unit disk; None where it leads below the surface.
+    pub(crate) fn lobe_ray(&self, disk: [f64; 2]) -> Option<LobeRay<N>> {
+        let Self { normal, viewer, anisotropy, out, .. } = *self;
+        let half = self.facet(disk);
+        let facet = dot(viewer, half);
+        let towards = sub(scale(half, facet.scaled(2.0)), viewer);
+        let stretches = anisotropy.map(|anisotropy| anisotropy.stretches(viewer, towards, half));
+        let cosines = Cosines { out, into: dot(normal, towards), half: dot(normal, half), facet, stretches };
+        let seen = cosines.into.value() > 0.0 && facet.value() > 0.0 && cosines.out.value() > 0.0;
+        seen.then(|| LobeRay { towards, density: lobe_density(self.alpha, &cosines), cosines })
+    }
+
+    /// Returns a direction in which light passes the surface of a rough solid, for a point of the unit disk; None where
+    /// there is none. `index` is that behind it, relative to the viewer's side.
+    pub(crate) fn refracted(&self, disk: [f64; 2], index: f64) -> Option<Triple<N>> {
+        let half = self.facet(disk);
+        let facet = dot(self.viewer, half);
+        let squared = N::constant(1.0) - (N::constant(1.0) - facet.squared()).scaled(1.0 / (index * index));
+        if facet.value() <= 0.0 || squared.value() <= 0.0 {
+            return None;
+        }
+        let along = facet.scaled(1.0 / index) - squared.sqrt();
+        Some(sub(scale(half, along), scale(self.viewer, N::constant(1.0 / index))))
+    }
+
+    /// Returns the normal of the microfacet for a point of the unit disk.
+    fn facet(&self, disk: [f64; 2]) -> Triple<N> {
+        let ([across, along], [first, second]) = (self.tangents, self.alphas);
+        let facet = self.facet_of_sphere(disk);
+        let half = unit([facet[0].scaled(first), facet[1].scaled(second), facet[2].at_least(0.0)]);
+        add(add(scale(across, half[0]), scale(along, half[1])), scale(self.normal, half[2]))
+    }
+
+    /// Returns a normal of the half sphere above a plane that the viewer sees.
+    fn facet_of_sphere(&self, [x, y]: [f64; 2]) -> Triple<N> {
+        let (one, [cosine, sine], viewer) = (N::constant(1.0), self.turn, self.towards);
+        let [x, y] = [cosine.scaled(x) + sine.scaled(y), cosine.scaled(y) - sine.scaled(x)];
+        // What of the disk lies below the equator, as the viewer sees it, is squeezed away.
+        let most = (one - x.squared()).at_least(0.0).sqrt();
+        let fraction = (one + viewer[2]).scaled(0.5);
+        let y = most * (one - fraction) + y * fraction;
+        let z = (one - x.squared() - y.squared()).at_least(0.0).sqrt();
+        add(add(scale(self.level, x), scale(self.upwards, y)), scale(viewer, z))
+    }
 }
 
 /// Returns two unit vectors that stand on a unit normal and on each other. They change smoothly with the normal, except

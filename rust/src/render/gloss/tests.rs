@@ -461,6 +461,37 @@ fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
     }
 }
 
+/// What is remembered of the ways from triangles changes no bit: of lights, lamps and images, on mirrors and rough
+/// surfaces and below a coat, with a body in the way, and one that moves there later.
+#[test]
+fn what_is_unoccluded_looks_as_where_rays_are_traced() {
+    let coated = Under::Coated { index: 1.5, inside: 0.6, entering: 0.9, nonlinear: false, passing: None };
+    let rough = Finish { alpha: 0.3, ..MIRROR };
+    for finish in [MIRROR, rough.clone(), Finish { under: coated, fresnel: Fresnel::Dielectric(1.5), ..MIRROR }] {
+        let mut tables = room(Some(finish));
+        // A lamp that the wall hides from a part of the mirror, and something rough on the floor.
+        add(&mut tables, [[-2.4, 0.4, -2.0], [0.0, 0.9, 0.0], [0.2, 0.0, 0.9]], (0.0, DIFFUSE, 0));
+        for triangle in tables.corners.len() - 2..tables.corners.len() {
+            tables.emissions[triangle] = Some(Emission { light: 0, luma: 2.0 });
+            tables.gloss.emitted[triangle] = [2.0; 3];
+        }
+        tables.gloss.finishes.push(rough.clone());
+        add(&mut tables, [[0.5, 0.3, 0.5], [0.1, 0.2, 0.8], [0.8, 0.1, 0.0]], (0.8, 1, 0));
+        let remembering = renderer(&tables);
+        let mut scene = Scene::new(&tables).unwrap();
+        scene.unoccluded.forget();
+        let tracing = Renderer::new(scene, Some(1)).unwrap();
+        let turned = [[-0.8, 0.0, -0.6], [0.0, -1.0, 0.0], [-0.6, 0.0, 0.8]];
+        for (rotation, away) in [(LEVEL, 0.0), (turned, 0.0), (LEVEL, 1.5), (turned, -0.9)] {
+            let mut here = view([0.4, 0.9, -0.2], rotation, [0.2, 0.1, -0.3], [0.05, -0.1, 0.2]);
+            here.poses[1].position[0] += away;
+            let [known, traced] = [&remembering, &tracing].map(|renderer| luma(renderer, &rays(false, 4), &here));
+            assert!(off(&traced.0, &vec![0.0; SIZE * SIZE], 0.1) > 50);
+            assert_eq!((off(&traced.0, &known.0, 0.0), off(&traced.1, &known.1, 0.0)), (0, 0));
+        }
+    }
+}
+
 #[test]
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));

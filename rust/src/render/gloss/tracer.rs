@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use super::finish::{Finish, Fresnel, Under, dielectric};
 use super::frame_axes::{at_map, from_frame, into_frame, point_in_frame};
 use super::lookup::looked_up;
-use super::microfacets::{Anisotropy, Cosines, lobe_density, lobe_ray};
+use super::microfacets::{Anisotropy, Cosines, LobeRay, SeenFacets, lobe_density};
 use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
 use super::pattern::{Pattern, PatternPoint};
 use super::tables::Gloss;
@@ -338,11 +338,13 @@ impl Tracer<'_> {
                 return sum;
             }
         }
+        let facets = (!finish.is_mirror())
+            .then(|| SeenFacets::new(finish.alpha, spot.normal, spot.viewer, spot.anisotropy.as_ref()));
         for number in points {
             let point = self.pattern.point(number);
-            if !finish.is_mirror() {
+            if let Some(ray) = facets.as_ref().and_then(|facets| facets.lobe_ray(point.disk)) {
                 let path = &Path { point: Some(number), ..*path };
-                sum = add(sum, self.along_ray_of_lobe(spot, finish, point, each, path));
+                sum = add(sum, self.along_ray_of_lobe(spot, finish, &ray, each, path));
             }
             if !self.gloss.lamps.is_empty() && path.segments < self.longest() {
                 sum = add(sum, scale(self.lit_by_lamp(spot, finish, point), N::constant(each)));
@@ -367,18 +369,16 @@ impl Tracer<'_> {
         &mut self,
         spot: &Spot<N>,
         finish: &Finish,
-        point: &PatternPoint,
+        ray: &LobeRay<N>,
         each: f64,
         path: &Path,
     ) -> Triple<N> {
-        match lobe_ray(finish.alpha, spot.normal, spot.viewer, point.disk, spot.anisotropy.as_ref()) {
-            Some(ray) if spot.sees(ray.towards) => {
-                let lobe = finish.lobe(spot.base, &ray.cosines);
-                let weight = scale(lobe, spot.fading(ray.towards).scaled(each) / ray.density);
-                self.arriving(spot, ray.towards, weight, Some(ray.density), path)
-            }
-            _ => [N::constant(0.0); 3],
+        if !spot.sees(ray.towards) {
+            return [N::constant(0.0); 3];
         }
+        let lobe = finish.lobe(spot.base, &ray.cosines);
+        let weight = scale(lobe, spot.fading(ray.towards).scaled(each) / ray.density);
+        self.arriving(spot, ray.towards, weight, Some(ray.density), path)
     }
 
     /// Returns what a rough surface reflects of a point on the lamps.
@@ -460,10 +460,10 @@ impl Tracer<'_> {
         let mut sum = add(self.lit_by_all(spot, surface, near), self.lit_by_all(behind, surface, near));
         sum = add(sum, self.image(spot, finish, path));
         let (points, each) = self.points(path);
+        let facets = SeenFacets::new(finish.alpha, spot.normal, spot.viewer, spot.anisotropy.as_ref());
         for number in points {
             let point = self.pattern.point(number);
-            if let Some(towards) =
-                finish.refracted(spot.normal, spot.viewer, point.disk, index, spot.anisotropy.as_ref())
+            if let Some(towards) = facets.refracted(point.disk, index)
                 && behind.sees(towards)
                 && let Some((lobe, density)) =
                     finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.anisotropy.as_ref())

@@ -91,7 +91,7 @@ pub(crate) struct Shader<'a> {
 }
 
 impl<'a> Shader<'a> {
-    /// Returns a triangle as a view sees it.
+    /// Returns a diffuse triangle as a view sees it.
     fn new(surroundings: &Surroundings<'a>, seen: &Seen) -> Self {
         let scene = surroundings.scene;
         let mut shader = Self {
@@ -164,7 +164,7 @@ impl<'a> Shader<'a> {
         };
         self.lit.clear();
         let one_normal = self.smooth.is_none() && self.bumpy.is_none();
-        self.dark = glossy || one_normal && facing < 0.0 && !surface.two_sided;
+        self.dark = one_normal && facing < 0.0 && !surface.two_sided;
         if !self.dark {
             self.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
                 let falls = if one_normal { plane.lit_by(light, facing) } else { on_smooth(light) };

@@ -214,8 +214,8 @@ fn put(segments: &mut Vec<Segment>, left: f32, right: f32, candidate: u32) {
     }
 }
 
-/// Lets a triangle be seen on a line where it is nearer than what was seen so far; says whether it is anywhere. Only the
-/// segments that it meets are looked at, because a line of a fine mesh has very many.
+/// Lets a triangle be seen on a line where it is nearer than what was seen so far; says whether it may be anywhere. Only
+/// the segments that it meets are looked at, because a line of a fine mesh has very many.
 fn let_in_line<Depth: LineDepth>(
     of_line: &mut Vec<Segment>,
     spare: &mut Vec<Segment>,
@@ -353,7 +353,8 @@ mod tests {
                 let new = Segment { left, right, candidate };
                 let before = of_line.clone();
                 let seen = let_in_line(&mut of_line, &mut spare, of, new, behind);
-                prop_assert_eq!(seen, of_line != before);
+                // What is nearer on too short a part changes nothing.
+                prop_assert!(seen || of_line == before);
                 ends.push([left, right]);
             }
             for two in of_line.windows(2) {

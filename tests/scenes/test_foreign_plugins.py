@@ -1,0 +1,179 @@
+"""Mitsuba files with plug-ins, properties, elements and colours that this Mitsuba does not read."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+
+import davis_rs
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.scene.repairs import SceneFileWarning
+
+SQUARE = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+end_header
+-1 -1 0
+1 -1 0
+1 1 0
+-1 1 0
+3 0 1 2
+3 0 2 3
+"""
+
+SMOOTH, SHINE = '<float name="max_smooth_angle" value="40"/>', '<float name="shine" value="1"/>'
+CHECKS = """<texture name="reflectance" type="bitmap"><string name="filename" value="checks.png"/>
+    <string name="filter_type" value="bilinear"/></texture>"""
+MEDIUM = '<medium name="interior" type="homogeneous"><float name="sigma_s" value="1"/></medium>'
+
+PLAIN = {
+    "integrator": '<integrator type="path"><integer name="max_depth" value="3"/></integrator>',
+    "lookat": '<lookat origin="0.2, 0.1, 4" target="0, 0, 0" up="0, 1, 0"/>',
+    "sampler": '<sampler type="independent"/>',
+    "film": '<film type="hdrfilm"><integer name="width" value="48"/><integer name="height" value="36"/></film>',
+    "shape": "",
+    "file": "meshes/square.ply",
+    "colour": '<rgb name="reflectance" value="0.5, 0.2, 0.1"/>',
+    "bsdf": "diffuse",
+}
+
+
+def scene_file(folder: Path, **parts: str) -> Path:
+    """Write a scene of a square under a lamp, with other parts than the plain ones."""
+    text = {**PLAIN, **parts}
+    (folder / "meshes").mkdir(exist_ok=True)
+    (folder / "meshes" / "square.ply").write_text(SQUARE)
+    path = folder / "scene.xml"
+    path.write_text(f"""<scene version="3.0.0">
+    {text["integrator"]}
+    <sensor type="perspective"><float name="fov" value="40"/>
+        <transform name="to_world">{text["lookat"]}</transform>
+        {text["sampler"]}
+        {text["film"]}
+    </sensor>
+    <shape type="ply"><string name="filename" value="{text["file"]}"/>{text["shape"]}
+        <bsdf type="{text["bsdf"]}">{text["colour"]}</bsdf>
+    </shape>
+    <emitter type="point"><point name="position" x="1" y="2" z="5"/><rgb name="intensity" value="20"/></emitter>
+</scene>""")
+    return path
+
+
+def luma(path: Path) -> npt.NDArray[np.float32]:
+    """Return what the scene's own camera sees of it at the start."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneFileWarning)
+        scene = davis_rs.load_scene(path)
+    camera, start = scene.own_camera, scene.start
+    assert camera is not None
+    assert start is not None
+    assert (camera.width, camera.height) == (48, 36)
+    return make_renderer(scene, camera, blur=False).luma(Views.at_rest([start]))
+
+
+@pytest.mark.parametrize(
+    ("parts", "told"),
+    [
+        (
+            {"integrator": PLAIN["integrator"].replace('"path">', '"bdpt"><float name="time" value="1"/>')},
+            "its integrator 'bdpt', which this Mitsuba cannot use; 'path' is in its place",
+        ),
+        (
+            {"integrator": '<integrator type="transient"><integrator type="path"/></integrator>'},
+            "its integrator 'transient', which this Mitsuba cannot use; 'path' is in its place",
+        ),
+        (
+            {"integrator": '<integrator type="stokes"><integrator type="path"/></integrator>'},
+            "its integrator 'stokes', which this Mitsuba cannot use; 'path' is in its place",
+        ),
+        ({"colour": CHECKS.replace("bilinear", "ewa")}, None),
+        ({"colour": CHECKS.replace("bilinear", "trilinear")}, None),
+        ({"sampler": '<sampler type="sobol"><integer name="scramble" value="1"/></sampler>'}, None),
+        ({"film": PLAIN["film"].replace("hdrfilm", "phasor_film")}, None),
+        ({"film": PLAIN["film"].replace("</film>", '<string name="pixel_format" value="transient"/></film>')}, None),
+        ({"film": PLAIN["film"].replace("</film>", '<rfilter type="sinc9"/></film>')}, None),
+        (
+            {"shape": SMOOTH},
+            "max_smooth_angle of a ply, which this Mitsuba does not read",
+        ),
+        ({"lookat": PLAIN["lookat"].replace("lookat", "lookAt")}, None),
+        ({"colour": PLAIN["colour"].replace("rgb", "spectrum")}, None),
+        ({"colour": PLAIN["colour"].replace("0.5, 0.2, 0.1", "0.5 .2,1e-1").replace("rgb", "spectrum")}, None),
+        ({"colour": '<rgb value="#7f331a" name="reflectance"/>'}, None),
+        ({"colour": "<srgb name='reflectance' value='0.735357, 0.484529, 0.349190'/>"}, None),
+        ({"colour": '<srgb name="reflectance" value="#bc7c59"></srgb>'}, None),
+        ({"file": "meshes\\square.ply"}, None),
+    ],
+)  # fmt: skip
+def test_what_does_not_say_how_a_scene_looks_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parts: dict[str, str], told: str | None
+) -> None:
+    Image.fromarray(np.array([[[10, 20, 30], [200, 210, 220]]] * 2, np.uint8)).save(tmp_path / "checks.png")
+    plain = luma(scene_file(tmp_path, colour=CHECKS) if "texture" in parts.get("colour", "") else scene_file(tmp_path))
+    assert plain.max() > 0.01
+    path = scene_file(tmp_path, **parts)
+    monkeypatch.chdir("/")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        davis_rs.load_scene(path)
+    assert [str(one.message) for one in caught] == ([] if told is None else [f"{path} is taken without {told}"])
+    # Colours of 8 bits are rounded.
+    np.testing.assert_allclose(luma(path), plain, rtol=0.01 if "#" in parts.get("colour", "") else 1e-5)
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"bsdf": "disneybsdf"}, 'Plugin "disneybsdf" not found'),
+        (
+            {"bsdf": "disneybsdf", "integrator": '<integrator type="bdpt"/>'},
+            r'scene.xml \(line .*Plugin "disneybsdf" not found',
+        ),
+        ({"colour": PLAIN["colour"] + SHINE}, "has shine of a diffuse, .* which says how it looks"),
+        ({"colour": PLAIN["colour"] + SHINE, "shape": SMOOTH}, "has shine of a diffuse, "),
+        ({"shape": SMOOTH + MEDIUM}, "has sigma_s of a homogeneous, "),
+        ({"file": "meshes\\circle.ply"}, r"scene.xml \(line .*circle.ply"),
+        ({"colour": '<srgb name="reflectance" value="red"/>'}, "srgb"),
+        ({"colour": '<spectrum name="reflectance" value="0.1, 0.2"/>'}, "spectrum"),
+    ],
+)  # fmt: skip
+def test_what_says_how_a_scene_looks_is_refused(tmp_path: Path, parts: dict[str, str], message: str) -> None:
+    path = scene_file(tmp_path, **parts)
+    with pytest.raises(ValueError, match=f"(?s)cannot load {path}.*{message}"):
+        davis_rs.load_scene(path)
+
+
+def start_of(path: Path) -> npt.NDArray[np.float64]:
+    """Return the pose of the scene's camera as a matrix."""
+    start = davis_rs.load_scene(path).start
+    assert start is not None
+    return start.matrix
+
+
+def test_a_camera_that_mirrors_is_one_that_does_not(tmp_path: Path) -> None:
+    mirrored, plain = (
+        f'<matrix value="{x} 0 0 0.2  0 1 0 0.1  0 0 -1 4  0 0 0 1"/>' for x in (1, -1)
+    )  # Mitsuba's cameras look along z, with x to the left.
+    with pytest.warns(SceneFileWarning, match="the scene's camera mirrors its image"):
+        start = start_of(scene_file(tmp_path, lookat=mirrored))
+    np.testing.assert_array_equal(start, start_of(scene_file(tmp_path, lookat=plain)))
+
+
+def test_a_camera_may_be_rounded_and_not_more(tmp_path: Path) -> None:
+    at = '<matrix value="-0.9988 0 -0.0499 0.2  -0.0012 0.9997 0.0249 0.1  {z}  0 0 0 1"/>'
+    turn = start_of(scene_file(tmp_path, lookat=at.format(z="0.0499 0.0250 -0.9984 4")))[:3, :3]
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(turn[:, 2], [-0.0499, 0.0249, -0.9984], atol=2e-4)
+    with pytest.raises(ValueError, match=r"rotation|[Ss]cale"):
+        davis_rs.load_scene(scene_file(tmp_path, lookat=at.format(z="0.0999 0.0500 -1.9968 4")))
