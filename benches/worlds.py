@@ -67,7 +67,8 @@ def examine(path: Path) -> Row:
         outcome, reason = "missing files", [str(error)]
     except (ValueError, OSError, ImportError) as error:
         outcome, reason = "refused", [str(error)]
-        if re.search(r"does not exist|not found|is not there|No such file", reason[0]):
+        no_file = re.search(r"does not exist|not found|is not there|No such file", reason[0])
+        if no_file and "[PluginManager]" not in reason[0]:
             outcome = "missing files"
     reason = [text.replace(str(path), path.name) for text in reason]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

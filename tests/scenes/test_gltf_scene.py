@@ -837,7 +837,7 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     "version": (lambda gltf: gltf.document.update(asset={"version": "1.0"}), r"must be glTF 2\.0, got version '1\.0'"),
     "basis required": (
         lambda gltf: gltf.document.update(extensionsRequired=["KHR_texture_basisu"]),
-        "extensionsRequired: 'KHR_texture_basisu' is not read; export without compression",
+        "extensionsRequired: 'KHR_texture_basisu' is not read; export its textures as PNG, JPEG or WebP",
     ),
     "no mesh": (put("nodes", 0, mesh=7), r"nodes\[0\]\.mesh: must be a number of the 1 meshes, counted from 0, got 7"),
     "negative": (put("nodes", 0, mesh=-1), "got -1"),

@@ -64,13 +64,15 @@ _UNSEEN = {
     "MSFT_lod",
 }
 """Extensions that do not change what a camera sees; of levels of detail the finest is the node itself."""
+_PLAIN_IMAGES = "; export its textures as PNG, JPEG or WebP"
 _COMPRESSED = {
-    "EXT_texture_avif",
-    "KHR_meshopt_compression",
-    "KHR_texture_basisu",
-    "MSFT_texture_dds",
+    "EXT_texture_avif": _PLAIN_IMAGES,
+    "KHR_meshopt_compression": "; export without compression",
+    "KHR_texture_basisu": _PLAIN_IMAGES,
+    "MSFT_texture_dds": _PLAIN_IMAGES,
 }
-"""Compression that a file may offer next to plain data; the readers check that the plain data are there."""
+"""Compression that a file may offer next to plain data, and what to do where it does not; the readers check that the
+plain data are there."""
 
 Values = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 
@@ -117,7 +119,7 @@ class GltfFile:
             name for name in map(str, self.document.extensionsRequired or []) if name in _COMPRESSED or unknown(name)
         ]
         if required:
-            advice = "; export without compression" if _COMPRESSED & {*required} else ""
+            advice = _COMPRESSED.get(required[0], "")
             raise self.error("extensionsRequired", f"{plain(required[0])} is not read{advice}")
 
     def error(self, where: str, rule: str) -> DecodeError:
@@ -347,7 +349,7 @@ class GltfFile:
             else:
                 data = self._chunk if index == 0 else b""
                 if not len(data):
-                    compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED | {_MESHOPT}]
+                    compressed = [one for one in buffer.extensions or {} if one in {*_COMPRESSED, _MESHOPT}]
                     if compressed:
                         raise self.error(where, f"has data by {compressed[0]} alone, which is not read")
                     raise self.error(where, "has neither a uri nor a binary chunk")
@@ -381,7 +383,7 @@ class GltfFile:
 
 def unknown(extension: str) -> bool:
     """Return whether an extension is unknown, so that it may change where surfaces are."""
-    known = extension in _READ | _UNSEEN | _COMPRESSED
+    known = extension in _READ | _UNSEEN or extension in _COMPRESSED
     return not known and re.fullmatch(r"[A-Z0-9]+_materials_\w+", extension) is None
 
 
