@@ -492,6 +492,62 @@ fn what_is_unoccluded_looks_as_where_rays_are_traced() {
     }
 }
 
+/// Adds a wall of small glossy squares at z = 3: from each of them most directions are free.
+fn add_tiles(tables: &mut SceneTables, finish: Finish) {
+    tables.gloss.finishes = vec![finish];
+    for number in 0..100 {
+        let at = |cell: i32| 0.3 * f64::from(cell) - 1.5;
+        add(tables, [[at(number % 10), at(number / 10) + 1.0, 3.0], [0.0, 0.3, 0.0], [0.3, 0.0, 0.0]], (1.0, 0, 0));
+    }
+}
+
+/// A body throws its shadow on glossy squares and is seen in them as what stands still does in its place, though nothing
+/// that stands still is in the way there.
+#[test]
+fn a_body_counts_where_all_that_stands_still_is_out_of_the_way() {
+    for finish in [MIRROR, Finish { alpha: 0.4, ..MIRROR }] {
+        let tables = |frame: u32, height: f64| {
+            let mut tables = room(None);
+            add_tiles(&mut tables, finish.clone());
+            add(&mut tables, [[0.1, 0.8, 2.0], [0.0, height, 0.0], [0.6, 0.0, 0.1]], (0.4, DIFFUSE, frame));
+            tables
+        };
+        // The camera does not see the body itself: it looks past it.
+        let turned = [[-0.8, 0.0, -0.6], [0.0, -1.0, 0.0], [-0.6, 0.0, 0.8]];
+        let mut here = view([1.6, 1.2, 0.9], turned, [0.0; 3], [0.0; 3]);
+        here.factors = vec![[1.0, 0.0]; 3];
+        let [body, still, none] = [(1, 0.9), (0, 0.9), (0, 1e-6)]
+            .map(|(frame, height)| luma(&renderer(&tables(frame, height)), &rays(false, 4), &here).0);
+        assert!(off(&still, &none, 0.02) > 10, "{}", off(&still, &none, 0.02));
+        assert!(off(&still, &body, 1e-4) <= 3, "{}", off(&still, &body, 1e-4));
+    }
+}
+
+/// A lamp behind a screen sends nothing to a rough surface, whether the screen stands still or moves.
+#[test]
+fn a_screen_hides_a_lamp_from_a_lobe() {
+    for frame in [0, 1] {
+        let lit = |luma_of_lamp: f64, screened: bool| {
+            let mut tables = room(None);
+            add_tiles(&mut tables, Finish { alpha: 0.4, ..MIRROR });
+            add(&mut tables, [[-0.5, 2.9, 1.4], [0.0, 0.0, 0.5], [0.5, 0.0, 0.0]], (0.0, DIFFUSE, 0));
+            for triangle in tables.corners.len() - 2..tables.corners.len() {
+                tables.planes.to_mut()[triangle] = tables.planes[triangle].map(|x| -x);
+                tables.emissions[triangle] = Some(Emission { light: 0, luma: luma_of_lamp });
+                tables.gloss.emitted[triangle] = [luma_of_lamp; 3];
+            }
+            if screened {
+                add(&mut tables, [[-4.0, 2.8, -4.0], [0.0, 0.0, 6.9], [8.0, 0.0, 0.0]], (0.0, DIFFUSE, frame));
+            }
+            let mut here = view([0.1, 1.0, 1.2], LEVEL, [0.0; 3], [0.0; 3]);
+            here.factors = vec![[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]];
+            luma(&renderer(&tables), &rays(false, 4), &here).0
+        };
+        assert!(off(&lit(9.0, false), &lit(0.0, false), 0.05) > 20);
+        assert_eq!(off(&lit(9.0, true), &lit(1e-9, true), 1e-3), 0);
+    }
+}
+
 #[test]
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));
