@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import davis_rs
+from davis_rs import DecodeError
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.scene.repairs import SceneFileWarning
@@ -151,6 +152,14 @@ def test_what_does_not_say_how_a_scene_looks_is_left_out(
 def test_what_says_how_a_scene_looks_is_refused(tmp_path: Path, parts: dict[str, str], message: str) -> None:
     path = scene_file(tmp_path, **parts)
     with pytest.raises(ValueError, match=f"(?s)cannot load {path}.*{message}"):
+        davis_rs.load_scene(path)
+
+
+def test_meshes_are_checked_whatever_their_names_look_like(tmp_path: Path) -> None:
+    """Mitsuba ends the process at a face that names missing vertices."""
+    path = scene_file(tmp_path, file="meshes\\square.ply")
+    (tmp_path / "meshes" / "square.ply").write_text(SQUARE.replace("3 0 1 2", "3 0 1 7"))
+    with pytest.raises(DecodeError, match="a face names vertex 7 of 4"):
         davis_rs.load_scene(path)
 
 

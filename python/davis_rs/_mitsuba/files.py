@@ -68,6 +68,8 @@ def check_scene_file(
         raise DecodeError(f"{path}: scene files may include each other {_MOST_INCLUDED} deep")
     for name in _file_names(path, budget, variables or {}):
         named = path.parent / name
+        if not named.is_file():
+            named = path.parent / name.replace("\\", "/")  # as files from Windows have it, see `foreign_plugins`
         if not named.is_file():  # Mitsuba will say so, or has it elsewhere
             continue
         if named.suffix.lower() == ".xml":

@@ -15,7 +15,8 @@
 //! - [`geometry`]: vectors, the BVH ([`bvh`](geometry::bvh)) that finds triangles, the camera's
 //!   [`view`](geometry::view) and its [`pixel_rays`](geometry::pixel_rays).
 //! - [`visibility`]: [`bins`](visibility::bins) and the [`nearest`](visibility::nearest) triangle of each ray, or a
-//!   [`beam`](visibility::beam) for a tile.
+//!   [`beam`](visibility::beam) for a tile; [`unoccluded`](visibility::unoccluded) remembers from which triangles rays
+//!   hit nothing.
 //! - [`light`]: a [`shader`](light::shader) is a triangle as a camera sees it, and [`shade`](light::shade) computes the
 //!   luma of its rays from [`lights`](light::lights), [`light_map`](light::light_map), [`texture`](light::texture),
 //!   [`slide`](light::slide) and [`sky`](light::sky). [`shadows`](light::shadows) finds what lies between a [`patch`](light::patch) and a light, as

@@ -1,5 +1,5 @@
 //! Which triangle a ray hits first: for the rays of a tile together, for single rays in float64, and for rays of any
-//! direction; and how far the nearest triangle is.
+//! direction; from which triangles rays hit nothing; and how far the nearest triangle is.
 
 pub(super) mod beam;
 pub(super) mod bins;
