@@ -163,6 +163,14 @@ def test_meshes_are_checked_whatever_their_names_look_like(tmp_path: Path) -> No
         davis_rs.load_scene(path)
 
 
+@pytest.mark.parametrize("filler", ['name="filename" ', 'value = "1 ', "srgb value= "])
+def test_long_comments_take_no_long_time(tmp_path: Path, filler: str) -> None:
+    """A search that began anew at each repetition would take minutes."""
+    path = scene_file(tmp_path, integrator='<integrator type="bdpt"/>', shape=f"<!-- {filler * 200_000} -->")
+    with pytest.warns(SceneFileWarning, match="bdpt"):
+        davis_rs.load_scene(path)
+
+
 def start_of(path: Path) -> npt.NDArray[np.float64]:
     """Return the pose of the scene's camera as a matrix."""
     start = davis_rs.load_scene(path).start

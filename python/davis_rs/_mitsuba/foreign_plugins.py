@@ -23,7 +23,8 @@ _MAY_HELP = re.compile(
 )
 _COLOUR = re.compile(r"""<(rgb|srgb|spectrum)(\s[^<>]*?\bvalue\s*=\s*)(["'])([^"'<>]*)\3""")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_FILE = re.compile(r"""(\bname\s*=\s*["']filename["'][^<>]*?\bvalue\s*=\s*)(["'])([^"'<>]*)\2""")
+# Bounded, because a comment may repeat its beginning without end.
+_FILE = re.compile(r"""(\bname\s*=\s*["']filename["'][^<>]{0,300}?\bvalue\s*=\s*)(["'])([^"'<>]*)\2""")
 _OF_FILM = {"width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"}
 
 
