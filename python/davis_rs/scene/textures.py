@@ -12,6 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import MitsubaValue, SceneDictionary
+from .._util.srgb import from_srgb, to_srgb
+
+__all__ = ["Texture", "bitmap", "encoded_bitmap", "from_srgb", "patchwork", "to_srgb", "value_noise"]
 
 FloatArray = npt.NDArray[np.float64]
 
