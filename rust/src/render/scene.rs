@@ -16,12 +16,13 @@ use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::geometry::view::View;
 use super::gloss::tables::{Gloss, GlossTables, Owner};
 use super::light::beam::Beam;
+use super::light::cone::Source;
 use super::light::light_map::{Emission, LightMapTables, SideMap, SideMaps};
 use super::light::normal_texture::{Bumps, NormalTextureTables, NormalTextures};
 use super::light::sky::Sky;
 use super::light::slide::{SeenSlide, Slide};
 use super::light::texture::{self, Texture};
-use super::visibility::unoccluded::{Shining, Still, Unoccluded};
+use super::visibility::unoccluded::{Still, Unoccluded};
 use crate::error::{Error, Result};
 use crate::threads::SHARED;
 
@@ -41,6 +42,17 @@ pub enum LightKind {
     Baked(u32),
     /// On no surface: how bright baked area lights and skies look themselves.
     Visible,
+}
+
+impl LightKind {
+    /// Returns where it shines from; None where it throws no shadows.
+    pub(crate) fn source(&self) -> Option<Source> {
+        match *self {
+            Self::Point(position) => Some(Source::Point(position)),
+            Self::Directional(along) => Some(Source::Directional(along.map(|x| -x))),
+            Self::Constant | Self::Baked(_) | Self::Visible => None,
+        }
+    }
 }
 
 /// A light of one colour.
@@ -232,12 +244,8 @@ impl Scene {
             SHARED.pool()?.install(|| push_frames(true));
         }
         scene.gloss = Gloss::new(&tables.gloss, || scene.owner_of_gloss(tables.corners.len()))?;
-        let somewhere = |light: &Light| match light.kind {
-            LightKind::Point(position) if scene.shadows => Some(Shining::At(position)),
-            LightKind::Directional(along) if scene.shadows => Some(Shining::From(along.map(|x| -x))),
-            _ => None,
-        };
-        let lights = scene.lights_in_order().into_iter().map(somewhere).collect();
+        let source = |light: &Light| light.kind.source().filter(|_| scene.shadows);
+        let lights = scene.lights_in_order().into_iter().map(source).collect();
         scene.unoccluded = Unoccluded::new(scene.frames[0].triangles.len(), lights, scene.gloss.is_some());
         Ok(scene)
     }

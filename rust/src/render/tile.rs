@@ -75,6 +75,7 @@ struct Shading {
     visible: Vec<u32>,
     /// Numbers among those that are visible, in the order in which they are shaded.
     turns: Vec<u32>,
+    occluded: Vec<u32>,
     picked: Picked,
     luma: Vec<f32>,
     rate: Vec<f32>,
@@ -284,7 +285,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     shaders: &mut Shaders<'a>,
 ) {
     let RayBlocks { x, y, around, .. } = *ray_blocks;
-    let Shading { caster, sorted, visible, turns, picked, luma, rate, tracer } = shading;
+    let Shading { caster, sorted, visible, turns, occluded, picked, luma, rate, tracer } = shading;
     luma.clear();
     luma.resize(x.len(), tile_view.background.0);
     rate.clear();
@@ -301,10 +302,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     add_sky::<RATE>(tile_view, (x, y), |ray| list.is_empty() || hits.hit(ray).is_none(), (luma, rate));
     shaders.set_up(&tile_view.lit, visible.iter().map(|&index| seen(index)));
     // Where nothing that stands still throws a shadow, only bodies are looked through for some that do.
-    turns.clear();
-    turns.extend((0..).zip(shaders.iter()).filter(|(_, shader)| shader.is_unoccluded()).map(|(at, _)| at));
-    let open = turns.len();
-    turns.extend((0..).zip(shaders.iter()).filter(|(_, shader)| !shader.is_unoccluded()).map(|(at, _)| at));
+    let open = take_turns(shaders, turns, occluded);
     let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
     while at < turns.len() {
@@ -385,6 +383,18 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
             gloss::<f64>(tile_view, rays, tracer, |ray, value| luma[ray] = value.0);
         }
     }
+}
+
+/// Puts the numbers of shaders in order, those first from which nothing that stands still hides a light; returns how many
+/// these are. `occluded` is room for the others.
+fn take_turns(shaders: &[Shader], turns: &mut Vec<u32>, occluded: &mut Vec<u32>) -> usize {
+    turns.clear();
+    for (at, shader) in (0..).zip(shaders) {
+        if shader.is_unoccluded() { turns.push(at) } else { occluded.push(at) }
+    }
+    let open = turns.len();
+    turns.append(occluded);
+    open
 }
 
 /// Adds luma of the sky, and its rate, to rays that see it.

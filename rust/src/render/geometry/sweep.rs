@@ -56,22 +56,21 @@ impl<'a> Sweep<'a> {
                 for k in 0..3 {
                     sweep.add_plane(cross(edges[k], sub(point, corners[k])));
                 }
+                sweep.of_boxes = sweep.planes.len();
             }
             Towards::Directions(directions) => {
                 let count = directions.len();
                 for i in (0..count).filter(|_| count > 1) {
                     sweep.add_plane(cross(directions[i], directions[(i + 1) % count]));
                 }
-                sweep.of_boxes = if count > 1 { sweep.planes.len() } else { 0 };
+                let between = sweep.planes.len();
                 for &way in directions {
                     for edge in edges {
                         sweep.add_plane(cross(edge, way));
                     }
                 }
+                sweep.of_boxes = if count > 1 { between } else { sweep.planes.len() };
             }
-        }
-        if sweep.of_boxes == 0 {
-            sweep.of_boxes = sweep.planes.len();
         }
         sweep
     }
@@ -133,17 +132,9 @@ impl Region for Sweep<'_> {
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
         let mut meets = [true; WIDTH];
         for (axis, least) in &self.planes[..self.of_boxes] {
-            let (mut most, mut reach) = ([0f64; WIDTH], [0f64; WIDTH]);
-            for k in 0..3 {
-                let corner = if axis[k] > 0.0 { &boxes.high[k] } else { &boxes.low[k] };
-                for i in 0..WIDTH {
-                    let along = axis[k] * (f64::from(corner[i]) - self.origin[k]);
-                    most[i] += along;
-                    reach[i] += along.abs();
-                }
-            }
+            let before = boxes.reach_before(axis, &self.origin, *least);
             for i in 0..WIDTH {
-                meets[i] &= most[i] >= least - ROUNDING * reach[i];
+                meets[i] &= before[i];
             }
         }
         meets
@@ -151,7 +142,7 @@ impl Region for Sweep<'_> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::render::geometry::vector::{Bounds, add, scale};
     use proptest::prelude::*;
@@ -161,7 +152,7 @@ mod tests {
     }
 
     /// Returns where a segment, or a ray where `end` is infinite, passes through a triangle by more than rounding.
-    fn passes(from: Vector, way: Vector, end: f64, [a, b, c]: &[Vector; 3]) -> Option<Vector> {
+    pub(crate) fn passes(from: Vector, way: Vector, end: f64, [a, b, c]: &[Vector; 3]) -> Option<Vector> {
         let normal = cross(sub(*b, *a), sub(*c, *a));
         let at = dot(normal, sub(*a, from)) / dot(normal, way);
         let point = add(from, scale(way, at));
@@ -179,7 +170,8 @@ mod tests {
         boxes
     }
 
-    fn point_of([a, b, c]: &[Vector; 3], [u, v]: [f64; 2]) -> Vector {
+    /// Returns a point of a triangle for one of the unit square.
+    pub(crate) fn point_of([a, b, c]: &[Vector; 3], [u, v]: [f64; 2]) -> Vector {
         let [u, v] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
         add(*a, add(scale(sub(*b, *a), u), scale(sub(*c, *a), v)))
     }

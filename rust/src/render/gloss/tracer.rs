@@ -656,10 +656,9 @@ impl Tracer<'_> {
         let plane = if spot.through.is_some() { vector::scale(plane, -1.0) } else { plane };
         let in_world = self.lit.view.poses[0].point(point);
         let step = scene.step * (largest(in_world) + largest(point));
-        let along_in_world = self.lit.view.poses[0].vector(along);
         let from = usize::from(match light {
             Some(light) => scene.is_lit(spot.hit.triangle, light),
-            None => scene.is_free(spot.hit.triangle, along_in_world),
+            None => scene.is_free(spot.hit.triangle, self.lit.view.poses[0].vector(along)),
         });
         if !scene.has_shadows_from(from) {
             return false;

@@ -25,12 +25,8 @@ pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     let still = &scene.corners[scene.frames[0].triangles.clone()];
     let of_light = |kind: &LightKind| {
         let mut packets = vec![];
-        match *kind {
-            LightKind::Point(position) => ConePacket::behind(still, &Source::Point(position), &mut packets),
-            LightKind::Directional(along) => {
-                ConePacket::behind(still, &Source::Directional(along.map(|x| -x)), &mut packets);
-            }
-            LightKind::Constant | LightKind::Baked(_) | LightKind::Visible => {}
+        if let Some(source) = kind.source() {
+            ConePacket::behind(still, &source, &mut packets);
         }
         packets
     };

@@ -15,9 +15,6 @@ use crate::render::geometry::vector::{Vector, cross, dot, scale, single, sub};
 use crate::render::geometry::view::View;
 use crate::render::scene::{Scene, Surface, is_hidden};
 
-/// What of a distance is rounding.
-const ROUNDING: f64 = 1e-12;
-
 /// A ray from an origin, in units of its direction, in one frame of a scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ray {
@@ -133,17 +130,9 @@ impl Region for Pyramid {
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
         let mut meets = [true; WIDTH];
         for normal in &self.normals {
-            let (mut most, mut reach) = ([0f64; WIDTH], [0f64; WIDTH]);
-            for axis in 0..3 {
-                let corner = if normal[axis] > 0.0 { &boxes.high[axis] } else { &boxes.low[axis] };
-                for i in 0..WIDTH {
-                    let along = normal[axis] * (f64::from(corner[i]) - self.origin[axis]);
-                    most[i] += along;
-                    reach[i] += along.abs();
-                }
-            }
+            let before = boxes.reach_before(normal, &self.origin, 0.0);
             for i in 0..WIDTH {
-                meets[i] &= most[i] >= -ROUNDING * reach[i];
+                meets[i] &= before[i];
             }
         }
         meets

@@ -16,6 +16,7 @@ use multiversion::multiversion;
 use crate::render::geometry::bvh::Bvh;
 use crate::render::geometry::sweep::{Sweep, Towards};
 use crate::render::geometry::vector::Vector;
+use crate::render::light::cone::Source;
 
 /// Directions are cells on the sides of a cube, so many along each of its edges.
 const CELLS: usize = 8;
@@ -36,19 +37,11 @@ const MOST: usize = 1 << 28;
 #[derive(Debug, Default)]
 pub(crate) struct Unoccluded {
     /// Of each light where it is, and its number among those that are somewhere.
-    lights: Vec<Option<(usize, Shining)>>,
+    lights: Vec<Option<(usize, Source)>>,
     /// By light that is somewhere, and triangle; empty where it would be too large.
     by_light: Vec<AtomicU8>,
     /// Of each triangle [`WORDS`]; empty where no ray asks for directions.
     by_direction: Vec<AtomicU64>,
-}
-
-/// Where a light is.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Shining {
-    At(Vector),
-    /// The unit vector towards it.
-    From(Vector),
 }
 
 /// The triangles among which it is looked for what may be hit.
@@ -60,7 +53,7 @@ pub(crate) struct Still<'a> {
 
 impl Unoccluded {
     /// Makes room for so many triangles and these lights; for directions where rays ask for them.
-    pub(crate) fn new(triangles: usize, lights: Vec<Option<Shining>>, directions: bool) -> Self {
+    pub(crate) fn new(triangles: usize, lights: Vec<Option<Source>>, directions: bool) -> Self {
         let mut somewhere = 0..;
         let lights: Vec<_> =
             lights.into_iter().map(|light| light.and_then(|light| Some((somewhere.next()?, light)))).collect();
@@ -94,8 +87,8 @@ impl Unoccluded {
         match known.load(Ordering::Relaxed) {
             0 => {
                 let clear = match light {
-                    Shining::At(point) => is_clear(still, triangle, Towards::Point(point)),
-                    Shining::From(towards) => is_clear(still, triangle, Towards::Directions(&[towards])),
+                    Source::Point(point) => is_clear(still, triangle, Towards::Point(point)),
+                    Source::Directional(towards) => is_clear(still, triangle, Towards::Directions(&[towards])),
                 };
                 known.store(if clear { CLEAR } else { BLOCKED }, Ordering::Relaxed);
                 clear
@@ -184,6 +177,7 @@ impl Cell {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::geometry::sweep::tests::{passes, point_of};
     use crate::render::geometry::vector::{Bounds, add, cross, dot, scale, sub};
     use crate::render::scene::has_area;
     use proptest::prelude::*;
@@ -191,15 +185,6 @@ mod tests {
 
     fn vector(size: f64) -> impl Strategy<Value = Vector> {
         prop::array::uniform3(-size..size)
-    }
-
-    /// Returns whether a triangle lies on a way, by more than rounding.
-    fn blocks([a, b, c]: &[Vector; 3], from: Vector, way: Vector, end: f64) -> bool {
-        let normal = cross(sub(*b, *a), sub(*c, *a));
-        let at = dot(normal, sub(*a, from)) / dot(normal, way);
-        let point = add(from, scale(way, at));
-        let sides = [(a, b), (b, c), (c, a)].map(|(from, to)| dot(cross(sub(*to, *from), sub(point, *from)), normal));
-        at > 1e-9 && at < end - 1e-9 && sides.iter().all(|&side| side > 1e-9 * dot(normal, normal))
     }
 
     fn ordered(triangles: &[[Vector; 3]]) -> (Bvh, Vec<[Vector; 3]>) {
@@ -221,16 +206,14 @@ mod tests {
             let triangles: Vec<_> = places.iter().map(|&(a, b, c)| [a, add(a, b), add(a, c)]).collect();
             let (bvh, corners) = ordered(&triangles);
             let still = Still { bvh: &bvh, corners: &corners };
-            let lights = vec![Some(Shining::From(towards)), None, Some(Shining::At(light))];
+            let lights = vec![Some(Source::Directional(towards)), None, Some(Source::Point(light))];
             let unoccluded = Unoccluded::new(corners.len(), lights, true);
             for triangle in 0..corners.len() {
-                let [a, b, c] = corners[triangle];
                 let others = || (0..corners.len()).filter(|&other| other != triangle).map(|other| corners[other]);
                 let free = |way: &dyn Fn(Vector) -> Vector, end: f64| {
-                    samples.iter().all(|&[u, v]| {
-                        let [u, v] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
-                        let from = add(a, add(scale(sub(b, a), u), scale(sub(c, a), v)));
-                        !others().any(|other| blocks(&other, from, way(from), end))
+                    samples.iter().all(|&at| {
+                        let from = point_of(&corners[triangle], at);
+                        !others().any(|other| passes(from, way(from), end, &other).is_some())
                     })
                 };
                 for _ in 0..2 {
@@ -295,7 +278,7 @@ mod tests {
         for screened in [false, true] {
             let (bvh, corners) = ordered(&triangles);
             let still = Still { bvh: &bvh, corners: &corners };
-            let lights = vec![Some(Shining::At(light)), Some(Shining::From(scale(light, 0.2)))];
+            let lights = vec![Some(Source::Point(light)), Some(Source::Directional(scale(light, 0.2)))];
             let unoccluded = Unoccluded::new(corners.len(), lights, true);
             let mut lit = 0;
             for (triangle, &[a, b, c]) in corners.iter().enumerate() {
@@ -324,7 +307,7 @@ mod tests {
     fn what_is_not_known_is_not_free() {
         let (bvh, corners) = ordered(&[[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]);
         let still = Still { bvh: &bvh, corners: &corners };
-        let light = || vec![Some(Shining::At([0.0, 0.0, 1.0]))];
+        let light = || vec![Some(Source::Point([0.0, 0.0, 1.0]))];
         assert!(Unoccluded::new(1, light(), true).is_free(still, 0, [0.0, 0.0, 1.0]));
         assert!(Unoccluded::new(1, light(), true).is_free(still, 0, [1.0, 0.0, 0.0]));
         assert!(!Unoccluded::new(1, light(), false).is_free(still, 0, [0.0, 0.0, 1.0]));
