@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::geometry::bvh::Bvh;
 use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::geometry::view::View;
+use super::gloss::lamp_groups::Lamp;
 use super::gloss::tables::{Gloss, GlossTables, Owner};
 use super::light::beam::Beam;
 use super::light::cone::Source;
@@ -343,12 +344,17 @@ impl Scene {
             lights: self.lights.len(),
             numbers: self.surfaces.iter().map(|surface| surface.number).collect(),
             corners: &self.corners,
-            emitted: self
-                .surfaces
-                .iter()
-                .map(|surface| surface.emission.as_ref().map_or(0.0, |own| own.luma))
-                .collect(),
+            lamps: self.lamps().collect(),
         }
+    }
+
+    /// Returns the triangles that emit.
+    fn lamps(&self) -> impl Iterator<Item = Lamp> {
+        self.surfaces.iter().zip(0..).filter_map(|(surface, triangle)| {
+            let Emission { light, luma } = **surface.emission.as_ref()?;
+            let [x, y, z, _] = surface.plane;
+            Some(Lamp { triangle, frame: surface.frame, light, normal: [x, y, z], luma })
+        })
     }
 
     /// Returns the slide before a light; `turned` gives a vector of the world in the axes that are wanted, and its rate.

@@ -235,14 +235,7 @@ impl<'a, N: Number> SeenFacets<'a, N> {
     /// Returns a direction in which light passes the surface of a rough solid, for a point of the unit disk; None where
     /// there is none. `index` is that behind it, relative to the viewer's side.
     pub(crate) fn refracted(&self, disk: [f64; 2], index: f64) -> Option<Triple<N>> {
-        let half = self.facet(disk);
-        let facet = dot(self.viewer, half);
-        let squared = N::constant(1.0) - (N::constant(1.0) - facet.squared()).scaled(1.0 / (index * index));
-        if facet.value() <= 0.0 || squared.value() <= 0.0 {
-            return None;
-        }
-        let along = facet.scaled(1.0 / index) - squared.sqrt();
-        Some(sub(scale(half, along), scale(self.viewer, N::constant(1.0 / index))))
+        refracted(self.facet(disk), self.viewer, index)
     }
 
     /// Returns the normal of the microfacet for a point of the unit disk.
@@ -264,6 +257,18 @@ impl<'a, N: Number> SeenFacets<'a, N> {
         let z = (one - x.squared() - y.squared()).at_least(0.0).sqrt();
         add(add(scale(self.level, x), scale(self.upwards, y)), scale(viewer, z))
     }
+}
+
+/// Returns the direction in which light from a viewer passes a surface; None where all is reflected. `index` is that
+/// behind it, relative to the viewer's side.
+pub(crate) fn refracted<N: Number>(normal: Triple<N>, viewer: Triple<N>, index: f64) -> Option<Triple<N>> {
+    let cosine = dot(normal, viewer);
+    let squared = N::constant(1.0) - (N::constant(1.0) - cosine.squared()).scaled(1.0 / (index * index));
+    if cosine.value() <= 0.0 || squared.value() <= 0.0 {
+        return None;
+    }
+    let along = cosine.scaled(1.0 / index) - squared.sqrt();
+    Some(sub(scale(normal, along), scale(viewer, N::constant(1.0 / index))))
 }
 
 /// Returns two unit vectors that stand on a unit normal and on each other. They change smoothly with the normal, except

@@ -6,7 +6,8 @@
 //! ```
 //!
 //! - [`tables`]: which triangles are glossy, and all of the scene in colour.
-//! - [`tracer`]: follows the paths; [`pattern`] says along which directions and to which points of the [`lamps`].
+//! - [`tracer`]: follows the paths; [`pattern`] says along which directions and to which points of the [`lamps`], whose points
+//!   are dealt out to [`lamp_groups`].
 //! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
 //!   and light maps at single points.
 //! - [`sky_levels`]: the environment map, from fine to coarse.
@@ -20,6 +21,7 @@
 pub(super) mod emissive;
 pub(super) mod finish;
 pub(super) mod frame_axes;
+pub(crate) mod lamp_groups;
 mod lamps;
 pub(super) mod lookup;
 pub(super) mod microfacets;

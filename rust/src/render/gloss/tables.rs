@@ -4,6 +4,7 @@
 
 use super::emissive::{Emissive, EmissiveTextures};
 use super::finish::Finish;
+use super::lamp_groups::Lamp;
 use super::lamps::Lamps;
 use super::sky_levels::SkyLevels;
 use crate::error::{Error, Result};
@@ -66,10 +67,11 @@ pub(crate) struct Owner<'a> {
     pub(crate) textures: &'a [Texture],
     pub(crate) groups: usize,
     pub(crate) lights: usize,
-    /// The triangles that can be seen, in their order: their number in the tables, corners, and luma that they emit.
+    /// The triangles that can be seen, in their order: their number in the tables, and corners.
     pub(crate) numbers: Vec<u32>,
     pub(crate) corners: &'a [[Vector; 3]],
-    pub(crate) emitted: Vec<f64>,
+    /// Those of them that emit.
+    pub(crate) lamps: Vec<Lamp>,
 }
 
 impl Gloss {
@@ -133,7 +135,7 @@ impl Gloss {
             },
             emissive: Emissive::new(&tables.emissive, owner.textures.len(), owner.lights)?,
             sky,
-            lamps: Lamps::new(owner.corners, |number| owner.emitted[number]),
+            lamps: Lamps::new(owner.corners, owner.lamps),
             longest: tables.longest,
             lobe_textures,
             lobes: tables.lobes.clone(),

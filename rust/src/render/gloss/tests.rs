@@ -461,6 +461,42 @@ fn a_lamp_is_as_bright_by_few_rays_as_by_many() {
     }
 }
 
+/// A small lamp is mirrored as one highlight, and not as a few dots, also next to a ball that is three hundred times as
+/// strong: each pixel is as bright by few directions as by many. Rates are differences in time, but for points that jump.
+#[test]
+fn a_strong_lamp_elsewhere_takes_no_points_from_a_small_one() {
+    let mut tables = room(Some(Finish { alpha: 0.15, ..MIRROR }));
+    for light in &mut tables.lights {
+        light.strength = 0.0;
+    }
+    tables.shadows = false;
+    let shining = |tables: &mut SceneTables, sides, luma: f64| {
+        add(tables, sides, (0.0, DIFFUSE, 0));
+        for triangle in tables.corners.len() - 2..tables.corners.len() {
+            tables.emissions[triangle] = Some(Emission { light: 1, luma });
+            tables.gloss.emitted[triangle] = [luma; 3];
+        }
+    };
+    shining(&mut tables, [[0.3, 0.8, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]], 20.0);
+    for [corner, u, v] in BOX {
+        shining(&mut tables, [crate::render::geometry::vector::add(corner, [7.0, 0.0, -1.0]), u, v], 10.0);
+    }
+    let renderer = renderer(&tables);
+    let here = view([0.35, 0.85, 1.0], LEVEL, [0.3, -0.2, 0.1], [0.0; 3]);
+    let luma = |each: usize, view: &View| luma(&renderer, &rays(false, each), view);
+    let ((few, rates), (many, _)) = (luma(16, &here), luma(256, &here));
+    let brightest = many.iter().copied().fold(0.0, f32::max);
+    let off = few.iter().zip(&many).map(|(few, many)| (few - many).abs() / brightest).fold(0.0, f32::max);
+    assert!(brightest > 0.05 && off < 0.06, "{brightest} {off}");
+    let dt = 1e-3;
+    let (before, after) = (luma(16, &later(&here, -dt)).0, luma(16, &later(&here, dt)).0);
+    let measured = |i: usize| f64::from(after[i] - before[i]) / (2.0 * dt);
+    let mut apart: Vec<f64> = (0..few.len()).map(|i| (f64::from(rates[i]) - measured(i)).abs()).collect();
+    apart.sort_by(f64::total_cmp);
+    let fastest = rates.iter().map(|rate| rate.abs()).fold(0.0, f32::max);
+    assert!(apart[few.len() / 2] < 0.02 * f64::from(fastest), "{} {fastest}", apart[few.len() / 2]);
+}
+
 /// What is remembered of the ways from triangles changes no bit: of lights, lamps and images, on mirrors and rough
 /// surfaces and below a coat, with a body in the way, and one that moves there later.
 #[test]

@@ -15,8 +15,9 @@ use std::borrow::Cow;
 
 use super::finish::{Finish, Fresnel, Under, dielectric};
 use super::frame_axes::{at_map, from_frame, into_frame, point_in_frame};
+use super::lamps::Shares;
 use super::lookup::looked_up;
-use super::microfacets::{Anisotropy, Cosines, LobeRay, SeenFacets, lobe_density};
+use super::microfacets::{Anisotropy, Cosines, LobeRay, SeenFacets, lobe_density, refracted};
 use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
 use super::pattern::{Pattern, PatternPoint};
 use super::tables::Gloss;
@@ -90,6 +91,16 @@ struct Path {
     ray: usize,
     /// The number of the pattern's point that it followed on the last rough surface; None where there was none.
     point: Option<usize>,
+}
+
+/// How a surface reflects the light of a lamp in a direction, times the cosine to it.
+struct ByLamp<N> {
+    /// By its lobe.
+    lobe: Triple<N>,
+    /// How densely the lobe's own directions lie there.
+    density: N,
+    /// By what is below the lobe, beyond what baked light brings.
+    more: Triple<N>,
 }
 
 /// The surface at a hit, as light falls on it.
@@ -340,14 +351,15 @@ impl Tracer<'_> {
         }
         let facets = (!finish.is_mirror())
             .then(|| SeenFacets::new(finish.alpha, spot.normal, spot.viewer, spot.anisotropy.as_ref()));
+        let shares = self.shares(spot, finish, path);
         for number in points {
             let point = self.pattern.point(number);
             if let Some(ray) = facets.as_ref().and_then(|facets| facets.lobe_ray(point.disk)) {
                 let path = &Path { point: Some(number), ..*path };
-                sum = add(sum, self.along_ray_of_lobe(spot, finish, &ray, each, path));
+                sum = add(sum, self.along_ray_of_lobe(spot, finish, (&ray, shares.as_ref(), each), path));
             }
-            if !self.gloss.lamps.is_empty() && path.segments < self.longest() {
-                sum = add(sum, scale(self.lit_by_lamp(spot, finish, point), N::constant(each)));
+            if let Some(shares) = &shares {
+                sum = add(sum, scale(self.lit_by_lamp(spot, finish, point, shares), N::constant(each)));
             }
         }
         sum
@@ -369,8 +381,7 @@ impl Tracer<'_> {
         &mut self,
         spot: &Spot<N>,
         finish: &Finish,
-        ray: &LobeRay<N>,
-        each: f64,
+        (ray, shares, each): (&LobeRay<N>, Option<&Shares>, f64),
         path: &Path,
     ) -> Triple<N> {
         if !spot.sees(ray.towards) {
@@ -378,14 +389,65 @@ impl Tracer<'_> {
         }
         let lobe = finish.lobe(spot.base, &ray.cosines);
         let weight = scale(lobe, spot.fading(ray.towards).scaled(each) / ray.density);
-        self.arriving(spot, ray.towards, weight, Some(ray.density), path)
+        self.arriving(spot, ray.towards, weight, Some((ray.density, shares)), path)
+    }
+
+    /// Returns how a path's points are dealt out to the parts of the lamps: by what the surface reflects of each at most.
+    /// None where it reflects none of them.
+    fn shares<N: Number>(&self, spot: &Spot<N>, finish: &Finish, path: &Path) -> Option<Shares> {
+        let (view, lamps) = (self.lit.view, &self.gloss.lamps);
+        if lamps.is_empty() || path.segments >= self.longest() {
+            return None;
+        }
+        let wanted = values(match spot.through {
+            Some(index) => refracted(spot.normal, spot.viewer, index).unwrap_or(negated(spot.normal)),
+            None if finish.is_mirror() => spot.normal,
+            None => spot.mirrored(),
+        });
+        lamps.shares(|group| {
+            let pose = &view.poses[group.frame as usize];
+            let place = pose.point(values(spot.hit.point));
+            let towards = constant(pose.turned(group.towards(place, pose.vector(wanted))));
+            let by_lamp = if spot.sees(towards) { self.by_lamp(spot, finish, towards) } else { None };
+            let Some(ByLamp { lobe, more, .. }) = by_lamp else { return (place, 0.0) };
+            let reflected: f64 = (0..3).map(|i| LUMA[i] * (lobe[i].value() + more[i].value().abs())).sum();
+            (place, reflected * view.factors[group.light as usize][0])
+        })
+    }
+
+    /// Returns how a surface reflects the light of a lamp in a direction; None where it does not.
+    fn by_lamp<N: Number>(&self, spot: &Spot<N>, finish: &Finish, towards: Triple<N>) -> Option<ByLamp<N>> {
+        let dark = [N::constant(0.0); 3];
+        if let Some(index) = spot.through {
+            let through = finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.anisotropy.as_ref());
+            return through.map(|(lobe, density)| ByLamp { lobe, density, more: dark });
+        }
+        let cosines = Cosines::new(spot.normal, spot.viewer, towards, spot.anisotropy.as_ref());
+        let (lobe, density) = if finish.is_mirror() {
+            (dark, N::constant(0.0))
+        } else {
+            (finish.lobe(spot.base, &cosines), lobe_density(finish.alpha, &cosines))
+        };
+        let mut more = dark;
+        if self.lamps_are_baked() {
+            // Baked light counts as light from all sides, which is not what a coat lets through from one.
+            more = sub(finish.below(spot.base, &cosines), finish.below_evenly(spot.base, spot.out));
+            more = scale(more, cosines.into.scaled(std::f64::consts::FRAC_1_PI));
+        }
+        Some(ByLamp { lobe, density, more })
     }
 
     /// Returns what a rough surface reflects of a point on the lamps.
-    fn lit_by_lamp<N: Number>(&mut self, spot: &Spot<N>, finish: &Finish, point: &PatternPoint) -> Triple<N> {
+    fn lit_by_lamp<N: Number>(
+        &mut self,
+        spot: &Spot<N>,
+        finish: &Finish,
+        point: &PatternPoint,
+        shares: &Shares,
+    ) -> Triple<N> {
         let dark = [N::constant(0.0); 3];
         let (lit, lamps) = (self.lit, &self.gloss.lamps);
-        let (triangle, place) = lamps.point(&lit.scene.corners, point.square);
+        let (triangle, place) = lamps.point(&lit.scene.corners, point.square, shares);
         let surface = &lit.scene.surfaces[triangle as usize];
         let pose = &lit.view.poses[surface.frame as usize];
         let seen = pose.turned(vector::sub(place, pose.position));
@@ -395,25 +457,10 @@ impl Tracer<'_> {
         if triangle == spot.hit.triangle || !spot.sees(towards) || facing.value() <= 0.0 {
             return dark;
         }
-        let cosines = Cosines::new(spot.normal, spot.viewer, towards, spot.anisotropy.as_ref());
-        let by_lamps = dot(way, way).scaled(lamps.density(triangle)) / facing;
-        let (lobe, density) = match spot.through {
-            None if finish.is_mirror() => (dark, N::constant(0.0)),
-            None => (finish.lobe(spot.base, &cosines), lobe_density(finish.alpha, &cosines)),
-            Some(index) => {
-                match finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.anisotropy.as_ref()) {
-                    None => return dark,
-                    Some(through) => through,
-                }
-            }
-        };
-        let mut reflected = scale(lobe, N::constant(1.0) / (by_lamps + density));
-        if self.lamps_are_baked() && spot.through.is_none() {
-            // Baked light counts as light from all sides, which is not what a coat lets through from one.
-            let more = sub(finish.below(spot.base, &cosines), finish.below_evenly(spot.base, spot.out));
-            let weight = cosines.into.scaled(std::f64::consts::FRAC_1_PI) / by_lamps;
-            reflected = add(reflected, scale(more, weight));
-        }
+        let Some(ByLamp { lobe, density, more }) = self.by_lamp(spot, finish, towards) else { return dark };
+        let by_lamps = dot(way, way).scaled(lamps.density(triangle, shares)) / facing;
+        let one = N::constant(1.0);
+        let reflected = add(scale(lobe, one / (by_lamps + density)), scale(more, one / by_lamps));
         if largest(values(reflected)) < NO_SHADOW || self.is_hidden(spot, values(way), self.to_lamps(), None) {
             return dark;
         }
@@ -432,12 +479,9 @@ impl Tracer<'_> {
         let reflected = dielectric(spot.out, index);
         let image = scale(constant(finish.tint), reflected);
         let mut sum = self.arriving(spot, spot.mirrored(), image, None, path);
-        if reflected.value() < 1.0 {
-            let one = N::constant(1.0);
-            let inside = (one - (one - spot.out.squared()).scaled(1.0 / (index * index))).sqrt();
-            let along = spot.out.scaled(1.0 / index) - inside;
-            let towards = sub(scale(spot.normal, along), scale(spot.viewer, N::constant(1.0 / index)));
-            let passed = scale(constant(finish.passing), (one - reflected).scaled(1.0 / (index * index)));
+        if let Some(towards) = refracted(spot.normal, spot.viewer, index) {
+            let passed = (N::constant(1.0) - reflected).scaled(1.0 / (index * index));
+            let passed = scale(constant(finish.passing), passed);
             sum = add(sum, self.arriving(spot, towards, passed, None, path));
         }
         sum
@@ -461,6 +505,7 @@ impl Tracer<'_> {
         sum = add(sum, self.image(spot, finish, path));
         let (points, each) = self.points(path);
         let facets = SeenFacets::new(finish.alpha, spot.normal, spot.viewer, spot.anisotropy.as_ref());
+        let shares = self.shares(behind, finish, path);
         for number in points {
             let point = self.pattern.point(number);
             if let Some(towards) = facets.refracted(point.disk, index)
@@ -470,10 +515,10 @@ impl Tracer<'_> {
             {
                 let weight = scale(lobe, N::constant(each) / density);
                 let path = &Path { point: Some(number), ..*path };
-                sum = add(sum, self.arriving(spot, towards, weight, Some(density), path));
+                sum = add(sum, self.arriving(spot, towards, weight, Some((density, shares.as_ref())), path));
             }
-            if !self.gloss.lamps.is_empty() && path.segments < self.longest() {
-                sum = add(sum, scale(self.lit_by_lamp(behind, finish, point), N::constant(each)));
+            if let Some(shares) = &shares {
+                sum = add(sum, scale(self.lit_by_lamp(behind, finish, point, shares), N::constant(each)));
             }
         }
         sum
@@ -501,14 +546,14 @@ impl Tracer<'_> {
         add(scale(self.lit_by_all(&diffuse, surface, path), N::constant(opacity)), behind)
     }
 
-    /// Returns the light that arrives at a surface from a direction, times its weight there; `density` is that of a
-    /// lobe's directions, None where there is only one.
+    /// Returns the light that arrives at a surface from a direction, times its weight there; `lobe` is how densely a lobe's
+    /// directions lie there, and how points on lamps are dealt out, None where there is only one direction.
     fn arriving<N: Number>(
         &mut self,
         spot: &Spot<N>,
         towards: Triple<N>,
         weight: Triple<N>,
-        density: Option<N>,
+        lobe: Option<(N, Option<&Shares>)>,
         path: &Path,
     ) -> Triple<N> {
         let path = Path { segments: path.segments + 1, ..path.faded(weight) };
@@ -516,14 +561,14 @@ impl Tracer<'_> {
             return [N::constant(0.0); 3];
         }
         let light = match self.nearest(spot, towards) {
-            None => self.background(towards, density),
+            None => self.background(towards, lobe.map(|(density, _)| density)),
             Some(triangle) => {
                 let hit = self.hit_on(triangle, spot.hit.point, towards);
                 let mut light = self.emitted_by_texture(&hit);
                 if hit.front {
                     let mut emitted = self.emitted(triangle);
-                    let points = self.gloss.lamps.density(triangle);
-                    if let Some(density) = density.filter(|_| points > 0.0) {
+                    if let Some((density, Some(shares))) = lobe {
+                        let points = self.gloss.lamps.density(triangle, shares);
                         let facing = -dot(hit.plane, towards);
                         let by_lamps = hit.distance.squared().scaled(points) / facing;
                         emitted = scale(emitted, density / (density + by_lamps));
@@ -663,7 +708,10 @@ impl Tracer<'_> {
         if !scene.has_shadows_from(from) {
             return false;
         }
-        self.set_rays(vector::add(point, vector::scale(plane, step)), along);
+        // Aimed anew from off the surface: the ray of the old direction would end that far beside the light.
+        let off = vector::scale(plane, step);
+        let way = if end.is_finite() { vector::sub(along, off) } else { along };
+        self.set_rays(vector::add(point, off), way);
         let TracerScratch { rays, stack, .. } = &mut *self.scratch;
         is_blocked(scene, (rays, from), end, spot.hit.triangle, stack)
     }
