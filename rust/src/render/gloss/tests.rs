@@ -497,6 +497,28 @@ fn a_strong_lamp_elsewhere_takes_no_points_from_a_small_one() {
     assert!(apart[few.len() / 2] < 0.02 * f64::from(fastest), "{} {fastest}", apart[few.len() / 2]);
 }
 
+/// A lamp does not hide itself, also where it is so near that a step off the surface leads a ray behind it.
+#[test]
+fn a_lamp_does_not_hide_itself() {
+    let mut tables = room(Some(Finish { alpha: 0.3, ..MIRROR }));
+    for light in &mut tables.lights {
+        light.strength = 0.0;
+    }
+    add(&mut tables, [[0.3, 0.8, 2.8], [0.2, 0.0, 0.05], [0.0, 0.2, 0.0]], (0.0, DIFFUSE, 0));
+    for triangle in tables.corners.len() - 2..tables.corners.len() {
+        tables.emissions[triangle] = Some(Emission { light: 1, luma: 1.0 });
+        tables.gloss.emitted[triangle] = [1.0; 3];
+    }
+    let here = view([0.4, 0.9, 2.2], LEVEL, [0.0; 3], [0.0; 3]);
+    let mut seen = |shadows: bool| {
+        tables.shadows = shadows;
+        luma(&renderer(&tables), &rays(false, 16), &here).0
+    };
+    let (shaded, unshaded) = (seen(true), seen(false));
+    assert!(unshaded.iter().any(|&luma| luma > 0.0));
+    assert_eq!(shaded, unshaded);
+}
+
 /// What is remembered of the ways from triangles changes no bit: of lights, lamps and images, on mirrors and rough
 /// surfaces and below a coat, with a body in the way, and one that moves there later.
 #[test]
