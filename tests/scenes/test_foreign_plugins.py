@@ -109,6 +109,14 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
             "max_smooth_angle of a ply is left out, because this Mitsuba does not read it",
         ),
         ({"lookat": PLAIN["lookat"].replace("lookat", "lookAt")}, None),
+        (
+            {"shape": '<sensor type="irradiancemeter"/>'},
+            "its sensor 'irradiancemeter', which is no camera of this Mitsuba, is left out",
+        ),
+        (
+            {"integrator": '<integrator type="path"/><sensor type="coded"><float name="gain" value="2"/></sensor>'},
+            "its sensor 'coded', which is no camera of this Mitsuba, is left out",
+        ),
         ({"colour": PLAIN["colour"].replace("rgb", "spectrum")}, None),
         ({"colour": PLAIN["colour"].replace("0.5, 0.2, 0.1", "0.5 .2,1e-1").replace("rgb", "spectrum")}, None),
         ({"colour": '<rgb value="#7f331a" name="reflectance"/>'}, None),

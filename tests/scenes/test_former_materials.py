@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from PIL import Image
 
 import davis_rs
 from davis_rs._mitsuba.elements import Element
@@ -87,9 +88,23 @@ ALIKE = {
 }  # fmt: skip
 
 
+ALIKE |= {
+    f"normal map, {name}": (
+        f'<bsdf type="normalmap">{former}<bsdf type="diffuse"/></bsdf>',
+        '<bsdf type="normalmap"><texture type="bitmap" name="normalmap"><boolean name="raw" value="true"/>'
+        '<string name="filename" value="../bumps.png"/></texture><bsdf type="diffuse"/></bsdf>',
+    )
+    for name, former in {
+        "its image alone": '<string name="filename" value="bumps.png"/>',
+        "its texture without a name": '<texture type="bitmap"><string name="filename" value="bumps.png"/></texture>',
+    }.items()
+}
+
+
 @pytest.mark.parametrize("case", ALIKE)
 def test_materials_with_other_names_are_the_same(tmp_path: Path, case: str) -> None:
     former, now = ALIKE[case]
+    Image.fromarray(np.full((4, 4, 3), (180, 100, 230), np.uint8)).save(tmp_path / "bumps.png")
     directions = [0.3, -0.2, 0.9], [-0.4, 0.3, 0.8]
     (tmp_path / "now").mkdir()
     expected = reflected(scene_file(tmp_path / "now", now, "3.0.0"), *directions)

@@ -14,13 +14,14 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from .animated_transforms import Motion, take_motions
-from .elements import written
+from .elements import Element, written
 from .files import XmlFile, read_scene_file
 from .former_materials import translate
 from .former_notation import rewrite
 from .grey_materials import GreyMaterial, make_grey
 from .types import Mitsuba, MitsubaObject, MitsubaScene
 
+_CAMERAS = ("perspective", "thinlens", "orthographic")
 _OF_FILM = {"width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"}
 
 
@@ -53,6 +54,7 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     read = read_scene_file(file)
     notes: list[str] = []
     rewrite(read, notes)
+    _drop_meters(read.root, notes)
     motions = take_motions(read, mi, notes)
     translate(read, notes)
     grey = make_grey(read, mi, notes) if file.grey_unknown else []
@@ -80,6 +82,16 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
                 raise RuntimeError(f"it has {what}, which this Mitsuba does not read, and which says how it looks")
             notes.append(f"{what} is left out, because this Mitsuba does not read it")
     return LoadedFile(scene, motions, grey, list(dict.fromkeys(notes)))
+
+
+def _drop_meters(root: Element, notes: list[str]) -> None:
+    """Leave out sensors that are no cameras; the scene looks the same without them."""
+    for element in root.walk():
+        for sensor in [child for child in element.children if child.tag == "sensor"]:
+            kind = sensor.attributes.get("type", "")
+            if kind not in _CAMERAS:
+                element.children.remove(sensor)
+                notes.append(f"its sensor {kind[:40]!r}, which is no camera of this Mitsuba, is left out")
 
 
 def _without_looks(mi: Mitsuba) -> dict[object, tuple[str, set[str]]]:

@@ -233,6 +233,23 @@ def _coating(material: _Material) -> None:
     material.element.children.append(material.element.child("boolean", name="nonlinear", value="true"))
 
 
+def _normal_map(material: _Material) -> None:
+    """Give the texture of a normal map its present name; without one it is the image of a ``filename``."""
+    image = material.get("filename")
+    texture = next((child for child in material.element.children if child.tag == "texture" and not child.name), None)
+    if material.get("normalmap") is not None or (image is None) == (texture is None):
+        return
+    if image is not None:
+        material.element.children.remove(image)
+        texture = material.element.child("texture", type="bitmap")
+        texture.children = [image]
+        material.element.children.append(texture)
+    assert texture is not None
+    texture.attributes["name"] = "normalmap"
+    if not any(child.name == "raw" for child in texture.children):
+        texture.children.append(texture.child("boolean", name="raw", value="true"))
+
+
 def _lambertian(material: _Material) -> None:
     material.becomes("diffuse", diffuse_reflectance="reflectance")
 
@@ -249,6 +266,7 @@ _TRANSLATIONS: dict[str, Callable[[_Material], str | None]] = {
     "coating": _coating,
     "roughcoating": _coating,
     "lambertian": _lambertian,
+    "normalmap": _normal_map,
 }
 """By the former plug-in, what writes it as a present one and returns what differs; None where nothing does."""
 
