@@ -16,6 +16,7 @@ from davis_rs._mitsuba.files import XmlFile, check_ply, check_scene_dictionary, 
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs._util.budget import VARIABLE, Budget
 from davis_rs.cli.main import main
+from davis_rs.scene.repairs import SceneFileWarning
 
 VERTICES = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)]
 
@@ -78,6 +79,39 @@ def test_scene_files(tmp_path: Path) -> None:
     outer.write_text("<scene")
     with pytest.raises(DecodeError, match="no XML"):
         read_scene_file(XmlFile(outer, {}))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('<bsdf type="../../evil"/>', r"\(line 1\): must name a plug-in of Mitsuba, got the path '../../evil'"),
+        ('<default name="a" value="/tmp/evil"/><integrator type="$a"/>', "got the path '/tmp/evil'"),
+        ('<bsdf type="blendbsdf"/>', "a blendbsdf must have two materials"),
+        ('<bsdf type="blendbsdf"><bsdf type="diffuse"/></bsdf>', "a blendbsdf must have two materials"),
+    ],
+)
+def test_plug_ins_that_would_do_harm(tmp_path: Path, content: str, message: str) -> None:
+    """Mitsuba loads libraries from any path, and ends the process at a blend of nothing."""
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">{content}<shape type="cube"/></scene>')
+    with pytest.raises(DecodeError, match=message):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("name", ["twosided", "scene", "diffuse"])
+def test_integrators_that_are_other_plug_ins_are_replaced(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0"><integrator type="{name}"/><shape type="cube"/></scene>')
+    with pytest.warns(SceneFileWarning, match=f"its integrator '{name}', .* is replaced by 'path'"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("encoding", ["wtf-8", "utf-32", "big5"])
+def test_encodings_that_are_not_known(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?><scene version="3.0.0"/>')
+    with pytest.raises(DecodeError, match="no XML"):
+        read_scene_file(XmlFile(path, {}))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr"])

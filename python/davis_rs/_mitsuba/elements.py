@@ -113,7 +113,9 @@ def read_elements(path: Path, budget: Budget) -> Element:
     parser.StartElementHandler, parser.EndElementHandler, parser.EntityDeclHandler = start, end, declared
     try:
         parser.Parse(read_charged(path, budget), True)
-    except expat.ExpatError as error:
+    except DecodeError:
+        raise
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the last two of encodings
         raise DecodeError(f"Mitsuba cannot load {path}: no XML: {error}") from None
     return roots[0]
 

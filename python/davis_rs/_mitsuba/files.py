@@ -1,7 +1,7 @@
-"""Checks scene files before Mitsuba reads them.
+"""Reads scene files, and checks them before Mitsuba does.
 
-Mitsuba ends the process at XML that is nested too deeply, and at a PLY mesh whose faces name missing vertices; and it
-decodes images of any size.
+Mitsuba ends the process at XML that is nested too deeply, at a blend without materials, and at a PLY mesh whose faces
+name missing vertices; it decodes images of any size, and loads a plug-in from any path.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def read_scene_file(file: XmlFile, budget: Budget | None = None) -> SceneFile:
 
     Raises:
         OSError: if the file cannot be read.
-        DecodeError: for XML that is malformed or nested too deeply, for a mesh that is malformed, and where images
-            would fill memory.
+        DecodeError: for XML that is malformed or nested too deeply, for a mesh that is malformed, for plug-ins that are
+            paths, and where elements or images would fill memory.
     """
     return _Reader(file, budget or Budget(file.path)).read()
 
@@ -114,6 +114,7 @@ class _Reader:
             other = self._found(child, attributes.get("filename", "")) if child.tag == "include" else None
             if other is None:
                 self._settle(child, depth + 1, included)
+                self._check_plugin(child)
                 children.append(child)
                 continue
             self._including.append(attributes["filename"])
@@ -126,6 +127,14 @@ class _Reader:
                 root.attributes["name"] = attributes["name"]
             children.append(root)
         element.children = children
+
+    def _check_plugin(self, element: Element) -> None:
+        """Refuse what would load a library from elsewhere, or end the process."""
+        kind = with_values(element.attributes.get("type", ""), self._values)
+        if "/" in kind or "\\" in kind:
+            raise DecodeError(f"{element.place}: must name a plug-in of Mitsuba, got the path {kind[:60]!r}")
+        if kind == "blendbsdf" and sum(child.tag in ("bsdf", "ref") for child in element.children) < 2:
+            raise DecodeError(f"{element.place}: a blendbsdf must have two materials")
 
     def _check(self, element: Element) -> None:
         named = self._found(element, element.attributes.get("value", ""))

@@ -19,6 +19,7 @@ from .files import XmlFile, read_scene_file
 from .former_materials import translate
 from .former_notation import rewrite
 from .grey_materials import GreyMaterial, make_grey
+from .plugins import is_usable
 from .types import Mitsuba, MitsubaObject, MitsubaScene
 
 _CAMERAS = ("perspective", "thinlens", "orthographic")
@@ -112,20 +113,12 @@ def _replace(node: MitsubaObject, mi: Mitsuba, notes: list[str]) -> None:
     plugin, kept = _without_looks(mi)[node.type]
     if node.type == mi.ObjectType.Integrator:
         name = node.props.plugin_name()
-        if _is_usable(name, mi):
+        if is_usable(name, node.type, mi):
             return
         notes.append(f"its integrator {name!r}, which this Mitsuba cannot use, is replaced by {plugin!r}")
     for key in set(node.props.keys()) - kept:
         del node.props[key]
     node.props.set_plugin_name(plugin)
-
-
-def _is_usable(plugin: str, mi: Mitsuba) -> bool:
-    try:
-        mi.load_dict({"type": plugin})
-    except RuntimeError as error:
-        return not re.search(r"\[PluginManager\]|polarized mode", str(error))
-    return True
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from .elements import Element
 from .files import SceneFile
+from .plugins import is_usable
 from .types import Mitsuba
 
 GREY = 0.5
@@ -26,13 +27,10 @@ class GreyMaterial(NamedTuple):
 
 def make_grey(file: SceneFile, mi: Mitsuba, notes: list[str]) -> list[GreyMaterial]:
     """Put grey in the place of all materials that are not known, and return them."""
-    known: dict[str, bool] = {}
     grey: list[tuple[str, Element]] = []
     for element in [element for element in file.root.walk() if element.tag == "bsdf"]:
         kind = element.attributes.get("type", "")
-        if kind not in known:
-            known[kind] = _is_known(kind, mi)
-        if known[kind]:
+        if is_usable(kind, mi.ObjectType.BSDF, mi):
             continue
         name = repr(element.attributes["id"][:60]) if "id" in element.attributes else f"in line {element.line}"
         notes.append(f"its material {name} ({kind[:40]!r}, which is not known) is taken as grey")
@@ -60,11 +58,3 @@ def _shapes_with(material: Element, root: Element) -> tuple[str, ...]:
                 ids |= {element.attributes.get("id")} - {None}
     taken = root.ids()
     return tuple(each.named("shape", taken) for each in everything if each.tag == "shape" and id(each) in having)
-
-
-def _is_known(plugin: str, mi: Mitsuba) -> bool:
-    try:
-        mi.load_dict({"type": plugin})
-    except RuntimeError as error:
-        return "[PluginManager]" not in str(error)
-    return True
