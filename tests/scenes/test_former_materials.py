@@ -156,6 +156,8 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
         ),
         ('<bsdf type="phong"><rgb name="specularReflectance" value="0"/></bsdf>', "the same without highlights"),
         ('<bsdf type="roughdiffuse"><float name="alpha" value="0.5"/></bsdf>', "up to 16 % brighter"),
+        ('<bsdf type="roughplastic"><string name="distribution" value="as"/></bsdf>', "in place of Phong's"),
+        ('<bsdf type="roughconductor"><string name="distribution" value="phong"/></bsdf>', "in place of Phong's"),
         ('<bsdf type="disneybsdf"><float name="subsurface" value="1"/></bsdf>', "by the same model"),
         ('<bsdf type="disneybsdf"><float name="specularTransmission" value="1"/></bsdf>', "by their index"),
         ('<bsdf type="disneydiffuse"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),

@@ -39,8 +39,9 @@ def translate(file: SceneFile, notes: list[str]) -> None:
         kind = element.attributes.get("type", "")
         translation = _TRANSLATIONS.get(kind)
         differs = None if translation is None else translation(_Material(element, file.values))
+        now = element.attributes.get("type")
         if differs:
-            notes.append(f"its materials {kind!r} are taken as {element.attributes['type']!r}, {differs}")
+            notes.append(f"its materials {kind!r} are taken {'' if now == kind else f'as {now!r}, '}{differs}")
     for element in file.root.walk():
         if element.tag == "medium":
             _medium(_Material(element, file.values))
@@ -250,6 +251,15 @@ def _normal_map(material: _Material) -> None:
         texture.children.append(texture.child("boolean", name="raw", value="true"))
 
 
+def _rough(material: _Material) -> str | None:
+    """Give facets the distribution of Beckmann in place of Phong's, which older versions make as wide as that."""
+    distribution = material.get("distribution")
+    if distribution is None or distribution.attributes.get("value") not in ("as", "phong"):
+        return None
+    distribution.attributes["value"] = "beckmann"
+    return "with facets distributed as Beckmann's in place of Phong's, which are as wide"
+
+
 def _lambertian(material: _Material) -> None:
     material.becomes("diffuse", diffuse_reflectance="reflectance")
 
@@ -267,6 +277,9 @@ _TRANSLATIONS: dict[str, Callable[[_Material], str | None]] = {
     "roughcoating": _coating,
     "lambertian": _lambertian,
     "normalmap": _normal_map,
+    "roughconductor": _rough,
+    "roughdielectric": _rough,
+    "roughplastic": _rough,
 }
 """By the former plug-in, what writes it as a present one and returns what differs; None where nothing does."""
 
