@@ -11,12 +11,20 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 import davis_rs
 from bag_databases import PROGRAMS, database, in_circles
 from clips import write_exr
+from davis_rs._mitsuba.animated_transforms import take_motions
+from davis_rs._mitsuba.elements import written
+from davis_rs._mitsuba.files import XmlFile, read_scene_file
+from davis_rs._mitsuba.former_materials import translate
+from davis_rs._mitsuba.former_notation import rewrite
+from davis_rs._mitsuba.grey_materials import make_grey
+from davis_rs._mitsuba.variants import SCALAR, variant
 from davis_rs.generate import load_sequence_plan
 from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.summary import summarize_events
@@ -443,6 +451,52 @@ def read_scene(path: Path, _: random.Random) -> None:
             assert np.isfinite(values).all(), "a vertex that is not finite"
 
 
+_XML = """<?xml version="1.0" encoding="utf-8"?>
+<scene><default name="n" value="30"/><integrator type="bdpt"/><path value="."/>
+<sensor type="perspective"><animation name="toWorld">
+<transform time="0"><lookAt origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+<transform time="0.5"><rotate y="1" angle="$n"/><translate x="0.5"/></transform></animation></sensor>
+<bsdf type="phong" id="paint"><float name="exponent" value="$n"/>
+<srgb name="diffuseReflectance" value="#7f331a"/></bsdf>
+<bsdf type="mixturebsdf" id="mix"><string name="weights" value="0.5 0.2"/><ref id="paint"/><bsdf type="hk"/></bsdf>
+<bsdf type="coating" id="coat"><float name="intIOR" value="1.7"/><bsdf type="diffuse"/></bsdf>
+<bsdf type="ward"><float name="alphaU" value="0.1"/><float name="alphaV" value="0.3"/></bsdf>
+<bsdf type="disneybsdf"><float name="specular" value="0.5"/><float name="eta" value="1.5"/></bsdf>
+<bsdf type="roughdiffuse"><float name="alpha" value="0.5"/></bsdf>
+<bsdf type="normalmap"><string name="filename" value="bumps.png"/></bsdf>
+<medium type="homogeneous"><rgb name="sigmaA" value="1, 2, 3"/><rgb name="sigmaS" value="1, 0, 3"/></medium>
+<shape type="cube"><animation name="toWorld"><transform time="0"><scale x="2" y="1" z="0.5"/></transform>
+<transform time="1"><matrix value="2 0 0 1 0 1 0 0 0 0 0.5 0 0 0 0 1"/></transform></animation><ref id="mix"/></shape>
+<include filename="part.xml"/></scene>
+"""
+
+
+def _mitsuba(folder: Path) -> list[Path]:
+    """With all that is written anew: former names and materials, and what moves."""
+    path = folder / "seed.xml"
+    path.write_text(_XML)
+    return [path]
+
+
+def read_mitsuba(path: Path, rng: random.Random) -> None:
+    """And write it anew, up to where Mitsuba would make a scene of it."""
+    notes: list[str] = []
+    file = read_scene_file(XmlFile(path, {}))
+    rewrite(file, notes)
+    with variant(SCALAR) as (mi, _):
+        for motion in take_motions(file, mi, notes):
+            assert np.isfinite(motion.poses).all(), "a pose that is not finite"
+            turns = motion.poses[:, :3, :3]
+            if motion.tag == "shape":
+                assert np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).max() < 1e-6, "a body that is not rigid"
+        translate(file, notes)
+        if rng.random() < 0.5:
+            make_grey(file, mi, notes)
+    text, places = written(file.root)
+    assert len(places) == text.count("\n") + 1, "an element without a place"
+    ElementTree.fromstring(text)
+
+
 DATASET = {
     "meta": "meta.json",
     "groundtruth": "groundtruth.txt",
@@ -557,6 +611,7 @@ TARGETS: dict[str, Target] = {
     "baked-light": Target(_baked_light, read_baked_light, allowed=(ValueError,)),
     "gltf": Target(_gltf, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
     "glb": Target(_glb, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
+    "mitsuba": Target(_mitsuba, read_mitsuba, allowed=(davis_rs.DecodeError, FileNotFoundError)),
     "obj": Target(_obj, read_scene, allowed=(ValueError, FileNotFoundError), warns=_SCENE_WARNINGS),
     "ply": Target(_ply, read_scene, allowed=(ValueError, FileNotFoundError), warns=_SCENE_WARNINGS),
     "frame-png": Target(_pictures("png"), read_picture, warns=_OF_PILLOW),

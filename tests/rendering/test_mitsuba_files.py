@@ -12,10 +12,11 @@ from PIL import Image
 
 from clips import write_exr
 from davis_rs import DecodeError, load_scene
-from davis_rs._mitsuba.files import check_ply, check_scene_dictionary, check_scene_file
+from davis_rs._mitsuba.files import XmlFile, check_ply, check_scene_dictionary, read_scene_file
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs._util.budget import VARIABLE, Budget
 from davis_rs.cli.main import main
+from davis_rs.scene.repairs import SceneFileWarning
 
 VERTICES = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)]
 
@@ -66,18 +67,51 @@ def test_scene_files(tmp_path: Path) -> None:
     outer.write_text('<scene version="3.0.0"><include filename="inner.xml"/></scene>')
     for path in (inner, outer):
         with pytest.raises(DecodeError, match="a face names vertex 9 of 4"):
-            check_scene_file(path)
+            read_scene_file(XmlFile(path, {}))
     with pytest.raises(DecodeError, match="a face names vertex 9 of 4"):
         check_scene_dictionary({"type": "scene", "a": {"type": "ply", "filename": str(tmp_path / "bad.ply")}})
     outer.write_text('<scene version="3.0.0"><include filename="outer.xml"/></scene>')
     with pytest.raises(DecodeError, match="15 deep"):
-        check_scene_file(outer)
+        read_scene_file(XmlFile(outer, {}))
     outer.write_text("<scene>" + "<bsdf>" * 20_000 + "</bsdf>" * 20_000 + "</scene>")
     with pytest.raises(DecodeError, match="nested 100 deep"):
-        check_scene_file(outer)
+        read_scene_file(XmlFile(outer, {}))
     outer.write_text("<scene")
     with pytest.raises(DecodeError, match="no XML"):
-        check_scene_file(outer)
+        read_scene_file(XmlFile(outer, {}))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('<bsdf type="../../evil"/>', r"\(line 1\): must name a plug-in of Mitsuba, got the path '../../evil'"),
+        ('<default name="a" value="/tmp/evil"/><integrator type="$a"/>', "got the path '/tmp/evil'"),
+        ('<bsdf type="blendbsdf"/>', "a blendbsdf must have two materials"),
+        ('<bsdf type="blendbsdf"><bsdf type="diffuse"/></bsdf>', "a blendbsdf must have two materials"),
+    ],
+)
+def test_plug_ins_that_would_do_harm(tmp_path: Path, content: str, message: str) -> None:
+    """Mitsuba loads libraries from any path, and ends the process at a blend of nothing."""
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">{content}<shape type="cube"/></scene>')
+    with pytest.raises(DecodeError, match=message):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("name", ["twosided", "scene", "diffuse"])
+def test_integrators_that_are_other_plug_ins_are_replaced(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0"><integrator type="{name}"/><shape type="cube"/></scene>')
+    with pytest.warns(SceneFileWarning, match=f"its integrator '{name}', .* is replaced by 'path'"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("encoding", ["wtf-8", "utf-32", "big5"])
+def test_encodings_that_are_not_known(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?><scene version="3.0.0"/>')
+    with pytest.raises(DecodeError, match="no XML"):
+        read_scene_file(XmlFile(path, {}))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr"])
@@ -94,17 +128,17 @@ def test_images_are_charged_by_their_headers(tmp_path: Path, monkeypatch: pytest
     )
     path = tmp_path / "scene.xml"
     path.write_text(f'<scene version="3.0.0">{bitmaps}</scene>')
-    check_scene_file(path)
+    read_scene_file(XmlFile(path, {}))
     monkeypatch.setenv(VARIABLE, "bytes=400KiB")
     with pytest.raises(DecodeError, match=rf"scene\.xml: the image .*b\{suffix} of 200 x 100 texels needs 312 KiB"):
-        check_scene_file(path)
+        read_scene_file(XmlFile(path, {}))
 
 
 def test_what_is_no_image_is_left_to_mitsuba(tmp_path: Path) -> None:
     (tmp_path / "spot.ies").write_text("IESNA")
     path = tmp_path / "scene.xml"
     path.write_text('<scene version="3.0.0"><string name="filename" value="spot.ies"/></scene>')
-    check_scene_file(path)
+    read_scene_file(XmlFile(path, {}))
 
 
 WITH_VARIABLES = """<scene version="3.0.0"><default name="height" value="2"/><integrator type="direct"/>

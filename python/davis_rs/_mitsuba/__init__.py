@@ -1,8 +1,12 @@
 """Wraps Mitsuba 3: chooses its variant and LLVM, and checks files before it opens them.
 
 ``variants`` imports Mitsuba late and sets a variant for a block; ``llvm`` finds the library (named by the user, the
-system's, or that of the Rust toolchain which built the package); ``files`` refuses what would end the process;
-``types`` names Mitsuba's objects for signatures.
+system's, or that of the Rust toolchain which built the package); ``types`` names Mitsuba's objects for signatures.
+
+An XML file becomes ``elements``; ``files`` puts included ones in their places, and refuses what would end the process.
+Then the elements are written as Mitsuba 3 reads them: ``former_notation``, ``animated_transforms`` (which takes out
+what moves), ``former_materials``, ``grey_materials``. ``foreign_plugins`` has Mitsuba load the result; ``plugins`` says
+what it has.
 
 Dr.Jit needs a libLLVM that wheels cannot bring. The toolchain of rustup has one that exports what Dr.Jit needs,
 and ``rust/build.rs`` notes its path. The system's own library comes first.

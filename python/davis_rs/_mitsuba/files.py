@@ -1,18 +1,16 @@
-"""Checks scene files before Mitsuba reads them.
+"""Reads scene files, and checks them before Mitsuba does.
 
-Mitsuba ends the process at XML that is nested too deeply, and at a PLY mesh whose faces name missing vertices; and it
-decodes images of any size.
+Mitsuba ends the process at XML that is nested too deeply, at a blend without materials, and at a PLY mesh whose faces
+name missing vertices; it decodes images of any size, and loads a plug-in from any path.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +18,8 @@ import numpy.typing as npt
 from .._core import DecodeError
 from .._util.budget import Budget
 from .._util.untrusted import decoding, read_charged, regular_file
+from .elements import DEEPEST, Element, read_elements, with_values
 
-DEEPEST = 100
-"""How deep elements may be nested; Mitsuba's own scenes have less than ten levels."""
 _MOST_INCLUDED = 15
 _TEXEL_BYTES = 16
 """Bytes per texel of an image: as Mitsuba holds it, and as a renderer does."""
@@ -42,42 +39,118 @@ class XmlFile:
     Attributes:
         path: of the file.
         variables: a value for each ``$name``, as text. They come before the file's own defaults.
+        grey_unknown: materials that Mitsuba does not have are grey; else the file is refused.
     """
 
     path: Path
     variables: Mapping[str, str]
+    grey_unknown: bool = False
 
 
-def check_scene_file(
-    path: Path, included: int = 0, budget: Budget | None = None, variables: Mapping[str, str] | None = None
-) -> None:
-    """Check an XML file, those that it includes, and the PLY meshes and images that they name.
+@dataclass(frozen=True)
+class SceneFile:
+    """A Mitsuba XML file that was read and checked.
+
+    Attributes:
+        root: its elements; those of files that it includes stand in their places.
+        roots: the first element of each file, as it was in the file.
+        values: of its variables, those that were given and the defaults.
+        including: names of files that were included, as the files have them, with variables.
+    """
+
+    root: Element
+    roots: list[Element]
+    values: dict[str, str]
+    including: list[str]
+
+
+def read_scene_file(file: XmlFile, budget: Budget | None = None) -> SceneFile:
+    """Read an XML file and those that it includes, and check the PLY meshes and images that they name.
 
     Args:
-        variables: of an :class:`XmlFile`; their values may be parts of names.
-        included: how many files include it, one in the other.
         budget: what all files together may take; a new one if not given.
 
     Raises:
         OSError: if the file cannot be read.
-        DecodeError: for XML that is malformed or nested too deeply, for a mesh that is malformed, and where images
-            would fill memory.
+        DecodeError: for XML that is malformed or nested too deeply, for a mesh that is malformed, for plug-ins that are
+            paths, and where elements or images would fill memory.
     """
-    budget = budget or Budget(path)
-    if included > _MOST_INCLUDED:
-        raise DecodeError(f"{path}: scene files may include each other {_MOST_INCLUDED} deep")
-    for name in _file_names(path, budget, variables or {}):
-        named = path.parent / name
-        if not named.is_file():
-            named = path.parent / name.replace("\\", "/")  # as files from Windows have it, see `foreign_plugins`
-        if not named.is_file():  # Mitsuba will say so, or has it elsewhere
-            continue
-        if named.suffix.lower() == ".xml":
-            check_scene_file(named, included + 1, budget, variables)
-        elif named.suffix.lower() == ".ply":
-            check_ply(named, budget)
-        else:
-            _charge_image(named, budget)
+    return _Reader(file, budget or Budget(file.path)).read()
+
+
+class _Reader:
+    """Reads a file, puts those that it includes in their places, and checks what they name."""
+
+    def __init__(self, file: XmlFile, budget: Budget) -> None:
+        self._file, self._budget = file, budget
+        self._values = dict(file.variables)
+        self._roots: list[Element] = []
+        self._including: list[str] = []
+
+    def read(self) -> SceneFile:
+        """Read all."""
+        root = self._root(self._file.path, 0)
+        self._settle(root, 1, 0)
+        return SceneFile(root, self._roots, self._values, self._including)
+
+    def _root(self, path: Path, included: int) -> Element:
+        if included > _MOST_INCLUDED:
+            raise DecodeError(f"{path}: scene files may include each other {_MOST_INCLUDED} deep")
+        root = read_elements(path, self._budget)
+        self._roots.append(root)
+        return root
+
+    def _settle(self, element: Element, depth: int, included: int) -> None:
+        """Check the files that elements name, and put the contents of others in the place of ``include``."""
+        if depth > DEEPEST:
+            raise DecodeError(f"{element.place}: elements may be nested {DEEPEST} deep")
+        children: list[Element] = []
+        for child in element.children:
+            attributes = child.attributes
+            if child.tag == "default":
+                self._values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
+            elif child.tag in ("string", "path") and attributes.get("name") == "filename":
+                self._check(child)
+            other = self._found(child, attributes.get("filename", "")) if child.tag == "include" else None
+            if other is None:
+                self._settle(child, depth + 1, included)
+                self._check_plugin(child)
+                children.append(child)
+                continue
+            self._including.append(attributes["filename"])
+            root = self._root(other, included + 1)
+            self._settle(root, depth, included + 1)
+            if root.tag == "scene":
+                children += root.children
+                continue
+            if "name" in attributes:
+                root.attributes["name"] = attributes["name"]
+            children.append(root)
+        element.children = children
+
+    def _check_plugin(self, element: Element) -> None:
+        """Refuse what would load a library from elsewhere, or end the process."""
+        kind = with_values(element.attributes.get("type", ""), self._values)
+        if "/" in kind or "\\" in kind:
+            raise DecodeError(f"{element.place}: must name a plug-in of Mitsuba, got the path {kind[:60]!r}")
+        if kind == "blendbsdf" and sum(child.tag in ("bsdf", "ref") for child in element.children) < 2:
+            raise DecodeError(f"{element.place}: a blendbsdf must have two materials")
+
+    def _check(self, element: Element) -> None:
+        named = self._found(element, element.attributes.get("value", ""))
+        if named is not None and named.suffix.lower() == ".ply":
+            check_ply(named, self._budget)
+        elif named is not None:
+            _charge_image(named, self._budget)
+
+    def _found(self, element: Element, name: str) -> Path | None:
+        """Return the file that an element names; None where it is not there: Mitsuba says so, or has it elsewhere."""
+        name = with_values(name, self._values)
+        for folder in (element.file.parent, self._file.path.parent):
+            for spelled in (name, name.replace("\\", "/")):  # as files from Windows have it, see `former_notation`
+                if spelled and os.path.isfile(folder / spelled):  # False for what can be no name
+                    return folder / spelled
+        return None
 
 
 def _charge_image(path: Path, budget: Budget) -> None:
@@ -114,36 +187,6 @@ def check_scene_dictionary(node: Mapping[str, object]) -> None:
     for value in node.values():
         if isinstance(value, Mapping):
             check_scene_dictionary(value)
-
-
-def _file_names(path: Path, budget: Budget, variables: Mapping[str, str]) -> list[str]:
-    """Return the files that a scene file names, with values or its defaults put in for its variables."""
-    depth, names, defaults = 0, list[str](), dict[str, str]()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > DEEPEST:
-            raise DecodeError(f"{path}: elements may be nested {DEEPEST} deep")
-        if tag == "default":
-            defaults[attributes.get("name", "")] = attributes.get("value", "")
-        elif tag == "include":
-            names.append(attributes.get("filename", ""))
-        elif tag in ("string", "path") and attributes.get("name") == "filename":
-            names.append(attributes.get("value", ""))
-
-    def end(_: str) -> None:
-        nonlocal depth
-        depth -= 1
-
-    parser = expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    try:
-        parser.Parse(read_charged(path, budget), True)
-    except expat.ExpatError as error:
-        raise DecodeError(f"Mitsuba cannot load {path}: no XML: {error}") from None
-    values = {**defaults, **variables}
-    return [re.sub(r"\$(\w+)", lambda match: values.get(match[1], match[0]), name) for name in names if name]
 
 
 def check_ply(path: Path, budget: Budget) -> None:

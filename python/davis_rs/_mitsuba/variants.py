@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from .._util.stop_requests import interrupts_deferred
-from .files import XmlFile, check_scene_dictionary, check_scene_file
-from .foreign_plugins import load_file
+from .files import XmlFile, check_scene_dictionary
+from .foreign_plugins import LoadedFile, load_file
 from .llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
 from .types import DrJit, Mitsuba, MitsubaScene, SceneDictionary
 
@@ -118,37 +118,58 @@ def _set_variant(mi: Mitsuba, name: str) -> None:
             vars(integrators).setdefault("common", common)
 
 
-def load_scene_source(
-    source: Path | XmlFile | Mapping[str, object], mi: Mitsuba, notes: list[str] | None = None
-) -> MitsubaScene:
+def load_scene_source(source: Path | XmlFile | Mapping[str, object], mi: Mitsuba) -> MitsubaScene:
     """Load a Mitsuba XML file or scene dictionary.
 
-    What an XML file names that Mitsuba does not have, and that does not say how the scene looks, is left out; ``notes``
-    gets a line for each. In a dictionary, NumPy arrays stand for what Mitsuba wants there: ``to_world`` and ``to_uv``
-    for transforms, any other key for a tensor (a bitmap's ``data``). Equal objects are not merged, so that each keeps
-    its name.
+    In a dictionary, NumPy arrays stand for what Mitsuba wants there: ``to_world`` and ``to_uv`` for transforms, any
+    other key for a tensor (a bitmap's ``data``). Equal objects are not merged, so that each keeps its name.
 
     Raises:
         OSError: if the XML file cannot be read.
         DecodeError: if it, or a PLY mesh of the scene, is malformed in a way that would end the process.
         ValueError: if Mitsuba refuses the scene, or it has no shapes.
     """
+    if isinstance(source, Path | XmlFile):
+        return load_scene_file(source, mi).scene
+    check_scene_dictionary(source)
+    with _refusals("the scene dictionary"):
+        scene = mi.load_dict(_with_mitsuba_types(source, mi), optimize=False)
+    return _with_shapes(scene, "the scene dictionary", mi)
+
+
+def load_scene_file(source: Path | XmlFile, mi: Mitsuba) -> LoadedFile:
+    """Load a Mitsuba XML file, with what moves in it, and what is taken otherwise than it says.
+
+    Raises:
+        OSError, DecodeError, ValueError: as for :func:`load_scene_source`.
+    """
     file = XmlFile(source, {}) if isinstance(source, Path) else source
-    name = str(file.path) if isinstance(file, XmlFile) else "the scene dictionary"
-    if isinstance(file, XmlFile):
-        check_scene_file(file.path, variables=file.variables)
-    else:
-        check_scene_dictionary(file)
+    with _refusals(str(file.path)):
+        loaded = load_file(file, mi)
+    _with_shapes(loaded.scene, str(file.path), mi)
+    return loaded
+
+
+@contextmanager
+def _refusals(name: str) -> Iterator[None]:
+    """Raise ``ValueError`` with a remedy where Mitsuba refuses a scene.
+
+    Args:
+        name: of the scene, for the message.
+    """
     try:
-        if isinstance(file, XmlFile):
-            scene = load_file(file, mi, [] if notes is None else notes)
-        else:
-            scene = mi.load_dict(_with_mitsuba_types(file, mi), optimize=False)
+        yield
     except RuntimeError as error:
         hint = "; an area light needs a shape with an area" if "no probability mass" in str(error) else ""
         if variable := re.search(r"undefined parameter: \$(\w+)", str(error)):
             hint = f"; -D {variable[1]}=VALUE (load_scene(..., variables={{{variable[1]!r}: ...}})) gives it a value"
+        if re.search(r"instantiate bsdf plugin .*\[PluginManager\]", str(error)):
+            hint = "; --grey-unknown (load_scene(..., grey_unknown=True)) takes materials that are not known as grey"
         raise ValueError(f"Mitsuba cannot load {name}: {error}{hint}") from None
+
+
+def _with_shapes(scene: MitsubaScene, name: str, mi: Mitsuba) -> MitsubaScene:
+    """Return a scene; refuse what is none, or has nothing to see."""
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"{name} must describe a scene, got a {type(scene).__name__}")
     if not scene.shapes():

@@ -58,6 +58,11 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="a value for a variable of the file, $NAME; may be given several times",
     )
+    xml.add_argument(
+        "--grey-unknown",
+        action="store_true",
+        help="take materials that are not known as grey, instead of refusing the file",
+    )
 
 
 def _variable(text: str) -> tuple[str, str]:
@@ -77,6 +82,7 @@ def scene_of(options: argparse.Namespace, quiet: bool = False) -> Scene:
             scale=options.scale,
             animation=options.animation,
             variables=dict(options.variables),
+            grey_unknown=options.grey_unknown,
         )
     if scene.note and not quiet:
         say(f"{scene.note} (--scale, --up)")

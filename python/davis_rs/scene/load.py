@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from .._mitsuba.animated_transforms import Motion
 from .._mitsuba.files import XmlFile
 from .._mitsuba.types import Mitsuba, MitsubaObject
-from .._mitsuba.variants import default_variant, load_scene_source, variant
+from .._mitsuba.variants import default_variant, load_scene_file, variant
 from .._util.argument_error import ArgumentError
 from .._util.close_names import did_you_mean, names_checked
 from ..geometry.camera import Camera
-from ..geometry.pose import Pose
+from ..geometry.pose import FloatArray, Pose
+from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from .builtin.checkerboard_scene import checkerboard
 from .builtin.fence_scene import fence
 from .builtin.planes_and_walls import three_planes, three_walls
 from .files.gltf_scene import gltf_scene
 from .files.mesh_scene import READERS as MESH_READERS
 from .files.mesh_scene import Axis, mesh_scene
+from .keyframes import keyframe_path
+from .lost_looks import UNKNOWN, LostLook
 from .repairs import SceneFileWarning
 from .scene import Scene, check_scene
 
@@ -52,6 +55,7 @@ def load_scene(
     scale: float | None = None,
     animation: str | None = None,
     variables: Mapping[str, str] | None = None,
+    grey_unknown: bool = False,
 ) -> Scene:
     """Load a built-in scene or a public sequence by name, a Mitsuba XML or glTF file, or an OBJ or PLY mesh.
 
@@ -67,17 +71,24 @@ def load_scene(
         scale: of these, metres in the file's unit; None: 1.
         animation: of a glTF file, the name of the one that is played; None: all, or the first where two move the same.
         variables: of a Mitsuba XML file, a value as text for each ``$name`` in it, before the file's own defaults.
+        grey_unknown: of a Mitsuba XML file, take materials that are not known as grey (a reflectance of 0.5), which a
+            warning tells; else such a file is refused.
 
     Raises:
         ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
             ``scale`` of what is no mesh, ``animation`` of what is no glTF file or does not have it, and ``variables``
-            of what is no XML file or does not have them.
+            or ``grey_unknown`` of what is no XML file, or variables that it does not have.
+
+    Warns:
+        SceneFileWarning: in one line, of all that is left out of a file, or taken otherwise than it says.
         OSError: if the file cannot be read.
     """
     path = Path(name_or_path)
     suffix = path.suffix.lower()
     if variables and (suffix != ".xml" or not path.is_file()):
         raise ArgumentError("{variables} are for a Mitsuba XML file that is there, got {!r}", str(name_or_path))
+    if grey_unknown and (suffix != ".xml" or not path.is_file()):
+        raise ArgumentError("{grey_unknown} is for a Mitsuba XML file that is there, got {!r}", str(name_or_path))
     if animation is not None and (suffix not in GLTF or not path.is_file()):
         raise ArgumentError("{animation} is for a glTF file that is there, got {!r}", str(name_or_path))
     if suffix in MESH_READERS and path.is_file():
@@ -114,7 +125,7 @@ def load_scene(
             f"({', '.join(MESH_READERS)}), got {suffix!r}"
             + ("; davis-rs frames makes events of a video" if suffix in _VIDEOS else "")
         )
-    return _scene_of_file(path, dict(variables or {}))
+    return _scene_of_file(path, dict(variables or {}), grey_unknown)
 
 
 def start_pose(scene: Scene) -> Pose:
@@ -141,31 +152,55 @@ def moves_paths(scene: Scene) -> bool:
     return scene.file is None
 
 
-def _scene_of_file(path: Path, variables: dict[str, str]) -> Scene:
-    """Load a Mitsuba XML file, with the camera and the start that its first sensor gives."""
-    source = XmlFile(path, variables) if variables else path
+def _scene_of_file(path: Path, variables: dict[str, str], grey_unknown: bool) -> Scene:
+    """Load a Mitsuba XML file, with the camera and the start that its first sensor gives, and what moves in it."""
+    source = XmlFile(path, variables, grey_unknown)
     camera: Camera | None = None
     start: Pose | None = None
+    trajectory: Trajectory | None = None
     with variant(default_variant()[0]) as (mi, _):
-        notes = list[str]()
-        sensors = load_scene_source(source, mi, notes).sensors()
-        if notes:
-            warnings.warn(f"{path} is taken without {'; '.join(notes)}", SceneFileWarning, stacklevel=3)
-        if sensors:
-            camera, start = _camera_and_pose(sensors[0], mi)
-    return Scene(name=path.stem, source=lambda: source, file=path, camera=camera, start=start, variables=variables)
+        loaded = load_scene_file(source, mi)
+        if loaded.notes:
+            warnings.warn(f"{path}: {'; '.join(loaded.notes)}", SceneFileWarning, stacklevel=3)
+        duration_s = max((float(motion.times[-1]) for motion in loaded.motions), default=0.0)
+
+        def path_of(motion: Motion, pose: Callable[[FloatArray], Pose]) -> Trajectory:
+            return keyframe_path(motion.times, [pose(matrix) for matrix in motion.poses], duration_s, motion.id)
+
+        shapes = {shape.id() for shape in loaded.scene.shapes()}
+        objects = {
+            motion.id: path_of(motion, Pose.from_matrix)
+            for motion in loaded.motions
+            if motion.tag == "shape" and motion.id in shapes
+        }
+        if sensors := loaded.scene.sensors():
+            start = _pose(np.array(mi.traverse(sensors[0])["to_world"].matrix, np.float64).reshape(4, 4))
+            camera = _camera(sensors[0], mi)
+            trajectory = SegmentTrajectory(start, start, duration_s) if objects else None
+            for motion in loaded.motions:
+                if motion.tag == "sensor" and motion.id == sensors[0].id():
+                    trajectory = path_of(motion, _pose)
+    return Scene(
+        name=path.stem,
+        source=lambda: source,
+        file=path,
+        camera=camera,
+        start=start,
+        trajectory=trajectory,
+        objects=objects,
+        variables=variables,
+        lost_looks=tuple(LostLook(UNKNOWN, (grey.name,), grey.shapes) for grey in loaded.grey),
+    )
 
 
-def _nearest_rotation(matrix: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _nearest_rotation(matrix: FloatArray) -> FloatArray:
     """Return the rotation next to a matrix that is one but for its rounding in a file; any other as it is."""
     left, stretch, right = np.linalg.svd(matrix)
     return left @ right if np.abs(stretch - 1.0).max() < _FILE_ROUNDING else matrix
 
 
-def _camera_and_pose(sensor: MitsubaObject, mi: Mitsuba) -> tuple[Camera | None, Pose]:
-    """Return a sensor's pinhole camera, None if it is not a perspective one, and its pose."""
-    parameters = mi.traverse(sensor)
-    matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
+def _pose(matrix: FloatArray) -> Pose:
+    """Return the pose of a camera, of a sensor's matrix (4, 4)."""
     # Mitsuba's cameras look along z too, but their x points left and their y up.
     matrix = matrix @ np.diag([-1.0, -1.0, 1.0, 1.0])
     if np.linalg.det(matrix[:3, :3]) < 0.0:
@@ -176,9 +211,14 @@ def _camera_and_pose(sensor: MitsubaObject, mi: Mitsuba) -> tuple[Camera | None,
         )
         matrix = matrix @ np.diag([-1.0, 1.0, 1.0, 1.0])
     matrix[:3, :3] = _nearest_rotation(matrix[:3, :3])
-    pose = Pose.from_matrix(matrix)
+    return Pose.from_matrix(matrix)
+
+
+def _camera(sensor: MitsubaObject, mi: Mitsuba) -> Camera | None:
+    """Return a sensor's pinhole camera, None if it is not a perspective one."""
+    parameters = mi.traverse(sensor)
     if "x_fov" not in parameters:
-        return None, pose
+        return None
     if "aperture_radius" in parameters:
         warnings.warn("the scene's thin lens is taken as a pinhole: depth of field is not simulated", stacklevel=2)
     film = sensor.film()
@@ -193,4 +233,4 @@ def _camera_and_pose(sensor: MitsubaObject, mi: Mitsuba) -> tuple[Camera | None,
     )
     cx = (0.5 - offset_x) * full_width - 0.5 - left
     cy = (0.5 - offset_y) * full_height - 0.5 - top
-    return Camera(int(width), int(height), focal, focal, cx, cy), pose
+    return Camera(int(width), int(height), focal, focal, cx, cy)

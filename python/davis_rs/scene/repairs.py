@@ -20,6 +20,7 @@ class Repairs:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._cases: dict[str, tuple[int, str]] = {}
+        self._off: dict[str, dict[str, tuple[int, float]]] = {}
 
     def add(self, note: str, count: int, first: str) -> None:
         """Note ``count`` more cases; ``first`` says where the first of them is."""
@@ -27,11 +28,19 @@ class Repairs:
             before, where = self._cases.get(note, (0, first))
             self._cases[note] = before + count, where
 
+    def add_off(self, note: str, count: int, where: str, off: float) -> None:
+        """Note ``count`` numbers at a place that are off by up to ``off``. A place counts once, however often noted."""
+        self._off.setdefault(note, {})[where] = count, off
+
     def __str__(self) -> str:
-        return "; ".join(f"{what}: {count} (the first: {first})" for what, (count, first) in self._cases.items())
+        cases = [f"{what}: {count} (the first: {first})" for what, (count, first) in self._cases.items()]
+        for what, places in self._off.items():
+            count, most = sum(count for count, _ in places.values()), max(off for _, off in places.values())
+            cases.append(f"{what}: {count} (the first: {next(iter(places))}; off by up to {most:.2g})")
+        return "; ".join(cases)
 
     def __bool__(self) -> bool:
-        return bool(self._cases)
+        return bool(self._cases or self._off)
 
     def warn(self) -> None:
         """Warn of all repairs in one line, if there are any.

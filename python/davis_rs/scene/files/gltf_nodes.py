@@ -16,8 +16,10 @@ from ..._core import DecodeError
 from ..._util.argument_error import ArgumentError
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.trajectory import CallableTrajectory, Trajectory
+from ..keyframes import Track
+from ..repairs import Repairs
 from .gltf_file import GltfFile, Item, plain
-from .gltf_poses import REST, WIDTHS, Node, NodePoses, Track, composed, unit_quaternions
+from .gltf_poses import REST, WIDTHS, Node, NodePoses, composed, unit_quaternions
 from .rounding import ROUNDING
 
 DEEPEST = 100
@@ -50,6 +52,7 @@ class NodeTree:
         tracks: by node and property; the strengths of morph targets are ``weights``.
         duration_s: time of the last keyframe in the scene; 0 where nothing moves.
         lost: by kind, the names of what animations change and the scene does not show.
+        repairs: of its rotations.
         played: the names of the animations that are played.
         others: the names of those that are not.
     """
@@ -59,14 +62,16 @@ class NodeTree:
     tracks: dict[int, dict[str, Track]]
     duration_s: float
     lost: dict[str, dict[str, None]]
+    repairs: Repairs
     played: tuple[str, ...]
     others: tuple[str, ...]
 
     @classmethod
-    def of(cls, file: GltfFile, animation: str | None = None) -> NodeTree:
+    def of(cls, file: GltfFile, repairs: Repairs, animation: str | None = None) -> NodeTree:
         """Read the nodes of the file's default scene.
 
         Args:
+            repairs: gets what is mended.
             animation: the name of the one that is played, ``animation_1`` for the second without a name. None: all of
                 them together, or where two move the same node, the first.
 
@@ -77,14 +82,14 @@ class NodeTree:
         nodes = {node.index: node for node in _walk(file)}
         lost: dict[str, dict[str, None]] = {}
         played, others = _played(file, nodes, animation)
-        tracks = _tracks(file, nodes, played, lost)
+        tracks = _tracks(file, nodes, played, lost, repairs)
         for path in tracks.values():
             for name in [name for name, track in path.items() if not track.moves and len(track.times) > 1]:
                 path[name] = path[name]._replace(
                     times=path[name].times[:1], values=path[name].values[:1], tangents=None, kind="LINEAR"
                 )
         ends = [track.times[-1] for path in tracks.values() for track in path.values() if len(track.times) > 1]
-        return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost, tuple(played), others)
+        return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost, repairs, tuple(played), others)
 
     def chain(self, index: int) -> list[Node]:
         """Return a node and its ancestors, the outermost first."""
@@ -131,7 +136,7 @@ class NodeTree:
     @cached_property
     def _poses(self) -> NodePoses:
         moving = [node for node in self.nodes.values() if self.moves(node.index)]
-        return NodePoses(self.file, self.nodes, moving, self.tracks, self.duration_s)
+        return NodePoses(self.file, self.nodes, moving, self.tracks, self.duration_s, self.repairs)
 
     def instances(self, index: int) -> FloatArray:
         """Return the transforms (n, 4, 4) of the copies within a node (EXT_mesh_gpu_instancing); one identity
@@ -153,7 +158,8 @@ class NodeTree:
             raise self.file.error(where, f"must have as many of each attribute, got {' and '.join(map(str, counts))}")
         self.file.budget.take(_COPY_BYTES * counts[0], f"{where}: {counts[0]} copies")
         every = {name: read.get(name, np.tile(REST[name], (counts[0], 1))) for name in WIDTHS}
-        return composed(every["translation"], unit_quaternions(self.file, every["rotation"], where), every["scale"])
+        turns = unit_quaternions(self.file, every["rotation"], where, self.repairs)
+        return composed(every["translation"], turns, every["scale"])
 
     def path(
         self, index: int, to_world: FloatArray, flip: FloatArray, duration_s: float
@@ -290,6 +296,7 @@ def _tracks(
     nodes: dict[int, Node],
     played: dict[str, tuple[str, Item]],
     lost: dict[str, dict[str, None]],
+    repairs: Repairs,
 ) -> dict[int, dict[str, Track]]:
     tracks: dict[int, dict[str, Track]] = {}
     for where, animation in played.values():
@@ -299,8 +306,6 @@ def _tracks(
                 continue
             node, path = _target(channel.target)
             if path not in (*WIDTHS, "weights"):
-                if path.startswith(("/nodes/", "/meshes/", "/cameras/")):
-                    raise file.error(where, f"animates {plain(path)}, which is not read")
                 lost.setdefault("the animation", {})[plain(path)] = None
             if path not in (*WIDTHS, "weights") or node not in nodes:
                 continue
@@ -310,7 +315,7 @@ def _tracks(
                 continue
             if nodes[node].item.matrix is not None and path != "weights":
                 raise file.error(f"nodes[{node}]", "is animated, so it must have no matrix")
-            tracks[node][path] = _track(file, samplers[which], f"{where}.samplers[{which}]", path)
+            tracks[node][path] = _track(file, samplers[which], f"{where}.samplers[{which}]", path, repairs)
     return tracks
 
 
@@ -324,7 +329,7 @@ def _target(target: Item) -> tuple[int | None, str]:
     return (int(match[1]), match[2]) if match else (None, pointer)
 
 
-def _track(file: GltfFile, sampler: Item, where: str, path: str) -> Track:
+def _track(file: GltfFile, sampler: Item, where: str, path: str, repairs: Repairs) -> Track:
     times = np.asarray(file.array(sampler.input, f"{where}.input", width=(1,)).ravel(), np.float64)
     width = WIDTHS.get(path, 1)
     values = np.asarray(file.array(sampler.output, f"{where}.output", width=(width,)), np.float64)
@@ -345,7 +350,7 @@ def _track(file: GltfFile, sampler: Item, where: str, path: str) -> Track:
         incoming, values, outgoing = values.reshape(len(times), 3, width).swapaxes(0, 1)
         tangents = (incoming, outgoing)
     if path == "rotation":
-        unit = unit_quaternions(file, values, f"{where}.output")
+        unit = unit_quaternions(file, values, f"{where}.output", repairs)
         values = unit if each == 1 else values
     return Track(times, values, tangents, kind, path == "rotation")
 

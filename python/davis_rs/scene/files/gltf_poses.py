@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ...geometry.pose import FloatArray, hamilton, rotation_matrices
+from ..keyframes import Track
+from ..repairs import Repairs
 from .gltf_file import GltfFile, Item, plain
 
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
@@ -20,9 +21,10 @@ WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 """Their values where a file gives none."""
 
-_STILL = 1e-12
 _UNIT = 0.01
-"""By how much a quaternion's length may differ from 1: four numbers of 8 bits."""
+"""By how much a quaternion's length may differ from 1 unsaid: four numbers of 8 bits."""
+_SHORTEST = 1e-6
+"""A quaternion that is not longer than this has no direction."""
 _KEPT = 4
 """Of how many sets of instants all poses are kept, because several objects ask for the same."""
 _MOST_KEPT = 1 << 17
@@ -40,96 +42,6 @@ class Node:
     parent: int | None
     item: Item
     name: str
-
-
-class Track(NamedTuple):
-    """The keyframes of one property of a node: times (k,) in seconds, values (k, width), tangents (k, width) or None.
-
-    Values of several nodes, (k, nodes, width), are interpolated alike.
-
-    ``kind`` is LINEAR, STEP or CUBICSPLINE; ``turns`` says that the values are rotations.
-    """
-
-    times: FloatArray
-    values: FloatArray
-    tangents: tuple[FloatArray, FloatArray] | None
-    kind: str
-    turns: bool = False
-
-    def at(self, t: FloatArray, end_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return values and rates (n, width) at times (n,); ``end_s`` is the end of the whole scene."""
-        times, values = self.times, self.values
-        if len(times) == 1:
-            return np.repeat(values, len(t), 0), np.zeros((len(t), *values.shape[1:]))
-        each = (-1, *(1 for _ in values.shape[1:]))
-        # At a keyframe the segment after it counts; at the very end the one before it.
-        segment = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
-        held = (t < times[0]) | (t > times[-1]) | ((t == times[-1]) & (times[-1] < end_s))
-        span = times[segment + 1] - times[segment]
-        fraction, span = np.clip((t - times[segment]) / span, 0.0, 1.0).reshape(each), span.reshape(each)
-        first, second = values[segment], values[segment + 1]
-        if self.kind == "STEP":
-            result = np.where(fraction >= 1, second, first)
-            rate = np.zeros_like(result)
-        elif self.kind == "CUBICSPLINE":
-            result, rate = self._cubic(segment, span, fraction)
-        elif self.turns:
-            result, rate = _slerp(first, second, fraction, span)
-        else:
-            result = first + fraction * (second - first)
-            rate = (second - first) / span
-        return result, np.where(held.reshape(each), 0.0, rate)
-
-    def _cubic(self, segment: npt.NDArray[np.intp], span: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        assert self.tangents is not None
-        incoming, outgoing = self.tangents
-        first, second = self.values[segment], self.values[segment + 1]
-        start, end = span * outgoing[segment], span * incoming[segment + 1]
-        result = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * start
-        result = result + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * end
-        rate = (6 * s**2 - 6 * s) * (first - second) + (3 * s**2 - 4 * s + 1) * start + (3 * s**2 - 2 * s) * end
-        return result, rate / span
-
-    def largest(self) -> FloatArray:
-        """Return bounds (width,) on the magnitude of the values at any time."""
-        largest = np.abs(self.values).max(0)
-        if self.tangents is None or len(self.times) == 1:
-            return largest
-        # Between two keyframes each tangent adds at most 4/27 of what it goes in the time between them.
-        steepest = np.max([np.abs(tangents).max(0) for tangents in self.tangents], 0)
-        return np.asarray(largest + 8 / 27 * np.diff(self.times).max() * steepest)
-
-    @property
-    def moves(self) -> bool:
-        """Whether the value changes."""
-        tangents = () if self.tangents is None else self.tangents
-        return bool((np.abs(self.values - self.values[0]) > _STILL).any()) or any(tangent.any() for tangent in tangents)
-
-    @property
-    def corners(self) -> FloatArray:
-        """The times at which the value is not smooth."""
-        if self.kind != "CUBICSPLINE" or self.tangents is None:
-            return self.times
-        incoming, outgoing = self.tangents
-        smooth = np.abs(incoming - outgoing).max(1) <= 1e-6 * (1 + np.abs(outgoing).max(1))
-        smooth[[0, -1]] = False
-        return self.times[~smooth]
-
-
-def _slerp(
-    first: FloatArray, second: FloatArray, fraction: FloatArray, span: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the interpolation along the shorter arc between unit quaternions, and its rate."""
-    dot = (first * second).sum(-1, keepdims=True)
-    second, dot = np.where(dot < 0, -second, second), np.abs(dot)
-    angle = np.arccos(np.minimum(dot, 1.0))
-    sine = np.where(angle > 1e-6, np.sin(angle), 1.0)
-    near = angle <= 1e-6
-    a = np.where(near, 1 - fraction, np.sin((1 - fraction) * angle) / sine)
-    b = np.where(near, fraction, np.sin(fraction * angle) / sine)
-    da = np.where(near, -1.0, -angle * np.cos((1 - fraction) * angle) / sine) / span
-    db = np.where(near, 1.0, angle * np.cos(fraction * angle) / sine) / span
-    return a * first + b * second, da * first + db * second
 
 
 class _Animated(NamedTuple):
@@ -156,6 +68,7 @@ class NodePoses:
         moving: those that an animation moves, in the same order.
         tracks: by node and property.
         duration_s: the end of the whole scene.
+        repairs: gets what is mended.
     """
 
     def __init__(
@@ -165,8 +78,10 @@ class NodePoses:
         moving: Sequence[Node],
         tracks: Mapping[int, Mapping[str, Track]],
         duration_s: float,
+        repairs: Repairs,
     ) -> None:
         self._file, self._nodes, self._tracks, self._duration_s = file, nodes, tracks, duration_s
+        self._repairs = repairs
         self._moving = {node.index: node for node in moving}
         self._still: dict[int | None, FloatArray] = {None: np.eye(4)}
         self._local: dict[int, FloatArray] = {}
@@ -255,7 +170,7 @@ class NodePoses:
             values[name][:, numbers], rates[name][:, numbers] = track.at(t, self._duration_s)
         quaternion, turning = values["rotation"], rates["rotation"]
         length = np.linalg.norm(quaternion, axis=2, keepdims=True)
-        if not (length > 1e-6).all():
+        if not (length > _SHORTEST).all():
             wrong = animated.indices[int(np.argmin(length.min((0, 2))))]
             rule = "an animation takes it through 0: it has no direction there"
             raise self._file.error(f"nodes[{wrong}].rotation", rule)
@@ -302,7 +217,7 @@ class NodePoses:
         """Return what the file gives for a property of a node."""
         given, where = getattr(node.item, name), f"nodes[{node.index}].{name}"
         rest = np.array(REST[name]) if given is None else self._file.numbers(given, where, WIDTHS[name])
-        return unit_quaternions(self._file, rest[None], where)[0] if name == "rotation" else rest
+        return unit_quaternions(self._file, rest[None], where, self._repairs)[0] if name == "rotation" else rest
 
 
 def _joined(tracks: Sequence[Track]) -> Track:
@@ -314,13 +229,17 @@ def _joined(tracks: Sequence[Track]) -> Track:
     return tracks[0]._replace(values=np.stack([track.values for track in tracks], 1), tangents=tangents)
 
 
-def unit_quaternions(file: GltfFile, quaternions: FloatArray, where: str) -> FloatArray:
-    """Normalise quaternions (n, 4) that have length 1 but for rounding; refuse others."""
+def unit_quaternions(file: GltfFile, quaternions: FloatArray, where: str, repairs: Repairs) -> FloatArray:
+    """Normalise quaternions (n, 4); tell of those whose length is not 1, and refuse those without a direction."""
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    wrong = np.abs(length - 1) > _UNIT
+    wrong = ~((length > _SHORTEST) & np.isfinite(length))
     if wrong.any():
         result = quaternions[int(wrong.argmax())].tolist()
-        raise file.error(where, f"rotations must be unit quaternions, got {plain(result)}")
+        raise file.error(where, f"rotations must be quaternions with a direction, got {plain(result)}")
+    off = np.abs(length - 1)
+    if (off > _UNIT).any():
+        note = "rotations by quaternions whose length is not 1, which are scaled to it"
+        repairs.add_off(note, int((off > _UNIT).sum()), where, float(off.max()))
     return quaternions / length
 
 

@@ -20,6 +20,7 @@ from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..default_paths import CAMERA
 from ..deformation import Deformation, DeformedMesh
 from ..image_textures import ImageTextures
+from ..keyframes import Track
 from ..lost_looks import TRANSPARENCY, LostLook, lost_looks, shown
 from ..mesh_part import MeshPart
 from ..parts import DIRECT, GLOSSY_DIRECT
@@ -32,7 +33,7 @@ from .gltf_file import GltfFile, Item, plain, unknown
 from .gltf_materials import GltfMaterials
 from .gltf_mesh import COLOURS_LOST, GltfMeshes, Primitive, PrimitiveKind, Vertices, joined, joined_vertices
 from .gltf_nodes import NodeTree, NotRigid, breaks
-from .gltf_poses import Node, Track
+from .gltf_poses import Node
 from .mesh_scene import Axis, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .painted_texture import charge, is_painted, patches_of
 from .rounding import ROUNDING
@@ -122,11 +123,11 @@ class _GltfScene:
 
     def __init__(self, file: GltfFile, up: Axis, scale: float, animation: str | None) -> None:
         self.file, self.up, self.scale = file, up, scale
-        self.tree = NodeTree.of(file, animation)
+        self.repairs = Repairs(file.path)
+        self.tree = NodeTree.of(file, self.repairs, animation)
         self.to_world = np.eye(4)
         self.to_world[:3, :3] = to_z_up(up) * scale
         self.materials = GltfMaterials(file)
-        self.repairs = Repairs(file.path)
         self.meshes = GltfMeshes(file, self.materials, self.repairs)
         self.shown: set[int | None] = set()
         self.lost = {what: dict(names) for what, names in self.tree.lost.items()}

@@ -1,0 +1,302 @@
+"""Writes materials of older versions of Mitsuba, and of programs with files like its own, as those of Mitsuba 3.
+
+Only where the two look alike; a note says what differs. Mitsuba refuses all others, unless the user takes them as grey
+(``grey_materials``).
+
+Sources: Walter et al., "Microfacet models for refraction through rough surfaces", 2007 (roughness of lobes); Burley,
+"Physically based shading at Disney", 2012; Oren and Nayar, "Generalization of Lambert's reflectance model", 1994.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from .elements import Element, with_values
+from .files import SceneFile
+from .former_notation import NUMBER
+
+FloatArray = npt.NDArray[np.float64]
+
+_MOST_MIRRORED = 0.9
+"""The highest fraction that the highlights of a principled material reflect from straight ahead."""
+_SAME = "by the same model, with subsurface scattering as its flatness"
+_NO_COLOUR = 0.02
+"""Colours whose parts differ by no more than this are grey."""
+
+
+def translate(file: SceneFile, notes: list[str]) -> None:
+    """Write the materials and media of a scene as those of Mitsuba 3; those that are not known stay as they are.
+
+    Args:
+        notes: gets a line for each kind of material that looks otherwise now.
+    """
+    materials = [element for element in file.root.walk() if element.tag == "bsdf"]
+    for element in reversed(materials):  # those within others first
+        kind = element.attributes.get("type", "")
+        translation = _TRANSLATIONS.get(kind)
+        differs = None if translation is None else translation(_Material(element, file.values))
+        now = element.attributes.get("type")
+        if differs:
+            notes.append(f"its materials {kind!r} are taken {'' if now == kind else f'as {now!r}, '}{differs}")
+    for element in file.root.walk():
+        if element.tag == "medium":
+            _medium(_Material(element, file.values))
+
+
+class _Material:
+    """Reads and changes the properties of a material's element, by their present names."""
+
+    def __init__(self, element: Element, values: Mapping[str, str]) -> None:
+        self.element, self._values = element, values
+
+    @property
+    def kind(self) -> str:
+        """The plug-in."""
+        return self.element.attributes.get("type", "")
+
+    def get(self, name: str) -> Element | None:
+        """Return the property of this name."""
+        return next((child for child in self.element.children if child.name == name), None)
+
+    def numbers(self, name: str, default: float) -> FloatArray | None:
+        """Return the numbers (3,) of a property, the same three for one; None where it is a texture."""
+        given = self.get(name)
+        if given is None:
+            return np.full(3, default)
+        if given.tag not in ("float", "integer", "rgb", "spectrum"):
+            return None
+        words = with_values(given.attributes.get("value", ""), self._values).replace(",", " ").split()
+        if len(words) not in (1, 3) or not all(map(NUMBER.fullmatch, words)):
+            return None
+        return np.array(words * (3 // len(words)), np.float64)
+
+    def number(self, name: str, default: float) -> float | None:
+        """Return a property that is one number; None where it is anything else."""
+        numbers = self.numbers(name, default)
+        return None if numbers is None or np.ptp(numbers) > _NO_COLOUR else float(numbers.mean())
+
+    def becomes(self, kind: str, drop: tuple[str, ...] = (), **renamed: str) -> None:
+        """Make it one of another kind, without some properties, and with others renamed (old name to new)."""
+        self.element.attributes["type"] = kind
+        self.element.children = [child for child in self.element.children if child.name not in drop]
+        for child in self.element.children:
+            if child.name:
+                child.attributes["name"] = renamed.get(child.name, child.name)
+
+    def put(self, **numbers: float | FloatArray) -> None:
+        """Set properties to numbers or colours."""
+        for name, value in numbers.items():
+            self.element.children = [child for child in self.element.children if child.name != name]
+            tag, text = (
+                ("float", repr(value)) if isinstance(value, float) else ("rgb", ", ".join(map(repr, value.tolist())))
+            )
+            self.element.children.append(self.element.child(tag, name=name, value=text))
+
+
+def _disney(material: _Material) -> str | None:
+    """Write the whole material of lajolla, whose index of refraction and ``specular`` both count."""
+    clear = material.number("specular_transmission", 0.0)
+    index, specular = material.number("eta", 1.5), material.number("specular", 0.5)
+    if clear is None or index is None or specular is None or index < 1:
+        return None
+    names = {"specular_transmission": "spec_trans", "specular_tint": "spec_tint", "subsurface": "flatness"}
+    if clear > 0:
+        material.becomes("principled", ("specular",), **names)
+        material.put(eta=index)
+        return "with highlights by their index of refraction alone"
+    mirrored = specular * ((index - 1) / (index + 1)) ** 2
+    material.becomes("principled", ("eta",), **names)
+    material.put(specular=min(1.0, mirrored / 0.08))
+    return _SAME
+
+
+def _disney_diffuse(material: _Material) -> str:
+    material.becomes("principled", subsurface="flatness")
+    material.put(specular=0.0)
+    return _SAME
+
+
+def _disney_metal(material: _Material) -> str:
+    material.becomes("principled")
+    material.put(metallic=1.0)
+    return _SAME
+
+
+def _disney_glass(material: _Material) -> str | None:
+    index = material.number("eta", 1.5)
+    if index is None or index <= 1:
+        return None
+    material.becomes("principled")
+    material.put(spec_trans=1.0, eta=index)
+    return "whose reflections have no colour"
+
+
+def _lobe_and_diffuse(material: _Material, alpha: float | None, drop: tuple[str, ...]) -> str | None:
+    """Write a diffuse colour with a lobe that has no Fresnel factor, whose width is that of a Beckmann lobe."""
+    mirrored = material.numbers("specular_reflectance", 0.2)
+    diffuse = material.numbers("diffuse_reflectance", 0.5)
+    if mirrored is None or alpha is None or not 0 < alpha <= 1:
+        return None
+    if mirrored.max() <= 0:
+        material.becomes("diffuse", (*drop, "specular_reflectance"), diffuse_reflectance="reflectance")
+        return "which is the same without highlights"
+    if diffuse is not None and diffuse.max() <= 0:
+        material.becomes("roughconductor", (*drop, "diffuse_reflectance"))
+        material.put(alpha=alpha)
+        material.element.children.append(material.element.child("string", name="material", value="none"))
+        return "with highlights of the same width and strength from straight ahead"
+    straight = min(float(mirrored.mean()), _MOST_MIRRORED)
+    material.becomes("principled", (*drop, "specular_reflectance"), diffuse_reflectance="base_color")
+    if diffuse is not None:
+        material.put(base_color=diffuse)
+    material.put(roughness=math.sqrt(alpha), eta=(1 + math.sqrt(straight)) / (1 - math.sqrt(straight)))
+    colour = " without colour" if np.ptp(mirrored) > _NO_COLOUR else ""
+    return f"with highlights{colour} of the same width and strength from straight ahead, which are stronger aslant"
+
+
+def _phong(material: _Material) -> str | None:
+    exponent = material.number("exponent", 30.0)
+    # The peak of the lobe, (n + 2) / 2 pi, is that of a Beckmann lobe, 1 / 4 pi alpha^2; so are the widths, nearly.
+    alpha = None if exponent is None or exponent < 0 else 1 / math.sqrt(2 * (exponent + 2))
+    return _lobe_and_diffuse(material, alpha, ("exponent",))
+
+
+def _ward(material: _Material) -> str | None:
+    both = material.number("alpha", 0.1)
+    if both is None:
+        return None
+    along, across = material.number("alpha_u", both), material.number("alpha_v", both)
+    alpha = None if along is None or across is None else math.sqrt(max(along * across, 0.0))
+    differs = _lobe_and_diffuse(material, alpha, ("variant", "alpha", "alpha_u", "alpha_v"))
+    return f"{differs}, and as wide along as across" if differs and along != across else differs
+
+
+def _rough_diffuse(material: _Material) -> str | None:
+    alpha = material.number("alpha", 0.2)
+    if alpha is None or (material.get("diffuse_reflectance") is not None and material.get("reflectance") is not None):
+        return None
+    squared = alpha * alpha / 2  # sigma^2 of Oren and Nayar, of a slope with this root mean square
+    brighter = 1 / (1 - 0.5 * squared / (squared + 0.33)) - 1
+    material.becomes("diffuse", ("alpha", "use_fast_approx"), diffuse_reflectance="reflectance")
+    return f"which is up to {100 * brighter:.0f} % brighter where light comes from behind the camera's side"
+
+
+def _mixture(material: _Material) -> None:
+    """Write a sum of materials with weights as blends of two; where the weights do not fill 1, the rest is black."""
+    given = material.get("weights")
+    words = "" if given is None else given.attributes.get("value", "")
+    parts = [child for child in material.element.children if child.tag in ("bsdf", "ref")]
+    rest = [child for child in material.element.children if child.tag not in ("bsdf", "ref") and child is not given]
+    numbers = words.replace(",", " ").split()
+    if rest or not parts or len(numbers) != len(parts) or not all(map(NUMBER.fullmatch, numbers)):
+        return
+    weights = [float(number) for number in numbers]
+    total = sum(weights)
+    if min(weights) < 0 or not 0 < total < math.inf:
+        return
+    if total > 1:
+        weights = [weight / total for weight in weights]
+    if total < 1 - 1e-6 or len(parts) == 1:
+        black = material.element.child("bsdf", type="diffuse")
+        black.children = [black.child("rgb", name="reflectance", value="0")]
+        parts, weights = [*parts, black], [*weights, max(0.0, 1 - total)]
+    blend, share = material.element, 1.0
+    for number, (part, weight) in enumerate(zip(parts[:-1], weights, strict=False)):
+        following = 1 - weight / share if share > 0 else 0.0
+        share -= weight
+        blend.attributes["type"] = "blendbsdf"
+        last = number == len(parts) - 2
+        other = parts[-1] if last else material.element.child("bsdf", type="blendbsdf")
+        blend.children = [blend.child("float", name="weight", value=repr(min(1.0, max(0.0, following)))), part, other]
+        blend = other
+
+
+def _coating(material: _Material) -> None:
+    """Write a clear coat on a diffuse surface as plastic, which is the same."""
+    nested = [child for child in material.element.children if child.tag in ("bsdf", "ref")]
+    absorbed = material.numbers("sigma_a", 0.0)
+    if len(nested) != 1 or nested[0].attributes.get("type") != "diffuse" or absorbed is None or absorbed.any():
+        return
+    (inside,) = nested
+    colours = [child for child in inside.children if child.name in ("reflectance", "diffuse_reflectance")]
+    if len(colours) != len(inside.children) or len(colours) > 1:
+        return
+    kind = "roughplastic" if material.kind == "roughcoating" else "plastic"
+    material.becomes(kind, ("thickness", "sigma_a"))
+    material.element.children.remove(inside)
+    for colour in colours:
+        colour.attributes["name"] = "diffuse_reflectance"
+        material.element.children.append(colour)
+    material.element.children.append(material.element.child("boolean", name="nonlinear", value="true"))
+
+
+def _normal_map(material: _Material) -> None:
+    """Give the texture of a normal map its present name; without one it is the image of a ``filename``."""
+    image = material.get("filename")
+    texture = next((child for child in material.element.children if child.tag == "texture" and not child.name), None)
+    if material.get("normalmap") is not None or (image is None) == (texture is None):
+        return
+    if image is not None:
+        material.element.children.remove(image)
+        texture = material.element.child("texture", type="bitmap")
+        texture.children = [image]
+        material.element.children.append(texture)
+    assert texture is not None
+    texture.attributes["name"] = "normalmap"
+    if not any(child.name == "raw" for child in texture.children):
+        texture.children.append(texture.child("boolean", name="raw", value="true"))
+
+
+def _rough(material: _Material) -> str | None:
+    """Give facets the distribution of Beckmann in place of Phong's, which older versions make as wide as that."""
+    distribution = material.get("distribution")
+    if distribution is None or distribution.attributes.get("value") not in ("as", "phong"):
+        return None
+    distribution.attributes["value"] = "beckmann"
+    return "with facets distributed as Beckmann's in place of Phong's, which are as wide"
+
+
+def _lambertian(material: _Material) -> None:
+    material.becomes("diffuse", diffuse_reflectance="reflectance")
+
+
+_TRANSLATIONS: dict[str, Callable[[_Material], str | None]] = {
+    "disneybsdf": _disney,
+    "disneydiffuse": _disney_diffuse,
+    "disneymetal": _disney_metal,
+    "disneyglass": _disney_glass,
+    "phong": _phong,
+    "ward": _ward,
+    "roughdiffuse": _rough_diffuse,
+    "mixturebsdf": _mixture,
+    "coating": _coating,
+    "roughcoating": _coating,
+    "lambertian": _lambertian,
+    "normalmap": _normal_map,
+    "roughconductor": _rough,
+    "roughdielectric": _rough,
+    "roughplastic": _rough,
+}
+"""By the former plug-in, what writes it as a present one and returns what differs; None where nothing does."""
+
+
+def _medium(medium: _Material) -> None:
+    """Write what a medium absorbs and scatters as its extinction and albedo, and its density as extinction."""
+    if medium.kind == "heterogeneous":
+        # The method and the step are how to sample.
+        medium.becomes("heterogeneous", ("method", "step_size"), density="sigma_t")
+    if medium.kind != "homogeneous" or medium.get("sigma_a") is None or medium.get("sigma_s") is None:
+        return
+    absorbed, scattered = medium.numbers("sigma_a", 0.0), medium.numbers("sigma_s", 0.0)
+    scale = medium.number("scale", 1.0)
+    if absorbed is None or scattered is None or scale is None:
+        return
+    extinct = absorbed + scattered
+    most = max(float(extinct.max()), 1e-12)  # Mitsuba takes colours of 0 to 1
+    medium.becomes("homogeneous", ("sigma_a", "sigma_s"))
+    medium.put(scale=scale * most, sigma_t=extinct / most)
+    medium.put(albedo=np.divide(scattered, extinct, out=np.zeros(3), where=extinct > 0))

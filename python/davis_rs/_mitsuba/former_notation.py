@@ -1,0 +1,81 @@
+"""Writes what older versions of Mitsuba, and other systems, write in another way, as Mitsuba 3 reads it.
+
+Nothing changes what the scene looks like, so nothing is told, but the version that a file does not give.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from .._util.srgb import from_srgb
+from .elements import Element
+from .files import SceneFile
+
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+"""A number as XML files have it."""
+
+_VERSION = re.compile(r"\s*(\d{1,9})\.(\d{1,9})\.(\d{1,9})\s*")
+_FORMER, _NOW = "0.6.0", "3.0.0"
+_NAMED = re.compile(r"[a-z][A-Z]|^diffuseReflectance$|^[uv](offset|scale)$")
+"""Names of parameters before version 2."""
+
+
+def rewrite(file: SceneFile, notes: list[str]) -> None:
+    """Write a file's elements as Mitsuba 3 reads them."""
+    version = min(_version(root, notes) for root in file.roots)
+    for root in file.roots:
+        root.attributes.pop("version", None)  # an included part of a scene may have none
+    file.root.attributes["version"] = version
+    for element in file.root.walk():
+        attributes = element.attributes
+        if element.tag == "lookAt":
+            element.tag = "lookat"
+        elif element.tag in ("rgb", "srgb", "spectrum") and "value" in attributes:
+            _rewrite_colour(element)
+        elif element.name == "filter_type" and attributes.get("value") in ("trilinear", "ewa"):
+            attributes["value"] = "bilinear"
+        elif attributes.get("name") == "filename" and "value" in attributes:
+            attributes["value"] = attributes["value"].replace("\\", "/")
+        elif element.tag == "path" and (folder := element.file.parent / attributes.get("value", "")).is_dir():
+            attributes["value"] = str(folder.absolute())
+
+
+def _version(root: Element, notes: list[str]) -> str:
+    """Return the version that names of parameters in a file are of: a former one, or the present one.
+
+    Mitsuba's versions differ in how they write names. Its upgrade of former ones leaves present ones as they are.
+    """
+    given = root.attributes.get("version")
+    numbers = None if given is None else _VERSION.fullmatch(given)
+    if numbers:
+        return _FORMER if int(numbers[1]) < 2 else _NOW
+    if root.tag != "scene":
+        return _NOW  # a part of a scene: that which includes it has the version
+    had = "it has no version" if given is None else f"its version {given[:20]!r} is none of Mitsuba's"
+    former = next((name for each in root.walk() if _NAMED.search(name := each.attributes.get("name", ""))), None)
+    if former is None:
+        notes.append(f"{had}, so it is read as one of Mitsuba 3")
+        return _NOW
+    notes.append(f"{had}, so it is read as one of Mitsuba 0.6, because of names such as {former[:40]!r}")
+    return _FORMER
+
+
+def _rewrite_colour(element: Element) -> None:
+    """Write a colour as linear red, green and blue, where it is one: three numbers, or a number of 6 digits.
+
+    Before version 2 ``rgb`` was linear in both forms, ``srgb`` encoded, and ``spectrum`` could be three numbers.
+    """
+    value = element.attributes["value"]
+    if digits := re.fullmatch(r"\s*#([0-9a-fA-F]{6})\s*", value):
+        colour = np.array(list(bytes.fromhex(digits[1]))) / 255.0
+    else:
+        words = value.replace(",", " ").split()
+        if len(words) not in ((1, 3) if element.tag == "srgb" else (3,)) or not all(map(NUMBER.fullmatch, words)):
+            return
+        colour = np.array([*words] if len(words) == 3 else words * 3, np.float64)
+    if element.tag == "srgb":
+        colour = from_srgb(colour)
+    element.tag = "rgb"
+    element.attributes["value"] = ", ".join(map(repr, colour.tolist()))

@@ -1,0 +1,261 @@
+"""Materials and media of older versions of Mitsuba, and of programs with files like its own."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+
+import davis_rs
+from davis_rs._mitsuba.elements import Element
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs.cli.main import main
+from davis_rs.scene.lost_looks import UNKNOWN, LostLook
+from davis_rs.scene.repairs import SceneFileWarning
+
+SCENE = """<scene version="{version}"><integrator type="path"/>
+<emitter type="constant"/>
+{other}
+<shape type="rectangle" id="square">{material}</shape></scene>"""
+
+
+MIXTURE = """<bsdf type="mixturebsdf"><string name="weights" value="{}"/><bsdf type="diffuse"/>
+<bsdf type="plastic"/></bsdf>"""
+
+
+def scene_file(folder: Path, material: str, version: str = "0.6.0", other: str = "") -> Path:
+    """Write a scene of a square with a material."""
+    path = folder / "scene.xml"
+    path.write_text(SCENE.format(material=material, version=version, other=other))
+    return path
+
+
+def told_of(path: Path, **arguments: Any) -> list[str]:
+    """Return what is told of a scene's file."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneFileWarning)
+        davis_rs.load_scene(path, **arguments)
+    return [str(one.message).removeprefix(f"{path}: ") for one in caught]
+
+
+def reflected(path: Path, into: npt.ArrayLike, out: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return BSDF times cosine (3,) of the square, for directions in its own axes."""
+    with variant(SCALAR) as (mi, _):
+        shape = load_scene_source(path, mi).shapes()[0]
+        hit = mi.SurfaceInteraction3f()
+        hit.wi = mi.Vector3f(np.asarray(into) / np.linalg.norm(into))
+        towards = mi.Vector3f(np.asarray(out) / np.linalg.norm(out))
+        return np.array(shape.bsdf().eval(mi.BSDFContext(), hit, towards), np.float64)
+
+
+ALIKE = {
+    "lambertian": (
+        '<bsdf type="lambertian"><rgb name="diffuseReflectance" value="0.2, 0.3, 0.4"/></bsdf>',
+        '<bsdf type="diffuse"><rgb name="reflectance" value="0.2, 0.3, 0.4"/></bsdf>',
+    ),
+    "coating": (
+        '<bsdf type="coating"><float name="intIOR" value="1.7"/><float name="thickness" value="2"/>'
+        '<bsdf type="diffuse"><rgb name="reflectance" value="0.2, 0.3, 0.4"/></bsdf></bsdf>',
+        '<bsdf type="plastic"><float name="int_ior" value="1.7"/><boolean name="nonlinear" value="true"/>'
+        '<rgb name="diffuse_reflectance" value="0.2, 0.3, 0.4"/></bsdf>',
+    ),
+    "rough coating": (
+        '<bsdf type="roughcoating"><float name="alpha" value="0.2"/><bsdf type="diffuse"/></bsdf>',
+        '<bsdf type="roughplastic"><float name="alpha" value="0.2"/><boolean name="nonlinear" value="true"/></bsdf>',
+    ),
+    "mixture": (
+        '<bsdf type="mixturebsdf"><string name="weights" value="0.5, 0.2 0.1"/><bsdf type="diffuse">'
+        '<rgb name="reflectance" value="0.8, 0, 0"/></bsdf><bsdf type="diffuse"><rgb name="reflectance" '
+        'value="0, 0.5, 0"/></bsdf><bsdf type="diffuse"><rgb name="reflectance" value="0, 0, 1"/></bsdf></bsdf>',
+        '<bsdf type="diffuse"><rgb name="reflectance" value="0.4, 0.1, 0.1"/></bsdf>',
+    ),
+    "mixture of more than all": (
+        '<bsdf type="mixturebsdf"><string name="weights" value="3 1"/><bsdf type="diffuse">'
+        '<rgb name="reflectance" value="0.8, 0, 0"/></bsdf><bsdf type="diffuse"><rgb name="reflectance" '
+        'value="0, 0.4, 0"/></bsdf></bsdf>',
+        '<bsdf type="diffuse"><rgb name="reflectance" value="0.6, 0.1, 0"/></bsdf>',
+    ),
+    "mixture of one": (
+        '<bsdf type="mixturebsdf"><string name="weights" value="0.5"/><bsdf type="diffuse"/></bsdf>',
+        '<bsdf type="diffuse"><rgb name="reflectance" value="0.25"/></bsdf>',
+    ),
+}  # fmt: skip
+
+
+ALIKE |= {
+    f"normal map, {name}": (
+        f'<bsdf type="normalmap">{former}<bsdf type="diffuse"/></bsdf>',
+        '<bsdf type="normalmap"><texture type="bitmap" name="normalmap"><boolean name="raw" value="true"/>'
+        '<string name="filename" value="../bumps.png"/></texture><bsdf type="diffuse"/></bsdf>',
+    )
+    for name, former in {
+        "its image alone": '<string name="filename" value="bumps.png"/>',
+        "its texture without a name": '<texture type="bitmap"><string name="filename" value="bumps.png"/></texture>',
+    }.items()
+}
+
+
+@pytest.mark.parametrize("case", ALIKE)
+def test_materials_with_other_names_are_the_same(tmp_path: Path, case: str) -> None:
+    former, now = ALIKE[case]
+    Image.fromarray(np.full((4, 4, 3), (180, 100, 230), np.uint8)).save(tmp_path / "bumps.png")
+    directions = [0.3, -0.2, 0.9], [-0.4, 0.3, 0.8]
+    (tmp_path / "now").mkdir()
+    expected = reflected(scene_file(tmp_path / "now", now, "3.0.0"), *directions)
+    path = scene_file(tmp_path, former)
+    np.testing.assert_allclose(reflected(path, *directions), expected, rtol=1e-5, atol=1e-8)
+    assert told_of(path) == []
+
+
+WITH_VALUES = {
+    "phong": (
+        '<bsdf type="phong"><float name="exponent" value="$n"/><spectrum name="diffuseReflectance" value="0.3"/>'
+        '<spectrum name="specularReflectance" value="0.1"/></bsdf>',
+        "'phong' are taken as 'principled', with highlights of the same width and strength from straight ahead",
+    ),
+    "phong of metal": (
+        '<bsdf type="phong"><float name="exponent" value="$n"/><rgb name="diffuseReflectance" value="0"/>'
+        '<rgb name="specularReflectance" value="0.1"/></bsdf>',
+        "'phong' are taken as 'roughconductor', with highlights of the same width",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WITH_VALUES)
+def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) -> None:
+    """Against the model itself, (n + 2) / 2 pi cos^n around the mirrored direction."""
+    material, told = WITH_VALUES[case]
+    exponent, diffuse = 200, 0.3 if "metal" not in case else 0.0
+    path = scene_file(tmp_path, material, other=f'<default name="n" value="{exponent}"/>')
+    (line,) = told_of(path)
+    assert told in line
+    across = [0.0, 0.05, 0.1]
+    found = np.array([reflected(path, [0, 0, 1], [np.sin(a), 0, np.cos(a)])[0] / np.cos(a) for a in across])
+    lobe = 0.1 * (exponent + 2) / (2 * np.pi) * np.cos(across) ** exponent
+    # The lobe is GGX in a principled material: it falls a little faster, and has longer tails.
+    np.testing.assert_allclose(found, diffuse / np.pi + lobe, rtol=0.3)
+    np.testing.assert_allclose(found[0], diffuse / np.pi + lobe[0], rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("material", "told"),
+    [
+        (
+            '<bsdf type="ward"><float name="alphaU" value="0.1"/><float name="alphaV" value="0.3"/></bsdf>',
+            "which are stronger aslant, and as wide along as across",
+        ),
+        (
+            '<bsdf type="ward"><rgb name="specularReflectance" value="0.3, 0.1, 0"/></bsdf>',
+            "with highlights without colour of the same width",
+        ),
+        ('<bsdf type="phong"><rgb name="specularReflectance" value="0"/></bsdf>', "the same without highlights"),
+        ('<bsdf type="roughdiffuse"><float name="alpha" value="0.5"/></bsdf>', "up to 16 % brighter"),
+        ('<bsdf type="roughplastic"><string name="distribution" value="as"/></bsdf>', "in place of Phong's"),
+        ('<bsdf type="roughconductor"><string name="distribution" value="phong"/></bsdf>', "in place of Phong's"),
+        ('<bsdf type="disneybsdf"><float name="subsurface" value="1"/></bsdf>', "by the same model"),
+        ('<bsdf type="disneybsdf"><float name="specularTransmission" value="1"/></bsdf>', "by their index"),
+        ('<bsdf type="disneydiffuse"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
+        ('<bsdf type="disneymetal"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
+        ('<bsdf type="disneyglass"><float name="eta" value="1.4"/></bsdf>', "whose reflections have no colour"),
+    ],
+)  # fmt: skip
+def test_what_differs_is_told(tmp_path: Path, material: str, told: str) -> None:
+    (line,) = told_of(scene_file(tmp_path, material, "2.0.0" if "disney" in material else "0.6.0"))
+    assert told in line
+
+
+def test_disney_highlights_follow_both_numbers(tmp_path: Path) -> None:
+    """F0 is ``specular`` times that of the index: 0.5 x 0.04 is that of a ``specular`` of 0.25."""
+    directions = [0, 0, 1], [0, 0.1, 1]
+    (tmp_path / "now").mkdir()
+    now = '<bsdf type="principled"><float name="specular" value="0.25"/><float name="roughness" value="0.3"/></bsdf>'
+    expected = reflected(scene_file(tmp_path / "now", now, "3.0.0"), *directions)
+    former = '<bsdf type="disneybsdf"><float name="roughness" value="0.3"/></bsdf>'
+    np.testing.assert_allclose(reflected(scene_file(tmp_path, former, "3.0.0"), *directions), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "material",
+    [
+        '<bsdf type="hk"/>',
+        '<bsdf type="phong"><texture name="specularReflectance" type="checkerboard"/></bsdf>',
+        '<bsdf type="phong"><texture name="exponent" type="checkerboard"/></bsdf>',
+        '<bsdf type="ward"><texture name="alpha" type="checkerboard"/></bsdf>',
+        '<bsdf type="coating"><bsdf type="roughconductor"/></bsdf>',
+        '<bsdf type="coating"><rgb name="sigmaA" value="0.1 0.2 0.3"/><bsdf type="diffuse"/></bsdf>',
+        MIXTURE.format("1"),
+        MIXTURE.format("nan 1"),
+        '<bsdf type="disneyglass"><float name="eta" value="0.9"/></bsdf>',
+    ],
+)  # fmt: skip
+def test_others_are_refused_or_grey_if_the_user_wants(tmp_path: Path, material: str) -> None:
+    path = scene_file(tmp_path, '<ref id="paint"/>', other=material.replace("<bsdf", '<bsdf id="paint"', 1))
+    with pytest.raises(ValueError, match=r"(?s)scene.xml \(line 3\).* not found!; --grey-unknown .* as grey"):
+        davis_rs.load_scene(path)
+    kind = re.findall('type="([^"]*)', material)[0]
+    told = f"its material 'paint' ('{kind}', which is not known) is taken as grey"
+    assert told_of(path, grey_unknown=True) == [told]
+    with pytest.warns(SceneFileWarning):
+        scene = davis_rs.load_scene(path, grey_unknown=True)
+    assert scene.lost_looks == (LostLook(UNKNOWN, ("'paint'",), ("square",)),)
+    with variant(SCALAR) as (mi, _):
+        bsdf = load_scene_source(scene.source(), mi).shapes()[0].bsdf()
+        assert float(np.ravel(mi.traverse(bsdf)["reflectance.value"])[0]) == 0.5
+
+
+def test_shapes_with_grey_are_known(tmp_path: Path) -> None:
+    """Also those without an id, and with materials within others."""
+    other = """<bsdf type="hk" id="skin"/><bsdf type="twosided" id="both"><ref id="skin"/></bsdf>
+        <shape type="sphere"><ref id="both"/></shape><shape type="sphere" id="plain"/>
+        <shape type="sphere" id="masked"><bsdf type="mask"><bsdf type="irawan"/></bsdf></shape>"""
+    path = scene_file(tmp_path, '<ref id="both"/>', other=other)
+    with pytest.warns(SceneFileWarning):
+        looks = davis_rs.load_scene(path, grey_unknown=True).lost_looks
+    assert [(look.of, look.shapes) for look in looks] == [
+        (("'skin'",), ("shape_0", "square")),
+        (("in line 5",), ("masked",)),
+    ]
+
+
+def test_grey_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = scene_file(tmp_path, '<bsdf type="hk"/>')
+    run = ["simulate", str(path), "--camera", "ideal", "-o", str(tmp_path / "out"), "--grey-unknown"]
+    assert main(["simulate", "three_planes", *run[2:]]) != 0
+    assert "--grey-unknown is for a Mitsuba XML file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("coefficient", ["0.5, 1, 2", "2"])
+def test_media_by_what_they_absorb_and_scatter(tmp_path: Path, coefficient: str) -> None:
+    kind = "rgb" if "," in coefficient else "float"
+    medium = f"""<medium name="interior" type="homogeneous"><{kind} name="sigmaA" value="{coefficient}"/>
+        <rgb name="sigmaS" value="0.5, 3, 0"/><float name="scale" value="2"/></medium>"""
+    path = scene_file(tmp_path, medium)
+    with variant(SCALAR) as (mi, _):
+        inside = load_scene_source(path, mi).shapes()[0].interior_medium()
+        hit = mi.MediumInteraction3f()
+        scattered, _, extinct = (np.array(each) for each in inside.get_scattering_coefficients(hit))
+    absorbed = np.array([float(word) for word in coefficient.split(",")])
+    np.testing.assert_allclose(extinct, 2 * (absorbed + np.array([0.5, 3, 0])), rtol=1e-3)
+    np.testing.assert_allclose(scattered, [1, 6, 0], rtol=1e-3, atol=1e-3)
+
+
+def test_media_from_place_to_place_by_their_density(tmp_path: Path) -> None:
+    medium = """<medium name="interior" type="heterogeneous"><string name="method" value="woodcock"/>
+        <volume name="density" type="constvolume"><float name="value" value="0.5"/></volume></medium>"""
+    assert told_of(scene_file(tmp_path, medium)) == []
+
+
+def test_names_are_read_as_they_are_now() -> None:
+    for former, now in {
+        "intIOR": "int_ior",
+        "toWorld": "to_world",
+        "rr_depth": "rr_depth",
+        "uvScale": "uv_scale",
+    }.items():
+        assert Element("float", {"name": former}, Path(), 1).name == now
