@@ -15,10 +15,13 @@ from davis_rs.scene.default_motion import with_default_motion
 from davis_rs.scene.default_paths import CAMERA, Turn, around, sway, within
 from davis_rs.scene.files.default_view import DefaultView, default_view
 from davis_rs.scene.files.mesh_scene import usual_light
+from davis_rs.scene.files.rooms import VoxelGrid
 from davis_rs.scene.files.sight import Sight
+from davis_rs.scene.files.subject import Surfaces
 from davis_rs.scene.load import load_scene
 
 SIDES = list(itertools.product(range(3), (-1, 1)))
+SIDES_BUT_TOP = tuple(side for side in SIDES if side != (2, 1))
 SIDES_BUT_FRONT = tuple(side for side in SIDES if side != (1, -1))
 
 
@@ -53,7 +56,10 @@ def test_a_room_is_seen_from_within(without: tuple[tuple[int, int], ...]) -> Non
     assert view.room.free_m > 0.6
     radius = min(0.5, view.room.free_m / 2)
     assert np.allclose(np.linalg.norm(positions - view.room.centre, axis=1), radius)
-    # Out of reach of the table.
+    # No place stands on the table.
+    surfaces = Surfaces.of(room)
+    assert all(1.4 < place.centre[2] < 1.8 for place in VoxelGrid.of(surfaces).places(surfaces))
+    # The camera is out of its reach.
     assert np.linalg.norm(positions[:, :2] - [0.7, 0.6], axis=1).min() > 0.7
 
 
@@ -197,8 +203,8 @@ def test_blades_and_wings_are_no_ground() -> None:
     """A flat surface that lies high, or goes on to two sides alone, belongs to what is looked at."""
     body = np.concatenate([box([-1, -0.2 * k, 0], [1, 0.2 * k, 1.0 + 0.1 * k], inward=False) for k in range(1, 6)])
     for flat in (
-        box([-4, -4, 1.6], [4, 4, 1.62], inward=False),
-        box([-0.3, -6, 0.1], [0.3, 6, 0.12], inward=False),
+        box([-4, -4, 1.5], [4, 4, 1.6], inward=False, without=SIDES_BUT_TOP),
+        box([-0.3, -6, 0.0], [0.3, 6, 0.1], inward=False, without=SIDES_BUT_TOP),
     ):
         world = np.concatenate([body, flat])
         view = default_view(world)

@@ -88,7 +88,7 @@ class Surfaces(NamedTuple):
         for _ in range(_AROUND_CELLS):
             stands = _with_next(stands)
         shown = within.copy()
-        shown[within] = stands[tuple(place[within].T)]
+        shown[within] = (stands | _between(stands))[tuple(place[within].T)]
         if _reach(self.points) < _WIDE * _reach(self.points[shown]) or not self._lies_around(shown):
             return everything
         return shown
@@ -121,6 +121,16 @@ def _with_next(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     padded = np.pad(cells, 1)
     rows = padded[:-2] | padded[1:-1] | padded[2:]
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+
+
+def _between(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return which cells of a map lie between marked ones along both of its axes, such as the middle of a roof."""
+    sides = [
+        np.flip(np.logical_or.accumulate(np.flip(cells, flipped), axis), flipped)
+        for axis in (0, 1)
+        for flipped in ((), axis)
+    ]
+    return np.asarray(np.logical_and.reduce(sides))
 
 
 def _reach(points: FloatArray) -> float:
