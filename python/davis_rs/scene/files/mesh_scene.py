@@ -50,8 +50,9 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     of an OBJ file blend by ``d``, ``Tr`` and ``map_d``, and emit ``Ke`` or ``map_Ke``. A shape's id is ``mesh``, or
     ``mesh_MATERIAL`` where faces use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30
     degrees above its middle, so near that the mesh fills 90 % of the image's width or height at most. Surfaces that
-    lie far off do not decide. The sun stands behind the camera's start, to its left and above. In a room the camera
-    turns once in 10 s at eye height, where there is most space, and a lamp hangs above it in place of the sun.
+    lie far off and wide flat ground do not decide. The sun stands behind the camera's start, to its left and above. In
+    a room the camera turns for 10 s at eye height, where there is most to see, and a lamp hangs above it in place of
+    the sun.
 
     Args:
         up: the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY, as Blender exports them.

@@ -49,8 +49,8 @@ _NARROW = 0.25
 """Where less than this fraction of the eye's height is free around it, the camera stands at any height."""
 _FREE_ENOUGH = 0.4
 """The camera may stand where the free distance is at least this fraction of the largest one."""
-_MOST_PLACES = 8
-"""So many places at one height are compared."""
+_MOST_PLACES = 12
+"""So many places are compared, as many at each height."""
 
 
 class Place(NamedTuple):
@@ -136,7 +136,8 @@ class VoxelGrid:
             steps = int(eye / self.cell)
             # The floor next to a table, not its top.
             above_floor = cells[:, 2] - minimum_filter(floor, 2 * steps + 1)[tuple(cells[:, :2].T)]
-            places += self._at(cells[above_floor == steps], eye, height_m)
+            most = _MOST_PLACES // len(eyes)
+            places += self._at(cells[above_floor == steps], eye, height_m)[:most]
         if max((place.free_m for place in places), default=0.0) >= _NARROW * min(eyes):
             return places
         return self._freest(cells, height_m)
