@@ -199,6 +199,18 @@ def test_a_wide_plane_does_not_decide() -> None:
         assert spread(world[12:], view, t).max() > 0.6
 
 
+def test_what_stands_on_a_plane_is_seen_whole() -> None:
+    """A thin part that sticks out of it, too; a post far off does not count."""
+    plane = box([-60, -60, -1], [60, 60, 0], inward=False)
+    tower = [box([i, k, 0], [i + 0.9, k + 0.9, 3.0], inward=False) for i, k in itertools.product(range(7), range(7))]
+    beam = box([6.9, 3.0, 1.0], [10, 3.02, 1.02], inward=False)
+    post = box([50.0, 50, 0], [50.1, 50.1, 1], inward=False, without=SIDES_BUT_FRONT)
+    subject = np.concatenate([*tower, beam])
+    view = default_view(np.concatenate([plane, subject, post]))
+    for t in (0.0, 3.0, 6.0):
+        assert spread(subject, view, t).max() > 0.5
+
+
 def test_blades_and_wings_are_no_ground() -> None:
     """A flat surface that lies high, or goes on to two sides alone, belongs to what is looked at."""
     body = np.concatenate([box([-1, -0.2 * k, 0], [1, 0.2 * k, 1.0 + 0.1 * k], inward=False) for k in range(1, 6)])

@@ -23,7 +23,10 @@ side."""
 _FEW = 0.002
 """Fraction of the points that must be on things that stand, so that these decide."""
 _AROUND, _AROUND_CELLS = 1 / 32, 2
-"""Ground is shown so many cells around what stands, of this fraction of its longest side."""
+"""Ground is shown so many cells around what stands, of this fraction of its longest side. What stands farther off than
+twice that is stray."""
+_MOST_CELLS = 2000
+"""Along the world's longest side there are no more cells."""
 _WIDE = 1.1
 """Ground that is wider than all that by less than this factor is shown whole."""
 
@@ -72,23 +75,26 @@ class Surfaces(NamedTuple):
 
     def with_little_ground(self) -> npt.NDArray[np.bool_]:
         """Return which points are left without wide flat ground around what stands on it; all where there is none."""
+        from scipy.ndimage import label
+
         low, high = self.points.min(0), self.points.max(0)
         side, everything = float((high - low)[:2].max()), np.ones(len(self.points), np.bool_)
         things = self._things(low, side)
         if np.count_nonzero(things) < _FEW * len(things):
             return everything
         first, last = np.quantile(self.points[things, :2], [_STRAY, 1 - _STRAY], axis=0)
-        cell = _AROUND * float((last - first).max()) or 1.0
-        place = np.floor((self.points[:, :2] - first) / cell).astype(int) + _AROUND_CELLS
-        cells = np.ceil((last - first) / cell).astype(int) + 2 * _AROUND_CELLS
-        within = np.all((place >= 0) & (place < cells), axis=1)
-        inner = np.all((self.points[:, :2] >= first) & (self.points[:, :2] <= last), axis=1)
-        stands = np.zeros(cells, np.bool_)
-        stands[tuple(place[things & inner].T)] = True
+        cell = max(_AROUND * float((last - first).max()), side / _MOST_CELLS) or 1.0
+        place = tuple((np.floor((self.points[:, :2] - low[:2]) / cell).astype(int) + _AROUND_CELLS).T)
+        inner = things & np.all((self.points[:, :2] >= first) & (self.points[:, :2] <= last), axis=1)
+        stands = np.zeros(np.max(place, axis=1) + 1 + _AROUND_CELLS, np.bool_)
+        stands[tuple(along[things] for along in place)] = True
         for _ in range(_AROUND_CELLS):
             stands = _with_next(stands)
-        shown = within.copy()
-        shown[within] = (stands | _between(stands))[tuple(place[within].T)]
+        names, count = label(stands)
+        connected = np.zeros(count + 1, np.bool_)
+        connected[names[tuple(along[inner] for along in place)]] = True
+        stands = connected[names]
+        shown = (stands | _between(stands))[place]
         if _reach(self.points) < _WIDE * _reach(self.points[shown]) or not self._lies_around(shown):
             return everything
         return shown
@@ -104,12 +110,14 @@ class Surfaces(NamedTuple):
         return int(np.count_nonzero(sides > _SIDE * float((high - low).max()))) >= _SIDES
 
     def _things(self, low: FloatArray, side: float) -> npt.NDArray[np.bool_]:
-        """Return which points are on steep surfaces above the ground, the lowest flat surface next to them."""
+        """Return which points are on steep surfaces above the ground: the lowest flat surface next to them of those that
+        are seen from above."""
         steep = np.abs(self.normals[:, 2]) < _STEEP
         cell = side / _MAP or 1.0
         column = np.floor((self.points[:, :2] - low[:2]) / cell).astype(int).clip(0, _MAP - 1)
-        ground = np.full((_MAP + 2, _MAP + 2), np.inf)
-        np.minimum.at(ground, tuple(column[~steep].T + 1), self.points[~steep, 2])
+        ground = np.full((_MAP + 2, _MAP + 2), -np.inf)
+        np.maximum.at(ground, tuple(column[~steep].T + 1), self.points[~steep, 2])
+        ground[np.isinf(ground)] = np.inf
         rows = np.minimum(np.minimum(ground[:-2], ground[1:-1]), ground[2:])
         lowest = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
         lowest[np.isinf(lowest)] = -np.inf
