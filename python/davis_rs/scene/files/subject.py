@@ -110,8 +110,8 @@ class Surfaces(NamedTuple):
         return int(np.count_nonzero(sides > _SIDE * float((high - low).max()))) >= _SIDES
 
     def _things(self, low: FloatArray, side: float) -> npt.NDArray[np.bool_]:
-        """Return which points are on steep surfaces above the ground: the lowest flat surface next to them of those that
-        are seen from above."""
+        """Return which points are on steep surfaces above the ground: next to them, the lowest flat surface of those
+        that are seen from above."""
         steep = np.abs(self.normals[:, 2]) < _STEEP
         cell = side / _MAP or 1.0
         column = np.floor((self.points[:, :2] - low[:2]) / cell).astype(int).clip(0, _MAP - 1)
