@@ -12,12 +12,17 @@ import davis_rs
 from davis_rs.cli import main
 from davis_rs.geometry.pose import FloatArray
 from davis_rs.scene.default_motion import with_default_motion
-from davis_rs.scene.default_paths import CAMERA, around, sway, within
-from davis_rs.scene.files.default_view import default_view
+from davis_rs.scene.default_paths import CAMERA, Turn, around, sway, within
+from davis_rs.scene.files.default_view import DefaultView, default_view
 from davis_rs.scene.files.mesh_scene import usual_light
+from davis_rs.scene.files.rooms import VoxelGrid
+from davis_rs.scene.files.sight import Sight
+from davis_rs.scene.files.subject import Surfaces
 from davis_rs.scene.load import load_scene
 
 SIDES = list(itertools.product(range(3), (-1, 1)))
+SIDES_BUT_TOP = tuple(side for side in SIDES if side != (2, 1))
+SIDES_BUT_FRONT = tuple(side for side in SIDES if side != (1, -1))
 
 
 def box(low: list[float], high: list[float], *, inward: bool, without: tuple[tuple[int, int], ...] = ()) -> FloatArray:
@@ -44,13 +49,17 @@ ROOM = np.concatenate([box([0, 0, 0], [5, 4, 2.6], inward=True), box([0.2, 0.2, 
 def test_a_room_is_seen_from_within(without: tuple[tuple[int, int], ...]) -> None:
     room = np.concatenate([box([0, 0, 0], [5, 4, 2.6], inward=True, without=without), ROOM[12:]])
     view = default_view(room)
-    assert view.room_centre is not None
+    assert view.room is not None
     positions = view.trajectory.positions(np.linspace(0, view.trajectory.duration_s, 50))
     assert (positions > [0.3, 0.3, 1.4]).all()
     assert (positions < [4.7, 3.7, 1.8]).all()
-    assert view.room_radius > 0.8
-    assert np.allclose(np.linalg.norm(positions - view.room_centre, axis=1), 0.5)
-    # Around its free middle, out of reach of the table.
+    assert view.room.free_m > 0.6
+    radius = min(0.5, view.room.free_m / 2)
+    assert np.allclose(np.linalg.norm(positions - view.room.centre, axis=1), radius)
+    # No place stands on the table.
+    surfaces = Surfaces.of(room)
+    assert all(1.4 < place.centre[2] < 1.8 for place in VoxelGrid.of(surfaces).places(surfaces))
+    # The camera is out of its reach.
     assert np.linalg.norm(positions[:, :2] - [0.7, 0.6], axis=1).min() > 0.7
 
 
@@ -58,14 +67,14 @@ def test_a_room_is_seen_from_within(without: tuple[tuple[int, int], ...]) -> Non
 def test_the_lamp_of_a_room_hangs_in_it(width: float, height: float) -> None:
     """Half-way to the ceiling or to the nearest wall: a wide and low room is not lit from above its ceiling."""
     view = default_view(box([0, 0, 0], [width, width, height], inward=True))
-    assert view.room_centre is not None
+    assert view.room is not None
     cell = width / 20
-    assert view.room_above == pytest.approx(height - view.room_centre[2], abs=cell)
+    assert view.room.above_m == pytest.approx(height - view.room.centre[2], abs=cell)
     lamp = usual_light(view)["lamp"]["position"]
-    np.testing.assert_allclose(lamp[:2], view.room_centre[:2])
-    expected = min(view.room_radius, view.room_above) / 2
-    assert lamp[2] - view.room_centre[2] == pytest.approx(expected)
-    assert view.room_centre[2] < lamp[2] < height
+    np.testing.assert_allclose(lamp[:2], view.room.centre[:2])
+    expected = min(view.room.free_m, view.room.above_m) / 2
+    assert lamp[2] - view.room.centre[2] == pytest.approx(expected)
+    assert view.room.centre[2] < lamp[2] < height
 
 
 def test_it_looks_to_where_there_is_most_to_see() -> None:
@@ -79,7 +88,7 @@ def test_it_looks_to_where_there_is_most_to_see() -> None:
 
 def test_walls_may_have_two_sides() -> None:
     walls = np.concatenate([box([0, 0, 0], [5, 4, 2.6], inward=inward) for inward in (True, False)])
-    assert default_view(walls).room_centre is not None
+    assert default_view(walls).room is not None
 
 
 def test_the_largest_of_two_rooms_is_taken() -> None:
@@ -87,11 +96,11 @@ def test_the_largest_of_two_rooms_is_taken() -> None:
     closet = box([0, 0, 0], [1.2, 1.2, 2.6], inward=True)
     for hall in (box([1.3, 0, 0], [6, 4, 2.6], inward=True), box([-6, 0, 0], [-0.1, 0.9, 2.6], inward=True)):
         view = default_view(np.concatenate([closet, hall]))
-        assert view.room_centre is not None
-        assert (view.room_centre > hall.reshape(-1, 3).min(0)).all()
-        assert (view.room_centre < hall.reshape(-1, 3).max(0)).all()
-        radius = np.linalg.norm(view.trajectory.pose(0.0).position - view.room_centre)
-        assert radius == pytest.approx(min(0.5, view.room_radius / 2))
+        assert view.room is not None
+        assert (view.room.centre > hall.reshape(-1, 3).min(0)).all()
+        assert (view.room.centre < hall.reshape(-1, 3).max(0)).all()
+        radius = np.linalg.norm(view.trajectory.pose(0.0).position - view.room.centre)
+        assert radius == pytest.approx(min(0.5, view.room.free_m / 2))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +115,7 @@ def test_the_largest_of_two_rooms_is_taken() -> None:
 )
 def test_what_is_no_room_is_seen_from_around(world: FloatArray) -> None:
     view = default_view(world)
-    assert view.room_centre is None
+    assert view.room is None
     assert view.note == "one that goes around"
     times = np.linspace(0, 10, 7)
     assert np.allclose(view.trajectory.positions(times), around(world.reshape(-1, 3)).positions(times))
@@ -141,20 +150,190 @@ def test_what_lies_far_off_does_not_decide() -> None:
 
 
 def test_an_unusual_size_is_asked_about() -> None:
-    view = default_view(ROOM * 1000)
-    assert "is the file in millimetres? then give it 0.001 m to a unit, --scale" in view.unit_question(
-        np.array([5000.0, 4000.0, 2600.0])
-    )
-    assert "centimetres? then give it 0.01" in view.unit_question(np.array([500.0, 400.0, 260.0]))
-    assert view.unit_question(np.array([5.0, 4.0, 2.6])) == ""
-    outside = default_view(box([0, 0, 0], [5, 4, 2.6], inward=False))
-    assert outside.unit_question(np.array([500.0, 400.0, 260.0])) == ""
+    """A room by its height, other worlds by what is looked at, and any by its name."""
+
+    def asked(world: FloatArray, name: str = "flat", scale: float = 1.0) -> str:
+        return default_view(world).unit_question(name, scale)
+
+    assert asked(ROOM * 1000) == " (5,000 m: is the file in millimetres? then give it 0.001 m to a unit, --scale)"
+    # A hall of 15 m in centimetres is no smaller than a room in millimetres.
+    assert "centimetres? then give it 0.01 m" in asked(ROOM * [300, 100, 100])
+    assert asked(ROOM) == ""
+    outside = box([0, 0, 0], [5, 4, 2.6], inward=False)
+    assert asked(outside * 100) == ""
+    assert "millimetres" in asked(outside * 1000)
+    assert asked(town_on_a_plane()) == ""
+    assert "its name says millimetres: is that its unit? then give it 0.001 m" in asked(outside, "bolt_M8-mm")
+    assert asked(outside, "bolt_mm", scale=0.001) == ""
+    assert asked(outside, "hammer") == ""
+
+
+def town_on_a_plane() -> FloatArray:
+    """Make 24 houses within 100 m, on a plane of 2 km, off its middle, that has low walls at its ends."""
+    random = np.random.default_rng(2)
+    plane = box([-1000, -1000, -2], [1000, 1000, 0], inward=False)
+    houses = []
+    for x, y in itertools.product(np.arange(6) * 18.0 - 300, np.arange(4) * 25.0 + 200):
+        x, y, height = np.array([x, y, 6]) + random.random(3) * [3, 3, 5]
+        houses.append(box([x, y, 0], [x + 9, y + 9, height], inward=False))
+    return np.concatenate([plane, *houses])
+
+
+def spread(world: FloatArray, view: DefaultView, t: float) -> FloatArray:
+    """Return the extents (2) of a world in the image, as fractions of its width and height."""
+    pose = view.trajectory.pose(t)
+    seen = (world.reshape(-1, 3) - pose.position) @ pose.rotation
+    assert (seen[:, 2] > 0).all()
+    place = seen[:, :2] / seen[:, 2:] * [CAMERA.fx, CAMERA.fy] / [CAMERA.width, CAMERA.height]
+    assert (np.abs(place) < 0.5).all()
+    return np.asarray(np.ptp(place, axis=0))
+
+
+def test_a_wide_plane_does_not_decide() -> None:
+    """The houses fill the image, and all of them stay in it."""
+    world = town_on_a_plane()
+    view = default_view(world)
+    assert view.room is None
+    assert "without the wide ground around it" in view.note
+    for t in (0.0, 3.0, 6.0):
+        assert spread(world[12:], view, t).max() > 0.6
+
+
+def test_what_stands_on_a_plane_is_seen_whole() -> None:
+    """A thin part that sticks out of it, too; a post far off does not count."""
+    plane = box([-60, -60, -1], [60, 60, 0], inward=False)
+    tower = [box([i, k, 0], [i + 0.9, k + 0.9, 3.0], inward=False) for i, k in itertools.product(range(7), range(7))]
+    beam = box([6.9, 3.0, 1.0], [10, 3.02, 1.02], inward=False)
+    post = box([50.0, 50, 0], [50.1, 50.1, 1], inward=False, without=SIDES_BUT_FRONT)
+    subject = np.concatenate([*tower, beam])
+    view = default_view(np.concatenate([plane, subject, post]))
+    for t in (0.0, 3.0, 6.0):
+        assert spread(subject, view, t).max() > 0.5
+
+
+def test_blades_and_wings_are_no_ground() -> None:
+    """A flat surface that lies high, or goes on to two sides alone, belongs to what is looked at."""
+    body = np.concatenate([box([-1, -0.2 * k, 0], [1, 0.2 * k, 1.0 + 0.1 * k], inward=False) for k in range(1, 6)])
+    for flat in (
+        box([-4, -4, 1.5], [4, 4, 1.6], inward=False, without=SIDES_BUT_TOP),
+        box([-0.3, -6, 0.0], [0.3, 6, 0.1], inward=False, without=SIDES_BUT_TOP),
+    ):
+        world = np.concatenate([body, flat])
+        view = default_view(world)
+        assert view.note == "one that goes around"
+        spread(world, view, 1.0)
+
+
+def test_corridors_are_rooms() -> None:
+    """Those that fill little of the space around them, with a ceiling: a ring and a shaft."""
+    corridors = [
+        box([0, 0, 0], [40, 2.5, 3], inward=True, without=((0, -1), (0, 1))),
+        box([0, 37.5, 0], [40, 40, 3], inward=True, without=((0, -1), (0, 1))),
+        box([-2.5, 0, 0], [0, 40, 3], inward=True, without=((0, 1),)),
+        box([40, 0, 0], [42.5, 40, 3], inward=True, without=((0, -1),)),
+        box([-2.5, 0, 3], [0, 2.5, 30], inward=True, without=((2, -1),)),
+    ]
+    view = default_view(np.concatenate(corridors))
+    assert view.room is not None
+    assert 0.5 < view.room.centre[2] < 29
+
+
+def test_valleys_are_no_rooms() -> None:
+    x, y = np.meshgrid(np.linspace(0, 60, 41), np.linspace(0, 60, 41), indexing="ij")
+    points = np.stack([x, y, 4 * np.sin(x / 3) * np.sin(y / 3)], -1)
+    first = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:]], 2).reshape(-1, 3, 3)
+    second = np.stack([points[:-1, :-1], points[1:, 1:], points[:-1, 1:]], 2).reshape(-1, 3, 3)
+    assert default_view(np.concatenate([first, second])).room is None
+
+
+def test_a_thin_thing_is_seen_from_its_broad_side_first() -> None:
+    """One that shows nearly as much from its front is seen from there, as files usually face."""
+    sheet = box([0, 0, 0], [0.02, 3, 2], inward=False)
+    assert abs(default_view(sheet).trajectory.pose(0.0).rotation[0, 2]) > 0.7
+    assert default_view(box([0, 0, 0], [2, 3, 2], inward=False)).start_rad == 0.0
+
+
+def shelf(x: float, y: float) -> FloatArray:
+    """Make a shelf of 12 boxes along x, that faces -y."""
+    boxes = [
+        box([x + 0.4 * i, y, 0.5 * k], [x + 0.3 + 0.4 * i, y + 0.3, 0.3 + 0.5 * k], inward=False)
+        for i, k in itertools.product(range(4), range(3))
+    ]
+    return np.concatenate(boxes)
+
+
+def test_a_room_is_seen_where_there_is_something_to_see() -> None:
+    """The longest free way ends at a bare wall; a shelf stands at a side, and the camera keeps it in view."""
+    room = np.concatenate([box([0, 0, 0], [10, 5, 2.6], inward=True), shelf(1.5, 4.6)])
+    view = default_view(room)
+    assert view.room is not None
+    for t in np.linspace(0, view.trajectory.duration_s, 9):
+        pose = view.trajectory.pose(t)
+        seen = (shelf(1.5, 4.6).reshape(-1, 3) - pose.position) @ pose.rotation
+        inside = (seen[:, 2] > 0) & (np.abs(seen[:, 0] / seen[:, 2]) < CAMERA.width / 2 / CAMERA.fx)
+        assert inside.any()
+        assert inside.mean() > 0.5 or t > 0
+
+
+def test_a_room_full_of_things_has_a_place_at_another_height() -> None:
+    """Posts leave no free place at the eye's height; above them there is one."""
+    posts = [
+        box([x, y, 0], [x + 0.2, y + 0.2, 2.0], inward=False)
+        for x, y in itertools.product(np.arange(0.2, 4.8, 0.6), np.arange(0.2, 3.8, 0.6))
+    ]
+    view = default_view(np.concatenate([box([0, 0, 0], [5, 4, 4.0], inward=True), *posts]))
+    assert view.room is not None
+    assert view.room.centre[2] > 2.2
+
+
+def test_an_edge_between_two_shapes_is_something_to_see() -> None:
+    """Pictures on a wall, which have no depth."""
+    room = box([0, 0, 0], [6, 6, 2.6], inward=True)
+    pictures = [
+        box([1 + 0.8 * i, 5.999, 1.0], [1.5 + 0.8 * i, 6, 1.8], inward=False, without=SIDES_BUT_FRONT) for i in range(5)
+    ]
+    corners = np.concatenate([room, *pictures])
+    view = default_view(corners, np.repeat([0, 1], [len(room), len(corners) - len(room)]))
+    assert view.trajectory.pose(0.0).rotation[1, 2] > 0.8
+
+
+def test_the_back_of_one_sided_surfaces_is_seen_through() -> None:
+    """A shelf behind a sheet is something to see if the sheet turns its back."""
+    sheet = box([-1, 0, 0], [4, 0.01, 2], inward=True, without=SIDES_BUT_FRONT)
+    corners = np.concatenate([sheet, shelf(0, 1)])
+    ahead = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    two_sided, one_sided = np.zeros(len(corners), np.bool_), np.arange(len(corners)) < len(sheet)
+    seen = [
+        Sight(corners, np.zeros(len(corners), np.int64), flags).interest(np.array([[0.8, -2, 0.8]]), ahead[None])[0]
+        for flags in (two_sided, one_sided)
+    ]
+    assert seen[1] > 1.5 * seen[0]
+
+
+def test_many_triangles_are_taken_coarser_without_holes() -> None:
+    """A sphere of 320,000 triangles within a room is seen as one of 3,000."""
+    seen = []
+    for rows in (40, 400):
+        v, u = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, rows + 1), indexing="ij")
+        points = np.stack([np.sin(v) * np.cos(u), np.sin(v) * np.sin(u), np.cos(v)], -1)
+        corners = np.concatenate(
+            [
+                np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:]], 2).reshape(-1, 3, 3),
+                np.stack([points[:-1, :-1], points[1:, 1:], points[:-1, 1:]], 2).reshape(-1, 3, 3),
+            ]
+        )
+        sight = Sight(corners, np.zeros(len(corners), np.int64), np.zeros(len(corners), np.bool_))
+        pose = around(points.reshape(-1, 3)).pose(0.0)
+        seen.append(sight.interest(pose.position[None], pose.rotation[None])[0])
+    assert seen[1] == pytest.approx(seen[0], abs=0.03)
 
 
 def test_the_paths_move_as_their_derivatives_say() -> None:
     for path in (
         around(np.array([[1.0, 2, 3], [2.0, 4, 3.5]])),
-        within(np.array([1.0, 2, 3]), 0.6, 0.7),
+        around(np.array([[1.0, 2, 3], [2.0, 4, 3.5]]), 2.0),
+        within(np.array([1.0, 2, 3]), 0.6, Turn(0.7)),
+        within(np.array([1.0, 2, 3]), 0.6, Turn(0.7, (1.0, 0.3))),
         sway(load_scene("three_planes").path.pose(0.0), 2.0),
     ):
         t = np.linspace(0.1, path.duration_s - 0.1, 9)

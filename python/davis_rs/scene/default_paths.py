@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..geometry.camera import PRESETS
@@ -22,6 +24,8 @@ _FREE, _MOST_M = 0.5, 0.5
 """The circle's radius in a room: as a fraction of the free distance, and in metres at most."""
 _TILT_RAD = np.radians(10.0)
 """How far down the camera looks in a room, because things stand on the floor."""
+_LEAST_SWING_RAD, _OFF_MIDDLE = np.radians(25.0), 0.7
+"""A camera that swings goes at least so far to either side of its middle; it starts within this fraction of that."""
 _SWAY, _SWAY_S = 0.05, 2.0
 """The radius of the small motion as a fraction of the depth, and how long a round takes."""
 
@@ -32,16 +36,43 @@ def direction(angle_rad: float, elevation_rad: float = _ELEVATION_RAD) -> FloatA
     return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
 
 
-def around(points: FloatArray) -> CallableTrajectory:
+class Turn(NamedTuple):
+    """Says which way a camera looks on a circle, by angles from -y towards x.
+
+    Attributes:
+        start_rad: the first angle.
+        swing_rad: how far it goes to either side of it, back and forth: (less, more); None: once all around.
+    """
+
+    start_rad: float
+    swing_rad: tuple[float, float] | None = None
+
+    def angles(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the angles at times (n,) in seconds, and their rates (n,) in rad/s."""
+        rate = 2 * np.pi / _TURN_S
+        if self.swing_rad is None:
+            return self.start_rad + rate * t, np.full(len(t), rate)
+        half = max(sum(self.swing_rad) / 2, _LEAST_SWING_RAD)
+        # It starts where it looks best, but not at rest.
+        off = float(np.clip((self.swing_rad[0] - self.swing_rad[1]) / 2 / half, -_OFF_MIDDLE, _OFF_MIDDLE))
+        phase = np.arcsin(off) + rate * t
+        return self.start_rad + half * (np.sin(phase) - off), half * rate * np.cos(phase)
+
+
+def around(points: FloatArray, start_rad: float = 0.0) -> CallableTrajectory:
     """Make a path once around points (n, 3), so near that they just stay within the image.
 
     The camera looks at the point of the vertical axis through their middle from which it can be nearest.
+
+    Args:
+        start_rad: where the camera stands first, from -y towards x.
     """
     low, high = points.min(0), points.max(0)
     middle = (low + high) / 2
     heights = np.linspace(low[2], high[2], _HEIGHTS)
     targets = np.stack([np.array([middle[0], middle[1], height]) for height in heights])
-    distances = [_least_distance(points - target) for target in targets]
+    turned = [look_at(direction(angle), np.zeros(3)) for angle in np.linspace(0.0, 2 * np.pi, _LOOKS, endpoint=False)]
+    distances = [_least_distance(points - target, turned) for target in targets]
     best = int(np.argmin(distances))
     centre, distance = targets[best], distances[best]
     axes = look_at(direction(0.0), np.zeros(3))
@@ -49,49 +80,56 @@ def around(points: FloatArray) -> CallableTrajectory:
         centre,
         distance,
         _ELEVATION_RAD,
-        0.0,
+        Turn(start_rad),
         axes,
         {
             "path": "a circle around a mesh, looking at its middle",
             "centre_m": centre.tolist(),
             "distance_m": float(distance),
             "elevation_deg": float(np.degrees(_ELEVATION_RAD)),
+            "start_deg": float(np.degrees(start_rad)),
         },
     )
 
 
-def _least_distance(points: FloatArray) -> float:
-    """Return how near a camera may go around points (n, 3), which it looks at from around the origin."""
+def _least_distance(points: FloatArray, turned: list[FloatArray]) -> float:
+    """Return how near a camera may go around points (n, 3), which it looks at from around the origin.
+
+    Args:
+        turned: its axes (3, 3) where it looks from.
+    """
     distance = _OFF * float(np.linalg.norm(points, axis=1).max())
     # The depth that a point needs to lie within the image, by how far it is off its middle.
     depth_per_metre = 2 / _FILLED * np.array([CAMERA.fx / CAMERA.width, CAMERA.fy / CAMERA.height])
-    for angle in np.linspace(0.0, 2 * np.pi, _LOOKS, endpoint=False):
-        seen = points @ look_at(direction(angle), np.zeros(3))
+    for axes in turned:
+        seen = points @ axes
         distance = max(distance, float(((np.abs(seen[:, :2]) * depth_per_metre).max(1) - seen[:, 2]).max()))
     return distance
 
 
-def within(centre: FloatArray, free_m: float, start_rad: float) -> CallableTrajectory:
-    """Make a path once around a small level circle, looking out from its centre and 10 degrees down.
+def within(centre: FloatArray, free_m: float, turn: Turn) -> CallableTrajectory:
+    """Make a path on a small level circle, looking out from its centre and 10 degrees down.
 
     Args:
         centre: (3), metres.
         free_m: how far the nearest surface is.
-        start_rad: the direction of the first look, from -y towards x.
+        turn: the directions of the looks.
     """
     distance = min(_FREE * free_m, _MOST_M)
     axes = look_at(np.zeros(3), direction(0.0, -_TILT_RAD))
+    swing = {} if turn.swing_rad is None else {"swing_deg": np.degrees(turn.swing_rad).tolist()}
     return _circle(
         centre,
         distance,
         0.0,
-        start_rad,
+        turn,
         axes,
         {
             "path": "a level circle in a room, looking out and 10 degrees down",
             "centre_m": centre.tolist(),
             "distance_m": float(distance),
-            "start_deg": float(np.degrees(start_rad)),
+            "start_deg": float(np.degrees(turn.start_rad)),
+            **swing,
         },
     )
 
@@ -128,34 +166,31 @@ def _circle(
     centre: FloatArray,
     distance: float,
     elevation_rad: float,
-    start_rad: float,
+    turn: Turn,
     axes: FloatArray,
     description: dict[str, object],
 ) -> CallableTrajectory:
     """Make a path around a centre, with the camera's axes (3, 3) at the angle 0, turning with it."""
-    rate = 2 * np.pi / _TURN_S
     at_zero = Pose.from_matrix(np.block([[axes, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
 
-    def angles(t: FloatArray) -> FloatArray:
-        return start_rad + rate * t
-
     def positions(t: FloatArray) -> FloatArray:
-        return centre + distance * np.stack([direction(float(angle), elevation_rad) for angle in angles(t)])
+        return centre + distance * np.stack([direction(float(angle), elevation_rad) for angle in turn.angles(t)[0]])
 
     def velocities(t: FloatArray) -> FloatArray:
-        speed = rate * distance * np.cos(elevation_rad)
-        return speed * np.stack([np.cos(angles(t)), np.sin(angles(t)), 0 * t], 1)
+        angles, rates = turn.angles(t)
+        along = np.stack([np.cos(angles), np.sin(angles), 0 * t], 1)
+        return distance * np.cos(elevation_rad) * rates[:, None] * along
 
     def quaternions(t: FloatArray) -> FloatArray:
-        half = angles(t) / 2
-        turn = np.stack([0 * t, 0 * t, np.sin(half), np.cos(half)], 1)
-        return hamilton(turn, np.broadcast_to(at_zero.quaternion, turn.shape))
+        half = turn.angles(t)[0] / 2
+        turned = np.stack([0 * t, 0 * t, np.sin(half), np.cos(half)], 1)
+        return hamilton(turned, np.broadcast_to(at_zero.quaternion, turned.shape))
 
     return CallableTrajectory(
         duration_s=_TURN_S,
         position=positions,
         velocity=velocities,
         quaternion=quaternions,
-        angular_rate=lambda t: np.tile(rate * axes[2], (len(t), 1)),
+        angular_rate=lambda t: turn.angles(t)[1][:, None] * axes[2],
         description=description,
     )

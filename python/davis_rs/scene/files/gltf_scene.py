@@ -146,7 +146,12 @@ class _GltfScene:
         camera, start, trajectory, of_camera = self._camera()
         view = None
         if camera is None:
-            view = default_view(corners.reshape(-1, 3, 3))
+            counts = [len(part.corners) for part in shapes.values()]
+            view = default_view(
+                corners.reshape(-1, 3, 3),
+                np.repeat(np.arange(len(counts)), counts),
+                np.repeat([part.one_sided for part in shapes.values()], counts),
+            )
             camera, trajectory, of_camera = CAMERA, view.trajectory, of_camera.format(view.note)
         self.repairs.warn()
         for name in map(str, self.file.document.extensionsUsed or []):
@@ -155,7 +160,7 @@ class _GltfScene:
         described = lights or usual_light(view)
         x, y, z = (f"{side:.3g}" for side in high - low)
         size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
-        size += "" if view is None else view.unit_question(high - low)
+        size += "" if view is None else view.unit_question(self.file.path.stem, self.scale)
         shining = f"no lights, so a {' and a '.join(usual_light(view))}"
         if lights:
             shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"

@@ -50,8 +50,9 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     of an OBJ file blend by ``d``, ``Tr`` and ``map_d``, and emit ``Ke`` or ``map_Ke``. A shape's id is ``mesh``, or
     ``mesh_MATERIAL`` where faces use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30
     degrees above its middle, so near that the mesh fills 90 % of the image's width or height at most. Surfaces that
-    lie far off do not decide. The sun stands behind the camera's start, to its left and above. In a room the camera
-    turns once in 10 s at eye height, where there is most space, and a lamp hangs above it in place of the sun.
+    lie far off and wide flat ground do not decide. The sun stands behind the camera's start, to its left and above. In
+    a room the camera turns for 10 s at eye height, where there is most to see, and a lamp hangs above it in place of
+    the sun.
 
     Args:
         up: the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY, as Blender exports them.
@@ -73,7 +74,9 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     parts = [_in_world(part, up, scale) for part in READERS[suffix](path, Budget(path))]
     corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
     low, high = corners.min(0), corners.max(0)
-    view = default_view(corners.reshape(-1, 3, 3))
+    view = default_view(
+        corners.reshape(-1, 3, 3), np.repeat(np.arange(len(parts)), [len(part.corners) for part in parts])
+    )
     shapes = dict(zip(_shape_ids(parts), parts, strict=True))
     x, y, z = (f"{side:.3g}" for side in high - low)
     return Scene(
@@ -85,7 +88,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         trajectory=view.trajectory,
         soft_light=True,
         note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up"
-        f"{view.unit_question(high - low)}; the camera: {view.note}",
+        f"{view.unit_question(path.stem, scale)}; the camera: {view.note}",
         lost_looks=lost_looks(shapes),
     )
 
@@ -141,12 +144,12 @@ def usual_light(view: DefaultView | None) -> SceneDictionary:
         view: of a camera in the world that the file did not give; None where it did.
     """
     sky: SceneDictionary = {"type": "constant", "radiance": _SKY}
-    if view is not None and view.room_centre is not None:
-        above = _LAMP_ABOVE * min(view.room_radius, view.room_above)
-        position = view.room_centre + np.array([0.0, 0.0, above])
-        intensity = np.pi * _LAMP_LUMA * (2 * view.room_radius) ** 2
+    if view is not None and view.room is not None:
+        above = _LAMP_ABOVE * min(view.room.free_m, view.room.above_m)
+        position = view.room.centre + np.array([0.0, 0.0, above])
+        intensity = np.pi * _LAMP_LUMA * (2 * view.room.free_m) ** 2
         return {"lamp": {"type": "point", "position": position.tolist(), "intensity": float(intensity)}, "sky": sky}
-    right, down, forward = look_at(direction(0.0), np.zeros(3)).T
+    right, down, forward = look_at(direction(0.0 if view is None else view.start_rad), np.zeros(3)).T
     towards = (forward + 0.6 * down + 0.6 * right).tolist()
     return {"sun": {"type": "directional", "direction": towards, "irradiance": _SUN}, "sky": sky}
 

@@ -1,0 +1,147 @@
+"""Finds what a camera around a world should show: all of it but for surfaces that lie far off, and wide flat ground."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...geometry.pose import FloatArray
+
+_POINTS, _SEED = 400_000, 1
+_STRAY = 0.01
+"""Fraction of the points, at each end of each axis, that may lie far off without deciding what is looked at."""
+_FAR = 0.5
+"""Points farther out than this many times the extent of the others are stray."""
+
+_STEEP = 0.7
+"""A surface is steep where the vertical part of its normal is smaller."""
+_MAP, _ABOVE = 64, 0.001
+"""Cells of the ground's map along the world's longest side. Things stand higher above it than this fraction of the
+side."""
+_FEW = 0.002
+"""Fraction of the points that must be on things that stand, so that these decide."""
+_AROUND, _AROUND_CELLS = 1 / 32, 2
+"""Ground is shown so many cells around what stands, of this fraction of its longest side. What stands farther off than
+twice that is stray."""
+_MOST_CELLS = 2000
+"""Along the world's longest side there are no more cells."""
+_WIDE = 1.1
+"""Ground that is wider than all that by less than this factor is shown whole."""
+
+_MOST, _LOW = 0.9, 0.25
+"""So much of the ground must lie lower than this fraction of the height of what stands on it. Rotor blades do not, nor
+do hills."""
+_SIDE, _SIDES = 0.01, 3
+"""The ground must go on for this fraction of its width on so many sides. Wings go on to two sides."""
+
+
+class Surfaces(NamedTuple):
+    """Holds points on all surfaces of a world.
+
+    Attributes:
+        points: (n, 3), metres.
+        normals: (n, 3), unit vectors.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def of(cls, corners: FloatArray) -> Surfaces:
+        """Draw points on triangles (m, 3, 3): half by their areas and half by their number, so that small ones
+        count."""
+        random = np.random.Generator(np.random.PCG64(_SEED))
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        doubled = np.linalg.norm(normal, axis=1)
+        weight = np.cumsum(doubled + doubled.mean())
+        weight = weight if weight[-1] > 0 else np.arange(1.0, len(corners) + 1)
+        which = np.searchsorted(weight, random.random(_POINTS) * weight[-1]).clip(max=len(corners) - 1)
+        u, v = np.sqrt(random.random(_POINTS)), random.random(_POINTS)
+        barycentric = np.stack([1 - u, u * (1 - v), u * v], 1)
+        points = np.einsum("nk,nkc->nc", barycentric, corners[which])
+        return cls(points, normal[which] / np.maximum(doubled[which], 1e-300)[:, None])
+
+    def only(self, kept: npt.NDArray[np.bool_]) -> Surfaces:
+        """Return some of the points."""
+        return Surfaces(self.points[kept], self.normals[kept])
+
+    def near(self) -> npt.NDArray[np.bool_]:
+        """Return which points decide what is looked at: all but a few that lie far off."""
+        low, high = np.quantile(self.points, [_STRAY, 1 - _STRAY], axis=0)
+        margin = _FAR * float((high - low).max())
+        return np.all((self.points >= low - margin) & (self.points <= high + margin), axis=1)
+
+    def with_little_ground(self) -> npt.NDArray[np.bool_]:
+        """Return which points are left without wide flat ground around what stands on it; all where there is none."""
+        from scipy.ndimage import label
+
+        low, high = self.points.min(0), self.points.max(0)
+        side, everything = float((high - low)[:2].max()), np.ones(len(self.points), np.bool_)
+        things = self._things(low, side)
+        if np.count_nonzero(things) < _FEW * len(things):
+            return everything
+        first, last = np.quantile(self.points[things, :2], [_STRAY, 1 - _STRAY], axis=0)
+        cell = max(_AROUND * float((last - first).max()), side / _MOST_CELLS) or 1.0
+        place = tuple((np.floor((self.points[:, :2] - low[:2]) / cell).astype(int) + _AROUND_CELLS).T)
+        inner = things & np.all((self.points[:, :2] >= first) & (self.points[:, :2] <= last), axis=1)
+        stands = np.zeros(np.max(place, axis=1) + 1 + _AROUND_CELLS, np.bool_)
+        stands[tuple(along[things] for along in place)] = True
+        for _ in range(_AROUND_CELLS):
+            stands = _with_next(stands)
+        names, count = label(stands)
+        connected = np.zeros(count + 1, np.bool_)
+        connected[names[tuple(along[inner] for along in place)]] = True
+        stands = connected[names]
+        shown = (stands | _between(stands))[place]
+        if _reach(self.points) < _WIDE * _reach(self.points[shown]) or not self._lies_around(shown):
+            return everything
+        return shown
+
+    def _lies_around(self, shown: npt.NDArray[np.bool_]) -> bool:
+        """Return whether the other points are ground: low, and on three sides at least of those that are shown."""
+        bottom, top = np.quantile(self.points[shown, 2], [_STRAY, 1 - _STRAY])
+        if np.quantile(self.points[~shown, 2], _MOST) > bottom + _LOW * (top - bottom):
+            return False
+        flat = self.points[:, :2]
+        low, high, first, last = flat.min(0), flat.max(0), flat[shown].min(0), flat[shown].max(0)
+        sides = np.concatenate([first - low, high - last])
+        return int(np.count_nonzero(sides > _SIDE * float((high - low).max()))) >= _SIDES
+
+    def _things(self, low: FloatArray, side: float) -> npt.NDArray[np.bool_]:
+        """Return which points are on steep surfaces above the ground: next to them, the lowest flat surface of those
+        that are seen from above."""
+        steep = np.abs(self.normals[:, 2]) < _STEEP
+        cell = side / _MAP or 1.0
+        column = np.floor((self.points[:, :2] - low[:2]) / cell).astype(int).clip(0, _MAP - 1)
+        ground = np.full((_MAP + 2, _MAP + 2), -np.inf)
+        np.maximum.at(ground, tuple(column[~steep].T + 1), self.points[~steep, 2])
+        ground[np.isinf(ground)] = np.inf
+        rows = np.minimum(np.minimum(ground[:-2], ground[1:-1]), ground[2:])
+        lowest = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+        lowest[np.isinf(lowest)] = -np.inf
+        return steep & (self.points[:, 2] > lowest[tuple(column.T)] + _ABOVE * side)
+
+
+def _with_next(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return which cells of a map are marked, or lie next to one that is."""
+    padded = np.pad(cells, 1)
+    rows = padded[:-2] | padded[1:-1] | padded[2:]
+    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+
+
+def _between(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return which cells of a map lie between marked ones along both of its axes, such as the middle of a roof."""
+    sides = [
+        np.flip(np.logical_or.accumulate(np.flip(cells, flipped), axis), flipped)
+        for axis in (0, 1)
+        for flipped in ((), axis)
+    ]
+    return np.asarray(np.logical_and.reduce(sides))
+
+
+def _reach(points: FloatArray) -> float:
+    """Return how far points (n, 3) reach in the plane from the middle of their extent."""
+    flat = points[:, :2]
+    return float(np.linalg.norm(flat - (flat.min(0) + flat.max(0)) / 2, axis=1).max())
