@@ -235,6 +235,29 @@ def test_a_small_lamp_has_sharp_shadows() -> None:
     assert baked.mean() == pytest.approx(traced.mean(), rel=0.02)
 
 
+@pytest.mark.parametrize("shape", ["sphere", "cube"])
+def test_a_small_lamp_is_as_bright_from_all_sides(tmp_path: Path, shape: str) -> None:
+    """A bulb, and a cube, near a plate: luma by the area that each shows to a place, in closed form."""
+    half, radiance = 0.004, 1e4
+    for azimuth in np.linspace(0.3, 5.9, 5):
+        at = np.array([0.5 * np.cos(azimuth), 0.5 * np.sin(azimuth), 0.6])
+        place = f'<scale value="{half}"/><translate x="{at[0]}" y="{at[1]}" z="{at[2]}"/>'
+        glows = f'<emitter type="area"><rgb name="radiance" value="{radiance}"/></emitter>'
+        bulb = f'<shape type="{shape}"><transform name="to_world">{place}</transform>{glows}</shape>'
+        path = tmp_path / "scene.xml"
+        path.write_text(f'<scene version="3.0.0"><integrator type="direct"/>{PLATE}{bulb}</scene>')
+        renderer = make_renderer(load_scene(path), CAMERA, kind="baked", rays_per_pixel=1)
+        assert {light.kind for light in renderer.table.lights} >= {"lamp"}
+        luma = renderer.luma(Views.at_rest([DOWN]))[0]
+        y, x = (side // 2 for side in luma.shape)
+        middle = luma[y - 1 : y + 1, x - 1 : x + 1].mean()
+        away = np.array([*DOWN.position[:2], 0.0]) - at
+        distance = float(np.linalg.norm(away))
+        shown = np.pi * half**2 if shape == "sphere" else 4 * half**2 * np.abs(away / distance).sum()
+        expected = 0.5 / np.pi * radiance * shown * (-away[2] / distance) / distance**2
+        assert middle == pytest.approx(expected, rel=0.04), azimuth
+
+
 def moving_camera() -> Scene:
     """A lamp over a patterned floor, and a camera that moves."""
     stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (16, 16, 1))}

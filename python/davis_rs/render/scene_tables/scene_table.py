@@ -29,7 +29,6 @@ from ..._util.memory_forecast import MeshForecast
 from ..._util.progress import say
 from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
-from ...geometry.lattice import rank1_lattice
 from ...scene.image_textures import StandIns
 from ..baked.baked_scene import BakedLight
 from ..baked.irradiance import Surfaces
@@ -49,6 +48,7 @@ from .gloss_table import DIFFUSE, CoreGloss, gloss_table
 from .mesh_triangles import MeshTriangles, culled_triangles, flat_normal_maps
 from .normal_textures import NormalTextures
 from .scene_texture import Added, TextureTable
+from .small_lamps import LampPlaces
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -516,9 +516,6 @@ def _channel(texels: npt.NDArray[np.float32], channel: int) -> CoreChannel:
 _EVEN = ("constant", "emission")
 """Kinds of light that throw no shadow."""
 
-AREA_LIGHT_POINTS = 16
-"""Points on a small area light that stand for all of it, each with its exact shadow."""
-
 
 def _check_integrator(integrator: MitsubaIntegrator) -> None:
     remedy = "name the integrator direct, for direct light alone"
@@ -622,16 +619,13 @@ def _strength(value: MitsubaValue, colours: list[FloatArray]) -> tuple[float, in
 
 
 def _area_light_points(shape: MitsubaShape, mi: Mitsuba, colours: list[FloatArray]) -> list[Light]:
-    """Return a small area light as a lattice of points on it, whose light falls off with the cosine to their
-    normals."""
+    """Return a small area light as a few places on it, whose light falls off with the cosine to their normals."""
     parameters = mi.traverse(shape.emitter())
     if "radiance.value" not in parameters:
         raise textured_lamp(area_light_name(shape))
     strength, group = _strength(parameters["radiance.value"], colours)
-    strength_each = strength * float(np.array(shape.surface_area()).reshape(())) / AREA_LIGHT_POINTS
-    lights = []
-    for x, y in rank1_lattice(AREA_LIGHT_POINTS) + 0.5:
-        sample = shape.sample_position(0.0, mi.Point2f(float(x), float(y)))
-        point, normal = (np.array(vector, np.float64).reshape(3) for vector in (sample.p, sample.n))
-        lights.append(Light("lamp", group, strength_each, point, area_light_name(shape), axis=normal))
-    return lights
+    name = area_light_name(shape)
+    return [
+        Light("lamp", group, strength * area, point, name, axis=normal)
+        for point, normal, area in zip(*LampPlaces.on(shape, mi), strict=True)
+    ]
