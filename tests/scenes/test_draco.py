@@ -22,11 +22,11 @@ PACKED = base64.b64decode(
 """A square with texture coordinates (attribute 0) and positions (attribute 1), of the reference encoder."""
 
 
-def square(data: bytes = PACKED, **changes: Any) -> Gltf:
-    """The square; nothing of it is there in plain."""
+def square(data: bytes = PACKED, counts: tuple[int, int] = (4, 6), **changes: Any) -> Gltf:
+    """The square, of so many vertices and indices by its accessors; nothing of it is there in plain."""
     gltf = Gltf(extensionsRequired=["KHR_draco_mesh_compression"])
     packed = {"bufferView": gltf.view(data), "attributes": {"POSITION": 1, "TEXCOORD_0": 0}, **changes}
-    accessors = [(5126, 4, "VEC3"), (5126, 4, "VEC2"), (5123, 6, "SCALAR")]
+    accessors = [(5126, counts[0], "VEC3"), (5126, counts[0], "VEC2"), (5123, counts[1], "SCALAR")]
     for component, count, kind in accessors:
         gltf.add("accessors", {"componentType": component, "count": count, "type": kind})
     primitive = {
@@ -49,6 +49,15 @@ def test_a_compressed_mesh_is_what_it_was(tmp_path: Path) -> None:
     assert np.array_equal(file.array(2, "here", width=(1,)).reshape(-1, 3), FACES)
     np.testing.assert_allclose(file.array(0, "here", width=(3,)), CORNERS, atol=2e-4)
     np.testing.assert_allclose(file.array(1, "here", width=(2,)), CORNERS[:, :2] / 2 + 0.5, atol=2e-4)
+
+
+@pytest.mark.parametrize("counts", [(3, 6), (7, 6), (4, 9)])
+def test_other_counts_than_those_of_the_file_are_told(tmp_path: Path, counts: tuple[int, int]) -> None:
+    """Encoders part vertices at seams, and leave out triangles without area."""
+    pytest.importorskip("DracoPy")
+    path = square(counts=counts).save(tmp_path / "packed.glb")
+    with pytest.warns(SceneFileWarning, match=r"in Draco's data than the file says: the data decide: 1 \(the first: "):
+        assert "2 m x 0 m wide and 2 m high" in load_scene(path).note
 
 
 def test_what_breaks_a_rule_is_refused_by_its_place(tmp_path: Path) -> None:

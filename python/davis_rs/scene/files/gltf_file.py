@@ -174,12 +174,16 @@ class GltfFile:
         accessor = self.item("accessors", index, where)
         return accessor.bufferView is None and accessor.sparse is None
 
-    def unpack_draco(self, packed: object, accessors: dict[str, object], where: str) -> None:
+    def unpack_draco(self, packed: object, accessors: dict[str, object], where: str) -> bool:
         """Decode a primitive that is compressed by Draco, and keep its values for the accessors that have no data.
 
         Args:
             packed: the extension's object.
             accessors: the number of the accessor of each attribute, and of the ``indices``.
+
+        Returns:
+            Whether the accessors say how many vertices and indices there are. Some encoders part vertices at seams and
+            leave out faces, and the accessors know nothing of it.
 
         Raises:
             ImportError: if the library is missing, with the extra that brings it.
@@ -199,24 +203,28 @@ class GltfFile:
             mesh = DracoPy.decode(bytes(data))
             decoded = {attribute["unique_id"]: np.asarray(attribute["data"]) for attribute in mesh.attributes}
             faces = np.asarray(getattr(mesh, "faces", np.empty((0, 3))))
+        vertices, as_said = max(map(len, decoded.values()), default=0), True
         for name, index in accessors.items():
             accessor, values = self.item("accessors", index, where), faces.reshape(-1, 1)
+            count = len(values)
             if name != "indices":
                 if name not in packed.attributes:
                     continue
-                values = decoded.get(packed.attributes[name], np.empty((0, 1)))
+                values, count = decoded.get(packed.attributes[name], np.empty((0, 1))), vertices
             width = _WIDTHS.get(accessor.type)
-            if values.shape != (accessor.count, width):
+            if values.shape != (count, width):
                 got = f"{len(values)} of {values.shape[-1]} numbers"
-                raise self.error(
-                    where, f"{name} must have {plain(accessor.count)} elements of {width} numbers, got {got}"
-                )
+                raise self.error(where, f"{name} must have {plain(count)} elements of {width} numbers, got {got}")
+            as_said &= count == accessor.count
+            more = max(0, count - accessor.count) * width
+            self.budget.take(2 * 8 * more, f"{where}: {count} elements of {name}")
             if values.dtype.kind == "f":
                 self._arrays[int(str(index))] = values.astype(np.float64)
             elif accessor.normalized:
                 self._arrays[int(str(index))] = np.maximum(values / np.iinfo(values.dtype).max, -1.0)
             else:
                 self._arrays[int(str(index))] = values.astype(np.int64)
+        return as_said
 
     def image(self, item: Item, where: str) -> tuple[bytes | memoryview, Path | None]:
         """Return the bytes of an image, to which ``where`` refers, and its file if it has one of its own."""

@@ -203,7 +203,9 @@ class GltfMeshes:
         packed = (item.extensions or {}).get(DRACO)
         if packed is not None and file.unbacked(attributes["POSITION"], where):
             accessors = attributes if item.indices is None else {**attributes, "indices": item.indices}
-            file.unpack_draco(packed, accessors, where)
+            as_said = file.unpack_draco(packed, accessors, where)
+            note = "parts have more or fewer vertices or triangles in Draco's data than the file says: the data decide"
+            self._repairs.add(note, int(not as_said), where)
         positions = self._attribute(attributes, "POSITION", where, (3,))
         assert positions is not None
         faces = self._faces(item, mode, len(positions), where)
