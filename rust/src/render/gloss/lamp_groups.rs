@@ -311,6 +311,19 @@ mod tests {
         assert_eq!(made.parts.iter().map(|part| part.power).sum::<f64>(), 50.0);
     }
 
+    /// The widest room is parted first, and there is none within what lies next to a large lamp.
+    #[test]
+    fn what_lies_far_apart_is_parted_first() {
+        let at = |x: f64, size: f64| [[x, 0.0, 0.0], [x + size, 0.0, 0.0], [x, size, 0.0]];
+        let row: Vec<_> = (0..40).map(|i| at(1.1 * f64::from(i), 1.0)).chain([at(-50.0, 1.0)]).collect();
+        let made = GroupedLamps::new(&row, (0..41).map(|triangle| lamp(triangle, UP)));
+        assert_eq!(made.groups.len(), MANY_GROUPS);
+        let alone = made.parts.iter().any(|part| made.lamps[part.lamps.clone()].iter().all(|lamp| lamp.triangle == 40));
+        assert!(alone, "{:?}", made.parts);
+        let beside = [at(0.0, 10.0), at(1.0, 1.0), at(8.0, 1.0)];
+        assert_eq!(GroupedLamps::new(&beside, (0..3).map(|triangle| lamp(triangle, UP))).groups.len(), 1);
+    }
+
     /// Returns the triangles of a sphere around the origin, with normals that look outwards.
     fn ball(radius: f64, side: u32) -> (Vec<[Vector; 3]>, Vec<Lamp>) {
         let at = |i: u32, j: u32| {
@@ -388,6 +401,12 @@ mod tests {
         assert!(part.irradiance([0.0, 0.0, 11.0]) < 1e-12);
         let aside = part.irradiance([8.0, 0.0, 5.0]);
         assert!((aside - 2.0 * 2.0f64.sqrt() / 8.0 / 64.0).abs() < 1e-12, "{aside}");
+        // Fronts that look a little to that side send more there.
+        let tilted = [0.6, -0.6].map(|x| lamp(u32::from(x < 0.0), [x, 0.0, -0.8]));
+        let tilted = GroupedLamps::new(&[corners[0]; 2], tilted);
+        let (aside, radius) = (tilted.parts[0].irradiance([8.0, 0.0, 5.0]), 2.0f64.sqrt() / 8.0);
+        let expected = 4.0 / 64.0 * (radius * 0.8 + (1.0 - radius * radius).sqrt() * 0.6);
+        assert!((aside - expected).abs() < 1e-12, "{aside} {expected}");
         // Within the sphere, any direction leads to it.
         assert_eq!(group.towards([0.0, 0.0, 4.0], [1.0, 0.0, 0.0]), [1.0, 0.0, 0.0]);
         assert!((part.irradiance([0.0, 0.0, 4.0]) - 1.0).abs() < 1e-12);

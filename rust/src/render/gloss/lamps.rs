@@ -136,7 +136,7 @@ mod tests {
             let densities = [0, 1, 2, 3].map(|number| lamps.density(number, &shares));
             let expected = [near * 0.25 / 2.0, 0.0, near * 0.75 / 0.5, far / 0.5];
             assert!(densities.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{densities:?}");
-            let (mut counts, mut mean, mut squared) = ([0u32; 4], [0.0; 2], [0.0; 2]);
+            let (mut counts, mut mean, mut squared, mut beside) = ([0u32; 4], [0.0; 2], [0.0; 2], 0.0);
             let side = 64u32;
             for number in 0..side * side {
                 let square = [number / side, number % side].map(|at| (f64::from(at) + 0.5) / f64::from(side));
@@ -148,11 +148,14 @@ mod tests {
                         squared[axis] += point[axis] * point[axis];
                     }
                 }
+                beside += if triangle == 2 { point[0] - 1.0 } else { 0.0 };
             }
             let expected = [near * 0.25, 0.0, near * 0.75, far].map(|fraction| fraction * f64::from(side * side));
             assert_eq!(counts.map(f64::from), expected);
             let count = f64::from(counts[0]);
             assert!(mean.iter().all(|x| (x / count - 2.0 / 3.0).abs() < 0.02), "{mean:?}");
+            let beside = beside / f64::from(counts[2]);
+            assert!((beside - 1.0 / 3.0).abs() < 0.01, "{beside}");
             assert!(squared.iter().all(|x| (x / count - 2.0 / 3.0).abs() < 0.03), "{squared:?}");
         }
         assert!(lamps.shares(|_| ([0.0; 3], 0.0)).is_none());

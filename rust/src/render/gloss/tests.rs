@@ -497,6 +497,39 @@ fn a_strong_lamp_elsewhere_takes_no_points_from_a_small_one() {
     assert!(apart[few.len() / 2] < 0.02 * f64::from(fastest), "{} {fastest}", apart[few.len() / 2]);
 }
 
+/// Two lamps apart give what each gives alone: below a smooth coat, which sees them by what enters it, and on rough metal.
+/// Paths of one segment see none.
+#[test]
+fn lamps_add_up() {
+    let coated = Under::Coated { index: 1.5, inside: 0.6, entering: 0.9, nonlinear: false, passing: None };
+    let coated = Finish { under: coated, fresnel: Fresnel::Dielectric(1.5), ..MIRROR };
+    for finish in [coated, Finish { alpha: 0.4, ..MIRROR }] {
+        let mut tables = room(Some(finish));
+        for light in &mut tables.lights {
+            light.strength = 0.0;
+        }
+        tables.shadows = false;
+        for (light, x) in [(0, -3.0), (1, 2.0)] {
+            add(&mut tables, [[x, 1.2, 1.0], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0]], (0.0, DIFFUSE, 0));
+            for triangle in tables.corners.len() - 2..tables.corners.len() {
+                tables.emissions[triangle] = Some(Emission { light, luma: 2.0 });
+                tables.gloss.emitted[triangle] = [2.0; 3];
+            }
+        }
+        let here = view([0.4, 0.9, 2.2], LEVEL, [0.0; 3], [0.0; 3]);
+        let with = |tables: &SceneTables, factors: [f64; 2]| {
+            let factors = vec![[factors[0], 0.0], [factors[1], 0.0], [0.0; 2]];
+            luma(&renderer(tables), &rays(false, 32), &View { factors, ..here.clone() }).0
+        };
+        let ([first, second], both) = ([[1.0, 0.0], [0.0, 1.0]].map(|on| with(&tables, on)), with(&tables, [1.0, 1.0]));
+        let sum: Vec<f32> = first.iter().zip(&second).map(|(a, b)| a + b).collect();
+        assert!(first.iter().chain(&second).any(|&x| x != 0.0));
+        assert_eq!(off(&sum, &both, 0.1), 0, "{sum:?} {both:?}");
+        tables.gloss.longest = 1;
+        assert!(with(&tables, [1.0, 1.0]).iter().all(|&x| x == 0.0));
+    }
+}
+
 /// A lamp does not hide itself, also where it is so near that a step off the surface leads a ray behind it.
 #[test]
 fn a_lamp_does_not_hide_itself() {
