@@ -21,6 +21,10 @@ GREY = 0.5
 """Reflectance of surfaces without a material."""
 
 
+USUAL_INDEX = 1.5
+"""The index of refraction of what glTF files say nothing of."""
+
+
 class MetalRoughness(NamedTuple):
     """How a part reflects besides its base colour, as glTF says it: as a metal to some fraction, more or less rough.
 
@@ -30,12 +34,19 @@ class MetalRoughness(NamedTuple):
         texels: uint8 (H, W, 3), looked up as the base colour: green / 255 is a factor on the roughness, blue / 255 one
             on the metal; None where both are the same everywhere.
         wrap: how the texels continue beyond their edges: repeat, clamp or mirror.
+        refraction: the index of what is no metal, above 1.
     """
 
     metal: float
     roughness: float
     texels: npt.NDArray[np.uint8] | None = None
     wrap: str = "repeat"
+    refraction: float = USUAL_INDEX
+
+    @property
+    def shows_index(self) -> bool:
+        """Whether any of it is no metal."""
+        return self.metal < 1 or self.texels is not None
 
 
 class Blend(NamedTuple):
