@@ -8,31 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from davis_rs import DecodeError, Scene, load_scene
-from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
-from gltf_files import UV, Gltf, png, quad
+from davis_rs import DecodeError
+from gltf_files import Gltf, png
+from gltf_square import numbers_of, world
 
 LUMA = np.array([0.299, 0.587, 0.114])
 WEAK = "how specularFactor weakens highlights at a grazing angle (there they are whole)"
 COLOURS = "colours of highlights (they are white, and as bright)"
 MEAN = "highlights that differ from place to place (their mean is taken)"
-
-
-def world(folder: Path, *, gltf: Gltf | None = None, more: Any = None, extensions: Any = None, **surface: Any) -> Scene:
-    """A square of one material, smooth if nothing else is said."""
-    gltf = Gltf() if gltf is None else gltf
-    more = {"extensions": extensions or {}, **(more or {})}
-    gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(**({"roughnessFactor": 0.3} | surface), more=more)))
-    return load_scene(gltf.save(folder / "scene.glb"))
-
-
-def numbers_of(scene: Scene) -> dict[str, float]:
-    """The numbers of the one shape's material, as Mitsuba has them."""
-    with variant(SCALAR) as (mi, _):
-        (shape,) = load_scene_source(scene.source(), mi).shapes()
-        given = dict(mi.traverse(shape.bsdf()))
-    named = {name.removeprefix("brdf_0.").removesuffix(".value"): value for name, value in given.items()}
-    return {name: float(value) for name, value in named.items() if isinstance(value, (int, float))}
 
 
 def reflected(index: float) -> float:

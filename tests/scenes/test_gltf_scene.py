@@ -347,8 +347,8 @@ def looks_of(scene: Scene) -> dict[str, tuple[str, ...]]:
 
 def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
     """Of materials by their names, of the rest by what it is; a plain file has none, nor what only looks like one."""
-    gltf = Gltf(extensionsUsed=["KHR_materials_clearcoat", "ACME_fog", "KHR_texture_basisu", "EXT_mesh_features"])
-    coat = {"extensions": {"KHR_materials_clearcoat": {}, "KHR_materials_emissive_strength": {"emissiveStrength": 2}}}
+    gltf = Gltf(extensionsUsed=["KHR_materials_dispersion", "ACME_fog", "KHR_texture_basisu", "EXT_mesh_features"])
+    coat = {"extensions": {"KHR_materials_dispersion": {}, "KHR_materials_emissive_strength": {"emissiveStrength": 2}}}
     shiny = {
         "occlusionTexture": {"index": 0},
         "normalTexture": {"index": 0, "texCoord": 1},
@@ -374,7 +374,7 @@ def test_looks_that_are_lost_are_known(tmp_path: Path) -> None:
         "occlusion maps": ("glass",),
         "normal maps": ("glass",),
         "backs that cannot be seen (they are seen from both sides)": ("glass",),
-        "KHR_materials_clearcoat": ("glass",),
+        "KHR_materials_dispersion": ("glass",),
         "transparency": ("glass", "pane", "bright"),
         wrapped: ("glass", "pane", "solid"),
         "different colours of vertices": ("glass",),

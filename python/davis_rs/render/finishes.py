@@ -1,4 +1,4 @@
-"""Reads how glossy materials reflect, as the native renderer knows it: one lobe over a diffuse colour, or glass.
+"""Reads how glossy materials reflect, as the native renderer knows it: a lobe over a diffuse colour, or glass.
 
 Mitsuba's plastic, roughplastic, pplastic, conductor, roughconductor, principled, dielectric, roughdielectric,
 thindielectric, polarizer and diffuse mask become a :class:`Finish` and a base colour. docs/light.md says what is
@@ -27,8 +27,13 @@ _ROUND = 1e-3
 _LEAST_ALPHA = 1e-4
 """An anisotropic surface is never smoother than this, as Mitsuba's is not."""
 
-_UNUSED = ("clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
+_UNUSED = ("sheen", "flatness", "spec_tint", "spec_trans")
 """Parts of ``principled`` that a finish does not have: they must be 0."""
+
+_COAT = "clearcoat", "clearcoat_gloss"
+
+_COAT_ALPHAS = (0.1, 0.001)
+"""Roughness of a coat without any gloss, and with all of it."""
 
 
 def read_finish(
@@ -240,8 +245,23 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     if anisotropic.any():
         aspect = float(np.sqrt(1 - 0.9 * anisotropic.flat[0]))  # Burley 2012, section 5.4
         squared, across = squared / aspect, max(squared * aspect, _ROUND)
-    alpha = max(squared, _ROUND)
-    return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe, across=across)
+    alpha, coat = max(squared, _ROUND), _coat(inside, mi)
+    return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe, across=across, coat=coat)
+
+
+def _coat(inside: dict[str, MitsubaObject], mi: Mitsuba) -> tuple[float, float] | None:
+    """Return the strength and the roughness of the coat of a ``principled`` material; None where it has none."""
+    strength, gloss = (_number(inside, name, mi) for name in _COAT)
+    if not strength:
+        return None
+    dull, glossy = _COAT_ALPHAS
+    return strength, dull + (gloss or 0.0) * (glossy - dull)
+
+
+def _number(inside: dict[str, MitsubaObject], name: str, mi: Mitsuba) -> float | None:
+    """Return a number of a material, 0 if it is not given; None where it differs from place to place."""
+    value = constant_of(inside[name], mi) if name in inside else np.zeros(1)
+    return None if value is None else float(value.flat[0])
 
 
 def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
@@ -249,6 +269,11 @@ def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
     left_out = [
         name for name in _UNUSED if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any())
     ]
+    strength, gloss = (_number(inside, name, mi) for name in _COAT)
+    if strength is None or not 0 <= strength <= 1:
+        left_out.append("clearcoat")
+    elif strength > 0 and (gloss is None or not 0 <= gloss <= 1):
+        left_out.append("clearcoat_gloss")
     if "anisotropic" in inside:
         anisotropic = constant_of(inside["anisotropic"], mi)
         textured = any(constant_of(inside[name], mi) is None for name in ("roughness", "metallic"))

@@ -25,6 +25,18 @@ USUAL_INDEX = 1.5
 """The index of refraction of what glTF files say nothing of."""
 
 
+class Coat(NamedTuple):
+    """A clear coat above a part, as Mitsuba's ``principled`` has it.
+
+    Attributes:
+        strength: 0 to 1.
+        gloss: 0 (rough) to 1 (nearly a mirror).
+    """
+
+    strength: float
+    gloss: float
+
+
 class MetalRoughness(NamedTuple):
     """How a part reflects besides its base colour, as glTF says it: as a metal to some fraction, more or less rough.
 
@@ -35,6 +47,7 @@ class MetalRoughness(NamedTuple):
             on the metal; None where both are the same everywhere.
         wrap: how the texels continue beyond their edges: repeat, clamp or mirror.
         refraction: the index of what is no metal, above 1.
+        coat: above all; None where there is none.
     """
 
     metal: float
@@ -42,6 +55,7 @@ class MetalRoughness(NamedTuple):
     texels: npt.NDArray[np.uint8] | None = None
     wrap: str = "repeat"
     refraction: float = USUAL_INDEX
+    coat: Coat | None = None
 
     @property
     def shows_index(self) -> bool:

@@ -58,8 +58,9 @@ pub use deform::Deformed;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
-pub use gloss::emissive::EmissiveTextures;
+pub use gloss::coat::Coat;
 #[cfg(feature = "python")]
+pub use gloss::emissive::EmissiveTextures;
 pub use gloss::finish::{Finish, Fresnel, PASSING, Under};
 #[cfg(feature = "python")]
 pub use gloss::microfacets::Distribution;

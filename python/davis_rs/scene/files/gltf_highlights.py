@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...events.luma import LUMA_WEIGHTS
-from ...geometry.pose import FloatArray
 from ..mesh_part import USUAL_INDEX
+from ..texture_file import EncodedTexture
 from .gltf_file import GltfFile, Item, dictionary
 
 SPECULAR = "KHR_materials_specular"
@@ -23,9 +23,10 @@ LEAST_INDEX = 1.001
 _MOST_REFLECTED = 0.99
 """At normal incidence: an index of refraction has no more."""
 
-MeanTexel = Callable[[object, str], FloatArray]
-"""Takes a texture of a material and where it is in the file, and returns the mean (4,) of its texels: red, green and
-blue in linear light, and alpha."""
+_MEAN = "highlights that differ from place to place (their mean is taken)"
+
+ImageOf = Callable[[object, str], EncodedTexture]
+"""Takes a texture of a material and where it is in the file, and returns its image."""
 
 
 class Highlights(NamedTuple):
@@ -46,7 +47,7 @@ def index_of(extensions: Item, file: GltfFile, where: str) -> float:
     return float(file.numbers(given, f"{where}: {IOR}.ior", 1, low=0)[0])
 
 
-def highlights_of(extensions: Item, file: GltfFile, where: str, mean_texel: MeanTexel) -> Highlights:
+def highlights_of(extensions: Item, file: GltfFile, where: str, image_of: ImageOf) -> Highlights:
     """Return a material's highlights: as bright at normal incidence as its extensions say."""
     index = index_of(extensions, file, where)
     if SPECULAR not in extensions:
@@ -57,16 +58,13 @@ def highlights_of(extensions: Item, file: GltfFile, where: str, mean_texel: Mean
     if factor == 0 or not colour.any():
         return Highlights(1.0)
     lost = dict[str, None]()
-    for name, channels in (("specularTexture", slice(3, 4)), ("specularColorTexture", slice(3))):
-        texture = given.get(name)
-        if texture is None:
-            continue
-        mean = mean_texel(texture, f"{where}.{name}")[channels]
-        if name == "specularTexture":
-            factor *= float(mean[0])
-        else:
-            colour = colour * mean
-        lost["highlights that differ from place to place (their mean is taken)"] = None
+    if (texture := given.get("specularTexture")) is not None:
+        alpha = image_of(texture, f"{where}.specularTexture").alpha
+        factor *= 1.0 if alpha is None else float(alpha.mean()) / 255
+        lost[_MEAN] = None
+    if (texture := given.get("specularColorTexture")) is not None:
+        colour = colour * image_of(texture, f"{where}.specularColorTexture").linear().mean((0, 1), np.float64)
+        lost[_MEAN] = None
     reflected = np.minimum(_reflected(index) * colour, 1.0) * factor
     if np.ptp(reflected) > 0:
         lost["colours of highlights (they are white, and as bright)"] = None

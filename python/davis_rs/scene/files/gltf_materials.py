@@ -23,6 +23,7 @@ from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
 from .gltf_file import GltfFile, Item, dictionary, plain
 from .gltf_highlights import IOR, LEAST_INDEX, SPECULAR, Highlights, highlights_of, index_of
+from .gltf_layers import COAT, Layers, layers_of
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
@@ -41,7 +42,7 @@ _EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 _UNLIT = "KHR_materials_unlit"
 _TRANSMISSION = "KHR_materials_transmission"
 _VOLUME = "KHR_materials_volume"
-_UNTOLD = {_GLOSS, _EMISSIVE_STRENGTH, IOR, SPECULAR, _TRANSMISSION, _UNLIT}
+_UNTOLD = {COAT, _GLOSS, _EMISSIVE_STRENGTH, IOR, SPECULAR, _TRANSMISSION, _UNLIT}
 """Extensions of materials that lose nothing, or whose loss is noted elsewhere."""
 _CLEAR = 0.5
 """The fraction of light that passes from which on a material is glass."""
@@ -145,12 +146,16 @@ class GltfMaterials:
         if info is not None:
             made = self._textured(made, info, f"{where}Texture", lost)
         if not unlit:
-            highlights = highlights_of(dictionary(item.extensions), file, f"materials[{index}]", self._mean_texel)
-            made = self._metallic(made, item, highlights, f"materials[{index}]", lost)
+            highlights = highlights_of(dictionary(item.extensions), file, f"materials[{index}]", self._texture_image)
+            layers = layers_of(item, file, f"materials[{index}]", self._texture_image)
+            made = self._metallic(made, item, (highlights, layers), f"materials[{index}]", lost)
             made = self._emissive(made, item, f"materials[{index}]", lost)
             made = self._transmissive(made, item, f"materials[{index}]", lost)
-            if made.metal is not None and made.metal.shows_index:
-                lost.update(dict.fromkeys(highlights.lost))
+            if made.metal is not None:
+                looks = (*highlights.lost, *layers.lost) if made.metal.shows_index else layers.lost
+                lost.update(dict.fromkeys(looks))
+            elif layers.coat is not None:
+                lost[COAT] = None
             made = self._bumpy(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
@@ -192,9 +197,15 @@ class GltfMaterials:
         return made._replace(uv_set=uv_set, uv_transform=transform)
 
     def _metallic(
-        self, made: GltfMaterial, item: Item, highlights: Highlights, where: str, lost: dict[str, None]
+        self,
+        made: GltfMaterial,
+        item: Item,
+        above: tuple[Highlights, Layers],
+        where: str,
+        lost: dict[str, None],
     ) -> GltfMaterial:
-        """Return a material with its metal and roughness, where it has any metal, or highlights that are seen."""
+        """Return a material with its metal and roughness, where it has any metal, layers, or highlights that are
+        seen."""
         file, surface = self._file, dictionary(item.pbrMetallicRoughness)
         if _GLOSS in dictionary(item.extensions):
             return made
@@ -203,19 +214,20 @@ class GltfMaterials:
             given = surface.get(name)
             factors[name] = file.numbers(1.0 if given is None else given, f"{where}: {name}", 1, low=0, high=1)[0]
         metal, rough = factors.values()
-        dull = highlights.refraction <= 1
-        if metal == 0 and dull:
+        highlights, layers = above
+        dull, layered = highlights.refraction <= 1, layers.coat is not None
+        if metal == 0 and dull and not layered:
             return made
-        plain_metal = MetalRoughness(metal, rough, refraction=max(highlights.refraction, LEAST_INDEX))
+        plain_metal = MetalRoughness(metal, rough, refraction=max(highlights.refraction, LEAST_INDEX), coat=layers.coat)
         most = 1.0 if highlights.refraction > _STRONG_INDEX else _SHINY
         given, where = surface.get("metallicRoughnessTexture"), f"{where}: metallicRoughnessTexture"
         if given is None:
-            return made._replace(metal=plain_metal) if metal > 0 or rough <= most else made
+            return made._replace(metal=plain_metal) if metal > 0 or layered or rough <= most else made
         image, files, wrap, nearest = self._texture(given, where, lost)
         if not image.texels[..., 2].any():
             metal = 0.0
         shiny = (rough * image.texels[..., 1] <= 255 * most).mean() > _SHINY_PART
-        if metal == 0 and (dull or not shiny):
+        if metal == 0 and not layered and (dull or not shiny):
             return made
         made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
         uv_set, transform = self._coordinates(given, where)
@@ -341,11 +353,8 @@ class GltfMaterials:
             raise self._file.error(where, message)
         return *self._image(source, where), *self._sampler(texture, lost)
 
-    def _mean_texel(self, given: object, where: str) -> FloatArray:
-        """Return the mean (4,) of a texture's texels: red, green and blue in linear light, and alpha."""
-        image, *_ = self._texture(given, where, {})
-        alpha = 1.0 if image.alpha is None else float(image.alpha.mean()) / 255
-        return np.append(image.linear().mean((0, 1), np.float64), alpha)
+    def _texture_image(self, given: object, where: str) -> EncodedTexture:
+        return self._texture(given, where, {})[0]
 
     def _coordinates(self, given: object, where: str) -> tuple[int, FloatArray]:
         """Return which texture coordinates a texture takes, and their transform (2, 3)."""

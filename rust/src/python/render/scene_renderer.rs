@@ -57,7 +57,8 @@ use crate::render::{
 ///     gloss: surfaces that are not diffuse; None where all are. The finishes, each (roughness along u and, if that
 ///         differs, across it or None, ``ggx`` or
 ///         ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
-///         colour tints the lobe, what is below, and the numbers of textures of roughness and of metal or None);
+///         colour tints the lobe, what is below, the numbers of textures of roughness and of metal or None, and
+///         (strength, roughness) of a coat or None);
 ///         uint32 (t), the finish of each triangle, 2^32 - 1 for none; the colours of textures: uint32
 ///         (textures), the number of each one's image, and for each image (width, height, wrap mode), and its texels
 ///         (height, width, 3), flat, as float32 and None, or as uint8 and float32 (256, 3), flat, what each number

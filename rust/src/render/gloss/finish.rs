@@ -1,15 +1,16 @@
 //! Finishes: how glossy surfaces reflect light between two directions.
 //!
 //! A finish has one lobe of [`microfacets`](super::microfacets), weighted by Fresnel's equations, over a diffuse
-//! colour. A surface without roughness is a mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`,
+//! colour, and perhaps a [`coat`](super::coat) above both. A surface without roughness is a mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`,
 //! `conductor`, `roughconductor`, `dielectric`, `roughdielectric`, `thindielectric` and `principled`, so that its path
 //! tracer is the reference.
 //!
 //! What must not break: only arithmetic, roots and `libm` are used, so that bits are the same on every processor.
 
+use super::coat::Coat;
 use super::microfacets::Distribution;
 use super::microfacets::{Anisotropy, Cosines};
-use super::number::{Number, Triple, add, constant, dot, each, scale, times, unit};
+use super::number::{Number, Triple, add, constant, dot, each, fifth_power, scale, times, unit};
 use crate::error::{Error, Result};
 
 /// How much light microfacets reflect, by the angle.
@@ -85,6 +86,8 @@ pub struct Finish {
     /// to place. The roughness of a mix is the root of its alpha, else it is alpha; the second texture of an anisotropic
     /// surface is of the roughness across.
     pub lobe: [Option<u32>; 2],
+    /// Above all, of a mix of a dielectric and a metal over a rough base.
+    pub coat: Option<Coat>,
 }
 
 impl Finish {
@@ -117,15 +120,18 @@ impl Finish {
             (_, Under::Blend(_)) => self.across.is_none() && self.lobe[1].is_none(),
             _ => self.across.is_none() && self.lobe == [None; 2],
         };
+        let mixed = matches!((&self.fresnel, &self.under), (Fresnel::Mixed(..), Under::Rough(..)));
+        let coat = self.coat.is_none_or(|coat| mixed && coat.is_valid());
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
         let across = self.across.is_none_or(|across| across > 0.0 && across <= 2.0 && self.alpha > 0.0);
-        if (0.0..=2.0).contains(&self.alpha) && across && fresnel && under && tints && textured {
+        if (0.0..=2.0).contains(&self.alpha) && across && fresnel && under && tints && textured && coat {
             return Ok(());
         }
         Err(Error::Argument(format!(
             "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, and a \
              texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
-             only if it blends; an anisotropic one is no mirror, got {self:?}"
+             only if it blends; an anisotropic one is no mirror, and only a mix has a coat, with a roughness above 0 and \
+             below 1, got {self:?}"
         )))
     }
 
@@ -150,9 +156,10 @@ impl Finish {
         }
     }
 
-    /// Returns the least roughness along any direction.
+    /// Returns the least roughness along any direction, that of a coat among them.
     pub(crate) fn least_alpha(&self) -> f64 {
-        self.across.map_or(self.alpha, |across| across.min(self.alpha))
+        let own = self.across.map_or(self.alpha, |across| across.min(self.alpha));
+        self.coat.map_or(own, |coat| coat.alpha.min(own))
     }
 
     fn visible<N: Number>(&self, cosine: N, stretch: Option<N>) -> N {
@@ -188,6 +195,15 @@ impl Finish {
         let seen = self.visible(out, stretches.map(|of| of.out)) * self.visible(into, stretches.map(|of| of.into));
         let shape = self.distribution.density(half, self.alpha, stretches.as_ref()) * seen / out.scaled(4.0);
         scale(self.reflected(base, facet), shape)
+    }
+
+    /// Returns the same of all lobes.
+    pub(crate) fn lobes<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
+        let lobe = self.lobe(base, cosines);
+        match &self.coat {
+            None => lobe,
+            Some(coat) => add(lobe, [coat.lobe(cosines); 3]),
+        }
     }
 
     /// Returns what microfacets of a solid let through (per steradian), times the cosine to the light: the lobe of light
@@ -287,11 +303,6 @@ fn rough<N: Number>(base: Triple<N>, factor: f64, [out, light, returned]: [N; 3]
     scale(base, (even + retro).scaled(factor))
 }
 
-fn fifth_power<N: Number>(x: N) -> N {
-    let squared = x.squared();
-    squared.squared() * x
-}
-
 /// Returns what a dielectric reflects at a cosine outside of it (unpolarised, Fresnel's equations).
 pub(crate) fn dielectric<N: Number>(cosine: N, index: f64) -> N {
     let one = N::constant(1.0);
@@ -329,6 +340,7 @@ mod tests {
     fn metal(alpha: f64, distribution: Distribution) -> Finish {
         Finish {
             lobe: [None; 2],
+            coat: None,
             alpha,
             across: None,
             distribution,

@@ -7,7 +7,7 @@
 //!
 //! - [`tables`]: which triangles are glossy, and all of the scene in colour.
 //! - [`tracer`]: follows the paths; [`pattern`] says along which directions and to which points of the [`lamps`].
-//! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
+//! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`coat`]: a second lobe above the first. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
 //!   and light maps at single points.
 //! - [`sky_levels`]: the environment map, from fine to coarse.
 //! - [`number`]: float64 with or without its rate, so that luma and rates are one computation.
@@ -17,6 +17,7 @@
 //!
 //! What must not break: scenes of diffuse surfaces have the same bits, in the same time, as without all this.
 
+pub(super) mod coat;
 pub(super) mod emissive;
 pub(super) mod finish;
 pub(super) mod frame_axes;

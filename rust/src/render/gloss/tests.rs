@@ -24,6 +24,7 @@ const MIRROR: Finish = Finish {
     passing: [1.0; 3],
     base_tints: false,
     under: Under::Nothing,
+    coat: None,
     lobe: [None; 2],
 };
 

@@ -137,7 +137,7 @@ impl<N: Number> Spot<'_, N> {
         let Some(finish) = self.finish else { return scale(self.base, diffuse) };
         let cosines = Cosines::new(self.normal, self.viewer, towards, self.anisotropy.as_ref());
         let below = scale(finish.below(self.base, &cosines), diffuse);
-        if !with_lobe || finish.is_mirror() { below } else { add(below, finish.lobe(self.base, &cosines)) }
+        if !with_lobe || finish.is_mirror() { below } else { add(below, finish.lobes(self.base, &cosines)) }
     }
 
     /// Returns the fraction of light from a direction that bumps let through.
@@ -344,7 +344,15 @@ impl Tracer<'_> {
             let point = self.pattern.point(number);
             if let Some(ray) = facets.as_ref().and_then(|facets| facets.lobe_ray(point.disk)) {
                 let path = &Path { point: Some(number), ..*path };
-                sum = add(sum, self.along_ray_of_lobe(spot, finish, &ray, each, path));
+                let lobe = |cosines: &Cosines<N>| finish.lobe(spot.base, cosines);
+                sum = add(sum, self.along_ray_of_lobe(spot, lobe, &ray, each, path));
+            }
+            if let Some(coat) = &finish.coat
+                && let Some(ray) = coat.ray(spot.normal, spot.viewer, point.disk)
+            {
+                let path = &Path { point: Some(number), ..*path };
+                let lobe = |cosines: &Cosines<N>| [coat.lobe(cosines); 3];
+                sum = add(sum, self.along_ray_of_lobe(spot, lobe, &ray, each, path));
             }
             if !self.gloss.lamps.is_empty() && path.segments < self.longest() {
                 sum = add(sum, scale(self.lit_by_lamp(spot, finish, point), N::constant(each)));
@@ -368,7 +376,7 @@ impl Tracer<'_> {
     fn along_ray_of_lobe<N: Number>(
         &mut self,
         spot: &Spot<N>,
-        finish: &Finish,
+        lobe: impl FnOnce(&Cosines<N>) -> Triple<N>,
         ray: &LobeRay<N>,
         each: f64,
         path: &Path,
@@ -376,8 +384,7 @@ impl Tracer<'_> {
         if !spot.sees(ray.towards) {
             return [N::constant(0.0); 3];
         }
-        let lobe = finish.lobe(spot.base, &ray.cosines);
-        let weight = scale(lobe, spot.fading(ray.towards).scaled(each) / ray.density);
+        let weight = scale(lobe(&ray.cosines), spot.fading(ray.towards).scaled(each) / ray.density);
         self.arriving(spot, ray.towards, weight, Some(ray.density), path)
     }
 
@@ -408,6 +415,9 @@ impl Tracer<'_> {
             }
         };
         let mut reflected = scale(lobe, N::constant(1.0) / (by_lamps + density));
+        if let Some(coat) = &finish.coat {
+            reflected = add(reflected, [coat.lobe(&cosines) / (by_lamps + coat.density(&cosines)); 3]);
+        }
         if self.lamps_are_baked() && spot.through.is_none() {
             // Baked light counts as light from all sides, which is not what a coat lets through from one.
             let more = sub(finish.below(spot.base, &cosines), finish.below_evenly(spot.base, spot.out));
