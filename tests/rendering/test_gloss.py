@@ -126,10 +126,34 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
         },
         2e-4,
     ),
+    "principled, sheen": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "sheen": 0.8}, 2e-4),
+    "principled, tinted sheen": (
+        {
+            "type": "principled",
+            "base_color": COLOUR | FINER,
+            "metallic": METAL | FINER,
+            "roughness": 0.6,
+            "sheen": 1.0,
+            "sheen_tint": 0.7,
+        },
+        2e-4,
+    ),
+    "principled, tinted": (
+        {
+            "type": "principled",
+            "base_color": COLOUR,
+            "roughness": 0.3,
+            "metallic": 0.2,
+            "spec_tint": 0.6,
+            "specular": 0.9,
+        },
+        2e-4,
+    ),
     "principled of an index": ({"type": "principled", "roughness": 0.3, "eta": 1.33}, 2e-4),
 }
 
 
+SHEEN = ["principled, sheen", "principled, tinted"]
 BRUSHED_METALS = [name for name in ROUGH if "brushed" in name and "texture" not in name]  # their rates are not exact
 
 
@@ -413,6 +437,10 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
     squares = {"type": "checkerboard"}
     unknown = [
         {"type": "principled", "spec_trans": 0.3},
+        {"type": "principled", "flatness": 0.3},
+        {"type": "principled", "spec_tint": ROUGHNESS},
+        {"type": "principled", "sheen": ROUGHNESS},
+        {"type": "principled", "sheen": 0.5, "sheen_tint": ROUGHNESS},
         {"type": "principled", "clearcoat": ROUGHNESS},
         {"type": "principled", "clearcoat": 1.2},
         {"type": "principled", "clearcoat": 0.5, "clearcoat_gloss": ROUGHNESS},
@@ -469,6 +497,7 @@ def test_two_sides_of_one_finish_are_one() -> None:
             {"type": "principled", "clearcoat": 1.0, "base_color": 0.01, "clearcoat_gloss": 0.5, "specular": 0.0},
             "coat",
         ),
+        ({"type": "principled", "sheen": 1.0, "base_color": 0.01, "specular": 0.0}, "sheen"),
         ({"type": "roughconductor", "material": "Au", "alpha": 0.4}, "conductor"),
     ],
 )
@@ -478,7 +507,7 @@ def test_the_albedo_of_bakes_is_mitsubas(bsdf: dict[str, Any], name: str) -> Non
         made = mi.load_dict(bsdf)
         read = read_finish(made, children(made), mi)
         assert read is not None
-        base = np.full((1, 3), {"conductor": 1.0, "coat": 0.01}.get(name, 0.5))
+        base = np.full((1, 3), {"conductor": 1.0, "coat": 0.01, "sheen": 0.01}.get(name, 0.5))
         ours = read[1].albedo(base)[0]
         draws = np.random.RandomState(0).random_sample((4000, 4))
         sums = np.zeros(3)
@@ -506,6 +535,6 @@ def test_bakes_know_textures_of_roughness_by_their_texels() -> None:
     digests = set()
     for values in np.array([[[0.2, 0.4]], [[0.4, 0.2]]], np.float32):
         texels = NumberTexels(1, 2, 0, values.tobytes())
-        finish = Finish(0.09, "ggx", ("mixed", (1.5, 0.5)), under=("rough", (0.3, 0.5)), lobe=(texels, None))
+        finish = Finish(0.09, "ggx", ("mixed", (1.5, 0.5, 0.0)), under=("rough", (0.3, 0.5)), lobe=(texels, None))
         digests.add(GlossTable([finish], np.zeros(1, np.uint32), 12).digest)
     assert len(digests) == 2

@@ -25,6 +25,7 @@ CoreFinish = tuple[
     tuple[str, list[float]],
     list[int | None],
     tuple[float, float] | None,
+    tuple[float, float] | None,
 ]
 """What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
 
@@ -41,6 +42,9 @@ PASSING_NODES = 33
 """Cosines at which it is known what passes a rough coat."""
 
 
+_SHEEN_ALBEDO = 0.01157
+"""The albedo of whole sheen: pi times the mean of Schlick's weight over half vectors of all directions."""
+
 _COAT_HIDING = 0.25
 """The roughness by which a coat's microfacets hide each other."""
 
@@ -54,7 +58,7 @@ class Finish:
             u grows.
         distribution: of the microfacets, ``ggx`` or ``beckmann``.
         fresnel: ``dielectric`` (index), ``conductor`` (index and extinction, three channels each) or ``mixed`` (index,
-            fraction of metal).
+            fraction of metal, fraction of other highlights that has the hue of the base colour).
         tint: factor on the lobe, RGB.
         passing: factor on light that passes through, RGB.
         base_tints: the base colour is a factor on the lobe.
@@ -67,6 +71,8 @@ class Finish:
             what is the same everywhere.
         across: of an anisotropic surface, roughness at right angles to that of ``alpha``; None where it is the same.
         coat: a second lobe above all else, of ``mixed`` over ``rough``: its strength and its roughness; None for none.
+        sheen: of a ``rough`` base below ``mixed``: its strength, and the fraction that has the hue of the base colour;
+            None for none.
     """
 
     alpha: float
@@ -79,6 +85,7 @@ class Finish:
     lobe: tuple[NumberTexels | None, NumberTexels | None] = (None, None)
     across: float | None = None
     coat: tuple[float, float] | None = None
+    sheen: tuple[float, float] | None = None
 
     @property
     def blends(self) -> bool:
@@ -112,6 +119,7 @@ class Finish:
             kinds[1],
             lobe,
             self.coat,
+            self.sheen,
         )
 
     def albedo(self, base: FloatArray) -> FloatArray:
@@ -131,7 +139,8 @@ class Finish:
             metal = [self._lobe(functools.partial(_conductor, eta=values[i], k=values[3 + i])) for i in range(3)]
             lobe = np.broadcast_to(np.array(metal), base.shape)
         else:
-            index, metallic = values
+            # A tint is taken as white, because it mixes channels.
+            index, metallic, _ = values
             plain = self._lobe(lambda c: dielectric(c, index))
             whole, grazing = self._lobe(np.ones_like), self._lobe(lambda c: (1 - c) ** 5)
             lobe = (1 - metallic) * plain + metallic * (base * whole + (1 - base) * grazing)
@@ -153,7 +162,8 @@ class Finish:
             index, inside, entering, nonlinear = values[:4]
             return base * (entering / index) ** 2 / (1 - (base * inside if nonlinear else inside))
         if kind == "rough":
-            return base * values[1] * _rough_albedo(values[0])
+            sheen = 0.0 if self.sheen is None else self.sheen[0] * _SHEEN_ALBEDO
+            return values[1] * (base * _rough_albedo(values[0]) + sheen)
         return np.zeros_like(base)
 
 

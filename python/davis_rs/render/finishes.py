@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +28,12 @@ _ROUND = 1e-3
 _LEAST_ALPHA = 1e-4
 """An anisotropic surface is never smoother than this, as Mitsuba's is not."""
 
-_UNUSED = ("sheen", "flatness", "spec_tint", "spec_trans")
+_UNUSED = ("flatness", "spec_trans")
 """Parts of ``principled`` that a finish does not have: they must be 0."""
 
 _COAT = "clearcoat", "clearcoat_gloss"
+
+_SHEEN = "sheen", "sheen_tint"
 
 _COAT_ALPHAS = (0.1, 0.001)
 """Roughness of a coat without any gloss, and with all of it."""
@@ -245,8 +248,10 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     if anisotropic.any():
         aspect = float(np.sqrt(1 - 0.9 * anisotropic.flat[0]))  # Burley 2012, section 5.4
         squared, across = squared / aspect, max(squared * aspect, _ROUND)
-    alpha, coat = max(squared, _ROUND), _coat(inside, mi)
-    return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe, across=across, coat=coat)
+    alpha, tint = max(squared, _ROUND), _number(inside, "spec_tint", mi) or 0.0
+    sheen, hue = (_number(inside, name, mi) or 0.0 for name in _SHEEN)
+    finish = Finish(alpha, "ggx", ("mixed", (index, metal, tint)), under=under, lobe=lobe, across=across)
+    return base, replace(finish, coat=_coat(inside, mi), sheen=(sheen, hue) if sheen > 0 else None)
 
 
 def _coat(inside: dict[str, MitsubaObject], mi: Mitsuba) -> tuple[float, float] | None:
@@ -264,16 +269,24 @@ def _number(inside: dict[str, MitsubaObject], name: str, mi: Mitsuba) -> float |
     return None if value is None else float(value.flat[0])
 
 
+def _is_fraction(inside: dict[str, MitsubaObject], name: str, mi: Mitsuba) -> bool:
+    """Return whether a number of a material is the same everywhere, and 0 to 1."""
+    value = _number(inside, name, mi)
+    return value is not None and 0 <= value <= 1
+
+
 def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
     """Return the parts of a ``principled`` material that it has and a finish has not."""
     left_out = [
         name for name in _UNUSED if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any())
     ]
-    strength, gloss = (_number(inside, name, mi) for name in _COAT)
-    if strength is None or not 0 <= strength <= 1:
-        left_out.append("clearcoat")
-    elif strength > 0 and (gloss is None or not 0 <= gloss <= 1):
-        left_out.append("clearcoat_gloss")
+    if not _is_fraction(inside, "spec_tint", mi):
+        left_out.append("spec_tint")
+    for strength, kind in (_COAT, _SHEEN):
+        if not _is_fraction(inside, strength, mi):
+            left_out.append(strength)
+        elif _number(inside, strength, mi) != 0 and not _is_fraction(inside, kind, mi):
+            left_out.append(kind)
     if "anisotropic" in inside:
         anisotropic = constant_of(inside["anisotropic"], mi)
         textured = any(constant_of(inside[name], mi) is None for name in ("roughness", "metallic"))

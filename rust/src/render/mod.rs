@@ -61,9 +61,12 @@ pub use geometry::view::{Pose, View};
 pub use gloss::coat::Coat;
 #[cfg(feature = "python")]
 pub use gloss::emissive::EmissiveTextures;
+#[cfg(feature = "python")]
 pub use gloss::finish::{Finish, Fresnel, PASSING, Under};
 #[cfg(feature = "python")]
 pub use gloss::microfacets::Distribution;
+#[cfg(feature = "python")]
+pub use gloss::sheen::Sheen;
 #[cfg(feature = "python")]
 pub use gloss::tables::GlossTables;
 #[cfg(feature = "python")]

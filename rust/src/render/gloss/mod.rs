@@ -7,7 +7,7 @@
 //!
 //! - [`tables`]: which triangles are glossy, and all of the scene in colour.
 //! - [`tracer`]: follows the paths; [`pattern`] says along which directions and to which points of the [`lamps`].
-//! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`coat`]: a second lobe above the first. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
+//! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`coat`]: a second lobe above the first. [`sheen`]: that of cloth. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
 //!   and light maps at single points.
 //! - [`sky_levels`]: the environment map, from fine to coarse.
 //! - [`number`]: float64 with or without its rate, so that luma and rates are one computation.
@@ -26,6 +26,7 @@ pub(super) mod lookup;
 pub(super) mod microfacets;
 pub(super) mod number;
 pub(super) mod pattern;
+pub(super) mod sheen;
 mod sky_levels;
 pub(super) mod tables;
 pub(super) mod tracer;

@@ -25,6 +25,7 @@ const MIRROR: Finish = Finish {
     base_tints: false,
     under: Under::Nothing,
     coat: None,
+    sheen: None,
     lobe: [None; 2],
 };
 
@@ -304,7 +305,12 @@ fn what_blends_shows_itself_and_what_lies_behind_it() {
 #[test]
 fn rates_are_differences_in_time() {
     let coated = Under::Coated { index: 1.5, inside: 0.6, entering: 0.9, nonlinear: true, passing: None };
-    let rough = Finish { alpha: 0.2, fresnel: Fresnel::Mixed(1.5, 0.3), under: Under::Rough(0.45, 0.7), ..MIRROR };
+    let rough = Finish {
+        alpha: 0.2,
+        fresnel: Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 0.0 },
+        under: Under::Rough(0.45, 0.7),
+        ..MIRROR
+    };
     let finishes = [
         MIRROR,
         rough.clone(),
@@ -577,7 +583,7 @@ fn tables_that_do_not_belong_together_are_refused() {
             (gloss.lobe_layouts, gloss.lobes) = (vec![[0, 1, 1, 0]], vec![0.5; 9]);
         },
         |gloss| gloss.finishes[0].under = Under::Solid(1.0),
-        |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed(1.5, 1.1),
+        |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 1.1, tint: 0.0 },
         |gloss| gloss.finishes[0].tint = [f64::INFINITY; 3],
         |gloss| gloss.finishes[0].lobe = [None, Some(0)],
         |gloss| gloss.lobes = vec![1.01; 9],
@@ -596,7 +602,7 @@ fn tables_that_do_not_belong_together_are_refused() {
 
 /// Returns a mix of metal and dielectric.
 fn mixed(roughness: f64, metal: f64) -> Finish {
-    let (fresnel, under) = (Fresnel::Mixed(1.5, metal), Under::Rough(roughness, 1.0 - metal));
+    let (fresnel, under) = (Fresnel::Mixed { index: 1.5, metal, tint: 0.0 }, Under::Rough(roughness, 1.0 - metal));
     Finish { alpha: roughness * roughness, fresnel, under, ..MIRROR }
 }
 
