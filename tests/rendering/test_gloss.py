@@ -149,6 +149,10 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
         },
         2e-4,
     ),
+    "principled without highlights": (
+        {"type": "principled", "base_color": COLOUR, "metallic": 0.4, "specular": 0.0, "spec_tint": 0.5},
+        2e-4,
+    ),
     "principled of an index": ({"type": "principled", "roughness": 0.3, "eta": 1.33}, 2e-4),
 }
 
@@ -438,6 +442,7 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
     unknown = [
         {"type": "principled", "spec_trans": 0.3},
         {"type": "principled", "flatness": 0.3},
+        {"type": "principled", "eta": 0.8},
         {"type": "principled", "spec_tint": ROUGHNESS},
         {"type": "principled", "sheen": ROUGHNESS},
         {"type": "principled", "sheen": 0.5, "sheen_tint": ROUGHNESS},

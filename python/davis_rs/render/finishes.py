@@ -242,15 +242,17 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     else:
         root = np.sqrt(0.08 * float(parameters["specular"]))
         index = float((1 + root) / (1 - root))
-    # Without a difference of the index nothing is reflected; the core asks for one.
-    index = max(index, 1 + 1e-6)
+    if index < 1:
+        return None
+    # Without a difference of the index nothing has highlights, and no metal reflects. The core asks for one.
+    shown, index = (1.0 if index > 1 else 0.0,) * 3, max(index, 1 + 1e-6)
     under, squared, across = ("rough", (rough, 1 - metal)), rough * rough, None
     if anisotropic.any():
         aspect = float(np.sqrt(1 - 0.9 * anisotropic.flat[0]))  # Burley 2012, section 5.4
         squared, across = squared / aspect, max(squared * aspect, _ROUND)
     alpha, tint = max(squared, _ROUND), _number(inside, "spec_tint", mi) or 0.0
     sheen, hue = (_number(inside, name, mi) or 0.0 for name in _SHEEN)
-    finish = Finish(alpha, "ggx", ("mixed", (index, metal, tint)), under=under, lobe=lobe, across=across)
+    finish = Finish(alpha, "ggx", ("mixed", (index, metal, tint)), shown, under=under, lobe=lobe, across=across)
     return base, replace(finish, coat=_coat(inside, mi), sheen=(sheen, hue) if sheen > 0 else None)
 
 

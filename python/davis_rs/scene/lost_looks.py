@@ -15,6 +15,7 @@ MEAN_EMISSION = "light of their own that differs from place to place (its mean i
 METAL = "metal"
 HIGHLIGHTS = "highlights"
 BUMPS = "normal maps"
+BRUSHED = "anisotropy (only that of numbers is shown, along a texture coordinate, without colours of vertices)"
 BACKS = "backs that cannot be seen (they are seen from both sides)"
 """The look of one-sided surfaces; lost only where the camera sees the other side, which the native renderer culls."""
 _NAMED = 4

@@ -48,6 +48,8 @@ class MetalRoughness(NamedTuple):
         wrap: how the texels continue beyond their edges: repeat, clamp or mirror.
         refraction: the index of what is no metal, above 1.
         coat: above all; None where there is none.
+        anisotropic: how much rougher it is along u than across, as Mitsuba's ``principled`` has it; below 0 it is
+            smoother. Not with ``texels``.
     """
 
     metal: float
@@ -56,6 +58,7 @@ class MetalRoughness(NamedTuple):
     wrap: str = "repeat"
     refraction: float = USUAL_INDEX
     coat: Coat | None = None
+    anisotropic: float = 0.0
 
     @property
     def shows_index(self) -> bool:

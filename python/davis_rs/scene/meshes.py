@@ -176,6 +176,8 @@ def _metallic(colour: SceneDictionary, metal: MetalRoughness) -> SceneDictionary
     surface = {"type": "principled", "base_color": colour, "roughness": metal.roughness, "metallic": metal.metal}
     if metal.refraction != USUAL_INDEX:
         surface["eta"] = metal.refraction
+    if metal.anisotropic != 0:
+        surface["anisotropic"] = metal.anisotropic
     if metal.coat is not None:
         surface |= {"clearcoat": metal.coat.strength, "clearcoat_gloss": metal.coat.gloss}
     if metal.texels is not None:

@@ -21,6 +21,7 @@ from ..lost_looks import BUMPS, HIGHLIGHTS, MEAN_EMISSION, METAL
 from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
+from .gltf_anisotropy import ANISOTROPY, brushed
 from .gltf_file import GltfFile, Item, dictionary, plain
 from .gltf_highlights import IOR, LEAST_INDEX, SPECULAR, Highlights, highlights_of, index_of
 from .gltf_layers import COAT, Layers, layers_of
@@ -42,7 +43,7 @@ _EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 _UNLIT = "KHR_materials_unlit"
 _TRANSMISSION = "KHR_materials_transmission"
 _VOLUME = "KHR_materials_volume"
-_UNTOLD = {COAT, _GLOSS, _EMISSIVE_STRENGTH, IOR, SPECULAR, _TRANSMISSION, _UNLIT}
+_UNTOLD = {ANISOTROPY, COAT, _GLOSS, _EMISSIVE_STRENGTH, IOR, SPECULAR, _TRANSMISSION, _UNLIT}
 """Extensions of materials that lose nothing, or whose loss is noted elsewhere."""
 _CLEAR = 0.5
 """The fraction of light that passes from which on a material is glass."""
@@ -151,11 +152,7 @@ class GltfMaterials:
             made = self._metallic(made, item, (highlights, layers), f"materials[{index}]", lost)
             made = self._emissive(made, item, f"materials[{index}]", lost)
             made = self._transmissive(made, item, f"materials[{index}]", lost)
-            if made.metal is not None:
-                looks = (*highlights.lost, *layers.lost) if made.metal.shows_index else layers.lost
-                lost.update(dict.fromkeys(looks))
-            elif layers.coat is not None:
-                lost[COAT] = None
+            made = self._with_looks_told(made, item, (highlights, layers), f"materials[{index}]", lost)
             made = self._bumpy(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
@@ -239,6 +236,30 @@ class GltfMaterials:
         if nearest:
             lost["hard edges of texels of metal and roughness (they are taken as bilinear)"] = None
         return made._replace(metal=plain_metal._replace(metal=metal, texels=image.texels, wrap=wrap))
+
+    def _with_looks_told(
+        self,
+        made: GltfMaterial,
+        item: Item,
+        above: tuple[Highlights, Layers],
+        where: str,
+        lost: dict[str, None],
+    ) -> GltfMaterial:
+        """Return a material with its anisotropy; note what is lost of that, of its highlights and of its layers."""
+        highlights, layers = above
+        metal = made.metal
+        if metal is None:
+            of_glass = made.glass is not None and ANISOTROPY in dictionary(item.extensions)
+            kinds = (COAT, layers.coat is not None), (ANISOTROPY, of_glass)
+            lost.update(dict.fromkeys(kind for kind, is_lost in kinds if is_lost))
+            return made
+        turned = bool(made.uv_transform[[0, 1], [1, 0]].any())
+        metal = brushed(metal, item, self._file, where, lost, turned=turned)
+        if metal.shows_index:
+            lost.update(dict.fromkeys(highlights.lost))
+        lost.update(dict.fromkeys(layers.lost))
+        uv_set = 0 if made.uv_set is None and metal.anisotropic != 0 else made.uv_set
+        return made._replace(metal=metal, uv_set=uv_set)
 
     def _emissive(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with the radiance that it emits, if any."""
