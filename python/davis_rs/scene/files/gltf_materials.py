@@ -22,9 +22,9 @@ from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
 from .gltf_anisotropy import ANISOTROPY, brushed
+from .gltf_coat import COAT, ClearCoat, clear_coat_of
 from .gltf_file import GltfFile, Item, dictionary, plain
 from .gltf_highlights import IOR, LEAST_INDEX, SPECULAR, Highlights, highlights_of, index_of
-from .gltf_layers import COAT, Layers, layers_of
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
@@ -148,11 +148,11 @@ class GltfMaterials:
             made = self._textured(made, info, f"{where}Texture", lost)
         if not unlit:
             highlights = highlights_of(dictionary(item.extensions), file, f"materials[{index}]", self._texture_image)
-            layers = layers_of(item, file, f"materials[{index}]", self._texture_image)
-            made = self._metallic(made, item, (highlights, layers), f"materials[{index}]", lost)
+            clear_coat = clear_coat_of(item, file, f"materials[{index}]", self._texture_image)
+            made = self._metallic(made, item, (highlights, clear_coat), f"materials[{index}]", lost)
             made = self._emissive(made, item, f"materials[{index}]", lost)
             made = self._transmissive(made, item, f"materials[{index}]", lost)
-            made = self._with_looks_told(made, item, (highlights, layers), f"materials[{index}]", lost)
+            made = self._with_looks_told(made, item, (highlights, clear_coat), f"materials[{index}]", lost)
             made = self._bumpy(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
@@ -197,11 +197,11 @@ class GltfMaterials:
         self,
         made: GltfMaterial,
         item: Item,
-        above: tuple[Highlights, Layers],
+        above: tuple[Highlights, ClearCoat],
         where: str,
         lost: dict[str, None],
     ) -> GltfMaterial:
-        """Return a material with its metal and roughness, where it has any metal, layers, or highlights that are
+        """Return a material with its metal and roughness, where it has any metal, a coat, or highlights that are
         seen."""
         file, surface = self._file, dictionary(item.pbrMetallicRoughness)
         if _GLOSS in dictionary(item.extensions):
@@ -211,20 +211,22 @@ class GltfMaterials:
             given = surface.get(name)
             factors[name] = file.numbers(1.0 if given is None else given, f"{where}: {name}", 1, low=0, high=1)[0]
         metal, rough = factors.values()
-        highlights, layers = above
-        dull, layered = highlights.refraction <= 1, layers.coat is not None
-        if metal == 0 and dull and not layered:
+        highlights, clear_coat = above
+        dull, coated = highlights.refraction <= 1, clear_coat.coat is not None
+        if metal == 0 and dull and not coated:
             return made
-        plain_metal = MetalRoughness(metal, rough, refraction=max(highlights.refraction, LEAST_INDEX), coat=layers.coat)
+        plain_metal = MetalRoughness(
+            metal, rough, refraction=max(highlights.refraction, LEAST_INDEX), coat=clear_coat.coat
+        )
         most = 1.0 if highlights.refraction > _STRONG_INDEX else _SHINY
         given, where = surface.get("metallicRoughnessTexture"), f"{where}: metallicRoughnessTexture"
         if given is None:
-            return made._replace(metal=plain_metal) if metal > 0 or layered or rough <= most else made
+            return made._replace(metal=plain_metal) if metal > 0 or coated or rough <= most else made
         image, files, wrap, nearest = self._texture(given, where, lost)
         if not image.texels[..., 2].any():
             metal = 0.0
         shiny = (rough * image.texels[..., 1] <= 255 * most).mean() > _SHINY_PART
-        if metal == 0 and not layered and (dull or not shiny):
+        if metal == 0 and not coated and (dull or not shiny):
             return made
         made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
         uv_set, transform = self._coordinates(given, where)
@@ -241,23 +243,23 @@ class GltfMaterials:
         self,
         made: GltfMaterial,
         item: Item,
-        above: tuple[Highlights, Layers],
+        above: tuple[Highlights, ClearCoat],
         where: str,
         lost: dict[str, None],
     ) -> GltfMaterial:
-        """Return a material with its anisotropy; note what is lost of that, of its highlights and of its layers."""
-        highlights, layers = above
+        """Return a material with its anisotropy; note what is lost of that, of its highlights and of its coat."""
+        highlights, clear_coat = above
         metal = made.metal
         if metal is None:
             of_glass = made.glass is not None and ANISOTROPY in dictionary(item.extensions)
-            kinds = (COAT, layers.coat is not None), (ANISOTROPY, of_glass)
+            kinds = (COAT, clear_coat.coat is not None), (ANISOTROPY, of_glass)
             lost.update(dict.fromkeys(kind for kind, is_lost in kinds if is_lost))
             return made
         turned = bool(made.uv_transform[[0, 1], [1, 0]].any())
         metal = brushed(metal, item, self._file, where, lost, turned=turned)
         if metal.shows_index:
             lost.update(dict.fromkeys(highlights.lost))
-        lost.update(dict.fromkeys(layers.lost))
+        lost.update(dict.fromkeys(clear_coat.lost))
         uv_set = 0 if made.uv_set is None and metal.anisotropic != 0 else made.uv_set
         return made._replace(metal=metal, uv_set=uv_set)
 

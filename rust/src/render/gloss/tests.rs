@@ -3,9 +3,11 @@
 
 use std::sync::Arc;
 
+use super::coat::Coat;
 use super::emissive::{DARK, EmissiveTextures};
 use super::finish::{Finish, Fresnel, Under};
 use super::microfacets::Distribution;
+use super::sheen::Sheen;
 use super::tables::{DIFFUSE, GlossTables};
 use crate::render::geometry::vector::{cross, dot, sub};
 use crate::render::light::colours::ColourImage;
@@ -315,6 +317,12 @@ fn rates_are_differences_in_time() {
         MIRROR,
         rough.clone(),
         Finish {
+            fresnel: Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 0.6 },
+            coat: Some(Coat { strength: 1.0, alpha: 0.05 }),
+            sheen: Some(Sheen { strength: 0.8, tint: 0.5 }),
+            ..rough.clone()
+        },
+        Finish {
             distribution: Distribution::Beckmann,
             fresnel: Fresnel::Dielectric(1.5),
             under: coated,
@@ -584,6 +592,14 @@ fn tables_that_do_not_belong_together_are_refused() {
         },
         |gloss| gloss.finishes[0].under = Under::Solid(1.0),
         |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 1.1, tint: 0.0 },
+        |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 1.1 },
+        |gloss| gloss.finishes[0].coat = Some(Coat { strength: 0.5, alpha: 0.1 }),
+        |gloss| {
+            gloss.finishes[0] = Finish { coat: Some(Coat { strength: 1.5, alpha: 0.1 }), ..mixed(0.3, 0.5) };
+        },
+        |gloss| {
+            gloss.finishes[0] = Finish { sheen: Some(Sheen { strength: -0.5, tint: 0.0 }), ..mixed(0.3, 0.5) };
+        },
         |gloss| gloss.finishes[0].tint = [f64::INFINITY; 3],
         |gloss| gloss.finishes[0].lobe = [None, Some(0)],
         |gloss| gloss.lobes = vec![1.01; 9],

@@ -58,7 +58,7 @@ def test_textures_of_a_coat_are_their_means(tmp_path: Path) -> None:
     numbers = numbers_of(scene)
     assert numbers["clearcoat"] == pytest.approx(0.375)
     assert numbers["clearcoat_gloss"] == pytest.approx((0.1 - 0.01) / 0.099)
-    assert looks_of(scene) == [SLANT, MEANS]
+    assert looks_of(scene) == [MEANS, SLANT]
 
 
 @pytest.mark.parametrize(("own", "below", "told"), [(0, 0, []), (None, 0, [NORMALS]), (0, None, [NORMALS])])

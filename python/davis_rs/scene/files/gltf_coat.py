@@ -1,6 +1,6 @@
-"""Reads what an opaque glTF material has above its base: a clear coat.
+"""Reads the clear coat that an opaque glTF material has above its base.
 
-Mitsuba's ``principled`` has the same layers by other laws. What these show differently is noted.
+Mitsuba's ``principled`` has a coat by another law. What that shows differently is noted.
 
 Source: Khronos Group, KHR_materials_clearcoat.
 """
@@ -26,48 +26,42 @@ _ROUGH = "roughness of coats above {:.2f} (that is taken)"
 _NORMALS = "normals of coats (they are those of what is below)"
 
 
-class Layers(NamedTuple):
-    """What a material has above its base.
+class ClearCoat(NamedTuple):
+    """The coat of a material.
 
     Attributes:
         coat: None where there is none.
-        lost: what of the layers is not shown.
+        lost: what of it is not shown.
     """
 
     coat: Coat | None = None
     lost: tuple[str, ...] = ()
 
 
-def layers_of(item: Item, file: GltfFile, where: str, image_of: ImageOf) -> Layers:
-    """Return the layers of a material."""
-    lost = dict[str, None]()
-    coat = _coat(item, file, where, image_of, lost)
-    return Layers(coat, tuple(lost))
-
-
-def _coat(item: Item, file: GltfFile, where: str, image_of: ImageOf, lost: dict[str, None]) -> Coat | None:
+def clear_coat_of(item: Item, file: GltfFile, where: str, image_of: ImageOf) -> ClearCoat:
+    """Return the coat of a material."""
     extensions = dictionary(item.extensions)
     if COAT not in extensions:
-        return None
+        return ClearCoat()
     given, where = dictionary(extensions[COAT]), f"{where}: {COAT}"
-    values, looks = [], dict[str, None]()
+    values, lost = list[float](), dict[str, None]()
     for name, channel in (("clearcoat", 0), ("clearcoatRoughness", 1)):
         factor = file.numbers(given.get(f"{name}Factor", 0.0), f"{where}.{name}Factor", 1, low=0, high=1)[0]
         if factor > 0 and (texture := given.get(f"{name}Texture")) is not None:
             factor *= image_of(texture, f"{where}.{name}Texture").texels[..., channel].mean() / 255
-            looks[_MEANS] = None
+            lost[_MEANS] = None
         values.append(float(factor))
     strength, roughness = values
     if strength == 0:
-        return None
+        return ClearCoat()
     smooth, rough = _COAT_ALPHAS
+    lost[_SLANT] = None
     alpha = roughness**2
     if alpha > rough:
-        looks[_ROUGH.format(np.sqrt(rough))] = None
+        lost[_ROUGH.format(np.sqrt(rough))] = None
     own, below = (
         dictionary(normals).get("index") for normals in (given.get("clearcoatNormalTexture"), item.normalTexture)
     )
     if own != below:
-        looks[_NORMALS] = None
-    lost.update({_SLANT: None, **looks})
-    return Coat(strength, float(np.clip((rough - alpha) / (rough - smooth), 0, 1)))
+        lost[_NORMALS] = None
+    return ClearCoat(Coat(strength, float(np.clip((rough - alpha) / (rough - smooth), 0, 1))), tuple(lost))
