@@ -42,6 +42,12 @@ MATERIALS = {
     '<float name="metallic" value="1"/><float name="roughness" value="0.3"/></bsdf>',
     "principled 0.5": '<bsdf type="principled"><rgb name="base_color" value="0.2, 0.5, 0.3"/>'
     '<float name="roughness" value="0.5"/></bsdf>',
+    "principled, coated": '<bsdf type="principled"><rgb name="base_color" value="0.3, 0.03, 0.02"/>'
+    '<float name="roughness" value="0.5"/><float name="clearcoat" value="1"/>'
+    '<float name="clearcoat_gloss" value="0.9"/></bsdf>',
+    "principled, sheen": '<bsdf type="principled"><rgb name="base_color" value="0.1, 0.1, 0.4"/>'
+    '<float name="roughness" value="0.9"/><float name="sheen" value="1"/><float name="sheen_tint" value="0.5"/>'
+    '<float name="spec_tint" value="0.5"/></bsdf>',
     "dielectric": '<bsdf type="dielectric"/>',
     "roughdielectric 0.2": '<bsdf type="roughdielectric"><float name="alpha" value="0.2"/></bsdf>',
     "thindielectric": '<bsdf type="thindielectric"/>',

@@ -111,10 +111,53 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
         {"type": "principled", "base_color": COLOUR, "roughness": 0.5, "metallic": 0.7, "anisotropic": 0.8},
         2e-4,
     ),
+    "principled, coated": (
+        {"type": "principled", "base_color": COLOUR, "roughness": 0.5, "clearcoat": 0.8, "clearcoat_gloss": 0.3},
+        2e-4,
+    ),
+    "principled, textured and coated": (
+        {
+            "type": "principled",
+            "base_color": COLOUR | FINER,
+            "roughness": ROUGHNESS | FINER,
+            "metallic": 0.6,
+            "clearcoat": 1.0,
+            "clearcoat_gloss": 0.9,
+        },
+        2e-4,
+    ),
+    "principled, sheen": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "sheen": 0.8}, 2e-4),
+    "principled, tinted sheen": (
+        {
+            "type": "principled",
+            "base_color": COLOUR | FINER,
+            "metallic": METAL | FINER,
+            "roughness": 0.6,
+            "sheen": 1.0,
+            "sheen_tint": 0.7,
+        },
+        2e-4,
+    ),
+    "principled, tinted": (
+        {
+            "type": "principled",
+            "base_color": COLOUR,
+            "roughness": 0.3,
+            "metallic": 0.2,
+            "spec_tint": 0.6,
+            "specular": 0.9,
+        },
+        2e-4,
+    ),
+    "principled without highlights": (
+        {"type": "principled", "base_color": COLOUR, "metallic": 0.4, "specular": 0.0, "spec_tint": 0.5},
+        2e-4,
+    ),
     "principled of an index": ({"type": "principled", "roughness": 0.3, "eta": 1.33}, 2e-4),
 }
 
 
+SHEEN = ["principled, sheen", "principled, tinted"]
 BRUSHED_METALS = [name for name in ROUGH if "brushed" in name and "texture" not in name]  # their rates are not exact
 
 
@@ -300,14 +343,16 @@ def test_blends_that_stay_with_mitsuba() -> None:
         (0.5, RED, {"type": "diffuse", "reflectance": COLOUR}),
         (0.5, RED, two_sided),
         (0.5, RED, {"type": "plastic"}),
-        (0.5, RED, {"type": "principled", "clearcoat": 0.3}),
+        (0.5, RED, {"type": "principled", "spec_trans": 0.3}),
         (0.5, {"type": "bumpmap", "arbitrary": METAL, "nested": RED}, BLUE),
     ):
         scene = scene_of({"type": "blendbsdf", "weight": weight, "first": first, "second": second}, lamp=POINT)
         assert "has a blendbsdf(" in str(why_not_noise_free(scene)[0]), (weight, first, second)
 
 
-@pytest.mark.parametrize("name", ["roughplastic", "gold, ggx", "principled metal", *BRUSHED_METALS])
+@pytest.mark.parametrize(
+    "name", ["roughplastic", "gold, ggx", "principled metal", "principled, coated", *BRUSHED_METALS]
+)
 def test_rates_are_differences(name: str) -> None:
     """dY/dt along a moving camera, under a lamp and its image."""
     scene = scene_of(ROUGH[name][0], lamp=POINT, sun=SUN)
@@ -355,15 +400,20 @@ def test_round_shapes_are_brushed_as_mitsubas() -> None:
     assert np.abs(ours - theirs).max() < 3e-3 * theirs.max()
 
 
+COATED = {"type": "principled", "base_color": 0.02, "specular": 0.0, "clearcoat": 1.0, "clearcoat_gloss": 0.5}
+PANEL = {
+    "type": "rectangle",
+    "to_world": np.array([[0.5, 0, 0, 0.3], [0, -0.3, 0, -0.2], [0, 0, -1, 2.5], [0, 0, 0, 1]]),
+    "emitter": {"type": "area", "radiance": 4.0},
+}
+
+
 @pytest.mark.usefixtures("llvm")
-def test_brushed_metal_shows_a_lamp_as_the_path_tracer_does() -> None:
-    panel = {
-        "type": "rectangle",
-        "to_world": np.array([[0.5, 0, 0, 0.3], [0, -0.3, 0, -0.2], [0, 0, -1, 2.5], [0, 0, 0, 1]]),
-        "emitter": {"type": "area", "radiance": 4.0},
-    }
+@pytest.mark.parametrize("bsdf", [BRUSHED_METAL, COATED], ids=["brushed", "coated"])
+def test_lobes_show_a_lamp_as_the_path_tracer_does(bsdf: dict[str, Any]) -> None:
+    """Of the coated surface, most light is the coat's."""
     sky = {"type": "constant", "radiance": 0.2}
-    scene = scene_of(BRUSHED_METAL, {"type": "path", "max_depth": 3}, panel=panel, sky=sky)
+    scene = scene_of(bsdf, {"type": "path", "max_depth": 3}, panel=PANEL, sky=sky)
     theirs = mitsubas(scene, 1024)
     ours = make_renderer(scene, CAMERA, rays_per_pixel=64, bake_error=0.1).luma(VIEWS)
     assert ours.mean() == pytest.approx(theirs.mean(), rel=0.01)
@@ -390,7 +440,15 @@ def test_two_sides_and_one() -> None:
 def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
     squares = {"type": "checkerboard"}
     unknown = [
-        {"type": "principled", "clearcoat": 0.3},
+        {"type": "principled", "spec_trans": 0.3},
+        {"type": "principled", "flatness": 0.3},
+        {"type": "principled", "eta": 0.8},
+        {"type": "principled", "spec_tint": ROUGHNESS},
+        {"type": "principled", "sheen": ROUGHNESS},
+        {"type": "principled", "sheen": 0.5, "sheen_tint": ROUGHNESS},
+        {"type": "principled", "clearcoat": ROUGHNESS},
+        {"type": "principled", "clearcoat": 1.2},
+        {"type": "principled", "clearcoat": 0.5, "clearcoat_gloss": ROUGHNESS},
         {"type": "principled", "roughness": {"type": "checkerboard", "color1": 1.2}},
         {"type": "principled", "roughness": {"type": "checkerboard", "color1": ROUGHNESS}},
         {"type": "principled", "base_color": COLOUR, "metallic": {**METAL, "to_uv": np.diag([2.0, 2.0, 1.0])}},
@@ -440,6 +498,11 @@ def test_two_sides_of_one_finish_are_one() -> None:
         ({"type": "principled", "metallic": 1.0, "roughness": 0.2}, "metal"),
         ({"type": "principled", "roughness": 0.7}, "principled"),
         ({"type": "principled", "metallic": 1.0, "roughness": 0.8}, "metal"),
+        (
+            {"type": "principled", "clearcoat": 1.0, "base_color": 0.01, "clearcoat_gloss": 0.5, "specular": 0.0},
+            "coat",
+        ),
+        ({"type": "principled", "sheen": 1.0, "base_color": 0.01, "specular": 0.0}, "sheen"),
         ({"type": "roughconductor", "material": "Au", "alpha": 0.4}, "conductor"),
     ],
 )
@@ -449,7 +512,7 @@ def test_the_albedo_of_bakes_is_mitsubas(bsdf: dict[str, Any], name: str) -> Non
         made = mi.load_dict(bsdf)
         read = read_finish(made, children(made), mi)
         assert read is not None
-        base = np.full((1, 3), 1.0 if name == "conductor" else 0.5)
+        base = np.full((1, 3), {"conductor": 1.0, "coat": 0.01, "sheen": 0.01}.get(name, 0.5))
         ours = read[1].albedo(base)[0]
         draws = np.random.RandomState(0).random_sample((4000, 4))
         sums = np.zeros(3)
@@ -477,6 +540,6 @@ def test_bakes_know_textures_of_roughness_by_their_texels() -> None:
     digests = set()
     for values in np.array([[[0.2, 0.4]], [[0.4, 0.2]]], np.float32):
         texels = NumberTexels(1, 2, 0, values.tobytes())
-        finish = Finish(0.09, "ggx", ("mixed", (1.5, 0.5)), under=("rough", (0.3, 0.5)), lobe=(texels, None))
+        finish = Finish(0.09, "ggx", ("mixed", (1.5, 0.5, 0.0)), under=("rough", (0.3, 0.5)), lobe=(texels, None))
         digests.add(GlossTable([finish], np.zeros(1, np.uint32), 12).digest)
     assert len(digests) == 2

@@ -71,7 +71,7 @@ def test_mitsuba_agrees_that_it_is(bsdf: dict[str, Any]) -> None:
 
 WITH_A_COLOUR = {
     "principled": ({"type": "principled", "base_color": COLOUR, "roughness": 0.4, "metallic": 0.7}, "principled"),
-    "varnished": ({"type": "principled", "base_color": COLOUR, "clearcoat": 0.5}, "principled"),
+    "varnished": ({"type": "principled", "base_color": COLOUR, "flatness": 0.5}, "principled"),
     "plastic": ({"type": "plastic", "diffuse_reflectance": COLOUR}, "plastic"),
     "roughplastic": ({"type": "roughplastic", "diffuse_reflectance": COLOUR}, "roughplastic"),
     "pplastic": ({"type": "pplastic", "diffuse_reflectance": COLOUR}, "pplastic"),
@@ -93,10 +93,10 @@ def test_what_has_a_diffuse_colour_is_matte_on_wish(bsdf: dict[str, Any], plugin
     """
     shiny = {"type": "twosided", "id": "varnish", "nested": bsdf}
     before = make_renderer(scene_of(shiny), CAMERA, rays_per_pixel=2)
-    if "clearcoat" in bsdf:
+    if "flatness" in bsdf:
         assert "Mitsuba's" in before.name
         kind = re.escape(plugins.split(", ")[0])
-        ways = r"--matte \(matte=True\) takes its diffuse colour alone, or set its clearcoat to 0, or give it a diffuse"
+        ways = r"--matte \(matte=True\) takes its diffuse colour alone, or set its flatness to 0, or give it a diffuse"
         assert re.search(
             rf"material 'varnish' has a twosided\({kind}.*\) surface, not a diffuse one: {ways}", before.reason
         )

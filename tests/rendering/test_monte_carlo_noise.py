@@ -99,7 +99,7 @@ def noisy_room(folder: Path) -> list[str]:
         <bsdf type="twosided"><bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
         <transform name="to_uv"><scale value="4"/></transform></texture></bsdf><bsdf type="diffuse"/></bsdf></shape>
         <shape type="sphere" id="ball"><float name="radius" value="0.1"/><bsdf type="principled">
-        <float name="metallic" value="1"/><float name="clearcoat" value="1"/></bsdf></shape>
+        <float name="metallic" value="1"/><float name="flatness" value="1"/></bsdf></shape>
         </scene>"""
     )
     path = folder / "path.txt"
@@ -298,7 +298,7 @@ OBSTACLES = """\
 what keeps the renderers without noise from this scene:
 - shape 'floor' has two different sides: give both the same diffuse material
 - shape 'ball' has a principled surface, not a diffuse one: --matte (matte=True) takes its diffuse colour alone, or \
-set its clearcoat to 0, or give it a diffuse material
+set its flatness to 0, or give it a diffuse material
 the ways on:
 - mend what is listed: then no event is noise
 """

@@ -539,7 +539,7 @@ def test_rays_that_miss_do_no_harm(kind: str, run_python: Callable[..., str]) ->
     assert run_python(MISSES, kind) == "alive\n"
 
 
-VARNISH = {"type": "principled", "clearcoat": 0.3}
+VARNISH = {"type": "principled", "flatness": 0.3}
 
 FLOOR = rectangle(diffuse())
 UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
@@ -645,7 +645,7 @@ MANY_OBSTACLES = """<scene version="3.0.0"><integrator type="path"/>
 <shape type="rectangle" id="floor"><bsdf type="twosided"><bsdf type="diffuse">
 <texture type="checkerboard" name="reflectance"/></bsdf><bsdf type="diffuse"/></bsdf></shape>
 <shape type="rectangle" id="coat"><bsdf type="twosided"><bsdf type="principled">
-<float name="clearcoat" value="0.5"/></bsdf></bsdf></shape>
+<float name="flatness" value="0.5"/></bsdf></bsdf></shape>
 <emitter type="projector" id="beamer"><texture type="checkerboard" name="irradiance">
 <texture type="checkerboard" name="color0"/></texture></emitter>
 </scene>"""
@@ -663,7 +663,7 @@ def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
         "that is a number, or a bilinear bitmap or a checkerboard of 0 to 1, or give it a diffuse material",
         "shape 'floor' has two different sides: give both the same diffuse material",
         "shape 'coat' has a twosided(principled) surface, not a diffuse one: --matte (matte=True) takes its diffuse "
-        "colour alone, or set its clearcoat to 0, or give it a diffuse material",
+        "colour alone, or set its flatness to 0, or give it a diffuse material",
         "the projector 'beamer' throws a checkerboard, which is no bitmap: give it as one",
     }
     assert set(map(str, why_not_noise_free(scene))) == told

@@ -92,23 +92,13 @@ def test_a_rough_solid(tmp_path: Path) -> None:
     assert 0.75 < luma(scene) < 0.9
 
 
-@pytest.mark.parametrize(
-    ("index", "rough", "told"), [(1.5, 0.2, []), (1.8, 0.2, ["KHR_materials_ior"]), (1.8, 1.0, [])]
-)
-def test_another_index_of_highlights_is_told(index: float, rough: float, told: list[str], tmp_path: Path) -> None:
-    """Where there are any: highlights of opaque surfaces are those of the usual index."""
-    gltf = Gltf()
-    extensions = {"KHR_materials_ior": {"ior": index}}
-    scene = world(gltf, tmp_path, glass(gltf, 0.0, extensions=extensions, roughnessFactor=rough))
-    assert [look.what.split()[0] for look in scene.lost_looks] == told
-
-
 def test_what_is_lost_of_glass_is_told(tmp_path: Path) -> None:
     texture: dict[str, Any] = {}
     cases: list[tuple[dict[str, Any], str]] = [
         ({"fraction": 0.7}, "what glass does not let through (it is clear)"),
         ({"metallicFactor": 0.5}, "what glass does not let through (it is clear)"),
         ({"roughnessFactor": 0.4}, "roughness of sheets of glass (they are clear)"),
+        ({"extensions": {"KHR_materials_specular": {"specularFactor": 0.5}}}, "KHR_materials_specular of glass"),
         ({"baseColorTexture": texture}, "colours of glass that differ from place to place (their mean is taken)"),
     ]
     for changes, told in cases:

@@ -24,6 +24,8 @@ CoreFinish = tuple[
     bool,
     tuple[str, list[float]],
     list[int | None],
+    tuple[float, float] | None,
+    tuple[float, float] | None,
 ]
 """What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
 
@@ -40,6 +42,13 @@ PASSING_NODES = 33
 """Cosines at which it is known what passes a rough coat."""
 
 
+_SHEEN_ALBEDO = 0.01157
+"""The albedo of whole sheen: pi times the mean of Schlick's weight over half vectors of all directions."""
+
+_COAT_HIDING = 0.25
+"""The roughness by which a coat's microfacets hide each other."""
+
+
 @dataclass(frozen=True)
 class Finish:
     """How a surface reflects, besides its base colour.
@@ -49,7 +58,7 @@ class Finish:
             u grows.
         distribution: of the microfacets, ``ggx`` or ``beckmann``.
         fresnel: ``dielectric`` (index), ``conductor`` (index and extinction, three channels each) or ``mixed`` (index,
-            fraction of metal).
+            fraction of metal, fraction of other highlights that has the hue of the base colour).
         tint: factor on the lobe, RGB.
         passing: factor on light that passes through, RGB.
         base_tints: the base colour is a factor on the lobe.
@@ -61,6 +70,9 @@ class Finish:
             ``nothing`` or of ``solid``; or opacity and None, of ``blend``. Its own numbers are then means. None for
             what is the same everywhere.
         across: of an anisotropic surface, roughness at right angles to that of ``alpha``; None where it is the same.
+        coat: a second lobe above all else, of ``mixed`` over ``rough``: its strength and its roughness; None for none.
+        sheen: of a ``rough`` base below ``mixed``: its strength, and the fraction that has the hue of the base colour;
+            None for none.
     """
 
     alpha: float
@@ -72,6 +84,8 @@ class Finish:
     under: _Kind = ("nothing", ())
     lobe: tuple[NumberTexels | None, NumberTexels | None] = (None, None)
     across: float | None = None
+    coat: tuple[float, float] | None = None
+    sheen: tuple[float, float] | None = None
 
     @property
     def blends(self) -> bool:
@@ -96,7 +110,17 @@ class Finish:
         tints = list(self.tint), list(self.passing)
         kinds = (fresnel, list(numbers)), (under, list(below))
         lobe = [None if texels is None else numbers_of[texels] for texels in self.lobe]
-        return (self.alpha, self.across), self.distribution, kinds[0], *tints, self.base_tints, kinds[1], lobe
+        return (
+            (self.alpha, self.across),
+            self.distribution,
+            kinds[0],
+            *tints,
+            self.base_tints,
+            kinds[1],
+            lobe,
+            self.coat,
+            self.sheen,
+        )
 
     def albedo(self, base: FloatArray) -> FloatArray:
         """Return how much of light from all sides is reflected (n, 3), for base colours (n, 3); 0 where it is clear.
@@ -115,11 +139,13 @@ class Finish:
             metal = [self._lobe(functools.partial(_conductor, eta=values[i], k=values[3 + i])) for i in range(3)]
             lobe = np.broadcast_to(np.array(metal), base.shape)
         else:
-            index, metallic = values
+            # A tint is taken as white, because it mixes channels.
+            index, metallic, _ = values
             plain = self._lobe(lambda c: dielectric(c, index))
             whole, grazing = self._lobe(np.ones_like), self._lobe(lambda c: (1 - c) ** 5)
             lobe = (1 - metallic) * plain + metallic * (base * whole + (1 - base) * grazing)
         lobe = lobe * np.array(self.tint) * (base if self.base_tints else 1.0)
+        lobe = lobe + (0.0 if self.coat is None else _coat_albedo(*self.coat))
         return np.minimum(lobe + self._below(base), 1.0)
 
     def _lobe(self, reflected: Callable[[FloatArray], FloatArray]) -> float:
@@ -136,7 +162,8 @@ class Finish:
             index, inside, entering, nonlinear = values[:4]
             return base * (entering / index) ** 2 / (1 - (base * inside if nonlinear else inside))
         if kind == "rough":
-            return base * values[1] * _rough_albedo(values[0])
+            sheen = 0.0 if self.sheen is None else self.sheen[0] * _SHEEN_ALBEDO
+            return values[1] * (base * _rough_albedo(values[0]) + sheen)
         return np.zeros_like(base)
 
 
@@ -210,6 +237,23 @@ def _rough_albedo(roughness: float) -> float:
     value = (1 - into / 2) * (1 - out / 2) + returned * (into + out + into * out * (returned - 1))
     weights = 4 * light * viewer * _WEIGHTS[:, None, None] * _WEIGHTS[None, :, None] / 16
     return float((value * weights).sum())
+
+
+@functools.cache
+def _coat_albedo(strength: float, alpha: float) -> float:
+    """Return the albedo of a coat, by microfacets in the middles of parts of equal size."""
+    number, squared = np.arange(1024), alpha**2
+    up = (1 - squared ** (1 - (number + 0.5) / 1024)) / (1 - squared)
+    azimuth = np.cos(2 * np.pi * (number * 0.618033988749895 % 1))
+    out = _COSINES[:, None]
+    facet = np.sqrt(1 - out**2) * np.sqrt(1 - up) * azimuth + out * np.sqrt(up)
+    into = 2 * facet * np.sqrt(up) - out
+    above = (facet > 0) & (into > 0)
+    facet, into = np.where(above, facet, 1.0), np.where(above, into, 1.0)
+    fresnel = 0.04 + 0.96 * (1 - facet) ** 5
+    seen = _seen_of_ggx(out, _COAT_HIDING) * _seen_of_ggx(into, _COAT_HIDING)
+    weights = 2 * out * _WEIGHTS[:, None] / 1024 * above
+    return float((strength * fresnel * seen * into * facet / np.sqrt(up) * weights).sum())
 
 
 def _conductor(cosine: FloatArray, eta: float, k: float) -> FloatArray:

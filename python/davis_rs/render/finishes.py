@@ -1,4 +1,4 @@
-"""Reads how glossy materials reflect, as the native renderer knows it: one lobe over a diffuse colour, or glass.
+"""Reads how glossy materials reflect, as the native renderer knows it: a lobe over a diffuse colour, or glass.
 
 Mitsuba's plastic, roughplastic, pplastic, conductor, roughconductor, principled, dielectric, roughdielectric,
 thindielectric, polarizer and diffuse mask become a :class:`Finish` and a base colour. docs/light.md says what is
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +28,15 @@ _ROUND = 1e-3
 _LEAST_ALPHA = 1e-4
 """An anisotropic surface is never smoother than this, as Mitsuba's is not."""
 
-_UNUSED = ("clearcoat", "sheen", "flatness", "spec_tint", "spec_trans")
+_UNUSED = ("flatness", "spec_trans")
 """Parts of ``principled`` that a finish does not have: they must be 0."""
+
+_COAT = "clearcoat", "clearcoat_gloss"
+
+_SHEEN = "sheen", "sheen_tint"
+
+_COAT_ALPHAS = (0.1, 0.001)
+"""Roughness of a coat without any gloss, and with all of it."""
 
 
 def read_finish(
@@ -234,14 +242,39 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     else:
         root = np.sqrt(0.08 * float(parameters["specular"]))
         index = float((1 + root) / (1 - root))
-    # Without a difference of the index nothing is reflected; the core asks for one.
-    index = max(index, 1 + 1e-6)
+    if index < 1:
+        return None
+    # Without a difference of the index nothing has highlights, and no metal reflects. The core asks for one.
+    shown, index = (1.0 if index > 1 else 0.0,) * 3, max(index, 1 + 1e-6)
     under, squared, across = ("rough", (rough, 1 - metal)), rough * rough, None
     if anisotropic.any():
         aspect = float(np.sqrt(1 - 0.9 * anisotropic.flat[0]))  # Burley 2012, section 5.4
         squared, across = squared / aspect, max(squared * aspect, _ROUND)
-    alpha = max(squared, _ROUND)
-    return base, Finish(alpha, "ggx", ("mixed", (index, metal)), under=under, lobe=lobe, across=across)
+    alpha, tint = max(squared, _ROUND), _number(inside, "spec_tint", mi) or 0.0
+    sheen, hue = (_number(inside, name, mi) or 0.0 for name in _SHEEN)
+    finish = Finish(alpha, "ggx", ("mixed", (index, metal, tint)), shown, under=under, lobe=lobe, across=across)
+    return base, replace(finish, coat=_coat(inside, mi), sheen=(sheen, hue) if sheen > 0 else None)
+
+
+def _coat(inside: dict[str, MitsubaObject], mi: Mitsuba) -> tuple[float, float] | None:
+    """Return the strength and the roughness of the coat of a ``principled`` material; None where it has none."""
+    strength, gloss = (_number(inside, name, mi) for name in _COAT)
+    if not strength:
+        return None
+    dull, glossy = _COAT_ALPHAS
+    return strength, dull + (gloss or 0.0) * (glossy - dull)
+
+
+def _number(inside: dict[str, MitsubaObject], name: str, mi: Mitsuba) -> float | None:
+    """Return a number of a material, 0 if it is not given; None where it differs from place to place."""
+    value = constant_of(inside[name], mi) if name in inside else np.zeros(1)
+    return None if value is None else float(value.flat[0])
+
+
+def _is_fraction(inside: dict[str, MitsubaObject], name: str, mi: Mitsuba) -> bool:
+    """Return whether a number of a material is the same everywhere, and 0 to 1."""
+    value = _number(inside, name, mi)
+    return value is not None and 0 <= value <= 1
 
 
 def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
@@ -249,6 +282,13 @@ def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
     left_out = [
         name for name in _UNUSED if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any())
     ]
+    if not _is_fraction(inside, "spec_tint", mi):
+        left_out.append("spec_tint")
+    for strength, kind in (_COAT, _SHEEN):
+        if not _is_fraction(inside, strength, mi):
+            left_out.append(strength)
+        elif _number(inside, strength, mi) != 0 and not _is_fraction(inside, kind, mi):
+            left_out.append(kind)
     if "anisotropic" in inside:
         anisotropic = constant_of(inside["anisotropic"], mi)
         textured = any(constant_of(inside[name], mi) is None for name in ("roughness", "metallic"))

@@ -16,6 +16,7 @@ METAL = "metal"
 HIGHLIGHTS = "highlights"
 BUMPS = "normal maps"
 UNKNOWN = "materials that are not known, and grey here"
+BRUSHED = "anisotropy (only that of numbers is shown, along a texture coordinate, without colours of vertices)"
 BACKS = "backs that cannot be seen (they are seen from both sides)"
 """The look of one-sided surfaces; lost only where the camera sees the other side, which the native renderer culls."""
 _NAMED = 4

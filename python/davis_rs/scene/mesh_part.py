@@ -21,6 +21,22 @@ GREY = 0.5
 """Reflectance of surfaces without a material."""
 
 
+USUAL_INDEX = 1.5
+"""The index of refraction of what glTF files say nothing of."""
+
+
+class Coat(NamedTuple):
+    """A clear coat above a part, as Mitsuba's ``principled`` has it.
+
+    Attributes:
+        strength: 0 to 1.
+        gloss: 0 (rough) to 1 (nearly a mirror).
+    """
+
+    strength: float
+    gloss: float
+
+
 class MetalRoughness(NamedTuple):
     """How a part reflects besides its base colour, as glTF says it: as a metal to some fraction, more or less rough.
 
@@ -30,12 +46,24 @@ class MetalRoughness(NamedTuple):
         texels: uint8 (H, W, 3), looked up as the base colour: green / 255 is a factor on the roughness, blue / 255 one
             on the metal; None where both are the same everywhere.
         wrap: how the texels continue beyond their edges: repeat, clamp or mirror.
+        refraction: the index of what is no metal, above 1.
+        coat: above all; None where there is none.
+        anisotropic: how much rougher it is along u than across, as Mitsuba's ``principled`` has it; below 0 it is
+            smoother. Not with ``texels``.
     """
 
     metal: float
     roughness: float
     texels: npt.NDArray[np.uint8] | None = None
     wrap: str = "repeat"
+    refraction: float = USUAL_INDEX
+    coat: Coat | None = None
+    anisotropic: float = 0.0
+
+    @property
+    def shows_index(self) -> bool:
+        """Whether any of it is no metal."""
+        return self.metal < 1 or self.texels is not None
 
 
 class Blend(NamedTuple):

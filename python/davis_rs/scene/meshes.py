@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba.types import MitsubaShape, MitsubaValue, SceneDictionary
 from ..geometry.pose import FloatArray
-from .mesh_part import Blend, Glass, MetalRoughness, NormalTexture
+from .mesh_part import USUAL_INDEX, Blend, Glass, MetalRoughness, NormalTexture
 from .textures import Texture, bitmap, encoded_bitmap
 
 Window = tuple[float, float, float, float]
@@ -174,6 +174,12 @@ def _metallic(colour: SceneDictionary, metal: MetalRoughness) -> SceneDictionary
     import mitsuba as mi
 
     surface = {"type": "principled", "base_color": colour, "roughness": metal.roughness, "metallic": metal.metal}
+    if metal.refraction != USUAL_INDEX:
+        surface["eta"] = metal.refraction
+    if metal.anisotropic != 0:
+        surface["anisotropic"] = metal.anisotropic
+    if metal.coat is not None:
+        surface |= {"clearcoat": metal.coat.strength, "clearcoat_gloss": metal.coat.gloss}
     if metal.texels is not None:
         for name, channel, factor in (("roughness", 1, metal.roughness), ("metallic", 2, metal.metal)):
             values = metal.texels[..., channel : channel + 1] * np.float32(factor / 255)

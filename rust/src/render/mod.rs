@@ -58,11 +58,15 @@ pub use deform::Deformed;
 pub use geometry::pixel_rays::PixelRays;
 pub use geometry::view::{Pose, View};
 #[cfg(feature = "python")]
+pub use gloss::coat::Coat;
+#[cfg(feature = "python")]
 pub use gloss::emissive::EmissiveTextures;
 #[cfg(feature = "python")]
 pub use gloss::finish::{Finish, Fresnel, PASSING, Under};
 #[cfg(feature = "python")]
 pub use gloss::microfacets::Distribution;
+#[cfg(feature = "python")]
+pub use gloss::sheen::Sheen;
 #[cfg(feature = "python")]
 pub use gloss::tables::GlossTables;
 #[cfg(feature = "python")]

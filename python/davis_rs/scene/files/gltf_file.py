@@ -395,6 +395,11 @@ def unknown(extension: str) -> bool:
     return not known and re.fullmatch(r"[A-Z0-9]+_materials_\w+", extension) is None
 
 
+def dictionary(value: object) -> Item:
+    """Return ``value`` if it is an object of the JSON, else {}."""
+    return value if isinstance(value, Item) else Item()
+
+
 def plain(value: object) -> str:
     """Return a value of the file for a message: short, and on one line."""
     text = repr(value)

@@ -3,8 +3,8 @@
 What is lost, is noted.
 
 Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp,
-KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength, KHR_materials_unlit, KHR_materials_transmission,
-KHR_materials_ior and KHR_materials_volume.
+KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength, KHR_materials_unlit, KHR_materials_transmission
+and KHR_materials_volume.
 """
 
 from __future__ import annotations
@@ -21,16 +21,20 @@ from ..lost_looks import BUMPS, HIGHLIGHTS, MEAN_EMISSION, METAL
 from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
-from .gltf_file import GltfFile, Item, plain
+from .gltf_anisotropy import ANISOTROPY, brushed
+from .gltf_coat import COAT, ClearCoat, clear_coat_of
+from .gltf_file import GltfFile, Item, dictionary, plain
+from .gltf_highlights import IOR, LEAST_INDEX, SPECULAR, Highlights, highlights_of, index_of
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
 _GLOSS = "KHR_materials_pbrSpecularGlossiness"
 _WEBP = "EXT_texture_webp"
-_SPECULAR = "KHR_materials_specular"
 _SHINY = 0.7
 """Surfaces without metal that are no rougher show their highlights. On a rougher one, seen from above, the sun adds at
 most a tenth to what a middle grey reflects. That is not worth following each of its rays to what it mirrors."""
+_STRONG_INDEX = 2.0
+"""Highlights of an index of refraction above this are seen on surfaces of any roughness."""
 _SHINY_PART = 0.01
 """So much of a texture is that smooth, where any of it counts."""
 _MEAN_METAL = "metal and roughness that differ from place to place (their means are taken)"
@@ -38,9 +42,8 @@ _IMAGES = ("PNG", "JPEG", "WEBP")
 _EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 _UNLIT = "KHR_materials_unlit"
 _TRANSMISSION = "KHR_materials_transmission"
-_IOR = "KHR_materials_ior"
 _VOLUME = "KHR_materials_volume"
-_UNTOLD = {_GLOSS, _EMISSIVE_STRENGTH, _IOR, _TRANSMISSION, _UNLIT}
+_UNTOLD = {ANISOTROPY, COAT, _GLOSS, _EMISSIVE_STRENGTH, IOR, SPECULAR, _TRANSMISSION, _UNLIT}
 """Extensions of materials that lose nothing, or whose loss is noted elsewhere."""
 _CLEAR = 0.5
 """The fraction of light that passes from which on a material is glass."""
@@ -48,10 +51,6 @@ _CLEAR_WITHIN = 0.1
 """How far glass may be from clear and smooth without a word."""
 _NORMAL_TEXEL = 24
 """About how many bytes a texel of normals takes until it is in the core."""
-_USUAL_INDEX = 1.5
-"""Of refraction, where the file says nothing."""
-_LEAST_INDEX = 1.001
-"""Of refraction: at 1 there would be no surface."""
 
 
 class GltfMaterial(NamedTuple):
@@ -143,14 +142,17 @@ class GltfMaterials:
         factor = file.numbers([1.0] * 4 if given is None else given, f"{where}Factor", 4, low=0, high=1)
         transparent = item.alphaMode in ("MASK", "BLEND")
         colour = factor[:3]
-        unlit = _UNLIT in _dictionary(item.extensions)
+        unlit = _UNLIT in dictionary(item.extensions)
         made = GltfMaterial(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent, unlit=unlit)
         if info is not None:
             made = self._textured(made, info, f"{where}Texture", lost)
         if not unlit:
-            made = self._metallic(made, item, f"materials[{index}]", lost)
+            highlights = highlights_of(dictionary(item.extensions), file, f"materials[{index}]", self._texture_image)
+            clear_coat = clear_coat_of(item, file, f"materials[{index}]", self._texture_image)
+            made = self._metallic(made, item, (highlights, clear_coat), f"materials[{index}]", lost)
             made = self._emissive(made, item, f"materials[{index}]", lost)
             made = self._transmissive(made, item, f"materials[{index}]", lost)
+            made = self._with_looks_told(made, item, (highlights, clear_coat), f"materials[{index}]", lost)
             made = self._bumpy(made, item, f"materials[{index}]", lost)
         if transparent:
             made = self._masked(made, item, factor[3], lost)
@@ -191,46 +193,82 @@ class GltfMaterials:
         made = made._replace(reflectance=tinted, wrap=wrap, nearest=nearest, files=files)
         return made._replace(uv_set=uv_set, uv_transform=transform)
 
-    def _metallic(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
-        """Return a material with its metal and roughness, where it has any metal, or highlights that are seen."""
-        file, surface = self._file, _dictionary(item.pbrMetallicRoughness)
-        if _GLOSS in _dictionary(item.extensions):
+    def _metallic(
+        self,
+        made: GltfMaterial,
+        item: Item,
+        above: tuple[Highlights, ClearCoat],
+        where: str,
+        lost: dict[str, None],
+    ) -> GltfMaterial:
+        """Return a material with its metal and roughness, where it has any metal, a coat, or highlights that are
+        seen."""
+        file, surface = self._file, dictionary(item.pbrMetallicRoughness)
+        if _GLOSS in dictionary(item.extensions):
             return made
         factors = {}
         for name in ("metallicFactor", "roughnessFactor"):
             given = surface.get(name)
             factors[name] = file.numbers(1.0 if given is None else given, f"{where}: {name}", 1, low=0, high=1)[0]
         metal, rough = factors.values()
-        specular = _dictionary(_dictionary(item.extensions).get(_SPECULAR)).get("specularFactor", 1.0)
-        dull = file.numbers(specular, f"{where}: {_SPECULAR}.specularFactor", 1, low=0, high=1)[0] == 0
-        if metal == 0 and dull:
+        highlights, clear_coat = above
+        dull, coated = highlights.refraction <= 1, clear_coat.coat is not None
+        if metal == 0 and dull and not coated:
             return made
+        plain_metal = MetalRoughness(
+            metal, rough, refraction=max(highlights.refraction, LEAST_INDEX), coat=clear_coat.coat
+        )
+        most = 1.0 if highlights.refraction > _STRONG_INDEX else _SHINY
         given, where = surface.get("metallicRoughnessTexture"), f"{where}: metallicRoughnessTexture"
         if given is None:
-            return made._replace(metal=MetalRoughness(metal, rough)) if metal > 0 or rough <= _SHINY else made
+            return made._replace(metal=plain_metal) if metal > 0 or coated or rough <= most else made
         image, files, wrap, nearest = self._texture(given, where, lost)
         if not image.texels[..., 2].any():
             metal = 0.0
-        shiny = (rough * image.texels[..., 1] <= 255 * _SHINY).mean() > _SHINY_PART
-        if metal == 0 and (dull or not shiny):
+        shiny = (rough * image.texels[..., 1] <= 255 * most).mean() > _SHINY_PART
+        if metal == 0 and not coated and (dull or not shiny):
             return made
         made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
         uv_set, transform = self._coordinates(given, where)
         if made.uv_set != uv_set or not np.array_equal(made.uv_transform, transform):
             lost[_MEAN_METAL] = None
             roughness, metals = (float(image.texels[..., channel].mean()) / 255 for channel in (1, 2))
-            return made._replace(metal=MetalRoughness(metal * metals, rough * roughness))
+            return made._replace(metal=plain_metal._replace(metal=metal * metals, roughness=rough * roughness))
         image.charge(file.budget, where)
         if nearest:
             lost["hard edges of texels of metal and roughness (they are taken as bilinear)"] = None
-        return made._replace(metal=MetalRoughness(metal, rough, image.texels, wrap))
+        return made._replace(metal=plain_metal._replace(metal=metal, texels=image.texels, wrap=wrap))
+
+    def _with_looks_told(
+        self,
+        made: GltfMaterial,
+        item: Item,
+        above: tuple[Highlights, ClearCoat],
+        where: str,
+        lost: dict[str, None],
+    ) -> GltfMaterial:
+        """Return a material with its anisotropy; note what is lost of that, of its highlights and of its coat."""
+        highlights, clear_coat = above
+        metal = made.metal
+        if metal is None:
+            of_glass = made.glass is not None and ANISOTROPY in dictionary(item.extensions)
+            kinds = (COAT, clear_coat.coat is not None), (ANISOTROPY, of_glass)
+            lost.update(dict.fromkeys(kind for kind, is_lost in kinds if is_lost))
+            return made
+        turned = bool(made.uv_transform[[0, 1], [1, 0]].any())
+        metal = brushed(metal, item, self._file, where, lost, turned=turned)
+        if metal.shows_index:
+            lost.update(dict.fromkeys(highlights.lost))
+        lost.update(dict.fromkeys(clear_coat.lost))
+        uv_set = 0 if made.uv_set is None and metal.anisotropic != 0 else made.uv_set
+        return made._replace(metal=metal, uv_set=uv_set)
 
     def _emissive(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with the radiance that it emits, if any."""
-        file, extensions = self._file, _dictionary(item.extensions)
+        file, extensions = self._file, dictionary(item.extensions)
         given = [0.0] * 3 if item.emissiveFactor is None else item.emissiveFactor
         factor = file.numbers(given, f"{where}: emissiveFactor", 3, low=0, high=1)
-        strength = _dictionary(extensions.get(_EMISSIVE_STRENGTH)).get("emissiveStrength")
+        strength = dictionary(extensions.get(_EMISSIVE_STRENGTH)).get("emissiveStrength")
         if strength is not None:
             factor = factor * file.numbers(strength, f"{where}: {_EMISSIVE_STRENGTH}.emissiveStrength", 1, low=0)[0]
         if not factor.any():
@@ -257,20 +295,16 @@ class GltfMaterials:
 
     def _transmissive(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material as glass, if most light passes it: a clear thin sheet, or a solid where it has a volume."""
-        file, extensions = self._file, _dictionary(item.extensions)
-        given = _dictionary(extensions.get(_TRANSMISSION))
+        file, extensions = self._file, dictionary(item.extensions)
+        given = dictionary(extensions.get(_TRANSMISSION))
         fraction = given.get("transmissionFactor", 0.0)
         fraction = file.numbers(fraction, f"{where}: transmissionFactor", 1, low=0, high=1)[0]
-        index = _dictionary(extensions.get(_IOR)).get("ior", _USUAL_INDEX)
-        index = float(file.numbers(index, f"{where}: {_IOR}.ior", 1, low=0)[0])
         if fraction == 0:
-            if made.metal is not None and index != _USUAL_INDEX:
-                lost[f"{_IOR} of highlights (they are those of {_USUAL_INDEX})"] = None
             return made
         if fraction < _CLEAR or given.get("transmissionTexture") is not None:
             lost[_TRANSMISSION] = None
             return made
-        volume = _dictionary(extensions.get(_VOLUME))
+        volume = dictionary(extensions.get(_VOLUME))
         thickness = volume.get("thicknessFactor", 0.0)
         thickness = file.numbers(thickness, f"{where}: {_VOLUME}.thicknessFactor", 1, low=0)[0]
         tint = made.reflectance
@@ -279,20 +313,23 @@ class GltfMaterials:
             tint = tint.linear().mean((0, 1), np.float64)
         if fraction < 1 - _CLEAR_WITHIN or (made.metal is not None and made.metal.metal > 0):
             lost["what glass does not let through (it is clear)"] = None
-        roughness = _dictionary(item.pbrMetallicRoughness).get("roughnessFactor", 1.0)
+        roughness = dictionary(item.pbrMetallicRoughness).get("roughnessFactor", 1.0)
         roughness = float(file.numbers(roughness, f"{where}: roughnessFactor", 1, low=0, high=1)[0])
         is_solid = bool(thickness > 0)
         if roughness > _CLEAR_WITHIN and not is_solid:
             lost["roughness of sheets of glass (they are clear)"] = None
         rough = roughness if roughness > _CLEAR_WITHIN and is_solid else 0.0
-        return made._replace(glass=Glass(max(index, _LEAST_INDEX), tint, is_solid, rough), metal=None)
+        if SPECULAR in extensions:
+            lost[f"{SPECULAR} of glass"] = None
+        index = max(index_of(extensions, file, where), LEAST_INDEX)
+        return made._replace(glass=Glass(index, tint, is_solid, rough), metal=None)
 
     def _bumpy(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with its normal texture, if it has one that turns anything."""
         file, given, where = self._file, item.normalTexture, f"{where}: normalTexture"
         if given is None:
             return made
-        scale = _dictionary(given).get("scale")
+        scale = dictionary(given).get("scale")
         factor = 1.0 if scale is None else float(file.numbers(scale, f"{where}: scale", 1)[0])
         image, files, wrap, nearest = self._texture(given, where, lost)
         uv_set, transform = self._coordinates(given, where)
@@ -330,18 +367,21 @@ class GltfMaterials:
     ) -> tuple[EncodedTexture, tuple[Path, ...], str, bool]:
         """Return the image of a texture, the files that it is from, its wrap mode, and whether texels have hard
         edges."""
-        texture = self._file.item("textures", _dictionary(given).get("index"), where)
+        texture = self._file.item("textures", dictionary(given).get("index"), where)
         source = texture.source
         if source is None:
-            source = _dictionary(_dictionary(texture.extensions).get(_WEBP)).get("source")
+            source = dictionary(dictionary(texture.extensions).get(_WEBP)).get("source")
         if source is None:
             message = "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures"
             raise self._file.error(where, message)
         return *self._image(source, where), *self._sampler(texture, lost)
 
+    def _texture_image(self, given: object, where: str) -> EncodedTexture:
+        return self._texture(given, where, {})[0]
+
     def _coordinates(self, given: object, where: str) -> tuple[int, FloatArray]:
         """Return which texture coordinates a texture takes, and their transform (2, 3)."""
-        info = _dictionary(given)
+        info = dictionary(given)
         uv_set = self._file.whole(info.get("texCoord") or 0, f"{where}.texCoord", "of texture coordinates", 15)
         return self._transform(info.get("extensions"), uv_set, where)
 
@@ -359,7 +399,7 @@ class GltfMaterials:
 
     def _transform(self, extensions: object, uv_set: int, where: str) -> tuple[int, FloatArray]:
         """Return the set and the transform of texture coordinates: uv' = T R S uv, R by the angle from u towards -v."""
-        given = _dictionary(extensions).get("KHR_texture_transform")
+        given = dictionary(extensions).get("KHR_texture_transform")
         if given is None:
             return uv_set, np.eye(2, 3)
         where = f"{where}: KHR_texture_transform"
@@ -393,7 +433,7 @@ class GltfMaterials:
 
     def _lost(self, item: Item) -> Iterator[str]:
         """Yield the kinds of looks of a material that are not shown."""
-        extensions = _dictionary(item.extensions)
+        extensions = dictionary(item.extensions)
         if _UNLIT not in extensions:
             if _GLOSS in extensions:
                 yield "gloss"
@@ -413,13 +453,8 @@ def _steeper(texels: npt.NDArray[np.uint8], factor: float) -> npt.NDArray[np.flo
 
 def _diffuse(item: Item) -> tuple[str, object, object]:
     """Return the file's name for a material's diffuse colour, the factor, and the texture, both unchecked."""
-    surface, gloss = item.pbrMetallicRoughness, _dictionary(item.extensions).get(_GLOSS)
+    surface, gloss = item.pbrMetallicRoughness, dictionary(item.extensions).get(_GLOSS)
     if gloss is not None:
-        gloss = _dictionary(gloss)
+        gloss = dictionary(gloss)
         return f"{_GLOSS}: diffuse", gloss.get("diffuseFactor"), gloss.get("diffuseTexture")
     return "baseColor", getattr(surface, "baseColorFactor", None), getattr(surface, "baseColorTexture", None)
-
-
-def _dictionary(value: object) -> Item:
-    """Return ``value`` if it is an object of the JSON, else {}."""
-    return value if isinstance(value, Item) else Item()

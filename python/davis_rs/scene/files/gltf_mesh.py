@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import BUMPS, TRANSPARENCY
+from ..lost_looks import BRUSHED, BUMPS, TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles, unit_normals
 from ..repairs import Repairs
 from ..texture_file import EncodedTexture
@@ -426,6 +426,11 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
     if normal_texture is not None and uv is None:
         normal_texture = None  # it has no tangents
         lost.append(BUMPS)
+    metal = material.metal
+    if metal is not None and metal.anisotropic != 0 and (uv is None or colours is not None):
+        # Colours of vertices take texture coordinates of their own.
+        metal = metal._replace(anisotropic=0.0)
+        lost.append(BRUSHED)
     return MeshPart(
         corners,
         None if uv is None else uv * [1, -1] + [0, 1],
@@ -436,7 +441,7 @@ def joined(primitives: list[Primitive], material: GltfMaterial) -> MeshPart:
         material.files,
         material.wrap,
         tuple(dict.fromkeys(lost)),
-        material.metal,
+        metal,
         material.nearest,
         material.emission,
         material.unlit,

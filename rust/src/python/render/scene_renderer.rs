@@ -57,7 +57,8 @@ use crate::render::{
 ///     gloss: surfaces that are not diffuse; None where all are. The finishes, each (roughness along u and, if that
 ///         differs, across it or None, ``ggx`` or
 ///         ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
-///         colour tints the lobe, what is below, and the numbers of textures of roughness and of metal or None);
+///         colour tints the lobe, what is below, the numbers of textures of roughness and of metal or None,
+///         (strength, roughness) of a coat or None, and (strength, tint) of sheen or None);
 ///         uint32 (t), the finish of each triangle, 2^32 - 1 for none; the colours of textures: uint32
 ///         (textures), the number of each one's image, and for each image (width, height, wrap mode), and its texels
 ///         (height, width, 3), flat, as float32 and None, or as uint8 and float32 (256, 3), flat, what each number
@@ -68,8 +69,9 @@ use crate::render::{
 ///         as those of other textures; and emissive textures: uint32 (textures), the number of the one on the same
 ///         triangles, 2^32 - 1 for none, or nothing; their layouts, the numbers of their lights, and float32 (texels,
 ///         3), radiance from either side. Fresnel's equations are (``dielectric``, [index]), (``conductor``, [index
-///         and extinction, 3 each]) or (``mixed``, [index, metal]). Below is (``nothing``, []), (``coated``, [index,
-///         reflected inside, entering, 1 if nonlinear, and of a rough coat what passes at 33 cosines from 0 to 1]),
+///         and extinction, 3 each]) or (``mixed``, [index, metal, tint]). Below is (``nothing``, []), (``coated``,
+///         [index, reflected inside, entering, 1 if nonlinear, and of a rough coat what passes at 33 cosines from 0 to
+///         1]),
 ///         (``rough``, [roughness, factor]), (``solid``, [index]), (``sheet``, [index]) or (``blend``, [opacity],
 ///         whose texture takes the place of that of roughness).
 ///     normal_textures: which way the texels of surfaces face; None where no surface has any. uint32 (textures), the

@@ -8,8 +8,8 @@ use pyo3::prelude::*;
 
 use crate::python::arrays::{column, grouped, groups, numbers};
 use crate::render::{
-    Beam, Channel, ColourImage, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light,
-    LightKind, LightMapTables, NormalTextureTables, PASSING, Sky, Slide, SlideTables, TextureColours, Under,
+    Beam, Channel, Coat, ColourImage, Distribution, Emission, EmissiveTextures, Finish, Fresnel, GlossTables, Light,
+    LightKind, LightMapTables, NormalTextureTables, PASSING, Sheen, Sky, Slide, SlideTables, TextureColours, Under,
     VectorMapTables,
 };
 
@@ -45,8 +45,20 @@ pub(super) type SkyTuple<'py> = (u32, usize, Bound<'py, PyAny>);
 type KindTuple = (String, Vec<f64>);
 
 /// Roughness, distribution, Fresnel's equations, tint, what passes, whether the base tints, what is below, and the
-/// numbers of textures of roughness (or opacity) and of metal.
-type FinishTuple = ((f64, Option<f64>), String, KindTuple, [f64; 3], [f64; 3], bool, KindTuple, [Option<u32>; 2]);
+/// numbers of textures of roughness (or opacity) and of metal; strength and roughness of a coat;
+/// strength and tint of sheen.
+type FinishTuple = (
+    (f64, Option<f64>),
+    String,
+    KindTuple,
+    [f64; 3],
+    [f64; 3],
+    bool,
+    KindTuple,
+    [Option<u32>; 2],
+    Option<(f64, f64)>,
+    Option<(f64, f64)>,
+);
 
 /// For each texture the number of its emissive one, and layouts, lights and texels of these.
 type EmissiveTuple<'py> = (Bound<'py, PyAny>, Vec<[i64; 4]>, Vec<u32>, Bound<'py, PyAny>);
@@ -133,7 +145,7 @@ pub(super) fn gloss_tables(
 }
 
 fn finish(
-    ((alpha, across), distribution, fresnel, tint, passing, base_tints, under, lobe): FinishTuple,
+    ((alpha, across), distribution, fresnel, tint, passing, base_tints, under, lobe, coat, sheen): FinishTuple,
 ) -> PyResult<Finish> {
     let distribution = match distribution.as_str() {
         "ggx" => Distribution::Ggx,
@@ -145,8 +157,8 @@ fn finish(
         ("conductor", &[red, green, blue, ref extinction @ ..]) if extinction.len() == 3 => {
             Fresnel::Conductor([red, green, blue], [extinction[0], extinction[1], extinction[2]])
         }
-        ("mixed", &[index, metal]) => Fresnel::Mixed(index, metal),
-        (kind, values) => return Err(unknown("dielectric (1 number), conductor (6) or mixed (2)", kind, values)),
+        ("mixed", &[index, metal, tint]) => Fresnel::Mixed { index, metal, tint },
+        (kind, values) => return Err(unknown("dielectric (1 number), conductor (6) or mixed (3)", kind, values)),
     };
     let under = match (under.0.as_str(), under.1.as_slice()) {
         ("nothing", []) => Under::Nothing,
@@ -168,7 +180,9 @@ fn finish(
             ));
         }
     };
-    Ok(Finish { alpha, across, distribution, fresnel, tint, passing, base_tints, under, lobe })
+    let coat = coat.map(|(strength, alpha)| Coat { strength, alpha });
+    let sheen = sheen.map(|(strength, tint)| Sheen { strength, tint });
+    Ok(Finish { alpha, across, distribution, fresnel, tint, passing, base_tints, under, lobe, coat, sheen })
 }
 
 fn unknown(kinds: &str, kind: &str, values: &[f64]) -> PyErr {

@@ -1,15 +1,18 @@
 //! Finishes: how glossy surfaces reflect light between two directions.
 //!
 //! A finish has one lobe of [`microfacets`](super::microfacets), weighted by Fresnel's equations, over a diffuse
-//! colour. A surface without roughness is a mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`,
+//! colour, and perhaps a [`coat`](super::coat) above both,
+//! or [`sheen`](super::sheen). A surface without roughness is a mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`,
 //! `conductor`, `roughconductor`, `dielectric`, `roughdielectric`, `thindielectric` and `principled`, so that its path
 //! tracer is the reference.
 //!
 //! What must not break: only arithmetic, roots and `libm` are used, so that bits are the same on every processor.
 
+use super::coat::Coat;
 use super::microfacets::Distribution;
 use super::microfacets::{Anisotropy, Cosines};
-use super::number::{Number, Triple, add, constant, dot, each, scale, times, unit};
+use super::number::{Number, Triple, add, constant, dot, each, fifth_power, scale, times, unit};
+use super::sheen::{Sheen, hue};
 use crate::error::{Error, Result};
 
 /// How much light microfacets reflect, by the angle.
@@ -19,9 +22,15 @@ pub enum Fresnel {
     Dielectric(f64),
     /// Of a metal: index of refraction and extinction for red, green and blue.
     Conductor([f64; 3], [f64; 3]),
-    /// Of a mix of a dielectric with this index and a metal of the base colour (by Schlick's approximation), by the
-    /// metal's fraction.
-    Mixed(f64, f64),
+    /// Of a mix of a dielectric and a metal of the base colour (by Schlick's approximation).
+    Mixed {
+        /// The index of refraction of the dielectric.
+        index: f64,
+        /// The metal's fraction.
+        metal: f64,
+        /// How much of what the dielectric reflects has the hue of the base colour (by Schlick's approximation).
+        tint: f64,
+    },
 }
 
 /// A mix of a dielectric and a metal is never smoother than this, as Mitsuba's is not.
@@ -85,6 +94,10 @@ pub struct Finish {
     /// to place. The roughness of a mix is the root of its alpha, else it is alpha; the second texture of an anisotropic
     /// surface is of the roughness across.
     pub lobe: [Option<u32>; 2],
+    /// Above all, of a mix of a dielectric and a metal over a rough base.
+    pub coat: Option<Coat>,
+    /// Of the base, of such a mix.
+    pub sheen: Option<Sheen>,
 }
 
 impl Finish {
@@ -99,7 +112,7 @@ impl Finish {
         let fresnel = match &self.fresnel {
             Fresnel::Dielectric(eta) => index(eta),
             Fresnel::Conductor(eta, k) => eta.iter().chain(k).all(|x| x.is_finite() && *x >= 0.0),
-            Fresnel::Mixed(eta, metal) => index(eta) && fraction(metal),
+            Fresnel::Mixed { index: eta, metal, tint } => index(eta) && fraction(metal) && fraction(tint),
         };
         let under = match &self.under {
             Under::Nothing => true,
@@ -112,20 +125,24 @@ impl Finish {
             Under::Blend(opacity) => fraction(opacity),
         };
         let textured = match (&self.fresnel, &self.under) {
-            (Fresnel::Mixed(..), Under::Rough(..)) => self.across.is_none() || self.lobe == [None; 2],
+            (Fresnel::Mixed { .. }, Under::Rough(..)) => self.across.is_none() || self.lobe == [None; 2],
             (_, Under::Nothing | Under::Solid(_)) => self.across.is_some() || self.lobe[1].is_none(),
             (_, Under::Blend(_)) => self.across.is_none() && self.lobe[1].is_none(),
             _ => self.across.is_none() && self.lobe == [None; 2],
         };
+        let mixed = matches!((&self.fresnel, &self.under), (Fresnel::Mixed { .. }, Under::Rough(..)));
+        let layers = self.coat.is_none_or(|coat| mixed && coat.is_valid())
+            && self.sheen.is_none_or(|sheen| mixed && sheen.is_valid());
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
         let across = self.across.is_none_or(|across| across > 0.0 && across <= 2.0 && self.alpha > 0.0);
-        if (0.0..=2.0).contains(&self.alpha) && across && fresnel && under && tints && textured {
+        if (0.0..=2.0).contains(&self.alpha) && across && fresnel && under && tints && textured && layers {
             return Ok(());
         }
         Err(Error::Argument(format!(
             "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, and a \
              texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
-             only if it blends; an anisotropic one is no mirror, got {self:?}"
+             only if it blends; an anisotropic one is no mirror, and only a mix has a coat, with a roughness above 0 and \
+             below 1, or sheen, got {self:?}"
         )))
     }
 
@@ -137,22 +154,25 @@ impl Finish {
         if let Under::Blend(opacity) = self.under {
             return Self { under: Under::Blend(rough.unwrap_or(opacity)), ..self.clone() };
         }
-        let (Fresnel::Mixed(index, own_metal), &Under::Rough(own_rough, _)) = (self.fresnel, &self.under) else {
+        let (Fresnel::Mixed { index, metal: own_metal, tint }, &Under::Rough(own_rough, _)) =
+            (self.fresnel, &self.under)
+        else {
             let across = self.across.map(|own| metal.unwrap_or(own).max(LEAST_ALPHA));
             return Self { alpha: rough.unwrap_or(self.alpha).max(LEAST_ALPHA), across, ..self.clone() };
         };
         let (rough, metal) = (rough.unwrap_or(own_rough), metal.unwrap_or(own_metal));
         Self {
             alpha: (rough * rough).max(SMOOTHEST),
-            fresnel: Fresnel::Mixed(index, metal),
+            fresnel: Fresnel::Mixed { index, metal, tint },
             under: Under::Rough(rough, 1.0 - metal),
             ..*self
         }
     }
 
-    /// Returns the least roughness along any direction.
+    /// Returns the least roughness along any direction, that of a coat among them.
     pub(crate) fn least_alpha(&self) -> f64 {
-        self.across.map_or(self.alpha, |across| across.min(self.alpha))
+        let own = self.across.map_or(self.alpha, |across| across.min(self.alpha));
+        self.coat.map_or(own, |coat| coat.alpha.min(own))
     }
 
     fn visible<N: Number>(&self, cosine: N, stretch: Option<N>) -> N {
@@ -171,10 +191,18 @@ impl Finish {
                 let of = |i: usize| conductor(cosine, eta[i], k[i]);
                 [of(0), of(1), of(2)]
             }
-            Fresnel::Mixed(eta, metal) => {
-                let plain = dielectric(cosine, eta).scaled(1.0 - metal);
+            Fresnel::Mixed { index, metal, tint } => {
+                let plain = dielectric(cosine, index).scaled((1.0 - metal) * (1.0 - tint));
                 let grazing = fifth_power(N::constant(1.0) - cosine);
-                each(base, |colour| plain + (colour + (N::constant(1.0) - colour) * grazing).scaled(metal))
+                let schlick = |colour: N| colour + (N::constant(1.0) - colour) * grazing;
+                let mixed = each(base, |colour| plain + schlick(colour).scaled(metal));
+                if tint == 0.0 {
+                    mixed
+                } else {
+                    let straight = (index - 1.0) / (index + 1.0);
+                    let tinted = each(hue(base), |hue| schlick(hue.scaled(straight * straight)));
+                    add(mixed, scale(tinted, N::constant((1.0 - metal) * tint)))
+                }
             }
         };
         let tinted = times(fresnel, constant(self.tint));
@@ -188,6 +216,15 @@ impl Finish {
         let seen = self.visible(out, stretches.map(|of| of.out)) * self.visible(into, stretches.map(|of| of.into));
         let shape = self.distribution.density(half, self.alpha, stretches.as_ref()) * seen / out.scaled(4.0);
         scale(self.reflected(base, facet), shape)
+    }
+
+    /// Returns the same of all lobes.
+    pub(crate) fn lobes<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
+        let lobe = self.lobe(base, cosines);
+        match &self.coat {
+            None => lobe,
+            Some(coat) => add(lobe, [coat.lobe(cosines); 3]),
+        }
     }
 
     /// Returns what microfacets of a solid let through (per steradian), times the cosine to the light: the lobe of light
@@ -234,7 +271,8 @@ impl Finish {
             &Under::Rough(roughness, factor) => {
                 let light = fifth_power(N::constant(1.0) - cosines.into);
                 let returned = cosines.facet.squared().scaled(2.0 * roughness);
-                rough(base, factor, [cosines.out, light, returned])
+                let own = rough(base, factor, [cosines.out, light, returned]);
+                self.with_sheen(own, factor, |sheen| sheen.reflectance(base, cosines.facet))
             }
         }
     }
@@ -247,8 +285,17 @@ impl Finish {
             Under::Rough(roughness, factor) => {
                 // Means over directions that follow the cosine: 1/21 of (1 - c)^5, and 2/3 of c.
                 let returned = (N::constant(1.0) + out.scaled(2.0 / 3.0)).scaled(roughness);
-                rough(base, factor, [out, N::constant(1.0 / 21.0), returned])
+                let own = rough(base, factor, [out, N::constant(1.0 / 21.0), returned]);
+                self.with_sheen(own, factor, |sheen| sheen.evenly(base, out))
             }
+        }
+    }
+
+    /// Returns the reflectance of a rough base, with that of its sheen by the same factor.
+    fn with_sheen<N: Number>(&self, own: Triple<N>, factor: f64, of: impl FnOnce(&Sheen) -> Triple<N>) -> Triple<N> {
+        match &self.sheen {
+            None => own,
+            Some(sheen) => add(own, scale(of(sheen), N::constant(factor))),
         }
     }
 
@@ -285,11 +332,6 @@ fn rough<N: Number>(base: Triple<N>, factor: f64, [out, light, returned]: [N; 3]
     let even = (one - light.scaled(0.5)) * (one - viewer.scaled(0.5));
     let retro = returned * (viewer + light + viewer * light * (returned - one));
     scale(base, (even + retro).scaled(factor))
-}
-
-fn fifth_power<N: Number>(x: N) -> N {
-    let squared = x.squared();
-    squared.squared() * x
 }
 
 /// Returns what a dielectric reflects at a cosine outside of it (unpolarised, Fresnel's equations).
@@ -329,6 +371,8 @@ mod tests {
     fn metal(alpha: f64, distribution: Distribution) -> Finish {
         Finish {
             lobe: [None; 2],
+            coat: None,
+            sheen: None,
             alpha,
             across: None,
             distribution,

@@ -273,7 +273,7 @@ pub(crate) fn refracted<N: Number>(normal: Triple<N>, viewer: Triple<N>, index: 
 
 /// Returns two unit vectors that stand on a unit normal and on each other. They change smoothly with the normal, except
 /// where it points along one direction that no wall of a level camera has.
-fn tangents<N: Number>(normal: Triple<N>) -> [Triple<N>; 2] {
+pub(super) fn tangents<N: Number>(normal: Triple<N>) -> [Triple<N>; 2] {
     let fixed: Triple<N> = constant([0.48, 0.6, 0.64]);
     let along = dot(normal, fixed);
     let flat = sub(fixed, scale(normal, along));

@@ -8,7 +8,8 @@
 //! - [`tables`]: which triangles are glossy, and all of the scene in colour.
 //! - [`tracer`]: follows the paths; [`pattern`] says along which directions and to which points of the [`lamps`], whose points
 //!   are dealt out to [`lamp_groups`].
-//! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
+//! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`coat`]: a second lobe above the first. [`sheen`]: that of cloth.
+//!   [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
 //!   and light maps at single points.
 //! - [`sky_levels`]: the environment map, from fine to coarse.
 //! - [`number`]: float64 with or without its rate, so that luma and rates are one computation.
@@ -18,6 +19,7 @@
 //!
 //! What must not break: scenes of diffuse surfaces have the same bits, in the same time, as without all this.
 
+pub(super) mod coat;
 pub(super) mod emissive;
 pub(super) mod finish;
 pub(super) mod frame_axes;
@@ -27,6 +29,7 @@ pub(super) mod lookup;
 pub(super) mod microfacets;
 pub(super) mod number;
 pub(super) mod pattern;
+pub(super) mod sheen;
 mod sky_levels;
 pub(super) mod tables;
 pub(super) mod tracer;

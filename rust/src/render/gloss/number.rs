@@ -194,6 +194,12 @@ numbers!(f32, RatedSingle, libm::expf, "The same in float32.");
 /// A vector, or a colour (red, green, blue).
 pub(crate) type Triple<N> = [N; 3];
 
+/// Returns the fifth power of a number.
+pub(crate) fn fifth_power<N: Number>(x: N) -> N {
+    let squared = x.squared();
+    squared.squared() * x
+}
+
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 pub(crate) fn constant<N: Number>(vector: Vector) -> Triple<N> {

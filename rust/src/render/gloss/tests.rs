@@ -3,9 +3,11 @@
 
 use std::sync::Arc;
 
+use super::coat::Coat;
 use super::emissive::{DARK, EmissiveTextures};
 use super::finish::{Finish, Fresnel, Under};
 use super::microfacets::Distribution;
+use super::sheen::Sheen;
 use super::tables::{DIFFUSE, GlossTables};
 use crate::render::geometry::vector::{cross, dot, sub};
 use crate::render::light::colours::ColourImage;
@@ -24,6 +26,8 @@ const MIRROR: Finish = Finish {
     passing: [1.0; 3],
     base_tints: false,
     under: Under::Nothing,
+    coat: None,
+    sheen: None,
     lobe: [None; 2],
 };
 
@@ -303,10 +307,21 @@ fn what_blends_shows_itself_and_what_lies_behind_it() {
 #[test]
 fn rates_are_differences_in_time() {
     let coated = Under::Coated { index: 1.5, inside: 0.6, entering: 0.9, nonlinear: true, passing: None };
-    let rough = Finish { alpha: 0.2, fresnel: Fresnel::Mixed(1.5, 0.3), under: Under::Rough(0.45, 0.7), ..MIRROR };
+    let rough = Finish {
+        alpha: 0.2,
+        fresnel: Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 0.0 },
+        under: Under::Rough(0.45, 0.7),
+        ..MIRROR
+    };
     let finishes = [
         MIRROR,
         rough.clone(),
+        Finish {
+            fresnel: Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 0.6 },
+            coat: Some(Coat { strength: 1.0, alpha: 0.05 }),
+            sheen: Some(Sheen { strength: 0.8, tint: 0.5 }),
+            ..rough.clone()
+        },
         Finish {
             distribution: Distribution::Beckmann,
             fresnel: Fresnel::Dielectric(1.5),
@@ -643,7 +658,7 @@ fn a_screen_hides_a_lamp_from_a_lobe() {
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));
     assert!(Scene::new(&good).is_ok());
-    let wrong: [fn(&mut GlossTables); 23] = [
+    let wrong: [fn(&mut GlossTables); 27] = [
         |gloss| gloss.finish_of.truncate(3),
         |gloss| gloss.finish_of[0] = 1,
         |gloss| gloss.texels.of_texture.truncate(1),
@@ -667,7 +682,15 @@ fn tables_that_do_not_belong_together_are_refused() {
             (gloss.lobe_layouts, gloss.lobes) = (vec![[0, 1, 1, 0]], vec![0.5; 9]);
         },
         |gloss| gloss.finishes[0].under = Under::Solid(1.0),
-        |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed(1.5, 1.1),
+        |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 1.1, tint: 0.0 },
+        |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 1.1 },
+        |gloss| gloss.finishes[0].coat = Some(Coat { strength: 0.5, alpha: 0.1 }),
+        |gloss| {
+            gloss.finishes[0] = Finish { coat: Some(Coat { strength: 1.5, alpha: 0.1 }), ..mixed(0.3, 0.5) };
+        },
+        |gloss| {
+            gloss.finishes[0] = Finish { sheen: Some(Sheen { strength: -0.5, tint: 0.0 }), ..mixed(0.3, 0.5) };
+        },
         |gloss| gloss.finishes[0].tint = [f64::INFINITY; 3],
         |gloss| gloss.finishes[0].lobe = [None, Some(0)],
         |gloss| gloss.lobes = vec![1.01; 9],
@@ -686,7 +709,7 @@ fn tables_that_do_not_belong_together_are_refused() {
 
 /// Returns a mix of metal and dielectric.
 fn mixed(roughness: f64, metal: f64) -> Finish {
-    let (fresnel, under) = (Fresnel::Mixed(1.5, metal), Under::Rough(roughness, 1.0 - metal));
+    let (fresnel, under) = (Fresnel::Mixed { index: 1.5, metal, tint: 0.0 }, Under::Rough(roughness, 1.0 - metal));
     Finish { alpha: roughness * roughness, fresnel, under, ..MIRROR }
 }
 

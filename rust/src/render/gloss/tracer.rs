@@ -95,10 +95,8 @@ struct Path {
 
 /// How a surface reflects the light of a lamp in a direction, times the cosine to it.
 struct ByLamp<N> {
-    /// By its lobe.
-    lobe: Triple<N>,
-    /// How densely the lobe's own directions lie there.
-    density: N,
+    /// By its lobe and by that of its coat, and how densely their own directions lie there.
+    lobes: [(Triple<N>, N); 2],
     /// By what is below the lobe, beyond what baked light brings.
     more: Triple<N>,
 }
@@ -148,7 +146,7 @@ impl<N: Number> Spot<'_, N> {
         let Some(finish) = self.finish else { return scale(self.base, diffuse) };
         let cosines = Cosines::new(self.normal, self.viewer, towards, self.anisotropy.as_ref());
         let below = scale(finish.below(self.base, &cosines), diffuse);
-        if !with_lobe || finish.is_mirror() { below } else { add(below, finish.lobe(self.base, &cosines)) }
+        if !with_lobe || finish.is_mirror() { below } else { add(below, finish.lobes(self.base, &cosines)) }
     }
 
     /// Returns the fraction of light from a direction that bumps let through.
@@ -356,7 +354,15 @@ impl Tracer<'_> {
             let point = self.pattern.point(number);
             if let Some(ray) = facets.as_ref().and_then(|facets| facets.lobe_ray(point.disk)) {
                 let path = &Path { point: Some(number), ..*path };
-                sum = add(sum, self.along_ray_of_lobe(spot, finish, (&ray, shares.as_ref(), each), path));
+                let lobe = |cosines: &Cosines<N>| finish.lobe(spot.base, cosines);
+                sum = add(sum, self.along_ray_of_lobe(spot, lobe, (&ray, shares.as_ref(), each), path));
+            }
+            if let Some(coat) = &finish.coat
+                && let Some(ray) = coat.ray(spot.normal, spot.viewer, point.disk)
+            {
+                let path = &Path { point: Some(number), ..*path };
+                let lobe = |cosines: &Cosines<N>| [coat.lobe(cosines); 3];
+                sum = add(sum, self.along_ray_of_lobe(spot, lobe, (&ray, shares.as_ref(), each), path));
             }
             if let Some(shares) = &shares {
                 sum = add(sum, scale(self.lit_by_lamp(spot, finish, point, shares), N::constant(each)));
@@ -380,15 +386,14 @@ impl Tracer<'_> {
     fn along_ray_of_lobe<N: Number>(
         &mut self,
         spot: &Spot<N>,
-        finish: &Finish,
+        lobe: impl FnOnce(&Cosines<N>) -> Triple<N>,
         (ray, shares, each): (&LobeRay<N>, Option<&Shares>, f64),
         path: &Path,
     ) -> Triple<N> {
         if !spot.sees(ray.towards) {
             return [N::constant(0.0); 3];
         }
-        let lobe = finish.lobe(spot.base, &ray.cosines);
-        let weight = scale(lobe, spot.fading(ray.towards).scaled(each) / ray.density);
+        let weight = scale(lobe(&ray.cosines), spot.fading(ray.towards).scaled(each) / ray.density);
         self.arriving(spot, ray.towards, weight, Some((ray.density, shares)), path)
     }
 
@@ -409,8 +414,9 @@ impl Tracer<'_> {
             let place = pose.point(values(spot.hit.point));
             let towards = constant(pose.turned(group.towards(place, pose.vector(wanted))));
             let by_lamp = if spot.sees(towards) { self.by_lamp(spot, finish, towards) } else { None };
-            let Some(ByLamp { lobe, more, .. }) = by_lamp else { return (place, 0.0) };
-            let reflected: f64 = (0..3).map(|i| LUMA[i] * (lobe[i].value() + more[i].value().abs())).sum();
+            let Some(ByLamp { lobes: [(lobe, _), (coat, _)], more }) = by_lamp else { return (place, 0.0) };
+            let channel = |i: usize| lobe[i].value() + coat[i].value() + more[i].value().abs();
+            let reflected: f64 = (0..3).map(|i| LUMA[i] * channel(i)).sum();
             (place, reflected * view.factors[group.light as usize][0])
         })
     }
@@ -418,23 +424,25 @@ impl Tracer<'_> {
     /// Returns how a surface reflects the light of a lamp in a direction; None where it does not.
     fn by_lamp<N: Number>(&self, spot: &Spot<N>, finish: &Finish, towards: Triple<N>) -> Option<ByLamp<N>> {
         let dark = [N::constant(0.0); 3];
+        let nothing = (dark, N::constant(0.0));
         if let Some(index) = spot.through {
             let through = finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.anisotropy.as_ref());
-            return through.map(|(lobe, density)| ByLamp { lobe, density, more: dark });
+            return through.map(|through| ByLamp { lobes: [through, nothing], more: dark });
         }
         let cosines = Cosines::new(spot.normal, spot.viewer, towards, spot.anisotropy.as_ref());
-        let (lobe, density) = if finish.is_mirror() {
-            (dark, N::constant(0.0))
+        let own = if finish.is_mirror() {
+            nothing
         } else {
             (finish.lobe(spot.base, &cosines), lobe_density(finish.alpha, &cosines))
         };
+        let coat = finish.coat.map_or(nothing, |coat| ([coat.lobe(&cosines); 3], coat.density(&cosines)));
         let mut more = dark;
         if self.lamps_are_baked() {
             // Baked light counts as light from all sides, which is not what a coat lets through from one.
             more = sub(finish.below(spot.base, &cosines), finish.below_evenly(spot.base, spot.out));
             more = scale(more, cosines.into.scaled(std::f64::consts::FRAC_1_PI));
         }
-        Some(ByLamp { lobe, density, more })
+        Some(ByLamp { lobes: [own, coat], more })
     }
 
     /// Returns what a rough surface reflects of a point on the lamps.
@@ -457,10 +465,12 @@ impl Tracer<'_> {
         if triangle == spot.hit.triangle || !spot.sees(towards) || facing.value() <= 0.0 {
             return dark;
         }
-        let Some(ByLamp { lobe, density, more }) = self.by_lamp(spot, finish, towards) else { return dark };
+        let Some(ByLamp { lobes, more }) = self.by_lamp(spot, finish, towards) else { return dark };
         let by_lamps = dot(way, way).scaled(lamps.density(triangle, shares)) / facing;
-        let one = N::constant(1.0);
-        let reflected = add(scale(lobe, one / (by_lamps + density)), scale(more, one / by_lamps));
+        let mut reflected = scale(more, N::constant(1.0) / by_lamps);
+        for (lobe, density) in lobes {
+            reflected = add(reflected, scale(lobe, N::constant(1.0) / (by_lamps + density)));
+        }
         if largest(values(reflected)) < NO_SHADOW || self.is_hidden(spot, values(way), self.to_lamps(), None) {
             return dark;
         }
