@@ -163,11 +163,10 @@ impl Sphere {
     fn seen(&self, place: Vector) -> Option<(Vector, [f64; 2], f64)> {
         let way = sub(self.centre, place);
         let squared = dot(way, way);
-        let sine = self.radius / squared.sqrt();
-        // Also where both are 0.
-        if !(sine < 1.0) {
+        if squared <= self.radius * self.radius {
             return None;
         }
+        let sine = (self.radius / squared.sqrt()).min(1.0);
         Some((scale(way, 1.0 / squared.sqrt()), [(1.0 - sine * sine).sqrt(), sine], squared))
     }
 }
@@ -240,8 +239,8 @@ fn widest_gap(corners: &[[Vector; 3]], lamps: &[Lamp]) -> Option<Cut> {
     for axis in 0..3 {
         let mut reaches: Vec<[f64; 2]> = lamps.iter().map(|lamp| lamp.reach(corners, axis)).collect();
         reaches.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        let last = reaches.iter().map(|reach| reach[1]).fold(f64::NEG_INFINITY, f64::max);
-        let least = LEAST_GAP * (last - reaches[0][0]);
+        let end_of_all = reaches.iter().map(|reach| reach[1]).fold(f64::NEG_INFINITY, f64::max);
+        let least = LEAST_GAP * (end_of_all - reaches[0][0]);
         let mut end = reaches[0][1];
         for (after, [low, high]) in reaches.into_iter().enumerate() {
             if low - end > least.max(width) {

@@ -70,7 +70,9 @@ impl Lamps {
                 until.push(sum);
             }
         }
-        until.iter_mut().for_each(|until| *until /= sum);
+        for until in &mut until {
+            *until /= sum;
+        }
         (sum > 0.0).then_some(Shares(until))
     }
 
