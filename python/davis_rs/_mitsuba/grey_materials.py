@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import NamedTuple
 
 from .elements import Element
@@ -11,6 +12,9 @@ from .types import Mitsuba
 
 GREY = 0.5
 """The reflectance."""
+
+_NAMELESS = 0
+"""Stands for an id where an element has none: no ``id()``, and no id of a file."""
 
 
 class GreyMaterial(NamedTuple):
@@ -37,24 +41,31 @@ def make_grey(file: SceneFile, mi: Mitsuba, notes: list[str]) -> list[GreyMateri
         element.attributes["type"] = "diffuse"
         element.children = [element.child("rgb", name="reflectance", value=str(GREY))]
         grey.append((name, element))
-    return [GreyMaterial(name, _shapes_with(element, file.root)) for name, element in grey]
+    users, taken = _users(file.root), file.root.ids()
+    return [GreyMaterial(name, _shapes_with(element, users, taken)) for name, element in grey]
 
 
-def _shapes_with(material: Element, root: Element) -> tuple[str, ...]:
-    """Return the ids of the shapes that have a material, within others or by reference."""
-    everything = list(root.walk())
-    having, ids = {id(material)}, {material.attributes.get("id")} - {None}
-    count = 0
-    while len(having) > count:  # materials in materials in materials
-        count = len(having)
-        for element in everything:
-            if element.tag not in ("bsdf", "shape"):
-                continue
-            if any(
-                id(part) in having or (part.tag == "ref" and part.attributes.get("id") in ids)
-                for part in element.children
-            ):
-                having.add(id(element))
-                ids |= {element.attributes.get("id")} - {None}
-    taken = root.ids()
-    return tuple(each.named("shape", taken) for each in everything if each.tag == "shape" and id(each) in having)
+def _users(root: Element) -> dict[int | str, list[Element]]:
+    """Return the materials and shapes that have each element in them, by its ``id()``, or name it, by its id."""
+    users = defaultdict[int | str, list[Element]](list)
+    for element in root.walk():
+        if element.tag in ("bsdf", "shape"):
+            for part in element.children:
+                users[part.attributes.get("id", "") if part.tag == "ref" else id(part)].append(element)
+    return users
+
+
+def _shapes_with(material: Element, users: dict[int | str, list[Element]], taken: set[str]) -> tuple[str, ...]:
+    """Return the ids of the shapes that have a material, within others or by reference, in the order of the file."""
+    found, waiting = {id(material): material}, [material]
+    while waiting:  # materials in materials in materials
+        element = waiting.pop()
+        for key in (id(element), element.attributes.get("id", _NAMELESS)):
+            for user in users.get(key, []):
+                if id(user) not in found:
+                    found[id(user)] = user
+                    waiting.append(user)
+    shapes = [element for element in found.values() if element.tag == "shape"]
+    return tuple(
+        shape.named("shape", taken) for shape in sorted(shapes, key=lambda shape: (str(shape.file), shape.line))
+    )
