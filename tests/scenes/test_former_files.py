@@ -133,6 +133,14 @@ def test_an_animated_sensor_is_the_cameras_path(tmp_path: Path) -> None:
     np.testing.assert_array_equal(scene.path.breaks_s(), [0.2])
 
 
+def test_the_motion_of_other_sensors_is_told(tmp_path: Path) -> None:
+    animation = moving(*((t, LOOKING.format(x, x)) for t, x in ((0, 0), (0.2, 1))))
+    other = SENSOR.format(animation).replace("<sensor ", '<sensor id="other" ')
+    scene, (line,) = loaded(scene_file(tmp_path, SENSOR.format(AT), other, BALL.format("")))
+    assert "the motion of sensor 'other' is left out: the camera is the first sensor" in line
+    assert scene.trajectory is None
+
+
 def test_moving_shapes_make_events(tmp_path: Path) -> None:
     lamp = (
         '<emitter type="point"><point name="position" x="0" y="2" z="4"/><rgb name="intensity" value="20"/></emitter>'

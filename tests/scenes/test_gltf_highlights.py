@@ -13,6 +13,7 @@ from gltf_files import Gltf, png
 from gltf_square import numbers_of, world
 
 LUMA = np.array([0.299, 0.587, 0.114])
+BELOW = "what strong highlights take from the light below them"
 WEAK = "how specularFactor weakens highlights at a grazing angle (there they are whole)"
 COLOURS = "colours of highlights (they are white, and as bright)"
 MEAN = "highlights that differ from place to place (their mean is taken)"
@@ -36,9 +37,9 @@ def reflected(index: float) -> float:
         (
             {"KHR_materials_specular": {"specularColorFactor": [0.25, 0.25, 0.25]}, "KHR_materials_ior": {"ior": 0}},
             0.25,
-            (),
+            (BELOW,),
         ),
-        ({"KHR_materials_ior": {"ior": 0}}, 0.99, ()),
+        ({"KHR_materials_ior": {"ior": 0}}, 0.99, (BELOW,)),
     ],
 )
 def test_highlights_are_as_strong_as_the_file_says(

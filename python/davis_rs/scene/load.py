@@ -160,8 +160,6 @@ def _scene_of_file(path: Path, variables: dict[str, str], grey_unknown: bool) ->
     trajectory: Trajectory | None = None
     with variant(default_variant()[0]) as (mi, _):
         loaded = load_scene_file(source, mi)
-        if loaded.notes:
-            warnings.warn(f"{path}: {'; '.join(loaded.notes)}", SceneFileWarning, stacklevel=3)
         duration_s = max((float(motion.times[-1]) for motion in loaded.motions), default=0.0)
 
         def path_of(motion: Motion, pose: Callable[[FloatArray], Pose]) -> Trajectory:
@@ -180,6 +178,12 @@ def _scene_of_file(path: Path, variables: dict[str, str], grey_unknown: bool) ->
             for motion in loaded.motions:
                 if motion.tag == "sensor" and motion.id == sensors[0].id():
                     trajectory = path_of(motion, _pose)
+        first = {sensors[0].id()} if sensors else set[str]()
+        still = [f"{motion.tag} {motion.id!r}" for motion in loaded.motions if motion.id not in {*objects, *first}]
+        if still:
+            loaded.notes.append(f"the motion of {', '.join(still)} is left out: the camera is the first sensor")
+        if loaded.notes:
+            warnings.warn(f"{path}: {'; '.join(loaded.notes)}", SceneFileWarning, stacklevel=3)
     return Scene(
         name=path.stem,
         source=lambda: source,

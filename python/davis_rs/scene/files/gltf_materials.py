@@ -259,6 +259,8 @@ class GltfMaterials:
         metal = brushed(metal, item, self._file, where, lost, turned=turned)
         if metal.shows_index:
             lost.update(dict.fromkeys(highlights.lost))
+            if highlights.refraction > _STRONG_INDEX:
+                lost["what strong highlights take from the light below them"] = None
         lost.update(dict.fromkeys(clear_coat.lost))
         uv_set = 0 if made.uv_set is None and metal.anisotropic != 0 else made.uv_set
         return made._replace(metal=metal, uv_set=uv_set)
