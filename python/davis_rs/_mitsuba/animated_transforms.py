@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError
-from .elements import Element, with_values, written
+from .elements import Element, Ids, with_values, written
 from .files import SceneFile
 from .types import Mitsuba
 
@@ -47,14 +47,15 @@ def take_motions(file: SceneFile, mi: Mitsuba, notes: list[str]) -> list[Motion]
         DecodeError: for times that do not increase, or transforms that are none.
     """
     motions: list[Motion] = []
-    taken = file.root.ids()
+    ids = Ids(file.root)
     left: dict[str, None] = {}
-    for animation, owner, around in list(_animated(file.root, None)):
+    for owner, at, around in list(_animated(file.root, None)):
+        animation = owner.children[at]
         times, matrices = _keyframes(animation, file.values, mi)
         name = animation.attributes.get("name", "")
         transform = animation.child("transform", name=name)
         transform.children = animation.children[0].children
-        owner.children[owner.children.index(animation)] = transform
+        owner.children[at] = transform
         if len(times) == 1 or np.ptp(matrices, 0).max() == 0:
             continue
         if animation.name != "to_world" or owner.tag not in ("shape", "sensor") or around is not file.root:
@@ -66,7 +67,7 @@ def take_motions(file: SceneFile, mi: Mitsuba, notes: list[str]) -> list[Motion]
             transform.children = [_matrix(animation, stretch)]
             if off > _RIGID:
                 left[f"a shape changes its size by up to {off:.2g} of it, which is left out"] = None
-        motions.append(Motion(owner.tag, owner.named("moving", taken), times, matrices))
+        motions.append(Motion(owner.tag, ids.of(owner, "moving"), times, matrices))
     if motions:
         ends = f"{min(each.times[0] for each in motions):g} to {max(each.times[-1] for each in motions):g} s"
         notes.append(f"times of its animations are taken as seconds: {ends}")
@@ -74,11 +75,11 @@ def take_motions(file: SceneFile, mi: Mitsuba, notes: list[str]) -> list[Motion]
     return motions
 
 
-def _animated(element: Element, around: Element | None) -> Iterator[tuple[Element, Element, Element | None]]:
-    """Yield each animation, the element that it moves, and that which this is in."""
-    for child in element.children:
+def _animated(element: Element, around: Element | None) -> Iterator[tuple[Element, int, Element | None]]:
+    """Yield for each animation the element that it moves, its number in that, and what this element is in."""
+    for at, child in enumerate(element.children):
         if child.tag == "animation":
-            yield child, element, around
+            yield element, at, around
         else:
             yield from _animated(child, element)
 

@@ -6,6 +6,7 @@ Mitsuba reads elements and attributes alone: text between elements, comments and
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,23 +62,26 @@ class Element:
             yield element
             waiting += reversed(element.children)
 
-    def named(self, stem: str, taken: set[str]) -> str:
-        """Return its id; one that begins with ``stem`` and is not ``taken`` if the file gives none."""
-        if "id" not in self.attributes:
-            number = 0
-            while f"{stem}_{number}" in taken:
-                number += 1
-            self.attributes["id"] = f"{stem}_{number}"
-            taken.add(self.attributes["id"])
-        return self.attributes["id"]
-
-    def ids(self) -> set[str]:
-        """Return the ids of this element and of all in it."""
-        return {element.attributes["id"] for element in self.walk() if "id" in element.attributes}
-
     def child(self, tag: str, **attributes: str) -> Element:
         """Return a new element at the same place."""
         return Element(tag, attributes, self.file, self.line)
+
+
+class Ids:
+    """Gives ids to elements that have none."""
+
+    def __init__(self, root: Element) -> None:
+        self._taken = {element.attributes["id"] for element in root.walk() if "id" in element.attributes}
+        self._next = defaultdict[str, int](int)
+
+    def of(self, element: Element, stem: str) -> str:
+        """Return an element's id; if the file gives none, a free one that begins with ``stem``."""
+        while "id" not in element.attributes:
+            name = f"{stem}_{self._next[stem]}"
+            self._next[stem] += 1
+            if name not in self._taken:
+                element.attributes["id"] = name
+        return element.attributes["id"]
 
 
 def snake_case(name: str) -> str:

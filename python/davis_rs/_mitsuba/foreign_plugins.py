@@ -88,11 +88,14 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
 def _drop_meters(root: Element, notes: list[str]) -> None:
     """Leave out sensors that are no cameras; the scene looks the same without them."""
     for element in root.walk():
-        for sensor in [child for child in element.children if child.tag == "sensor"]:
-            kind = sensor.attributes.get("type", "")
-            if kind not in _CAMERAS:
-                element.children.remove(sensor)
+        kept: list[Element] = []
+        for child in element.children:
+            kind = child.attributes.get("type", "")
+            if child.tag == "sensor" and kind not in _CAMERAS:
                 notes.append(f"its sensor {kind[:40]!r}, which is no camera of this Mitsuba, is left out")
+            else:
+                kept.append(child)
+        element.children = kept
 
 
 def _without_looks(mi: Mitsuba) -> dict[object, tuple[str, set[str]]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import NamedTuple
 
-from .elements import Element
+from .elements import Element, Ids
 from .files import SceneFile
 from .plugins import is_usable
 from .types import Mitsuba
@@ -41,8 +41,8 @@ def make_grey(file: SceneFile, mi: Mitsuba, notes: list[str]) -> list[GreyMateri
         element.attributes["type"] = "diffuse"
         element.children = [element.child("rgb", name="reflectance", value=str(GREY))]
         grey.append((name, element))
-    users, taken = _users(file.root), file.root.ids()
-    return [GreyMaterial(name, _shapes_with(element, users, taken)) for name, element in grey]
+    users, ids = _users(file.root), Ids(file.root)
+    return [GreyMaterial(name, _shapes_with(element, users, ids)) for name, element in grey]
 
 
 def _users(root: Element) -> dict[int | str, list[Element]]:
@@ -55,7 +55,7 @@ def _users(root: Element) -> dict[int | str, list[Element]]:
     return users
 
 
-def _shapes_with(material: Element, users: dict[int | str, list[Element]], taken: set[str]) -> tuple[str, ...]:
+def _shapes_with(material: Element, users: dict[int | str, list[Element]], ids: Ids) -> tuple[str, ...]:
     """Return the ids of the shapes that have a material, within others or by reference, in the order of the file."""
     found, waiting = {id(material): material}, [material]
     while waiting:  # materials in materials in materials
@@ -66,6 +66,4 @@ def _shapes_with(material: Element, users: dict[int | str, list[Element]], taken
                     found[id(user)] = user
                     waiting.append(user)
     shapes = [element for element in found.values() if element.tag == "shape"]
-    return tuple(
-        shape.named("shape", taken) for shape in sorted(shapes, key=lambda shape: (str(shape.file), shape.line))
-    )
+    return tuple(ids.of(shape, "shape") for shape in sorted(shapes, key=lambda shape: (str(shape.file), shape.line)))

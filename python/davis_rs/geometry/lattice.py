@@ -24,6 +24,17 @@ _HALF_PERIODS = np.arange(-10, 11)
 """The waves that errors are measured with, in half periods along a pixel's side."""
 
 
+def sphere_lattice(n: int) -> npt.NDArray[np.float64]:
+    """Return n unit vectors (n, 3) that lie evenly on the sphere, from above to below: a Fibonacci lattice.
+
+    Source: Gonzalez, Measurement of areas on a sphere using Fibonacci and latitude-longitude lattices, 2010.
+    """
+    number = np.arange(n)
+    z = 1 - (2 * number + 1) / n
+    turn, flat = np.pi * (1 + np.sqrt(5)) * number, np.sqrt(1 - z * z)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], 1)
+
+
 @functools.cache
 def rank1_lattice(n: int) -> npt.NDArray[np.float64]:
     """Return n points (n, 2) in (-0.5, 0.5)^2 around the pixel's centre, their mean at the centre.

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
+from ..scene.mesh_part import COAT_ALPHAS
 from ..scene.texel_lookup import WRAP_MODES
 from .finish import PASSING_NODES, UNBENT, Finish, Rgb, dielectric, mean_reflected
 from .number_textures import NumberTexels, NumberTexture, constant_of, number_texture, placed_alike, rgb_of
@@ -34,9 +35,6 @@ _UNUSED = ("flatness", "spec_trans")
 _COAT = "clearcoat", "clearcoat_gloss"
 
 _SHEEN = "sheen", "sheen_tint"
-
-_COAT_ALPHAS = (0.1, 0.001)
-"""Roughness of a coat without any gloss, and with all of it."""
 
 
 def read_finish(
@@ -261,7 +259,7 @@ def _coat(inside: dict[str, MitsubaObject], mi: Mitsuba) -> tuple[float, float] 
     strength, gloss = (_number(inside, name, mi) for name in _COAT)
     if not strength:
         return None
-    dull, glossy = _COAT_ALPHAS
+    dull, glossy = COAT_ALPHAS
     return strength, dull + (gloss or 0.0) * (glossy - dull)
 
 

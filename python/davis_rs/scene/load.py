@@ -78,10 +78,10 @@ def load_scene(
         ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
             ``scale`` of what is no mesh, ``animation`` of what is no glTF file or does not have it, and ``variables``
             or ``grey_unknown`` of what is no XML file, or variables that it does not have.
+        OSError: if the file cannot be read.
 
     Warns:
         SceneFileWarning: in one line, of all that is left out of a file, or taken otherwise than it says.
-        OSError: if the file cannot be read.
     """
     path = Path(name_or_path)
     suffix = path.suffix.lower()

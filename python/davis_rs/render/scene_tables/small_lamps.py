@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._mitsuba.types import Mitsuba, MitsubaShape
-from ...geometry.lattice import rank1_lattice
+from ...geometry.lattice import rank1_lattice, sphere_lattice
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -76,7 +76,7 @@ def _parts(points: FloatArray, normals: FloatArray, area: float) -> LampPlaces:
     axes = means / np.linalg.norm(means, axis=1, keepdims=True)
     # A mean of places may lie within the lamp, which would hide it.
     nearest = [part[np.argmin(np.linalg.norm(points[part] - points[part].mean(axis=0), axis=1))] for part in parts]
-    sides = _even_directions(_DIRECTIONS)
+    sides = sphere_lattice(_DIRECTIONS)
     shown = np.maximum(sides @ normals.T, 0).mean(axis=1)
     evenness = _EVENNESS * np.sqrt(_DIRECTIONS) * np.eye(len(parts))
     rows = np.vstack([np.maximum(sides @ axes.T, 0), evenness])
@@ -93,11 +93,3 @@ def _halved(features: FloatArray, count: int) -> list[IntArray]:
         ]
         parts = [half for part in sorted_parts for half in np.array_split(part, 2)]
     return parts
-
-
-def _even_directions(count: int) -> FloatArray:
-    """Return unit vectors (count, 3) that are even over the sphere: a Fibonacci lattice."""
-    number = np.arange(count) + 0.5
-    z, azimuth = 1 - 2 * number / count, np.pi * (1 + np.sqrt(5)) * number
-    across = np.sqrt(1 - z**2)
-    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ...geometry.lattice import sphere_lattice
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.trajectory import Trajectory
 from ..default_paths import Turn, around, within
@@ -164,11 +165,7 @@ def _outermost(points: FloatArray) -> FloatArray:
     """Return those of many points (n, 3) that lie farthest out in some of many directions; few points as they are."""
     if len(points) <= _MOST_OUTERMOST:
         return points
-    number = np.arange(_MOST_OUTERMOST // 2)
-    z = 1 - (2 * number + 1) / len(number)
-    turn = np.pi * (1 + np.sqrt(5)) * number
-    flat = np.sqrt(1 - z * z)
-    directions = np.concatenate([np.stack([flat * np.cos(turn), flat * np.sin(turn), z], 1), np.eye(3), -np.eye(3)])
+    directions = np.concatenate([sphere_lattice(_MOST_OUTERMOST // 2), np.eye(3), -np.eye(3)])
     farthest, which = np.full(len(directions), -np.inf), np.zeros(len(directions), np.int64)
     for start in range(0, len(points), _BLOCK):
         along = directions @ points[start : start + _BLOCK].T

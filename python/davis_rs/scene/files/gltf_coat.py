@@ -11,14 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..mesh_part import Coat
+from ..mesh_part import COAT_ALPHAS, Coat
 from .gltf_file import GltfFile, Item, dictionary
 from .gltf_highlights import ImageOf
 
 COAT = "KHR_materials_clearcoat"
-
-_COAT_ALPHAS = (0.001, 0.1)
-"""Roughness of the microfacets of a coat with all gloss, and with none: no coat is smoother or rougher."""
 
 _MEANS = "coats that differ from place to place (their means are taken)"
 _SLANT = "coats seen at a slant (they reflect less, and take no light from what is below)"
@@ -54,7 +51,7 @@ def clear_coat_of(item: Item, file: GltfFile, where: str, image_of: ImageOf) -> 
     strength, roughness = values
     if strength == 0:
         return ClearCoat()
-    smooth, rough = _COAT_ALPHAS
+    rough, smooth = COAT_ALPHAS
     lost[_SLANT] = None
     alpha = roughness**2
     if alpha > rough:
