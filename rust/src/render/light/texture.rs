@@ -6,6 +6,8 @@
 //! What must not break: the order of the mix (in both rows, then between them), and the check that all texels lie in
 //! the buffer.
 
+use std::ops::Range;
+
 use crate::error::{Error, Result};
 use crate::render::lanes::{Lanes, MOST, Pairs};
 
@@ -35,6 +37,11 @@ impl Texture {
     /// Returns whether it is of one texel, and so the same everywhere.
     pub(crate) fn is_constant(&self) -> bool {
         self.width == 1 && self.height == 1
+    }
+
+    /// Returns where its texels are, those of its frame of one texel among them.
+    pub(crate) fn all(&self) -> Range<usize> {
+        self.first..self.first + (self.width as usize + 2) * (self.height as usize + 2)
     }
 }
 
