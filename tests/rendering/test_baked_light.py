@@ -685,6 +685,25 @@ def test_auto_bakes_where_the_light_asks_for_it() -> None:
     assert np.array_equal(renderer.luma(Views.at_rest([DOWN])), build(scene).luma(Views.at_rest([DOWN])))
 
 
+def test_many_corners_take_no_points_from_large_triangles() -> None:
+    """A plate that is cut finely lies next to two large triangles on which light bends."""
+    floor = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)
+    at = np.stack(np.meshgrid(np.arange(20), np.arange(20)), -1).reshape(-1, 1, 2) + np.array([[0, 0], [1, 0], [0, 1]])
+    plate = np.concatenate([0.01 * at + 2, np.zeros((400, 3, 1))], axis=-1)
+    corners = np.concatenate([floor, plate])
+    count = len(corners)
+    lattice = SurfaceLattice(corners, np.tile([0, 0, 1.0], (count, 3, 1)), np.zeros(count, bool), np.zeros(count, int))
+
+    def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
+        return np.repeat(1 + np.exp(-((places[:, :1] + 1) ** 2) / 0.5), 3, 1), np.zeros(len(places))
+
+    most = 300
+    assert len(lattice.positions) > most
+    sampled = refine(lattice, light, RefinementRule(10.0, 0.02, 0.02, most))
+    assert (sampled.divisions()[:2] >= 3).all()
+    assert len(sampled.values) <= len(lattice.positions) + most
+
+
 def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
     """A block stands on the floor: the floor is as bright at its foot as a little way off."""
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)

@@ -103,7 +103,8 @@ class RefinementRule:
         spacing: edges longer than this are always divided, metres.
         finest: edges shorter than this never, metres.
         tolerance: an edge whose middle is off by more than this share of the light is divided.
-        most_points: once the lattice has this many points, only the worst edges are divided.
+        most_points: so many points are added to the corners of triangles at most. Where more are wanted, only the worst
+            edges are divided.
     """
 
     spacing: float
@@ -258,7 +259,7 @@ def refine(
         # What lies within a solid, or behind a wall, is only looked through for what does not.
         spacing = np.where(np.isnan(values[cells, 0]).all(1), _BURIED_SPACING, 1.0) * rule.spacing
         cells = cells[(size > rule.finest) & ((size > spacing) | first)]
-        remaining = rule.most_points - len(positions)
+        remaining = rule.most_points - (len(positions) - len(lattice.positions))
         if len(cells) * 3 // 2 > remaining and len(cells):
             complete = False
             # The worst first; a test of all edges would cost what there is no room for.
