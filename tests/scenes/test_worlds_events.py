@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from worlds_events import HEADS, RUNS, C, Judge, Span, main
+from path_tracer import C
+from worlds_events import HEADS, RUNS, Judge, Span, main
 
 from davis_rs.events.luma import LumaFrames
 
