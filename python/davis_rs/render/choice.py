@@ -54,6 +54,7 @@ class _RendererRequest:
     by_name: bool
     rays_per_pixel: int | None
     lattice_rays_per_pixel: int
+    glossy_rays_per_pixel: int | None
     seed: int
     blur: bool
     threads: int | None
@@ -316,6 +317,7 @@ def make_renderer(
     *,
     rays_per_pixel: int | None = None,
     lattice_rays_per_pixel: int = 8,
+    glossy_rays_per_pixel: int | None = None,
     seed: int = 0,
     kind: str = AUTO_RENDERER,
     blur: bool | None = None,
@@ -331,6 +333,8 @@ def make_renderer(
     Args:
         rays_per_pixel: rays a pixel; None means ``lattice_rays_per_pixel``, and for Mitsuba's integrators, whose
             rays are random, 8, or 2 in the scalar variant.
+        glossy_rays_per_pixel: what None means in place of ``lattice_rays_per_pixel`` where surfaces are glossy; None:
+            no other number.
         seed: of Mitsuba's integrators; the others draw nothing at random.
         kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
             ``native`` (the same scenes in the Rust core, without LLVM and faster), ``baked`` (the native renderer under
@@ -364,6 +368,7 @@ def make_renderer(
         by_name=kind != AUTO_RENDERER,
         rays_per_pixel=rays_per_pixel,
         lattice_rays_per_pixel=lattice_rays_per_pixel,
+        glossy_rays_per_pixel=glossy_rays_per_pixel,
         seed=seed,
         blur=scene.blur if blur is None else blur,
         threads=threads,
@@ -465,7 +470,7 @@ def _native(request: _RendererRequest, made: _SceneTables) -> Renderer:
     renderer = NativeRenderer(
         made.table,
         request.camera,
-        rays_per_pixel=_rays(request),
+        rays_per_pixel=_rays(request, glossy=made.table.gloss is not None),
         blur=request.blur,
         motion=made.motion,
         pixel=_pixel(request, made.table),
@@ -484,9 +489,13 @@ def _pixel(request: _RendererRequest, table: SceneTable) -> str:
     return request.lattice_pixel if request.rays_per_pixel is None and table.gloss is None else "rays"
 
 
-def _rays(request: _RendererRequest) -> int:
+def _rays(request: _RendererRequest, *, glossy: bool = False) -> int:
     """Return the rays per pixel of a renderer whose rays are a lattice."""
-    return request.lattice_rays_per_pixel if request.rays_per_pixel is None else request.rays_per_pixel
+    if request.rays_per_pixel is not None:
+        return request.rays_per_pixel
+    if glossy and request.glossy_rays_per_pixel is not None:
+        return request.glossy_rays_per_pixel
+    return request.lattice_rays_per_pixel
 
 
 def _ramps_told(textures: TextureTable) -> str:

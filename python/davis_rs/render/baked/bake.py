@@ -57,8 +57,8 @@ class Effort:
 
     Attributes:
         least_error: a smaller error is not asked for.
-        most_points: of each part of the light, where nothing moves; fewer at each of several instants. Corners of
-            triangles may be more.
+        most_points: of each part of the light besides the corners of triangles, where nothing moves; fewer at each of
+            several instants.
         most_corners: where triangles have more of them, those that are close to each other and have similar normals
             share their light. None: they never do.
         most_samples: of each place, at least ``FEWEST_SAMPLES``.

@@ -263,9 +263,9 @@ def refine(
         room = (rule.most_points - (len(positions) - len(lattice.positions))) * 2 // 3
         if len(cells) > room:
             complete = False
-            # Each gets a share of the room, and is divided if that is enough for itself. A quarter of a cell errs by half
-            # as much on a quarter of the area, so shares of this power are what divisions until all err alike would take.
-            # A test of all edges would cost what there is no room for.
+            # Each gets a share of the room, and is divided if that is enough for itself. A quarter of a cell errs by
+            # half as much on a quarter of the area, so shares of this power are what divisions would take until all
+            # err alike. A test of all edges would cost what there is no room for.
             bend = np.nan_to_num(_bend(values, others, cells), nan=1.0)
             share = (np.where(long, np.maximum(bend, 1.0), bend) * size**2) ** (2 / 3)
             cells = cells[room * share >= share.sum()] if room > 0 else cells[:0]
