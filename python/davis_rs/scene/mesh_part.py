@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -112,13 +112,18 @@ class NormalTexture(NamedTuple):
     wrap: str = "repeat"
 
 
+Points: TypeAlias = npt.NDArray[np.float64] | npt.NDArray[np.float32]
+"""Positions or directions at the corners of triangles, (m, 3, 3)."""
+
+
 class MeshPart(NamedTuple):
     """Holds triangles of one material.
 
     Attributes:
-        corners: (m, 3, 3) positions of each triangle's three corners, in the file's own axes and unit.
+        corners: (m, 3, 3) positions of each triangle's three corners, in the file's own axes and unit, float64 until
+            the part is :meth:`rounded`.
         uv: (m, 3, 2) texture coordinates there, v upwards from the lower edge of the image; None without.
-        normals: (m, 3, 3) of a smooth surface; None where every triangle is flat.
+        normals: (m, 3, 3) of a smooth surface, likewise; None where every triangle is flat.
         reflectance: a texture (H, W, 3), or a colour (3,), linear RGB.
         colours: (m, 3, 3), a colour at each corner in linear RGB: a factor on ``reflectance`` where that is a texture,
             else instead of it; None without.
@@ -140,9 +145,9 @@ class MeshPart(NamedTuple):
             colours, or no textures.
     """
 
-    corners: FloatArray
+    corners: Points
     uv: FloatArray | None
-    normals: FloatArray | None
+    normals: Points | None
     reflectance: EncodedTexture | Texture | FloatArray
     colours: FloatArray | None
     material: str
@@ -158,6 +163,12 @@ class MeshPart(NamedTuple):
     one_sided: bool = False
     normal_texture: NormalTexture | None = None
     patches: Patches | None = None
+
+    def rounded(self) -> MeshPart:
+        """Return the part with corners and normals in float32, in which renderers take them, once nothing more is
+        computed of them: that is half of the memory of a part without textures."""
+        normals = None if self.normals is None else self.normals.astype(np.float32)
+        return self._replace(corners=self.corners.astype(np.float32), normals=normals)
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the
