@@ -449,8 +449,9 @@ def test_blocks_that_are_left_out_have_no_outermost_points() -> None:
 
 def test_a_view_and_the_tables_need_no_scipy(tmp_path: Path, run_python: Callable[..., str]) -> None:
     """To import it takes longer than all the rest until the first frame of a small world."""
-    rows = [" ".join(map(str, corner)) for corner in ROOM.reshape(-1, 3) * [1, 1, 0.3] @ np.diag([3.0, 3.0, 3.0])]
-    faces = [f"f {first} {first + 1} {first + 2}" for first in range(1, 3 * len(ROOM), 3)]
+    corners = box([0, 0, 0], [1, 1, 2], inward=False).reshape(-1, 3)
+    rows = [" ".join(map(str, corner)) for corner in corners]
+    faces = [f"f {first} {first + 1} {first + 2}" for first in range(1, len(corners), 3)]
     path = tmp_path / "box.obj"
     path.write_text("\n".join([*(f"v {row}" for row in rows), *faces]))
     program = f"""

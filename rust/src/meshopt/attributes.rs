@@ -19,7 +19,7 @@ pub(super) fn decode(data: &[u8], count: usize, stride: usize, elements: &mut Ve
     let mut last = [0; MOST_IN_BLOCK];
     last[..stride].copy_from_slice(&data[data.len() - stride..]);
     let mut groups = Groups { data: &data[..end], at: 1 };
-    let most = (BLOCK_BYTES / stride & !(GROUP - 1)).min(MOST_IN_BLOCK);
+    let most = (BLOCK_BYTES / stride / GROUP * GROUP).min(MOST_IN_BLOCK);
     let (mut block, mut deltas) = ([0; BLOCK_BYTES], [0; MOST_IN_BLOCK]);
     for first in (0..count).step_by(most) {
         let size = most.min(count - first);
@@ -66,8 +66,7 @@ impl Groups<'_> {
             let bit = BITS * number;
             *delta = packed[bit / 8] >> (8 - BITS - bit % 8) & whole;
         }
-        let count = group.iter().filter(|delta| **delta == whole).count();
-        let bytes = self.take(count, "group")?;
+        let bytes = self.take(group.iter().map(|delta| usize::from(*delta == whole)).sum(), "group")?;
         for (delta, byte) in group.iter_mut().filter(|delta| **delta == whole).zip(bytes) {
             *delta = *byte;
         }

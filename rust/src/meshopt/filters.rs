@@ -57,8 +57,8 @@ impl MeshoptFilter {
 /// Changes elements of four numbers of 16 bits.
 fn each_of_shorts(elements: &mut [u8], change: impl Fn([i16; 4]) -> [i16; 4]) {
     for element in elements.as_chunks_mut::<8>().0 {
-        let [a, b, c, d, e, f, g, h] = *element;
-        let changed = change([[a, b], [c, d], [e, f], [g, h]].map(i16::from_le_bytes)).map(i16::to_le_bytes);
+        let given = element.as_chunks::<2>().0;
+        let changed = change([0, 1, 2, 3].map(|at| i16::from_le_bytes(given[at]))).map(i16::to_le_bytes);
         element.copy_from_slice(changed.as_flattened());
     }
 }

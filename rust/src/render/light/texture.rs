@@ -299,7 +299,9 @@ mod tests {
         for nonzero in [vec![], vec![0], vec![AT_ONCE - 1], vec![AT_ONCE], vec![3, 2 * AT_ONCE], vec![2 * AT_ONCE + 4]]
         {
             let mut texels = vec![0.0f32; 2 * AT_ONCE + 5];
-            nonzero.iter().for_each(|&at| texels[at] = 1.5);
+            for &at in &nonzero {
+                texels[at] = 1.5;
+            }
             assert_eq!(paired_in_a_row(&texels), paired(texels.iter()), "{nonzero:?}");
         }
     }
