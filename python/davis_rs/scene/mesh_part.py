@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -112,10 +112,6 @@ class NormalTexture(NamedTuple):
     wrap: str = "repeat"
 
 
-Points: TypeAlias = npt.NDArray[np.float64] | npt.NDArray[np.float32]
-"""Positions or directions at the corners of triangles, (m, 3, 3)."""
-
-
 class MeshPart(NamedTuple):
     """Holds triangles of one material.
 
@@ -145,9 +141,9 @@ class MeshPart(NamedTuple):
             colours, or no textures.
     """
 
-    corners: Points
+    corners: FloatArray
     uv: FloatArray | None
-    normals: Points | None
+    normals: FloatArray | None
     reflectance: EncodedTexture | Texture | FloatArray
     colours: FloatArray | None
     material: str
@@ -167,8 +163,13 @@ class MeshPart(NamedTuple):
     def rounded(self) -> MeshPart:
         """Return the part with corners and normals in float32, in which renderers take them, once nothing more is
         computed of them: that is half of the memory of a part without textures."""
-        normals = None if self.normals is None else self.normals.astype(np.float32)
-        return self._replace(corners=self.corners.astype(np.float32), normals=normals)
+
+        def single(values: FloatArray) -> FloatArray:
+            # Only what takes any floating-point numbers sees them.
+            return cast(FloatArray, values.astype(np.float32))
+
+        normals = None if self.normals is None else single(self.normals)
+        return self._replace(corners=single(self.corners), normals=normals)
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

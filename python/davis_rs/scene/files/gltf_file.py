@@ -338,7 +338,7 @@ class GltfFile:
         self.budget.check_time("decoding its compressed buffer views")
         data = np.frombuffer(buffer, np.uint8)[offset : offset + length]
         try:
-            return memoryview(decode_meshopt(data, kind, filter_name, count, stride))
+            return decode_meshopt(data, kind, filter_name, count, stride).data
         except ValueError as error:
             raise self.error(where, str(error)) from None
 

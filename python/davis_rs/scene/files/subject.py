@@ -160,7 +160,7 @@ def _connected(cells: npt.NDArray[np.bool_], first: npt.NDArray[np.bool_]) -> np
 def _runs(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
     """Number the runs of marked cells in the rows of a map; other cells have any number."""
     ends = np.pad(~cells, ((0, 0), (0, 1)), constant_values=True)  # no run goes on in the next row
-    return np.cumsum(ends).reshape(ends.shape)[:, :-1]
+    return np.cumsum(ends, dtype=np.int64).reshape(ends.shape)[:, :-1]
 
 
 def _between(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
