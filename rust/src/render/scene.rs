@@ -212,7 +212,7 @@ impl Scene {
             corners: Vec::with_capacity(tables.corners.len()),
             surfaces: Vec::with_capacity(tables.corners.len()),
             textures,
-            texels: tables.texels.iter().map(|group| texture::paired(group.iter())).collect(),
+            texels: tables.texels.iter().map(|group| texture::paired_in_a_row(group)).collect(),
             normal_textures,
             irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map.iter())).collect(),
             irradiance_vectors: {
