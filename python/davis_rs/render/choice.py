@@ -10,7 +10,16 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 from .._mitsuba.types import Mitsuba, MitsubaScene, MitsubaShape
-from .._mitsuba.variants import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
+from .._mitsuba.variants import (
+    FAST,
+    SCALAR,
+    default_variant,
+    load_scene_contents,
+    load_scene_source,
+    stay_in,
+    variant,
+    variant_is_free,
+)
 from .._util.argument_error import ArgumentError
 from .._util.former_names import takes_former_names
 from ..events.colour import Weights
@@ -134,7 +143,8 @@ class NoiseFreeKind(RendererKind):
     ) -> _SceneTables:
         try:
             with stand_ins() as images:
-                loaded = load_scene_source(scene.source(), mi)
+                # The table kernel has Mitsuba trace its rays.
+                loaded = (load_scene_source if mi.variant() == FAST else load_scene_contents)(scene.source(), mi)
         except ValueError as error:
             if by_name:
                 raise
