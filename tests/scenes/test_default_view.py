@@ -21,6 +21,7 @@ from davis_rs.scene.files.rooms import VoxelGrid
 from davis_rs.scene.files.sight import Sight
 from davis_rs.scene.files.subject import Surfaces
 from davis_rs.scene.load import load_scene
+from gltf_files import Gltf
 
 SIDES = list(itertools.product(range(3), (-1, 1)))
 SIDES_BUT_TOP = tuple(side for side in SIDES if side != (2, 1))
@@ -310,6 +311,20 @@ def test_the_back_of_one_sided_surfaces_is_seen_through() -> None:
         for flags in (two_sided, one_sided)
     ]
     assert seen[1] > 1.5 * seen[0]
+
+
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_a_view_goes_through_the_backs_of_a_files_surfaces(one_sided: bool, tmp_path: Path) -> None:
+    """A shelf in a room stands behind a sheet that turns its back: the camera looks there if it sees through."""
+    gltf = Gltf()
+    room = np.concatenate([box([0, 0, 0], [10, 5, 2.6], inward=True), shelf(1.5, 4.6)])
+    sheet = box([1.0, 4.5, 0], [4, 4.51, 2.5], inward=True, without=SIDES_BUT_FRONT)
+    for world, double_sided in ((room, True), (sheet, not one_sided)):
+        corners = world.reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]  # y points up
+        material = gltf.material(double_sided=double_sided)
+        gltf.node(mesh=gltf.mesh(corners, np.arange(len(corners)), material=material))
+    forward = load_scene(gltf.save(tmp_path / "room.glb")).path.pose(0.0).rotation[:, 2]
+    assert (forward[1] > 0.4) == one_sided
 
 
 def test_many_triangles_are_taken_coarser_without_holes(monkeypatch: pytest.MonkeyPatch) -> None:
