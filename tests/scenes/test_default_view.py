@@ -14,7 +14,7 @@ from davis_rs.cli import main
 from davis_rs.geometry.pose import FloatArray
 from davis_rs.scene.default_motion import with_default_motion
 from davis_rs.scene.default_paths import CAMERA, Turn, around, sway, within
-from davis_rs.scene.files import sight
+from davis_rs.scene.files import sight, subject
 from davis_rs.scene.files.default_view import DefaultView, default_view
 from davis_rs.scene.files.mesh_scene import usual_light
 from davis_rs.scene.files.rooms import VoxelGrid
@@ -22,6 +22,15 @@ from davis_rs.scene.files.sight import Sight
 from davis_rs.scene.files.subject import Surfaces
 from davis_rs.scene.load import load_scene
 from gltf_files import Gltf
+
+POINTS = subject._POINTS
+
+
+@pytest.fixture(autouse=True)
+def all_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here, as many decide as without tests."""
+    monkeypatch.setattr(subject, "_POINTS", POINTS)
+
 
 SIDES = list(itertools.product(range(3), (-1, 1)))
 SIDES_BUT_TOP = tuple(side for side in SIDES if side != (2, 1))
@@ -155,8 +164,8 @@ def test_what_lies_far_off_does_not_decide() -> None:
 def test_an_unusual_size_is_asked_about() -> None:
     """A room by its height, other worlds by what is looked at, and any by its name."""
 
-    def asked(world: FloatArray, name: str = "flat", scale: float = 1.0) -> str:
-        return default_view(world).unit_question(name, scale)
+    def asked(world: FloatArray) -> str:
+        return default_view(world).unit_question("flat", 1.0)
 
     assert asked(ROOM * 1000) == " (5,000 m: is the file in millimetres? then give it 0.001 m to a unit, --scale)"
     # A hall of 15 m in centimetres is no smaller than a room in millimetres.
@@ -166,9 +175,11 @@ def test_an_unusual_size_is_asked_about() -> None:
     assert asked(outside * 100) == ""
     assert "millimetres" in asked(outside * 1000)
     assert asked(town_on_a_plane()) == ""
-    assert "its name says millimetres: is that its unit? then give it 0.001 m" in asked(outside, "bolt_M8-mm")
-    assert asked(outside, "bolt_mm", scale=0.001) == ""
-    assert asked(outside, "hammer") == ""
+    view = default_view(outside)
+    told = "its name says millimetres: is that its unit? then give it 0.001 m"
+    assert told in view.unit_question("bolt_M8-mm", 1.0)
+    assert view.unit_question("bolt_mm", 0.001) == ""
+    assert view.unit_question("hammer", 1.0) == ""
 
 
 def town_on_a_plane() -> FloatArray:
