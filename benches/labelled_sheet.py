@@ -15,9 +15,9 @@ def labelled_sheet(rows: Mapping[str, Mapping[str, Image.Image]]) -> Image.Image
     A column is as wide as its widest picture, a row as high as its highest one. A row may lack pictures. Columns come
     in the order of the row that has most of them.
     """
-    font = ImageFont.load_default(TEXT)
+    font, ruler = ImageFont.load_default(TEXT), ImageDraw.Draw(Image.new("L", (1, 1)))
     columns = list(dict.fromkeys(name for row in sorted(rows.values(), key=len, reverse=True) for name in row))
-    left, top = int(max(font.getlength(name) for name in rows)) + 2 * GAP, TEXT + 2 * GAP
+    left, top = int(max(ruler.textlength(name, font) for name in rows)) + 2 * GAP, TEXT + 2 * GAP
     widths = [max(row[name].width for row in rows.values() if name in row) + GAP for name in columns]
     heights = [max(image.height for image in row.values()) + GAP for row in rows.values()]
     sheet = Image.new("L", (left + sum(widths), top + sum(heights)), 255)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +21,32 @@ FloatArray = npt.NDArray[np.float64]
 C = 0.15
 RUNS = 4
 """Renderings of the reference, whose scatter is its error."""
+
+
+def with_paths(scene: davis_rs.Scene) -> davis_rs.Scene:
+    """Return a scene under all bounces of light, if its file does not say itself which light it wants."""
+    if scene.file is not None and scene.file.suffix == ".xml":
+        return scene
+
+    def source() -> dict[str, Any]:
+        parts = scene.source()
+        assert isinstance(parts, dict)
+        return {**parts, "integrator": {"type": "path"}}
+
+    return replace(scene, source=source)
+
+
+def at_width(camera: Camera, width: int, zoom: float) -> Camera:
+    """Return a camera of fewer or more pixels that sees the middle of the view, so many times larger."""
+    by = width / camera.width
+    height = max(1, round(camera.height * by))
+    cx, cy = ((centre + 0.5) * by - 0.5 for centre in (camera.cx, camera.cy))
+    return Camera(width=width, height=height, fx=camera.fx * by * zoom, fy=camera.fy * by * zoom, cx=cx, cy=cy)
+
+
+def world_name(file: Path) -> str:
+    """Return what a world is called: its file, or its folder where the file is called as many others are."""
+    return file.stem if file.stem not in ("scene", "model") else file.parent.name
 
 
 def first_view(scene: davis_rs.Scene) -> Views:

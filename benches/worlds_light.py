@@ -19,42 +19,18 @@ from __future__ import annotations
 import argparse
 import time
 import warnings
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from labelled_sheet import labelled_sheet
-from path_tracer import C, difference, first_view, luma_of, reference, shown
+from path_tracer import C, at_width, difference, first_view, luma_of, reference, shown, with_paths, world_name
 from PIL import Image
 
 import davis_rs
-from davis_rs.geometry.camera import Camera
 from davis_rs.render.choice import make_renderer
 
 SURE = 0.1 * C
 """The reference's largest standard error of pixels that count."""
-
-
-def with_paths(scene: davis_rs.Scene) -> davis_rs.Scene:
-    """Return a scene under all bounces of light, if its file does not say itself which light it wants."""
-    if scene.file is not None and scene.file.suffix == ".xml":
-        return scene
-
-    def source() -> dict[str, Any]:
-        parts = scene.source()
-        assert isinstance(parts, dict)
-        return {**parts, "integrator": {"type": "path"}}
-
-    return replace(scene, source=source)
-
-
-def at_width(camera: Camera, width: int, zoom: float) -> Camera:
-    """Return a camera of fewer or more pixels that sees the middle of the view, so many times larger."""
-    by = width / camera.width
-    height = max(1, round(camera.height * by))
-    cx, cy = ((centre + 0.5) * by - 0.5 for centre in (camera.cx, camera.cy))
-    return Camera(width=width, height=height, fx=camera.fx * by * zoom, fy=camera.fy * by * zoom, cx=cx, cy=cy)
 
 
 def main() -> None:
@@ -82,7 +58,7 @@ def main() -> None:
     for world in given.worlds:
         scene = davis_rs.load_scene(world)
         camera, views, paths = at_width(scene.own_camera, given.width, given.zoom), first_view(scene), with_paths(scene)
-        name = world.stem if world.stem not in ("scene", "model") else world.parent.name
+        name = world_name(world)
         kept = given.kept and given.kept / f"{name}_{given.width}_{given.zoom:g}_{given.samples}.npy"
         if given.kept is not None:
             given.kept.mkdir(parents=True, exist_ok=True)

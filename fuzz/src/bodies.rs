@@ -8,8 +8,9 @@ use std::io::Read;
 use davis_rs::aer::{Chip, Decoded, Decoder, Device};
 use davis_rs::{
     Aedat4Decoder, CrossingEngine, CrossingParameters, Decode, Effects, EngineState, Event, EventReader, Evt2Decoder,
-    Evt3Decoder, Evt21Decoder, Frame, HotPixels, Interpolation, Leak, PhotoreceptorBandwidth, ReadoutParameters,
-    SensorSize, ShotNoise, StartPhase, TextDecoder, Threshold,
+    Evt3Decoder, Evt21Decoder, Frame, HotPixels, Interpolation, Leak, MeshoptFilter, MeshoptMode,
+    PhotoreceptorBandwidth, ReadoutParameters, SensorSize, ShotNoise, StartPhase, TextDecoder, Threshold,
+    decode_meshopt,
 };
 
 /// The stream of a camera: the first byte says which, the second one where it is cut.
@@ -59,6 +60,33 @@ pub fn evt3(data: &[u8]) {
 /// AEDAT 4.0.
 pub fn aedat4(data: &[u8]) {
     file(data, Aedat4Decoder::default);
+}
+
+/// A compressed buffer view of a glTF file; the first bytes say what it holds, how many elements, and their size.
+pub fn meshopt(data: &[u8]) {
+    const MODES: [MeshoptMode; 6] = [
+        MeshoptMode::Attributes(MeshoptFilter::None),
+        MeshoptMode::Attributes(MeshoptFilter::Octahedral),
+        MeshoptMode::Attributes(MeshoptFilter::Quaternion),
+        MeshoptMode::Attributes(MeshoptFilter::Exponential),
+        MeshoptMode::Triangles,
+        MeshoptMode::Indices,
+    ];
+    let [mode, count, stride, view @ ..] = data else { return };
+    let mode = MODES[usize::from(*mode) % MODES.len()];
+    let (count, stride) = (3 * usize::from(*count), 2 * usize::from(*stride));
+    let Ok(elements) = decode_meshopt(view, mode, count, stride) else { return };
+    assert_eq!(elements.len(), count * stride);
+    // Two bits say that 16 bytes are those of the element before.
+    assert!(elements.len() <= 64 * view.len(), "more elements than groups hold");
+    let tail = match mode {
+        MeshoptMode::Attributes(_) => stride.max(32),
+        MeshoptMode::Triangles => 16,
+        MeshoptMode::Indices => 4,
+    };
+    let mut longer = view.to_vec();
+    longer.insert(view.len() - tail, 0);
+    assert!(decode_meshopt(&longer, mode, count, stride).is_err(), "a byte is left over");
 }
 
 /// Reads a file whole, and cut in two: both must give the same events, or the same error.

@@ -21,6 +21,7 @@ pub fn targets() -> Vec<Target> {
         ("evt21", bodies::evt21, vec![own_evt21("little"), own_evt21("legacy")]),
         ("evt3", bodies::evt3, vec![file(Evt3Encoder::new(240, 180))]),
         ("aedat4", bodies::aedat4, aedat4.collect()),
+        ("meshopt", bodies::meshopt, own_views()),
         ("state", bodies::state, (0..=255).step_by(5).map(changes).collect()),
     ]
 }
@@ -52,6 +53,19 @@ fn file(encoder: impl Encode + 'static) -> Vec<u8> {
 
 fn own_text() -> Vec<u8> {
     b"\x03240 180\n0.000001 1 2 0\r\n 0.5 239 179 1 \n12.123456000 0 0 1\n1e3 0 0 0".to_vec()
+}
+
+/// Compressed buffer views, which are only read: with each kind of group, triangle and index.
+fn own_views() -> Vec<Vec<u8>> {
+    // Four groups: of zeros, of two and of four bits with bytes in place of the largest, and of bytes.
+    let groups = [&[0xe4, 0x1b, 0, 0, 0xff, 9, 8, 7, 6, 5][..], &[0x1f, 0xf0, 0, 0, 0, 0, 0, 1, 77, 78], &[3; 16]];
+    let plane = groups.concat();
+    let attributes = |mode: u8| [&[mode, 20, 4, 0xa0], &plane.repeat(8)[..], &[5; 32]].concat();
+    let table = [0, 0x76, 0x87, 0x56, 0x67, 0x78, 0xa9, 0x86, 0x65, 0x89, 0x68, 0x98, 1, 0x69, 0, 0];
+    let codes = [0xf0, 0, 0x11, 0x2d, 0x3e, 0x0f, 0xfe, 0xff];
+    let triangles = [&[4, 8, 2, 0xe1][..], &codes, &[6, 0xff, 4, 0x85, 1, 0, 2], &table].concat();
+    let indices = [&[5, 2, 1, 0xd1][..], &[4, 8, 7, 0x91, 2, 3, 6, 0, 0, 0, 0]].concat();
+    [0, 1, 2, 3].map(attributes).into_iter().chain([triangles, indices]).collect()
 }
 
 fn camera(number: u8, chip: Chip) -> Vec<u8> {

@@ -35,6 +35,7 @@ __all__ = [
     "crc32",
     "crc32_combine",
     "decode_ecf",
+    "decode_meshopt",
     "fill_events",
     "latest_times",
     "log_intensity",
@@ -1599,4 +1600,27 @@ def blur_3x3(luma: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     Raises:
         TypeError: for an array of another type or number of axes.
         ValueError: for one that is not C-contiguous.
+    """
+
+def decode_meshopt(
+    data: npt.NDArray[np.uint8], mode: str, filter: str, count: int, stride: int
+) -> npt.NDArray[np.uint8]:
+    """Decode a buffer view that a glTF file compresses by ``EXT_meshopt_compression``; the GIL is released.
+
+    Args:
+        data: uint8, shape (n,), contiguous: the compressed bytes.
+        mode: ``ATTRIBUTES``, ``TRIANGLES`` or ``INDICES``.
+        filter: ``NONE``, or of attributes ``OCTAHEDRAL``, ``QUATERNION`` or ``EXPONENTIAL``.
+        count: elements that there must be.
+        stride: bytes of an element.
+
+    Returns:
+        uint8, shape (count stride,).
+
+    Raises:
+        ValueError: for a mode, filter or stride that there is not.
+        DecodeError: for data that break a rule of the stream, with the byte.
+        MemoryError: if there is not enough.
+
+    Source: Khronos Group, EXT_meshopt_compression, appendices A (bitstream) and B (filters).
     """

@@ -20,6 +20,7 @@ mod exact;
 mod filter;
 mod huge_pages;
 mod log_intensity;
+mod meshopt;
 mod order;
 mod prefetch;
 mod random;
@@ -45,6 +46,7 @@ pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use filter::{EventFilter, FilterRule};
 pub use log_intensity::{log_intensity, log_intensity_frame};
+pub use meshopt::{MeshoptFilter, MeshoptMode, decode_meshopt};
 pub use read::{
     Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Kind, Aedat4Piece, Aedat4Recording, Aedat4Trigger, Block, Decode,
     DecoderState, EventReader, Evt2Decoder, Evt3Decoder, Evt21Decoder, MAX_PACKET_BYTES, TextDecoder, decode_ecf,

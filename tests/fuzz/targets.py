@@ -36,7 +36,7 @@ from davis_rs.sensor.presets import preset_file, read_sensor_file, sensor_yaml
 from davis_rs.simulation.from_frames.image_file import read_frame_image
 from davis_rs.usb.raw_file import RawRecording, RawWriter
 from event_files import many
-from gltf_files import CORNERS, UV, Gltf, quad
+from gltf_files import CORNERS, UV, Gltf, packed_square, quad
 from recording_files import (
     DESCRIPTION,
     aedat2,
@@ -363,7 +363,7 @@ def _glb(folder: Path) -> list[Path]:
     _gltf(folder)
     gltf = Gltf()
     gltf.node(mesh=quad(gltf, uv=UV, normals=CORNERS, material=gltf.material()))
-    return [gltf.save(folder / "seed.glb")]
+    return [gltf.save(folder / "seed.glb"), packed_square().save(folder / "packed.glb")]
 
 
 def _obj(folder: Path) -> list[Path]:

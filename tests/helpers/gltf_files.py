@@ -13,6 +13,10 @@ import numpy.typing as npt
 from PIL import Image
 
 _KINDS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+CORNERS_PACKED = "oAAAAAEzAAAA//8AAAABDAAAAP8AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAIC/AACAvwAAAAA="
+FACES_PACKED = "4fAAAHaHVmd4qYZliWiYAWkAAA=="
+"""The corners and faces of a square, as meshoptimizer compresses them."""
+
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
@@ -137,3 +141,24 @@ def with_camera(gltf: Gltf, distance: float = 3.0, **node: Any) -> int:
     camera = {"type": "perspective", "perspective": {"yfov": np.pi / 2, "aspectRatio": 4 / 3, "znear": 0.1}}
     number = gltf.add("cameras", camera)
     return gltf.node(camera=number, **{"translation": [0, 0, distance], **node})
+
+
+def packed_square(**changes: object) -> Gltf:
+    """A square whose vertices and faces are compressed by ``EXT_meshopt_compression``, and nothing of it is there in
+    plain."""
+    gltf = Gltf(extensionsRequired=["EXT_meshopt_compression"])
+    views = []
+    for text, mode, count, stride in ((CORNERS_PACKED, "ATTRIBUTES", 4, 12), (FACES_PACKED, "TRIANGLES", 6, 2)):
+        number = gltf.view(base64.b64decode(text))
+        stored = gltf.document["bufferViews"][number]
+        packed = {**stored, "byteStride": stride, "count": count, "mode": mode, **changes}
+        plain = {"buffer": 1, "byteLength": count * stride, "extensions": {"EXT_meshopt_compression": packed}}
+        views.append(plain)
+    gltf.document["bufferViews"] = views
+    gltf.document["buffers"] = [{"byteLength": 60, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}]
+    corners = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
+    faces = {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}
+    gltf.document["accessors"] = [corners, faces]
+    gltf.document["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]
+    gltf.node(mesh=0)
+    return gltf

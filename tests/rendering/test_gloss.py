@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from davis_rs import Camera, Pose, Scene
+from davis_rs import Camera, Pose, Scene, Simulator
 from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
+from davis_rs.geometry.trajectory.motions import slider
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer, why_not_noise_free
 from davis_rs.render.diffuse_materials import children, simplify_materials
@@ -544,3 +545,13 @@ def test_bakes_know_textures_of_roughness_by_their_texels() -> None:
         finish = Finish(0.09, "ggx", ("mixed", (1.5, 0.5, 0.0)), under=("rough", (0.3, 0.5)), lobe=(texels, None))
         digests.add(GlossTable([finish], np.zeros(1, np.uint32), 12).digest)
     assert len(digests) == 2
+
+
+@pytest.mark.parametrize(
+    ("bsdf", "pixel", "rays"), [({"type": "plastic"}, "rays", 128), ({"type": "diffuse"}, "lines", 32)]
+)
+def test_glossy_surfaces_take_more_rays_where_none_are_given(bsdf: dict[str, Any], pixel: str, rays: int) -> None:
+    scene = replace(scene_of(bsdf, lamp=POINT), camera=CAMERA).with_trajectory(slider(POSE, 0.1, 0.1))
+    assert (Simulator(scene).renderer.pixel, Simulator(scene).renderer.rays_per_pixel) == (pixel, rays)
+    asked = Simulator(scene, rays_per_pixel=8).renderer
+    assert (asked.pixel, asked.rays_per_pixel) == ("rays", 8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,11 @@ from davis_rs.geometry.pose import FloatArray
 from davis_rs.scene.default_motion import with_default_motion
 from davis_rs.scene.default_paths import CAMERA, Turn, around, sway, within
 from davis_rs.scene.files import sight, subject
-from davis_rs.scene.files.default_view import DefaultView, default_view
+from davis_rs.scene.files.default_view import DefaultView, _outermost, default_view
 from davis_rs.scene.files.mesh_scene import usual_light
 from davis_rs.scene.files.rooms import VoxelGrid
 from davis_rs.scene.files.sight import Sight
-from davis_rs.scene.files.subject import Surfaces
+from davis_rs.scene.files.subject import Surfaces, _connected
 from davis_rs.scene.load import load_scene
 from gltf_files import Gltf
 
@@ -432,3 +433,62 @@ def test_a_camera_that_sees_nothing_is_refused(tmp_path: Path) -> None:
     path.write_text(SCENE.replace('target="0,0,0"', 'target="0,0,9"'))
     with pytest.raises(ValueError, match="the camera of scene 'board' sees nothing, and has no trajectory"):
         with_default_motion(load_scene(path))
+
+
+def test_cells_are_connected_along_axes_alone() -> None:
+    """As SciPy labels them, in maps of any shape, with parts that wind."""
+    from scipy.ndimage import label
+
+    random = np.random.RandomState(3)
+    for number in range(200):
+        shape = (20, 20) if number % 4 == 0 else tuple(random.randint(1, 30, 2))
+        cells = random.rand(*shape) < (0.3, 0.55, 0.65, 0.9)[number % 4]
+        first = (random.rand(*shape) < 0.02) & cells
+        names, count = label(cells)
+        reached = np.isin(names, np.setdiff1d(names[first], [0]))
+        assert np.array_equal(_connected(cells, first), reached), (number, count)
+    spiral = np.zeros((41, 41), np.bool_)
+    row, column, step, turn = 20, 20, 1, 0
+    while 0 < row < 40 and 0 < column < 40:
+        for _ in range(2 * step):
+            spiral[row, column] = True
+            row, column = row + (0, 1, 0, -1)[turn % 4], column + (1, 0, -1, 0)[turn % 4]
+        turn += 1
+        step += turn % 2 == 0
+    first = np.zeros_like(spiral)
+    first[20, 20] = True
+    assert np.array_equal(_connected(spiral, first), spiral)
+
+
+def test_blocks_that_are_left_out_have_no_outermost_points() -> None:
+    """Points lie along a line that winds through a cube, so that most blocks are inside; some corners come twice."""
+    from davis_rs.geometry.lattice import sphere_lattice
+
+    t = np.linspace(0, 1, 20_000)[:, None]
+    points = np.concatenate([np.sin(np.array([7, 11, 13]) * t) + 1e4, np.sin(np.array([7, 11, 13]) * t[::-1]) + 1e4])
+    directions = np.concatenate([sphere_lattice(500), np.eye(3), -np.eye(3)])
+    found, along = _outermost(points), directions @ points.T
+    assert len(found) < 1000
+    assert np.allclose((directions @ found.T).max(1), along.max(1), rtol=0, atol=1e-9)
+    assert len(np.unique(found, axis=0)) == len(found)
+
+
+def test_a_view_and_the_tables_need_no_scipy(tmp_path: Path, run_python: Callable[..., str]) -> None:
+    """To import it takes longer than all the rest until the first frame of a small world."""
+    corners = box([0, 0, 0], [1, 1, 2], inward=False).reshape(-1, 3)
+    rows = [" ".join(map(str, corner)) for corner in corners]
+    faces = [f"f {first} {first + 1} {first + 2}" for first in range(1, len(corners), 3)]
+    path = tmp_path / "box.obj"
+    path.write_text("\n".join([*(f"v {row}" for row in rows), *faces]))
+    program = f"""
+import sys
+import numpy as np
+import davis_rs
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+scene = davis_rs.load_scene({str(path)!r}, up="z")
+renderer = make_renderer(scene, scene.own_camera, kind="native", rays_per_pixel=1)
+luma = renderer.luma(Views.along(scene.trajectory, np.zeros(1)))
+print(bool(luma.any()), "goes around" in scene.note, "scipy" in sys.modules)
+"""
+    assert run_python(program) == "True True False\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,12 +12,12 @@ import numpy as np
 import pytest
 
 from davis_rs import Camera, DecodeError, load_scene
-from davis_rs._util.budget import Budget, Limits
+from davis_rs import _core as core
+from davis_rs._util.budget import VARIABLE
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.truth.scene_surfaces import SceneSurfaces
-from davis_rs.scene.files.meshopt import decode_meshopt
 from davis_rs.scene.load import start_pose
-from gltf_files import Gltf, quad
+from gltf_files import Gltf, packed_square, quad
 
 SMALL = Camera(24, 18, 20.0, 20.0, 11.5, 8.5)
 
@@ -124,19 +125,17 @@ FILTERED: dict[str, tuple[str, str, str, int, int, list[list[float]]]] = {
         ],
     ),
 }
-CORNERS_PACKED = "oAAAAAEzAAAA//8AAAABDAAAAP8AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAIC/AACAvwAAAAA="
-FACES_PACKED = "4fAAAHaHVmd4qYZliWiYAWkAAA=="
 """For each stream: its bytes, mode, filter, count and stride, and what the reference decoder makes of it."""
 
 
-def budget(**limits: int) -> Budget:
-    return Budget("packed.glb", Limits(**limits))
+def decode(data: bytes, mode: str, kind: str, count: int, stride: int) -> bytes:
+    return core.decode_meshopt(np.frombuffer(data, np.uint8), mode, kind, count, stride).tobytes()
 
 
 @pytest.mark.parametrize("name", STREAMS)
 def test_streams_decode_to_the_bytes_that_were_encoded(name: str) -> None:
     packed, mode, kind, count, stride, digest = STREAMS[name]
-    decoded = decode_meshopt(base64.b64decode(packed), mode, kind, count, stride, budget())
+    decoded = decode(base64.b64decode(packed), mode, kind, count, stride)
     assert len(decoded) == count * stride
     assert hashlib.sha256(decoded).hexdigest().startswith(digest)
 
@@ -145,7 +144,7 @@ def test_streams_decode_to_the_bytes_that_were_encoded(name: str) -> None:
 def test_filters_give_the_numbers_of_the_reference(name: str) -> None:
     """Integers within one, as the specification allows."""
     packed, mode, kind, count, stride, expected = FILTERED[name]
-    decoded = decode_meshopt(base64.b64decode(packed), mode, kind, count, stride, budget())
+    decoded = decode(base64.b64decode(packed), mode, kind, count, stride)
     number = "<f4" if kind == "EXPONENTIAL" else f"<i{stride // 4}"
     found = np.frombuffer(decoded, number).reshape(count, -1).astype(float)
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=0 if number == "<f4" else 1)
@@ -158,44 +157,45 @@ def test_damaged_streams_are_refused_or_give_as_many_bytes(name: str) -> None:
     data = base64.b64decode(packed)
     for length in range(len(data)):
         with pytest.raises(ValueError, match=r".+"):
-            decode_meshopt(data[:length], mode, kind, count, stride, budget())
+            decode(data[:length], mode, kind, count, stride)
     random = np.random.RandomState(11)
     for _ in range(300):
         damaged = bytearray(data)
         for at in random.randint(0, len(data), 3):
             damaged[at] = random.randint(0, 256)
         with suppress(ValueError):
-            assert len(decode_meshopt(bytes(damaged), mode, kind, count, stride, budget())) == count * stride
+            assert len(decode(bytes(damaged), mode, kind, count, stride)) == count * stride
     with pytest.raises(ValueError, match=r".+"):
-        decode_meshopt(data, mode, kind, count + 300, stride, budget())
+        decode(data, mode, kind, count + 300, stride)
 
 
-def test_memory_is_charged_before_it_is_taken() -> None:
+def test_what_there_is_not_is_refused() -> None:
+    """Names and sizes; DecodeError is for streams alone."""
     data = base64.b64decode(STREAMS["attributes"][0])
-    with pytest.raises(DecodeError, match=r"1000000000 elements of 8 bytes needs 7\.45 GiB"):
-        decode_meshopt(data, "ATTRIBUTES", "NONE", 10**9, 8, budget())
-    with pytest.raises(DecodeError, match="indices, while they are decoded"):
-        decode_meshopt(data, "TRIANGLES", "NONE", 3 * 10**6, 4, budget(bytes=20_000_000))
+    for mode, kind, count, stride, rule in (
+        ("CUBES", "NONE", 77, 8, "there is no mode 'CUBES'"),
+        ("ATTRIBUTES", "SEPIA", 77, 8, "there is no filter 'SEPIA' of 'ATTRIBUTES'"),
+        ("INDICES", "OCTAHEDRAL", 77, 4, "there is no filter 'OCTAHEDRAL' of 'INDICES'"),
+        ("ATTRIBUTES", "NONE", 77, 6, "attributes must have a stride of 4, 8 ... 256 bytes, got 6"),
+        ("ATTRIBUTES", "NONE", 77, 260, "attributes must have a stride of 4, 8 ... 256 bytes, got 260"),
+        ("ATTRIBUTES", "OCTAHEDRAL", 77, 12, "the filter OCTAHEDRAL needs a stride of 4 or 8 bytes, got 12"),
+        ("ATTRIBUTES", "QUATERNION", 77, 4, "the filter QUATERNION needs a stride of 8 bytes, got 4"),
+        ("TRIANGLES", "NONE", 77, 4, "triangles must have a stride of 2 or 4 bytes and be whole, got 77 of 4"),
+        ("INDICES", "NONE", 77, 8, "indices must have a stride of 2 or 4 bytes and be whole, got 77 of 8"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(rule)) as raised:
+            decode(data, mode, kind, count, stride)
+        assert type(raised.value) is ValueError
 
 
-def packed_square(**changes: object) -> Gltf:
-    """A square whose vertices and faces are compressed, and nothing of it is there in plain."""
-    gltf = Gltf(extensionsRequired=["EXT_meshopt_compression"])
-    views = []
-    for text, mode, count, stride in ((CORNERS_PACKED, "ATTRIBUTES", 4, 12), (FACES_PACKED, "TRIANGLES", 6, 2)):
-        number = gltf.view(base64.b64decode(text))
-        stored = gltf.document["bufferViews"][number]
-        packed = {**stored, "byteStride": stride, "count": count, "mode": mode, **changes}
-        plain = {"buffer": 1, "byteLength": count * stride, "extensions": {"EXT_meshopt_compression": packed}}
-        views.append(plain)
-    gltf.document["bufferViews"] = views
-    gltf.document["buffers"] = [{"byteLength": 60, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}]
-    corners = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
-    faces = {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}
-    gltf.document["accessors"] = [corners, faces]
-    gltf.document["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]
-    gltf.node(mesh=0)
-    return gltf
+def test_memory_is_charged_before_it_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gltf = packed_square(count=10**8)
+    view = gltf.document["bufferViews"][0]
+    view["byteLength"] = 12 * 10**8
+    monkeypatch.setenv(VARIABLE, "bytes=1GiB")
+    rule = r"bufferViews\[0\]: EXT_meshopt_compression: 100000000 elements of 12 bytes needs 1\.12 GiB"
+    with pytest.raises(DecodeError, match=rule):
+        load_scene(gltf.save(tmp_path / "large.glb"))
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from davis_rs import ArgumentError, Scene, as_pose, start_pose
-from davis_rs.geometry.pose import Pose
+from davis_rs.geometry.pose import Pose, rotation_matrices
 from davis_rs.geometry.trajectory.motions import hand_held, running, slider, spiral, walking, zigzag
 from davis_rs.geometry.trajectory.sampled_trajectory import SampledTrajectory
 from davis_rs.geometry.trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
@@ -83,6 +83,23 @@ def poses(draw: st.DrawFn) -> Pose:
     rotation = Rotation.from_rotvec(draw(st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3)))
     sign = draw(st.sampled_from([-1.0, 1.0]))
     return Pose(np.array(draw(coordinates)), sign * rotation.as_quat())
+
+
+def test_rotations_have_the_bits_of_scipy() -> None:
+    """Of few and many quaternions, and of exact, rounded and nearly orthonormal matrices."""
+    random = np.random.RandomState(5)
+    quaternions = np.concatenate([np.eye(4), random.randn(500, 4)])
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    matrices = Rotation.from_quat(quaternions).as_matrix()
+    assert np.array_equal(rotation_matrices(quaternions), matrices)
+    assert np.array_equal(rotation_matrices(quaternions[7:9]), matrices[7:9])
+    assert np.array_equal(rotation_matrices(quaternions[7]), matrices[7])
+    assert rotation_matrices(quaternions[:0]).shape == (0, 3, 3)
+    for matrix in matrices:
+        for near in (matrix, matrix.astype(np.float32).astype(float), matrix + 1e-9 * random.randn(3, 3)):
+            pose = Pose(np.zeros(3), Rotation.from_matrix(near).as_quat())
+            made = Pose.from_matrix(np.block([[near, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
+            assert np.array_equal(made.quaternion, pose.quaternion)
 
 
 class TestPose:

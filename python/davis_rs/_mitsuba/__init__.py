@@ -1,7 +1,8 @@
 """Wraps Mitsuba 3: chooses its variant and LLVM, and checks files before it opens them.
 
 ``variants`` imports Mitsuba late and sets a variant for a block; ``llvm`` finds the library (named by the user, the
-system's, or that of the Rust toolchain which built the package); ``types`` names Mitsuba's objects for signatures.
+system's, or that of the Rust toolchain which built the package); ``types`` names Mitsuba's objects for signatures;
+``scene_contents`` is a scene in which Mitsuba traces no rays.
 
 An XML file becomes ``elements``; ``files`` puts included ones in their places, and refuses what would end the process.
 Then the elements are written as Mitsuba 3 reads them: ``former_notation``, ``animated_transforms`` (which takes out

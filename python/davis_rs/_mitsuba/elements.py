@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
-from xml.sax.saxutils import quoteattr
 
 from .._core import DecodeError
 from .._util.budget import Budget
@@ -131,6 +130,8 @@ def with_values(text: str, values: Mapping[str, str]) -> str:
 
 def written(root: Element) -> tuple[str, list[str]]:
     """Write elements as XML, each on a line of its own; and return the place of the element on each line."""
+    from xml.sax.saxutils import quoteattr  # which brings what opens web pages, and only files of Mitsuba need
+
     lines: list[str] = []
     places: list[str] = []
     waiting: list[Element | str] = [root]

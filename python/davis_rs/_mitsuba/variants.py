@@ -19,6 +19,7 @@ from .._util.stop_requests import interrupts_deferred
 from .files import XmlFile, check_scene_dictionary
 from .foreign_plugins import LoadedFile, load_file
 from .llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
+from .scene_contents import scene_contents
 from .types import DrJit, Mitsuba, MitsubaScene, SceneDictionary
 
 FAST, SCALAR = "llvm_ad_rgb", "scalar_rgb"
@@ -135,6 +136,22 @@ def load_scene_source(source: Path | XmlFile | Mapping[str, object], mi: Mitsuba
     with _refusals("the scene dictionary"):
         scene = mi.load_dict(_with_mitsuba_types(source, mi), optimize=False)
     return _with_shapes(scene, "the scene dictionary", mi)
+
+
+def load_scene_contents(source: Path | XmlFile | Mapping[str, object], mi: Mitsuba) -> MitsubaScene:
+    """Load a scene in which Mitsuba traces no rays: :class:`SceneContents` where all its shapes are meshes that are
+    made already, and else what :func:`load_scene_source` loads.
+
+    Raises:
+        as :func:`load_scene_source`.
+    """
+    if isinstance(source, Mapping):
+        check_scene_dictionary(source)
+        with _refusals("the scene dictionary"):
+            contents = scene_contents(_with_mitsuba_types(source, mi), mi)
+        if contents is not None:
+            return contents
+    return load_scene_source(source, mi)
 
 
 def load_scene_file(source: Path | XmlFile, mi: Mitsuba) -> LoadedFile:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +12,13 @@ import numpy.typing as npt
 from .._util.argument_error import ArgumentError
 from .._util.few_numbers import all_finite
 
-# scipy is imported where it is used: it costs more than the 0.2 s that `import davis_rs` may take.
-
 FloatArray = npt.NDArray[np.float64]
 
 UNIT_NORM_TOLERANCE = 1e-3
 _ROTATION_TOLERANCE = 1e-6
+
+_Component = TypeVar("_Component", float, FloatArray)
+"""Of a quaternion, or of many."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -86,8 +87,6 @@ class Pose:
         Raises:
             ValueError: if it is not a rigid transform (rotation within 1e-6, last row 0 0 0 1).
         """
-        from scipy.spatial.transform import Rotation
-
         m = _numbers(matrix, "a pose matrix")
         if m.shape != (4, 4) or not np.isfinite(m).all() or not np.array_equal(m[3], (0.0, 0.0, 0.0, 1.0)):
             raise ValueError(f"a pose matrix must be finite, of shape (4, 4), with last row 0 0 0 1, got {m.tolist()}")
@@ -99,7 +98,7 @@ class Pose:
                 f"a pose matrix must hold a rotation (orthonormal within {_ROTATION_TOLERANCE:g}, right-handed), "
                 f"got {r.tolist()}, which {fault}"
             )
-        return cls(m[:3, 3], Rotation.from_matrix(r).as_quat())
+        return cls(m[:3, 3], _quaternion(r))
 
 
 PoseLike: TypeAlias = Pose | npt.ArrayLike | tuple[npt.ArrayLike, npt.ArrayLike]
@@ -228,13 +227,37 @@ def body_rates(q: FloatArray, dq_dt: FloatArray) -> FloatArray:
     return 2.0 * hamilton(conjugate(q), dq_dt)[..., :3]
 
 
-_FEW = 2
-"""For so few quaternions plain floats are faster than what SciPy sets up; a step of a closed loop has no more."""
+def _quaternion(matrix: FloatArray) -> list[float]:
+    """Return the quaternion of a rotation matrix (3, 3) with the bits that SciPy gives.
 
-
-def _rotation_matrix(x: float, y: float, z: float, w: float) -> list[list[float]]:
-    """Return the rotation matrix of a quaternion with the bits that SciPy gives."""
+    Source: Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1, 1978.
+    """
+    if not np.isclose(matrix @ matrix.T, np.eye(3), atol=1e-12).all():
+        left, _, right = np.linalg.svd(matrix, full_matrices=False)
+        matrix = left @ right
+    m = matrix.tolist()
+    trace = m[0][0] + m[1][1] + m[2][2]
+    sizes = [m[0][0], m[1][1], m[2][2], trace]
+    i = sizes.index(max(sizes))
+    if i == 3:
+        quaternion = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1], 1 + trace]
+    else:
+        j, k = (i + 1) % 3, (i + 2) % 3
+        quaternion = [0.0, 0.0, 0.0, m[k][j] - m[j][k]]
+        quaternion[i], quaternion[j], quaternion[k] = 1 - trace + 2 * m[i][i], m[j][i] + m[i][j], m[k][i] + m[i][k]
+    x, y, z, w = quaternion
     norm = math.sqrt(x * x + y * y + z * z + w * w)
+    return [component / norm for component in quaternion]
+
+
+_FEW = 16
+"""For so few quaternions plain floats are faster than arrays; a step of a closed loop has one or two."""
+
+
+def _rotation_matrix(
+    x: _Component, y: _Component, z: _Component, w: _Component, norm: _Component
+) -> list[list[_Component]]:
+    """Return the rotation matrix of a quaternion, or of many, with the bits that SciPy gives."""
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
     xy, zw, xz, yw, yz, xw = x * y, z * w, x * z, y * w, y * z, x * w
@@ -248,11 +271,11 @@ def _rotation_matrix(x: float, y: float, z: float, w: float) -> list[list[float]
 def rotation_matrices(q: FloatArray) -> FloatArray:
     """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4), or (3, 3) of one."""
     if len(q) <= _FEW and q.ndim == 2:
-        return np.array([_rotation_matrix(*quaternion) for quaternion in q.tolist()]).reshape(-1, 3, 3)
-    from scipy.spatial.transform import Rotation
-
-    matrices: FloatArray = Rotation.from_quat(np.array(q)).as_matrix()  # scipy refuses some read-only arrays
-    return matrices
+        few = [_rotation_matrix(x, y, z, w, math.sqrt(x * x + y * y + z * z + w * w)) for x, y, z, w in q.tolist()]
+        return np.array(few).reshape(-1, 3, 3)
+    x, y, z, w = np.moveaxis(q, -1, 0)
+    norm = np.sqrt(x * x + y * y + z * z + w * w)
+    return np.moveaxis(np.array(_rotation_matrix(x, y, z, w, norm)), (0, 1), (-2, -1)).copy()
 
 
 IDENTITY = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))

@@ -10,7 +10,16 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 from .._mitsuba.types import Mitsuba, MitsubaScene, MitsubaShape
-from .._mitsuba.variants import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
+from .._mitsuba.variants import (
+    FAST,
+    SCALAR,
+    default_variant,
+    load_scene_contents,
+    load_scene_source,
+    stay_in,
+    variant,
+    variant_is_free,
+)
 from .._util.argument_error import ArgumentError
 from .._util.former_names import takes_former_names
 from ..events.colour import Weights
@@ -54,6 +63,7 @@ class _RendererRequest:
     by_name: bool
     rays_per_pixel: int | None
     lattice_rays_per_pixel: int
+    glossy_rays_per_pixel: int | None
     seed: int
     blur: bool
     threads: int | None
@@ -133,7 +143,8 @@ class NoiseFreeKind(RendererKind):
     ) -> _SceneTables:
         try:
             with stand_ins() as images:
-                loaded = load_scene_source(scene.source(), mi)
+                # The table kernel has Mitsuba trace its rays.
+                loaded = (load_scene_source if mi.variant() == FAST else load_scene_contents)(scene.source(), mi)
         except ValueError as error:
             if by_name:
                 raise
@@ -316,6 +327,7 @@ def make_renderer(
     *,
     rays_per_pixel: int | None = None,
     lattice_rays_per_pixel: int = 8,
+    glossy_rays_per_pixel: int | None = None,
     seed: int = 0,
     kind: str = AUTO_RENDERER,
     blur: bool | None = None,
@@ -331,6 +343,8 @@ def make_renderer(
     Args:
         rays_per_pixel: rays a pixel; None means ``lattice_rays_per_pixel``, and for Mitsuba's integrators, whose
             rays are random, 8, or 2 in the scalar variant.
+        glossy_rays_per_pixel: what None means in place of ``lattice_rays_per_pixel`` where surfaces are glossy; None:
+            no other number.
         seed: of Mitsuba's integrators; the others draw nothing at random.
         kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
             ``native`` (the same scenes in the Rust core, without LLVM and faster), ``baked`` (the native renderer under
@@ -364,6 +378,7 @@ def make_renderer(
         by_name=kind != AUTO_RENDERER,
         rays_per_pixel=rays_per_pixel,
         lattice_rays_per_pixel=lattice_rays_per_pixel,
+        glossy_rays_per_pixel=glossy_rays_per_pixel,
         seed=seed,
         blur=scene.blur if blur is None else blur,
         threads=threads,
@@ -465,7 +480,7 @@ def _native(request: _RendererRequest, made: _SceneTables) -> Renderer:
     renderer = NativeRenderer(
         made.table,
         request.camera,
-        rays_per_pixel=_rays(request),
+        rays_per_pixel=_rays(request, glossy=made.table.gloss is not None),
         blur=request.blur,
         motion=made.motion,
         pixel=_pixel(request, made.table),
@@ -484,9 +499,13 @@ def _pixel(request: _RendererRequest, table: SceneTable) -> str:
     return request.lattice_pixel if request.rays_per_pixel is None and table.gloss is None else "rays"
 
 
-def _rays(request: _RendererRequest) -> int:
+def _rays(request: _RendererRequest, *, glossy: bool = False) -> int:
     """Return the rays per pixel of a renderer whose rays are a lattice."""
-    return request.lattice_rays_per_pixel if request.rays_per_pixel is None else request.rays_per_pixel
+    if request.rays_per_pixel is not None:
+        return request.rays_per_pixel
+    if glossy and request.glossy_rays_per_pixel is not None:
+        return request.glossy_rays_per_pixel
+    return request.lattice_rays_per_pixel
 
 
 def _ramps_told(textures: TextureTable) -> str:

@@ -211,7 +211,8 @@ def _diffuse_within(bsdf: MitsubaBsdf, mi: Mitsuba, *, glossy: bool = False) -> 
         opaque = all(value is not None and not value.any() for value in passing)
         return _DiffuseMaterial(inside[colour], kind == "PrincipledThin", (plugin,)) if opaque else None
     if kind == "TwoSidedBRDF":
-        front, back = (_diffuse_within(inside[side], mi, glossy=glossy) for side in ("brdf_0", "brdf_1"))
+        front = _diffuse_within(inside["brdf_0"], mi, glossy=glossy)
+        back = front if inside["brdf_1"] is inside["brdf_0"] else _diffuse_within(inside["brdf_1"], mi, glossy=glossy)
         if front is None or back is None or front.finish != back.finish:
             return None
         if not (_same(front.colour, back.colour, mi) and _turned_alike(front.normal_texture, back.normal_texture, mi)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -112,9 +112,10 @@ class MeshPart(NamedTuple):
     """Holds triangles of one material.
 
     Attributes:
-        corners: (m, 3, 3) positions of each triangle's three corners, in the file's own axes and unit.
+        corners: (m, 3, 3) positions of each triangle's three corners, in the file's own axes and unit, float64 until
+            the part is :meth:`rounded`.
         uv: (m, 3, 2) texture coordinates there, v upwards from the lower edge of the image; None without.
-        normals: (m, 3, 3) of a smooth surface; None where every triangle is flat.
+        normals: (m, 3, 3) of a smooth surface, likewise; None where every triangle is flat.
         reflectance: a texture (H, W, 3), or a colour (3,), linear RGB.
         colours: (m, 3, 3), a colour at each corner in linear RGB: a factor on ``reflectance`` where that is a texture,
             else instead of it; None without.
@@ -154,6 +155,17 @@ class MeshPart(NamedTuple):
     one_sided: bool = False
     normal_texture: NormalTexture | None = None
     patches: Patches | None = None
+
+    def rounded(self) -> MeshPart:
+        """Return the part with corners and normals in float32, in which renderers take them, once nothing more is
+        computed of them: that is half of the memory of a part without textures."""
+
+        def single(values: FloatArray) -> FloatArray:
+            # Only what takes any floating-point numbers sees them.
+            return cast(FloatArray, values.astype(np.float32))
+
+        normals = None if self.normals is None else single(self.normals)
+        return self._replace(corners=single(self.corners), normals=normals)
 
     def turned(self) -> MeshPart:
         """Return the part with the corners of each triangle in the opposite order, so that its other side is the

@@ -237,7 +237,11 @@ def mitsuba_mesh(mesh: Mesh, properties: MitsubaValue, normals: FloatArray | Non
         values["vertex_normals"] = normals
     buffers = mi.traverse(made)
     for name, numbers in values.items():
-        kind = type(buffers[name])
-        buffers[name] = kind(numbers.astype(np.uint32 if name == "faces" else np.float32).ravel())
+        kind = np.uint32 if name == "faces" else np.float32
+        buffer = type(buffers[name])(numbers.astype(kind, copy=False).ravel())
+        # What `buffers[name] = buffer` does, but for a comparison with what is there, which takes most of its time.
+        place, type_, *_ = buffers.properties[name]
+        buffers.set_property(place, type_, buffer)
+        buffers.set_dirty(name)
     buffers.update()
     return made

@@ -173,15 +173,19 @@ def _decoded(image: Image, name: str, budget: Budget) -> EncodedTexture:
     budget.take(_TEXEL_BYTES * width * height, size)
     with budget.borrow(_DECODED_BYTES * width * height, f"{size}, while it is decoded,"):
         image.load()
+        may_be_clear = image.mode not in ("RGB", "L") or "transparency" in image.info
         texels, alpha = np.empty((height, width, 3), np.uint8), None
         for rows in _strips(height, width):
-            strip = np.asarray(image.crop((0, rows.start, width, rows.stop)).convert("RGBA"))
-            texels[rows] = strip[..., :3]
-            if alpha is None and strip[..., 3].min() < 255:
-                budget.take(width * height, f"{size}, with alpha,")
-                alpha = np.full((height, width), 255, np.uint8)
-            if alpha is not None:
-                alpha[rows] = strip[..., 3]
+            strip = image.crop((0, rows.start, width, rows.stop))
+            if may_be_clear:
+                strip = strip.convert("RGBA")
+                opacity = np.asarray(strip.getchannel("A"))
+                if alpha is None and opacity.min() < 255:
+                    budget.take(width * height, f"{size}, with alpha,")
+                    alpha = np.full((height, width), 255, np.uint8)
+                if alpha is not None:
+                    alpha[rows] = opacity
+            texels[rows] = np.asarray(strip if strip.mode == "RGB" else strip.convert("RGB"))
     return EncodedTexture(texels, alpha, np.ones(3))
 
 

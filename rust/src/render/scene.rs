@@ -25,7 +25,11 @@ use super::light::slide::{SeenSlide, Slide};
 use super::light::texture::{self, Texture};
 use super::visibility::unoccluded::{Still, Unoccluded};
 use crate::error::{Error, Result};
+use crate::prefetch::prefetch;
 use crate::threads::SHARED;
+
+/// A light map of so many texels is asked for as a whole before it is read. Of a larger one few are.
+const SMALL_MAP: usize = 64;
 
 /// Scenes of so many triangles are made ready on all threads.
 const MANY: usize = 1 << 13;
@@ -208,7 +212,7 @@ impl Scene {
             corners: Vec::with_capacity(tables.corners.len()),
             surfaces: Vec::with_capacity(tables.corners.len()),
             textures,
-            texels: tables.texels.iter().map(|group| texture::paired(group.iter())).collect(),
+            texels: tables.texels.iter().map(|group| texture::paired_in_a_row(group)).collect(),
             normal_textures,
             irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map.iter())).collect(),
             irradiance_vectors: {
@@ -361,6 +365,41 @@ impl Scene {
     pub(crate) fn slide(&self, light: &Light, turned: impl Fn(Vector) -> [Vector; 2]) -> Option<SeenSlide> {
         let (number, plane) = light.slide.map(|(number, plane)| (number as usize, plane as usize))?;
         Some(SeenSlide { number, plane, rows: self.slides[number].rows(turned) })
+    }
+
+    /// Asks for the corners and planes of triangles before they are read.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    pub(crate) fn prefetch_triangles(&self, triangles: Range<usize>) {
+        prefetch(&self.corners[triangles.clone()]);
+        for surface in &self.surfaces[triangles] {
+            prefetch(std::slice::from_ref(&surface.plane));
+        }
+    }
+
+    /// Asks for what the glossy ones among some triangles are shaded by, before it is read.
+    pub(crate) fn prefetch_glossy(&self, triangles: impl Iterator<Item = u32> + Clone) {
+        if self.gloss.is_none() {
+            return;
+        }
+        let glossy = triangles.filter(|&triangle| self.is_glossy(triangle));
+        for triangle in glossy.clone() {
+            prefetch(std::slice::from_ref(&self.surfaces[triangle as usize]));
+            self.unoccluded.prefetch(triangle as usize);
+        }
+        for triangle in glossy.clone() {
+            let Surface { normal, light_maps, .. } = &self.surfaces[triangle as usize];
+            prefetch(normal.as_deref().map_or(&[], <[_; 3]>::as_slice));
+            prefetch(light_maps.as_deref().map_or(&[], <[_; 2]>::as_slice));
+        }
+        for triangle in glossy {
+            for side in self.surfaces[triangle as usize].light_maps.iter().flat_map(|sides| sides.iter()) {
+                let texels = side.texture.all();
+                if texels.len() <= SMALL_MAP {
+                    self.irradiance.iter().for_each(|map| prefetch(&map[texels.clone()]));
+                }
+            }
+        }
     }
 
     /// Returns whether a triangle of the scene is shaded by [`gloss`](super::gloss), not as a diffuse one.

@@ -295,6 +295,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     if !list.is_empty() {
         visible.extend((0..).take(list.len()).filter(|&index| hits.sees(index)));
     }
+    tile_view.lit.scene.prefetch_glossy(visible.iter().map(|&index| seen(index).triangle));
     // What is glossy is shaded ray by ray.
     let all_visible = visible.len();
     visible.retain(|&index| !tile_view.lit.scene.is_glossy(seen(index).triangle));

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -44,6 +44,9 @@ _MOTION_PILOTS, _CANDIDATES, _MOTION_SAMPLES = 384, 4096, 256
 _COARSE_ERROR = 0.04
 """Of light that bounces again before it is gathered: what it errs averages out."""
 
+_MOST_KEPT = 0.98
+"""No more of what a bounce adds comes back the next time, so that errors do not grow without end."""
+
 _SHARED_SPACINGS = (1 / 1024, 1 / 512, 1 / 256, 1 / 128)
 """How large places are within which corners share their light, shares of the scene's diagonal."""
 
@@ -54,8 +57,8 @@ class Effort:
 
     Attributes:
         least_error: a smaller error is not asked for.
-        most_points: of each part of the light, where nothing moves; fewer at each of several instants. Corners of
-            triangles may be more.
+        most_points: of each part of the light besides the corners of triangles, where nothing moves; fewer at each of
+            several instants.
         most_corners: where triangles have more of them, those that are close to each other and have similar normals
             share their light. None: they never do.
         most_samples: of each place, at least ``FEWEST_SAMPLES``.
@@ -322,20 +325,26 @@ class _BakeJob:
         gather = partial(light.gathered, reflected=reflected)
         bounced: SampledLight | None = None
         for bounce in range(1, light.most_bounces):
+            done = False
             if bounced is None:
                 error = max(self._error, _COARSE_ERROR)
-                bounced, change = self.bounced(light, gather, self._effort.coarse_samples, error), np.inf
-                maps = self._direct_maps(direct, [*direct, bounced])
+                bounced = self.bounced(light, gather, self._effort.coarse_samples, error)
+                maps, before = self._direct_maps(direct, [*direct, bounced]), bounced.values.sum(0)
             else:
                 told = self._told(f"bounce {bounce}")
                 told(0, len(bounced.values))
                 more = bounced.with_light(
                     partial(_light_at, light, partial(gather, samples=self._effort.coarse_samples))
                 )
-                was, now = (component.values.sum() for component in (bounced, more))
-                bounced, change = more, (now - was) / now if now > 0 else 0.0
+                added, bounced = more.values - bounced.values, more
+                total = float(more.values.sum())
+                done = float(added.sum()) <= self._effort.settled * self._error * total
+                if done:
+                    later = _later_bounces(added.sum(0), before, light.most_bounces - 1 - bounce)
+                    bounced = replace(more, values=more.values + added * later)
+                before = added.sum(0)
             gather = partial(light.gathered, reflected=maps.with_bounces(self._lattice, bounced))
-            if change < self._effort.settled * self._error:
+            if done:
                 break
         return gather
 
@@ -465,6 +474,16 @@ def _lattice(surfaces: Surfaces, effort: Effort) -> SurfaceLattice:
             break
         lattice = SurfaceLattice(*whole, shared=share * surfaces.diagonal)
     return lattice
+
+
+def _later_bounces(added: FloatArray, before: FloatArray, left: int) -> FloatArray:
+    """Return how many times what the last bounce added (3) the ones after it add together, ``left`` of them.
+
+    Each adds about the same fraction of what the one before it added, because by then light has spread (the power
+    method). Where much is reflected, as in white rooms, this is a large part of all light.
+    """
+    kept = np.clip(np.divide(added, before, out=np.zeros(3), where=before > 0), 0.0, _MOST_KEPT)
+    return np.asarray(kept * (1 - kept**left) / (1 - kept))
 
 
 def _unless_buried(

@@ -48,7 +48,7 @@ from .lights import (
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 6
+VERSION = 7
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
@@ -118,7 +118,8 @@ class BakedLight:
 
     @property
     def _limits(self) -> str:
-        points = f"the light of lamps, of the sky and of bounces has at most {self.effort.most_points:,} points each"
+        most = f"{self.effort.most_points:,} points each besides the corners of triangles"
+        points = f"the light of lamps, of the sky and of bounces has at most {most}"
         return points if len(self.maps.instants) == 1 else f"{points}, and the motion at most {MOST_INSTANTS} instants"
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -103,7 +103,8 @@ class RefinementRule:
         spacing: edges longer than this are always divided, metres.
         finest: edges shorter than this never, metres.
         tolerance: an edge whose middle is off by more than this share of the light is divided.
-        most_points: once the lattice has this many points, only the worst edges are divided.
+        most_points: so many points are added to the corners of triangles at most. Where more are wanted, they go where
+            light errs on the largest areas.
     """
 
     spacing: float
@@ -257,13 +258,17 @@ def refine(
         first = failed if level else spread > rule.tolerance
         # What lies within a solid, or behind a wall, is only looked through for what does not.
         spacing = np.where(np.isnan(values[cells, 0]).all(1), _BURIED_SPACING, 1.0) * rule.spacing
-        cells = cells[(size > rule.finest) & ((size > spacing) | first)]
-        remaining = rule.most_points - len(positions)
-        if len(cells) * 3 // 2 > remaining and len(cells):
+        wanted = (size > rule.finest) & ((size > spacing) | first)
+        cells, size, long = cells[wanted], size[wanted], (size > spacing)[wanted]
+        room = (rule.most_points - (len(positions) - len(lattice.positions))) * 2 // 3
+        if len(cells) > room:
             complete = False
-            # The worst first; a test of all edges would cost what there is no room for.
-            worst = np.argsort(-np.nan_to_num(_bend(values, others, cells), nan=np.inf), kind="stable")
-            cells = cells[np.sort(worst[: max(remaining, 0) * 2 // 3])]
+            # Each gets a share of the room, and is divided if that is enough for itself. A quarter of a cell errs by
+            # half as much on a quarter of the area, so shares of this power are what divisions would take until all
+            # err alike. A test of all edges would cost what there is no room for.
+            bend = np.nan_to_num(_bend(values, others, cells), nan=1.0)
+            share = (np.where(long, np.maximum(bend, 1.0), bend) * size**2) ** (2 / 3)
+            cells = cells[room * share >= share.sum()] if room > 0 else cells[:0]
         if not len(cells):
             break
         ends = np.sort(np.stack([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]], 1), -1)

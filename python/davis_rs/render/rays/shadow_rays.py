@@ -25,5 +25,6 @@ END = 1e-3
 
 def scene_centre(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return the middle of the box around points (n, 3); the origin where there are none."""
-    finite = corners[np.isfinite(corners).all(-1)]
+    are_finite = np.isfinite(corners).all(-1)
+    finite = corners if are_finite.all() else corners[are_finite]
     return (finite.min(0) + finite.max(0)) / 2 if len(finite) else np.zeros(3)

@@ -45,7 +45,7 @@ from ..round_meshes import MOST_TRIANGLES
 from ..texels import CoreColours
 from .deforming_meshes import DeformingMesh
 from .gloss_table import DIFFUSE, CoreGloss, gloss_table
-from .mesh_triangles import MeshTriangles, culled_triangles, flat_normal_maps
+from .mesh_triangles import MeshTriangles, culled_triangles
 from .normal_textures import NormalTextures
 from .scene_texture import Added, TextureTable
 from .small_lamps import LampPlaces
@@ -216,7 +216,8 @@ class SceneTable:
         self.deforming: list[DeformingMesh] = []
         shapes = list(zip(scene.shapes(), surfaces, strict=True))
         self._add_triangles(shapes, mi, baked=baked, deforming=deforming, one_sided=one_sided)
-        self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
+        still = self.frames == 0
+        self.centre = scene_centre((self.corners if still.all() else self.corners[still]).reshape(-1, 3))
         self.baked: BakedLight | None = None
 
     def _lights_of(self, emitter: MitsubaEmitter, mi: Mitsuba, colours: list[FloatArray]) -> list[Light]:
@@ -274,9 +275,9 @@ class SceneTable:
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
-        # Where a texture is the same everywhere nothing is written, and zeros that nobody writes take no memory.
+        # Zeros that nobody writes take no memory: where a texture is the same everywhere, or nothing is smooth.
         self._mesh_uv = np.zeros((count, 4)), np.zeros((count, 4))
-        smooth, smooth_parts = False, list[tuple[slice, FloatArray]]()
+        normal_maps, smooth, flat = np.zeros((count, 3, 4)), False, np.ones(count, np.bool_)
         sizes = zip(shapes, self.textures.sizes.tolist(), self.textures.uv_maps, strict=True)
         for number, ((shape, added), (_, width, height, _), uv_map) in enumerate(sizes):
             textured = (width, height) != (1, 1) or number in self.normal_textures
@@ -299,16 +300,15 @@ class SceneTable:
                 if part.vertex_normals is not None:
                     maps, is_smooth = part.normal_maps()
                     smooth |= is_smooth
-                    smooth_parts.append((rows, maps * side))
+                    normal_maps[rows], flat[rows] = maps * side, False
             if parts:
                 self.deforming.append(
                     _deforming(shape, self.moving, of_shape, parts, uv_map if textured else None, side)
                 )
         self.u_maps, self.v_maps = self.uv_maps(np.float64)
-        self.normal_maps = flat_normal_maps(self.planes[:, :3]) if smooth else None
-        if self.normal_maps is not None:
-            for rows, maps in smooth_parts:
-                self.normal_maps[rows] = maps
+        self.normal_maps = normal_maps if smooth else None
+        if smooth:
+            normal_maps[flat, :, 3] = self.planes[flat, :3]
 
     @property
     def surfaces(self) -> Surfaces:

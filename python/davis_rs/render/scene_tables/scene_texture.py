@@ -93,7 +93,7 @@ class TextureTable:
         self._texels: list[Texels] = []
         self._sizes: list[tuple[int, int, int]] = []
         self._alike: list[int] = []
-        self._large: dict[bytes, int] = {}
+        self._large: dict[tuple[tuple[int, ...], int], list[int]] = {}
         self._is_shared = False
         self._uv_maps: list[FloatArray] = []
         self._texture_of: list[npt.NDArray[np.uint32]] = []
@@ -376,13 +376,23 @@ class TextureTable:
         number, (height, width) = len(self._sizes), texels.shape[:2]
         first = number
         if height * width > _LARGE and number not in self._emissions:
-            first = self._large.setdefault(texels.digest + bytes([wrap]), number)
+            first = self._first_alike(texels, wrap)
         self._texture_of.append(np.full(records, number, np.uint32))
         self._sizes.append((width, height, wrap))
         self._uv_maps.append(uv_map[:2])
         self._texels.append(texels if first == number else self._texels[first])
         self._alike.append(first)
         return Added(two_sided, uv)
+
+    def _first_alike(self, texels: Texels, wrap: int) -> int:
+        """Return the number of the first texture that has the same texels; that of the next one where there is none."""
+        of_size = self._large.setdefault((texels.shape, wrap), [])
+        for known in of_size:
+            # Texels of another size are not read for it.
+            if self._texels[known] is texels or self._texels[known].digest == texels.digest:
+                return known
+        of_size.append(len(self._sizes))
+        return len(self._sizes)
 
     def _of_image(self, texture: ImageTexture, pixels_per_unit: PixelsPerUnit | None) -> tuple[Texels, int]:
         """Return the texels of an image and the number of its wrap mode; with hard edges, made finer."""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import PixelRays, SceneRenderer
-from ..._mitsuba.variants import SCALAR, load_scene_source, variant
+from ..._mitsuba.variants import SCALAR, load_scene_contents, variant
 from ...events.packet import Displacement
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray
@@ -76,7 +76,7 @@ class SceneSurfaces:
         self.camera = camera
         with variant(SCALAR) as (mi, _):
             with stand_ins():  # of the looks nothing counts here
-                loaded = load_scene_source(scene.source(), mi)
+                loaded = load_scene_contents(scene.source(), mi)
             loaded, self.motion, _, made = triangulated(scene, camera, loaded, mi)
             shapes = list(loaded.shapes())
             if len(shapes) > _MOST_SHAPES:

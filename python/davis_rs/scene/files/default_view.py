@@ -49,6 +49,8 @@ _MOST_OUTERMOST = 1000
 """So many points, or a few more, stand for all when it is found out how large they look."""
 _BLOCK = 256
 """Points that are looked at together: their products stay in the cache."""
+_ROUNDING = 1e-12
+"""By less than this fraction of their coordinates, products of points are rounded."""
 
 
 class DefaultView(NamedTuple):
@@ -105,24 +107,25 @@ def default_view(
     kept = everything.near()
     surfaces = everything.only(kept)
     stray = f", without {100 * (1 - kept.mean()):.2g} % of the surfaces, which lie far off" if not kept.all() else ""
-    sight = Sight(
-        corners,
-        np.zeros(len(corners), np.int64) if shapes is None else shapes,
-        np.zeros(len(corners), np.bool_) if one_sided is None else one_sided,
-    )
+    del everything
+    shapes = np.zeros(len(corners), np.int64) if shapes is None else shapes
+    one_sided = np.zeros(len(corners), np.bool_) if one_sided is None else one_sided
     places = VoxelGrid.of(surfaces).places(surfaces)
     if places:
-        place, turn = _best_place(places, sight)
+        size = np.ptp(surfaces.points, axis=0)
+        del surfaces  # what casts rays is as large, and comes in its place
+        place, turn = _best_place(places, Sight(corners, shapes, one_sided))
         note = f"one that turns in the room, {place.free_m:.2g} m from what stands around it"
         path = within(place.centre, place.free_m, turn)
-        return DefaultView(path, f"{note}{stray}", turn.start_rad, np.ptp(surfaces.points, axis=0), place)
+        return DefaultView(path, f"{note}{stray}", turn.start_rad, size, place)
     shown = surfaces.with_little_ground()
     ground = "" if shown.all() else ", without the wide ground around it"
     # The ends of what is kept, not only the points on it, so that a small mesh fits exactly.
     inside = corners.reshape(-1, 3) if kept.all() and shown.all() else surfaces.points[shown]
-    circle = circle_around(_outermost(inside))
-    start = _best_side(circle, sight)
-    return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, np.ptp(inside, axis=0))
+    circle, size = circle_around(_outermost(inside)), np.ptp(inside, axis=0)
+    del surfaces, inside, shown
+    start = _best_side(circle, Sight(corners, shapes, one_sided))
+    return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, size)
 
 
 def _best_place(places: list[Place], sight: Sight) -> tuple[Place, Turn]:
@@ -167,10 +170,21 @@ def _outermost(points: FloatArray) -> FloatArray:
         return points
     directions = np.concatenate([sphere_lattice(_MOST_OUTERMOST // 2), np.eye(3), -np.eye(3)])
     farthest, which = np.full(len(directions), -np.inf), np.zeros(len(directions), np.int64)
-    for start in range(0, len(points), _BLOCK):
+    for start in _outer_blocks(points, directions):
         along = directions @ points[start : start + _BLOCK].T
         ahead = along.argmax(1)
         most = along[np.arange(len(directions)), ahead]
         which[most > farthest] = start + ahead[most > farthest]
         farthest = np.maximum(farthest, most)
     return points[np.unique(which)]
+
+
+def _outer_blocks(points: FloatArray, directions: FloatArray) -> list[int]:
+    """Return where the blocks of points begin that may lie farthest out in some direction, by the boxes around them."""
+    starts = np.arange(0, len(points), _BLOCK)
+    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
+    at_most = np.maximum(directions, 0.0) @ high.T + np.minimum(directions, 0.0) @ low.T
+    # Some of the points already lie so far out.
+    known = (directions @ points[:: _BLOCK // 2].T).max(1, keepdims=True)
+    rounding = _ROUNDING * float(np.abs(points).max())
+    return starts[(at_most >= known - rounding).any(0)].tolist()

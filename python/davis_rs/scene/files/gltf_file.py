@@ -20,12 +20,11 @@ from urllib.parse import unquote
 import numpy as np
 import numpy.typing as npt
 
-from ..._core import DecodeError
+from ..._core import DecodeError, decode_meshopt
 from ..._util.budget import Budget
 from ..._util.extras import from_extra
 from ..._util.untrusted import decoding, read_charged
 from ..named_file import named_file
-from .meshopt import decode_meshopt
 from .rounding import within
 
 _VALUE_BYTES = 100
@@ -312,7 +311,7 @@ class GltfFile:
         if packed is not None and self._lacks_data(view.buffer, where):
             assert isinstance(index, int)
             if index not in self._decoded:
-                self._decoded[index] = memoryview(self._unpacked(view, packed, f"{where}: {_MESHOPT}"))
+                self._decoded[index] = self._unpacked(view, packed, f"{where}: {_MESHOPT}")
             return self._decoded[index], view.byteStride
         buffer = self._buffer(view.buffer, where)
         offset = self.whole(0 if view.byteOffset is None else view.byteOffset, where, "of bytes", len(buffer))
@@ -324,7 +323,7 @@ class GltfFile:
         buffer = self.item("buffers", index, f"{where}.buffer")
         return buffer.uri is None and not (index == 0 and len(self._chunk))
 
-    def _unpacked(self, view: Item, packed: object, where: str) -> bytes:
+    def _unpacked(self, view: Item, packed: object, where: str) -> memoryview:
         """Return the bytes of a buffer view that is compressed."""
         if not isinstance(packed, Item):
             raise self.error(where, f"must be an object, got {plain(packed)}")
@@ -336,10 +335,11 @@ class GltfFile:
         if view.byteLength != count * stride:
             raise self.error(where, f"has {count} elements of {stride} bytes for a view of {plain(view.byteLength)}")
         kind, filter_name = str(packed.mode), str(packed.get("filter") or "NONE")
+        self.budget.take(count * stride, f"{where}: {count} elements of {stride} bytes")
+        self.budget.check_time("decoding its compressed buffer views")
+        data = np.frombuffer(buffer, np.uint8)[offset : offset + length]
         try:
-            return decode_meshopt(buffer[offset : offset + length], kind, filter_name, count, stride, self.budget)
-        except DecodeError:
-            raise
+            return decode_meshopt(data, kind, filter_name, count, stride).data
         except ValueError as error:
             raise self.error(where, str(error)) from None
 

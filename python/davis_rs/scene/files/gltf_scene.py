@@ -153,6 +153,7 @@ class _GltfScene:
                 np.repeat([part.one_sided for part in shapes.values()], counts),
             )
             camera, trajectory, of_camera = CAMERA, view.trajectory, of_camera.format(view.note)
+        shapes = {name: part.rounded() for name, part in shapes.items()}
         self.repairs.warn()
         for name in map(str, self.file.document.extensionsUsed or []):
             if unknown(name):

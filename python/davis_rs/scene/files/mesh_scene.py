@@ -77,7 +77,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     view = default_view(
         corners.reshape(-1, 3, 3), np.repeat(np.arange(len(parts)), [len(part.corners) for part in parts])
     )
-    shapes = dict(zip(_shape_ids(parts), parts, strict=True))
+    shapes = {name: part.rounded() for name, part in zip(_shape_ids(parts), parts, strict=True)}
     x, y, z = (f"{side:.3g}" for side in high - low)
     return Scene(
         name=path.stem,

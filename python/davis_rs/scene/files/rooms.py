@@ -115,11 +115,14 @@ class VoxelGrid:
         ceilings = sum(self._ends_at_front(look).astype(np.int64) for look in _UP)
         covered = space & (ceilings >= len(_UP) - 1)
         faces = np.zeros(len(surfaces.points), np.int64)
+        left = np.arange(len(faces))
         for steps in range(1, _STEPS_AHEAD + 1):
-            ahead = np.floor((surfaces.points + steps * self.cell * surfaces.normals - self.origin) / self.cell)
+            points, normals = surfaces.points[left], surfaces.normals[left]
+            ahead = np.floor((points + steps * self.cell * normals - self.origin) / self.cell)
             cube = tuple(ahead.astype(int).clip(0, np.array(self.filled.shape) - 1).T)
-            now = (faces == 0) & ~self.filled[cube]
-            faces[now] = np.where(covered[cube][now], 1, 2)
+            now = ~self.filled[cube]
+            faces[left[now]] = np.where(covered[cube][now], 1, 2)
+            left = left[~now]
         return float(np.count_nonzero(faces == 1)) / max(int(np.count_nonzero(faces)), 1)
 
     def _in_largest(self, space: npt.NDArray[np.bool_]) -> list[Place]:

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from ...geometry.pose import FloatArray
 
 _POINTS, _SEED = 400_000, 1
+_BLOCK = 1 << 13
+"""Points that are made at a time: what is computed for them stays in the cache."""
 _STRAY = 0.01
 """Fraction of the points, at each end of each axis, that may lie far off without deciding what is looked at."""
 _FAR = 0.5
@@ -59,10 +61,14 @@ class Surfaces(NamedTuple):
         weight = weight if weight[-1] > 0 else np.arange(1.0, len(corners) + 1)
         which = np.searchsorted(weight, random.random(_POINTS) * weight[-1]).clip(max=len(corners) - 1)
         u, v = np.sqrt(random.random(_POINTS)), random.random(_POINTS)
-        barycentric = np.stack([1 - u, u * (1 - v), u * v], 1)
-        points = np.einsum("nk,nkc->nc", barycentric, corners[which])
-        normals = normal[which] / np.maximum(doubled[which], 1e-300)[:, None]
-        return cls(np.asfortranarray(points), np.asfortranarray(normals))
+        points, normals = (np.empty((_POINTS, 3), order="F") for _ in range(2))
+        for first in range(0, _POINTS, _BLOCK):
+            rows = slice(first, first + _BLOCK)
+            some, along, across = which[rows], u[rows], v[rows]
+            barycentric = np.stack([1 - along, along * (1 - across), along * across], 1)
+            points[rows] = np.einsum("nk,nkc->nc", barycentric, corners[some])
+            normals[rows] = normal[some] / np.maximum(doubled[some], 1e-300)[:, None]
+        return cls(points, normals)
 
     def only(self, kept: npt.NDArray[np.bool_]) -> Surfaces:
         """Return some of the points."""
@@ -78,8 +84,6 @@ class Surfaces(NamedTuple):
 
     def with_little_ground(self) -> npt.NDArray[np.bool_]:
         """Return which points are left without wide flat ground around what stands on it; all where there is none."""
-        from scipy.ndimage import label
-
         low, high = self.points.min(0), self.points.max(0)
         side, everything = float((high - low)[:2].max()), np.ones(len(self.points), np.bool_)
         things = self._things(low, side)
@@ -93,10 +97,9 @@ class Surfaces(NamedTuple):
         stands[tuple(along[things] for along in place)] = True
         for _ in range(_AROUND_CELLS):
             stands = _with_next(stands)
-        names, count = label(stands)
-        connected = np.zeros(count + 1, np.bool_)
-        connected[names[tuple(along[inner] for along in place)]] = True
-        stands = connected[names]
+        first_cells = np.zeros_like(stands)
+        first_cells[tuple(along[inner] for along in place)] = True
+        stands = _connected(stands, first_cells)
         shown = (stands | _between(stands))[place]
         if shown.all() or _reach(self.points) < _WIDE * _reach(_chosen(self.points[:, :2], shown)):
             return everything
@@ -153,6 +156,34 @@ def _with_next(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     padded = np.pad(cells, 1)
     rows = padded[:-2] | padded[1:-1] | padded[2:]
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+
+
+def _connected(cells: npt.NDArray[np.bool_], first: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return which marked cells of a map one comes to from the first ones, along both axes and by marked cells alone.
+
+    SciPy's ``label`` finds this too, but to import it takes longer than all the rest of a view.
+    """
+    across = _runs(cells)
+    down = 1 + across.max() + _runs(cells.T).T
+    # Each cell joins a run across with one down; of runs that are joined, all take the least name.
+    first_run, second_run = across[cells], down[cells]
+    names, joined = np.empty(0, np.int64), np.arange(1 + down.max())
+    while not np.array_equal(names, joined):
+        names = joined
+        ours, theirs = names[first_run], names[second_run]
+        joined = names.copy()
+        np.minimum.at(joined, np.maximum(ours, theirs), np.minimum(ours, theirs))
+        while not np.array_equal(joined, joined[joined]):
+            joined = joined[joined]
+    reached = np.zeros(len(names), np.bool_)
+    reached[names[across[first & cells]]] = True
+    return cells & reached[names[across]]
+
+
+def _runs(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Number the runs of marked cells in the rows of a map; other cells have any number."""
+    ends = np.pad(~cells, ((0, 0), (0, 1)), constant_values=True)  # no run goes on in the next row
+    return np.cumsum(ends, dtype=np.int64).reshape(ends.shape)[:, :-1]
 
 
 def _between(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

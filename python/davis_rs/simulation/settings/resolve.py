@@ -224,20 +224,19 @@ def renderer_of(
     Raises:
         ValueError, OSError: as :func:`~davis_rs.render.choice.make_renderer`.
     """
-    accuracy = settings.accuracy if isinstance(settings, SamplingSettings) else DEFAULT_ACCURACY
+    accuracy = ACCURACY[settings.accuracy if isinstance(settings, SamplingSettings) else DEFAULT_ACCURACY]
 
     def of_weights(weights: Weights) -> Renderer:
         return make_renderer(
             view.scene,
             view.camera,
             rays_per_pixel=None if isinstance(settings.rays_per_pixel, str) else settings.rays_per_pixel,
-            lattice_rays_per_pixel=ACCURACY[accuracy].rays_per_pixel,
+            **accuracy.pixels,
             seed=settings.seed,
             kind=settings.renderer,
             blur=settings.blur,
             bake_error=settings.bake_error,
             pixel=settings.pixel,
-            lattice_pixel=ACCURACY[accuracy].pixel,
             edges=edges,
             threads=threads,
             weights=weights,

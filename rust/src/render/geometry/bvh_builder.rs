@@ -23,7 +23,7 @@
 use std::ops::Range;
 
 use super::bvh_node::{Boxes, Node, WIDTH, index};
-use super::vector::{Bounds, Vector};
+use super::vector::Bounds;
 
 /// Triangles in a leaf, at most; unless they all lie at one point.
 const LEAF: usize = 8;
@@ -81,12 +81,10 @@ fn subtree(mut members: Vec<Member>, items: &mut [Item], spare: &mut [Item], alo
         let (range, own) = (member.range.clone(), member.range.start - start..member.range.end - start);
         match split(&member.bounds, &mut items[own.clone()], &mut spare[own.clone()]) {
             None => members[largest].is_leaf = true,
-            Some(count) => {
-                let middle = range.start + count;
-                let (left, right) = items[own].split_at(count);
-                let new = |range: Range<usize>, items: &[Item]| Member { bounds: around(items), range, is_leaf: false };
-                members[largest] = new(range.start..middle, left);
-                members.insert(largest + 1, new(middle..range.end, right));
+            Some(parts) => {
+                let [left, right] = parts.members(&range);
+                members[largest] = left;
+                members.insert(largest + 1, right);
             }
         }
     }
@@ -140,13 +138,7 @@ fn children(members: &[Member], items: &mut [Item], spare: &mut [Item], alone: u
     }
     vec![match split(&member.bounds, items, spare) {
         None => Child::Leaf(member.range.clone()),
-        Some(count) => {
-            let (start, end) = (member.range.start, member.range.end);
-            let (left, right) = items.split_at(count);
-            let left = Member { bounds: around(left), range: start..start + count, is_leaf: false };
-            let right = Member { bounds: around(right), range: start + count..end, is_leaf: false };
-            Child::Nodes(subtree(vec![left, right], items, spare, alone))
-        }
+        Some(parts) => Child::Nodes(subtree(parts.members(&member.range).into(), items, spare, alone)),
     }]
 }
 
@@ -154,20 +146,35 @@ fn around(items: &[Item]) -> Bounds {
     items.iter().fold(Bounds::NONE, |all, item| all.with(&item.bounds))
 }
 
-/// Orders items so that those before the returned position are one child, the rest the other; None for a leaf.
+/// The two children of a node: how many items the first has, and what each lies in.
+struct Parts {
+    count: usize,
+    bounds: [Bounds; 2],
+}
+
+impl Parts {
+    /// Returns the children of a node with these items.
+    fn members(&self, range: &Range<usize>) -> [Member; 2] {
+        let (middle, [left, right]) = (range.start + self.count, self.bounds);
+        let new = |bounds, range| Member { bounds, range, is_leaf: false };
+        [new(left, range.start..middle), new(right, middle..range.end)]
+    }
+}
+
+/// Orders items so that those of the first child come first; None for a leaf.
 ///
 /// The cut is the one with the least expected cost by the surface area heuristic.
 ///
 /// Source: Wald, On fast construction of SAH-based bounding volume hierarchies, 2007.
-fn split(around: &Bounds, items: &mut [Item], spare: &mut [Item]) -> Option<usize> {
+fn split(around: &Bounds, items: &mut [Item], spare: &mut [Item]) -> Option<Parts> {
     if items.len() <= 1 {
         return None;
     }
-    let (axis, cut, centres) = best_cut(around, items)?;
+    let Cut { bins, bin, bounds } = best_cut(around, items)?;
     let (mut left, mut right) = (0, 0);
     for at in 0..items.len() {
         let item = items[at];
-        if bin(item.bounds.centre(), &centres, axis) < cut {
+        if bins.of(&item.bounds) < bin {
             items[left] = item;
             left += 1;
         } else {
@@ -176,57 +183,120 @@ fn split(around: &Bounds, items: &mut [Item], spare: &mut [Item]) -> Option<usiz
         }
     }
     items[left..].copy_from_slice(&spare[..right]);
-    Some(left)
+    Some(Parts { count: left, bounds })
 }
 
-/// Finds the axis and the bin at which to cut, and what the centres lie in; None for a leaf.
-fn best_cut(around: &Bounds, items: &[Item]) -> Option<(usize, usize, Bounds)> {
-    let centres = items.iter().fold(Bounds::NONE, |all, item| {
-        let centre = item.bounds.centre();
-        all.with(&Bounds { low: centre, high: centre })
-    });
-    let mut bins = [[(0usize, Bounds::NONE); CUTS]; 3];
-    let open = [0, 1, 2].map(|axis| centres.high[axis] - centres.low[axis] > 0.0);
+/// The bins along an axis, all of one width, in which the centres of items lie.
+#[derive(Clone, Copy)]
+struct Bins {
+    axis: usize,
+    low: f64,
+    length: f64,
+}
+
+impl Bins {
+    #[inline]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a fraction of CUTS")]
+    fn of(&self, bounds: &Bounds) -> usize {
+        let fraction = (middle(bounds, self.axis) - self.low) / self.length;
+        // Processors have no conversion to 64 bits without a sign.
+        ((fraction * CUTS as f64) as i32 as usize).min(CUTS - 1)
+    }
+}
+
+/// Returns the middle of a box along an axis. An item's ends are so small that their sum is finite.
+#[inline]
+fn middle(bounds: &Bounds, axis: usize) -> f64 {
+    (bounds.low[axis] + bounds.high[axis]) * 0.5
+}
+
+/// The ends of a box: the low ones, and the high ones with the other sign, so that of each the least counts.
+#[derive(Clone, Copy)]
+struct Ends([f64; 6]);
+
+impl Ends {
+    const NONE: Self = Self([f64::INFINITY; 6]);
+
+    #[inline]
+    fn of(bounds: &Bounds) -> Self {
+        let ([a, b, c], [x, y, z]) = (bounds.low, bounds.high);
+        Self([a, b, c, -x, -y, -z])
+    }
+
+    #[inline]
+    fn take_in(&mut self, other: &Self) {
+        for i in 0..6 {
+            self.0[i] = if other.0[i] < self.0[i] { other.0[i] } else { self.0[i] };
+        }
+    }
+
+    fn bounds(&self) -> Bounds {
+        let [a, b, c, x, y, z] = self.0;
+        Bounds { low: [a, b, c], high: [-x, -y, -z] }
+    }
+}
+
+/// Where to cut: the bins, the first of them that belongs to the second child, and what both children lie in.
+struct Cut {
+    bins: Bins,
+    bin: usize,
+    bounds: [Bounds; 2],
+}
+
+/// Finds where to cut; None for a leaf.
+fn best_cut(around: &Bounds, items: &[Item]) -> Option<Cut> {
+    let mut centres = Ends::NONE;
     for item in items {
-        let centre = item.bounds.centre();
-        for axis in 0..3 {
-            if open[axis] {
-                let (count, all) = &mut bins[axis][bin(centre, &centres, axis)];
+        let [x, y, z] = [0, 1, 2].map(|axis| middle(&item.bounds, axis));
+        centres.take_in(&Ends([x, y, z, -x, -y, -z]));
+    }
+    let centres = centres.bounds();
+    let axes = [0, 1, 2].map(|axis| {
+        let (low, length) = (centres.low[axis], centres.high[axis] - centres.low[axis]);
+        Bins { axis, low, length }
+    });
+    let mut binned = [[(0usize, Ends::NONE); CUTS]; 3];
+    for item in items {
+        let ends = Ends::of(&item.bounds);
+        for (bins, binned) in axes.iter().zip(&mut binned) {
+            if bins.length > 0.0 {
+                let (count, all) = &mut binned[bins.of(&item.bounds)];
                 *count += 1;
-                *all = all.with(&item.bounds);
+                all.take_in(&ends);
             }
         }
     }
-    let mut best: Option<(f64, usize, usize)> = None;
-    for axis in (0..3).filter(|&axis| open[axis]) {
-        let mut right = [(0usize, Bounds::NONE); CUTS];
-        let mut sum = (0, Bounds::NONE);
-        for (at, bin) in bins[axis].iter().enumerate().rev() {
-            sum = (sum.0 + bin.0, sum.1.with(&bin.1));
-            right[at] = sum;
+    let mut best: Option<(f64, Cut)> = None;
+    for (bins, binned) in axes.iter().zip(&binned).filter(|(bins, _)| bins.length > 0.0) {
+        // A cut after an empty bin parts the items as the one before it does.
+        let mut right = [(0usize, Ends::NONE); CUTS];
+        let mut sum = (0, Ends::NONE);
+        for (right, (count, all)) in right.iter_mut().zip(binned).rev() {
+            if *count > 0 {
+                sum.0 += count;
+                sum.1.take_in(all);
+            }
+            *right = sum;
         }
-        let mut left = (0, Bounds::NONE);
-        for cut in 1..CUTS {
-            left = (left.0 + bins[axis][cut - 1].0, left.1.with(&bins[axis][cut - 1].1));
-            if left.0 == 0 || right[cut].0 == 0 {
+        let mut left = (0, Ends::NONE);
+        for bin in 1..CUTS {
+            let (count, all) = &binned[bin - 1];
+            if *count == 0 || right[bin].0 == 0 {
                 continue;
             }
-            let cost = left.1.half_area() * left.0 as f64 + right[cut].1.half_area() * right[cut].0 as f64;
-            if best.is_none_or(|(least, ..)| cost < least) {
-                best = Some((cost, axis, cut));
+            left.0 += count;
+            left.1.take_in(all);
+            let bounds = [left.1.bounds(), right[bin].1.bounds()];
+            let cost = bounds[0].half_area() * left.0 as f64 + bounds[1].half_area() * right[bin].0 as f64;
+            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                best = Some((cost, Cut { bins: *bins, bin, bounds }));
             }
         }
     }
-    let (cost, axis, cut) = best?;
+    let (cost, cut) = best?;
     let leaf = items.len() as f64 * around.half_area();
     if items.len() <= LEAF && cost + 2.0 * VISIT * around.half_area() >= leaf {
         return None;
     }
-    Some((axis, cut, centres))
-}
-
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a fraction of CUTS")]
-fn bin(centre: Vector, centres: &Bounds, axis: usize) -> usize {
-    let fraction = (centre[axis] - centres.low[axis]) / (centres.high[axis] - centres.low[axis]);
-    ((fraction * CUTS as f64) as usize).min(CUTS - 1)
+    Some(cut)
 }

@@ -43,7 +43,12 @@ impl Coat {
         (fresnel * self.facets(cosines.half) * out * into * cosines.into).scaled(PART * self.strength)
     }
 
-    /// Returns how densely the directions of [`Coat::ray`] lie.
+    /// Returns the lobe divided by how densely its own directions lie: what one of them brings.
+    pub(crate) fn lobe_weight<N: Number>(&self, cosines: &Cosines<N>) -> N {
+        self.lobe(cosines) / self.density(cosines)
+    }
+
+    /// Returns how densely the directions of [`Coat::ray`] lie, per steradian.
     pub(crate) fn density<N: Number>(&self, cosines: &Cosines<N>) -> N {
         self.facets(cosines.half) * cosines.half / cosines.facet.scaled(4.0)
     }
@@ -63,7 +68,7 @@ impl Coat {
         let (out, into) = (dot(normal, viewer), dot(normal, towards));
         let cosines = Cosines { out, into, half: dot(normal, half), facet, stretches: None };
         let seen = into.value() > 0.0 && facet.value() > 0.0 && out.value() > 0.0;
-        seen.then(|| LobeRay { towards, density: self.density(&cosines), cosines })
+        seen.then_some(LobeRay { towards, cosines })
     }
 
     /// Returns how many microfacets are turned so, by the cosine to the normal.
@@ -118,7 +123,7 @@ mod tests {
             for ray in (0..count).filter_map(|number| coat.ray(up, viewer, pattern.point(number).disk)) {
                 let cosines = Cosines::new(up, viewer, ray.towards, None);
                 assert!((coat.lobe(&cosines) / coat.lobe(&ray.cosines) - 1.0).abs() < 1e-6);
-                sum += coat.lobe(&ray.cosines) / ray.density / count as f64;
+                sum += coat.lobe_weight(&ray.cosines) / count as f64;
                 above += 1.0 / count as f64;
             }
             assert!((sum / whole - 1.0).abs() < 0.01, "{alpha}: {sum} {whole}");

@@ -10,7 +10,7 @@
 
 use super::coat::Coat;
 use super::microfacets::Distribution;
-use super::microfacets::{Anisotropy, Cosines};
+use super::microfacets::{Anisotropy, Cosines, lobe_density};
 use super::number::{Number, Triple, add, constant, dot, each, fifth_power, scale, times, unit};
 use super::sheen::{Sheen, hue};
 use crate::error::{Error, Result};
@@ -218,6 +218,21 @@ impl Finish {
         scale(self.reflected(base, facet), shape)
     }
 
+    /// Returns the lobe divided by how densely its own directions lie: what one of them brings.
+    pub(crate) fn lobe_weight<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
+        match self.distribution {
+            // Directions lie as densely as microfacets that the viewer sees, so only how many the light sees is left.
+            Distribution::Ggx => {
+                let into = self.visible(cosines.into, cosines.stretches.map(|of| of.into));
+                scale(self.reflected(base, cosines.facet), into)
+            }
+            Distribution::Beckmann => {
+                let density = lobe_density(self.alpha, cosines);
+                scale(self.lobe(base, cosines), N::constant(1.0) / density)
+            }
+        }
+    }
+
     /// Returns the same of all lobes.
     pub(crate) fn lobes<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
         let lobe = self.lobe(base, cosines);
@@ -364,7 +379,7 @@ fn conductor<N: Number>(cosine: N, eta: f64, k: f64) -> N {
 #[cfg(test)]
 #[allow(clippy::cast_precision_loss, reason = "small numbers")]
 mod tests {
-    use super::super::microfacets::{SeenFacets, lobe_density};
+    use super::super::microfacets::SeenFacets;
     use super::super::pattern::Pattern;
     use super::*;
 
@@ -414,13 +429,14 @@ mod tests {
                 let pattern = Pattern::new(count);
                 let facets = SeenFacets::new(alpha, up, viewer, None);
                 for ray in (0..count).filter_map(|ray| facets.lobe_ray(pattern.point(ray).disk)) {
-                    assert!((lobe_density(alpha, &ray.cosines) - ray.density).abs() < 1e-12);
                     let cosines = Cosines::new(up, viewer, ray.towards, None);
                     assert!(
                         (cosines.half - ray.cosines.half).abs() < 1e-9
                             && (cosines.into - ray.cosines.into).abs() < 1e-9
                     );
-                    sum += finish.lobe([1.0; 3], &ray.cosines)[0] / ray.density / count as f64;
+                    let weight = finish.lobe([1.0; 3], &ray.cosines)[0] / lobe_density(alpha, &ray.cosines);
+                    assert!((finish.lobe_weight([1.0; 3], &ray.cosines)[0] / weight - 1.0).abs() < 1e-12);
+                    sum += weight / count as f64;
                     above += 1.0 / count as f64;
                 }
                 assert!((sum / whole - 1.0).abs() < 0.01, "{alpha} {sine} {distribution:?}: {sum} {whole}");
@@ -510,8 +526,11 @@ mod tests {
                 for point in (0..count).map(|number| pattern.point(number).disk) {
                     if let Some(ray) = SeenFacets::new(alphas[0], up, viewer, Some(&anisotropy)).lobe_ray(point) {
                         let cosines = of(ray.towards);
-                        assert!((lobe_density(alphas[0], &cosines) / ray.density - 1.0).abs() < 1e-9);
-                        sum += finish.lobe([1.0; 3], &ray.cosines)[0] / ray.density / count as f64;
+                        assert!(
+                            (lobe_density(alphas[0], &cosines) / lobe_density(alphas[0], &ray.cosines) - 1.0).abs()
+                                < 1e-9
+                        );
+                        sum += finish.lobe_weight([1.0; 3], &ray.cosines)[0] / count as f64;
                         above += 1.0 / count as f64;
                     }
                     if let Some(towards) =

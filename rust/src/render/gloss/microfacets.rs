@@ -159,15 +159,14 @@ fn seen_of_beckmann<N: Number>(a: N) -> N {
     above / (N::constant(1.0) + a.scaled(2.276) + a.squared().scaled(2.577))
 }
 
-/// A direction of a lobe, and how densely directions lie there, per steradian.
+/// A direction of a lobe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LobeRay<N> {
     pub(crate) towards: Triple<N>,
-    pub(crate) density: N,
     pub(crate) cosines: Cosines<N>,
 }
 
-/// Returns how densely the directions of [`lobe_ray`] lie.
+/// Returns how densely the directions of [`SeenFacets::lobe_ray`] lie, per steradian.
 pub(crate) fn lobe_density<N: Number>(alpha: f64, cosines: &Cosines<N>) -> N {
     let Cosines { out, half, stretches, .. } = cosines;
     let ggx = Distribution::Ggx;
@@ -181,7 +180,6 @@ pub(crate) fn lobe_density<N: Number>(alpha: f64, cosines: &Cosines<N>) -> N {
 /// Microfacets of GGX stand in for Beckmann's, whose tails are shorter. Their weights take the difference back.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SeenFacets<'a, N> {
-    alpha: f64,
     normal: Triple<N>,
     viewer: Triple<N>,
     anisotropy: Option<&'a Anisotropy<N>>,
@@ -217,7 +215,7 @@ impl<'a, N: Number> SeenFacets<'a, N> {
         };
         let upwards = cross(towards, level);
         let turn = [dot(level, fixed), dot(level, cross(towards, fixed))];
-        Self { alpha, normal, viewer, anisotropy, tangents, alphas, out: local[2], towards, level, upwards, turn }
+        Self { normal, viewer, anisotropy, tangents, alphas, out: local[2], towards, level, upwards, turn }
     }
 
     /// Returns the direction of a lobe for a point of the unit disk; None where it leads below the surface.
@@ -229,7 +227,7 @@ impl<'a, N: Number> SeenFacets<'a, N> {
         let stretches = anisotropy.map(|anisotropy| anisotropy.stretches(viewer, towards, half));
         let cosines = Cosines { out, into: dot(normal, towards), half: dot(normal, half), facet, stretches };
         let seen = cosines.into.value() > 0.0 && facet.value() > 0.0 && cosines.out.value() > 0.0;
-        seen.then(|| LobeRay { towards, density: lobe_density(self.alpha, &cosines), cosines })
+        seen.then_some(LobeRay { towards, cosines })
     }
 
     /// Returns a direction in which light passes the surface of a rough solid, for a point of the unit disk; None where

@@ -17,7 +17,7 @@ use super::finish::{Finish, Fresnel, Under, dielectric};
 use super::frame_axes::{at_map, from_frame, into_frame, point_in_frame};
 use super::lamps::Shares;
 use super::lookup::looked_up;
-use super::microfacets::{Anisotropy, Cosines, LobeRay, SeenFacets, lobe_density, refracted};
+use super::microfacets::{Anisotropy, Cosines, SeenFacets, lobe_density, refracted};
 use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
 use super::pattern::{Pattern, PatternPoint};
 use super::tables::Gloss;
@@ -354,15 +354,17 @@ impl Tracer<'_> {
             let point = self.pattern.point(number);
             if let Some(ray) = facets.as_ref().and_then(|facets| facets.lobe_ray(point.disk)) {
                 let path = &Path { point: Some(number), ..*path };
-                let lobe = |cosines: &Cosines<N>| finish.lobe(spot.base, cosines);
-                sum = add(sum, self.along_ray_of_lobe(spot, lobe, (&ray, shares.as_ref(), each), path));
+                let brought = finish.lobe_weight(spot.base, &ray.cosines);
+                let density = || lobe_density(finish.alpha, &ray.cosines);
+                let lobe = (brought, density);
+                sum = add(sum, self.along_ray_of_lobe(spot, ray.towards, lobe, (shares.as_ref(), each), path));
             }
             if let Some(coat) = &finish.coat
                 && let Some(ray) = coat.ray(spot.normal, spot.viewer, point.disk)
             {
                 let path = &Path { point: Some(number), ..*path };
-                let lobe = |cosines: &Cosines<N>| [coat.lobe(cosines); 3];
-                sum = add(sum, self.along_ray_of_lobe(spot, lobe, (&ray, shares.as_ref(), each), path));
+                let lobe = ([coat.lobe_weight(&ray.cosines); 3], || coat.density(&ray.cosines));
+                sum = add(sum, self.along_ray_of_lobe(spot, ray.towards, lobe, (shares.as_ref(), each), path));
             }
             if let Some(shares) = &shares {
                 sum = add(sum, scale(self.lit_by_lamp(spot, finish, point, shares), N::constant(each)));
@@ -382,19 +384,21 @@ impl Tracer<'_> {
         (next.into_iter().chain(points).take(count), each)
     }
 
-    /// Returns what a direction of a lobe brings, with the weight of one of a few.
+    /// Returns what a direction of a lobe brings, one of a few of which `each` is the weight. `weight` is what it brings of
+    /// light of strength 1, and `density` how densely directions of the lobe lie there.
     fn along_ray_of_lobe<N: Number>(
         &mut self,
         spot: &Spot<N>,
-        lobe: impl FnOnce(&Cosines<N>) -> Triple<N>,
-        (ray, shares, each): (&LobeRay<N>, Option<&Shares>, f64),
+        towards: Triple<N>,
+        (weight, density): (Triple<N>, impl Fn() -> N),
+        (shares, each): (Option<&Shares>, f64),
         path: &Path,
     ) -> Triple<N> {
-        if !spot.sees(ray.towards) {
+        if !spot.sees(towards) {
             return [N::constant(0.0); 3];
         }
-        let weight = scale(lobe(&ray.cosines), spot.fading(ray.towards).scaled(each) / ray.density);
-        self.arriving(spot, ray.towards, weight, Some((ray.density, shares)), path)
+        let weight = scale(weight, spot.fading(towards).scaled(each));
+        self.arriving(spot, towards, weight, Some((&density, shares)), path)
     }
 
     /// Returns how a path's points are dealt out to the parts of the lamps: by what the surface reflects of each at most.
@@ -525,7 +529,7 @@ impl Tracer<'_> {
             {
                 let weight = scale(lobe, N::constant(each) / density);
                 let path = &Path { point: Some(number), ..*path };
-                sum = add(sum, self.arriving(spot, towards, weight, Some((density, shares.as_ref())), path));
+                sum = add(sum, self.arriving(spot, towards, weight, Some((&|| density, shares.as_ref())), path));
             }
             if let Some(shares) = &shares {
                 sum = add(sum, scale(self.lit_by_lamp(behind, finish, point, shares), N::constant(each)));
@@ -556,14 +560,14 @@ impl Tracer<'_> {
         add(scale(self.lit_by_all(&diffuse, surface, path), N::constant(opacity)), behind)
     }
 
-    /// Returns the light that arrives at a surface from a direction, times its weight there; `lobe` is how densely a lobe's
-    /// directions lie there, and how points on lamps are dealt out, None where there is only one direction.
+    /// Returns the light that arrives at a surface from a direction, times its weight there; `lobe` gives how densely a
+    /// lobe's directions lie there, and says how points on lamps are dealt out, None where there is only one direction.
     fn arriving<N: Number>(
         &mut self,
         spot: &Spot<N>,
         towards: Triple<N>,
         weight: Triple<N>,
-        lobe: Option<(N, Option<&Shares>)>,
+        lobe: Option<(&dyn Fn() -> N, Option<&Shares>)>,
         path: &Path,
     ) -> Triple<N> {
         let path = Path { segments: path.segments + 1, ..path.faded(weight) };
@@ -581,6 +585,7 @@ impl Tracer<'_> {
                         let points = self.gloss.lamps.density(triangle, shares);
                         let facing = -dot(hit.plane, towards);
                         let by_lamps = hit.distance.squared().scaled(points) / facing;
+                        let density = density();
                         emitted = scale(emitted, density / (density + by_lamps));
                     }
                     light = add(light, emitted);
@@ -595,7 +600,7 @@ impl Tracer<'_> {
     }
 
     /// Returns the radiance of what a ray sees that hits nothing.
-    fn background<N: Number>(&self, towards: Triple<N>, density: Option<N>) -> Triple<N> {
+    fn background<N: Number>(&self, towards: Triple<N>, density: Option<&dyn Fn() -> N>) -> Triple<N> {
         let (lit, gloss) = (self.lit, self.gloss);
         let mut sum = [N::constant(0.0); 3];
         for (number, background) in gloss.backgrounds.iter().enumerate() {
@@ -607,7 +612,7 @@ impl Tracer<'_> {
         if let Some(sky) = &gloss.sky {
             #[allow(clippy::cast_precision_loss, reason = "a small number")]
             let angle = density
-                .map_or(N::constant(0.0), |density| N::constant(1.0) / density.scaled(self.pattern.len() as f64));
+                .map_or(N::constant(0.0), |density| N::constant(1.0) / density().scaled(self.pattern.len() as f64));
             let towards = into_frame(&lit.view.poses[0], towards);
             sum = add(sum, scale(sky.along(towards, angle), self.factor(sky.light as usize)));
         }

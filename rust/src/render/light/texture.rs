@@ -6,6 +6,8 @@
 //! What must not break: the order of the mix (in both rows, then between them), and the check that all texels lie in
 //! the buffer.
 
+use std::ops::Range;
+
 use crate::error::{Error, Result};
 use crate::render::lanes::{Lanes, MOST, Pairs};
 
@@ -13,6 +15,9 @@ use crate::render::lanes::{Lanes, MOST, Pairs};
 const WHOLE: f32 = 8_388_608.0;
 
 const LARGEST_SIDE: i64 = 1 << 22;
+
+/// So many texels are looked at together.
+const AT_ONCE: usize = 1 << 12;
 
 /// What a texture shows beyond its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +41,11 @@ impl Texture {
     pub(crate) fn is_constant(&self) -> bool {
         self.width == 1 && self.height == 1
     }
+
+    /// Returns where its texels are, those of its frame of one texel among them.
+    pub(crate) fn all(&self) -> Range<usize> {
+        self.first..self.first + (self.width as usize + 2) * (self.height as usize + 2)
+    }
 }
 
 /// Returns the textures of a scene, each in a frame of one texel; `groups` has the texels of each light colour.
@@ -44,8 +54,10 @@ pub(crate) fn checked<'a, T: ExactSizeIterator<Item = &'a f32>>(
     groups: impl Iterator<Item = T>,
 ) -> Result<Vec<Texture>> {
     let mut length = None;
-    for mut texels in groups {
-        if *length.get_or_insert(texels.len()) != texels.len() || !texels.all(|t| t.is_finite()) {
+    for texels in groups {
+        // All of them, because a loop without an exit is vector code.
+        let finite = |texels: T| texels.fold(true, |all, texel| all & texel.is_finite());
+        if *length.get_or_insert(texels.len()) != texels.len() || !finite(texels) {
             return Err(Error::Argument("the texels of all light colours must be finite and equally many".to_owned()));
         }
     }
@@ -104,6 +116,24 @@ pub(crate) fn framed<T: Copy>(texels: &[T], width: usize, wrap: Wrap) -> Vec<T> 
 /// Zeros are not written: most texels of what surfaces emit are zero, and memory that nobody wrote to takes none.
 pub(crate) fn paired<'a>(texels: impl ExactSizeIterator<Item = &'a f32> + Clone) -> Vec<u64> {
     let mut pairs = vec![0; texels.len()];
+    pair_up(&mut pairs, texels);
+    pairs
+}
+
+/// Returns what [`paired`] does, and soon where most texels are zero.
+pub(crate) fn paired_in_a_row(texels: &[f32]) -> Vec<u64> {
+    let mut pairs = vec![0; texels.len()];
+    for (number, pairs) in pairs.chunks_mut(AT_ONCE).enumerate() {
+        let rest = &texels[number * AT_ONCE..];
+        let needed = &rest[..rest.len().min(pairs.len() + 1)];
+        if needed.iter().fold(0, |any, texel| any | texel.to_bits()) != 0 {
+            pair_up(pairs, needed.iter());
+        }
+    }
+    pairs
+}
+
+fn pair_up<'a>(pairs: &mut [u64], texels: impl Iterator<Item = &'a f32> + Clone) {
     let after = texels.clone().skip(1).chain([&0.0]);
     for (pair, (one, next)) in pairs.iter_mut().zip(texels.zip(after)) {
         let bits = u64::from(one.to_bits()) | u64::from(next.to_bits()) << 32;
@@ -111,7 +141,6 @@ pub(crate) fn paired<'a>(texels: impl ExactSizeIterator<Item = &'a f32> + Clone)
             *pair = bits;
         }
     }
-    pairs
 }
 
 /// Returns a texel and the one after it.
@@ -266,4 +295,21 @@ fn before<F: Fold>(coordinate: f32, size: f32) -> (u32, f32, f32) {
     let number = if number > 0.0 { number } else { 0.0 };
     let number = if number < size { number } else { size };
     ((number + WHOLE).to_bits() - WHOLE.to_bits(), at - whole, direction * size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_are_the_same_however_many_texels_are_zero() {
+        for nonzero in [vec![], vec![0], vec![AT_ONCE - 1], vec![AT_ONCE], vec![3, 2 * AT_ONCE], vec![2 * AT_ONCE + 4]]
+        {
+            let mut texels = vec![0.0f32; 2 * AT_ONCE + 5];
+            for &at in &nonzero {
+                texels[at] = 1.5;
+            }
+            assert_eq!(paired_in_a_row(&texels), paired(texels.iter()), "{nonzero:?}");
+        }
+    }
 }

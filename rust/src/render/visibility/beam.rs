@@ -14,7 +14,6 @@ use super::bins::{Entry, NEARER, Pyramid, Seen};
 use super::nearest::{NOTHING, Nearest, least};
 use super::ray_cells::{RayCells, RayWord, WORD};
 use super::set_up::{Pending, Projected, SetUp};
-use crate::prefetch::prefetch;
 use crate::render::geometry::bvh::{self, Leaves, WIDTH, Waiting};
 use crate::render::geometry::linear::Rect;
 use crate::render::geometry::pixel_rays::{LANES, RayBlocks};
@@ -242,11 +241,7 @@ impl Leaves for Walk<'_> {
 
     #[inline(always)]
     fn expect(&self, leaf: Range<usize>) {
-        let leaf = self.first + leaf.start..self.first + leaf.end;
-        prefetch(&self.scene.corners[leaf.clone()]);
-        for surface in &self.scene.surfaces[leaf] {
-            prefetch(std::slice::from_ref(&surface.plane));
-        }
+        self.scene.prefetch_triangles(self.first + leaf.start..self.first + leaf.end);
     }
 
     #[inline(always)]

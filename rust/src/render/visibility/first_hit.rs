@@ -245,7 +245,9 @@ impl Leaves for Looking<'_> {
     }
 
     #[inline(always)]
-    fn expect(&self, _: Range<usize>) {}
+    fn expect(&self, leaf: Range<usize>) {
+        self.scene.prefetch_triangles(self.first + leaf.start..self.first + leaf.end);
+    }
 
     #[inline(always)]
     fn look_at(&mut self, leaf: Range<usize>) {

@@ -13,6 +13,7 @@ use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
 use multiversion::multiversion;
 
+use crate::prefetch::prefetch;
 use crate::render::geometry::bvh::Bvh;
 use crate::render::geometry::sweep::{Sweep, Towards};
 use crate::render::geometry::vector::Vector;
@@ -72,6 +73,11 @@ impl Unoccluded {
     #[cfg(test)]
     pub(crate) fn forget(&mut self) {
         (self.by_light, self.by_direction) = (vec![], vec![]);
+    }
+
+    /// Asks for what is known of the directions from a triangle before it is read.
+    pub(crate) fn prefetch(&self, triangle: usize) {
+        prefetch(self.by_direction.chunks_exact(WORDS).nth(triangle).unwrap_or_default());
     }
 
     /// Returns whether nothing that stands still lies between a triangle that does, too, and a light; true where the light
