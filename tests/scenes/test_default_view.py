@@ -465,7 +465,7 @@ def test_blocks_that_are_left_out_have_no_outermost_points() -> None:
     from davis_rs.geometry.lattice import sphere_lattice
 
     t = np.linspace(0, 1, 20_000)[:, None]
-    points = np.concatenate([np.sin(np.array([7, 11, 13]) * t) + 1e4, np.sin(np.array([7, 11, 13]) * t[::-1]) + 1e4])
+    points = np.concatenate([np.sin([2, 3, 5] * t) + 1e4, np.sin([2, 3, 5] * t[::-1]) + 1e4])
     directions = np.concatenate([sphere_lattice(500), np.eye(3), -np.eye(3)])
     found, along = _outermost(points), directions @ points.T
     assert len(found) < 1000
