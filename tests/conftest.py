@@ -133,6 +133,22 @@ def costs_measured_once(long: bool) -> Iterator[None]:
         yield
 
 
+VIEW_POINTS = 40_000
+"""So many points on the surfaces of a file decide where it is looked at from; without tests, ten times as many."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def views_found_quickly(long: bool) -> Iterator[None]:
+    """Where a file without a camera is looked at from is found from fewer points; with ``--long`` from all.
+
+    Files are read in hundreds of tests, of which those of the view itself (tests/scenes/test_default_view.py) take all.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if not long:
+            patch.setattr("davis_rs.scene.files.subject._POINTS", VIEW_POINTS)
+        yield
+
+
 @pytest.fixture
 def light_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache of baked light, on disk and in memory."""

@@ -54,11 +54,11 @@ def frames() -> Frames:
 
 
 @lru_cache
-def found_views() -> list[BoardView]:
-    """The board in those frames, as it is found."""
+def found_views(every: int = 1) -> list[BoardView]:
+    """The board in every so many of those frames, as it is found."""
     t_us, images, _ = frames()
-    found = [find_corners(image, BOARD) for image in images]
-    return [BoardView(int(t_us[i]), i, corners) for i, corners in enumerate(found) if corners is not None]
+    found = {i: find_corners(images[i], BOARD) for i in range(0, len(images), every)}
+    return [BoardView(int(t_us[i]), i, corners) for i, corners in found.items() if corners is not None]
 
 
 def exact_view(board_camera: FloatArray, number: int = 0, camera: Camera = CAMERA) -> BoardView:

@@ -466,6 +466,7 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
         {"type": "roughconductor", "alpha_u": 0.1, "alpha_v": 0.2, "specular_reflectance": COLOUR | {"to_uv": TURNED}},
         {"type": "principled", "anisotropic": 0.5, "roughness": ROUGHNESS},
         {"type": "principled", "anisotropic": ROUGHNESS},
+        {"type": "principled", "anisotropic": 1.2},
         {"type": "roughdielectric", "specular_transmittance": squares},
         {"type": "polarizer", "transmittance": squares},
         {"type": "pplastic", "alpha": ROUGHNESS},

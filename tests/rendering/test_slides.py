@@ -171,6 +171,7 @@ GLOSSY: dict[str, Parts] = {
 }
 
 
+@pytest.mark.few(4)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("bsdf", GLOSSY.values(), ids=GLOSSY)
 @pytest.mark.parametrize("light", [projector(), projector(bitmap(filter_type="nearest")), spot()])

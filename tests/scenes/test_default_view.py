@@ -15,13 +15,23 @@ from davis_rs.cli import main
 from davis_rs.geometry.pose import FloatArray
 from davis_rs.scene.default_motion import with_default_motion
 from davis_rs.scene.default_paths import CAMERA, Turn, around, sway, within
-from davis_rs.scene.files import sight
+from davis_rs.scene.files import sight, subject
 from davis_rs.scene.files.default_view import DefaultView, _outermost, default_view
 from davis_rs.scene.files.mesh_scene import usual_light
 from davis_rs.scene.files.rooms import VoxelGrid
 from davis_rs.scene.files.sight import Sight
 from davis_rs.scene.files.subject import Surfaces, _connected
 from davis_rs.scene.load import load_scene
+from gltf_files import Gltf
+
+POINTS = subject._POINTS
+
+
+@pytest.fixture(autouse=True)
+def all_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here, as many decide as without tests."""
+    monkeypatch.setattr(subject, "_POINTS", POINTS)
+
 
 SIDES = list(itertools.product(range(3), (-1, 1)))
 SIDES_BUT_TOP = tuple(side for side in SIDES if side != (2, 1))
@@ -155,8 +165,8 @@ def test_what_lies_far_off_does_not_decide() -> None:
 def test_an_unusual_size_is_asked_about() -> None:
     """A room by its height, other worlds by what is looked at, and any by its name."""
 
-    def asked(world: FloatArray, name: str = "flat", scale: float = 1.0) -> str:
-        return default_view(world).unit_question(name, scale)
+    def asked(world: FloatArray) -> str:
+        return default_view(world).unit_question("flat", 1.0)
 
     assert asked(ROOM * 1000) == " (5,000 m: is the file in millimetres? then give it 0.001 m to a unit, --scale)"
     # A hall of 15 m in centimetres is no smaller than a room in millimetres.
@@ -166,9 +176,11 @@ def test_an_unusual_size_is_asked_about() -> None:
     assert asked(outside * 100) == ""
     assert "millimetres" in asked(outside * 1000)
     assert asked(town_on_a_plane()) == ""
-    assert "its name says millimetres: is that its unit? then give it 0.001 m" in asked(outside, "bolt_M8-mm")
-    assert asked(outside, "bolt_mm", scale=0.001) == ""
-    assert asked(outside, "hammer") == ""
+    view = default_view(outside)
+    told = "its name says millimetres: is that its unit? then give it 0.001 m"
+    assert told in view.unit_question("bolt_M8-mm", 1.0)
+    assert view.unit_question("bolt_mm", 0.001) == ""
+    assert view.unit_question("hammer", 1.0) == ""
 
 
 def town_on_a_plane() -> FloatArray:
@@ -311,6 +323,20 @@ def test_the_back_of_one_sided_surfaces_is_seen_through() -> None:
         for flags in (two_sided, one_sided)
     ]
     assert seen[1] > 1.5 * seen[0]
+
+
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_a_view_goes_through_the_backs_of_a_files_surfaces(one_sided: bool, tmp_path: Path) -> None:
+    """A shelf in a room stands behind a sheet that turns its back: the camera looks there if it sees through."""
+    gltf = Gltf()
+    room = np.concatenate([box([0, 0, 0], [10, 5, 2.6], inward=True), shelf(1.5, 4.6)])
+    sheet = box([1.0, 4.5, 0], [4, 4.51, 2.5], inward=True, without=SIDES_BUT_FRONT)
+    for world, double_sided in ((room, True), (sheet, not one_sided)):
+        corners = world.reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]  # y points up
+        material = gltf.material(double_sided=double_sided)
+        gltf.node(mesh=gltf.mesh(corners, np.arange(len(corners)), material=material))
+    forward = load_scene(gltf.save(tmp_path / "room.glb")).path.pose(0.0).rotation[:, 2]
+    assert (forward[1] > 0.4) == one_sided
 
 
 def test_many_triangles_are_taken_coarser_without_holes(monkeypatch: pytest.MonkeyPatch) -> None:

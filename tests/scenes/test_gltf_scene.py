@@ -439,12 +439,13 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
     (warning,) = caught
     assert str(warning.message) == (
         f"{tmp_path / 'scene.glb'}: these looks are lost, with their fraction of "
-        "the image along the camera path: occlusion maps of right (50 %); not in view: KHR_materials_sheen of lamp; "
+        "the image along the camera path: occlusion maps of right (50 %); not in view: "
+        "sheen (a Mitsuba XML file has a weaker one, as the sheen of principled) of lamp; "
         "fraction not known: the range of the light (it shines without end) of bulb"
     )
     assert simulator.describe()["lost_looks"] == {
         "occlusion maps of right": 0.5,
-        "KHR_materials_sheen of lamp": 0.0,
+        "sheen (a Mitsuba XML file has a weaker one, as the sheen of principled) of lamp": 0.0,
         "the range of the light (it shines without end) of bulb": None,
     }
 
@@ -875,7 +876,14 @@ def meshopt_alone(gltf: Gltf) -> None:
 
 
 BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
-    "version": (lambda gltf: gltf.document.update(asset={"version": "1.0"}), r"must be glTF 2\.0, got version '1\.0'"),
+    "version": (
+        lambda gltf: gltf.document.update(asset={"version": "1.0"}),
+        r"must be glTF 2\.0, got version '1\.0'; Blender and gltf-pipeline convert",
+    ),
+    "version as a number": (
+        lambda gltf: gltf.document.update(asset={"version": 1}),
+        r"must be glTF 2\.0, got version 1; Blender and gltf-pipeline convert",
+    ),
     "basis required": (
         lambda gltf: gltf.document.update(extensionsRequired=["KHR_texture_basisu"]),
         "extensionsRequired: 'KHR_texture_basisu' is not read; export its textures as PNG, JPEG or WebP",
@@ -989,6 +997,13 @@ def test_broken_files_are_refused_by_file_and_place(
         load_scene(path)
     assert str(caught.value).startswith(str(folder))
     assert "\n" not in str(caught.value)
+
+
+def test_a_glb_file_of_version_1_is_told_with_what_converts_it(tmp_path: Path) -> None:
+    data = broken(lambda gltf: None).save(tmp_path / "former.glb").read_bytes()
+    (tmp_path / "former.glb").write_bytes(data[:4] + (1).to_bytes(4, "little") + data[8:])
+    with pytest.raises(DecodeError, match=r"former\.glb: must be glTF 2\.0, got a GLB .* 1; Blender and gltf-pipeline"):
+        load_scene(tmp_path / "former.glb")
 
 
 def test_a_link_out_of_the_folder_is_not_followed(tmp_path: Path) -> None:

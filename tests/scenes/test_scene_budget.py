@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from davis_rs import DecodeError, SceneFileWarning, load_scene
+from davis_rs import Camera, DecodeError, Pose, SceneFileWarning, load_scene
+from davis_rs._mitsuba.files import XmlFile, read_scene_file
 from davis_rs._util.budget import VARIABLE, Budget
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
 from davis_rs.scene import texture_file
 from davis_rs.scene.files import obj_file
 from davis_rs.scene.files.gltf_nodes import NodeTree
@@ -291,3 +294,22 @@ def test_a_material_file_may_name_a_texture_beside_its_folder(tmp_path: Path) ->
     (tmp_path / "materials" / "m.mtl").write_text("newmtl paint\nmap_Kd ..\\paint.png\n")
     (tmp_path / "m.obj").write_text(f"mtllib materials/m.mtl\n{FACE}usemtl paint\nf 1/1 2/2 3/3\n")
     assert tmp_path / "paint.png" in load_scene(tmp_path / "m.obj").files
+
+
+def test_a_mitsuba_file_may_name_files_outside_of_its_folder(tmp_path: Path) -> None:
+    """Scenes of a collection share files. What lies there is seen, and charged as well."""
+    for name in ("scene", "shared"):
+        (tmp_path / name).mkdir()
+    Image.new("RGB", (300, 200), (255, 0, 0)).save(tmp_path / "shared" / "red.png")
+    path = tmp_path / "scene" / "scene.xml"
+    path.write_text(
+        """<scene version="3.0.0"><integrator type="direct"/><emitter type="constant"/><shape type="rectangle">
+        <bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+        <string name="filename" value="../shared/red.png"/></texture></bsdf></shape></scene>"""
+    )
+    budget = Budget(path)
+    read_scene_file(XmlFile(path, {}), budget)
+    assert budget.bytes > 16 * 300 * 200
+    renderer = make_renderer(load_scene(path), Camera(4, 4, 40.0, 40.0, 2.0, 2.0), rays_per_pixel=1)
+    down = Pose((0, 0, 1), (1, 0, 0, 0))
+    assert renderer.luma(Views.at_rest([down])) == pytest.approx(0.299, rel=1e-3)  # the luma of red

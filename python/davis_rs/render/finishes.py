@@ -16,15 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaObject, MitsubaTexture
-from ..scene.mesh_part import COAT_ALPHAS
+from ..scene.principled import COAT_ALPHAS, MOST_ANISOTROPIC, alphas_of
 from ..scene.texel_lookup import WRAP_MODES
 from .finish import PASSING_NODES, UNBENT, Finish, Rgb, dielectric, mean_reflected
 from .number_textures import NumberTexels, NumberTexture, constant_of, number_texture, placed_alike, rgb_of
 
 FloatArray = npt.NDArray[np.float64]
-
-_ROUND = 1e-3
-"""A principled material is never smoother than this."""
 
 _LEAST_ALPHA = 1e-4
 """An anisotropic surface is never smoother than this, as Mitsuba's is not."""
@@ -230,9 +227,9 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     parameters = mi.traverse(bsdf)
     if _parts_left_out(inside, mi):
         return None
-    anisotropic = constant_of(inside["anisotropic"], mi) if "anisotropic" in inside else np.zeros(1)
-    surface = None if anisotropic is None else _lobe(inside, mi, anisotropic=bool(anisotropic.any()))
-    if anisotropic is None or surface is None:
+    anisotropic = _number(inside, "anisotropic", mi) or 0.0
+    surface = _lobe(inside, mi, anisotropic=anisotropic != 0)
+    if surface is None:
         return None
     base, lobe, rough, metal = surface
     if "eta" in parameters:
@@ -244,13 +241,12 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
         return None
     # Without a difference of the index nothing has highlights, and no metal reflects. The core asks for one.
     shown, index = (1.0 if index > 1 else 0.0,) * 3, max(index, 1 + 1e-6)
-    under, squared, across = ("rough", (rough, 1 - metal)), rough * rough, None
-    if anisotropic.any():
-        aspect = float(np.sqrt(1 - 0.9 * anisotropic.flat[0]))  # Burley 2012, section 5.4
-        squared, across = squared / aspect, max(squared * aspect, _ROUND)
-    alpha, tint = max(squared, _ROUND), _number(inside, "spec_tint", mi) or 0.0
+    along, across = alphas_of(rough, anisotropic)
+    under, tint = ("rough", (rough, 1 - metal)), _number(inside, "spec_tint", mi) or 0.0
     sheen, hue = (_number(inside, name, mi) or 0.0 for name in _SHEEN)
-    finish = Finish(alpha, "ggx", ("mixed", (index, metal, tint)), shown, under=under, lobe=lobe, across=across)
+    finish = Finish(along, "ggx", ("mixed", (index, metal, tint)), shown, under=under, lobe=lobe)
+    if anisotropic != 0:
+        finish = replace(finish, across=across)
     return base, replace(finish, coat=_coat(inside, mi), sheen=(sheen, hue) if sheen > 0 else None)
 
 
@@ -288,9 +284,9 @@ def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
         elif _number(inside, strength, mi) != 0 and not _is_fraction(inside, kind, mi):
             left_out.append(kind)
     if "anisotropic" in inside:
-        anisotropic = constant_of(inside["anisotropic"], mi)
+        anisotropic = _number(inside, "anisotropic", mi)
         textured = any(constant_of(inside[name], mi) is None for name in ("roughness", "metallic"))
-        if anisotropic is None or (anisotropic.any() and textured):
+        if anisotropic is None or anisotropic >= MOST_ANISOTROPIC or (anisotropic != 0 and textured):
             left_out.insert(0, "anisotropic")
     return left_out
 

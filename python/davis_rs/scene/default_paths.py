@@ -59,52 +59,74 @@ class Turn(NamedTuple):
         return self.start_rad + half * (np.sin(phase) - off), half * rate * np.cos(phase)
 
 
-def around(points: FloatArray, start_rad: float = 0.0) -> CallableTrajectory:
-    """Make a path once around points (n, 3), so near that they just stay within the image.
+class Circle(NamedTuple):
+    """Holds where a camera goes around things.
+
+    Attributes:
+        centre: (3) what it looks at, metres.
+        distance_m: how far it is from there.
+    """
+
+    centre: FloatArray
+    distance_m: float
+
+    def path(self, start_rad: float = 0.0) -> CallableTrajectory:
+        """Make a path once around.
+
+        Args:
+            start_rad: where the camera stands first, from -y towards x.
+        """
+        return _circle(
+            self.centre,
+            self.distance_m,
+            _ELEVATION_RAD,
+            Turn(start_rad),
+            look_at(direction(0.0), np.zeros(3)),
+            {
+                "path": "a circle around a mesh, looking at its middle",
+                "centre_m": self.centre.tolist(),
+                "distance_m": self.distance_m,
+                "elevation_deg": float(np.degrees(_ELEVATION_RAD)),
+                "start_deg": float(np.degrees(start_rad)),
+            },
+        )
+
+
+def circle_around(points: FloatArray) -> Circle:
+    """Return the circle around points (n, 3) that is so small that they just stay within the image.
 
     The camera looks at the point of the vertical axis through their middle from which it can be nearest.
-
-    Args:
-        start_rad: where the camera stands first, from -y towards x.
     """
     low, high = points.min(0), points.max(0)
     middle = (low + high) / 2
     heights = np.linspace(low[2], high[2], _HEIGHTS)
     targets = np.stack([np.array([middle[0], middle[1], height]) for height in heights])
-    turned = [look_at(direction(angle), np.zeros(3)) for angle in np.linspace(0.0, 2 * np.pi, _LOOKS, endpoint=False)]
+    angles = np.linspace(0.0, 2 * np.pi, _LOOKS, endpoint=False)
+    turned = np.stack([look_at(direction(angle), np.zeros(3)) for angle in angles])
     distances = [_least_distance(points - target, turned) for target in targets]
     best = int(np.argmin(distances))
-    centre, distance = targets[best], distances[best]
-    axes = look_at(direction(0.0), np.zeros(3))
-    return _circle(
-        centre,
-        distance,
-        _ELEVATION_RAD,
-        Turn(start_rad),
-        axes,
-        {
-            "path": "a circle around a mesh, looking at its middle",
-            "centre_m": centre.tolist(),
-            "distance_m": float(distance),
-            "elevation_deg": float(np.degrees(_ELEVATION_RAD)),
-            "start_deg": float(np.degrees(start_rad)),
-        },
-    )
+    return Circle(targets[best], distances[best])
 
 
-def _least_distance(points: FloatArray, turned: list[FloatArray]) -> float:
+def around(points: FloatArray, start_rad: float = 0.0) -> CallableTrajectory:
+    """Make the path of :func:`circle_around` and :meth:`Circle.path`."""
+    return circle_around(points).path(start_rad)
+
+
+def _least_distance(points: FloatArray, turned: FloatArray) -> float:
     """Return how near a camera may go around points (n, 3), which it looks at from around the origin.
 
     Args:
-        turned: its axes (3, 3) where it looks from.
+        turned: its axes (k, 3, 3) where it looks from.
     """
-    distance = _OFF * float(np.linalg.norm(points, axis=1).max())
+    seen = points @ turned
     # The depth that a point needs to lie within the image, by how far it is off its middle.
-    depth_per_metre = 2 / _FILLED * np.array([CAMERA.fx / CAMERA.width, CAMERA.fy / CAMERA.height])
-    for axes in turned:
-        seen = points @ axes
-        distance = max(distance, float(((np.abs(seen[:, :2]) * depth_per_metre).max(1) - seen[:, 2]).max()))
-    return distance
+    across, down = (
+        np.abs(seen[..., k]) * (2 / _FILLED * (focal / size))
+        for k, (focal, size) in enumerate(((CAMERA.fx, CAMERA.width), (CAMERA.fy, CAMERA.height)))
+    )
+    needed = float((np.maximum(across, down) - seen[..., 2]).max())
+    return max(_OFF * float(np.linalg.norm(points, axis=1).max()), needed)
 
 
 def within(centre: FloatArray, free_m: float, turn: Turn) -> CallableTrajectory:

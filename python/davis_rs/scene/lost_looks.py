@@ -15,6 +15,7 @@ MEAN_EMISSION = "light of their own that differs from place to place (its mean i
 METAL = "metal"
 HIGHLIGHTS = "highlights"
 BUMPS = "normal maps"
+SHEEN = "sheen (a Mitsuba XML file has a weaker one, as the sheen of principled)"
 UNKNOWN = "materials that are not known, and grey here"
 BRUSHED = "anisotropy (only that of numbers is shown, along a texture coordinate, without colours of vertices)"
 BACKS = "backs that cannot be seen (they are seen from both sides)"

@@ -25,10 +25,6 @@ USUAL_INDEX = 1.5
 """The index of refraction of what glTF files say nothing of."""
 
 
-COAT_ALPHAS = (0.1, 0.001)
-"""Roughness of the microfacets of a coat of Mitsuba's ``principled`` without any gloss, and with all of it."""
-
-
 class Coat(NamedTuple):
     """A clear coat above a part, as Mitsuba's ``principled`` has it.
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from ...geometry.lattice import sphere_lattice
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.trajectory import Trajectory
-from ..default_paths import Turn, around, within
+from ..default_paths import Circle, Turn, circle_around, within
 from .rooms import Place, VoxelGrid
 from .sight import Sight
 from .subject import Surfaces
@@ -122,10 +122,10 @@ def default_view(
     ground = "" if shown.all() else ", without the wide ground around it"
     # The ends of what is kept, not only the points on it, so that a small mesh fits exactly.
     inside = corners.reshape(-1, 3) if kept.all() and shown.all() else surfaces.points[shown]
-    outermost, size = _outermost(inside), np.ptp(inside, axis=0)
+    circle, size = circle_around(_outermost(inside)), np.ptp(inside, axis=0)
     del surfaces, inside, shown
-    start = _best_side(outermost, Sight(corners, shapes, one_sided))
-    return DefaultView(around(outermost, start), f"one that goes around{ground}{stray}", start, size)
+    start = _best_side(circle, Sight(corners, shapes, one_sided))
+    return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, size)
 
 
 def _best_place(places: list[Place], sight: Sight) -> tuple[Place, Turn]:
@@ -154,10 +154,10 @@ def _turn(angles: FloatArray, seen: FloatArray) -> Turn:
     return Turn(float(angles[best]), (behind * step, ahead * step))
 
 
-def _best_side(points: FloatArray, sight: Sight) -> float:
-    """Return where a path around points (n, 3) starts, radians from -y."""
+def _best_side(circle: Circle, sight: Sight) -> float:
+    """Return where a path on a circle around a world starts, radians from -y."""
     angles = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)
-    path = around(points)
+    path = circle.path()
     times = angles / (2 * np.pi) * path.duration_s
     seen = sight.interest(path.positions(times), path.rotations(times))
     best = int(seen.argmax())

@@ -12,14 +12,11 @@ import numpy as np
 
 from ..lost_looks import BRUSHED
 from ..mesh_part import MetalRoughness
+from ..principled import LEAST_ALPHA, parameters_of
 from .gltf_file import GltfFile, Item, dictionary
 
 ANISOTROPY = "KHR_materials_anisotropy"
 
-_LEAST_ALPHA = 1e-3
-"""Surfaces of ``principled`` are never smoother."""
-_ASPECT = 0.9
-"""Of whole anisotropy, the square of the ratio of both roughnesses is 1 less this (Burley 2012, section 5.4)."""
 _ALONG = 0.02
 """Directions that are off by less, in radians, are along a texture coordinate."""
 
@@ -43,8 +40,8 @@ def brushed(
     if crooked or turned or metal.texels is not None or given.get("anisotropyTexture") is not None:
         lost[BRUSHED] = None
         return metal
-    least = max(metal.roughness**2, _LEAST_ALPHA)
+    least = max(metal.roughness**2, LEAST_ALPHA)
     most = least + (1 - least) * strength**2
     along, across = (most, least) if abs(np.cos(angle)) > 0.5 else (least, most)
-    roughness = float((least * most) ** 0.25)
-    return metal._replace(roughness=roughness, anisotropic=float((1 - across / along) / _ASPECT))
+    roughness, anisotropic = parameters_of(float(along), float(across))
+    return metal._replace(roughness=roughness, anisotropic=anisotropic)

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..mesh_part import COAT_ALPHAS, Coat
+from ..mesh_part import Coat
+from ..principled import COAT_ALPHAS
 from .gltf_file import GltfFile, Item, dictionary
 from .gltf_highlights import ImageOf
 

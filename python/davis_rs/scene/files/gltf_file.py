@@ -29,6 +29,7 @@ from .rounding import within
 
 _VALUE_BYTES = 100
 """About what a value of the JSON takes in memory; in the text it may be as short as one punctuation mark."""
+_FORMER_REMEDY = "; Blender and gltf-pipeline convert files of version 1.0"
 _HEADER_BYTES = 20
 """Bytes before the JSON of a GLB file: the file's header, and that of its first chunk."""
 
@@ -248,7 +249,7 @@ class GltfFile:
                 raise ValueError(f"its JSON cannot be read: {error}") from None
         version = getattr(getattr(document, "asset", None), "version", None)
         if not str(version).startswith("2."):
-            remedy = "; Blender and gltf-pipeline convert files of version 1.0" if str(version).startswith("1.") else ""
+            remedy = _FORMER_REMEDY if str(version).split(".")[0] == "1" else ""
             raise ValueError(f"must be glTF 2.0, got version {plain(version)}{remedy}")
         return document
 
@@ -416,6 +417,8 @@ def _parts(data: bytes) -> tuple[bytes, memoryview]:
         raise ValueError(f"a GLB file must have a header and a chunk of JSON, this has {len(data)} bytes")
     version, length, first = struct.unpack_from("<3I", data, 4)
     end = _HEADER_BYTES + first
+    if version == 1:
+        raise ValueError(f"must be glTF 2.0, got a GLB file of version 1{_FORMER_REMEDY}")
     if version != 2 or not end <= length <= len(data) or data[16:20] != b"JSON":
         got = f"version {version}, {length} of {len(data)} bytes"
         raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {got}")

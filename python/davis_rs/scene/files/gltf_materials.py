@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
-from ..lost_looks import BUMPS, HIGHLIGHTS, MEAN_EMISSION, METAL
+from ..lost_looks import BUMPS, HIGHLIGHTS, MEAN_EMISSION, METAL, SHEEN
 from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
@@ -43,7 +43,8 @@ _EMISSIVE_STRENGTH = "KHR_materials_emissive_strength"
 _UNLIT = "KHR_materials_unlit"
 _TRANSMISSION = "KHR_materials_transmission"
 _VOLUME = "KHR_materials_volume"
-_UNTOLD = {ANISOTROPY, COAT, _GLOSS, _EMISSIVE_STRENGTH, IOR, SPECULAR, _TRANSMISSION, _UNLIT}
+_SHEEN = "KHR_materials_sheen"
+_UNTOLD = {ANISOTROPY, COAT, _GLOSS, _EMISSIVE_STRENGTH, IOR, _SHEEN, SPECULAR, _TRANSMISSION, _UNLIT}
 """Extensions of materials that lose nothing, or whose loss is noted elsewhere."""
 _CLEAR = 0.5
 """The fraction of light that passes from which on a material is glass."""
@@ -441,6 +442,8 @@ class GltfMaterials:
                 yield "gloss"
             if item.occlusionTexture is not None:
                 yield "occlusion maps"
+        if _SHEEN in extensions:
+            yield SHEEN
         yield from (plain(name)[1:-1] for name in extensions if name not in _UNTOLD)
 
 

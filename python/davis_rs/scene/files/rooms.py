@@ -84,7 +84,9 @@ class VoxelGrid:
         low, high = points.min(0), points.max(0)
         cell = float((high - low).max()) / _CELLS or 1.0
         shape = tuple(np.floor((high - low) / cell).astype(int) + 3)
-        index = np.ravel_multi_index(tuple(np.floor((points - low) / cell).astype(int).T + 1), shape)
+        index = np.ravel_multi_index(
+            tuple(np.floor((points[:, k] - low[k]) / cell).astype(int) + 1 for k in range(3)), shape
+        )
         count = int(np.prod(shape))
         points_in = np.bincount(index, minlength=count)
         sums = np.stack([np.bincount(index, normal, count) for normal in normals.T], 1)

@@ -40,7 +40,7 @@ _SIDE, _SIDES = 0.01, 3
 
 
 class Surfaces(NamedTuple):
-    """Holds points on all surfaces of a world.
+    """Holds points on all surfaces of a world, each axis by itself in memory: then to look at all points is fast.
 
     Attributes:
         points: (n, 3), metres.
@@ -61,7 +61,7 @@ class Surfaces(NamedTuple):
         weight = weight if weight[-1] > 0 else np.arange(1.0, len(corners) + 1)
         which = np.searchsorted(weight, random.random(_POINTS) * weight[-1]).clip(max=len(corners) - 1)
         u, v = np.sqrt(random.random(_POINTS)), random.random(_POINTS)
-        points, normals = np.empty((_POINTS, 3)), np.empty((_POINTS, 3))
+        points, normals = (np.empty((_POINTS, 3), order="F") for _ in range(2))
         for first in range(0, _POINTS, _BLOCK):
             rows = slice(first, first + _BLOCK)
             some, along, across = which[rows], u[rows], v[rows]
@@ -72,13 +72,15 @@ class Surfaces(NamedTuple):
 
     def only(self, kept: npt.NDArray[np.bool_]) -> Surfaces:
         """Return some of the points."""
-        return Surfaces(self.points[kept], self.normals[kept])
+        if kept.all():
+            return self
+        return Surfaces(_chosen(self.points, kept), _chosen(self.normals, kept))
 
     def near(self) -> npt.NDArray[np.bool_]:
         """Return which points decide what is looked at: all but a few that lie far off."""
-        low, high = np.quantile(self.points, [_STRAY, 1 - _STRAY], axis=0)
+        low, high = _ends(self.points)
         margin = _FAR * float((high - low).max())
-        return np.all((self.points >= low - margin) & (self.points <= high + margin), axis=1)
+        return _within(self.points, low - margin, high + margin)
 
     def with_little_ground(self) -> npt.NDArray[np.bool_]:
         """Return which points are left without wide flat ground around what stands on it; all where there is none."""
@@ -87,11 +89,11 @@ class Surfaces(NamedTuple):
         things = self._things(low, side)
         if np.count_nonzero(things) < _FEW * len(things):
             return everything
-        first, last = np.quantile(self.points[things, :2], [_STRAY, 1 - _STRAY], axis=0)
+        first, last = _ends(_chosen(self.points[:, :2], things))
         cell = max(_AROUND * float((last - first).max()), side / _MOST_CELLS) or 1.0
-        place = tuple((np.floor((self.points[:, :2] - low[:2]) / cell).astype(int) + _AROUND_CELLS).T)
-        inner = things & np.all((self.points[:, :2] >= first) & (self.points[:, :2] <= last), axis=1)
-        stands = np.zeros(np.max(place, axis=1) + 1 + _AROUND_CELLS, np.bool_)
+        place = tuple(np.floor((self.points[:, k] - low[k]) / cell).astype(int) + _AROUND_CELLS for k in (0, 1))
+        inner = things & _within(self.points[:, :2], first, last)
+        stands = np.zeros([along.max() + 1 + _AROUND_CELLS for along in place], np.bool_)
         stands[tuple(along[things] for along in place)] = True
         for _ in range(_AROUND_CELLS):
             stands = _with_next(stands)
@@ -99,7 +101,9 @@ class Surfaces(NamedTuple):
         first_cells[tuple(along[inner] for along in place)] = True
         stands = _connected(stands, first_cells)
         shown = (stands | _between(stands))[place]
-        if _reach(self.points) < _WIDE * _reach(self.points[shown]) or not self._lies_around(shown):
+        if shown.all() or _reach(self.points) < _WIDE * _reach(_chosen(self.points[:, :2], shown)):
+            return everything
+        if not self._lies_around(shown):
             return everything
         return shown
 
@@ -109,7 +113,8 @@ class Surfaces(NamedTuple):
         if np.quantile(self.points[~shown, 2], _MOST) > bottom + _LOW * (top - bottom):
             return False
         flat = self.points[:, :2]
-        low, high, first, last = flat.min(0), flat.max(0), flat[shown].min(0), flat[shown].max(0)
+        inner = _chosen(flat, shown)
+        low, high, first, last = flat.min(0), flat.max(0), inner.min(0), inner.max(0)
         sides = np.concatenate([first - low, high - last])
         return int(np.count_nonzero(sides > _SIDE * float((high - low).max()))) >= _SIDES
 
@@ -118,14 +123,32 @@ class Surfaces(NamedTuple):
         that are seen from above."""
         steep = np.abs(self.normals[:, 2]) < _STEEP
         cell = side / _MAP or 1.0
-        column = np.floor((self.points[:, :2] - low[:2]) / cell).astype(int).clip(0, _MAP - 1)
+        x, y = (np.floor((self.points[:, k] - low[k]) / cell).astype(int).clip(0, _MAP - 1) for k in (0, 1))
         ground = np.full((_MAP + 2, _MAP + 2), -np.inf)
-        np.maximum.at(ground, tuple(column[~steep].T + 1), self.points[~steep, 2])
+        flat = ~steep
+        np.maximum.at(ground.reshape(-1), (x[flat] + 1) * (_MAP + 2) + y[flat] + 1, self.points[flat, 2])
         ground[np.isinf(ground)] = np.inf
         rows = np.minimum(np.minimum(ground[:-2], ground[1:-1]), ground[2:])
         lowest = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
         lowest[np.isinf(lowest)] = -np.inf
-        return steep & (self.points[:, 2] > lowest[tuple(column.T)] + _ABOVE * side)
+        return steep & (self.points[:, 2] > lowest[x, y] + _ABOVE * side)
+
+
+def _chosen(points: FloatArray, kept: npt.NDArray[np.bool_]) -> FloatArray:
+    """Return some of the points (n, c), each axis by itself in memory."""
+    return np.stack([along[kept] for along in points.T]).T
+
+
+def _ends(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where points (n, c) begin and end along each axis, without those that may lie far off."""
+    low, high = np.transpose([np.quantile(along, [_STRAY, 1 - _STRAY]) for along in points.T])
+    return low, high
+
+
+def _within(points: FloatArray, low: FloatArray, high: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which points (n, c) lie between two ends (c)."""
+    inside = [(along >= least) & (along <= most) for along, least, most in zip(points.T, low, high, strict=True)]
+    return np.asarray(np.logical_and.reduce(inside))
 
 
 def _with_next(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -175,6 +198,5 @@ def _between(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 def _reach(points: FloatArray) -> float:
     """Return how far points (n, 3) reach in the plane from the middle of their extent."""
-    low, high = points[:, :2].min(0), points[:, :2].max(0)
-    x, y = (points[:, :2] - (low + high) / 2).T
+    x, y = (along - (along.min() + along.max()) / 2 for along in points[:, :2].T)
     return float(np.sqrt((x * x + y * y).max()))
