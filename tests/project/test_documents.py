@@ -358,7 +358,7 @@ def test_commands_and_options_that_are_named_exist() -> None:
 
 def test_other_commands_name_what_there_is() -> None:
     """Scripts, tests, benches and extras; they run elsewhere, or install packages."""
-    cargo, project = (ROOT / "benches" / "Cargo.toml").read_text(), (ROOT / "pyproject.toml").read_text()
+    cargo, project = (ROOT / "Cargo.toml").read_text(), (ROOT / "pyproject.toml").read_text()
     for one in ALL:
         for command in one.commands:
             for option, file in re.findall(r"(\S+) (\S+\.py)\b", command):
