@@ -710,6 +710,17 @@ def test_places_go_where_light_errs_on_large_areas() -> None:
     assert sampled.divisions()[-1] >= 3
 
 
+def test_a_beam_is_lit_between_the_posts_that_hold_its_ends() -> None:
+    corners = np.array([[[-0.5, 0, 0], [0.5, 0, 0], [-0.5, 0.05, 0]], [[0.5, 0, 0], [0.5, 0.05, 0], [-0.5, 0.05, 0]]])
+    lattice = SurfaceLattice(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), np.zeros(2, int))
+
+    def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
+        return np.where(np.abs(places[:, :1]) > 0.45, np.nan, np.ones((1, 3))), np.zeros(len(places))
+
+    sampled = refine(lattice, light, RefinementRule(0.4, 0.02, 0.02, 1_000))
+    assert (sampled.values == 1.0).all()
+
+
 def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
     """A block stands on the floor: the floor is as bright at its foot as a little way off."""
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)

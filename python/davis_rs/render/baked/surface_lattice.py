@@ -34,6 +34,10 @@ _GRIDS_AT_ONCE = 1 << 16
 _BURIED_SPACING = 4.0
 """How many times as far apart points are where no light comes."""
 
+_BEAM = 0.5
+"""A triangle with no light at its corners is divided once if it is longer than so many times the spacing, because the
+ends of a beam may lie in posts."""
+
 _DARK = 1e-3
 """What is darker than this share of the median is held to the error of that share."""
 
@@ -257,7 +261,8 @@ def refine(
         spread = _bend(values, others, cells)
         first = failed if level else spread > rule.tolerance
         # What lies within a solid, or behind a wall, is only looked through for what does not.
-        spacing = np.where(np.isnan(values[cells, 0]).all(1), _BURIED_SPACING, 1.0) * rule.spacing
+        buried = np.isnan(values[cells, 0]).all(1)
+        spacing = np.where(buried, _BURIED_SPACING if level else _BEAM, 1.0) * rule.spacing
         wanted = (size > rule.finest) & ((size > spacing) | first)
         cells, size, long = cells[wanted], size[wanted], (size > spacing)[wanted]
         room = (rule.most_points - (len(positions) - len(lattice.positions))) * 2 // 3
