@@ -194,7 +194,8 @@ def test_rates_hold_at_edges() -> None:
 
 
 def test_a_preset_takes_lines_where_they_are_possible() -> None:
-    """In diffuse scenes of the native renderer, unless rays are asked for; else the rays that these stand for."""
+    """In diffuse scenes of the native renderer, unless rays are asked for; else the rays that these stand for, and on
+    glossy surfaces more."""
 
     def made_by(scene: Scene, **settings: Any) -> tuple[str, int]:
         renderer = davis_rs.Simulator(scene.crop(0, 0.01), accuracy="exact", **settings).renderer
@@ -211,7 +212,7 @@ def test_a_preset_takes_lines_where_they_are_possible() -> None:
     glossy = {
         name: part | {"bsdf": plastic} if "bsdf" in part else part for name, part in parts.items() if name != "type"
     }
-    assert made_by(replace(scene, source=lambda: {"type": "scene", **glossy})) == ("rays", 64)
+    assert made_by(replace(scene, source=lambda: {"type": "scene", **glossy})) == ("rays", 256)
 
 
 def test_what_lines_cannot_do_is_an_error() -> None:
