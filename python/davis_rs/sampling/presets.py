@@ -11,7 +11,7 @@ from .tolerance import Tolerance
 
 
 class PixelArguments(TypedDict):
-    """Names the arguments of :func:`~davis_rs.render.choice.make_renderer` that say what a pixel is made of."""
+    """Names the arguments of ``make_renderer`` that say what a pixel is made of."""
 
     lattice_rays_per_pixel: int
     lattice_pixel: str
@@ -40,14 +40,14 @@ class Accuracy:
 
     samples = FormerAttribute("rays_per_pixel")
 
-    @property
-    def pixels(self) -> PixelArguments:
-        """What a pixel is made of, as :func:`~davis_rs.render.choice.make_renderer` takes it."""
-        return {
-            "lattice_rays_per_pixel": self.rays_per_pixel,
-            "lattice_pixel": self.pixel,
-            "glossy_rays_per_pixel": self.glossy_rays_per_pixel,
-        }
+
+def pixel_arguments(accuracy: Accuracy) -> PixelArguments:
+    """Return what a pixel is made of, as ``make_renderer`` takes it."""
+    return {
+        "lattice_rays_per_pixel": accuracy.rays_per_pixel,
+        "lattice_pixel": accuracy.pixel,
+        "glossy_rays_per_pixel": accuracy.glossy_rays_per_pixel,
+    }
 
 
 DEFAULT_ACCURACY = "balanced"

@@ -17,7 +17,7 @@ from ...geometry.camera import Camera
 from ...render.base import Renderer
 from ...render.choice import make_renderer
 from ...render.mosaic import MosaicRenderer
-from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY
+from ...sampling.presets import ACCURACY, DEFAULT_ACCURACY, pixel_arguments
 from ...sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ...sampling.tolerance import Tolerance
 from ...scene.scene import Scene, check_scene
@@ -231,7 +231,7 @@ def renderer_of(
             view.scene,
             view.camera,
             rays_per_pixel=None if isinstance(settings.rays_per_pixel, str) else settings.rays_per_pixel,
-            **accuracy.pixels,
+            **pixel_arguments(accuracy),
             seed=settings.seed,
             kind=settings.renderer,
             blur=settings.blur,
