@@ -44,7 +44,7 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.render.native.estimators import LINES
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.sampling.displacement import DisplacementClock
-from davis_rs.sampling.presets import ACCURACY, DEFAULT_ACCURACY
+from davis_rs.sampling.presets import ACCURACY, DEFAULT_ACCURACY, pixel_arguments
 
 LOG_EPS = 1e-3
 RUNS = 4
@@ -53,7 +53,7 @@ RUNS = 4
 SURE = 0.1 * C
 """The reference's largest standard error of log luma, over the instants, in pixels that count as sure."""
 
-PIXELS = ACCURACY[DEFAULT_ACCURACY].pixels
+PIXELS = pixel_arguments(ACCURACY[DEFAULT_ACCURACY])
 """What a pixel is made of where nothing else is asked for."""
 
 SHORTEST_PX, LONGEST_PX = 1.0, 64.0

@@ -710,12 +710,14 @@ def test_places_go_where_light_errs_on_large_areas() -> None:
     assert sampled.divisions()[-1] >= 3
 
 
-def test_a_beam_is_lit_between_the_posts_that_hold_its_ends() -> None:
+@pytest.mark.parametrize("half", [0.0, 0.05], ids=["its ends", "its ends and its middle"])
+def test_a_beam_is_lit_between_the_posts_that_hold(half: float) -> None:
     corners = np.array([[[-0.5, 0, 0], [0.5, 0, 0], [-0.5, 0.05, 0]], [[0.5, 0, 0], [0.5, 0.05, 0], [-0.5, 0.05, 0]]])
     lattice = SurfaceLattice(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), np.zeros(2, int))
 
     def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
-        return np.where(np.abs(places[:, :1]) > 0.45, np.nan, np.ones((1, 3))), np.zeros(len(places))
+        within_a_post = (np.abs(places[:, :1]) > 0.45) | (np.abs(places[:, :1]) < half)
+        return np.where(within_a_post, np.nan, np.ones((1, 3))), np.zeros(len(places))
 
     sampled = refine(lattice, light, RefinementRule(0.4, 0.02, 0.02, 1_000))
     assert (sampled.values == 1.0).all()

@@ -31,12 +31,9 @@ _SHARED_NORMALS = 4.0
 """Normals share a place if their components lie between the same multiples of 1 / 4."""
 _GRIDS_AT_ONCE = 1 << 16
 """Grids that are made together, so that millions of triangles do not fill the memory."""
-_BURIED_SPACING = 4.0
-"""How many times as far apart points are where no light comes."""
-
-_BEAM = 0.5
-"""A triangle with no light at its corners is divided once if it is longer than so many times the spacing, because the
-ends of a beam may lie in posts."""
+_BURIED_SPACINGS = (0.5, 1.0, 4.0)
+"""How many times as far apart points are where no light comes: in the first division, the second, and later ones. The
+ends of a beam may lie in posts, and so may its middle."""
 
 _DARK = 1e-3
 """What is darker than this share of the median is held to the error of that share."""
@@ -262,7 +259,7 @@ def refine(
         first = failed if level else spread > rule.tolerance
         # What lies within a solid, or behind a wall, is only looked through for what does not.
         buried = np.isnan(values[cells, 0]).all(1)
-        spacing = np.where(buried, _BURIED_SPACING if level else _BEAM, 1.0) * rule.spacing
+        spacing = np.where(buried, _BURIED_SPACINGS[min(level, 2)], 1.0) * rule.spacing
         wanted = (size > rule.finest) & ((size > spacing) | first)
         cells, size, long = cells[wanted], size[wanted], (size > spacing)[wanted]
         room = (rule.most_points - (len(positions) - len(lattice.positions))) * 2 // 3
