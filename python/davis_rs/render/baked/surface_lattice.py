@@ -31,9 +31,11 @@ _SHARED_NORMALS = 4.0
 """Normals share a place if their components lie between the same multiples of 1 / 4."""
 _GRIDS_AT_ONCE = 1 << 16
 """Grids that are made together, so that millions of triangles do not fill the memory."""
-_BURIED_SPACINGS = (0.5, 1.0, 4.0)
-"""How many times as far apart points are where no light comes: in the first division, the second, and later ones. The
-ends of a beam may lie in posts, and so may its middle."""
+_BURIED_SPACING = 4.0
+"""How many times as far apart points are where no light comes."""
+
+_BEAM_SPACING, _BEAM = 0.5, 0.25
+"""The same on triangles less high than this fraction of their longest edge: the ends of a beam may lie in posts."""
 
 _DARK = 1e-3
 """What is darker than this share of the median is held to the error of that share."""
@@ -259,7 +261,8 @@ def refine(
         first = failed if level else spread > rule.tolerance
         # What lies within a solid, or behind a wall, is only looked through for what does not.
         buried = np.isnan(values[cells, 0]).all(1)
-        spacing = np.where(buried, _BURIED_SPACINGS[min(level, 2)], 1.0) * rule.spacing
+        hidden = np.where(_heights(positions, cells) < _BEAM * size, _BEAM_SPACING, _BURIED_SPACING)
+        spacing = np.where(buried, hidden, 1.0) * rule.spacing
         wanted = (size > rule.finest) & ((size > spacing) | first)
         cells, size, long = cells[wanted], size[wanted], (size > spacing)[wanted]
         room = (rule.most_points - (len(positions) - len(lattice.positions))) * 2 // 3
@@ -357,6 +360,13 @@ def _parts(cells: IntArray, middle: IntArray) -> IntArray:
 def _longest_edges(positions: FloatArray, cells: IntArray) -> FloatArray:
     corners = positions[cells]
     return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(1))
+
+
+def _heights(positions: FloatArray, cells: IntArray) -> FloatArray:
+    """Return how high triangles (c, 3) are above their longest edges."""
+    a, b, c = np.moveaxis(positions[cells], 1, 0)
+    doubled_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return np.asarray(doubled_area / np.maximum(_longest_edges(positions, cells), np.finfo(float).tiny))
 
 
 def _inside(
