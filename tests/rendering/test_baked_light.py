@@ -66,17 +66,21 @@ def folder(light_cache: Path) -> Path:
     return light_cache
 
 
-@pytest.mark.parametrize(("reflectance", "depth", "error"), [(0.5, -1, 0.025), (0.9, -1, 0.08), (0.9, 12, 0.08)])
-def test_a_furnace_has_the_radiance_of_its_closed_form(reflectance: float, depth: int, error: float) -> None:
+@pytest.mark.parametrize(
+    ("reflectance", "depth", "asked", "error"), [(0.5, -1, 0.15, 0.025), (0.9, -1, 0.15, 0.08), (0.9, 12, 0.9, 0.12)]
+)
+def test_a_furnace_has_the_radiance_of_its_closed_form(
+    reflectance: float, depth: int, asked: float, error: float
+) -> None:
     """In a closed box whose walls all emit L and reflect rho, all is as bright as L / (1 - rho): direct light, all
     bounces, and what lamps look like themselves; less where the integrator lets light bounce a few times. Direct light,
     and all that bounces of it, may err as is asked for."""
     walls = {"type": "cube", "flip_normals": True, "bsdf": diffuse(reflectance), "emitter": area(0.7)}
     scene = make_scene(walls=walls, integrator={"type": "path", "max_depth": depth})
-    luma = luma_of(scene, 0.15, pose=Pose([0.1, 0.2, 0.3], DOWN.quaternion))
+    luma = luma_of(scene, asked, pose=Pose([0.1, 0.2, 0.3], DOWN.quaternion))
     expected = 0.7 * (1 - (reflectance**depth if depth > 0 else 0)) / (1 - reflectance)
     assert np.median(luma) == pytest.approx(expected, rel=error)
-    assert np.ptp(luma) < 0.1 * expected
+    assert np.ptp(luma) < 0.15 * expected
 
 
 def test_light_of_a_rectangle_is_that_of_its_form_factor() -> None:
@@ -698,7 +702,7 @@ def test_places_go_where_light_errs_on_large_areas() -> None:
 
     def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
         spot = np.exp(-((places[:, 0] - 3) ** 2 + (places[:, 1] - 1) ** 2) / 0.1)
-        carpet = np.where(places[:, 0] < 1.5, np.sin(60 * places[:, 0]) ** 2, 0)
+        carpet = np.where(places[:, 0] < 1.5, 9 * np.sin(60 * places[:, 0]) ** 2, 0)
         return np.repeat((1 + spot + carpet)[:, None], 3, 1), np.zeros(len(places))
 
     sampled = refine(lattice, light, RefinementRule(2.0, 0.01, 0.02, 200))
@@ -706,7 +710,7 @@ def test_places_go_where_light_errs_on_large_areas() -> None:
     assert known > 200
     assert not sampled.complete
     assert 100 < new <= 200
-    assert (sampled.positions[known:, 0] > 1.5).mean() > 0.5
+    assert (sampled.positions[known:, 0] > 1.5).mean() > 0.9
     assert sampled.divisions()[-1] >= 3
 
 
