@@ -261,17 +261,17 @@ def refine(
         first = failed if level else spread > rule.tolerance
         # What lies within a solid, or behind a wall, is only looked through for what does not.
         buried = np.isnan(values[cells, 0]).all(1)
-        hidden = np.where(_heights(positions, cells) < _BEAM * size, _BEAM_SPACING, _BURIED_SPACING)
+        hidden = np.where(_doubled_areas(positions, cells) < _BEAM * size**2, _BEAM_SPACING, _BURIED_SPACING)
         spacing = np.where(buried, hidden, 1.0) * rule.spacing
         wanted = (size > rule.finest) & ((size > spacing) | first)
-        cells, size, long = cells[wanted], size[wanted], (size > spacing)[wanted]
+        cells, size, spread, long = cells[wanted], size[wanted], spread[wanted], (size > spacing)[wanted]
         room = (rule.most_points - (len(positions) - len(lattice.positions))) * 2 // 3
         if len(cells) > room:
             complete = False
             # Each gets a share of the room, and is divided if that is enough for itself. A quarter of a cell errs by
             # half as much on a quarter of the area, so shares of this power are what divisions would take until all
             # err alike. A test of all edges would cost what there is no room for.
-            bend = np.nan_to_num(_bend(values, others, cells), nan=1.0)
+            bend = np.nan_to_num(spread, nan=1.0)
             share = (np.where(long, np.maximum(bend, 1.0), bend) * size**2) ** (2 / 3)
             cells = cells[room * share >= share.sum()] if room > 0 else cells[:0]
         if not len(cells):
@@ -362,11 +362,9 @@ def _longest_edges(positions: FloatArray, cells: IntArray) -> FloatArray:
     return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(1))
 
 
-def _heights(positions: FloatArray, cells: IntArray) -> FloatArray:
-    """Return how high triangles (c, 3) are above their longest edges."""
+def _doubled_areas(positions: FloatArray, cells: IntArray) -> FloatArray:
     a, b, c = np.moveaxis(positions[cells], 1, 0)
-    doubled_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return np.asarray(doubled_area / np.maximum(_longest_edges(positions, cells), np.finfo(float).tiny))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
 def _inside(
