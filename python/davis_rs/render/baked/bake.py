@@ -323,28 +323,23 @@ class _BakeJob:
             maps = self._direct_maps(direct, direct)
             reflected = Reflected(maps.layouts, maps.texels)
         gather = partial(light.gathered, reflected=reflected)
-        bounced: SampledLight | None = None
-        for bounce in range(1, light.most_bounces):
-            done = False
-            if bounced is None:
-                error = max(self._error, _COARSE_ERROR)
-                bounced = self.bounced(light, gather, self._effort.coarse_samples, error)
-                maps, before = self._direct_maps(direct, [*direct, bounced]), bounced.values.sum(0)
-            else:
-                told = self._told(f"bounce {bounce}")
-                told(0, len(bounced.values))
-                more = bounced.with_light(
-                    partial(_light_at, light, partial(gather, samples=self._effort.coarse_samples))
-                )
-                added, bounced = more.values - bounced.values, more
-                total = float(more.values.sum())
-                done = float(added.sum()) <= self._effort.settled * self._error * total
-                if done:
-                    later = _later_bounces(added.sum(0), before, light.most_bounces - 1 - bounce)
-                    bounced = replace(more, values=more.values + added * later)
-                before = added.sum(0)
+        if light.most_bounces < 2:
+            return gather
+        bounced = self.bounced(light, gather, self._effort.coarse_samples, max(self._error, _COARSE_ERROR))
+        maps, before = self._direct_maps(direct, [*direct, bounced]), bounced.values.sum(0)
+        gather = partial(light.gathered, reflected=maps.with_bounces(self._lattice, bounced))
+        for bounce in range(2, light.most_bounces):
+            told = self._told(f"bounce {bounce}")
+            told(0, len(bounced.values))
+            more = bounced.with_light(partial(_light_at, light, partial(gather, samples=self._effort.coarse_samples)))
+            added, bounced = more.values - bounced.values, more
+            settled = float(added.sum()) <= self._effort.settled * self._error * float(more.values.sum())
+            if settled:
+                later = _later_bounces(added.sum(0), before, light.most_bounces - 1 - bounce)
+                bounced = replace(more, values=more.values + added * later)
+            before = added.sum(0)
             gather = partial(light.gathered, reflected=maps.with_bounces(self._lattice, bounced))
-            if done:
+            if settled:
                 break
         return gather
 
