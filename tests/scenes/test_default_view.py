@@ -14,7 +14,7 @@ import davis_rs
 from davis_rs.cli import main
 from davis_rs.geometry.pose import FloatArray
 from davis_rs.scene.default_motion import with_default_motion
-from davis_rs.scene.default_paths import CAMERA, Turn, around, sway, within
+from davis_rs.scene.default_paths import CAMERA, Turn, circle_around, sway, within
 from davis_rs.scene.files import sight, subject
 from davis_rs.scene.files.default_view import DefaultView, _outermost, default_view
 from davis_rs.scene.files.mesh_scene import usual_light
@@ -131,7 +131,7 @@ def test_what_is_no_room_is_seen_from_around(world: FloatArray) -> None:
     assert view.room is None
     assert view.note == "one that goes around"
     times = np.linspace(0, 10, 7)
-    assert np.allclose(view.trajectory.positions(times), around(world.reshape(-1, 3)).positions(times))
+    assert np.allclose(view.trajectory.positions(times), circle_around(world.reshape(-1, 3)).path().positions(times))
 
 
 @pytest.mark.parametrize("size", [(2.0, 2.0, 2.0), (9.0, 1.0, 0.1), (1.0, 1.0, 7.0), (3.0, 3.0, 0.0)])
@@ -157,7 +157,7 @@ def test_what_lies_far_off_does_not_decide() -> None:
     block = box([0, 0, 0], [2, 2, 2], inward=False)
     far = np.array([[[1000.0, 0, 0], [1000, 0.01, 0], [1000, 0, 0.01]]])
     view = default_view(np.concatenate([np.repeat(block, 100, 0), far]))
-    expected = around(block.reshape(-1, 3)).pose(0.0).position
+    expected = circle_around(block.reshape(-1, 3)).path().pose(0.0).position
     assert np.linalg.norm(view.trajectory.pose(0.0).position - expected) < 0.1
     assert "which lie far off" in view.note
 
@@ -350,7 +350,7 @@ def test_many_triangles_are_taken_coarser_without_holes(monkeypatch: pytest.Monk
             np.stack([points[:-1, :-1], points[1:, 1:], points[:-1, 1:]], 2).reshape(-1, 3, 3),
         ]
     )
-    pose = around(points.reshape(-1, 3)).pose(0.0)
+    pose = circle_around(points.reshape(-1, 3)).path().pose(0.0)
 
     def hits() -> tuple[npt.NDArray[np.bool_], int]:
         seen = Sight(corners, np.zeros(len(corners), np.int64), np.zeros(len(corners), np.bool_))
@@ -370,8 +370,8 @@ def test_many_triangles_are_taken_coarser_without_holes(monkeypatch: pytest.Monk
 
 def test_the_paths_move_as_their_derivatives_say() -> None:
     for path in (
-        around(np.array([[1.0, 2, 3], [2.0, 4, 3.5]])),
-        around(np.array([[1.0, 2, 3], [2.0, 4, 3.5]]), 2.0),
+        circle_around(np.array([[1.0, 2, 3], [2.0, 4, 3.5]])).path(),
+        circle_around(np.array([[1.0, 2, 3], [2.0, 4, 3.5]])).path(2.0),
         within(np.array([1.0, 2, 3]), 0.6, Turn(0.7)),
         within(np.array([1.0, 2, 3]), 0.6, Turn(0.7, (1.0, 0.3))),
         sway(load_scene("three_planes").path.pose(0.0), 2.0),

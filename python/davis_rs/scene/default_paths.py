@@ -108,11 +108,6 @@ def circle_around(points: FloatArray) -> Circle:
     return Circle(targets[best], distances[best])
 
 
-def around(points: FloatArray, start_rad: float = 0.0) -> CallableTrajectory:
-    """Make the path of :func:`circle_around` and :meth:`Circle.path`."""
-    return circle_around(points).path(start_rad)
-
-
 def _least_distance(points: FloatArray, turned: FloatArray) -> float:
     """Return how near a camera may go around points (n, 3), which it looks at from around the origin.
 
