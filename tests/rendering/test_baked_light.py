@@ -41,7 +41,6 @@ from lit_scenes import (
     DOWN,
     PATH,
     FloatArray,
-    IntArray,
     Parts,
     area,
     build,
@@ -383,7 +382,7 @@ def test_light_has_no_seam_where_triangles_meet() -> None:
     normals = np.repeat(np.array([[0, 0, 1.0]] * 3 + [[-1, 0, 0]])[:, None], 3, 1)
     lattice = SurfaceLattice(corners, normals, np.zeros(4, bool), np.zeros(4, int))
 
-    def light(places: FloatArray, facing: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
+    def light(places: FloatArray, facing: FloatArray, *_: Any) -> tuple[FloatArray, FloatArray]:
         spot = np.exp(-((places[:, 0] - 0.6) ** 2 + (places[:, 1] - 0.8) ** 2) / 0.02)
         return np.repeat((1 + spot + facing[:, :1].T[0])[:, None], 3, 1), np.zeros(len(places))
 
@@ -700,7 +699,7 @@ def test_places_go_where_light_errs_on_large_areas() -> None:
     count = len(corners)
     lattice = SurfaceLattice(corners, np.tile([0, 0, 1.0], (count, 3, 1)), np.zeros(count, bool), np.zeros(count, int))
 
-    def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
+    def light(places: FloatArray, *_: Any) -> tuple[FloatArray, FloatArray]:
         spot = np.exp(-((places[:, 0] - 3) ** 2 + (places[:, 1] - 1) ** 2) / 0.1)
         carpet = np.where(places[:, 0] < 1.5, 9 * np.sin(60 * places[:, 0]) ** 2, 0)
         return np.repeat((1 + spot + carpet)[:, None], 3, 1), np.zeros(len(places))
@@ -719,7 +718,7 @@ def test_a_beam_is_lit_between_the_posts_that_hold(half: float) -> None:
     corners = np.array([[[-0.5, 0, 0], [0.5, 0, 0], [-0.5, 0.05, 0]], [[0.5, 0, 0], [0.5, 0.05, 0], [-0.5, 0.05, 0]]])
     lattice = SurfaceLattice(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), np.zeros(2, int))
 
-    def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
+    def light(places: FloatArray, *_: Any) -> tuple[FloatArray, FloatArray]:
         within_a_post = (np.abs(places[:, :1]) > 0.45) | (np.abs(places[:, :1]) < half)
         return np.where(within_a_post, np.nan, np.ones((1, 3))), np.zeros(len(places))
 
@@ -732,7 +731,7 @@ def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)
     lattice = SurfaceLattice(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), np.zeros(2, int))
 
-    def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
+    def light(places: FloatArray, *_: Any) -> tuple[FloatArray, FloatArray]:
         within = np.asarray((np.abs(places[:, :2]) < 0.31).all(1))
         return np.where(within[:, None], np.nan, np.ones((1, 3))), np.zeros(len(places))
 

@@ -123,6 +123,20 @@ def test_baked_light_passes_what_is_less_than_half_opaque(opacity: float, tmp_pa
         np.testing.assert_allclose(shown, 0.5 * 4 / (np.pi * 10**2), rtol=0.05)
 
 
+def test_each_clear_pane_has_the_baked_light_of_its_own_place(tmp_path: Path) -> None:
+    """Two white panes at different distances from a lamp."""
+    gltf = Gltf()
+    lamp = gltf.material("lamp", more={"emissiveFactor": [1, 1, 1]}, baseColorFactor=[0, 0, 0, 1])
+    gltf.node(mesh=quad(gltf, material=lamp), translation=[0, 0, 8])
+    pane = gltf.material("pane", baseColorFactor=[1, 1, 1, 0.3], more={"alphaMode": "BLEND"})
+    for x, z in ((-1.2, 0), (1.2, -1)):
+        gltf.node(mesh=quad(gltf, material=pane), translation=[x, 0, z])
+    shown = luma(world(gltf, tmp_path), "auto")
+    for x, z in ((-1.2, 0), (1.2, -1)):
+        column, squared = round(15.5 + 16 * x / (3 - z)), (8 - z) ** 2 + x**2
+        assert shown[11, column] == pytest.approx(0.3 * 4 * (8 - z) ** 2 / (np.pi * squared**2), rel=0.05)
+
+
 MASKED = {
     "one value": {"type": "rgb", "value": 0.4},
     "a bitmap": {

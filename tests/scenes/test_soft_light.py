@@ -15,6 +15,7 @@ from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.baked import bake, baked_scene
 from davis_rs.render.choice import make_renderer
+from gltf_files import CORNERS, FACES, Gltf
 
 pytestmark = pytest.mark.without_llvm
 
@@ -106,6 +107,24 @@ def test_worlds_whose_objects_move_keep_the_even_sky_and_it_is_said(tmp_path: Pa
     moving = replace(scene, objects={"mesh_black": scene.path})
     _, reason = floor_luma(moving)
     assert "its soft light is not baked: light of objects that move is baked on request alone" in reason
+
+
+def test_triangles_that_run_the_wrong_way_round_have_the_light_of_the_side_that_is_seen(tmp_path: Path) -> None:
+    """Their vertex normals point up. A black ground below keeps nearly all light from the other side."""
+    shown = list[float]()
+    for faces in (FACES, FACES[:, ::-1]):
+        gltf = Gltf()
+        grey = gltf.material("grey", baseColorFactor=[0.5, 0.5, 0.5, 1], more={"doubleSided": True})
+        up = np.tile([0, 1, 0], (4, 1))
+        gltf.node(mesh=gltf.mesh(CORNERS[:, [0, 2, 1]] * [1, 1, -1], faces, material=grey, normals=up))
+        black = gltf.material("black", baseColorFactor=[0, 0, 0, 1], more={"doubleSided": True})
+        gltf.node(mesh=gltf.mesh(CORNERS[:, [0, 2, 1]] * [9, 1, -9], FACES, material=black), translation=[0, -0.1, 0])
+        scene = without(load_scene(gltf.save(tmp_path / "plate.glb")), "sun")
+        renderer = make_renderer(scene, CAMERA, rays_per_pixel=1, lattice_rays_per_pixel=1, blur=False)
+        assert "quick bake" in renderer.reason
+        shown.append(float(renderer.luma(Views.at_rest([FROM_ABOVE]))[0, 1].mean()))
+    assert shown[0] == pytest.approx(ALBEDO * SKY, rel=0.02)
+    assert shown[1] == pytest.approx(shown[0], rel=0.02)
 
 
 def test_a_closed_room_under_a_sky_keeps_its_light(tmp_path: Path) -> None:

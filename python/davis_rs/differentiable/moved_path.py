@@ -95,7 +95,8 @@ def moved(scene: Scene, increments: npt.ArrayLike, *, degree: int = 3) -> Scene:
     Raises:
         ValueError: as :class:`MovedPath`.
     """
-    return replace(scene, trajectory=MovedPath(scene.path, increments, degree=degree))
+    path = MovedPath(scene.path, increments, degree=degree)
+    return replace(scene, trajectory=path, baked_along=scene.path_of_bake)
 
 
 def right_jacobians(vectors: FloatArray) -> FloatArray:

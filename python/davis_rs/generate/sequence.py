@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -131,10 +131,14 @@ class DrawnSequence:
         start_s = self.parameters.get("start") or 0.0
         duration_s, motion = self.parameters.get("duration"), self.parameters.get("motion")
         start = self._start_pose(scene, start_s)
+        path = None
         if motion is not None:
-            scene = scene.with_trajectory(make_motion(motion, scene, self._end_s, self.base, start))
+            path = make_motion(motion, scene, self._end_s, self.base, start)
         elif start is not None:
-            scene = scene.with_trajectory(align(scene.path, start, start_s))
+            path = align(scene.path, start, start_s)
+        if path is not None:
+            # One bake serves all sequences in a world: it is finest along the world's own path.
+            scene = replace(scene, trajectory=path, baked_along=scene.path_of_bake)
         return scene.crop(start_s, duration_s)
 
     def _start_pose(self, scene: Scene, start_s: float) -> Pose | None:

@@ -40,6 +40,7 @@ from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .native.estimators import ESTIMATORS
 from .native.renderer import NativeRenderer
+from .native.seen_places import seen_places
 from .obstacles import Obstacle, Obstacles, Unsuitable, listed, shape_name
 from .primitives import triangulated
 from .scene_cache import cached
@@ -256,6 +257,7 @@ class BakedKind(NoiseFreeKind):
                 error=request.bake_error,
                 by_name=request.by_name,
                 weights=request.weights,
+                seen_places=functools.partial(seen_places, made.table, made.motion),
             )
             made.table.bake(light)
             return _native(request, made)

@@ -99,10 +99,14 @@ class Finish:
         return self.blends or self.under == ("sheet", (UNBENT,))
 
     @property
+    def is_glass(self) -> bool:
+        """Whether nothing below its mirror is diffuse."""
+        return self.under[0] in ("solid", "sheet")
+
+    @property
     def is_clear(self) -> bool:
         """Whether light that is baked passes through as if it were not there."""
-        kind, values = self.under
-        return kind in ("solid", "sheet") or (self.blends and values[0] < _HALF)
+        return self.is_glass or (self.blends and self.under[1][0] < _HALF)
 
     def core(self, numbers_of: Mapping[NumberTexels, int]) -> CoreFinish:
         """Return it as the core takes it, with the numbers of its textures of roughness and metal."""

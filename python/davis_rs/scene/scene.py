@@ -45,6 +45,8 @@ class Scene:
         file_name: the name of that file in records; None for its path.
         camera: the camera it is made for; None for a file without a perspective sensor.
         trajectory: the camera path that belongs to it; None if it has none.
+        baked_along: the camera path along which a quick bake of its light is finest. None: ``trajectory``. Parts of a
+            path and the cameras of a rig keep the whole path, so that they have the same light.
         start: where a camera starts in it, if it has no trajectory; a file's first sensor stands there.
         contrast_threshold: C in natural-log units.
         blur: blur luma with the 3 x 3 kernel of the dataset's simulator.
@@ -83,6 +85,7 @@ class Scene:
     file_name: str | None = None
     camera: Camera | None = PRESETS["ideal"]
     trajectory: Trajectory | None = None
+    baked_along: Trajectory | None = None
     start: Pose | None = None
     contrast_threshold: float = 0.15
     blur: bool = False
@@ -150,6 +153,11 @@ class Scene:
         return self.trajectory
 
     @property
+    def path_of_bake(self) -> Trajectory | None:
+        """The camera path along which a quick bake of its light is finest; None if it has no path."""
+        return self.trajectory if self.baked_along is None else self.baked_along
+
+    @property
     def own_camera(self) -> Camera:
         """The scene's own camera.
 
@@ -173,7 +181,7 @@ class Scene:
         """
         if trajectory is not None:
             check_type("trajectory", trajectory, Trajectory, "davis_rs.read_trajectory(...) reads one")
-        return replace(self, trajectory=trajectory)
+        return replace(self, trajectory=trajectory, baked_along=None)
 
     def with_movable(self, *objects: str, lights: Iterable[str] = ()) -> Scene:
         """Return the scene with objects and lights that :meth:`Simulator.step` moves and dims.
@@ -207,7 +215,8 @@ class Scene:
         Raises:
             ValueError: if the scene has no trajectory, or the part does not lie inside it.
         """
-        return replace(self.later(start_s), trajectory=self.path.crop(start_s, duration_s))
+        part = self.path.crop(start_s, duration_s)
+        return replace(self.later(start_s), trajectory=part, baked_along=self.path_of_bake)
 
     def later(self, start_s: float) -> Scene:
         """Return the scene with t = 0 of its objects and lights ``start_s`` later; its camera path keeps its own.
@@ -239,6 +248,7 @@ class Scene:
         return replace(
             self,
             trajectory=None if self.trajectory is None else PacedTrajectory(self.trajectory, pace),
+            baked_along=self.path_of_bake,
             objects={
                 name: path if _is_steered(path) else PacedTrajectory(path, pace) for name, path in self.objects.items()
             },

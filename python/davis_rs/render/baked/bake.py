@@ -15,10 +15,12 @@ from ...events.luma import LUMA_WEIGHTS
 from .instants import MOTION_TOLERANCE, MotionTimes, chosen
 from .irradiance import Irradiance, Reflected, Surfaces, relative_error
 from .light_maps import LightMaps, layouts_of, looked_up, side_of, texels_of, vector_layouts_of
-from .surface_lattice import RefinementRule, SampledLight, SurfaceLattice, refine
+from .seen_places import SeenPlaces
+from .surface_lattice import INWARDS, CellHits, RefinementRule, SampledLight, SurfaceLattice, refine
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 Known = tuple[FloatArray, FloatArray]
 SurfacePoints = tuple[FloatArray, FloatArray, IntArray]
 Gathered = Callable[..., FloatArray]
@@ -44,6 +46,10 @@ _MOTION_PILOTS, _CANDIDATES, _MOTION_SAMPLES = 384, 4096, 256
 _COARSE_ERROR = 0.04
 """Of light that bounces again before it is gathered: what it errs averages out."""
 
+_COARSE_INWARDS = 0.3
+"""How far its places are moved to the middle of triangles. Corners lie in nooks, which are darker than what is between
+them. If light is linear on a triangle, its mean stays the same."""
+
 _MOST_KEPT = 0.98
 """No more of what a bounce adds comes back the next time, so that errors do not grow without end."""
 
@@ -62,6 +68,7 @@ class Effort:
         most_corners: where triangles have more of them, those that are close to each other and have similar normals
             share their light. None: they never do.
         most_samples: of each place, at least ``FEWEST_SAMPLES``.
+        most_seen_samples: the same of places that a camera sees, if it is known what it sees.
         other_samples: of each place, to know other light there, which says what is a small error.
         coarse_samples: of each place for light that bounces again.
         vector_samples: of each place for the directions of light, where normal textures turn surfaces.
@@ -73,6 +80,7 @@ class Effort:
     most_points: int
     most_corners: int | None
     most_samples: int
+    most_seen_samples: int
     other_samples: int
     coarse_samples: int
     vector_samples: int
@@ -87,6 +95,7 @@ FULL_EFFORT = Effort(
     most_points=400_000,
     most_corners=None,
     most_samples=1024,
+    most_seen_samples=1024,
     other_samples=64,
     coarse_samples=128,
     vector_samples=256,
@@ -100,6 +109,7 @@ QUICK_EFFORT = Effort(
     most_points=60_000,
     most_corners=100_000,
     most_samples=FEWEST_SAMPLES,
+    most_seen_samples=256,
     other_samples=16,
     coarse_samples=8,
     vector_samples=32,
@@ -116,7 +126,8 @@ def bake(
     error: float,
     *,
     effort: Effort = FULL_EFFORT,
-    seen: Callable[[str, int, int], None] = lambda *_: None,
+    seen: SeenPlaces | None = None,
+    told: Callable[[str, int, int], None] = lambda *_: None,
 ) -> LightMaps:
     """Compute light until it errs by no more than a share of itself.
 
@@ -129,11 +140,12 @@ def bake(
             strength can change later.
         error: relative, of the sum of all lights, at least that of the effort.
         effort: what the bake may cost.
-        seen: is told what is computed, at how many points it is known by then, and at how many after the next step.
+        seen: what a camera sees: light is finest there. None: it is as fine everywhere.
+        told: is told what is computed, at how many points it is known by then, and at how many after the next step.
     """
     start = time.monotonic()
-    lattice = _lattice(surfaces, effort)
-    job = _BakeJob(surfaces, lattice, error, effort, seen)
+    lattice = _lattice(surfaces, effort, seen)
+    job = _BakeJob(surfaces, lattice, error, effort, seen, told)
     taken, motion_error = job.instants(times, lights_at)
     job.count = len(taken)
     states = []
@@ -159,7 +171,7 @@ def bake(
     if job.points == 0 and any(light.bounces or light.direct_parts for lights, *_ in states for light in lights):
         raise RuntimeError("light was baked at no point, although it falls on surfaces: this is a fault of davis_rs")
     job.state = ""
-    seen("what it errs", job.points, job.points + _MEASURED)
+    told("what it errs", job.points, job.points + _MEASURED)
     mapped_states = [(lights, gathered, maps) for (lights, _, gathered), maps in zip(states, texels, strict=True)]
     follows = len(taken) == 1 or (times.fine and motion_error <= MOTION_TOLERANCE * error)
     return LightMaps(
@@ -186,18 +198,20 @@ class _BakeJob:
         lattice: SurfaceLattice,
         error: float,
         effort: Effort,
-        seen: Callable[[str, int, int], None],
+        seen: SeenPlaces | None,
+        told: Callable[[str, int, int], None],
     ) -> None:
-        self._surfaces, self._lattice, self._error, self._effort, self._seen = surfaces, lattice, error, effort, seen
+        self._surfaces, self._lattice, self._error, self._effort, self._tell = surfaces, lattice, error, effort, told
+        self._hits = None if seen is None else seen.on(lattice, surfaces.corners)
         self._diagonal = surfaces.diagonal
         self.points, self.count, self.state = 0, 1, ""
         self.most_samples = (0, 0)
-        self._pilots = self.surface_points(_PILOTS, 0)
+        self._pilots = self._with_normals(*self._drawn(_PILOTS, 0))
         self._least = dict[tuple[int, int], int]()
 
     def _told(self, task: str) -> Callable[[int, int], None]:
         task = self.state + task
-        return lambda done, expected: self._seen(task, self.points + done, self.points + expected)
+        return lambda done, expected: self._tell(task, self.points + done, self.points + expected)
 
     def instants(
         self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]
@@ -209,7 +223,7 @@ class _BakeJob:
         points = self._near_bodies(times, lights_at)
 
         def luma_at(number: int) -> FloatArray:
-            self._seen("light while bodies move", number, tests)
+            self._tell("light while bodies move", number, tests)
             luma = np.zeros((2, _MOTION_PILOTS))
             for light in lights_at(float(times.tests[number])):
                 at = light.placed(*points)
@@ -229,62 +243,83 @@ class _BakeJob:
             components = list[SampledLight]()
             for kind, shining in enumerate(light.direct_parts):
                 samples, off = self._enough((number, kind), light, shining, total)
-                components.append(self.direct(light, partial(shining, samples=samples), off, total))
+                components.append(self.direct(light, shining, samples, off, total))
             gathered.append(self.reflected(light, components) if light.bounces else None)
             sampled.append(components)
         for number, (light, components, gather) in enumerate(zip(lights, sampled, gathered, strict=True)):
             if gather is not None:
                 samples, off = self._enough((number, -1), light, gather, total)
-                components.append(self.bounced(light, gather, samples, error, off))
+                components.append(self.bounced(light, gather, samples, error, off, self._hits))
         return sampled, gathered
 
     def _enough(self, key: tuple[int, int], light: Irradiance, lit: Gathered, total: FloatArray) -> tuple[int, float]:
         """Return how many samples a point needs; not fewer than at the instant before, so that errors stay alike."""
         least = self._least.get(key, FEWEST_SAMPLES)
-        samples, off = _enough_samples(
-            lit, light.placed(*self._pilots), total, self._error, least, self._effort.most_samples
-        )
+        most = self._effort.most_samples if self._hits is None else self._effort.most_seen_samples
+        samples, off = _enough_samples(lit, light.placed(*self._pilots), total, self._error, least, most)
         self._least[key] = samples
         direct, bounced = self.most_samples
         self.most_samples = (direct, max(bounced, samples)) if key[1] < 0 else (max(direct, samples), bounced)
         return samples, off
 
     def _refined(
-        self, task: str, light_at: Callable[[FloatArray, FloatArray, IntArray], Known], rule: RefinementRule
+        self,
+        task: str,
+        light_at: Callable[[FloatArray, FloatArray, IntArray, BoolArray], Known],
+        rule: RefinementRule,
+        hits: CellHits | None,
     ) -> SampledLight:
-        sampled = refine(self._lattice, light_at, rule, self._told(task))
+        sampled = refine(self._lattice, light_at, rule, self._told(task), hits)
         self.points += len(sampled.values)
         return sampled
 
-    def direct(self, light: Irradiance, shining: Gathered, off: float, total: FloatArray) -> SampledLight:
+    def _sampled_at(self, lit: Gathered, at: Known, samples: int, seen: BoolArray) -> FloatArray:
+        """Return light (n, 3) at positions and normals (n, 3), of fewer samples where no camera sees them."""
+        light = np.empty((len(seen), 3))
+        for some, count in ((seen, samples), (~seen, min(samples, self._effort.most_samples))):
+            if some.any():
+                light[some] = lit(at[0][some], at[1][some], samples=count)
+        return light
+
+    def direct(self, light: Irradiance, shining: Gathered, samples: int, off: float, total: FloatArray) -> SampledLight:
         """Sample direct light.
 
         Args:
+            samples: of each place that is seen, or of all.
             off: what it errs at each place.
             total: all light at some points. Direct light that is weak next to it need not be known so well.
         """
         luma = total @ LUMA_WEIGHTS
         typical = float(np.quantile(luma[luma > 0], 0.1)) if (luma > 0).any() else 0.0
 
-        def lit(*points: Any) -> Known:
-            at = light.placed(*points)
-            values = _unless_buried(light, *at, shining(*at), self._effort)
+        def lit(positions: FloatArray, normals: FloatArray, frames: IntArray, seen: BoolArray) -> Known:
+            at = light.placed(positions, normals, frames)
+            values = _unless_buried(light, *at, self._sampled_at(shining, at, samples, seen), self._effort)
             return values, np.full(len(values), typical)
 
         error = self._error
         rule = self._rule((_DIRECT_SPACING, _DIRECT_FINEST), error, 2 * error + off)
-        return self._refined("direct light", lit, rule)
+        return self._refined("direct light", lit, rule, self._hits)
 
-    def bounced(self, light: Irradiance, gather: Gathered, rays: int, error: float, off: float = 0.0) -> SampledLight:
-        """Sample what surfaces reflect; ``off`` is what it errs at each point."""
+    def bounced(
+        self,
+        light: Irradiance,
+        gather: Gathered,
+        samples: int,
+        error: float,
+        off: float = 0.0,
+        hits: CellHits | None = None,
+        inwards: float = INWARDS,
+    ) -> SampledLight:
+        """Sample what surfaces reflect; ``off`` is what it errs at each point, and ``hits`` is what is seen of it."""
 
-        def bounced(*points: Any) -> Known:
-            at = light.placed(*points)
-            values = _unless_buried(light, *at, gather(*at, samples=rays), self._effort)
+        def bounced(positions: FloatArray, normals: FloatArray, frames: IntArray, seen: BoolArray) -> Known:
+            at = light.placed(positions, normals, frames)
+            values = _unless_buried(light, *at, self._sampled_at(gather, at, samples, seen), self._effort)
             return values, light.direct(*at, self._effort.other_samples) @ LUMA_WEIGHTS
 
-        rule = self._rule((_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off)
-        return self._refined("bounces", bounced, rule)
+        rule = self._rule((_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off, inwards)
+        return self._refined("bounces", bounced, rule, hits)
 
     def vector_maps(
         self,
@@ -325,7 +360,8 @@ class _BakeJob:
         gather = partial(light.gathered, reflected=reflected)
         if light.most_bounces < 2:
             return gather
-        bounced = self.bounced(light, gather, self._effort.coarse_samples, max(self._error, _COARSE_ERROR))
+        error = max(self._error, _COARSE_ERROR)
+        bounced = self.bounced(light, gather, self._effort.coarse_samples, error, inwards=_COARSE_INWARDS)
         maps, before = self._direct_maps(direct, [*direct, bounced]), bounced.values.sum(0)
         gather = partial(light.gathered, reflected=maps.with_bounces(self._lattice, bounced))
         for bounce in range(2, light.most_bounces):
@@ -358,12 +394,6 @@ class _BakeJob:
         of_sides[self._lattice.triangles, side_of(self._lattice)] = divisions
         return of_sides
 
-    def surface_points(self, count: int, seed: int) -> SurfacePoints:
-        """Draw points spread over the surfaces, by area; return positions, normals and frames."""
-        positions, face, _ = self._spread(count, seed)
-        vertex = self._lattice.faces[face, 0]
-        return positions, self._lattice.normals[vertex], self._lattice.frames[vertex]
-
     def _near_bodies(self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]) -> SurfacePoints:
         """Draw points as :meth:`surface_points` does. Half of them are on bodies that move; most of the others are near
         these bodies."""
@@ -386,6 +416,15 @@ class _BakeJob:
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return positions, normals, self._lattice.frames[vertex[:, 0]]
 
+    def _drawn(self, count: int, seed: int) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Draw points as :meth:`_spread` does, from what a camera sees where that is known."""
+        if self._hits is None:
+            return self._spread(count, seed)
+        chosen = np.random.RandomState(seed).choice(len(self._hits.cells), count)
+        face, weight = self._hits.cells[chosen], self._hits.weights[chosen]
+        corners = self._surfaces.corners[self._lattice.triangles[face]]
+        return np.einsum("nk,nkd->nd", weight, corners), face, weight
+
     def _spread(
         self, count: int, seed: int, among: npt.NDArray[np.bool_] | None = None
     ) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -407,12 +446,13 @@ class _BakeJob:
         """Measure how much maps err between their points, against light from many more samples.
 
         Two of three points err less than this error, which is relative to all light. Those without light do not count.
+        The points are on what a camera sees, where that is known.
 
         Args:
             states: lights, what gathers their bounces, and their maps, at each instant, which has its share of the
                 points.
         """
-        positions, face, weight = self._spread(_MEASURED, 1)
+        positions, face, weight = self._drawn(_MEASURED, 1)
         lattice = self._lattice
         points = self._with_normals(positions, face, weight)
         of_face = layouts[lattice.triangles[face], side_of(lattice)[face]]
@@ -434,12 +474,15 @@ class _BakeJob:
         off = (from_maps - truth) @ LUMA_WEIGHTS
         return float(np.quantile(np.abs(off)[lit] / luma[lit], _TWO_OF_THREE))
 
-    def _rule(self, distances: tuple[float, float], error: float, tolerance: float) -> RefinementRule:
+    def _rule(
+        self, distances: tuple[float, float], error: float, tolerance: float, inwards: float = INWARDS
+    ) -> RefinementRule:
         # What linear interpolation errs grows with the square of the distance.
         wider = float(np.clip(np.sqrt(error / BAKE_ERROR), 0.25, 4.0))
         spacing, finest = (fraction * self._diagonal * wider for fraction in distances)
         # Once its middle is known, an edge errs by a quarter of what it did before.
-        return RefinementRule(spacing, finest, tolerance, 4 * self._effort.most_points // (3 + self.count))
+        most = 4 * self._effort.most_points // (3 + self.count)
+        return RefinementRule(spacing, finest, tolerance, most, inwards)
 
 
 @dataclass(frozen=True)
@@ -460,14 +503,20 @@ class _DirectMaps:
         return Reflected(self.layouts, texels_of(lattice, [bounced], self.divisions, self.layouts, self.texels))
 
 
-def _lattice(surfaces: Surfaces, effort: Effort) -> SurfaceLattice:
-    """Make the lattice of all surfaces. Where that has too many corners, they share places, as small as is enough."""
+def _lattice(surfaces: Surfaces, effort: Effort, seen: SeenPlaces | None) -> SurfaceLattice:
+    """Make the lattice of all surfaces. Where that has too many corners, they share places, as small as is enough.
+
+    Those of triangles that a camera sees do not.
+    """
     whole = surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames
+    apart = np.zeros(len(surfaces.corners), bool)
+    if seen is not None:
+        apart[seen.triangles] = True
     lattice = SurfaceLattice(*whole)
     for share in _SHARED_SPACINGS:
         if effort.most_corners is None or len(lattice.positions) <= effort.most_corners:
             break
-        lattice = SurfaceLattice(*whole, shared=share * surfaces.diagonal)
+        lattice = SurfaceLattice(*whole, shared=share * surfaces.diagonal, apart=apart)
     return lattice
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,6 +16,7 @@ from ..._util.progress import progress, say
 from ..._util.quantities import percent
 from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
+from ...geometry.camera import Camera
 from ...geometry.trajectory.steered import SteeredPath
 from ...geometry.trajectory.views import Views
 from ...scene.load import start_pose
@@ -45,10 +46,11 @@ from .lights import (
     slides,
     small_lamps,
 )
+from .seen_places import SeenPlaces, camera_that_looks, views_that_look
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 7
+VERSION = 8
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
@@ -230,6 +232,7 @@ def baked_light(
     *,
     by_name: bool = True,
     weights: Weights = LUMA_WEIGHTS,
+    seen_places: Callable[[Camera, Views], SeenPlaces],
 ) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
@@ -241,6 +244,7 @@ def baked_light(
         error: that is allowed, relative.
         by_name: as in :func:`check_baking`.
         weights: of linear red, green and blue in the luma of lamps and of the sky themselves. Maps have all three.
+        seen_places: what a camera sees of the surfaces at some views. A quick bake is finest there.
 
     Raises:
         ValueError: for lights that cannot be.
@@ -255,7 +259,11 @@ def baked_light(
     times = motion_times(motion, duration_s)
     emitted, emitters = emissions(loaded, mi, surfaces.counts, names, weights, soft=scene.soft_light)
     content = _content(loaded, mi, surfaces, _poses(motion, times))
-    settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, effort, content)
+    camera, views = camera_that_looks(scene), None
+    if effort is QUICK_EFFORT:
+        views = views_that_look(scene)
+    looks = None if views is None else (camera, views.positions.tobytes(), views.rotations.tobytes())
+    settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, effort, content, looks)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()
     maps = _known.get(key)
     check = partial(
@@ -270,11 +278,12 @@ def baked_light(
             _check_reach(scene, lights_at(0.0), sum(background_luma(loaded, mi, names)))
         with progress("baking light", 0, unit="points") as bar, cache.kept_if_stopped(key, kept):
 
-            def seen(task: str, done: int, expected: int) -> None:
+            def told(task: str, done: int, expected: int) -> None:
                 bar.total = max(bar.total, expected)
                 bar.to(done, task)
 
-            maps = bake(surfaces, times, lights_at, error, effort=effort, seen=seen)
+            seen = None if views is None else seen_places(camera, views)
+            maps = bake(surfaces, times, lights_at, error, effort=effort, seen=seen, told=told)
         say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
         cache.store(key, maps)
     while len(_known) >= _MOST_KNOWN:
@@ -324,7 +333,14 @@ def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
 def _content(scene: MitsubaScene, mi: Mitsuba, surfaces: Surfaces, poses: FloatArray) -> str:
     """Return a hash of surfaces, materials and lights, and of how they move."""
     digest = hashlib.sha256(surfaces.looks)
-    of_surfaces = surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, surfaces.bumpy
+    of_surfaces = (
+        surfaces.corners,
+        surfaces.clear,
+        surfaces.normals,
+        surfaces.two_sided,
+        surfaces.frames,
+        surfaces.bumpy,
+    )
     for array in (*of_surfaces, poses):
         digest.update(repr(array.shape).encode())
         digest.update(np.ascontiguousarray(array).data)

@@ -56,7 +56,8 @@ class Surfaces:
     """Holds the surfaces whose light is baked, in the order of the scene table's records.
 
     Attributes:
-        corners: float64 (t, 3, 3), metres.
+        corners: float64 (t, 3, 3), metres; those of glass, on which no light is baked, are in one point.
+        clear: bool (t), through which of them light passes as if they were not there.
         fronts: float64 (t, 3), unit normals of the front.
         normals: float64 (t, 3, 3), unit shading normals of the front, at the corners.
         two_sided: bool (t).
@@ -70,6 +71,7 @@ class Surfaces:
     """
 
     corners: FloatArray
+    clear: npt.NDArray[np.bool_]
     fronts: FloatArray
     normals: FloatArray
     two_sided: npt.NDArray[np.bool_]
@@ -87,6 +89,18 @@ class Surfaces:
         corners = self.corners.reshape(-1, 3)
         corners = corners[np.isfinite(corners).all(1)]
         return float(np.linalg.norm(np.ptp(corners, axis=0))) if len(corners) else 0.0
+
+
+def in_one_point(corners: FloatArray, which: npt.NDArray[np.bool_]) -> FloatArray:
+    """Return corners (t, 3, 3) with those of some triangles (t) in one point, where no ray hits them.
+
+    Where these are all triangles, there would be no scene left, and nothing changes.
+    """
+    if which.all() or not which.any():
+        return corners
+    corners = corners.copy()
+    corners[which] = corners[which.argmax(), 0]
+    return corners
 
 
 class Reflected:

@@ -29,7 +29,7 @@ from ..beam_lights import BEAMS, Slide, beam_light
 from ..diffuse_materials import nested_objects
 from ..motion.scene_motion import STILL, SceneMotion
 from ..obstacles import Obstacles, Unsuitable
-from .irradiance import Irradiance, Paths, Surfaces, moved, turned
+from .irradiance import Irradiance, Paths, Surfaces, in_one_point, moved, turned
 from .partial import PartialBake
 
 FloatArray = npt.NDArray[np.float64]
@@ -458,7 +458,7 @@ def _poses(motion: SceneMotion, t_s: float) -> FloatArray:
 
 def _sampler(surfaces: Surfaces, groups: Sequence[_LightGroup], poses: FloatArray | None) -> IrradianceSampler:
     """Make the sampler of the scene with its lights, while bodies have these poses."""
-    corners, fronts, normals = surfaces.corners, surfaces.fronts, surfaces.normals
+    corners, fronts, normals = in_one_point(surfaces.corners, surfaces.clear), surfaces.fronts, surfaces.normals
     if poses is not None:
         of_corners = np.repeat(surfaces.frames, 3)
         corners = moved(poses, corners.reshape(-1, 3), of_corners)

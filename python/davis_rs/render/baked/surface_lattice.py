@@ -18,11 +18,12 @@ from ...events.luma import LUMA_WEIGHTS
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 MOST_DIVISIONS = 10
 """A triangle's edge has 2 to the power of that many parts at most."""
 
-_INWARDS = 0.02
+INWARDS = 0.02
 """Points are moved by that share of the way to the middle of the triangles around them, so that those in a corner of a
 room are not within its wall."""
 
@@ -36,6 +37,9 @@ _BURIED_SPACING = 4.0
 
 _BEAM_SPACING, _BEAM = 0.5, 0.25
 """The same on triangles less high than this fraction of their longest edge: the ends of a beam may lie in posts."""
+
+_SEEN_WEIGHT = 3.0
+"""How much more all that a camera sees counts than all surfaces by their area."""
 
 _DARK = 1e-3
 """What is darker than this share of the median is held to the error of that share."""
@@ -51,6 +55,7 @@ class SurfaceLattice:
         frames: (t), the frame that each is in: 0 for the world, 1, 2, ... for bodies that move.
         shared: the side of cubes, metres: corners within one that have similar normals are one vertex. If 0, corners
             are one vertex where they and their normals are the same.
+        apart: (t), triangles whose corners share vertices among each other alone, and only where they are the same.
 
     Attributes:
         positions, normals: (v, 3), of the vertices.
@@ -66,17 +71,21 @@ class SurfaceLattice:
         two_sided: npt.NDArray[np.bool_],
         frames: IntArray,
         shared: float = 0.0,
+        apart: BoolArray | None = None,
     ) -> None:
         backs = np.flatnonzero(two_sided)
         self.triangles = np.concatenate([np.arange(len(corners)), backs])
         positions = corners[self.triangles].reshape(-1, 3)
         facing = np.concatenate([normals, -normals[backs]]).reshape(-1, 3)
-        # Not at a multiple of what normals are rounded to: those of flat walls lie there.
-        steps = _SHARED_NORMALS if shared > 0 else 10.0**_NORMAL_DIGITS
-        rounded = np.floor(facing * steps + 0.377).astype(np.int16)
-        places = np.floor(positions / shared) if shared > 0 else positions
         owners = np.repeat(frames[self.triangles], 3)
-        first, vertex = _distinct_rows([*places.T, *rounded.T, owners])
+        exact = np.full(len(positions), shared == 0)
+        if apart is not None:
+            exact |= np.repeat(apart[self.triangles], 3)
+        # Not at a multiple of what normals are rounded to: those of flat walls lie there.
+        steps = np.where(exact, 10.0**_NORMAL_DIGITS, _SHARED_NORMALS)[:, None]
+        rounded = np.floor(facing * steps + 0.377).astype(np.int16)
+        places = np.where(exact[:, None], positions, np.floor(positions / (shared or 1.0)))
+        first, vertex = _distinct_rows([*places.T, *rounded.T, owners, exact])
         self.positions, self.normals, self.frames = positions[first], facing[first], owners[first]
         self.faces = vertex.reshape(-1, 3)
 
@@ -108,12 +117,46 @@ class RefinementRule:
         tolerance: an edge whose middle is off by more than this share of the light is divided.
         most_points: so many points are added to the corners of triangles at most. Where more are wanted, they go where
             light errs on the largest areas.
+        inwards: by which share of the way to the middle of the triangles around them points are moved.
     """
 
     spacing: float
     finest: float
     tolerance: float
     most_points: int
+    inwards: float = INWARDS
+
+
+class CellHits:
+    """Holds places that a camera sees, each in one of the cells of a lattice, while these are divided.
+
+    Args:
+        cells: int64 (h), the number of the cell of each; those of a :class:`SurfaceLattice` are its sides.
+        weights: float64 (h, 3), barycentric coordinates in it.
+    """
+
+    def __init__(self, cells: IntArray, weights: FloatArray) -> None:
+        self.cells, self.weights = cells, weights
+
+    def counts(self, cells: int) -> IntArray:
+        """Return how many hits each of so many cells has."""
+        return np.bincount(self.cells, minlength=cells)
+
+    def among(self, chosen: npt.NDArray[np.bool_]) -> CellHits:
+        """Return the hits of some of the cells, which are numbered anew."""
+        number = np.where(chosen, np.cumsum(chosen) - 1, -1)[self.cells]
+        return CellHits(number[number >= 0], self.weights[number >= 0])
+
+    def divided(self, cells: int) -> CellHits:
+        """Return the hits of the parts of so many cells, in the order of :func:`_parts`."""
+        corner = self.weights.argmax(1)
+        in_middle = self.weights[np.arange(len(corner)), corner] < 0.5
+        part = np.where(in_middle, 3, corner)
+        # The part in the middle has the corners 01, 12 and 20: each is opposite to a corner of the whole.
+        middle = 1 - 2 * self.weights[:, [2, 0, 1]]
+        outer = 2 * self.weights
+        outer[np.arange(len(corner)), corner] -= 1
+        return CellHits(part * cells + self.cells, np.where(in_middle[:, None], middle, outer))
 
 
 @dataclass(frozen=True)
@@ -237,21 +280,27 @@ class SampledLight:
 
 def refine(
     lattice: SurfaceLattice,
-    light_at: Callable[[FloatArray, FloatArray, IntArray], tuple[FloatArray, FloatArray]],
+    light_at: Callable[[FloatArray, FloatArray, IntArray, BoolArray], tuple[FloatArray, FloatArray]],
     rule: RefinementRule,
-    seen: Callable[[int, int], None] = lambda *_: None,
+    told: Callable[[int, int], None] = lambda *_: None,
+    hits: CellHits | None = None,
 ) -> SampledLight:
     """Sample light on a lattice, and divide triangles where it bends.
 
     Args:
         light_at: RGB (k, 3) at positions (k, 3) with unit normals (k, 3) in frames (k), or NaN where no light can come:
             within a solid; and luma (k) of what other light there is: an error is small or large in relation to all of
-            it.
-        seen: is told before each step how many points there are, and how many there will be.
+            it. The last argument (k) says which of them are corners of a cell with hits.
+        told: is told before each step how many points there are, and how many there will be.
+        hits: what a camera sees. Where there is not room for all that should be divided, most of it is for that.
     """
+    hits = CellHits(np.empty(0, np.int64), np.empty((0, 3))) if hits is None else hits
     positions, normals, frames, cells = lattice.positions, lattice.normals, lattice.frames, lattice.faces
-    where = [_inside(positions, normals, cells, np.arange(len(positions)), cells)]
-    values, others = light_at(*where[0], frames)
+    where = [_inside(positions, normals, cells, np.arange(len(positions)), cells, rule.inwards)]
+    seen = np.zeros(len(positions), bool)
+    seen[cells[hits.cells]] = True
+    values, others = light_at(*where[0], frames, seen)
+    whole_area, all_hits = float(np.sum(_longest_edges(positions, cells) ** 2)), max(len(hits.cells), 1)
     keys, middles = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     levels, errors, complete = [cells], [np.zeros(1)], True
     failed = np.zeros(len(cells), bool)
@@ -265,6 +314,7 @@ def refine(
         spacing = np.where(buried, hidden, 1.0) * rule.spacing
         wanted = (size > rule.finest) & ((size > spacing) | first)
         cells, size, spread, long = cells[wanted], size[wanted], spread[wanted], (size > spacing)[wanted]
+        hits = hits.among(wanted)
         room = (rule.most_points - (len(positions) - len(lattice.positions))) * 2 // 3
         if len(cells) > room:
             complete = False
@@ -272,30 +322,34 @@ def refine(
             # half as much on a quarter of the area, so shares of this power are what divisions would take until all
             # err alike. A test of all edges would cost what there is no room for.
             bend = np.nan_to_num(spread, nan=1.0)
-            share = (np.where(long, np.maximum(bend, 1.0), bend) * size**2) ** (2 / 3)
-            cells = cells[room * share >= share.sum()] if room > 0 else cells[:0]
+            weight = size**2 / whole_area + _SEEN_WEIGHT * hits.counts(len(cells)) / all_hits
+            share = (np.where(long, np.maximum(bend, 1.0), bend) * weight) ** (2 / 3)
+            chosen = (room * share >= share.sum()) & (room > 0)
+            cells, hits = cells[chosen], hits.among(chosen)
         if not len(cells):
             break
         ends = np.sort(np.stack([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]], 1), -1)
         key, of_cell = np.unique(_keys(ends[..., 0], ends[..., 1]), return_inverse=True)
         of_cell = of_cell.reshape(-1, 3)
         a, b = key >> 32, key & 0xFFFFFFFF
-        seen(len(positions), len(positions) + len(key))
+        told(len(positions), len(positions) + len(key))
         new = len(positions) + np.arange(len(key))
         positions = np.concatenate([positions, (positions[a] + positions[b]) / 2])
         sum_of_normals = normals[a] + normals[b]
         normals = np.concatenate([normals, _unit(sum_of_normals, normals[a])])
         middle = new[of_cell]
         frames = np.concatenate([frames, frames[a]])
-        where.append(_inside(positions, normals, cells, new, middle))
-        light, other = light_at(*where[-1], frames[new])
+        where.append(_inside(positions, normals, cells, new, middle, rule.inwards))
+        seen = np.zeros(len(key), bool)
+        seen[of_cell[hits.cells]] = True
+        light, other = light_at(*where[-1], frames[new], seen)
         values, others = np.concatenate([values, light]), np.concatenate([others, other])
         keys.append(key)
         middles.append(new)
         off = _relative(values[new] - (values[a] + values[b]) / 2, values[new], others[new], values)
         buried = np.isnan(values[[a, b, new], 0])
         off = np.where(buried.all(0), 0.0, np.where(buried.any(0), np.inf, off))
-        divided = _parts(cells, middle)
+        divided, hits = _parts(cells, middle), hits.divided(len(cells))
         levels.append(divided)
         failed_edge = off > rule.tolerance
         # A neighbour of what bends may bend where its own middles do not show it.
@@ -368,7 +422,7 @@ def _doubled_areas(positions: FloatArray, cells: IntArray) -> FloatArray:
 
 
 def _inside(
-    positions: FloatArray, normals: FloatArray, cells: IntArray, points: IntArray, of_cell: IntArray
+    positions: FloatArray, normals: FloatArray, cells: IntArray, points: IntArray, of_cell: IntArray, inwards: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions and normals of points (p), moved towards the middles of cells (c, 3) that have them (c, 3)."""
     centres = np.repeat(positions[cells].mean(1), 3, axis=0)
@@ -377,7 +431,7 @@ def _inside(
     sums = np.stack([np.bincount(at, centres[:, axis], len(points)) for axis in range(3)], 1)
     middle = sums / np.maximum(count, 1)[:, None]
     unmoved = positions[points]
-    return unmoved + np.where(count[:, None] > 0, _INWARDS, 0.0) * (middle - unmoved), normals[points]
+    return unmoved + np.where(count[:, None] > 0, inwards, 0.0) * (middle - unmoved), normals[points]
 
 
 def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:

@@ -238,6 +238,15 @@ class NativeRenderer(Renderer):
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
         return self._frames(views, lambda arrays: self._core.depth(pixel_rays(self.camera, 1), arrays)[0])
 
+    def first_hits(self, views: Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+        """Return what the centres of pixels see first.
+
+        Returns:
+            Depth (n, H W), infinite where nothing is hit, and the number of the triangle in :attr:`table`.
+        """
+        depth, triangle = self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))
+        return depth.reshape(len(views), -1), triangle.reshape(len(views), -1)
+
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
         triangles = self._frames(views, lambda arrays: self._core.depth(pixel_rays(self.camera, 1), arrays)[1])
         return self._frame_of_triangle[np.minimum(triangles, len(self._frame_of_triangle) - 1)]

@@ -98,17 +98,15 @@ class GlossTable:
         colours (n, 3)."""
         return base if finish == DIFFUSE else self.finishes[finish].albedo(base)
 
-    def without_clear(self, corners: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return corners and their normals (t, 3, 3) with all of glass in one point, where no ray hits it.
+    @property
+    def is_clear(self) -> npt.NDArray[np.bool_]:
+        """Return through which triangles (t) light that is baked passes, as if they were not there."""
+        return np.append([finish.is_clear for finish in self.finishes], False)[self._numbers]
 
-        Light that is baked passes through glass, as if there were none.
-        """
-        clear = np.flatnonzero(np.append([finish.is_clear for finish in self.finishes], False)[self._numbers])
-        if len(clear) in (0, len(corners)):
-            return corners, normals
-        corners, normals = corners.copy(), normals.copy()
-        corners[clear], normals[clear] = corners[clear[0], 0], (0.0, 0.0, 1.0)
-        return corners, normals
+    @property
+    def is_glass(self) -> npt.NDArray[np.bool_]:
+        """Return which triangles (t) reflect nothing that is baked."""
+        return np.append([finish.is_glass for finish in self.finishes], False)[self._numbers]
 
     @property
     def _numbers(self) -> npt.NDArray[np.int64]:

@@ -31,7 +31,7 @@ from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS
 from ...scene.image_textures import StandIns
 from ..baked.baked_scene import BakedLight
-from ..baked.irradiance import Surfaces
+from ..baked.irradiance import Surfaces, in_one_point
 from ..baked.light_maps import map_coordinates
 from ..baked.lights import SHARP, area_light_name, group_name, integrator_of, small_lamps, textured_lamp
 from ..beam_lights import BEAMS, Slide, beam_light
@@ -320,15 +320,23 @@ class SceneTable:
             at_corners = np.einsum("tij,tkj->tki", maps[..., :3], self.corners) + maps[:, None, :, 3]
         length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
         normals = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
+        # A file may list the corners of some triangles the wrong way round. What reflects on both sides shows it in
+        # nothing else, and the light of a side must be that of the half space in front of it.
+        turned = (np.einsum("tki,ti->t", normals, self.planes[:, :3]) < 0) & (self.two_sided != 0)
+        normals[turned] *= -1.0
         corners, looks, texture_of = self.corners, self.textures.images_digest, self.textures.texture_of
+        clear = np.zeros(len(corners), np.bool_)
         if self.gloss is not None:
             looks += self.gloss.digest
-            corners, normals = self.gloss.without_clear(corners, normals)
+            clear, glass = self.gloss.is_clear, self.gloss.is_glass
+            corners = in_one_point(corners, glass)
+            normals[glass] = (0.0, 0.0, 1.0)
         at_points = np.concatenate([self.corners, np.ones((*self.corners.shape[:2], 1))], -1)
         return Surfaces(
             corners=corners,
             fronts=self.planes[:, :3],
             normals=normals,
+            clear=clear,
             two_sided=self.two_sided == 1,
             counts=self.counts,
             frames=self.frames.astype(np.int64),

@@ -44,6 +44,7 @@ def scene_of_camera(scene: Scene, rig: Rig, camera: int) -> Scene:
     return replace(
         recorded,
         trajectory=None if path is None else MountedTrajectory(path, each.mount),
+        baked_along=scene.path_of_bake,
         start=None if recorded.start is None else recorded.start @ each.mount,
     )
 
