@@ -688,10 +688,24 @@ def test_deformations_that_fit_no_mesh_are_refused(tmp_path: Path) -> None:
         make_renderer(scene, scene.own_camera, kind="table")
     renderer = make_renderer(scene, scene.own_camera)
     assert renderer.name == "native renderer"
-    assert "deforms: light cannot be baked on it" in renderer.reason
     one = np.zeros(1, np.uint32)
     with pytest.raises(ValueError, match=f"derivatives need rigid meshes, and '{name}' deforms"):
         renderer.gradients(views_at(scene, 0.0), one, one, np.ones(1))  # type: ignore[attr-defined]
+
+
+def test_light_that_is_baked_quickly_stays_on_what_deforms(tmp_path: Path) -> None:
+    """At the start it is that of the same mesh at rest; later it is on the same mesh, where that is then."""
+    scene = load(bent(), tmp_path)
+    at_rest = replace(scene, deformations={}, objects={})
+    lit, still, later = (
+        make_renderer(each, scene.own_camera, rays_per_pixel=8).luma(views_at(scene, t_s))[0]
+        for each, t_s in ((scene, 0.0), (at_rest, 0.0), (scene, 0.5))
+    )
+    renderer = make_renderer(scene, scene.own_camera)
+    assert "it is that of the start, and stays on surfaces that move" in renderer.reason
+    np.testing.assert_allclose(lit, still, rtol=0.05)
+    np.testing.assert_allclose(later[later > 0].mean(), lit[lit > 0].mean(), rtol=0.2)
+    assert np.abs(later - lit).max() > 0.2 * lit.max()
 
 
 def test_vertices_at_keyframes() -> None:

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from davis_rs import Pose, Scene, load_scene
+from davis_rs import Pose, Scene, SegmentTrajectory, Trajectory, load_scene
 from davis_rs.geometry.camera import Camera
+from davis_rs.geometry.trajectory.steered import SteeredPath
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.baked import bake, baked_scene
 from davis_rs.render.choice import make_renderer
@@ -20,6 +21,7 @@ from gltf_files import CORNERS, FACES, Gltf
 pytestmark = pytest.mark.without_llvm
 
 SKY, ALBEDO, HEIGHT = 0.3, 0.5, 1.0
+HERE = Pose([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
 FROM_ABOVE = Pose([0.55, 0.0, 0.5], [1.0, 0.0, 0.0, 0.0])
 CAMERA = Camera(width=40, height=4, fx=40.0, fy=40.0, cx=19.5, cy=1.5)
 
@@ -102,11 +104,23 @@ def test_large_meshes_keep_the_even_sky_and_it_is_said(tmp_path: Path, monkeypat
     assert "--renderer baked" in reason
 
 
-def test_worlds_whose_objects_move_keep_the_even_sky_and_it_is_said(tmp_path: Path) -> None:
-    scene = floor_and_wall(tmp_path)
-    moving = replace(scene, objects={"mesh_black": scene.path})
-    _, reason = floor_luma(moving)
-    assert "its soft light is not baked: light of objects that move is baked on request alone" in reason
+@pytest.mark.parametrize(
+    ("object_path", "leaves"),
+    [
+        (SegmentTrajectory(HERE, HERE, 1.0), False),
+        (SegmentTrajectory(HERE, Pose([0.0, 4.0, 0.0], HERE.quaternion), 1.0), False),
+        (SegmentTrajectory(HERE, Pose([0.0, 40.0, 0.0], HERE.quaternion), 1.0), True),
+        (SteeredPath(), True),
+    ],
+    ids=["rests", "moves a little", "leaves", "a caller decides"],
+)
+def test_light_is_that_of_the_start_without_what_leaves(object_path: Trajectory, leaves: bool, tmp_path: Path) -> None:
+    """A wall hides the sky from the floor; once it is gone, no trace of it must be left."""
+    still = floor_and_wall(tmp_path)
+    scene = replace(still, objects={"mesh_black": object_path}, trajectory=SegmentTrajectory(HERE, HERE, 1.0))
+    soft, reason = floor_luma(scene)
+    assert "it is that of the start, and stays on surfaces that move" in reason
+    np.testing.assert_allclose(soft, ALBEDO * SKY - (0 if leaves else hidden_sky()), rtol=0.05)
 
 
 def test_triangles_that_run_the_wrong_way_round_have_the_light_of_the_side_that_is_seen(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 //! Deforms the mesh of a body: gives its triangles new corners, and its BVH the boxes around them.
 //!
 //! The tree keeps its shape, because to build another one takes longer than to render a frame. It decides which
-//! triangles are looked at, not which of them are seen.
+//! triangles are looked at, not which of them are seen. Light that was baked stays on the triangles.
 //!
 //! What must not break: a scene depends on the corners that it was given last, not on those before.
 
@@ -56,6 +56,9 @@ impl Scene {
                 (Some(own), Some(maps)) => **own = maps,
                 (own, maps) => *own = maps.map(Box::new),
             }
+            for side in surface.light_maps.iter_mut().flat_map(|sides| sides.iter_mut()) {
+                side.put_on(corners);
+            }
         }
         let bounds: Vec<Bounds> = self.corners[range].iter().map(|corners| Bounds::of(corners)).collect();
         body.bvh.refit(&bounds);
@@ -79,9 +82,6 @@ impl Scene {
                 surfaces.len()
             ));
         }
-        if surfaces.iter().any(|surface| surface.light_maps.is_some() || surface.emission.is_some()) {
-            return refuse(format!("body {frame} has baked light, so it cannot deform"));
-        }
         if let Some(flat) = new.corners.iter().position(|corners| !has_area(corners)) {
             return refuse(format!("deformed triangle {flat} has no area: its corners are {:?}", new.corners[flat]));
         }
@@ -92,7 +92,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::super::geometry::vector::{cross, dot, scale};
-    use super::super::{Emission, Light, LightKind, PixelRays, Pose, SceneTables, View};
+    use super::super::{Channel, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, SceneTables, View};
     use super::*;
 
     /// A sheet of triangles before a wall; the sheet is a body.
@@ -237,9 +237,52 @@ mod tests {
         }
         renderer.deform(1, 1, &good).unwrap();
         assert_ne!(seen(&renderer), before);
-        let emissions = vec![Some(Emission { light: 0, luma: 1.0 }); flat.tables.corners.len()];
-        let shining = SceneTables { emissions, ..flat.tables.clone() };
-        let mut renderer = Renderer::new(Scene::new(&shining).unwrap(), Some(1)).unwrap();
-        assert!(matches!(renderer.deform(1, 1, &good), Err(Error::Argument(_))));
+    }
+
+    /// Gives a sheet baked light: each triangle has its own at each corner, and nothing else lights it.
+    #[allow(clippy::cast_possible_wrap, clippy::cast_precision_loss, reason = "small numbers")]
+    fn baked(sheet: Sheet) -> Sheet {
+        const SIDE: usize = 3;
+        let n = sheet.tables.corners.len();
+        let around = SIDE + 2;
+        let layout = |at: usize| [(at / 2 * around * around) as i64, SIDE as i64, SIDE as i64, 1];
+        let texel = |i: usize| 1.0 + ((i * 7919) % 13) as f32;
+        let texels: Vec<f32> = (0..n * around * around).map(texel).collect();
+        let (mut u_maps, mut v_maps) = (vec![], vec![]);
+        for [a, b, c] in sheet.tables.corners.iter() {
+            let (u, v) = (sub(*b, *a), sub(*c, *a));
+            let normal = cross(u, v);
+            let by = (SIDE - 1) as f64 / SIDE as f64 / dot(normal, normal);
+            for _ in 0..2 {
+                for (maps, along) in [(&mut u_maps, cross(v, normal)), (&mut v_maps, cross(normal, u))] {
+                    let along = scale(along, by);
+                    maps.push([along[0], along[1], along[2], 0.5 / SIDE as f64 - dot(along, *a)]);
+                }
+            }
+        }
+        let light_maps = LightMapTables {
+            u_maps: u_maps.into(),
+            v_maps: v_maps.into(),
+            layouts: (0..2 * n).map(layout).collect::<Vec<_>>().into(),
+            texels: vec![Channel::new(texels.leak(), 1, 0).unwrap()],
+            ..LightMapTables::default()
+        };
+        let light = Light { kind: LightKind::Baked(0), ..sheet.tables.lights[0].clone() };
+        let emissions = (0..n).map(|i| (i % 5 == 1).then_some(Emission { light: 0, luma: 3.0 })).collect();
+        let tables = SceneTables { lights: vec![light.clone(), light], light_maps, emissions, ..sheet.tables };
+        Sheet { tables, ..sheet }
+    }
+
+    /// Light that was baked, and what triangles emit, stays on them while they are deformed.
+    #[test]
+    fn baked_light_stays_on_the_triangles() {
+        let (flat, bent) = (baked(sheet(0.0)), baked(sheet(0.6)));
+        let mut renderer_of = renderer(&flat);
+        let at_first = seen(&renderer_of);
+        renderer_of.deform(1, bent.first, &of(&bent)).unwrap();
+        let (deformed, made) = (seen(&renderer_of), seen(&renderer(&bent)));
+        let differ = |a: &[f32], b: &[f32]| a.iter().zip(b).filter(|(a, b)| (*a - *b).abs() > 1e-3 * b.abs()).count();
+        assert!(differ(&deformed.0, &made.0) * 100 <= made.0.len());
+        assert!(differ(&at_first.0, &made.0) * 4 >= made.0.len());
     }
 }

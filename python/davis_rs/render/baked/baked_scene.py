@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,7 +26,7 @@ from ..motion.scene_motion import SceneMotion
 from ..obstacles import Obstacles, Unsuitable
 from . import cache
 from .bake import FULL_EFFORT, QUICK_EFFORT, Effort, bake
-from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
+from .instants import AT_START, MOST_INSTANTS, MotionTimes, hats, motion_times, travelling
 from .irradiance import Irradiance, Paths, Surfaces
 from .light_maps import LightMaps, check_maps
 from .lights import (
@@ -87,6 +87,7 @@ class BakedLight:
         cached: whether it is in the cache now.
         coloured: what glossy surfaces reflect of the lights; None where all are diffuse.
         effort: that the bake could cost.
+        moving: whether objects move or deform in it.
     """
 
     maps: LightMaps
@@ -100,6 +101,7 @@ class BakedLight:
     cached: bool
     coloured: ColouredLight | None
     effort: Effort
+    moving: bool
 
     @property
     def description(self) -> str:
@@ -107,7 +109,10 @@ class BakedLight:
         maps = self.maps
         quick = "; it is a quick bake (--renderer baked obeys --bake-error)" if self.effort is QUICK_EFFORT else ""
         coarse = "" if maps.complete else f"; it is coarser than asked for, because {self._limits}"
-        return f"baked light at {maps.points:,} points, whose error is estimated at {self.errors}{coarse}{quick}"
+        start = ""
+        if self.moving and self.times is AT_START:
+            start = "; it is that of the start, and stays on surfaces that move"
+        return f"baked light at {maps.points:,} points, whose error is estimated at {self.errors}{start}{coarse}{quick}"
 
     @property
     def errors(self) -> str:
@@ -163,6 +168,29 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
         light_paths(scene, loaded)
     with obstacles.collect():
         check_lights(loaded, mi, soft=scene.soft_light)
+    effort = _effort(scene, loaded, by_name=by_name)
+    if not _stays(scene, effort):
+        _check_motion(motion, obstacles)
+    for shape in () if scene.soft_light else small_lamps(loaded):
+        with obstacles.collect():
+            if shape.id() in motion.objects:
+                rule = "moves: its sharp shadows would have to move with it"
+                raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
+    if effort is QUICK_EFFORT:
+        with obstacles.collect():
+            if motion.objects and not _stays(scene, effort) and not motion.deformations:
+                large = f"in meshes of more than {MOST_CORNERS:,} corners"
+                raise Unsuitable(f"light of objects that move, {large}, is baked on request alone", _ASK)
+        with obstacles.collect():
+            sides = sum(shape.face_count() * _sides(shape) for shape in _meshes(loaded))
+            if sides > MOST_QUICK_SIDES:
+                rule = f"it has {sides:,} sides of triangles, and the limit of a quick bake is {MOST_QUICK_SIDES:,}"
+                raise Unsuitable(rule, _ASK)
+    obstacles.refuse()
+
+
+def _check_motion(motion: SceneMotion, obstacles: Obstacles) -> None:
+    """Refuse what moves in a way that light cannot follow."""
     for name, path in motion.objects.items():
         with obstacles.collect():
             if isinstance(path, SteeredPath):
@@ -173,22 +201,6 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
     for name in motion.deformations:
         with obstacles.collect():
             raise Unsuitable("deforms: light cannot be baked on it", "bake a scene without it", f"object {name!r}")
-    for shape in () if scene.soft_light else small_lamps(loaded):
-        with obstacles.collect():
-            if shape.id() in motion.objects:
-                rule = "moves: its sharp shadows would have to move with it"
-                raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
-    if _effort(scene, loaded, by_name=by_name) is QUICK_EFFORT:
-        with obstacles.collect():
-            if motion.objects and not motion.deformations:
-                large = "" if scene.soft_light else f", in meshes of more than {MOST_CORNERS:,} corners,"
-                raise Unsuitable(f"light of objects that move{large} is baked on request alone", _ASK)
-        with obstacles.collect():
-            sides = sum(shape.face_count() * _sides(shape) for shape in _meshes(loaded))
-            if sides > MOST_QUICK_SIDES:
-                rule = f"it has {sides:,} sides of triangles, and the limit of a quick bake is {MOST_QUICK_SIDES:,}"
-                raise Unsuitable(rule, _ASK)
-    obstacles.refuse()
 
 
 _ASK = "ask for it (--renderer baked, renderer='baked')"
@@ -205,6 +217,11 @@ def _effort(scene: Scene, loaded: MitsubaScene, *, by_name: bool) -> Effort:
     # Of soft light corners need not be counted, which takes time for many shapes.
     quick = scene.soft_light or sum(_corners(shape) for shape in _meshes(loaded)) > MOST_CORNERS
     return QUICK_EFFORT if quick else FULL_EFFORT
+
+
+def _stays(scene: Scene, effort: Effort) -> bool:
+    """Return whether light is baked as it is at the start alone, and stays so while objects move."""
+    return scene.soft_light and effort is QUICK_EFFORT
 
 
 def _meshes(loaded: MitsubaScene) -> list[MitsubaShape]:
@@ -256,7 +273,11 @@ def baked_light(
     error = max(error, effort.least_error)
     names = light_groups(loaded, list(motion.lights))
     duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
-    times = motion_times(motion, duration_s)
+    stays = _stays(scene, effort)
+    times = AT_START if stays else motion_times(motion, duration_s)
+    if stays and (gone := travelling(motion, duration_s)).any():
+        # What leaves its place must not leave its shadow there.
+        surfaces = replace(surfaces, clear=surfaces.clear | np.append(False, gone)[surfaces.frames])
     emitted, emitters = emissions(loaded, mi, surfaces.counts, names, weights, soft=scene.soft_light)
     content = _content(loaded, mi, surfaces, _poses(motion, times))
     camera, views = camera_that_looks(scene), None
@@ -301,6 +322,7 @@ def baked_light(
         cache.holds(key),
         coloured_light(loaded, mi, surfaces.counts, names, soft=scene.soft_light) if surfaces.looks else None,
         effort,
+        bool(motion.objects),
     )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry.box import box_corners
+from ...geometry.trajectory.steered import SteeredPath
 from ..motion.scene_motion import SceneMotion, held
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,6 +29,8 @@ MOTION_TOLERANCE = 4.0
 _LEAST_TESTS, _MOST_TESTS = 5, 65
 _SIZES_PER_TEST = 0.125
 _LOOKS = 20_000
+
+_TRAVEL_LOOKS = 33
 
 _TOLERANCE_S = 1e-4
 """So little after the last instant a body is taken to stand still there."""
@@ -62,6 +65,35 @@ class MotionTimes:
                 f"and its objects move on after that; it was asked for at {late[0]:g} s. Give the scene a camera path "
                 "that is as long as what is rendered"
             )
+
+
+AT_START = MotionTimes(np.zeros(1), True, np.inf, True)
+"""Light of the start, which stays as it is while bodies move."""
+
+
+def travelling(motion: SceneMotion, duration_s: float | None) -> npt.NDArray[np.bool_]:
+    """Return which objects of a motion (k) go farther from where they start than half of their size.
+
+    What a caller moves may go anywhere.
+
+    Args:
+        duration_s: as of :func:`motion_times`.
+    """
+    gone = np.zeros(len(motion.objects), np.bool_)
+    for number, ((name, path), box) in enumerate(zip(motion.objects.items(), motion.boxes, strict=True)):
+        if isinstance(path, SteeredPath):
+            gone[number] = True
+            continue
+        deformation = motion.deformations.get(name)
+        last = max(path.duration_s, 0.0 if deformation is None else deformation.duration_s)
+        looks = np.linspace(0.0, last if duration_s is None else min(duration_s, last), _TRAVEL_LOOKS)
+        points = np.tile(box_corners(box), (len(looks), 1, 1)) if deformation is None else deformation.hull(looks)
+        poses = held(path, looks)
+        at = np.einsum("nij,nkj->nki", poses.rotations, points) + poses.positions[:, None]
+        middles = (at.max(1) + at.min(1)) / 2
+        size = np.linalg.norm(np.ptp(at[0], axis=0))
+        gone[number] = np.linalg.norm(middles - middles[0], axis=1).max() > size / 2
+    return gone
 
 
 def motion_times(motion: SceneMotion, duration_s: float | None) -> MotionTimes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,7 @@ _INSTANTS, _COLUMNS = 32, 64
 """At how many instants of the path the camera looks, and through how many columns of pixels."""
 
 
-@dataclass(frozen=True)
-class SeenPlaces:
+class SeenPlaces(NamedTuple):
     """Holds places on a scene's triangles.
 
     Attributes:

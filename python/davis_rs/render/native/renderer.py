@@ -238,14 +238,15 @@ class NativeRenderer(Renderer):
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
         return self._frames(views, lambda arrays: self._core.depth(pixel_rays(self.camera, 1), arrays)[0])
 
-    def first_hits(self, views: Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
-        """Return what the centres of pixels see first.
+    def first_hits(self, view: Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+        """Return what the centres of pixels see first at one view; meshes deform as they are then.
 
         Returns:
-            Depth (n, H W), infinite where nothing is hit, and the number of the triangle in :attr:`table`.
+            Depth (H W), infinite where nothing is hit, and the number of the triangle in :attr:`table`.
         """
-        depth, triangle = self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))
-        return depth.reshape(len(views), -1), triangle.reshape(len(views), -1)
+        if self.deforming:
+            self.deforming.deform(view.t_s)
+        return self._core.depth(pixel_rays(self.camera, 1), self._arrays(view))
 
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
         triangles = self._frames(views, lambda arrays: self._core.depth(pixel_rays(self.camera, 1), arrays)[1])

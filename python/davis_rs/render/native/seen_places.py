@@ -17,20 +17,27 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def seen_places(table: SceneTable, motion: SceneMotion, camera: Camera, views: Views) -> SeenPlaces:
-    """Return the places that the centres of a camera's pixels see at all views; the table needs no light yet."""
+    """Return the places that the centres of a camera's pixels see at all views; the table needs no light yet.
+
+    Of a mesh that deforms they are the middles of triangles.
+    """
     renderer = NativeRenderer(table, camera, rays_per_pixel=1, blur=False, motion=motion)
-    depths, hits = renderer.first_hits(views)
-    view, pixel = np.nonzero(np.isfinite(depths))
-    depth, triangle = depths[view, pixel].astype(np.float64), hits[view, pixel].astype(np.int64)
-    along = np.c_[ray_table(camera, 1)[0], np.ones(camera.width * camera.height)][pixel]
-    cameras = renderer.cameras(views)
-    frame = table.frames[triangle]
-    rotations = np.stack([each.rotations for each in cameras])[frame, view]
-    along = np.einsum("hij,hj->hi", rotations, along)
-    at = np.stack([each.positions for each in cameras])[frame, view] + depth[:, None] * along
-    corners = table.corners[triangle]
-    backs = np.einsum("hi,hi->h", table.planes[triangle, :3], along) > 0
-    return SeenPlaces(triangle, backs, _barycentric(corners, at))
+    deforms = np.isin(table.frames, [mesh.frame for mesh in table.deforming])
+    parts = list[SeenPlaces]()
+    for number in range(len(views)):
+        view = views[number : number + 1]
+        depths, hits = renderer.first_hits(view)
+        pixel = np.flatnonzero(np.isfinite(depths))
+        depth, triangle = depths[pixel].astype(np.float64), hits[pixel].astype(np.int64)
+        along = np.c_[ray_table(camera, 1)[0], np.ones(camera.width * camera.height)][pixel]
+        cameras, frame = renderer.cameras(view), table.frames[triangle]
+        along = np.einsum("hij,hj->hi", np.concatenate([each.rotations for each in cameras])[frame], along)
+        at = np.concatenate([each.positions for each in cameras])[frame] + depth[:, None] * along
+        weights = _barycentric(table.corners[triangle], at)
+        weights[deforms[triangle]] = 1 / 3
+        backs = np.einsum("hi,hi->h", renderer.deforming.planes[triangle, :3], along) > 0
+        parts.append(SeenPlaces(triangle, backs, weights))
+    return SeenPlaces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def _barycentric(corners: FloatArray, points: FloatArray) -> FloatArray:

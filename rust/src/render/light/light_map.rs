@@ -6,6 +6,7 @@
 
 use std::borrow::Cow;
 
+use super::super::geometry::vector::{Vector, cross, dot, scale, sub};
 use super::texture::{self, Texture};
 use crate::error::{Error, Result};
 
@@ -79,6 +80,23 @@ pub(crate) struct SideMap {
     pub(crate) texture: Texture,
     /// Where its irradiance vectors are; None where there are none.
     pub(crate) vectors: Option<Texture>,
+}
+
+impl SideMap {
+    /// Gives it to a triangle with other corners: what was baked at a corner, and between them, stays there.
+    ///
+    /// The map of a side has a texel on each corner, see [`LightMapTables`].
+    pub(crate) fn put_on(&mut self, corners: &[Vector; 3]) {
+        let [along_u, along_v] = [1, 2].map(|corner| sub(corners[corner], corners[0]));
+        let normal = cross(along_u, along_v);
+        let squared = dot(normal, normal);
+        let gradients = [scale(cross(along_v, normal), 1.0 / squared), scale(cross(normal, along_u), 1.0 / squared)];
+        let sizes = [self.texture.width, self.texture.height].map(f64::from);
+        for ((map, gradient), size) in [&mut self.u, &mut self.v].into_iter().zip(gradients).zip(sizes) {
+            let [x, y, z] = scale(gradient, (size - 1.0) / size);
+            *map = [x, y, z, 0.5 / size - dot([x, y, z], corners[0])];
+        }
+    }
 }
 
 /// Light maps whose tables are checked. The maps of a triangle are made where they are asked for.
