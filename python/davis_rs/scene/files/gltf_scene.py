@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._mitsuba.types import SceneDictionary
+from ..._util.quantities import metres
 from ..._util.untrusted import decoding
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray, Pose
@@ -159,8 +160,8 @@ class _GltfScene:
             if unknown(name):
                 self._lose("what unknown extensions say", plain(name)[1:-1])
         described = lights or usual_light(view)
-        x, y, z = (f"{side:.3g}" for side in high - low)
-        size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
+        x, y, z = map(metres, high - low)
+        size = f"{x} x {y} wide and {z} high, at {self.scale:g} m to a unit and with axis {self.up} up"
         size += "" if view is None else view.unit_question(self.file.path.stem, self.scale)
         shining = f"no lights, so a {' and a '.join(usual_light(view))}"
         if lights:
