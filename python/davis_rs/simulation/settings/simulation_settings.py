@@ -440,7 +440,7 @@ class SamplingSettings(EngineSettings, ViewSettings):
     poses_per_launch: int | None = declare(
         None,
         Declared(
-            "poses that are rendered in one call; results do not depend on it",
+            "poses that are rendered in one call at most; results do not depend on it",
             default_help="the renderer's choice",
             low=1,
             text=None,
