@@ -93,10 +93,10 @@ def test_a_colour_is_seen_from_both_sides(kind: str, eye: float, tmp_path: Path)
 
 
 def test_a_factor_above_the_standard_is_taken_and_told(tmp_path: Path) -> None:
-    """As files of before KHR_materials_emissive_strength say it; one that is rounded is 1, and no word is lost on it."""
+    """As files from before KHR_materials_emissive_strength say it; one that is rounded is 1, which is not told."""
     gltf = Gltf()
     shining(4 * ORANGE, gltf=gltf)
-    with pytest.warns(SceneFileWarning, match=r"emissiveFactor above 1, .* taken as it is: 1 \(the first: materials\[0"):
+    with pytest.warns(SceneFileWarning, match=r"emissiveFactor above 1, .*: 1 \(the first: materials\[0"):
         scene = world(gltf, tmp_path)
     np.testing.assert_allclose(luma(scene)[8:16, 12:20], 4 * ORANGE @ LUMA_WEIGHTS, rtol=1e-5)
     rounded = Gltf()

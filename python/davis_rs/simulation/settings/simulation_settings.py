@@ -300,7 +300,7 @@ class FolderFileSettings(Settings):
         None,
         Declared(
             "gain of the 8-bit frames: grey = 255 x image gain x luma",
-            default_help="chosen from the first frame",
+            default_help="chosen so that few pixels are white",
             low=0,
             above_low=True,
             metavar="GAIN",
