@@ -52,8 +52,8 @@ second."""
 _CALL_S = 5.0
 """The renderer is asked for so many keyframes at once that this takes about so long at most: then one soon sees how far
 a run is, and it ends soon after Ctrl-C."""
-_FIRST, _FEWEST, _GROWTH = 4, 2, 4
-"""How many keyframes the first call takes; a slow one; and at most how many times as many as the call before."""
+_FEWEST, _GROWTH = 2, 4
+"""How many keyframes the first call takes, and any slow one; and at most how many times as many as the call before."""
 
 
 class ManyRendersWarning(UserWarning):
@@ -106,7 +106,7 @@ class ScheduledSampling(TimeSampling):
         times = _with_probed(stretch, (t_us for t_us, _ in groupby(merged)))
         begin = renderer.begin_luma_and_rate if self.hermite else renderer.begin_luma
         launched: tuple[list[int], Launched] | None = None
-        count = min(_FIRST, stretch.batch)
+        count = min(_FEWEST, stretch.batch)
         while batch := list(islice(times, count)):
             began = time.monotonic()
             # The next batch renders while the crossing engine works on the one before.
