@@ -194,6 +194,21 @@ def test_a_landscape_may_be_kilometres_wide() -> None:
     assert "millimetres" in default_view(box([0, 0, 0], [3000, 4000, 300], inward=False)).unit_question("tile", 1.0)
 
 
+def test_a_landscape_that_stands_upright_is_asked_about(tmp_path: Path) -> None:
+    """Files of maps have z up, also such whose format has y up."""
+    heights = "".join(f"v {x} {y} {(x * y) % 70}\n" for y in range(0, 3000, 500) for x in range(0, 3000, 500))
+    corners = [
+        (6 * row + column + 1, 6 * row + column + 2, 6 * row + column + 7) for row in range(5) for column in range(5)
+    ]
+    mesh = tmp_path / "tile.obj"
+    mesh.write_text(heights + "".join(f"f {a} {b} {c + 1} {c}\n" for a, b, c in corners))
+    assert "(its ground stands upright: does z point up? then give it --up z)" in load_scene(mesh).note
+    assert "upright" not in load_scene(mesh, up="z").note
+    small = tmp_path / "small.obj"
+    small.write_text(mesh.read_text())
+    assert "upright" not in load_scene(small, scale=0.01).note, "a relief on a wall"
+
+
 def test_sizes_are_told_without_exponents(tmp_path: Path) -> None:
     mesh = tmp_path / "wide.obj"
     mesh.write_text("v 0 0 0\nv 12345 0 0\nv 0 6484 0\nf 1 2 3\n")

@@ -31,6 +31,8 @@ A room that is higher may be in the unit in which it would be as high as a room.
 _OPEN = 0.3
 """Normals of a closed thing, weighted by area, cancel out; those of ground do not. Measured: the length of their sum
 is 0.4 or more of the whole area in landscapes and towns, and 0.25 or less in things and buildings."""
+_UPRIGHT = 0.9
+"""Ground stands upright if so much of the direction in which it faces is level, along the file's other axis."""
 _LEAST_ROOM_M = 2.0
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01}
 _NAMED = {
@@ -69,8 +71,8 @@ class DefaultView(NamedTuple):
     """The extents (3) of what decides the view, in metres."""
     room: Place | None = None
     """Where the camera stands in a room; None around an object."""
-    land: bool = False
-    """Whether it is so large and so open below that it is a landscape."""
+    ground: FloatArray | None = None
+    """Which way (3) the surfaces of a landscape face on the whole: what is so large, and open below. None of others."""
 
     def unit_question(self, name: str, scale: float) -> str:
         """Ask about the unit of a world that its file's name says, or that its size makes likely; "" for others.
@@ -86,7 +88,7 @@ class DefaultView(NamedTuple):
         largest = float(self.size.max())
         if self.room is None:
             fits = _LARGEST_M < largest <= _LARGEST_M / _UNITS["millimetres"]
-            likely = ["millimetres"] if fits and not self.land else []
+            likely = ["millimetres"] if fits and self.ground is None else []
         else:
             high = self.room.height_m
             likely = [
@@ -97,6 +99,17 @@ class DefaultView(NamedTuple):
         unit, of_unit = likely[0], _UNITS[likely[0]]
         makes = f"is the file in {unit}, which makes {metres(largest * of_unit)}?"
         return f" ({metres(largest)}: {makes} then give it {of_unit:g} m to a unit, --scale)"
+
+    def up_question(self, up: str) -> str:
+        """Ask about the axis that points up where a landscape stands upright; "" for others.
+
+        Args:
+            up: the axis that is taken, ``y`` or ``z``.
+        """
+        if self.ground is None or abs(self.ground[1]) < _UPRIGHT:
+            return ""
+        other = "z" if up == "y" else "y"
+        return f" (its ground stands upright: does {other} point up? then give it --up {other})"
 
 
 def default_view(
@@ -133,14 +146,16 @@ def default_view(
     circle, size = circle_around(_outermost(inside)), np.ptp(inside, axis=0)
     del surfaces, inside, shown
     start = _best_side(circle, Sight(corners, shapes, one_sided))
-    land = bool(size.max() > _LARGEST_M) and _is_open(corners)
-    return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, size, land=land)
+    facing = _open_side(corners) if size.max() > _LARGEST_M else None
+    return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, size, ground=facing)
 
 
-def _is_open(corners: FloatArray) -> bool:
-    """Return whether triangles (n, 3, 3) are open on a side, as ground is below; closed things are not."""
+def _open_side(corners: FloatArray) -> FloatArray | None:
+    """Return which way (3) triangles (n, 3, 3) face on the whole that are open on the other side, as ground is below;
+    None for closed things."""
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return bool(np.linalg.norm(areas.sum(0)) > _OPEN * np.linalg.norm(areas, axis=1).sum())
+    length = np.linalg.norm(areas.sum(0))
+    return np.asarray(areas.sum(0) / length) if length > _OPEN * np.linalg.norm(areas, axis=1).sum() else None
 
 
 def _best_place(places: list[Place], sight: Sight) -> tuple[Place, Turn]:

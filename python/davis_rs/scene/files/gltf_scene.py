@@ -162,7 +162,8 @@ class _GltfScene:
         described = lights or usual_light(view)
         x, y, z = map(metres, high - low)
         size = f"{x} x {y} wide and {z} high, at {self.scale:g} m to a unit and with axis {self.up} up"
-        size += "" if view is None else view.unit_question(self.file.path.stem, self.scale)
+        if view is not None:
+            size += view.unit_question(self.file.path.stem, self.scale) + view.up_question(self.up)
         shining = f"no lights, so a {' and a '.join(usual_light(view))}"
         if lights:
             shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"

@@ -89,7 +89,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         trajectory=view.trajectory,
         soft_light=True,
         note=f"{path.name} is {x} x {y} wide and {z} high, at {scale:g} m to a unit and with axis {up} up"
-        f"{view.unit_question(path.stem, scale)}; the camera: {view.note}",
+        f"{view.unit_question(path.stem, scale)}{view.up_question(up)}; the camera: {view.note}",
         lost_looks=lost_looks(shapes),
     )
 
