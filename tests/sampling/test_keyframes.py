@@ -162,7 +162,7 @@ def test_rates_of_keyframes_are_those_of_luma() -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "asked"),
-    [(0.001, [2, 8, 16, 16, 16, 3]), (0.4, [2, 8, 12, 12]), (60.0, [2, 2, 2, 2])],
+    [(0.001, [1, 4, 16, 16, 16, 8]), (0.4, [1, 4, 12, 12]), (60.0, [1, 1, 1, 1])],
     ids=["fast", "slow", "very slow"],
 )
 def test_a_call_of_the_renderer_takes_about_five_seconds(

@@ -52,8 +52,8 @@ second."""
 _CALL_S = 5.0
 """The renderer is asked for so many keyframes at once that this takes about so long at most: then one soon sees how far
 a run is, and it ends soon after Ctrl-C."""
-_FEWEST, _GROWTH = 2, 4
-"""How many keyframes the first call takes, and any slow one; and at most how many times as many as the call before."""
+_GROWTH = 4
+"""The first call takes one keyframe, any other at most so many times as many as the call before."""
 
 
 class ManyRendersWarning(UserWarning):
@@ -106,7 +106,7 @@ class ScheduledSampling(TimeSampling):
         times = _with_probed(stretch, (t_us for t_us, _ in groupby(merged)))
         begin = renderer.begin_luma_and_rate if self.hermite else renderer.begin_luma
         launched: tuple[list[int], Launched] | None = None
-        count = min(_FEWEST, stretch.batch)
+        count = 1
         while batch := list(islice(times, count)):
             began = time.monotonic()
             # The next batch renders while the crossing engine works on the one before.
@@ -122,7 +122,7 @@ class ScheduledSampling(TimeSampling):
 def _next_count(count: int, seconds: float, most: int) -> int:
     """Return how many keyframes the next call of the renderer takes, after so many took so many seconds."""
     in_time = int(count * min(_GROWTH, _CALL_S / max(seconds, 1e-9)))
-    return min(max(in_time, _FEWEST), most)
+    return min(max(in_time, 1), most)
 
 
 def _with_probed(stretch: Stretch, times: Iterator[int]) -> Iterator[int]:
