@@ -445,7 +445,8 @@ def test_a_camera_at_rest_gets_a_small_motion(tmp_path: Path, capsys: pytest.Cap
     assert abs(half_way @ scene.start.rotation[:, 2]) < 1e-12
     assert sum(len(packet.events) for packet in davis_rs.simulate(moving, duration_s=0.05)) > 20
     assert main(["simulate", str(path), "-o", str(tmp_path / "out"), "--duration", "0.02"]) == 0
-    assert "has a camera, but no path: it goes once around a small circle" in capsys.readouterr().err
+    told = "has a camera of 40 x 30 pixels (--size), but no path: it goes once around a small circle"
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.long
