@@ -644,6 +644,26 @@ def test_a_browser_says_where_events_are_kept(folder: Path, tmp_path: Path) -> N
         assert re.search(rf"Events shown are all [\d,]+ {span}, of [\d,]+; the event rate counts all of them", shown)
 
 
+@pytest.mark.parametrize("size", [(60, 40), (60, 60), (40, 60)])
+def test_a_browser_shows_all_labels_of_the_cloud(size: tuple[int, int], tmp_path: Path) -> None:
+    """Of sensors of any shape: no instant below its box is cut off."""
+    with open_writer(tmp_path / "e.raw", size) as writer:
+        writer.write(np.ones(3, EVENT_DTYPE))
+    view_html(tmp_path / "e.raw", tmp_path / "p.html")
+    script = """const draw = CanvasRenderingContext2D.prototype.fillText, below = [];
+    CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+      if (this.canvas.id === "cloud") below.push(Math.round(this.canvas.clientHeight - y));
+      document.body.dataset.below = below.join(" ");
+      draw.call(this, text, x, y);
+    };"""
+    shown = browse(with_script(tmp_path / "p.html", script), tmp_path, "1280,800", "--dump-dom")
+    found = re.search(r'data-below="([^"]*)"', shown)
+    assert found is not None
+    below = [int(pixels) for pixels in found[1].split()]
+    assert len(below) >= 4
+    assert min(below) >= 4, "the letters reach below their line"
+
+
 def test_a_browser_draws_many_events_in_parts(tmp_path: Path) -> None:
     """Where something changes some of them, and says so; a little later all: here of ON events, without the others."""
     rng, count, size = np.random.default_rng(3), 131_072, (60, 40)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from davis_rs import FixedRate, MaxDisplacement, Tolerance
 from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Launched
 from davis_rs.sampling.keyframes import lagrange_weights, slope
 from davis_rs.sampling.rules import TimeSampling
 from stretches import LOG_EPS, built_in, shift, stretch, times_of
@@ -157,3 +158,27 @@ def test_rates_of_keyframes_are_those_of_luma() -> None:
         logs = [np.log(frame.luma.astype(np.float64) + LOG_EPS) for frame in (before, after)]
         expected = (logs[1] - logs[0]) / 500e-6 * (keyframe.luma + LOG_EPS)
         np.testing.assert_allclose(keyframe.rate, expected, atol=2e-3 * scale)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "asked"),
+    [(0.001, [1, 4, 16, 16, 16, 8]), (0.4, [1, 4, 12, 12]), (60.0, [1, 1, 1, 1])],
+    ids=["fast", "slow", "very slow"],
+)
+def test_a_call_of_the_renderer_takes_about_five_seconds(
+    monkeypatch: pytest.MonkeyPatch, seconds: float, asked: list[int]
+) -> None:
+    """So that a run of slow views soon tells how far it is, and soon ends after Ctrl-C; fast ones go by the batch."""
+    renderer, trajectory = built_in()
+    now, counts, begin_luma = [5.0], [], renderer.begin_luma
+
+    def begun(views: Views) -> Launched:
+        counts.append(len(views))
+        now[0] += seconds * len(views)
+        return begin_luma(views)
+
+    monkeypatch.setattr("davis_rs.sampling.rules.time.monotonic", lambda: now[0])
+    monkeypatch.setattr(renderer, "begin_luma", begun)
+    keyframes = list(FixedRate(1000.0).keyframes(stretch(renderer, trajectory.crop(0, 0.06), batch=16)))
+    assert counts[: len(asked)] == asked
+    assert sum(counts) == len(keyframes) == 61

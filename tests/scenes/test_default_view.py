@@ -168,19 +168,52 @@ def test_an_unusual_size_is_asked_about() -> None:
     def asked(world: FloatArray) -> str:
         return default_view(world).unit_question("flat", 1.0)
 
-    assert asked(ROOM * 1000) == " (5,000 m: is the file in millimetres? then give it 0.001 m to a unit, --scale)"
+    told = " (5,000 m: is the file in millimetres, which makes 5 m? then give it 0.001 m to a unit, --scale)"
+    assert asked(ROOM * 1000) == told
     # A hall of 15 m in centimetres is no smaller than a room in millimetres.
-    assert "centimetres? then give it 0.01 m" in asked(ROOM * [300, 100, 100])
+    assert "centimetres, which makes 15 m? then give it 0.01 m" in asked(ROOM * [300, 100, 100])
     assert asked(ROOM) == ""
     outside = box([0, 0, 0], [5, 4, 2.6], inward=False)
     assert asked(outside * 100) == ""
     assert "millimetres" in asked(outside * 1000)
+    assert asked(outside * 1e6) == "", "a globe of 5 km in millimetres is no likelier"
     assert asked(town_on_a_plane()) == ""
     view = default_view(outside)
     told = "its name says millimetres: is that its unit? then give it 0.001 m"
     assert told in view.unit_question("bolt_M8-mm", 1.0)
     assert view.unit_question("bolt_mm", 0.001) == ""
     assert view.unit_question("hammer", 1.0) == ""
+
+
+def test_a_landscape_may_be_kilometres_wide() -> None:
+    """It has no underside, upright or tilted, unlike a part drawn in millimetres, however flat."""
+    hills = box([0, 0, 0], [3000, 4000, 300], inward=False, without=((2, -1),))
+    tilted = hills[..., [2, 0, 1]]
+    for land in (hills, tilted):
+        assert default_view(land).unit_question("tile", 1.0) == ""
+    assert "millimetres" in default_view(box([0, 0, 0], [3000, 4000, 300], inward=False)).unit_question("tile", 1.0)
+
+
+def test_a_landscape_that_stands_upright_is_asked_about(tmp_path: Path) -> None:
+    """Files of maps have z up, also such whose format has y up."""
+    heights = "".join(f"v {x} {y} {(x * y) % 70}\n" for y in range(0, 3000, 500) for x in range(0, 3000, 500))
+    corners = [
+        (6 * row + column + 1, 6 * row + column + 2, 6 * row + column + 7) for row in range(5) for column in range(5)
+    ]
+    mesh = tmp_path / "tile.obj"
+    mesh.write_text(heights + "".join(f"f {a} {b} {c + 1} {c}\n" for a, b, c in corners))
+    assert "(its ground stands upright: does z point up? then give it --up z)" in load_scene(mesh).note
+    assert "upright" not in load_scene(mesh, up="z").note
+    small = tmp_path / "small.obj"
+    small.write_text(mesh.read_text())
+    assert "upright" not in load_scene(small, scale=0.01).note, "a relief on a wall"
+
+
+def test_sizes_are_told_without_exponents(tmp_path: Path) -> None:
+    mesh = tmp_path / "wide.obj"
+    mesh.write_text("v 0 0 0\nv 12345 0 0\nv 0 6484 0\nf 1 2 3\n")
+    assert "wide.obj is 12,345 m x 0 m wide and 6,484 m high" in load_scene(mesh).note
+    assert default_view(ROOM * 1000).note.startswith("one that turns in the room, 1,")
 
 
 def town_on_a_plane() -> FloatArray:
@@ -412,7 +445,8 @@ def test_a_camera_at_rest_gets_a_small_motion(tmp_path: Path, capsys: pytest.Cap
     assert abs(half_way @ scene.start.rotation[:, 2]) < 1e-12
     assert sum(len(packet.events) for packet in davis_rs.simulate(moving, duration_s=0.05)) > 20
     assert main(["simulate", str(path), "-o", str(tmp_path / "out"), "--duration", "0.02"]) == 0
-    assert "has a camera, but no path: it goes once around a small circle" in capsys.readouterr().err
+    told = "has a camera of 40 x 30 pixels (--size), but no path: it goes once around a small circle"
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.long

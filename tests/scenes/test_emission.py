@@ -24,6 +24,7 @@ from davis_rs.render.obstacles import Unsuitable
 from davis_rs.render.scene_tables.emissive_textures import TextureImage, alike
 from davis_rs.render.texels import Texels
 from davis_rs.scene.light_profile import SampledProfile
+from davis_rs.scene.repairs import SceneFileWarning
 from davis_rs.scene.texel_lookup import bilinear
 from gltf_files import CORNERS, FACES, UV, Gltf, png, quad
 
@@ -89,6 +90,18 @@ def test_a_colour_is_seen_from_both_sides(kind: str, eye: float, tmp_path: Path)
     shown = luma(scene, kind)
     np.testing.assert_allclose(shown[8:16, 12:20], 2.5 * ORANGE @ LUMA_WEIGHTS, rtol=1e-5)
     assert not shown[:, :8].any()
+
+
+def test_a_factor_above_the_standard_is_taken_and_told(tmp_path: Path) -> None:
+    """As files from before KHR_materials_emissive_strength say it; one that is rounded is 1, which is not told."""
+    gltf = Gltf()
+    shining(4 * ORANGE, gltf=gltf)
+    with pytest.warns(SceneFileWarning, match=r"emissiveFactor above 1, .*: 1 \(the first: materials\[0"):
+        scene = world(gltf, tmp_path)
+    np.testing.assert_allclose(luma(scene)[8:16, 12:20], 4 * ORANGE @ LUMA_WEIGHTS, rtol=1e-5)
+    rounded = Gltf()
+    shining([1.000001, 1, 1], gltf=rounded)
+    world(rounded, tmp_path)
 
 
 @pytest.mark.without_llvm

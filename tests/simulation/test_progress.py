@@ -87,6 +87,20 @@ def test_without_a_terminal_there_are_rare_plain_lines(
     )
 
 
+def test_large_counts_have_no_exponents(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(module, "LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("time.monotonic", lambda: 1.0)
+    with progress("baking light", 550_912, unit="points") as bar:
+        bar.to(413_200)
+    assert capsys.readouterr().err == "baking light: 75 %, 413,200 of 550,912 points, ? points/s\n"
+    told = in_a_terminal(
+        "from davis_rs._util.progress import progress\n"
+        "with progress('baking light', 550_912, unit='points') as bar:\n"
+        "    bar.to(413_200)\n"
+    )
+    assert "413,200/550,912 points [" in told.rstrip().split("\r")[-1]
+
+
 def test_silence_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Not even a line a minute; the items come all the same."""
     monkeypatch.setattr(module, "LINE_EVERY_S", 0.0)
@@ -252,5 +266,7 @@ def test_a_run_is_told_of_the_fast_preset_only_where_it_decides() -> None:
         advice(complete(FolderSettings, given, taker="a test"))
         for given in ({"accuracy": "fast"}, {"render_rate_hz": 1000.0}, {"tolerance": 0.1, "accuracy": "exact"})
     }
-    assert told == {""}
-    assert advice(complete(FolderSettings, {"accuracy": "exact"}, taker="a test")) == "--accuracy fast takes less"
+    assert told == {"a shorter --duration takes less"}
+    assert advice(complete(FolderSettings, {"accuracy": "exact"}, taker="a test")) == (
+        "a shorter --duration or --accuracy fast takes less"
+    )

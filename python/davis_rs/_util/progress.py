@@ -15,7 +15,7 @@ from .terminal_text import printable, tell
 LINE_EVERY_S = 60.0
 """How often a line is written where there is no terminal."""
 
-_LAYOUT = "{desc}: {percentage:3.0f}%|{bar}| {n:.4g}/{total:.4g}{unit} [{elapsed}<{remaining}, {speed}{postfix}]"
+_LAYOUT = "{desc}: {percentage:3.0f}%|{bar}| {reached}/{all}{unit} [{elapsed}<{remaining}, {speed}{postfix}]"
 _LAYOUT_WITHOUT_TOTAL = "{desc} [{elapsed}{postfix}]"
 
 _Item = TypeVar("_Item")
@@ -121,6 +121,11 @@ def say(text: str) -> None:
         tell(text, file=sys.stderr)
 
 
+def amount(value: float) -> str:
+    """Write how much is done, or how much there is, never with an exponent: 0.5057, 12.5, 413,200."""
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.4g}"
+
+
 def speed_of(done: float, seconds: float, unit: str) -> str:
     """Write a speed to two digits however slow: 0.0043 s/s."""
     if done <= 0 or seconds <= 0:
@@ -224,6 +229,7 @@ class _Bar(Progress):
             def format_dict(self) -> dict[str, Any]:
                 known: dict[str, Any] = super().format_dict
                 known["speed"] = speed_of(self.n - self.initial, known["elapsed"], self.unit)
+                known["reached"], known["all"] = amount(self.n), amount(self.total or 0)
                 return known
 
         super().__init__(total)
@@ -304,7 +310,7 @@ class _Lines(Progress):
         percent = 100 * self.done / self.total if self.total else 100.0
         more = f", {note}" if note else ""
         tell(
-            f"{self._task}: {percent:.0f} %, {self.done:.4g} of {self.total:.4g}{self._unit}, {speed}{more}",
+            f"{self._task}: {percent:.0f} %, {amount(self.done)} of {amount(self.total)}{self._unit}, {speed}{more}",
             file=sys.stderr,
             flush=True,
         )

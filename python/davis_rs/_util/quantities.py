@@ -33,6 +33,11 @@ def three_digits(value: float) -> str:
     return f"{value:.0f}" if value >= 99.5 else f"{value:.3g}"
 
 
+def metres(value: float) -> str:
+    """Write a length in metres to three digits or to the metre, never with a large exponent: 0.562 m, 9,995 m."""
+    return f"{value:,.0f} m" if value >= 99.5 else f"{value:.3g} m"
+
+
 def percent(fraction: float) -> str:
     """Write a fraction in percent to two digits, never with an exponent."""
     return f"{100 * fraction:.0f} %" if fraction >= 0.995 else f"{100 * fraction:.2g} %"

@@ -166,7 +166,9 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
         moving = with_default_motion(scene)
         if not quiet:
             told = "it goes once around a small circle across its view (another path: --trajectory FILE)"
-            tell(f"scene {scene.name!r} has a camera, but no path: {told}", file=sys.stderr)
+            eye = scene.own_camera
+            of_size = f"a camera of {eye.width} x {eye.height} pixels (--size)"
+            tell(f"scene {scene.name!r} has {of_size}, but no path: {told}", file=sys.stderr)
         return moving
     sigmas = {"position_sigma_m": options.position_sigma_m, "rotation_sigma_rad": options.rotation_sigma_rad}
     trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap_s, **sigmas))

@@ -88,7 +88,7 @@ class Stretch:
             first stretch, and any between.
         contrast_threshold: the smallest of the sensor, in natural-log units.
         log_eps: dark level in units of luma.
-        batch: how many keyframes are rendered in one call.
+        batch: how many keyframes are rendered in one call at most.
         start_luma: luma (H, W) at its start, where the stretch before has rendered it; else who needs it renders it.
     """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
+import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -46,6 +47,13 @@ def _periodic_instants(rate_hz: float, start_us: int, end_us: int) -> Iterator[i
 _FINE_PX, _MANY_RENDERS = 0.01, 1e5
 """For displacements finer than the first the number of renders is estimated; a warning says if it exceeds the
 second."""
+
+
+_CALL_S = 5.0
+"""The renderer is asked for so many keyframes at once that this takes about so long at most: then one soon sees how far
+a run is, and it ends soon after Ctrl-C."""
+_GROWTH = 4
+"""The first call takes one keyframe, any other at most so many times as many as the call before."""
 
 
 class ManyRendersWarning(UserWarning):
@@ -98,14 +106,23 @@ class ScheduledSampling(TimeSampling):
         times = _with_probed(stretch, (t_us for t_us, _ in groupby(merged)))
         begin = renderer.begin_luma_and_rate if self.hermite else renderer.begin_luma
         launched: tuple[list[int], Launched] | None = None
-        while batch := list(islice(times, stretch.batch)):
+        count = 1
+        while batch := list(islice(times, count)):
+            began = time.monotonic()
             # The next batch renders while the crossing engine works on the one before.
             ahead = (batch, begin(stretch.views(batch)))
+            count = _next_count(len(batch), time.monotonic() - began, stretch.batch)
             if launched is not None:
                 yield from _keyframes(*launched)
             launched = ahead
         if launched is not None:
             yield from _keyframes(*launched)
+
+
+def _next_count(count: int, seconds: float, most: int) -> int:
+    """Return how many keyframes the next call of the renderer takes, after so many took so many seconds."""
+    in_time = int(count * min(_GROWTH, _CALL_S / max(seconds, 1e-9)))
+    return min(max(in_time, 1), most)
 
 
 def _with_probed(stretch: Stretch, times: Iterator[int]) -> Iterator[int]:

@@ -31,6 +31,7 @@ from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene, check_scene
 from ..sensor.imu import IMU_DTYPE, Imu, ImuArray, simulate_imu
 from ..sensor.motion_capture import MotionCapture
+from .frame_gain import path_image_gain
 from .monte_carlo_noise import refuse_noise
 from .planning import EffectPlan
 from .settings import FolderSettings, complete, make_imu, make_motion_capture, takes_settings
@@ -258,12 +259,14 @@ class PreparedRun:
             path, overwrite: see :class:`~davis_rs.DatasetWriter`.
             meta: more for ``meta.json``.
         """
-        given, simulator = self.given, self.simulator
+        given, simulator, gain = self.given, self.simulator, self.given.image_gain
+        if gain is None and given.frame_rate_hz > 0:
+            gain = path_image_gain(simulator, self.scene.path)
         with (
             DatasetWriter(
                 path,
                 simulator.camera,
-                image_gain=given.image_gain,
+                image_gain=gain,
                 events_format=given.events_format,
                 overwrite=overwrite,
                 shape_names=simulator.shape_names,
@@ -336,10 +339,10 @@ class RunWriter:
 
 
 def advice(settings: FolderSettings) -> str:
-    """Say how a long run would take less time; "" where the preset is the fastest, or does not decide."""
+    """Say how a long run would take less time: the fastest preset is named where it would change something."""
     own = (settings.render_rate_hz, settings.max_displacement_px, settings.tolerance, settings.sampling)
     decided = settings.accuracy == "fast" or any(rule is not None for rule in own)
-    return "" if decided else "--accuracy fast takes less"
+    return f"a shorter --duration{'' if decided else ' or --accuracy fast'} takes less"
 
 
 class _EventCount:

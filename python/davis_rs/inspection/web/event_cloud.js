@@ -4,6 +4,7 @@
 const DEPTH = 1.7;  // length of the time axis where the longer side of the sensor has 1
 
 const cloudStart = { yaw: 0.95, pitch: 0.38, zoom: 1 };
+const LABELS = 22;  // pixels of the screen that labels need below the box, and as many above it
 
 const cloudPanel = (canvas, view, t, length_us, show) => {
   const { width: columns, height: rows } = data, side = Math.max(columns, rows);
@@ -11,7 +12,9 @@ const cloudPanel = (canvas, view, t, length_us, show) => {
   const first = countUntil(events.t, t - length_us), last = countUntil(events.t, t), total = last - first;
   const half = [columns / side / 2, rows / side / 2, DEPTH / 2], pictureIsFar = away[2] > 0;
   const { width, height, ratio } = sharpSize(canvas, 0.75 * canvas.clientWidth);
-  const scale = 0.5 * Math.min(width, height * 1.2) * view.zoom;
+  // At the start the whole box is in view, also of a sensor that is as high as it is wide.
+  const high = 2 * projection(cloudStart).down.reduce((sum, part, i) => sum + Math.abs(part) * half[i], 0);
+  const scale = Math.min(0.5 * width, 0.6 * height, (height - 2 * LABELS) / high) * view.zoom;
 
   const w = canvas.width, h = canvas.height;
   const points = cloudPanel.points ||= document.createElement("canvas");

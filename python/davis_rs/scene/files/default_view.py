@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..._util.quantities import metres
 from ...geometry.lattice import sphere_lattice
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.trajectory import Trajectory
@@ -25,8 +26,13 @@ from .sight import Sight
 from .subject import Surfaces
 
 _LARGEST_M, _HIGHEST_ROOM_M = 1000.0, 20.0
-"""A world around which the camera goes, and that is larger, may be in millimetres. A room that is higher may be in the
-unit in which it would be as high as a room."""
+"""A world around which the camera goes, and that is larger, may be in millimetres if they make it no larger than that.
+A room that is higher may be in the unit in which it would be as high as a room."""
+_OPEN = 0.3
+"""Normals of a closed thing, weighted by area, cancel out; those of ground do not. Measured: the length of their sum
+is 0.4 or more of the whole area in landscapes and towns, and 0.25 or less in things and buildings."""
+_UPRIGHT = 0.9
+"""Ground stands upright if so much of the direction in which it faces is level, along the file's other axis."""
 _LEAST_ROOM_M = 2.0
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01}
 _NAMED = {
@@ -65,6 +71,8 @@ class DefaultView(NamedTuple):
     """The extents (3) of what decides the view, in metres."""
     room: Place | None = None
     """Where the camera stands in a room; None around an object."""
+    ground: FloatArray | None = None
+    """Which way (3) the surfaces of a landscape face on the whole: what is so large, and open below. None of others."""
 
     def unit_question(self, name: str, scale: float) -> str:
         """Ask about the unit of a world that its file's name says, or that its size makes likely; "" for others.
@@ -75,20 +83,33 @@ class DefaultView(NamedTuple):
         """
         named = [_NAMED[word] for word in re.split("[^a-z]+", name.lower()) if word in _NAMED]
         if named and scale == 1.0:
-            metres = _UNITS[named[0]]
-            return f" (its name says {named[0]}: is that its unit? then give it {metres:g} m to a unit, --scale)"
+            of_unit = _UNITS[named[0]]
+            return f" (its name says {named[0]}: is that its unit? then give it {of_unit:g} m to a unit, --scale)"
         largest = float(self.size.max())
         if self.room is None:
-            likely = ["millimetres"] if largest > _LARGEST_M else []
+            fits = _LARGEST_M < largest <= _LARGEST_M / _UNITS["millimetres"]
+            likely = ["millimetres"] if fits and self.ground is None else []
         else:
             high = self.room.height_m
             likely = [
-                unit for unit, metres in _UNITS.items() if high > _HIGHEST_ROOM_M and high * metres >= _LEAST_ROOM_M
+                unit for unit, of_unit in _UNITS.items() if high > _HIGHEST_ROOM_M and high * of_unit >= _LEAST_ROOM_M
             ]
         if not likely:
             return ""
-        unit = likely[0]
-        return f" ({largest:,.0f} m: is the file in {unit}? then give it {_UNITS[unit]:g} m to a unit, --scale)"
+        unit, of_unit = likely[0], _UNITS[likely[0]]
+        makes = f"is the file in {unit}, which makes {metres(largest * of_unit)}?"
+        return f" ({metres(largest)}: {makes} then give it {of_unit:g} m to a unit, --scale)"
+
+    def up_question(self, up: str) -> str:
+        """Ask about the axis that points up where a landscape stands upright; "" for others.
+
+        Args:
+            up: the axis that is taken, ``y`` or ``z``.
+        """
+        if self.ground is None or abs(self.ground[1]) < _UPRIGHT:
+            return ""
+        other = "z" if up == "y" else "y"
+        return f" (its ground stands upright: does {other} point up? then give it --up {other})"
 
 
 def default_view(
@@ -115,7 +136,7 @@ def default_view(
         size = np.ptp(surfaces.points, axis=0)
         del surfaces  # what casts rays is as large, and comes in its place
         place, turn = _best_place(places, Sight(corners, shapes, one_sided))
-        note = f"one that turns in the room, {place.free_m:.2g} m from what stands around it"
+        note = f"one that turns in the room, {metres(place.free_m)} from what stands around it"
         path = within(place.centre, place.free_m, turn)
         return DefaultView(path, f"{note}{stray}", turn.start_rad, size, place)
     shown = surfaces.with_little_ground()
@@ -125,7 +146,16 @@ def default_view(
     circle, size = circle_around(_outermost(inside)), np.ptp(inside, axis=0)
     del surfaces, inside, shown
     start = _best_side(circle, Sight(corners, shapes, one_sided))
-    return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, size)
+    facing = _open_side(corners) if size.max() > _LARGEST_M else None
+    return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, size, ground=facing)
+
+
+def _open_side(corners: FloatArray) -> FloatArray | None:
+    """Return which way (3) triangles (n, 3, 3) face on the whole that are open on the other side, as ground is below;
+    None for closed things."""
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(areas.sum(0))
+    return np.asarray(areas.sum(0) / length) if length > _OPEN * np.linalg.norm(areas, axis=1).sum() else None
 
 
 def _best_place(places: list[Place], sight: Sight) -> tuple[Place, Turn]:

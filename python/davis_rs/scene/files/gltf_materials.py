@@ -19,12 +19,14 @@ import numpy.typing as npt
 from ...geometry.pose import FloatArray
 from ..lost_looks import BUMPS, HIGHLIGHTS, MEAN_EMISSION, METAL, SHEEN
 from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
+from ..repairs import Repairs
 from ..texture_file import EncodedTexture, texture_of_bytes
 from .alpha_mask import AlphaMask, blended
 from .gltf_anisotropy import ANISOTROPY, brushed
 from .gltf_coat import COAT, ClearCoat, clear_coat_of
 from .gltf_file import GltfFile, Item, dictionary, plain
 from .gltf_highlights import IOR, LEAST_INDEX, SPECULAR, Highlights, highlights_of, index_of
+from .rounding import within
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
@@ -119,8 +121,8 @@ class GltfMaterial(NamedTuple):
 class GltfMaterials:
     """The materials of a file, each read on first use. Its texture is charged for one shape that shows it."""
 
-    def __init__(self, file: GltfFile) -> None:
-        self._file = file
+    def __init__(self, file: GltfFile, repairs: Repairs) -> None:
+        self._file, self._repairs = file, repairs
         self._known: dict[int | None, GltfMaterial] = {}
         self._images: dict[int, tuple[EncodedTexture, tuple[Path, ...]]] = {}
 
@@ -270,7 +272,10 @@ class GltfMaterials:
         """Return a material with the radiance that it emits, if any."""
         file, extensions = self._file, dictionary(item.extensions)
         given = [0.0] * 3 if item.emissiveFactor is None else item.emissiveFactor
-        factor = file.numbers(given, f"{where}: emissiveFactor", 3, low=0, high=1)
+        factor = file.numbers(given, f"{where}: emissiveFactor", 3, low=0)
+        usual = within(factor, 0, 1)
+        self._repairs.add("emissiveFactor above 1, which glTF does not allow, is taken as it is", usual is None, where)
+        factor = factor if usual is None else usual
         strength = dictionary(extensions.get(_EMISSIVE_STRENGTH)).get("emissiveStrength")
         if strength is not None:
             factor = factor * file.numbers(strength, f"{where}: {_EMISSIVE_STRENGTH}.emissiveStrength", 1, low=0)[0]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..._mitsuba.types import SceneDictionary
+from ..._util.quantities import metres
 from ..._util.untrusted import decoding
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray, Pose
@@ -127,7 +128,7 @@ class _GltfScene:
         self.tree = NodeTree.of(file, self.repairs, animation)
         self.to_world = np.eye(4)
         self.to_world[:3, :3] = to_z_up(up) * scale
-        self.materials = GltfMaterials(file)
+        self.materials = GltfMaterials(file, self.repairs)
         self.meshes = GltfMeshes(file, self.materials, self.repairs)
         self.shown: set[int | None] = set()
         self.lost = {what: dict(names) for what, names in self.tree.lost.items()}
@@ -159,9 +160,10 @@ class _GltfScene:
             if unknown(name):
                 self._lose("what unknown extensions say", plain(name)[1:-1])
         described = lights or usual_light(view)
-        x, y, z = (f"{side:.3g}" for side in high - low)
-        size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
-        size += "" if view is None else view.unit_question(self.file.path.stem, self.scale)
+        x, y, z = map(metres, high - low)
+        size = f"{x} x {y} wide and {z} high, at {self.scale:g} m to a unit and with axis {self.up} up"
+        if view is not None:
+            size += view.unit_question(self.file.path.stem, self.scale) + view.up_question(self.up)
         shining = f"no lights, so a {' and a '.join(usual_light(view))}"
         if lights:
             shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"

@@ -12,6 +12,7 @@ import numpy as np
 from ..._mitsuba.types import MitsubaShape, MitsubaValue, SceneDictionary
 from ..._util.argument_error import ArgumentError
 from ..._util.budget import Budget
+from ..._util.quantities import metres
 from ...geometry.pose import FloatArray
 from ..default_paths import CAMERA, direction
 from ..image_textures import ImageTexture, ImageTextures
@@ -78,7 +79,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         corners.reshape(-1, 3, 3), np.repeat(np.arange(len(parts)), [len(part.corners) for part in parts])
     )
     shapes = {name: part.rounded() for name, part in zip(_shape_ids(parts), parts, strict=True)}
-    x, y, z = (f"{side:.3g}" for side in high - low)
+    x, y, z = map(metres, high - low)
     return Scene(
         name=path.stem,
         source=lambda: _source(shapes, usual_light(view)),
@@ -87,8 +88,8 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         camera=CAMERA,
         trajectory=view.trajectory,
         soft_light=True,
-        note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up"
-        f"{view.unit_question(path.stem, scale)}; the camera: {view.note}",
+        note=f"{path.name} is {x} x {y} wide and {z} high, at {scale:g} m to a unit and with axis {up} up"
+        f"{view.unit_question(path.stem, scale)}{view.up_question(up)}; the camera: {view.note}",
         lost_looks=lost_looks(shapes),
     )
 

@@ -300,7 +300,7 @@ class FolderFileSettings(Settings):
         None,
         Declared(
             "gain of the 8-bit frames: grey = 255 x image gain x luma",
-            default_help="chosen from the first frame",
+            default_help="chosen so that few pixels are white",
             low=0,
             above_low=True,
             metavar="GAIN",
@@ -440,7 +440,7 @@ class SamplingSettings(EngineSettings, ViewSettings):
     poses_per_launch: int | None = declare(
         None,
         Declared(
-            "poses that are rendered in one call; results do not depend on it",
+            "poses that are rendered in one call at most; results do not depend on it",
             default_help="the renderer's choice",
             low=1,
             text=None,
