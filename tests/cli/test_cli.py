@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ import pytest
 
 from command_line import SMALL, davis_rs
 from command_line import in_own_process as run
-from davis_rs import Dataset, __version__, load_scene, start_pose
+from davis_rs import Dataset, Scene, __version__, load_scene, start_pose
+from davis_rs.cli.common import on_path
 from davis_rs.simulation.model_version import MODEL
 from gltf_files import Gltf
 from places import SHARED
@@ -316,3 +318,21 @@ def test_without_llvm_what_needs_mitsuba_is_slow_and_says_so(tmp_path: Path) -> 
 
 def test_the_version_is_told() -> None:
     assert run("--version").stdout.strip() == f"davis-rs {__version__}"
+
+
+def test_of_a_path_that_a_file_does_not_have_two_seconds_are_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Unless a duration or another path is given, or less is left; it is told."""
+    (tmp_path / "plate.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 0 1\nf 1 2 3\n")
+    scene = load_scene(tmp_path / "plate.obj")
+
+    def taken_s(scene: Scene, start_s: float = 0.0, duration_s: float | None = None) -> tuple[float, str]:
+        options = Namespace(trajectory=None, align=None, start_s=start_s, duration_s=duration_s)
+        return on_path(options, scene).path.duration_s, capsys.readouterr().err
+
+    assert taken_s(scene) == (2.0, "2 s of its path are taken (--duration 10: to its end)\n")
+    assert taken_s(scene, 3.5) == (2.0, "2 s of its path are taken (--duration 6.5: to its end)\n")
+    assert taken_s(scene, 9.0) == (1.0, "")
+    assert taken_s(scene, 0.0, 7.0) == (7.0, "")
+    assert taken_s(scene.with_trajectory(scene.path)) == (10.0, "")

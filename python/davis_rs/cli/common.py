@@ -19,6 +19,7 @@ from ..geometry.pose import turn_deg
 from ..geometry.trajectory.trajectory import Trajectory, align
 from ..geometry.trajectory.trajectory_file import read_trajectory
 from ..scene.default_motion import with_default_motion
+from ..scene.default_paths import DEFAULT_DURATION_S
 from ..scene.load import BUILTIN_SCENES, load_scene, moves_paths, start_pose
 from ..scene.scene import Scene
 
@@ -101,7 +102,12 @@ def add_path(group: argparse._ArgumentGroup) -> None:
         help="start at this time of the path, in seconds (default: 0)",
     )
     group.add_argument(
-        "--duration", dest="duration_s", type=float, metavar="S", help="seconds of the path; to the end if not given"
+        "--duration",
+        dest="duration_s",
+        type=float,
+        metavar="S",
+        help=f"seconds of the path; if not given, to its end, or {DEFAULT_DURATION_S:g} s of a path that the file does not "
+        "have",
     )
 
 
@@ -146,8 +152,13 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
 
 def on_path(options: argparse.Namespace, scene: Scene, quiet: bool = False) -> Scene:
     """Return the scene over the part of a camera path that the options ask for, from t = 0."""
-    moved = on_trajectory(options, scene, at_s=options.start_s, quiet=quiet)
-    return moved.crop(options.start_s, options.duration_s)
+    moved, duration_s = on_trajectory(options, scene, at_s=options.start_s, quiet=quiet), options.duration_s
+    default_s = moved.default_duration_s
+    if duration_s is None and default_s is not None and (rest_s := moved.path.duration_s - options.start_s) > default_s:
+        duration_s = default_s
+        if not quiet:
+            tell(f"{default_s:g} s of its path are taken (--duration {rest_s:g}: to its end)", file=sys.stderr)
+    return moved.crop(options.start_s, duration_s)
 
 
 def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.0, quiet: bool = False) -> Scene:

@@ -19,6 +19,9 @@ _LOOKS, _HEIGHTS = 36, 33
 """From so many angles it is seen how large a mesh looks; so many heights are tried for what the camera looks at."""
 _OFF = 1.05
 """The camera stays so far from what it looks at, in radii of a ball around the mesh."""
+DEFAULT_DURATION_S = 2.0
+"""How much of a path of 10 s the command line simulates where nothing else is said: all of it takes hours with glossy
+surfaces on few processors."""
 _ELEVATION_RAD, _TURN_S = np.radians(30.0), 10.0
 _FREE, _MOST_M = 0.5, 0.5
 """The circle's radius in a room: as a fraction of the free distance, and in metres at most."""

@@ -47,6 +47,8 @@ class Scene:
         trajectory: the camera path that belongs to it; None if it has none.
         baked_along: the camera path along which a quick bake of its light is finest. None: ``trajectory``. Parts of a
             path and the cameras of a rig keep the whole path, so that they have the same light.
+        default_duration_s: how many seconds of the path the command line simulates where ``--duration`` is not given:
+            of a path that its file does not have, the beginning is enough to see what it shows. None: all of it.
         start: where a camera starts in it, if it has no trajectory; a file's first sensor stands there.
         contrast_threshold: C in natural-log units.
         blur: blur luma with the 3 x 3 kernel of the dataset's simulator.
@@ -86,6 +88,7 @@ class Scene:
     camera: Camera | None = PRESETS["ideal"]
     trajectory: Trajectory | None = None
     baked_along: Trajectory | None = None
+    default_duration_s: float | None = None
     start: Pose | None = None
     contrast_threshold: float = 0.15
     blur: bool = False
@@ -181,7 +184,7 @@ class Scene:
         """
         if trajectory is not None:
             check_type("trajectory", trajectory, Trajectory, "davis_rs.read_trajectory(...) reads one")
-        return replace(self, trajectory=trajectory, baked_along=None)
+        return replace(self, trajectory=trajectory, baked_along=None, default_duration_s=None)
 
     def with_movable(self, *objects: str, lights: Iterable[str] = ()) -> Scene:
         """Return the scene with objects and lights that :meth:`Simulator.step` moves and dims.

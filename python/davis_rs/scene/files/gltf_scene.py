@@ -18,7 +18,7 @@ from ..._util.untrusted import decoding
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray, Pose
 from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
-from ..default_paths import CAMERA
+from ..default_paths import CAMERA, DEFAULT_DURATION_S
 from ..deformation import Deformation, DeformedMesh
 from ..image_textures import ImageTextures
 from ..keyframes import Track
@@ -145,6 +145,7 @@ class _GltfScene:
             raise self.file.error("scene", "it has no area: all its vertices lie on a point or a line along an axis")
         lights = self._lights()
         camera, start, trajectory, of_camera = self._camera()
+        default_duration_s: float | None = None
         view = None
         if camera is None:
             counts = [len(part.corners) for part in shapes.values()]
@@ -154,6 +155,7 @@ class _GltfScene:
                 np.repeat([part.one_sided for part in shapes.values()], counts),
             )
             camera, trajectory, of_camera = CAMERA, view.trajectory, of_camera.format(view.note)
+            default_duration_s = DEFAULT_DURATION_S
         shapes = {name: part.rounded() for name, part in shapes.items()}
         self.repairs.warn()
         for name in map(str, self.file.document.extensionsUsed or []):
@@ -187,6 +189,7 @@ class _GltfScene:
             camera=camera,
             start=start,
             trajectory=trajectory,
+            default_duration_s=default_duration_s,
             objects=objects,
             deformations=deformations,
             reflections=True,

@@ -14,7 +14,7 @@ from ..._util.argument_error import ArgumentError
 from ..._util.budget import Budget
 from ..._util.quantities import metres
 from ...geometry.pose import FloatArray
-from ..default_paths import CAMERA, direction
+from ..default_paths import CAMERA, DEFAULT_DURATION_S, direction
 from ..image_textures import ImageTexture, ImageTextures
 from ..lost_looks import lost_looks
 from ..mesh_part import MeshPart
@@ -87,6 +87,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         files=tuple(dict.fromkeys(file for part in parts for file in part.files)),
         camera=CAMERA,
         trajectory=view.trajectory,
+        default_duration_s=DEFAULT_DURATION_S,
         soft_light=True,
         note=f"{path.name} is {x} x {y} wide and {z} high, at {scale:g} m to a unit and with axis {up} up"
         f"{view.unit_question(path.stem, scale)}{view.up_question(up)}; the camera: {view.note}",
