@@ -106,8 +106,8 @@ def add_path(group: argparse._ArgumentGroup) -> None:
         dest="duration_s",
         type=float,
         metavar="S",
-        help=f"seconds of the path; if not given, to its end, or {DEFAULT_DURATION_S:g} s of a path that the file does not "
-        "have",
+        help="seconds of the path; if not given, to its end, or "
+        f"{DEFAULT_DURATION_S:g} s of a path that the file does not have",
     )
 
 
