@@ -33,6 +33,7 @@ from ..sensor.imu import IMU_DTYPE, Imu, ImuArray, simulate_imu
 from ..sensor.motion_capture import MotionCapture
 from .frame_gain import path_image_gain
 from .monte_carlo_noise import refuse_noise
+from .pixel_error import estimate_pixel_error
 from .planning import EffectPlan
 from .settings import FolderSettings, complete, make_imu, make_motion_capture, takes_settings
 from .simulate import MadeSimulator, make_simulator
@@ -217,7 +218,7 @@ class PreparedRun:
         return self.made.simulator
 
     def tell(self, *, quiet: bool, stacklevel: int, prefix: str = "") -> None:
-        """Say who renders, how much noise that makes, and that much memory will be taken.
+        """Say who renders, how many events that makes wrong, and that much memory will be taken.
 
         Args:
             quiet: only warn of noise.
@@ -230,9 +231,16 @@ class PreparedRun:
         if quiet:
             self.made.warn_of_noise(stacklevel=stacklevel + 1)
             return
-        for line in (_rendering_with(self.simulator.renderer), self.made.noise_line, self.simulator.memory.line()):
+        simulator = self.simulator
+        for line in (_rendering_with(simulator.renderer), self.made.noise_line, simulator.memory.line()):
             if line:
                 say(prefix + line)
+        thresholds = simulator.contrast_threshold, simulator.contrast_threshold_off
+        error = estimate_pixel_error(
+            simulator.renderer, self.scene.path, thresholds=thresholds, log_eps=simulator.log_eps
+        )
+        if error is not None:
+            say(f"{prefix}{error}")
 
     def describe(self) -> dict[str, object]:
         """Return what ``meta.json`` says of the run."""

@@ -14,19 +14,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from .._core import CrossingEngine
 from .._mitsuba.variants import SCALAR, variant
 from .._util.progress import doing
 from .._util.quantities import about, percent
-from ..events.arrays import EventArray
 from ..events.matching import compare_events
-from ..geometry.pose import FloatArray
 from ..geometry.trajectory.trajectory import Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
@@ -35,6 +31,7 @@ from ..render.integrator.base import SceneRenderer
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
+from .followed_pixels import events_of_pixels, spread_pixels, stretches_of
 from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, share_text
 from .settings import (
     AUTO_RAYS,
@@ -55,9 +52,8 @@ if TYPE_CHECKING:
 PIXELS = 256
 """How many pixels are followed."""
 
-STRETCHES, KEYFRAMES = 4, 25
-"""The path is sampled in ``STRETCHES`` stretches of ``KEYFRAMES`` keyframes: 8 pixels of motion each, at the paper's
-third of a pixel a keyframe."""
+STRETCHES = 4
+"""In so many stretches the path is sampled."""
 
 SEEDS = 48
 """How often the pixels are rendered, each time with other random numbers."""
@@ -240,7 +236,7 @@ class _PilotRenders:
             renderer.rays_per_pixel / 2 ** max(0, math.ceil(math.log2(renderer.rays_per_pixel / MOST_BASE_SAMPLES)))
         )
         scalar = renderer.variant == SCALAR
-        self.times = _stretches(renderer, trajectory, rule, 1 if scalar else STRETCHES)
+        self.times = stretches_of(renderer, trajectory, rule, 1 if scalar else STRETCHES)
         size = renderer.camera.width * renderer.camera.height
         span_us = sum(int(t_us[-1] - t_us[0]) for t_us in self.times)
         keyframes = sum(len(t_us) for t_us in self.times)
@@ -251,7 +247,7 @@ class _PilotRenders:
         a_seed = keyframes * self.base * (2 * renderer.reach_px + 1) ** 2
         allowed = max(cost_share * self.run_rays, FEWEST_RAYS_SCALAR if scalar else FEWEST_RAYS) / a_seed
         self.seeds = int(np.clip(allowed // PIXELS, FEWEST_SEEDS, SEEDS))
-        self.pixel = _spread_pixels(size, int(np.clip(allowed // self.seeds, min(FEWEST_PIXELS, size), PIXELS)))
+        self.pixel = spread_pixels(size, int(np.clip(allowed // self.seeds, min(FEWEST_PIXELS, size), PIXELS)))
 
     def is_the_same(self) -> bool:
         """Tell whether two seeds give the same luma at the first and the last instant."""
@@ -287,31 +283,6 @@ class _PilotRenders:
         return seeded.samples(views, view, np.tile(self.pixel, len(views)), rays=self.base).reshape(-1, count)
 
 
-def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement, stretches: int) -> list[IntArray]:
-    """Return the keyframes of stretches, spread evenly over the path; of a short path all that there are."""
-    end_us = round(trajectory.duration_s * 1e6)
-    wanted = stretches * KEYFRAMES
-    first = [0, *islice(rule.instants(renderer, trajectory, end_us), wanted)]
-    if len(first) <= wanted:
-        return [np.unique(np.array([*first, end_us], np.int64))]
-    stretches_us = [np.array(first[:KEYFRAMES], np.int64)]
-    for number in range(1, stretches):
-        start_us = max(end_us * number // stretches, int(stretches_us[-1][-1]))
-        rest = trajectory.crop(start_us * 1e-6)
-        instants = islice(rule.instants(renderer, rest, end_us - start_us, start_us=start_us), KEYFRAMES - 1)
-        t_us = np.array([start_us, *(start_us + t_us for t_us in instants)], np.int64)
-        if len(t_us) > 1:
-            stretches_us.append(t_us)
-    return stretches_us
-
-
-def _spread_pixels(size: int, count: int) -> IntArray:
-    """Return indices y W + x of ``count`` pixels: one in each of ``count`` equal runs, without a pattern."""
-    edges = np.linspace(0, size, count + 1)
-    golden = np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1
-    return np.minimum((edges[:-1] + golden * np.diff(edges)).astype(np.int64), size - 1)
-
-
 def _mismatch(
     frames: list[npt.NDArray[np.float32]],
     times: list[IntArray],
@@ -329,21 +300,7 @@ def _mismatch(
         for group in range(min(4, len(luma) // blocks)):
             summed = luma[group * blocks : (group + 1) * blocks].sum(0, dtype=np.float64)
             streams = [summed / blocks, (total - summed) / (len(luma) - blocks)]
-            ours, theirs = (_events(mean, t_us, thresholds, log_eps) for mean in streams)
+            ours, theirs = (events_of_pixels(mean, t_us, thresholds, log_eps) for mean in streams)
             comparison = compare_events(ours, theirs, size=(luma.shape[2], 1))
             wrong, right = wrong + comparison.missing + comparison.spurious, right + comparison.reference
     return (wrong / right if right else math.nan), right
-
-
-def _events(luma: FloatArray, t_us: IntArray, thresholds: tuple[float, float], log_eps: float) -> EventArray:
-    """Return the events of pixels (keyframes, pixels)."""
-    engine = CrossingEngine(
-        luma.shape[1],
-        1,
-        contrast_threshold=thresholds[0],
-        contrast_threshold_off=thresholds[1],
-        log_eps=log_eps,
-        threads=1,
-    )
-    rows = luma.astype(np.float32)[:, None]
-    return np.concatenate([engine.push(t, row) for t, row in zip((t_us - t_us[0]).tolist(), rows, strict=True)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from copy import copy
 from typing import TypeVar
 
 import numpy as np
@@ -107,6 +108,16 @@ class NativeRenderer(Renderer):
         return NativeRenderer(
             self.table, self.camera, rays_per_pixel=self.rays_per_pixel, blur=False, motion=self.motion
         )
+
+    def by_rays(self, rays_per_pixel: int) -> NativeRenderer:
+        """Return a renderer of the same image, with its blur and lens, whose pixels are means over so many rays.
+
+        It shares the scene.
+        """
+        other = copy(self)
+        other.rays_per_pixel, other.pixel = rays_per_pixel, "rays"
+        other._estimator = ESTIMATORS["rays"](self.camera, rays_per_pixel)
+        return other
 
     def _luma(self, views: Views) -> LumaFrames:
         return self._frames(views, lambda arrays: self._estimator.luma(self._core, arrays))
