@@ -8,7 +8,7 @@ use std::io::Read;
 use davis_rs::aer::{Chip, Decoded, Decoder, Device};
 use davis_rs::{
     Aedat4Decoder, CrossingEngine, CrossingParameters, Decode, Effects, EngineState, Event, EventReader, Evt2Decoder,
-    Evt3Decoder, Evt21Decoder, Frame, HotPixels, Interpolation, Leak, MeshoptFilter, MeshoptMode,
+    Evt3Decoder, Evt21Decoder, Frame, HotPixels, Interpolation, Ktx2, Leak, MeshoptFilter, MeshoptMode,
     PhotoreceptorBandwidth, ReadoutParameters, SensorSize, ShotNoise, StartPhase, TextDecoder, Threshold,
     decode_meshopt,
 };
@@ -64,11 +64,12 @@ pub fn aedat4(data: &[u8]) {
 
 /// A compressed buffer view of a glTF file; the first bytes say what it holds, how many elements, and their size.
 pub fn meshopt(data: &[u8]) {
-    const MODES: [MeshoptMode; 6] = [
+    const MODES: [MeshoptMode; 7] = [
         MeshoptMode::Attributes(MeshoptFilter::None),
         MeshoptMode::Attributes(MeshoptFilter::Octahedral),
         MeshoptMode::Attributes(MeshoptFilter::Quaternion),
         MeshoptMode::Attributes(MeshoptFilter::Exponential),
+        MeshoptMode::Attributes(MeshoptFilter::Colour),
         MeshoptMode::Triangles,
         MeshoptMode::Indices,
     ];
@@ -77,9 +78,10 @@ pub fn meshopt(data: &[u8]) {
     let (count, stride) = (3 * usize::from(*count), 2 * usize::from(*stride));
     let Ok(elements) = decode_meshopt(view, mode, count, stride) else { return };
     assert_eq!(elements.len(), count * stride);
-    // Two bits say that 16 bytes are those of the element before.
-    assert!(elements.len() <= 64 * view.len(), "more elements than groups hold");
+    // Two bits say that 256 bytes are those of the element before.
+    assert!(elements.len() <= 1024 * view.len(), "more elements than blocks hold");
     let tail = match mode {
+        MeshoptMode::Attributes(_) if view[0] == 0xa1 => (stride + stride / 4).max(24),
         MeshoptMode::Attributes(_) => stride.max(32),
         MeshoptMode::Triangles => 16,
         MeshoptMode::Indices => 4,
@@ -87,6 +89,18 @@ pub fn meshopt(data: &[u8]) {
     let mut longer = view.to_vec();
     longer.insert(view.len() - tail, 0);
     assert!(decode_meshopt(&longer, mode, count, stride).is_err(), "a byte is left over");
+}
+
+/// A KTX2 file, of an image that is not too large to be decoded many times.
+pub fn ktx2(data: &[u8]) {
+    let Ok(file) = Ktx2::read(data) else { return };
+    let (width, height) = file.size();
+    let texels = u64::from(width) * u64::from(height);
+    if texels > 1 << 20 {
+        return;
+    }
+    let Ok(rgba) = file.rgba() else { return };
+    assert_eq!(rgba.len() as u64, 4 * texels);
 }
 
 /// Reads a file whole, and cut in two: both must give the same events, or the same error.

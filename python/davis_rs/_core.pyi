@@ -35,8 +35,10 @@ __all__ = [
     "crc32",
     "crc32_combine",
     "decode_ecf",
+    "decode_ktx2",
     "decode_meshopt",
     "fill_events",
+    "inspect_ktx2",
     "latest_times",
     "log_intensity",
     "pack_event_message",
@@ -1605,12 +1607,13 @@ def blur_3x3(luma: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 def decode_meshopt(
     data: npt.NDArray[np.uint8], mode: str, filter: str, count: int, stride: int
 ) -> npt.NDArray[np.uint8]:
-    """Decode a buffer view that a glTF file compresses by ``EXT_meshopt_compression``; the GIL is released.
+    """Decode a buffer view that a glTF file compresses by ``EXT_meshopt_compression`` or ``KHR_meshopt_compression``;
+    the GIL is released.
 
     Args:
         data: uint8, shape (n,), contiguous: the compressed bytes.
         mode: ``ATTRIBUTES``, ``TRIANGLES`` or ``INDICES``.
-        filter: ``NONE``, or of attributes ``OCTAHEDRAL``, ``QUATERNION`` or ``EXPONENTIAL``.
+        filter: ``NONE``, or of attributes ``OCTAHEDRAL``, ``QUATERNION``, ``EXPONENTIAL`` or ``COLOR``.
         count: elements that there must be.
         stride: bytes of an element.
 
@@ -1622,5 +1625,37 @@ def decode_meshopt(
         DecodeError: for data that break a rule of the stream, with the byte.
         MemoryError: if there is not enough.
 
-    Source: Khronos Group, EXT_meshopt_compression, appendices A (bitstream) and B (filters).
+    Source: Khronos Group, KHR_meshopt_compression, appendices A (bitstream) and B (filters).
+    """
+
+def decode_ktx2(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Decode the finest level of a KTX2 file: Basis Universal (ETC1S or UASTC), or plain bytes; the GIL is released.
+
+    Args:
+        data: uint8, shape (n,), contiguous: the file.
+
+    Returns:
+        uint8, shape (height, width, 4): red, green, blue and opacity as the file has them; row 0 is the upper edge.
+
+    Raises:
+        DecodeError: for a file that breaks a rule, or whose texels are in a format that is not read.
+        MemoryError: if there is not enough.
+
+    Source: Khronos Group, KTX File Format Specification 2.0.
+    """
+
+def inspect_ktx2(data: npt.NDArray[np.uint8]) -> tuple[int, int, str]:
+    """Read what a KTX2 file says of its image, before anything is decoded.
+
+    Args:
+        data: uint8, shape (n,), contiguous: the file.
+
+    Returns:
+        Width, height, and what the numbers of texels stand for: ``linear``, ``srgb``, or an empty text where the file
+        does not say.
+
+    Raises:
+        DecodeError: for a file that breaks a rule, or whose texels are in a format that is not read.
+
+    Source: Khronos Group, KTX File Format Specification 2.0.
     """

@@ -43,4 +43,10 @@ impl Error {
         let context = context.into();
         move |source| Self::Io { context, source }
     }
+
+    /// Returns the error of a rule of a format that is broken at a byte of the data.
+    #[cold]
+    pub(crate) fn at_byte(rule: impl Into<String>, byte: usize) -> Self {
+        Self::Format { message: rule.into(), line: None, byte }
+    }
 }

@@ -19,6 +19,7 @@ mod event;
 mod exact;
 mod filter;
 mod huge_pages;
+mod ktx2;
 mod log_intensity;
 mod meshopt;
 mod order;
@@ -45,6 +46,7 @@ pub use crossing::{
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use filter::{EventFilter, FilterRule};
+pub use ktx2::{Ktx2, Transfer as Ktx2Transfer};
 pub use log_intensity::{log_intensity, log_intensity_frame};
 pub use meshopt::{MeshoptFilter, MeshoptMode, decode_meshopt};
 pub use read::{

@@ -143,19 +143,18 @@ def with_camera(gltf: Gltf, distance: float = 3.0, **node: Any) -> int:
     return gltf.node(camera=number, **{"translation": [0, 0, distance], **node})
 
 
-def packed_square(**changes: object) -> Gltf:
-    """A square whose vertices and faces are compressed by ``EXT_meshopt_compression``, and nothing of it is there in
-    plain."""
-    gltf = Gltf(extensionsRequired=["EXT_meshopt_compression"])
+def packed_square(name: str = "EXT_meshopt_compression", **changes: object) -> Gltf:
+    """A square whose vertices and faces are compressed by an extension, and nothing of it is there in plain."""
+    gltf = Gltf(extensionsRequired=[name])
     views = []
     for text, mode, count, stride in ((CORNERS_PACKED, "ATTRIBUTES", 4, 12), (FACES_PACKED, "TRIANGLES", 6, 2)):
         number = gltf.view(base64.b64decode(text))
         stored = gltf.document["bufferViews"][number]
         packed = {**stored, "byteStride": stride, "count": count, "mode": mode, **changes}
-        plain = {"buffer": 1, "byteLength": count * stride, "extensions": {"EXT_meshopt_compression": packed}}
+        plain = {"buffer": 1, "byteLength": count * stride, "extensions": {name: packed}}
         views.append(plain)
     gltf.document["bufferViews"] = views
-    gltf.document["buffers"] = [{"byteLength": 60, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}]
+    gltf.document["buffers"] = [{"byteLength": 60, "extensions": {name: {"fallback": True}}}]
     corners = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
     faces = {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}
     gltf.document["accessors"] = [corners, faces]

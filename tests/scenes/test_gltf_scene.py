@@ -884,9 +884,9 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
         lambda gltf: gltf.document.update(asset={"version": 1}),
         r"must be glTF 2\.0, got version 1; Blender and gltf-pipeline convert",
     ),
-    "basis required": (
-        lambda gltf: gltf.document.update(extensionsRequired=["KHR_texture_basisu"]),
-        "extensionsRequired: 'KHR_texture_basisu' is not read; export its textures as PNG, JPEG or WebP",
+    "images of another kind": (
+        lambda gltf: gltf.document.update(extensionsRequired=["EXT_texture_avif"]),
+        "extensionsRequired: 'EXT_texture_avif' is not read; export its textures as PNG, JPEG or WebP",
     ),
     "no mesh": (put("nodes", 0, mesh=7), r"nodes\[0\]\.mesh: must be a number of the 1 meshes, counted from 0, got 7"),
     "negative": (put("nodes", 0, mesh=-1), "got -1"),
@@ -931,11 +931,11 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
         lambda gltf: gltf.document["meshes"][0]["primitives"][0].update(indices=gltf.array([0, 0, 1], "u2")),
         r"no triangles: .* \(triangles without area are left out: 1 \(the first: meshes\[0\]\.primitives\[0\]\)\)",
     ),
-    "basis": (
+    "no image that is read": (
         lambda gltf: gltf.document["materials"][0]["pbrMetallicRoughness"].update(
-            baseColorTexture={"index": gltf.add("textures", {"extensions": {"KHR_texture_basisu": {"source": 0}}})}
+            baseColorTexture={"index": gltf.add("textures", {"extensions": {"EXT_texture_avif": {"source": 0}}})}
         ),
-        r"baseColorTexture: has no image of a kind that is read \(PNG, JPEG, WebP\)",
+        r"baseColorTexture: has no image of a kind that is read \(PNG, JPEG, WebP, KTX2\)",
     ),
     "times": (
         lambda gltf: gltf.animate(1, "rotation", [1.0, 0.5], [[0, 0, 0, 1]] * 2),

@@ -1,4 +1,4 @@
-"""Compressed buffer views of glTF files, against streams of the reference encoder (meshoptimizer, codec 0)."""
+"""Compressed buffer views of glTF files, against streams of the reference encoder (meshoptimizer, both versions)."""
 
 from __future__ import annotations
 
@@ -37,6 +37,30 @@ STREAMS: dict[str, tuple[str, str, str, int, int, str]] = {
         300,
         4,
         "494c397cec17bbec",
+    ),
+    "newer attributes": (
+        "oXNml5rqAIe1oUWNjoVZZzmqGcG4iVN3XhamAiYgQCIAy2G1HhHh+m6PCOssSbLLVAFoGGcCAQVRMVVVExMPAAMBAwMCD/sEePzDRA8PHBMPHwAEDwwIDwAGZP//////EQD//wBu5yaD+V+VlP0ATGMUqvp56vGmPgUqqqqqqoAAAAUQACQACQAAAAYBJiURUHFHYXdAAAAEAwD6BgED/voGAQP++gYBA/76BgED/nIEEOkACIA/zwABCQAAAAAAAAAAAAAAIiI=",
+        "ATTRIBUTES",
+        "NONE",
+        21,
+        20,
+        "7f63c8c67c532053",
+    ),
+    "newer attributes of shorts": (
+        "oXNml5ZaAIe1oUWNjoVZZzmqGcG4iVN3XhamTcatn6J8nVtoLKePTH4flwomIEAiAAICAADLYbUeEeH6bo8I6yxJsstUAWgYZ4Quheivr4d0pf3ENFxBXV8KAQVRMVVVExMxMwExFwFVcRcAAwMFBwoP+wR4/MNEDw8cEw9PyPzPQ8BDQA8PGw8ADA8HAwAGZP//////0eH//////////xgA//8Abucmg/lflZT9AExjFKr6eerxpj7JY4O6WT2y5hMPdE24aQvvFSqqqqqqqqqqqoAAAAUQACQACQACQBAAAgD+7YD///9/gH+AgICA/4Bd93+AgICAf/9/f39/fwMAf38VAhCEmBAmQAkkAAAAADjngID/gID/gID/nHOAgP+AgP+AgP8OAICA/wU0PQ9DfX59fn1+0PQ9D31+fX59fn0ZAAF+fXIEEOkACIA/zwABCQAAAAAAAAAAAAAAAAE=",
+        "ATTRIBUTES",
+        "NONE",
+        37,
+        20,
+        "94b23bb2a1884d6d",
+    ),
+    "newer attributes in two blocks": (
+        "oRn6////AAIiRERmaIiKqszM7u///xAQEBASEhIUFBQUFhYWGBgYGBoaGhwcHBweHh4gICAgIiIiJCQkJCYmJigoKCgqKiosLCwsLi4uMDAwMDIyMjQ0NDQ2NjY4ODg4Ojo6PDw8PD4+PkBAQEBCQkJERERERkZGSEhISEpKSkxMTExOTk5QUFBQUlJSVFRUVFZWVlhYWFhaWlpcXFxcXl5eYGBgYGJiYmRkZGRmZmZoaGhoampqbGxsbG5ubnBwcHBycnJ0dHR0dnZ2eHh4eHp6enx8fHx+fn6AgICAgoKChISEhIaGhoiIiIiKioqMjIyMjo6OkJCQkJJVVVVVOqqqqgWqqqqrzOqqqqrHqqqqr46Jqqqqqqqqqr5QS6qqqqqqqqr6Eg2qqqqqqqqr6tTPqqqqqqqqr6qWkaqqqqqqqr6qWFOqqqqqqqr6qhoVVURERAIABwCABgEABgDABgYAYAYGADAGBgAYBQUADAUFAAYFBQADBQUbkpKUlJSUlpaWmJiYmJqampycnJyenp6goKCgoqKipKSkpKampqioqKiqqqoVqqqqqqqr6qrc16qqqgAEgAEEBAAAAAAAAAAAAAAAAAAAAAAAAAAAAIQDAQ==",
+        "ATTRIBUTES",
+        "NONE",
+        300,
+        4,
+        "94ed0ae2fb53fbd8",
     ),
     "triangles": (
         "4f4eEA4QDhAOzh4WDhUOFA7OHhQOFA4UDs4eFA4UDhQO///////+///////////+////////Hh8PHw8fD84eFg4VDhQOzh4UDhQOFA7OHhQOFA4UDg8K/1wSSfIfHo8PIv9EPx7/W0ZZ/36TAfE6bE9XJv9JSCD/DQYp/zZ1A/+CAQkl8xcb/xEGOv8dGNI2/0lLpgH/CTkz/y8mC/8TDmD/QQIIBwoHCgcKAHaHVmd4qYZliWiYAWkAAA==",
@@ -150,6 +174,30 @@ def test_filters_give_the_numbers_of_the_reference(name: str) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=0 if number == "<f4" else 1)
 
 
+def colour_of(luma: int, orange: int, green: int, opacity: int, one: int) -> list[int]:
+    """What the filter COLOR makes of an element, by its definition in whole numbers and fractions."""
+    bits = opacity.bit_length()
+    scale = one / (2**bits - 1)
+    clear = opacity - 2 ** (bits - 1)
+    given = (luma + orange - green, luma + green, luma - orange - green, 2 * clear + clear % 2)
+    return [int(number * scale + 0.5) for number in given]
+
+
+@pytest.mark.parametrize(("size", "one"), [(1, 255), (2, 65535)])
+def test_colours_are_made_of_luma_and_differences(size: int, one: int) -> None:
+    """With as many bits as the highest of the opacity says; the elements are stored one by one, without differences."""
+    elements = [(100, 20, -30, 0xFF), (7, 3, -4, 0x0B), (0, 0, 0, 0x80)] if size == 1 else [
+        (30000, 2000, -9000, 0xFFFF), (700, 300, -200, 0x5A3), (1, 1, 0, 0b11),
+    ]  # fmt: skip
+    packed = np.array(elements, np.int64).astype(f"<i{size}").view(np.uint8).reshape(len(elements), -1)
+    turned = np.diff(packed.astype(np.int8), axis=0, prepend=packed[:1].astype(np.int8)).astype(np.int8)
+    deltas = ((turned.view(np.uint8) << 1) ^ (turned >> 7).view(np.uint8)).T
+    stream = b"\xa1" + b"\xff" * size + deltas.tobytes()  # each byte as it is
+    stream += bytes(max(0, 24 - 5 * size)) + packed[0].tobytes() + bytes(size)
+    found = np.frombuffer(decode(stream, "ATTRIBUTES", "COLOR", len(elements), 4 * size), f"<u{size}").reshape(-1, 4)
+    assert found.tolist() == [colour_of(*element, one) for element in elements]
+
+
 @pytest.mark.parametrize("name", STREAMS)
 def test_damaged_streams_are_refused_or_give_as_many_bytes(name: str) -> None:
     """No other error, and no read beyond the data; streams that are cut short are always refused."""
@@ -169,6 +217,15 @@ def test_damaged_streams_are_refused_or_give_as_many_bytes(name: str) -> None:
         decode(data, mode, kind, count + 300, stride)
 
 
+def test_a_channel_of_no_mode_is_refused() -> None:
+    data = bytearray(base64.b64decode(STREAMS["newer attributes"][0]))
+    for mode in (0x03, 0x10, 0x0F):
+        data[-5] = mode
+        rule = re.escape(f"attributes must have channels of mode 0, 1 or 2, got {mode:#04x} (byte {len(data) - 5})")
+        with pytest.raises(DecodeError, match=rule):
+            decode(bytes(data), "ATTRIBUTES", "NONE", 21, 20)
+
+
 def test_what_there_is_not_is_refused() -> None:
     """Names and sizes; DecodeError is for streams alone."""
     data = base64.b64decode(STREAMS["attributes"][0])
@@ -179,6 +236,7 @@ def test_what_there_is_not_is_refused() -> None:
         ("ATTRIBUTES", "NONE", 77, 6, "attributes must have a stride of 4, 8 ... 256 bytes, got 6"),
         ("ATTRIBUTES", "NONE", 77, 260, "attributes must have a stride of 4, 8 ... 256 bytes, got 260"),
         ("ATTRIBUTES", "OCTAHEDRAL", 77, 12, "the filter OCTAHEDRAL needs a stride of 4 or 8 bytes, got 12"),
+        ("ATTRIBUTES", "COLOR", 77, 16, "the filter COLOR needs a stride of 4 or 8 bytes, got 16"),
         ("ATTRIBUTES", "QUATERNION", 77, 4, "the filter QUATERNION needs a stride of 8 bytes, got 4"),
         ("TRIANGLES", "NONE", 77, 4, "triangles must have a stride of 2 or 4 bytes and be whole, got 77 of 4"),
         ("INDICES", "NONE", 77, 8, "indices must have a stride of 2 or 4 bytes and be whole, got 77 of 8"),
@@ -199,8 +257,9 @@ def test_memory_is_charged_before_it_is_taken(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
-def test_a_compressed_file_is_the_scene_that_it_was(tmp_path: Path, suffix: str) -> None:
-    compressed = load_scene(packed_square().save(tmp_path / f"packed{suffix}"))
+@pytest.mark.parametrize("name", ["EXT_meshopt_compression", "KHR_meshopt_compression"])
+def test_a_compressed_file_is_the_scene_that_it_was(tmp_path: Path, name: str, suffix: str) -> None:
+    compressed = load_scene(packed_square(name).save(tmp_path / f"packed{suffix}"))
     gltf = Gltf()
     gltf.node(mesh=quad(gltf))
     plain = load_scene(gltf.save(tmp_path / f"plain{suffix}"))
@@ -224,7 +283,7 @@ def test_a_compressed_file_is_the_scene_that_it_was(tmp_path: Path, suffix: str)
         ),
         ({"byteLength": 10**6}, r"byteLength: must be a number of bytes of its buffer"),
         ({"buffer": 1}, r"buffers\[1\]: has data by EXT_meshopt_compression alone"),
-        ({"byteOffset": 4}, "must begin with the byte 0xa0"),
+        ({"byteOffset": 4}, "must begin with the byte 0xa0 or 0xa1"),
     ],
 )
 def test_a_file_that_breaks_a_rule_is_refused_by_its_place(

@@ -86,15 +86,15 @@ def lines(gltf: Gltf) -> None:
     gltf.document["meshes"][0]["primitives"][0]["mode"] = 1
 
 
-def basis(gltf: Gltf) -> None:
+def other_images(gltf: Gltf) -> None:
     plain(gltf)
-    gltf.document["extensionsRequired"] = ["KHR_texture_basisu"]
+    gltf.document["extensionsRequired"] = ["EXT_texture_avif"]
 
 
 MODELS: dict[str, tuple[Callable[[Gltf], None], str, str]] = {
     "square": (plain, "native", ""),
     "lines": (lines, "refused", "parts made of lines, which have no surface, left out"),
-    "basis": (basis, "refused", "KHR_texture_basisu"),
+    "other_images": (other_images, "refused", "EXT_texture_avif"),
 }
 """The same for glTF files."""
 

@@ -44,11 +44,13 @@ class EncodedTexture:
         texels: uint8 (H, W, 3), in sRGB; row 0 is the upper edge.
         alpha: uint8 (H, W), how opaque each is; None where the image is opaque everywhere.
         tint: (3,), factors of red, green and blue in linear light.
+        transfer: what the file says that the texels are, ``srgb`` or ``linear``; empty where it does not say.
     """
 
     texels: npt.NDArray[np.uint8]
     alpha: npt.NDArray[np.uint8] | None
     tint: FloatArray
+    transfer: str = ""
 
     @property
     def opaque(self) -> bool:

@@ -3,7 +3,7 @@
 
 use crate::error::{Error, Result};
 
-/// A filter of `EXT_meshopt_compression`.
+/// A filter of `KHR_meshopt_compression`; `EXT_meshopt_compression` has all but the last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshoptFilter {
     /// Elements are as they are.
@@ -14,6 +14,8 @@ pub enum MeshoptFilter {
     Quaternion,
     /// Floats of 8 bits of exponent and 24 bits of mantissa.
     Exponential,
+    /// Colours of luma and two differences, with the opacity's highest bit above all others.
+    Colour,
 }
 
 impl MeshoptFilter {
@@ -22,6 +24,7 @@ impl MeshoptFilter {
         let (name, strides) = match self {
             Self::Octahedral if !matches!(stride, 4 | 8) => ("OCTAHEDRAL", "4 or 8"),
             Self::Quaternion if stride != 8 => ("QUATERNION", "8"),
+            Self::Colour if !matches!(stride, 4 | 8) => ("COLOR", "4 or 8"),
             _ => return Ok(()),
         };
         Err(Error::Argument(format!("the filter {name} needs a stride of {strides} bytes, got {stride}")))
@@ -50,6 +53,18 @@ impl MeshoptFilter {
                     *number = to_float(given << 8 >> 8, given >> 24).to_le_bytes();
                 }
             }
+            Self::Colour if stride == 4 => {
+                for element in elements.as_chunks_mut::<4>().0 {
+                    let [luma, orange, green, opacity] = *element;
+                    let [orange, green] = [orange, green].map(|byte| i32::from(byte.cast_signed()));
+                    *element = colour(i32::from(luma), orange, green, opacity.into(), 255.0).map(to_u8);
+                }
+            }
+            Self::Colour => each_of_shorts(elements, |[luma, orange, green, opacity]| {
+                let [luma, opacity] = [luma, opacity].map(i16::cast_unsigned);
+                colour(luma.into(), orange.into(), green.into(), opacity.into(), 65535.0)
+                    .map(|value| to_u16(value).cast_signed())
+            }),
         }
     }
 }
@@ -91,6 +106,17 @@ fn quaternion([x, y, z, unit]: [i16; 4]) -> [i16; 4] {
     }
 }
 
+/// Returns red, green, blue and opacity, `one` being the brightest.
+#[allow(clippy::cast_precision_loss, reason = "of 18 bits at most")]
+fn colour(luma: i32, orange: i32, green: i32, opacity: u32, one: f32) -> [f32; 4] {
+    // All numbers have as many bits as the opacity, of which the highest is set and says so.
+    let most = ((1u32 << (u32::BITS - opacity.leading_zeros())) - 1).max(1);
+    let opacity = opacity & most >> 1;
+    let scale = one / most as f32;
+    let rgb = [luma + orange - green, luma + green, luma - orange - green].map(|value| value as f32);
+    [rgb[0], rgb[1], rgb[2], (opacity << 1 | opacity & 1) as f32].map(|value| (value * scale).round())
+}
+
 /// Returns mantissa x 2^exponent, for 24 and 8 bits of them: exact, or infinite.
 #[allow(clippy::cast_possible_truncation, reason = "infinite where it is too large")]
 fn to_float(mantissa: i32, exponent: i32) -> f32 {
@@ -105,4 +131,14 @@ fn to_i16(value: f32) -> i16 {
 #[allow(clippy::cast_possible_truncation, reason = "clipped")]
 fn to_i8(value: f32) -> i8 {
     value as i8
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clipped")]
+fn to_u16(value: f32) -> u16 {
+    value as u16
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clipped")]
+fn to_u8(value: f32) -> u8 {
+    value as u8
 }

@@ -1,8 +1,7 @@
 //! Indices in any order: each is near one of the two that came last, each in a line of its own.
 
-use super::fault::fault;
 use super::numbers::{Numbers, signed};
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// The bytes after the numbers.
 const TAIL: usize = 4;
@@ -11,7 +10,7 @@ const TAIL: usize = 4;
 pub(super) fn decode(data: &[u8], count: usize, mut push: impl FnMut(u32)) -> Result<()> {
     let Some(data) = data.len().checked_sub(TAIL).map(|end| &data[..end]).filter(|data| data.first() == Some(&0xd1))
     else {
-        return Err(fault("indices must begin with the byte 0xd1 and end with four bytes", 0));
+        return Err(Error::at_byte("indices must begin with the byte 0xd1 and end with four bytes", 0));
     };
     let mut numbers = Numbers::new(data, 1);
     let mut last = [0u32; 2];

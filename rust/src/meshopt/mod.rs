@@ -1,14 +1,15 @@
-//! Compressed buffer views of glTF files to bytes, by `EXT_meshopt_compression`.
+//! Compressed buffer views of glTF files to bytes, by `KHR_meshopt_compression`, and by `EXT_meshopt_compression`, of
+//! which it has all.
 //!
-//! `attributes` are the numbers of vertices, to which one of the `filters` may belong. `triangles` and `indices` name
-//! vertices, by the `numbers` of their streams. `fault` says what breaks a rule, and at which byte.
+//! `attributes` are the numbers of vertices, whose `differences` are stored, and to which one of the `filters` may
+//! belong. `triangles` and `indices` name vertices, by the `numbers` of their streams.
 //!
 //! What must not break: nothing beyond the data is read, and nothing but the result grows with them.
 //!
-//! Source: Khronos Group, `EXT_meshopt_compression`, appendices A (bitstream) and B (filters).
+//! Source: Khronos Group, `KHR_meshopt_compression`, appendices A (bitstream) and B (filters).
 
 mod attributes;
-mod fault;
+mod differences;
 mod filters;
 mod indices;
 mod numbers;

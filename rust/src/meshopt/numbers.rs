@@ -1,7 +1,6 @@
 //! The whole numbers of a stream: seven bits a byte, the low ones first.
 
-use super::fault::fault;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// Reads numbers one after the other.
 pub(super) struct Numbers<'a> {
@@ -18,7 +17,7 @@ impl<'a> Numbers<'a> {
     }
 
     pub(super) fn byte(&mut self) -> Result<u8> {
-        let byte = *self.data.get(self.at).ok_or_else(|| fault("indices end too early", self.at))?;
+        let byte = *self.data.get(self.at).ok_or_else(|| Error::at_byte("indices end too early", self.at))?;
         self.at += 1;
         Ok(byte)
     }
@@ -32,7 +31,7 @@ impl<'a> Numbers<'a> {
                 return Ok(value);
             }
         }
-        Err(fault("a number of indices has more than 32 bits", start))
+        Err(Error::at_byte("a number of indices has more than 32 bits", start))
     }
 
     /// Returns an index, which is stored as its difference to the last one.
@@ -46,7 +45,7 @@ impl<'a> Numbers<'a> {
     pub(super) fn end(&self, what: &str) -> Result<()> {
         match self.data.len() - self.at {
             0 => Ok(()),
-            left => Err(fault(format!("{left} bytes of {what} are left over"), self.at)),
+            left => Err(Error::at_byte(format!("{left} bytes of {what} are left over"), self.at)),
         }
     }
 }

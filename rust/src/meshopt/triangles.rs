@@ -1,8 +1,7 @@
 //! Triangles: each goes on from an edge or from vertices of the last ones, by a code of one byte.
 
-use super::fault::fault;
 use super::numbers::Numbers;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// Pairs of vertices that come often, at the end of the data.
 const TABLE: usize = 16;
@@ -44,7 +43,7 @@ pub(super) fn decode(data: &[u8], count: usize, mut push: impl FnMut(u32)) -> Re
     let end = data.len().checked_sub(TABLE).filter(|&end| end > count && data[0] == 0xe1);
     let Some(end) = end else {
         let rule = "triangles must begin with the byte 0xe1, have a code each, and end with a table";
-        return Err(fault(rule, 0));
+        return Err(Error::at_byte(rule, 0));
     };
     let mut mesh = Mesh {
         table: &data[end..],

@@ -9,12 +9,13 @@ use crate::meshopt::{self, MeshoptFilter, MeshoptMode};
 /// So many characters of a name are shown.
 const SHOWN: usize = 40;
 
-/// Decode a buffer view that a glTF file compresses by ``EXT_meshopt_compression``; the GIL is released.
+/// Decode a buffer view that a glTF file compresses by ``EXT_meshopt_compression`` or ``KHR_meshopt_compression``;
+/// the GIL is released.
 ///
 /// Args:
 ///     data: uint8, shape (n,), contiguous: the compressed bytes.
 ///     mode: ``ATTRIBUTES``, ``TRIANGLES`` or ``INDICES``.
-///     filter: ``NONE``, or of attributes ``OCTAHEDRAL``, ``QUATERNION`` or ``EXPONENTIAL``.
+///     filter: ``NONE``, or of attributes ``OCTAHEDRAL``, ``QUATERNION``, ``EXPONENTIAL`` or ``COLOR``.
 ///     count: elements that there must be.
 ///     stride: bytes of an element.
 ///
@@ -26,7 +27,7 @@ const SHOWN: usize = 40;
 ///     DecodeError: for data that break a rule of the stream, with the byte.
 ///     MemoryError: if there is not enough.
 ///
-/// Source: Khronos Group, EXT_meshopt_compression, appendices A (bitstream) and B (filters).
+/// Source: Khronos Group, KHR_meshopt_compression, appendices A (bitstream) and B (filters).
 #[pyfunction]
 pub(super) fn decode_meshopt<'py>(
     py: Python<'py>,
@@ -47,6 +48,7 @@ fn mode_of(mode: &str, filter: &str) -> Result<MeshoptMode> {
         ("ATTRIBUTES", "OCTAHEDRAL") => Ok(MeshoptMode::Attributes(MeshoptFilter::Octahedral)),
         ("ATTRIBUTES", "QUATERNION") => Ok(MeshoptMode::Attributes(MeshoptFilter::Quaternion)),
         ("ATTRIBUTES", "EXPONENTIAL") => Ok(MeshoptMode::Attributes(MeshoptFilter::Exponential)),
+        ("ATTRIBUTES", "COLOR") => Ok(MeshoptMode::Attributes(MeshoptFilter::Colour)),
         ("TRIANGLES", "NONE") => Ok(MeshoptMode::Triangles),
         ("INDICES", "NONE") => Ok(MeshoptMode::Indices),
         (_, "NONE") => Err(Error::Argument(format!("there is no mode {}", quoted(mode)))),

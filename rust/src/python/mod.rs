@@ -17,6 +17,7 @@ mod files;
 mod filter;
 mod functions;
 mod interpolation;
+mod ktx2;
 mod meshopt;
 mod recordings;
 mod render;
@@ -92,6 +93,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<evt3::PyEvt3Stream>()?;
     m.add_function(wrap_pyfunction!(files::check_events, m)?)?;
     m.add_function(wrap_pyfunction!(files::decode_ecf, m)?)?;
+    m.add_function(wrap_pyfunction!(ktx2::decode_ktx2, m)?)?;
+    m.add_function(wrap_pyfunction!(ktx2::inspect_ktx2, m)?)?;
     m.add_function(wrap_pyfunction!(meshopt::decode_meshopt, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32_combine, m)?)?;

@@ -36,18 +36,19 @@ _HEADER_BYTES = 20
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
-_MESHOPT = "EXT_meshopt_compression"
+_MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 DRACO = "KHR_draco_mesh_compression"
 _READ = {
     DRACO,
-    _MESHOPT,
+    *_MESHOPT,
     "EXT_mesh_gpu_instancing",
     "EXT_texture_webp",
     "KHR_animation_pointer",
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
     "KHR_node_visibility",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 }
 """Extensions that are read; those of materials have names of their own kind (:func:`unknown`)."""
@@ -64,15 +65,8 @@ _UNSEEN = {
     "MSFT_lod",
 }
 """Extensions that do not change what a camera sees; of levels of detail the finest is the node itself."""
-_PLAIN_IMAGES = "; export its textures as PNG, JPEG or WebP"
-_COMPRESSED = {
-    "EXT_texture_avif": _PLAIN_IMAGES,
-    "KHR_meshopt_compression": "; export without compression",
-    "KHR_texture_basisu": _PLAIN_IMAGES,
-    "MSFT_texture_dds": _PLAIN_IMAGES,
-}
-"""Compression that a file may offer next to plain data, and what to do where it does not; the readers check that the
-plain data are there."""
+_OTHER_IMAGES = ("EXT_texture_avif", "MSFT_texture_dds")
+"""Images that a file may offer next to others; the readers check that these are there."""
 
 Values = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 
@@ -116,10 +110,10 @@ class GltfFile:
             text, self._chunk = _parts(read_charged(path, self.budget))
             self.document = self._parsed(text)
         required = [
-            name for name in map(str, self.document.extensionsRequired or []) if name in _COMPRESSED or unknown(name)
+            name for name in map(str, self.document.extensionsRequired or []) if name in _OTHER_IMAGES or unknown(name)
         ]
         if required:
-            advice = _COMPRESSED.get(required[0], "")
+            advice = "; export its textures as PNG, JPEG or WebP" if required[0] in _OTHER_IMAGES else ""
             raise self.error("extensionsRequired", f"{plain(required[0])} is not read{advice}")
 
     def error(self, where: str, rule: str) -> DecodeError:
@@ -307,11 +301,11 @@ class GltfFile:
         """Return the bytes of a buffer view, and its stride."""
         view = self.item("bufferViews", index, f"{where}.bufferView")
         where = f"bufferViews[{index}]"
-        packed = (view.extensions or {}).get(_MESHOPT) if isinstance(view.extensions or {}, dict) else None
-        if packed is not None and self._lacks_data(view.buffer, where):
+        extension = next((name for name in _MESHOPT if name in dictionary(view.extensions)), None)
+        if extension is not None and self._lacks_data(view.buffer, where):
             assert isinstance(index, int)
             if index not in self._decoded:
-                self._decoded[index] = self._unpacked(view, packed, f"{where}: {_MESHOPT}")
+                self._decoded[index] = self._unpacked(view, view.extensions[extension], f"{where}: {extension}")
             return self._decoded[index], view.byteStride
         buffer = self._buffer(view.buffer, where)
         offset = self.whole(0 if view.byteOffset is None else view.byteOffset, where, "of bytes", len(buffer))
@@ -358,7 +352,7 @@ class GltfFile:
             else:
                 data = self._chunk if index == 0 else b""
                 if not len(data):
-                    compressed = [one for one in buffer.extensions or {} if one in {*_COMPRESSED, _MESHOPT}]
+                    compressed = [one for one in buffer.extensions or {} if one in _MESHOPT]
                     if compressed:
                         raise self.error(where, f"has data by {compressed[0]} alone, which is not read")
                     raise self.error(where, "has neither a uri nor a binary chunk")
@@ -392,7 +386,7 @@ class GltfFile:
 
 def unknown(extension: str) -> bool:
     """Return whether an extension is unknown, so that it may change where surfaces are."""
-    known = extension in _READ | _UNSEEN or extension in _COMPRESSED
+    known = extension in _READ | _UNSEEN or extension in _OTHER_IMAGES
     return not known and re.fullmatch(r"[A-Z0-9]+_materials_\w+", extension) is None
 
 

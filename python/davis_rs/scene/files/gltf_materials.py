@@ -3,8 +3,8 @@
 What is lost, is noted.
 
 Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp,
-KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength, KHR_materials_unlit, KHR_materials_transmission
-and KHR_materials_volume.
+KHR_texture_basisu, KHR_materials_pbrSpecularGlossiness, KHR_materials_emissive_strength, KHR_materials_unlit,
+KHR_materials_transmission and KHR_materials_volume.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
+from ..ktx2_file import KTX2_START, texture_of_ktx2
 from ..lost_looks import BUMPS, HIGHLIGHTS, MEAN_EMISSION, METAL, SHEEN
 from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
 from ..repairs import Repairs
@@ -31,7 +32,13 @@ from .rounding import within
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
 _GLOSS = "KHR_materials_pbrSpecularGlossiness"
-_WEBP = "EXT_texture_webp"
+_OTHER_IMAGES = ("EXT_texture_webp", "KHR_texture_basisu")
+"""Extensions of textures with images of other kinds, where there is none of the standard's own."""
+_TRANSFERS = {
+    "srgb": "colours that a KTX2 file calls linear (they are taken as sRGB, as glTF says)",
+    "linear": "numbers that a KTX2 file calls sRGB (they are taken as they are, as glTF says)",
+}
+"""What is told of a texture whose file says another transfer function than glTF has for its use."""
 _SHINY = 0.7
 """Surfaces without metal that are no rougher show their highlights. On a rougher one, seen from above, the sun adds at
 most a tenth to what a middle grey reflects. That is not worth following each of its rays to what it mirrors."""
@@ -189,7 +196,7 @@ class GltfMaterials:
 
     def _textured(self, made: GltfMaterial, given: object, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with its texture."""
-        image, files, wrap, nearest = self._texture(given, where, lost)
+        image, files, wrap, nearest = self._texture(given, where, lost, "srgb")
         uv_set, transform = self._coordinates(given, where)
         tinted = image.tinted(made.factor)
         tinted.charge(self._file.budget, where)
@@ -225,7 +232,7 @@ class GltfMaterials:
         given, where = surface.get("metallicRoughnessTexture"), f"{where}: metallicRoughnessTexture"
         if given is None:
             return made._replace(metal=plain_metal) if metal > 0 or coated or rough <= most else made
-        image, files, wrap, nearest = self._texture(given, where, lost)
+        image, files, wrap, nearest = self._texture(given, where, lost, "linear")
         if not image.texels[..., 2].any():
             metal = 0.0
         shiny = (rough * image.texels[..., 1] <= 255 * most).mean() > _SHINY_PART
@@ -284,7 +291,7 @@ class GltfMaterials:
         if item.emissiveTexture is None:
             return made._replace(emission=factor)
         where = f"{where}: emissiveTexture"
-        image, files, wrap, nearest = self._texture(item.emissiveTexture, where, lost)
+        image, files, wrap, nearest = self._texture(item.emissiveTexture, where, lost, "srgb")
         if not image.texels.any():
             return made
         made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
@@ -339,7 +346,7 @@ class GltfMaterials:
             return made
         scale = dictionary(given).get("scale")
         factor = 1.0 if scale is None else float(file.numbers(scale, f"{where}: scale", 1)[0])
-        image, files, wrap, nearest = self._texture(given, where, lost)
+        image, files, wrap, nearest = self._texture(given, where, lost, "linear")
         uv_set, transform = self._coordinates(given, where)
         elsewhere = made.looks_up and (made.uv_set != uv_set or not np.array_equal(made.uv_transform, transform))
         if elsewhere or made.glass is not None:
@@ -371,21 +378,23 @@ class GltfMaterials:
             self._file.budget.take(_NORMAL_TEXEL * height * width, f"{where}: {width} x {height} texels of normals")
 
     def _texture(
-        self, given: object, where: str, lost: dict[str, None]
+        self, given: object, where: str, lost: dict[str, None], transfer: str
     ) -> tuple[EncodedTexture, tuple[Path, ...], str, bool]:
         """Return the image of a texture, the files that it is from, its wrap mode, and whether texels have hard
-        edges."""
+        edges; ``transfer`` is how glTF encodes textures of such a use."""
         texture = self._file.item("textures", dictionary(given).get("index"), where)
-        source = texture.source
+        others = (dictionary(dictionary(texture.extensions).get(name)).get("source") for name in _OTHER_IMAGES)
+        source = next((source for source in (texture.source, *others) if source is not None), None)
         if source is None:
-            source = dictionary(dictionary(texture.extensions).get(_WEBP)).get("source")
-        if source is None:
-            message = "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures"
+            message = "has no image of a kind that is read (PNG, JPEG, WebP, KTX2): export with such textures"
             raise self._file.error(where, message)
-        return *self._image(source, where), *self._sampler(texture, lost)
+        image, files = self._image(source, where)
+        if image.transfer not in ("", transfer):
+            lost[_TRANSFERS[transfer]] = None
+        return image, files, *self._sampler(texture, lost)
 
     def _texture_image(self, given: object, where: str) -> EncodedTexture:
-        return self._texture(given, where, {})[0]
+        return self._texture(given, where, {}, "linear")[0]
 
     def _coordinates(self, given: object, where: str) -> tuple[int, FloatArray]:
         """Return which texture coordinates a texture takes, and their transform (2, 3)."""
@@ -399,7 +408,11 @@ class GltfMaterials:
         if index not in self._images:
             where = f"images[{index}]"
             data, own = file.image(item, where)
-            texture = texture_of_bytes(data, f"{file.path}, {where}" if own is None else str(own), file.budget, _IMAGES)
+            name = f"{file.path}, {where}" if own is None else str(own)
+            if data[: len(KTX2_START)] == KTX2_START:
+                texture = texture_of_ktx2(data, name, file.budget)
+            else:
+                texture = texture_of_bytes(data, name, file.budget, _IMAGES)
             if item.bufferView is None:  # nobody else needs its bytes
                 file.budget.give_back(len(data))
             self._images[index] = texture, () if own is None else (own,)

@@ -57,7 +57,7 @@ impl Header {
     pub(super) fn parse(bytes: &[u8]) -> Result<Option<Self>> {
         let known = bytes.len().min(MAGIC.len());
         if bytes[..known] != MAGIC[..known] {
-            return Err(fault("not an AEDAT 4.0 file: it must begin with #!AER-DAT4.0", 0));
+            return Err(Error::at_byte("not an AEDAT 4.0 file: it must begin with #!AER-DAT4.0", 0));
         }
         let Some((size, _)) = bytes.get(MAGIC.len()..).and_then(|rest| rest.split_first_chunk()) else {
             return Ok(None);
@@ -65,12 +65,15 @@ impl Header {
         let size = u32::from_le_bytes(*size) as usize;
         // Room for the description of many streams; a size beyond that is damage, and not waited for.
         if size > 1 << 24 {
-            return Err(fault(&format!("the header must have less than 16 MiB, not {size} bytes"), MAGIC.len()));
+            return Err(Error::at_byte(
+                format!("the header must have less than 16 MiB, not {size} bytes"),
+                MAGIC.len(),
+            ));
         }
         let length = MAGIC.len() + 4 + size;
         let Some(header) = bytes.get(MAGIC.len()..length) else { return Ok(None) };
         Self::of_flatbuffer(header, length)
-            .ok_or_else(|| fault("the header must be an IOHE flatbuffer", MAGIC.len()))?
+            .ok_or_else(|| Error::at_byte("the header must be an IOHE flatbuffer", MAGIC.len()))?
             .map(Some)
     }
 
@@ -85,7 +88,7 @@ impl Header {
         let xml = std::str::from_utf8(buffer.vector(buffer.field(root, 2)?, 1)?).ok()?;
         if !(0..=4).contains(&compression) {
             let rule = format!("compression must be 0 (none), 1, 2 (LZ4), 3 or 4 (Zstandard), not {compression}");
-            return Some(Err(fault(&rule, MAGIC.len())));
+            return Some(Err(Error::at_byte(rule, MAGIC.len())));
         }
         // An offset that lies not behind the header means, like -1, that there is none.
         let table_offset = usize::try_from(table_offset).ok().filter(|&offset| offset >= length);
@@ -115,7 +118,7 @@ impl Header {
 
 /// Returns the streams, by their numbers.
 fn streams(xml: &str) -> Result<Vec<Stream>> {
-    let wrong = |rule: &str| fault(rule, MAGIC.len());
+    let wrong = |rule: &str| Error::at_byte(rule, MAGIC.len());
     let document = roxmltree::Document::parse(xml).map_err(|error| wrong(&format!("the header's XML: {error}")))?;
     let node = |parent: roxmltree::Node<'_, '_>, name: &str| {
         parent.children().find(|child| child.attribute("name") == Some(name)).map(|child| child.id())
@@ -138,10 +141,6 @@ fn streams(xml: &str) -> Result<Vec<Stream>> {
     }
     streams.sort_by_key(|stream| stream.number);
     Ok(streams)
-}
-
-fn fault(rule: &str, byte: usize) -> Error {
-    Error::Format { message: rule.to_owned(), line: None, byte }
 }
 
 #[cfg(test)]
