@@ -15,12 +15,16 @@ from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
+from davis_rs.sampling.presets import ACCURACY, DEFAULT_ACCURACY, pixel_arguments
 
 FloatArray = npt.NDArray[np.float64]
 
 C = 0.15
 RUNS = 4
 """Renderings of the reference, whose scatter is its error."""
+
+PIXELS = pixel_arguments(ACCURACY[DEFAULT_ACCURACY])
+"""What a pixel of the renderers without noise is made of where nothing else is asked for."""
 
 
 def with_paths(scene: davis_rs.Scene) -> davis_rs.Scene:

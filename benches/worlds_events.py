@@ -6,8 +6,9 @@
 A world is a Mitsuba, glTF, OBJ or PLY file. The camera follows the beginning of its path, until a pixel has made as
 many events as --events says, on average; without a path it slides to the right. Every renderer renders the same
 instants, and the same engine makes events of them, at C = 0.15, with log luma linear between them. So nothing but luma
-is compared. Events are matched as in docs/accuracy.md: by pixel, polarity and time, at most the time of one pixel of
-the fastest motion apart. Wrong are those without a partner, missing and spurious, in per cent of the reference's.
+is compared. The backs of surfaces that have one side are shown, because Mitsuba shows them. Events are matched as in
+docs/accuracy.md: by pixel, polarity and time, at most the time of one pixel of the fastest motion apart. Wrong are
+those without a partner, missing and spurious, in per cent of the reference's.
 
 The reference is the mean of two halves. Each half takes --samples random paths a pixel, in four runs. A row says how
 many events of one half are wrong against the other: the noise of a reference of so many samples. Renderers are judged
@@ -22,13 +23,13 @@ from __future__ import annotations
 import argparse
 import time
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from labelled_sheet import labelled_sheet
-from path_tracer import C, at_width, shown, with_paths, world_name
+from path_tracer import PIXELS, C, at_width, shown, with_paths, world_name
 from PIL import Image
 
 import davis_rs
@@ -44,7 +45,6 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.render.native.estimators import LINES
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.sampling.displacement import DisplacementClock
-from davis_rs.sampling.presets import ACCURACY, DEFAULT_ACCURACY, pixel_arguments
 
 LOG_EPS = 1e-3
 RUNS = 4
@@ -52,9 +52,6 @@ RUNS = 4
 
 SURE = 0.1 * C
 """The reference's largest standard error of log luma, over the instants, in pixels that count as sure."""
-
-PIXELS = pixel_arguments(ACCURACY[DEFAULT_ACCURACY])
-"""What a pixel is made of where nothing else is asked for."""
 
 SHORTEST_PX, LONGEST_PX = 1.0, 64.0
 """Of the path of the fastest pixel."""
@@ -182,7 +179,7 @@ class Judge:
 
 def judge_world(file: Path, given: argparse.Namespace) -> dict[str, Image.Image]:
     """Print the rows of a world, and return its pictures."""
-    scene = davis_rs.load_scene(file)
+    scene = replace(davis_rs.load_scene(file), one_sided=())
     camera, name = at_width(scene.own_camera, given.width, 1.0), world_name(file)
     scene = moving(scene, camera)
     renderers = {

@@ -395,7 +395,7 @@ class _BakeJob:
         return of_sides
 
     def _near_bodies(self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]) -> SurfacePoints:
-        """Draw points as :meth:`surface_points` does. Half of them are on bodies that move; most of the others are near
+        """Draw points as :meth:`_spread` does. Half of them are on bodies that move; most of the others are near
         these bodies."""
         half, moving = _MOTION_PILOTS // 2, self._lattice.frames[self._lattice.faces[:, 0]] > 0
         own = self._with_normals(*self._spread(half, 2, moving))
