@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from davis_rs import FixedRate, MaxDisplacement, Tolerance
+from davis_rs.events.luma import LumaFrames
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.base import Launched
-from davis_rs.sampling.keyframes import lagrange_weights, slope
+from davis_rs.sampling.keyframes import Keyframe, lagrange_weights, slope
 from davis_rs.sampling.rules import TimeSampling
 from stretches import LOG_EPS, built_in, shift, stretch, times_of
 
@@ -182,3 +183,28 @@ def test_a_call_of_the_renderer_takes_about_five_seconds(
     keyframes = list(FixedRate(1000.0).keyframes(stretch(renderer, trajectory.crop(0, 0.06), batch=16)))
     assert counts[: len(asked)] == asked
     assert sum(counts) == len(keyframes) == 61
+
+
+def test_slow_views_are_rendered_one_by_one_between_decisions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between them a run is asked whether anybody wants more; fast views are rendered together, with the same bits."""
+    renderer, trajectory = built_in()
+    now, counts, luma = [5.0], [], renderer.luma
+
+    def keyframes(seconds: float) -> list[Keyframe]:
+        def slow(views: Views) -> LumaFrames:
+            counts.append(len(views))
+            now[0] += seconds * len(views)
+            return luma(views)
+
+        counts.clear()
+        monkeypatch.setattr(renderer, "luma", slow)
+        return list(Tolerance(0.5, pixels=0.02, longest=0.02).keyframes(stretch(renderer, trajectory.crop(0, 0.06))))
+
+    monkeypatch.setattr("davis_rs.sampling.tolerance.time.monotonic", lambda: now[0])
+    one_by_one = keyframes(60.0)
+    assert set(counts) == {1}
+    assert len(counts) >= 16
+    together = keyframes(0.001)
+    assert max(counts) == 8
+    assert [keyframe.t_us for keyframe in together] == [keyframe.t_us for keyframe in one_by_one]
+    assert all(np.array_equal(a.luma, b.luma) for a, b in zip(together, one_by_one, strict=True))

@@ -11,7 +11,7 @@ import pytest
 
 import davis_rs
 from davis_rs import Camera, FixedRate, MaxDisplacement, Simulator, Tolerance
-from davis_rs._util.read_ahead import read_ahead
+from davis_rs._util.read_ahead import leave_if_unwanted, read_ahead
 from davis_rs.events.arrays import concatenate_events
 from davis_rs.sampling.keyframes import Keyframe, Stretch
 from davis_rs.sampling.rules import TimeSampling
@@ -37,6 +37,30 @@ def test_items_come_in_order_and_no_more_wait_than_may() -> None:
         assert len(made) <= i + 6
         time.sleep(0.0005)
     assert made == list(range(100))
+    assert not workers()
+
+
+def test_an_item_that_nobody_wants_is_not_made_to_its_end() -> None:
+    """Such as keyframes of slow views, after Ctrl-C; elsewhere than in its thread the check does nothing."""
+    leave_if_unwanted()
+    parts, closed = [], []
+
+    def items() -> Iterator[int]:
+        try:
+            yield 0
+            for part in range(1000):
+                leave_if_unwanted()
+                parts.append(part)
+                time.sleep(0.01)
+            yield 1
+        finally:
+            closed.append(True)
+
+    ahead = read_ahead(items(), most=3)
+    assert next(ahead) == 0
+    ahead.close()  # type: ignore[attr-defined]
+    assert len(parts) < 100
+    assert closed
     assert not workers()
 
 

@@ -10,6 +10,22 @@ from typing import TypeVar
 _Item = TypeVar("_Item")
 
 _PATIENCE_S = 0.1
+_here = threading.local()
+"""Of a thread that works ahead: ``over``, the event that says that nobody wants its items any more."""
+
+
+class _Unwanted(Exception):
+    """Ends a thread whose items nobody wants any more."""
+
+
+def leave_if_unwanted() -> None:
+    """End the making of an item in a thread of :func:`read_ahead` whose iterator is closed; do nothing elsewhere.
+
+    For work that takes long before it yields: call it between its parts.
+    """
+    over: threading.Event | None = getattr(_here, "over", None)
+    if over is not None and over.is_set():
+        raise _Unwanted
 
 
 def read_ahead(items: Iterable[_Item], *, most: int) -> Iterator[_Item]:
@@ -34,6 +50,7 @@ def read_ahead(items: Iterable[_Item], *, most: int) -> Iterator[_Item]:
         return False
 
     def read() -> None:
+        _here.over = over
         iterator = iter(items)
         try:
             for item in iterator:

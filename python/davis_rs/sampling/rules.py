@@ -111,7 +111,7 @@ class ScheduledSampling(TimeSampling):
             began = time.monotonic()
             # The next batch renders while the crossing engine works on the one before.
             ahead = (batch, begin(stretch.views(batch)))
-            count = _next_count(len(batch), time.monotonic() - began, stretch.batch)
+            count = next_count(count, len(batch), time.monotonic() - began, stretch.batch)
             if launched is not None:
                 yield from _keyframes(*launched)
             launched = ahead
@@ -119,10 +119,16 @@ class ScheduledSampling(TimeSampling):
             yield from _keyframes(*launched)
 
 
-def _next_count(count: int, seconds: float, most: int) -> int:
-    """Return how many keyframes the next call of the renderer takes, after so many took so many seconds."""
-    in_time = int(count * min(_GROWTH, _CALL_S / max(seconds, 1e-9)))
-    return min(max(in_time, 1), most)
+def next_count(asked: int, done: int, seconds: float, most: int) -> int:
+    """Return how many keyframes the next call of the renderer may take.
+
+    Args:
+        asked, done: how many the last call might take, and took.
+        seconds: how long that took.
+        most: the renderer's own bound.
+    """
+    in_time = int(done * _CALL_S / max(seconds, 1e-9))
+    return min(max(in_time, 1), _GROWTH * asked, most)
 
 
 def _with_probed(stretch: Stretch, times: Iterator[int]) -> Iterator[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby, islice, pairwise
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._util.argument_checks import check_number
+from .._util.read_ahead import leave_if_unwanted
 from ..events.luma import LumaFrames
 from ..render.edges.swept import Counts
 from .breaks import Break, break_instants
@@ -19,7 +21,7 @@ from .displacement import LARGEST_BEND, DisplacementClock, path_bound
 from .keyframe_window import BoolFrame, KeyframeWindow
 from .keyframes import Keyframe, LogLuma, SparseSamples, Stretch
 from .plausibility import probed
-from .rules import TimeSampling
+from .rules import TimeSampling, next_count
 
 IntArray = npt.NDArray[np.int64]
 
@@ -108,6 +110,7 @@ class _StretchSampler:
         self._tolerated = float(settings.contrast * stretch.contrast_threshold)
         self._pixels = min(settings.pixels, settings.longest)
         self._window = KeyframeWindow()
+        self._count = 1  # how many keyframes the next call of the renderer may take
 
     def keyframes(self) -> Iterator[Keyframe]:
         window = self._window
@@ -200,8 +203,11 @@ class _StretchSampler:
         """Render keyframes at ``times``, and insert them into the window."""
         stretch = self._stretch
         ahead = iter(times)
-        while batch := list(islice(ahead, stretch.batch)):
+        while batch := list(islice(ahead, self._count)):
+            leave_if_unwanted()
+            began = time.monotonic()
             self._insert(batch, stretch.renderer.luma(stretch.views(batch)))
+            self._count = next_count(self._count, len(batch), time.monotonic() - began, stretch.batch)
 
     def _insert(self, times: list[int], luma: LumaFrames) -> None:
         self._window.insert(times, list(luma), list(self._stretch.log_luma(luma)))
