@@ -14,6 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import zstandard
 
 import davis_rs
 from bag_databases import PROGRAMS, database, in_circles
@@ -37,6 +38,7 @@ from davis_rs.simulation.from_frames.image_file import read_frame_image
 from davis_rs.usb.raw_file import RawRecording, RawWriter
 from event_files import many
 from gltf_files import CORNERS, UV, Gltf, packed_square, quad
+from ktx2_files import ktx2, uastc
 from recording_files import (
     DESCRIPTION,
     aedat2,
@@ -363,7 +365,20 @@ def _glb(folder: Path) -> list[Path]:
     _gltf(folder)
     gltf = Gltf()
     gltf.node(mesh=quad(gltf, uv=UV, normals=CORNERS, material=gltf.material()))
-    return [gltf.save(folder / "seed.glb"), packed_square().save(folder / "packed.glb")]
+    packed = packed_square("KHR_meshopt_compression")
+    return [gltf.save(folder / "seed.glb"), packed.save(folder / "packed.glb"), _with_ktx2(folder / "image.glb")]
+
+
+def _with_ktx2(path: Path) -> Path:
+    """A texture in Basis Universal, compressed once more and turned."""
+    blocks = uastc(np.arange(16, dtype=np.uint8).reshape(2, 2, 4))
+    metadata = [("KTXorientation", "ru"), ("KTXswizzle", "bgra")]
+    image = ktx2(8, 8, zstandard.compress(blocks), scheme=2, unpacked=len(blocks), metadata=metadata)
+    gltf = Gltf(extensionsRequired=["KHR_texture_basisu"])
+    source = gltf.add("images", {"bufferView": gltf.view(image), "mimeType": "image/ktx2"})
+    texture = {"index": gltf.add("textures", {"extensions": {"KHR_texture_basisu": {"source": source}}})}
+    gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(baseColorTexture=texture)))
+    return gltf.save(path)
 
 
 def _obj(folder: Path) -> list[Path]:

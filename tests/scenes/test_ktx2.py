@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+import zstandard
 
 from davis_rs import DecodeError, Scene, load_scene
 from davis_rs import _core as core
@@ -17,7 +18,6 @@ from davis_rs._util.budget import VARIABLE
 from gltf_files import UV, Gltf, png, quad
 from ktx2_files import ETC1S, etc1s_shared, etc1s_slice, ktx2, uastc
 
-zstandard = pytest.importorskip("zstandard")
 Image = npt.NDArray[np.uint8]
 
 COLOURS = np.array([[[250, 3, 7, 255], [10, 240, 30, 128]], [[0, 0, 200, 0], [90, 91, 92, 93]]], np.uint8)
