@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from hypothesis import strategies as st
 from davis_rs import Pose, Scene, load_scene
 from davis_rs.geometry.camera import Camera
 from davis_rs.geometry.trajectory.views import Views
-from davis_rs.render.baked import cache
+from davis_rs.render.baked import bake, baked_scene, cache
+from davis_rs.render.baked.irradiance import Irradiance
 from davis_rs.render.baked.seen_places import SeenPlaces
-from davis_rs.render.baked.surface_lattice import CellHits, RefinementRule, SurfaceLattice, refine
+from davis_rs.render.baked.surface_lattice import INWARDS, CellHits, RefinementRule, SurfaceLattice, refine
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.native import seen_places as native_places
 from davis_rs.render.native.renderer import NativeRenderer
@@ -171,3 +173,55 @@ def test_parts_of_a_path_have_one_bake_and_another_path_has_its_own(
     assert bakes(scene.crop(0.5, 0.1).paced(1.01)) == 0
     assert bakes(scene.with_trajectory(scene.path.crop(0.0, 0.2))) == 1
     assert replace(scene, trajectory=None).path_of_bake is None
+
+
+def baked_renderer(folder: Path) -> None:
+    make_renderer(floor_and_table(folder), CAMERA, rays_per_pixel=1, lattice_rays_per_pixel=1, blur=False)
+
+
+@pytest.mark.usefixtures("light_cache")
+def test_places_that_are_seen_take_more_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the sky; and the error that is told is that of what is seen."""
+    monkeypatch.setattr(baked_scene, "QUICK_EFFORT", replace(bake.QUICK_EFFORT, most_samples=10))
+    counts = dict[int, list[FloatArray]]()
+    of_sky = Irradiance.of_sky
+
+    def kept(self: Irradiance, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        counts.setdefault(samples, []).append(positions)
+        return of_sky(self, positions, normals, samples, shift)
+
+    def nowhere(*_: Any) -> None:
+        raise AssertionError("points are drawn from what is seen")
+
+    monkeypatch.setattr(Irradiance, "of_sky", kept)
+    monkeypatch.setattr(bake._BakeJob, "_spread", nowhere)
+    baked_renderer(tmp_path)
+    assert len(np.concatenate(counts[10])) > 0
+    assert len(np.concatenate(counts[64])) > 100
+
+
+@pytest.mark.usefixtures("light_cache")
+def test_only_the_last_bounce_follows_what_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Light that bounces again comes from everywhere. Its places are moved away from corners."""
+    asked = list[tuple[bool, float]]()
+
+    def kept(lattice: Any, light_at: Any, rule: RefinementRule, told: Any, hits: CellHits | None) -> Any:
+        asked.append((hits is not None, rule.inwards))
+        return refine(lattice, light_at, rule, told, hits)
+
+    monkeypatch.setattr(bake, "refine", kept)
+    baked_renderer(tmp_path)
+    assert asked == [(True, INWARDS), (False, 0.3), (True, INWARDS)]
+
+
+def test_a_lattice_of_many_corners_keeps_those_that_are_seen_apart() -> None:
+    corners = np.array([[[x, 0, 0], [x + 0.4, 0, 0], [x, 5, 0]] for x in (0.0, 10.0)])
+    normals, none = np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool)
+    surfaces = SimpleNamespace(
+        corners=corners, normals=normals, two_sided=none, frames=np.zeros(2, int), diagonal=128.0
+    )
+    seen = SeenPlaces(np.array([1]), np.array([False]), np.full((1, 3), 1 / 3))
+    effort = replace(bake.QUICK_EFFORT, most_corners=5)
+    lattice = bake._lattice(surfaces, effort, seen)  # type: ignore[arg-type]
+    assert len(lattice.positions) == 5
+    assert len(set(lattice.faces[1])) == 3
