@@ -267,9 +267,9 @@ mod tests {
             texels: vec![Channel::new(texels.leak(), 1, 0).unwrap()],
             ..LightMapTables::default()
         };
-        let light = Light { kind: LightKind::Baked(0), ..sheet.tables.lights[0].clone() };
+        let light = Light { kind: LightKind::Baked(0), ..sheet.tables.lights[0] };
         let emissions = (0..n).map(|i| (i % 5 == 1).then_some(Emission { light: 0, luma: 3.0 })).collect();
-        let tables = SceneTables { lights: vec![light.clone(), light], light_maps, emissions, ..sheet.tables };
+        let tables = SceneTables { lights: vec![light, light], light_maps, emissions, ..sheet.tables };
         Sheet { tables, ..sheet }
     }
 
