@@ -89,7 +89,9 @@ def luma(
     scene: Scene, seen: Views, kind: str = "native", rays: int = 64, pixel: str = "rays"
 ) -> npt.NDArray[np.float32]:
     rays_per_pixel = None if pixel == "lines" else rays
-    renderer = make_renderer(scene, CAMERA, kind=kind, rays_per_pixel=rays_per_pixel, blur=False, pixel=pixel)
+    renderer = make_renderer(
+        scene, CAMERA, kind=kind, rays_per_pixel=rays_per_pixel, blur=False, pixel=pixel, bake_error=0.03
+    )
     return renderer.luma(seen)[0]
 
 

@@ -175,6 +175,11 @@ def test_parts_of_a_path_have_one_bake_and_another_path_has_its_own(
     assert replace(scene, trajectory=None).path_of_bake is None
 
 
+@pytest.fixture(autouse=True)
+def few_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(baked_scene, "QUICK_EFFORT", replace(bake.QUICK_EFFORT, most_points=300))
+
+
 def baked_renderer(folder: Path) -> None:
     make_renderer(floor_and_table(folder), CAMERA, rays_per_pixel=1, lattice_rays_per_pixel=1, blur=False)
 
@@ -182,7 +187,7 @@ def baked_renderer(folder: Path) -> None:
 @pytest.mark.usefixtures("light_cache")
 def test_places_that_are_seen_take_more_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the sky; and the error that is told is that of what is seen."""
-    monkeypatch.setattr(baked_scene, "QUICK_EFFORT", replace(bake.QUICK_EFFORT, most_samples=10))
+    monkeypatch.setattr(baked_scene, "QUICK_EFFORT", replace(baked_scene.QUICK_EFFORT, most_samples=10))
     counts = dict[int, list[FloatArray]]()
     of_sky = Irradiance.of_sky
 
