@@ -102,6 +102,7 @@ def test_packets_do_not_matter_and_the_counts_are_those_of_the_comparison() -> N
         assert (labels == whole).all()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("events", [20_000, 100_000])
 def test_labels_wait_for_no_more_than_the_longest_run(events: int) -> None:
     """A pixel that never pauses is cut after 100 windows: what waits does not grow with the length of the run."""

@@ -189,6 +189,7 @@ def test_smooth_meshes_are_mitsubas() -> None:
     assert (np.abs(ours - theirs) > 0.02 * theirs.max()).mean() < 0.06
 
 
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("light", [projector(scale=20.0), spot()], ids=["projector", "spot"])
 def test_bounces_are_the_path_tracers(light: Parts) -> None:

@@ -250,6 +250,7 @@ def test_curves_look_as_mitsubas(kind: str, tmp_path: Path) -> None:
     assert "1 shape made of " in make_renderer(scene, CAMERA).reason
 
 
+@pytest.mark.few(2)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("kind", CURVES)
 @pytest.mark.parametrize("at", [(0.4, -1.5, 1.6), (0.2, 1.9, 0.9), (0.5, 1.0, -1.9)])
