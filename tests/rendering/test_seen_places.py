@@ -163,15 +163,17 @@ def test_parts_of_a_path_have_one_bake_and_another_path_has_its_own(
     asked = list[str]()
     monkeypatch.setattr(cache, "store", lambda key, maps: asked.append(key))
 
-    def bakes(world: Scene) -> int:
+    def bakes(world: Scene, kind: str = "auto") -> int:
         before = len(asked)
-        make_renderer(world, CAMERA, rays_per_pixel=1, lattice_rays_per_pixel=1, blur=False)
+        make_renderer(world, CAMERA, kind=kind, rays_per_pixel=1, lattice_rays_per_pixel=1, blur=False, bake_error=0.5)
         return len(asked) - before
 
     assert bakes(scene) == 1
     assert bakes(scene.crop(0.5, 0.1)) == 0
     assert bakes(scene.crop(0.5, 0.1).paced(1.01)) == 0
-    assert bakes(scene.with_trajectory(scene.path.crop(0.0, 0.2))) == 1
+    other = scene.with_trajectory(scene.path.crop(0.0, 0.2))
+    assert bakes(other) == 1
+    assert [bakes(scene, "baked"), bakes(other, "baked")] == [1, 0]
     assert replace(scene, trajectory=None).path_of_bake is None
 
 
@@ -192,7 +194,8 @@ def test_places_that_are_seen_take_more_samples(tmp_path: Path, monkeypatch: pyt
     of_sky = Irradiance.of_sky
 
     def kept(self: Irradiance, positions: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        counts.setdefault(samples, []).append(positions)
+        if len(positions) != bake._PILOTS:  # those say how many samples are enough
+            counts.setdefault(samples, []).append(positions)
         return of_sky(self, positions, normals, samples, shift)
 
     def nowhere(*_: Any) -> None:

@@ -21,6 +21,8 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.render.closest_view import ClosestView
 from davis_rs.render.flow import OpticalFlow
 from davis_rs.render.motion.scene_motion import SceneMotion
+from davis_rs.render.native.renderer import NativeRenderer
+from davis_rs.render.native.seen_places import seen_places
 from davis_rs.render.rays.camera_rays import pixel_centres
 from davis_rs.render.truth import lost_look_fractions
 from davis_rs.render.truth.scene_surfaces import SceneSurfaces
@@ -706,6 +708,22 @@ def test_light_that_is_baked_quickly_stays_on_what_deforms(tmp_path: Path) -> No
     np.testing.assert_allclose(lit, still, rtol=0.05)
     np.testing.assert_allclose(later[later > 0].mean(), lit[lit > 0].mean(), rtol=0.2)
     assert np.abs(later - lit).max() > 0.2 * lit.max()
+
+
+def test_what_a_camera_sees_of_a_mesh_is_where_the_mesh_is_then(tmp_path: Path) -> None:
+    """As many pixels see it as have a depth; places are the middles of its triangles."""
+    scene = load(bent(), tmp_path)
+    camera = scene.own_camera
+    renderer = make_renderer(scene, camera, kind="native", rays_per_pixel=1)
+    assert isinstance(renderer, NativeRenderer)
+    counts = list[int]()
+    for t_s in (0.0, 0.5):
+        view = views_at(scene, t_s)
+        seen = seen_places(renderer.table, renderer.motion, camera, view)
+        counts.append(len(seen.triangles))
+        assert counts[-1] == np.isfinite(renderer.depth(view)).sum()
+        assert (seen.weights == 1 / 3).all()
+    assert counts[0] != counts[1]
 
 
 def test_vertices_at_keyframes() -> None:
