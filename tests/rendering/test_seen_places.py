@@ -189,7 +189,7 @@ def baked_renderer(folder: Path) -> None:
 @pytest.mark.usefixtures("light_cache")
 def test_places_that_are_seen_take_more_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the sky; and the error that is told is that of what is seen."""
-    monkeypatch.setattr(baked_scene, "QUICK_EFFORT", replace(baked_scene.QUICK_EFFORT, most_samples=10))
+    monkeypatch.setattr(baked_scene, "QUICK_EFFORT", replace(bake.QUICK_EFFORT, most_points=300, most_samples=10))
     counts = dict[int, list[FloatArray]]()
     of_sky = Irradiance.of_sky
 
