@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from .._core import CrossingEngine
 from ..events.arrays import EventArray
+from ..events.luma import LumaFrames
 from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
 from ..sampling.rules import MaxDisplacement
 
@@ -43,6 +45,15 @@ def spread_pixels(size: int, count: int) -> IntArray:
     edges = np.linspace(0, size, count + 1)
     golden = np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1
     return np.minimum((edges[:-1] + golden * np.diff(edges)).astype(np.int64), size - 1)
+
+
+def luma_of_pixels(
+    renderer: Renderer, trajectory: Trajectory, t_us: IntArray, pixel: IntArray, *, rays: int | None = None
+) -> LumaFrames:
+    """Return the luma (instants, pixels) of pixels at some instants; ``rays`` as of :meth:`Renderer.samples`."""
+    views = Views.along(trajectory, t_us * 1e-6)
+    view = np.repeat(np.arange(len(views)), len(pixel))
+    return renderer.samples(views, view, np.tile(pixel, len(views)), rays=rays).reshape(-1, len(pixel))
 
 
 def events_of_pixels(

@@ -24,14 +24,13 @@ from .._util.progress import doing
 from .._util.quantities import about, percent
 from ..events.matching import compare_events
 from ..geometry.trajectory.trajectory import Trajectory
-from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
 from ..render.choice import AUTO_RENDERER, why_not_noise_free
 from ..render.integrator.base import SceneRenderer
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
-from .followed_pixels import events_of_pixels, spread_pixels, stretches_of
+from .followed_pixels import events_of_pixels, luma_of_pixels, spread_pixels, stretches_of
 from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, share_text
 from .settings import (
     AUTO_RAYS,
@@ -276,11 +275,8 @@ class _PilotRenders:
         return luma
 
     def _samples(self, t_us: IntArray, seed: int) -> npt.NDArray[np.float32]:
-        views, count = Views.along(self.trajectory, t_us * 1e-6), len(self.pixel)
-        seeded = self.renderer.reseeded(seed)
-        self.rays += len(t_us) * count * self.base * (2 * self.renderer.reach_px + 1) ** 2
-        view = np.repeat(np.arange(len(views)), count)
-        return seeded.samples(views, view, np.tile(self.pixel, len(views)), rays=self.base).reshape(-1, count)
+        self.rays += len(t_us) * len(self.pixel) * self.base * (2 * self.renderer.reach_px + 1) ** 2
+        return luma_of_pixels(self.renderer.reseeded(seed), self.trajectory, t_us, self.pixel, rays=self.base)
 
 
 def _mismatch(

@@ -9,19 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from .._util.progress import doing
 from .._util.quantities import percent
-from ..events.luma import LumaFrames
 from ..events.matching import compare_events
 from ..geometry.trajectory.trajectory import Trajectory
-from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
 from ..render.native.estimators import LINES
 from ..render.native.renderer import NativeRenderer
 from ..sampling.rules import MaxDisplacement
-from .followed_pixels import IntArray, events_of_pixels, spread_pixels, stretches_of
+from .followed_pixels import events_of_pixels, luma_of_pixels, spread_pixels, stretches_of
 
 _MORE, _MOST_RAYS, _NEXT_TO_LINES = 4, 1024, 512
 """The reference has so many times the rays, and so many at most; and next to lines so many."""
@@ -94,7 +90,7 @@ def estimate_pixel_error(
     for t_us in times:
         doing("comparing pixels with those of more rays")
         own, reference = (
-            events_of_pixels(_luma(each, trajectory, t_us, pixel), t_us, thresholds, log_eps)
+            events_of_pixels(luma_of_pixels(each, trajectory, t_us, pixel), t_us, thresholds, log_eps)
             for each in (renderer, renderer.by_rays(more))
         )
         comparison = compare_events(own, reference, size=(pixels, 1))
@@ -102,10 +98,3 @@ def estimate_pixel_error(
     if right < _FEWEST_EVENTS:
         return None
     return PixelError(wrong / right, f"{LINES[rays]} lines" if lines else f"{rays} rays", more, pixels, right)
-
-
-def _luma(renderer: Renderer, trajectory: Trajectory, t_us: IntArray, pixel: IntArray) -> LumaFrames:
-    """Return the luma (instants, pixels) of pixels at some instants."""
-    views = Views.along(trajectory, t_us * 1e-6)
-    view = np.repeat(np.arange(len(views)), len(pixel))
-    return renderer.samples(views, view, np.tile(pixel, len(views))).reshape(-1, len(pixel))

@@ -169,7 +169,8 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
     with obstacles.collect():
         check_lights(loaded, mi, soft=scene.soft_light)
     effort = _effort(scene, loaded, by_name=by_name)
-    if not _stays(scene, effort):
+    stays = _stays(scene, effort)
+    if not stays:
         _check_motion(motion, obstacles)
     for shape in () if scene.soft_light else small_lamps(loaded):
         with obstacles.collect():
@@ -178,7 +179,7 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
                 raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
     if effort is QUICK_EFFORT:
         with obstacles.collect():
-            if motion.objects and not _stays(scene, effort) and not motion.deformations:
+            if motion.objects and not stays and not motion.deformations:
                 large = f"in meshes of more than {MOST_CORNERS:,} corners"
                 raise Unsuitable(f"light of objects that move, {large}, is baked on request alone", _ASK)
         with obstacles.collect():
@@ -280,9 +281,7 @@ def baked_light(
         surfaces = replace(surfaces, clear=surfaces.clear | np.append(False, gone)[surfaces.frames])
     emitted, emitters = emissions(loaded, mi, surfaces.counts, names, weights, soft=scene.soft_light)
     content = _content(loaded, mi, surfaces, _poses(motion, times))
-    camera, views = camera_that_looks(scene), None
-    if effort is QUICK_EFFORT:
-        views = views_that_look(scene)
+    camera, views = camera_that_looks(scene), views_that_look(scene) if effort is QUICK_EFFORT else None
     looks = None if views is None else (camera, views.positions.tobytes(), views.rotations.tobytes())
     settings = (VERSION, sorted(versions(SCALAR).items()), paths, names, error, effort, content, looks)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()

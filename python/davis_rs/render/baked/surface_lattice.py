@@ -78,13 +78,13 @@ class SurfaceLattice:
         positions = corners[self.triangles].reshape(-1, 3)
         facing = np.concatenate([normals, -normals[backs]]).reshape(-1, 3)
         owners = np.repeat(frames[self.triangles], 3)
-        exact = np.full(len(positions), shared == 0)
-        if apart is not None:
-            exact |= np.repeat(apart[self.triangles], 3)
+        exact, places = np.ones(len(positions), bool), positions
+        if shared > 0:
+            exact[:] = False if apart is None else np.repeat(apart[self.triangles], 3)
+            places = np.where(exact[:, None], positions, np.floor(positions / shared))
         # Not at a multiple of what normals are rounded to: those of flat walls lie there.
         steps = np.where(exact, 10.0**_NORMAL_DIGITS, _SHARED_NORMALS)[:, None]
         rounded = np.floor(facing * steps + 0.377).astype(np.int16)
-        places = np.where(exact[:, None], positions, np.floor(positions / (shared or 1.0)))
         first, vertex = _distinct_rows([*places.T, *rounded.T, owners, exact])
         self.positions, self.normals, self.frames = positions[first], facing[first], owners[first]
         self.faces = vertex.reshape(-1, 3)

@@ -23,15 +23,15 @@ def seen_places(table: SceneTable, motion: SceneMotion, camera: Camera, views: V
     """
     renderer = NativeRenderer(table, camera, rays_per_pixel=1, blur=False, motion=motion)
     deforms = np.isin(table.frames, [mesh.frame for mesh in table.deforming])
+    rays = np.c_[ray_table(camera, 1)[0], np.ones(camera.width * camera.height)]
     parts = list[SeenPlaces]()
     for number in range(len(views)):
         view = views[number : number + 1]
         depths, hits = renderer.first_hits(view)
         pixel = np.flatnonzero(np.isfinite(depths))
         depth, triangle = depths[pixel].astype(np.float64), hits[pixel].astype(np.int64)
-        along = np.c_[ray_table(camera, 1)[0], np.ones(camera.width * camera.height)][pixel]
         cameras, frame = renderer.cameras(view), table.frames[triangle]
-        along = np.einsum("hij,hj->hi", np.concatenate([each.rotations for each in cameras])[frame], along)
+        along = np.einsum("hij,hj->hi", np.concatenate([each.rotations for each in cameras])[frame], rays[pixel])
         at = np.concatenate([each.positions for each in cameras])[frame] + depth[:, None] * along
         weights = _barycentric(table.corners[triangle], at)
         weights[deforms[triangle]] = 1 / 3
