@@ -293,7 +293,7 @@ def test_no_pixel_of_an_object_moves_farther_than_asked(pixels: float) -> None:
     renderer = build("table", {"lamp": LAMP, "floor": FLOOR, "box": BOX}, {"box": PATH}, rays_per_pixel=1)
     rest = SegmentTrajectory(POSE, POSE, 0.2)
     instants = [0, *MaxDisplacement(pixels).instants(renderer, rest, 200_000)]
-    assert len(instants) > 5
+    assert len(instants) > 4
     corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T * 0.25 + [0.05, 0.02, 0.01]
     images = []
     for t_us in instants:
@@ -303,7 +303,7 @@ def test_no_pixel_of_an_object_moves_farther_than_asked(pixels: float) -> None:
     assert inside.sum() > 3
     moved = np.linalg.norm(np.diff(images, axis=0), axis=-1)[:, inside].max(1)
     assert moved.max() < 1.05 * pixels
-    assert moved.mean() > 0.4 * pixels
+    assert moved.mean() > 0.7 * pixels
     # Nothing moves after its end; a stretch that starts there stands still.
     assert DisplacementClock(renderer, rest, 200_000, start_us=1_000_010).path_at(200_000) == 0
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ..geometry.box import box_corners
 from ..geometry.camera import Camera
 from ..geometry.pose import FloatArray
 from ..geometry.trajectory.trajectory import Trajectory
@@ -19,6 +20,7 @@ from ..render.base import Renderer
 from ..render.flow import OpticalFlow
 from ..render.motion.scene_motion import held, seen_from
 from ..render.rays.camera_rays import pixel_centres
+from ..scene.deformation import Deformation
 from .breaks import break_instants, find_breaks
 
 BoolArray = npt.NDArray[np.bool_]
@@ -78,11 +80,12 @@ class DisplacementClock:
 
     The speed of a pixel is its optical flow, from depth and the camera's twist; depth maps are rendered every 10 ms
     and pooled so that the nearest surface in 4 x 4 pixels and at both ends of the 10 ms counts, as if all stood still.
-    A moving object counts besides, wherever the box around it may be seen, hidden or not, at the speed of the nearest
-    and the farthest point that the box has there; no part of it is taken to be nearer than a tenth of the nearest
-    surface in the depth maps, so that the camera may be in the box. Where its mesh deforms, the speed of its fastest
-    point comes on top. Both rather overestimate than
-    underestimate; the shadows of moving objects, which may be faster than the objects, do not count.
+    A moving object counts besides, hidden or not, by how the corners of the box around it move, or points that its
+    deformation names: all of its points move as means of these. Where one of them is behind the camera, or nearer than
+    a tenth of the nearest surface in the depth maps, an object counts by the nearest and the farthest point that its
+    box has wherever it may be seen, and the speed of the fastest point of a mesh that deforms comes on top. All this
+    rather overestimates than underestimates; the shadows of moving objects, which may be faster than the objects, do
+    not count.
 
     A light that runs a profile adds the change of its log strength, :data:`LIGHT_PER_PIXEL` of which is a pixel,
     sampled every 50 us; of several lights the one that changes most counts.
@@ -310,8 +313,10 @@ class _ObjectSpeeds:
         rays = camera.rays(_centres(camera, _OBJECT_TILE))
         self._rays = np.concatenate([rays, np.ones((len(rays), 1))], -1)
         # How far a ray within a tile may be from the tile's middle ray, per metre of depth.
-        per_pixel = np.abs(np.linalg.inv(camera.distortion_jacobian(rays))).sum(-1).max()
-        self._spread = _OBJECT_TILE / 2 * float(per_pixel)
+        jacobian = camera.distortion_jacobian(rays)
+        self._spread = _OBJECT_TILE / 2 * float(np.abs(np.linalg.inv(jacobian)).sum(-1).max())
+        self._view = rays.min(0) - self._spread, rays.max(0) + self._spread
+        self._pixels_per_tangent = float(np.linalg.norm(jacobian, 2, (1, 2)).max())
 
     def __call__(self, views: Views, nearest: float) -> FloatArray:
         """Return pixels per second (n,); nothing is taken to be nearer than ``nearest``."""
@@ -321,14 +326,50 @@ class _ObjectSpeeds:
             near, far = self._within(own, box)
             deformation = self._motion.deformations.get(name)
             deforms = np.zeros(len(views)) if deformation is None else deformation.fastest(views.t_s)
+            by_box = np.zeros(len(views))
             for depth in (np.maximum(near, np.minimum(nearest, far)), far):
                 seen = ~np.isnan(depth)
                 flow = self._flow(own, np.where(seen, depth, np.inf))
                 own_speed = _largest(np.where(seen[..., None], flow, 0.0))
                 nearest_seen = np.where(seen, depth, np.inf).min(1)
                 by_deforming = self._pixels_per_rad * deforms / np.maximum(nearest_seen, 1e-9)
-                speed = np.maximum(speed, own_speed + by_deforming)
+                by_box = np.maximum(by_box, own_speed + by_deforming)
+            speed = np.maximum(speed, np.minimum(by_box, self._by_points(own, box, deformation, nearest)))
         return speed
+
+    def _by_points(self, own: Views, box: FloatArray, deformation: Deformation | None, nearest: float) -> FloatArray:
+        """Return a bound (n,) on the flow of an object by points of which all its points are means."""
+        if deformation is None:
+            corners = np.broadcast_to(box_corners(box), (len(own), 8, 3))
+            return self._of_means(own, corners, np.zeros_like(corners), 0.0, nearest)
+        instants = deformation.moving_points(own.t_s)
+        bounds = [
+            self._of_means(own[i : i + 1], positions[None], velocities[None], own_speed, nearest)
+            for i, (positions, velocities, own_speed) in enumerate(instants)
+        ]
+        return np.concatenate(bounds)
+
+    def _of_means(
+        self, own: Views, positions: FloatArray, velocities: FloatArray, own_speed: float, nearest: float
+    ) -> FloatArray:
+        """Return a bound (n,) on the flow of means of points (n, k, 3); inf where a point is nearer than ``nearest``.
+
+        A mean of points at depths z_i that move by (u, v, w)_i has at image point x the flow that is a mean of
+        ((u, v)_i - x w_i) / z_i, by other weights. That is a convex function of x, so it is largest at a corner of what
+        the points span in the image.
+        """
+        at = (positions - own.positions[:, None]) @ own.rotations  # camera axes
+        moving = (velocities - own.velocities[:, None]) @ own.rotations - np.cross(own.angular_rates[:, None], at)
+        depth = np.maximum(at[..., 2:], nearest)
+        image = at[..., :2] / depth
+        low, high = np.maximum(image.min(1), self._view[0]), np.minimum(image.max(1), self._view[1])
+        bound = self._pixels_per_rad * own_speed / depth.min((1, 2))
+        by_means = np.zeros(len(own))
+        for x, y in product((low[:, 0], high[:, 0]), (low[:, 1], high[:, 1])):
+            across = moving[..., :2] - np.stack([x, y], -1)[:, None] * moving[..., 2:]
+            by_means = np.maximum(by_means, np.linalg.norm(across / depth, axis=-1).max(1))
+        bound = np.where((low > high).any(1), 0.0, bound + self._pixels_per_tangent * by_means)
+        return np.where(at[..., 2].min(1) < nearest, np.inf, bound)
 
     def _within(self, own: Views, box: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the least and the largest depth (n, tiles) of a box (2, 3) along the tiles' rays; NaN where it is

@@ -32,6 +32,23 @@ class DeformedMesh(NamedTuple):
     normals: FloatArray | None
 
 
+class MovingPoints(NamedTuple):
+    """Holds points of an instant that tell how a mesh moves, in the object's own frame.
+
+    For some time around it, each point of the mesh is a mean of these points by weights that do not change, but for
+    its own speed.
+
+    Attributes:
+        positions: (k, 3), metres.
+        velocities: (k, 3), metres per second.
+        own_speed: no point of the mesh is faster than this relative to its mean, metres per second.
+    """
+
+    positions: FloatArray
+    velocities: FloatArray
+    own_speed: float
+
+
 class Deformation(ABC):
     """Gives the vertices of an object's mesh at any time, and how they move.
 
@@ -60,6 +77,12 @@ class Deformation(ABC):
     @abstractmethod
     def fastest(self, t_s: FloatArray) -> FloatArray:
         """Return a bound (n,) on the speed of the mesh's points, metres per second, and of those of :meth:`hull`."""
+
+    def moving_points(self, t_s: FloatArray) -> Iterator[MovingPoints]:
+        """Yield points that tell how the mesh moves at each of the times (n,): by :meth:`hull` and :meth:`fastest`,
+        which do not say in which direction, if a deformation does not know better."""
+        for positions, speed in zip(self.hull(t_s), self.fastest(t_s), strict=True):
+            yield MovingPoints(positions, np.zeros_like(positions), float(speed))
 
     @abstractmethod
     def breaks_s(self) -> FloatArray:
@@ -136,6 +159,11 @@ class _Retimed(Deformation):
 
     def fastest(self, t_s: FloatArray) -> FloatArray:
         return self._of.fastest(self._own(t_s)) * (self._pace * self.moves(t_s))
+
+    def moving_points(self, t_s: FloatArray) -> Iterator[MovingPoints]:
+        for points, moves in zip(self._of.moving_points(self._own(t_s)), self.moves(t_s), strict=True):
+            pace = self._pace * moves
+            yield MovingPoints(points.positions, points.velocities * pace, points.own_speed * pace)
 
     def breaks_s(self) -> FloatArray:
         breaks = (self._of.breaks_s() - self._start_s) / self._pace

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..geometry.box import box_corners
 from ..geometry.pose import FloatArray
-from .deformation import AT_ONCE, Deformation, DeformedMesh
+from .deformation import AT_ONCE, Deformation, DeformedMesh, MovingPoints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -96,11 +96,16 @@ class SkinnedMesh(Deformation):
         """Return a bound on speed, see :meth:`Deformation.fastest`: that of the corners of the joints' boxes."""
         matrices, rates = self.matrices(self._within(t_s))
         speed = np.linalg.norm(self._moved(rates), axis=2).max(1)
-        if len(self.most):
-            _, changes = self.strengths(self._within(t_s))
-            stretch = np.linalg.norm(matrices[:, :, :3, :3], axis=(2, 3)).max(1)
-            speed = speed + stretch * (np.abs(changes) @ np.linalg.norm(self.targets, axis=2).max(1))
-        return np.asarray(speed * self.moves(t_s))
+        return np.asarray((speed + self._morphing(t_s, matrices)) * self.moves(t_s))
+
+    def moving_points(self, t_s: FloatArray) -> Iterator[MovingPoints]:
+        """Yield the corners of the joints' boxes, see :meth:`Deformation.moving_points`: a vertex is the mean of where
+        its joints take it, each within its box; morph targets move it besides."""
+        matrices, rates = self.matrices(self._within(t_s))
+        corners, velocities = self._moved(matrices), self._moved(rates)
+        of_instants = zip(corners, velocities, self._morphing(t_s, matrices), self.moves(t_s), strict=True)
+        for positions, moving, morphing, moves in of_instants:
+            yield MovingPoints(positions, moving * moves, float(morphing * moves))
 
     def breaks_s(self) -> FloatArray:
         """Return the times at which the animation is not smooth."""
@@ -157,6 +162,14 @@ class SkinnedMesh(Deformation):
         of_joint = [((self.joints == joint) & moved).any(1) for joint in used]
         ends = np.stack([[low[rows].min(0) for rows in of_joint], [high[rows].max(0) for rows in of_joint]])
         return used, box_corners(ends)
+
+    def _morphing(self, t_s: FloatArray, matrices: FloatArray) -> FloatArray:
+        """Return a bound (n,) on the speed that morph targets give to a vertex, by the joints' matrices there."""
+        if not len(self.most):
+            return np.zeros(len(t_s))
+        _, changes = self.strengths(self._within(t_s))
+        stretch = np.linalg.norm(matrices[:, :, :3, :3], axis=(2, 3)).max(1)
+        return np.asarray(stretch * (np.abs(changes) @ np.linalg.norm(self.targets, axis=2).max(1)))
 
     def _moved(self, matrices: FloatArray) -> FloatArray:
         """Return the corners of the boxes where matrices (n, J, 4, 4) take them, (n, k, 3); of rates, the velocities

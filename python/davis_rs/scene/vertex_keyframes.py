@@ -10,7 +10,7 @@ import numpy.typing as npt
 from .._util.argument_error import ArgumentError
 from ..geometry.box import box_corners
 from ..geometry.pose import FloatArray
-from .deformation import Deformation, DeformedMesh
+from .deformation import Deformation, DeformedMesh, MovingPoints
 
 
 class VertexKeyframes(Deformation):
@@ -76,6 +76,11 @@ class VertexKeyframes(Deformation):
         span = np.diff(self._t_s)
         of_box = np.linalg.norm(np.diff(self._corners, axis=0), axis=2).max(1) / span
         return np.asarray(np.maximum(self._speeds, of_box)[self._segments(t_s)[0]] * self.moves(t_s))
+
+    def moving_points(self, t_s: FloatArray) -> Iterator[MovingPoints]:
+        """Yield the vertices: points of a triangle move as means of them."""
+        for number, fraction, velocities in zip(*self._segments(t_s), self.velocities(t_s), strict=True):
+            yield MovingPoints(_between(self._positions, number, fraction), velocities, 0.0)
 
     def breaks_s(self) -> FloatArray:
         """Return the times at which vertices change their direction."""
