@@ -35,6 +35,7 @@ from .frame_gain import path_image_gain
 from .monte_carlo_noise import refuse_noise
 from .pixel_error import estimate_pixel_error
 from .planning import EffectPlan
+from .run_time import estimate_run_time
 from .settings import FolderSettings, complete, make_imu, make_motion_capture, takes_settings
 from .simulate import MadeSimulator, make_simulator
 from .simulator import Simulator
@@ -218,7 +219,7 @@ class PreparedRun:
         return self.made.simulator
 
     def tell(self, *, quiet: bool, stacklevel: int, prefix: str = "") -> None:
-        """Say who renders, how many events that makes wrong, and that much memory will be taken.
+        """Say who renders, how many events that makes wrong, and that much memory or time will be taken.
 
         Args:
             quiet: only warn of noise.
@@ -235,6 +236,9 @@ class PreparedRun:
         for line in (_rendering_with(simulator.renderer), self.made.noise_line, simulator.memory.line()):
             if line:
                 say(prefix + line)
+        run_time = estimate_run_time(simulator.renderer, self.scene.path, simulator.sampling)
+        if run_time is not None:
+            say(f"{prefix}{run_time}")
         thresholds = simulator.contrast_threshold, simulator.contrast_threshold_off
         error = estimate_pixel_error(
             simulator.renderer, self.scene.path, thresholds=thresholds, log_eps=simulator.log_eps

@@ -1,0 +1,74 @@
+"""Estimates before a run how long it will take, and says so where that is long."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._util.progress import doing
+from .._util.quantities import about
+from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.base import Renderer
+from ..render.native.renderer import NativeRenderer
+from ..sampling.displacement import DisplacementClock
+from ..sampling.rules import MaxDisplacement, TimeSampling
+from ..sampling.tolerance import Tolerance
+
+TOLD_S = 600.0
+"""Runs that are shorter show soon enough how long they take."""
+
+_FEW_RAYS = 2
+"""By so many rays a pixel a frame is rendered first. What does not grow with rays counts too much then, and so do
+reflections that need few of a pixel's rays."""
+
+_WHOLE_FRAME_S = 30.0
+"""So a frame that takes no longer than this is then rendered as the run does it."""
+
+
+@dataclass(frozen=True)
+class RunTime:
+    """Says how long a run will take.
+
+    Attributes:
+        seconds: for all its frames, on as many threads as the run has.
+        frames: how many have to be rendered.
+    """
+
+    seconds: float
+    frames: int
+
+    def __str__(self) -> str:
+        return (
+            f"this run will take {about(self.seconds)}: some {self.frames:,} frames of "
+            f"{about(self.seconds / self.frames)} each (--size, --rays-per-pixel and --duration change it)"
+        )
+
+
+def estimate_run_time(renderer: Renderer, trajectory: Trajectory, sampling: TimeSampling) -> RunTime | None:
+    """Estimate how long a run takes; None where that is not known, or shorter than :data:`TOLD_S`.
+
+    It is known of the native renderer and of rules that space frames by displacement. A frame is rendered in the middle
+    of the path.
+    """
+    end_us = round(trajectory.duration_s * 1e6)
+    if not isinstance(renderer, NativeRenderer) or not isinstance(sampling, MaxDisplacement | Tolerance) or end_us < 2:
+        return None
+    doing("estimating the time of the run")
+    moved = DisplacementClock(renderer, trajectory, end_us).estimated_path()
+    frames = int(min(moved / sampling.pixels, end_us)) + 1
+    view = Views.along(trajectory, np.array([end_us / 2e6]))
+    rays = renderer.rays_per_pixel
+    few = min(_FEW_RAYS, rays)
+    frame_s = _seconds(renderer.by_rays(few), view) * rays / few
+    if frame_s <= _WHOLE_FRAME_S and frames * frame_s >= TOLD_S:
+        frame_s = _seconds(renderer, view)
+    return RunTime(frames * frame_s, frames) if frames * frame_s >= TOLD_S else None
+
+
+def _seconds(renderer: Renderer, view: Views) -> float:
+    began = time.monotonic()
+    renderer.luma(view)
+    return time.monotonic() - began

@@ -1,0 +1,56 @@
+"""How long a run will take: said before it begins, where that is long."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from davis_rs import Camera, load_scene
+from davis_rs.render.choice import make_renderer
+from davis_rs.sampling.rules import FixedRate, MaxDisplacement
+from davis_rs.sampling.tolerance import Tolerance
+from davis_rs.simulation import run_time
+from davis_rs.simulation.run_time import estimate_run_time
+
+pytestmark = pytest.mark.without_llvm
+
+CAMERA = Camera(width=64, height=48, fx=55.0, fy=55.0, cx=31.5, cy=23.5)
+SCENE = load_scene("three_planes").crop(0.0, 1.0)
+
+
+def renderer_of(rays: int, pixel: str = "rays"):  # type: ignore[no-untyped-def]
+    return make_renderer(SCENE, CAMERA, kind="native", rays_per_pixel=rays, pixel=pixel, blur=False)
+
+
+@pytest.fixture
+def three_seconds_a_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock by which whatever is measured takes 3 s; all times are told."""
+    ticks = iter(np.arange(0.0, 300.0, 3.0).tolist())
+    monkeypatch.setattr(run_time, "time", SimpleNamespace(monotonic=lambda: next(ticks)))
+    monkeypatch.setattr(run_time, "TOLD_S", 0.0)
+
+
+@pytest.mark.usefixtures("three_seconds_a_frame")
+@pytest.mark.parametrize(("rays", "frame_s", "text"), [(32, 48, "about 50 seconds"), (8, 3, "about 3 seconds")])
+def test_the_time_is_that_of_all_frames(rays: int, frame_s: float, text: str) -> None:
+    """Frames are as many as the rule renders. A slow one is rendered by two rays, others as the run does it."""
+    rule = MaxDisplacement(1 / 4)
+    renderer = renderer_of(rays)
+    found = estimate_run_time(renderer, SCENE.path, rule)
+    assert found is not None
+    assert found.frames == pytest.approx(len([*rule.instants(renderer, SCENE.path, 1_000_000)]), rel=0.2)
+    assert found.seconds == pytest.approx(found.frames * frame_s)
+    assert f"some {found.frames:,} frames of {text} each (--size" in str(found)
+    wider = estimate_run_time(renderer, SCENE.path, Tolerance(pixels=1 / 2))
+    assert wider is not None
+    assert wider.frames == pytest.approx(found.frames / 2, rel=0.01)
+
+
+def test_where_nothing_is_told() -> None:
+    """Of short runs, of rules that do not space frames by displacement, and of other renderers."""
+    assert estimate_run_time(renderer_of(4), SCENE.path, MaxDisplacement()) is None
+    assert estimate_run_time(renderer_of(4), SCENE.path, FixedRate(1e6)) is None
+    at_rest = SCENE.crop(0.0, 1e-6).path
+    assert estimate_run_time(renderer_of(4), at_rest, MaxDisplacement()) is None
