@@ -10,6 +10,7 @@ use multiversion::multiversion;
 
 use super::geometry::pixel_rays::{BLOCKS, LANES, PIXELS, PixelRays, RayBlocks, TileRays};
 use super::geometry::vector::single;
+use super::gloss::adaptive::{GlossyRay, PixelParts, Whole, shade_part};
 use super::gloss::number::{Number, Rated};
 use super::gloss::pattern::Pattern;
 use super::gloss::tracer::{Tracer, TracerScratch};
@@ -79,6 +80,7 @@ struct Shading {
     picked: Picked,
     luma: Vec<f32>,
     rate: Vec<f32>,
+    parts: PixelParts,
     tracer: TracerScratch,
 }
 
@@ -285,7 +287,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     shaders: &mut Shaders<'a>,
 ) {
     let RayBlocks { x, y, around, .. } = *ray_blocks;
-    let Shading { caster, sorted, visible, turns, occluded, picked, luma, rate, tracer } = shading;
+    let Shading { caster, sorted, visible, turns, occluded, picked, luma, rate, parts, tracer } = shading;
     luma.clear();
     luma.resize(x.len(), tile_view.background.0);
     rate.clear();
@@ -296,7 +298,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
         visible.extend((0..).take(list.len()).filter(|&index| hits.sees(index)));
     }
     tile_view.lit.scene.prefetch_glossy(visible.iter().map(|&index| seen(index).triangle));
-    // What is glossy is shaded ray by ray.
+    // What is glossy is shaded ray by ray, pixel by pixel.
     let all_visible = visible.len();
     visible.retain(|&index| !tile_view.lit.scene.is_glossy(seen(index).triangle));
     let any_glossy = visible.len() < all_visible;
@@ -371,19 +373,30 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
         }
     }
     if any_glossy {
-        let per_block = x.len() / ray_blocks.blocks.len();
-        let number = |ray: usize| match order {
-            Order::Blocks => ray % per_block / LANES,
-            Order::Pixels => ray % tile_view.rays.rays(),
+        let (per_block, per_pixel) = (x.len() / ray_blocks.blocks.len(), tile_view.rays.rays());
+        let at = |pixel: usize, number: usize| match order {
+            Order::Blocks => pixel / LANES * per_block + number * LANES + pixel % LANES,
+            Order::Pixels => pixel * per_pixel + number,
         };
         let triangle = |ray: usize| hits.hit(ray).map(|index| seen(index).triangle);
-        let rays = (0..x.len()).filter_map(|ray| Some((ray, triangle(ray)?, [x[ray], y[ray]], number(ray))));
+        let rays = GlossyRays { pixels: x.len() / per_pixel, at, triangle, x, y };
         if RATE {
-            gloss::<Rated>(tile_view, rays, tracer, |ray, value| (luma[ray], rate[ray]) = value);
+            gloss::<Rated>(tile_view, &rays, (parts, tracer), (luma, rate));
         } else {
-            gloss::<f64>(tile_view, rays, tracer, |ray, value| luma[ray] = value.0);
+            gloss::<f64>(tile_view, &rays, (parts, tracer), (luma, rate));
         }
     }
+}
+
+/// Rays of some pixels, of which some see glossy triangles.
+struct GlossyRays<'a, At, Triangle> {
+    pixels: usize,
+    /// Gives the number among all rays of a pixel's ray, from their numbers.
+    at: At,
+    /// Gives what that sees.
+    triangle: Triangle,
+    x: &'a [f32],
+    y: &'a [f32],
 }
 
 /// Puts the numbers of shaders in order, those first from which nothing that stands still hides a light; returns how many
@@ -418,20 +431,40 @@ fn add_sky<const RATE: bool>(
     }
 }
 
-/// Computes luma, and its rate, of those rays that see glossy triangles: of each ray its number in the tile, its
-/// triangle, its direction and its number in the pixel.
+/// Computes luma, and its rate, of those rays that see glossy triangles. That of the others is known.
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
 fn gloss<N: Number>(
     tile_view: &TileView,
-    rays: impl Iterator<Item = (usize, u32, [f32; 2], usize)>,
-    scratch: &mut TracerScratch,
-    mut put: impl FnMut(usize, (f32, f32)),
+    rays: &GlossyRays<impl Fn(usize, usize) -> usize, impl Fn(usize) -> Option<u32>>,
+    (parts, scratch): (&mut PixelParts, &mut TracerScratch),
+    (luma, rate): (&mut [f32], &mut [f32]),
 ) {
     let (Some(gloss), Some(pattern)) = (&tile_view.lit.scene.gloss, &tile_view.pattern) else { return };
     let mut tracer = Tracer { lit: &tile_view.lit, gloss, pattern, scratch };
-    for (ray, triangle, at, number) in rays.filter(|ray| gloss.finish(ray.1).is_some()) {
-        let luma: N = tracer.luma(triangle, at.map(f64::from), number);
-        put(ray, (luma.value() as f32, luma.rate() as f32));
+    let mut values: Vec<N> = vec![];
+    for pixel in 0..rays.pixels {
+        parts.clear();
+        let mut others = 0.0;
+        for &number in pattern.turns() {
+            let at = (rays.at)(pixel, number);
+            match (rays.triangle)(at).and_then(|triangle| Some((triangle, gloss.finish_number(triangle)?))) {
+                Some((triangle, finish)) => parts.add(finish, GlossyRay { at, number, triangle }),
+                None => others += f64::from(luma[at]),
+            }
+        }
+        let whole = Whole { rays: tile_view.rays.rays(), first: pattern.first(), others };
+        for part in parts.rays() {
+            shade_part(part.len(), whole, &mut values, |ray| {
+                let GlossyRay { at, number, triangle } = part[ray];
+                tracer.luma(triangle, [rays.x[at], rays.y[at]].map(f64::from), number)
+            });
+            for (ray, value) in part.iter().zip(&values) {
+                luma[ray.at] = value.value() as f32;
+                if N::RATED {
+                    rate[ray.at] = value.rate() as f32;
+                }
+            }
+        }
     }
 }
 

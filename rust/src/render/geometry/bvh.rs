@@ -186,9 +186,14 @@ impl Bvh {
                 continue;
             }
             let node = &self.nodes[next.first as usize];
-            let distances = region.nearness(&node.boxes);
+            let (distances, farthest) = (region.nearness(&node.boxes), leaves.farthest().min(f32::MAX));
             let begin = waiting.len();
-            for lane in (0..node.used).filter(|&lane| distances[lane] < f32::INFINITY) {
+            // As bits, so that what is not met, or too far away, costs nothing; boxes that are not there lie nowhere.
+            let mut met = distances.iter().rev().fold(0u32, |bits, &near| bits << 1 | u32::from(near <= farthest));
+            met &= (1 << node.used) - 1;
+            while met != 0 {
+                let lane = met.trailing_zeros() as usize;
+                met &= met - 1;
                 let new = Waiting { distance: distances[lane], first: node.first[lane], count: node.count[lane] };
                 if new.count > 0 {
                     leaves.expect(new.first as usize..(new.first + new.count) as usize);

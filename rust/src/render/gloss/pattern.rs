@@ -12,6 +12,17 @@ const LEAST: usize = 16;
 /// Per golden ratio: a Fibonacci lattice has this second coordinate.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
+/// So many rays a pixel, or more, are shaded by halves, and so many of them at least.
+const BY_HALVES: usize = 64;
+const FIRST: usize = 16;
+
+/// Every second bit.
+const ALTERNATE: usize = 0x5555;
+
+/// The second coordinate of a rank-1 lattice whose halves, quarters and so on are good lattices themselves: found by their
+/// least distances, for all powers of two up to 512.
+const NESTED: f64 = 283.0;
+
 /// A point of the unit disk, for a lobe, and one of the unit square, for the lamps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PatternPoint {
@@ -26,6 +37,9 @@ pub(crate) struct Pattern {
     rays: usize,
     /// Has no common divisor with the number of points.
     stride: usize,
+    /// See [`Self::turns`] and [`Self::first`].
+    turns: Vec<usize>,
+    first: usize,
 }
 
 impl Pattern {
@@ -34,12 +48,35 @@ impl Pattern {
     pub(crate) fn new(rays: usize) -> Self {
         let rays = rays.max(1);
         let count = rays * LEAST.div_ceil(rays);
+        let by_halves = rays.is_power_of_two() && rays >= BY_HALVES;
+        let second = if by_halves { NESTED / rays as f64 } else { GOLDEN };
         let point = |number: usize| {
-            let square = [(number as f64 + 0.5) / count as f64, (number as f64 * GOLDEN).fract()];
+            let square = [(number as f64 + 0.5) / count as f64, (number as f64 * second).fract()];
             let (radius, angle) = (square[0].sqrt(), std::f64::consts::TAU * square[1]);
             PatternPoint { disk: [radius * libm::cos(angle), radius * libm::sin(angle)], square }
         };
-        Self { points: (0..count).map(point).collect(), rays, stride: stride(count) }
+        // Reversed bits part the rays into halves. Every second bit turned over, halves are not all on one side.
+        let halved =
+            |number: usize| (number.reverse_bits() >> (usize::BITS - rays.trailing_zeros())) ^ (ALTERNATE % rays);
+        let turn = |number: usize| if by_halves { halved(number) } else { number };
+        Self {
+            points: (0..count).map(point).collect(),
+            rays,
+            stride: stride(count),
+            turns: (0..rays).map(turn).collect(),
+            first: if by_halves { FIRST } else { rays },
+        }
+    }
+
+    /// Returns the numbers of a pixel's rays in the order in which they are shaded.
+    pub(crate) fn turns(&self) -> &[usize] {
+        &self.turns
+    }
+
+    /// Returns how many of them are shaded at least. Where these are not all, so many are spread over the pixel and over
+    /// the pattern, and so are twice as many, and so on: of a rank-1 lattice every second point, every fourth, and so on.
+    pub(crate) fn first(&self) -> usize {
+        self.first
     }
 
     /// Returns how many points a pixel has.
@@ -99,17 +136,36 @@ mod tests {
         }
     }
 
+    /// Returns the largest error of the mean of x, y, x^2 and y^2 over some points of the disk.
+    fn error(points: &[&PatternPoint]) -> f64 {
+        let mean =
+            |of: &dyn Fn(&PatternPoint) -> f64| points.iter().map(|point| of(point)).sum::<f64>() / points.len() as f64;
+        [0, 1]
+            .map(|k| mean(&|p| p.disk[k]).abs().max((mean(&|p| p.disk[k] * p.disk[k]) - 0.25).abs()))
+            .into_iter()
+            .fold(0.0, f64::max)
+    }
+
     #[test]
     fn points_lie_evenly_on_the_disk() {
-        let pattern = Pattern::new(64);
-        let (mut mean, mut squared) = ([0.0; 2], [0.0; 2]);
-        for point in &pattern.points {
-            for k in 0..2 {
-                mean[k] += point.disk[k] / 64.0;
-                squared[k] += point.disk[k] * point.disk[k] / 64.0;
+        for (rays, least) in [(20, 0.04), (64, 0.02), (100, 0.01), (128, 0.01), (512, 0.003), (1024, 0.002)] {
+            let pattern = Pattern::new(rays);
+            let error = error(&pattern.points.iter().collect::<Vec<_>>());
+            assert!(error < least, "{rays} rays: {error}");
+        }
+    }
+
+    /// Also of the first rays to be shaded.
+    #[test]
+    fn halves_lie_evenly_on_the_disk() {
+        assert!([8, 16, 32, 100].iter().all(|&rays| Pattern::new(rays).first() == rays));
+        for rays in [64, 128, 256, 512, 1024] {
+            let pattern = Pattern::new(rays);
+            let turns: Vec<&PatternPoint> = pattern.turns().iter().map(|&ray| pattern.point(ray)).collect();
+            assert_eq!((turns.len(), pattern.first()), (rays, 16));
+            for (count, least) in [(16, 0.06), (32, 0.03)] {
+                assert!(error(&turns[..count]) < least, "{count} of {rays} rays: {}", error(&turns[..count]));
             }
         }
-        assert!(mean.iter().all(|x| x.abs() < 0.02), "{mean:?}");
-        assert!(squared.iter().all(|x| (x - 0.25).abs() < 0.01), "{squared:?}");
     }
 }

@@ -147,6 +147,11 @@ impl Gloss {
         self.finishes.get(self.finish_of[triangle as usize] as usize)
     }
 
+    /// Returns the number of the finish of a triangle; None of a diffuse one.
+    pub(crate) fn finish_number(&self, triangle: u32) -> Option<u32> {
+        Some(self.finish_of[triangle as usize]).filter(|&number| number != DIFFUSE)
+    }
+
     /// Returns a texture of roughness or metal, and the texels of all.
     pub(crate) fn lobe(&self, number: u32) -> (&Texture, &[f32]) {
         (&self.lobe_textures[number as usize], &self.lobes)
