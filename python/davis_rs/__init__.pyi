@@ -177,6 +177,7 @@ from .sampling.tolerance import Tolerance as Tolerance
 from .scene.default_motion import with_default_motion as with_default_motion
 from .scene.deformation import Deformation as Deformation
 from .scene.deformation import DeformedMesh as DeformedMesh
+from .scene.deformation import MovingPoints as MovingPoints
 from .scene.light_profile import Flicker as Flicker
 from .scene.light_profile import LightProfile as LightProfile
 from .scene.light_profile import SampledProfile as SampledProfile

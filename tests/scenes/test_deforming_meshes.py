@@ -362,6 +362,7 @@ def test_textures_and_fronts_follow_the_form(texture: bool) -> None:
     assert luma[2].max() == 0
 
 
+@pytest.mark.long
 def test_the_clock_knows_the_fastest_point(tmp_path: Path) -> None:
     """The path of the fastest pixel is at least as long as any point's of the mesh, and it ends with the motion; the
     end is a break."""

@@ -28,6 +28,10 @@ _WHOLE_FRAME_S = 30.0
 """So a frame that takes no longer than this is then rendered as the run does it."""
 
 
+_SLOWEST_RAY_S = 2e-5
+"""No ray takes longer, on one core: of glass in glass some 7 us. What is short even so is not measured."""
+
+
 @dataclass(frozen=True)
 class RunTime:
     """Says how long a run will take.
@@ -59,8 +63,10 @@ def estimate_run_time(renderer: Renderer, trajectory: Trajectory, sampling: Time
     doing("estimating the time of the run")
     moved = DisplacementClock(renderer, trajectory, end_us).estimated_path()
     frames = int(min(moved / sampling.pixels, end_us)) + 1
-    view = Views.along(trajectory, np.array([end_us / 2e6]))
     rays = renderer.rays_per_pixel
+    if frames * renderer.camera.width * renderer.camera.height * rays * _SLOWEST_RAY_S < TOLD_S:
+        return None
+    view = Views.along(trajectory, np.array([end_us / 2e6]))
     few = min(_FEW_RAYS, rays)
     frame_s = _seconds(renderer.by_rays(few), view) * rays / few
     if frame_s <= _WHOLE_FRAME_S and frames * frame_s >= TOLD_S:
