@@ -48,8 +48,10 @@ def test_the_time_is_that_of_all_frames(rays: int, frame_s: float, text: str) ->
     assert wider.frames == pytest.approx(found.frames / 2, rel=0.01)
 
 
-def test_where_nothing_is_told() -> None:
-    """Of short runs, of rules that do not space frames by displacement, and of other renderers."""
+def test_where_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of short runs, measured or not, and of rules that do not space frames by displacement."""
+    assert estimate_run_time(renderer_of(4), SCENE.path, MaxDisplacement()) is None
+    monkeypatch.setattr(run_time, "_SLOWEST_RAY_S", 1e3)
     assert estimate_run_time(renderer_of(4), SCENE.path, MaxDisplacement()) is None
     assert estimate_run_time(renderer_of(4), SCENE.path, FixedRate(1e6)) is None
     at_rest = SCENE.crop(0.0, 1e-6).path
