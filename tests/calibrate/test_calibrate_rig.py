@@ -163,7 +163,7 @@ def test_what_cannot_be_told_is_refused() -> None:
         calibrate_rig([first, later], readings)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("lag_ms", [-51.0, 51.0, 900.0, 80.0, -300.0])
 def test_clocks_that_are_far_apart_are_found(lag_ms: float) -> None:
     """Of a camera and of the IMU, the one early and the other late."""

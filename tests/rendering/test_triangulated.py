@@ -236,6 +236,7 @@ def curve(kind: str, tmp_path: Path, points: str = BENDS, **parts: Any) -> Parts
     return {"type": kind, "filename": str(file), "bsdf": board(to_uv=LENGTHWISE), **parts}
 
 
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("kind", CURVES)
 def test_curves_look_as_mitsubas(kind: str, tmp_path: Path) -> None:
@@ -250,7 +251,7 @@ def test_curves_look_as_mitsubas(kind: str, tmp_path: Path) -> None:
     assert "1 shape made of " in make_renderer(scene, CAMERA).reason
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("kind", CURVES)
 @pytest.mark.parametrize("at", [(0.4, -1.5, 1.6), (0.2, 1.9, 0.9), (0.5, 1.0, -1.9)])
