@@ -165,6 +165,9 @@ mod tests {
             assert_eq!((turns.len(), pattern.first()), (rays, 16));
             for (count, least) in [(16, 0.06), (32, 0.03)] {
                 assert!(error(&turns[..count]) < least, "{count} of {rays} rays: {}", error(&turns[..count]));
+                // Nor do they all lie on one side.
+                let middle = turns[..count].iter().map(|point| point.square[0]).sum::<f64>() / count as f64;
+                assert!((middle - 0.5).abs() < 0.3 / count as f64, "{count} of {rays} rays: {middle}");
             }
         }
     }
