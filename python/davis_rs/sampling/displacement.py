@@ -133,11 +133,15 @@ class DisplacementClock:
             self._extend()
         return int(np.interp(path, self._path, self._t_us))
 
-    def estimated_path(self) -> float:
-        """Estimate the length of the whole path by the speeds at a few instants, without the change of lights."""
+    def estimated_renders(self, pixels: float) -> float:
+        """Estimate how many renders lie ``pixels`` apart on the whole path, and at least a microsecond.
+
+        It goes by the speeds at a few instants, without the change of lights.
+        """
         t_us = np.unique(np.linspace(0, self._end_us, _ESTIMATE).astype(np.int64))
         speeds = [float(self._fastest(self._pooled([int(t)])[0], np.array([t * 1e-6]))[0]) for t in t_us]
-        return float(np.sum(np.diff(t_us) * np.add(speeds[1:], speeds[:-1]) / 2) * 1e-6)
+        path = float(np.sum(np.diff(t_us) * np.add(speeds[1:], speeds[:-1]) / 2) * 1e-6)
+        return min(path / pixels, self._end_us)
 
     def span_end(self, start_us: int, path: float, bend_px: float, until_us: int | None = None) -> SpanEnd | None:
         """Return where a span from ``start_us`` should end: where the path has the length ``path``, or before.

@@ -202,7 +202,7 @@ class MaxDisplacement(ScheduledSampling):
                 count = max(count + end.reached, math.ceil(clock.path_at(last_us + 1) / self.pixels))
 
     def _warn(self, clock: DisplacementClock, end_us: int) -> None:
-        renders = min(clock.estimated_path() / self.pixels, end_us)
+        renders = clock.estimated_renders(self.pixels)
         if renders > _MANY_RENDERS:
             warnings.warn(
                 f"a displacement of {self.pixels:g} px between renders (max_displacement_px) asks for about "

@@ -21,15 +21,14 @@ TOLD_S = 600.0
 """Runs that are shorter show soon enough how long they take."""
 
 _FEW_RAYS = 2
-"""By so many rays a pixel a frame is rendered first. What does not grow with rays counts too much then, and so do
-reflections that need few of a pixel's rays."""
+"""A frame is rendered by so many rays a pixel first, and its time multiplied. That is too long where time does not grow
+with rays, and where reflections need few of a pixel's rays."""
 
 _WHOLE_FRAME_S = 30.0
-"""So a frame that takes no longer than this is then rendered as the run does it."""
-
+"""A frame that takes no longer than this is rendered again as the run does it."""
 
 _SLOWEST_RAY_S = 2e-5
-"""No ray takes longer, on one core: of glass in glass some 7 us. What is short even so is not measured."""
+"""No ray takes longer on one core; those in glass take some 7 us. A run that is short even so is not measured."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +60,7 @@ def estimate_run_time(renderer: Renderer, trajectory: Trajectory, sampling: Time
     if not isinstance(renderer, NativeRenderer) or not isinstance(sampling, MaxDisplacement | Tolerance) or end_us < 2:
         return None
     doing("estimating the time of the run")
-    moved = DisplacementClock(renderer, trajectory, end_us).estimated_path()
-    frames = int(min(moved / sampling.pixels, end_us)) + 1
+    frames = int(DisplacementClock(renderer, trajectory, end_us).estimated_renders(sampling.pixels)) + 1
     rays = renderer.rays_per_pixel
     if frames * renderer.camera.width * renderer.camera.height * rays * _SLOWEST_RAY_S < TOLD_S:
         return None
