@@ -10,7 +10,7 @@ use multiversion::multiversion;
 
 use super::geometry::pixel_rays::{BLOCKS, LANES, PIXELS, PixelRays, RayBlocks, TileRays};
 use super::geometry::vector::single;
-use super::gloss::adaptive::{GlossyRay, PixelParts, Whole, shade_part};
+use super::gloss::adaptive::{GlossyRay, Whole, parts, shade_part};
 use super::gloss::number::{Number, Rated};
 use super::gloss::pattern::Pattern;
 use super::gloss::tracer::{Tracer, TracerScratch};
@@ -80,7 +80,7 @@ struct Shading {
     picked: Picked,
     luma: Vec<f32>,
     rate: Vec<f32>,
-    parts: PixelParts,
+    glossy: Vec<GlossyRay>,
     tracer: TracerScratch,
 }
 
@@ -287,7 +287,7 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
     shaders: &mut Shaders<'a>,
 ) {
     let RayBlocks { x, y, around, .. } = *ray_blocks;
-    let Shading { caster, sorted, visible, turns, occluded, picked, luma, rate, parts, tracer } = shading;
+    let Shading { caster, sorted, visible, turns, occluded, picked, luma, rate, glossy, tracer } = shading;
     luma.clear();
     luma.resize(x.len(), tile_view.background.0);
     rate.clear();
@@ -381,9 +381,9 @@ fn shade<'a, const RATE: bool, Hits: TileHits>(
         let triangle = |ray: usize| hits.hit(ray).map(|index| seen(index).triangle);
         let rays = GlossyRays { pixels: x.len() / per_pixel, at, triangle, x, y };
         if RATE {
-            gloss::<Rated>(tile_view, &rays, (parts, tracer), (luma, rate));
+            gloss::<Rated>(tile_view, &rays, (glossy, tracer), (luma, rate));
         } else {
-            gloss::<f64>(tile_view, &rays, (parts, tracer), (luma, rate));
+            gloss::<f64>(tile_view, &rays, (glossy, tracer), (luma, rate));
         }
     }
 }
@@ -436,26 +436,26 @@ fn add_sky<const RATE: bool>(
 fn gloss<N: Number>(
     tile_view: &TileView,
     rays: &GlossyRays<impl Fn(usize, usize) -> usize, impl Fn(usize) -> Option<u32>>,
-    (parts, scratch): (&mut PixelParts, &mut TracerScratch),
+    (glossy, scratch): (&mut Vec<GlossyRay>, &mut TracerScratch),
     (luma, rate): (&mut [f32], &mut [f32]),
 ) {
     let (Some(gloss), Some(pattern)) = (&tile_view.lit.scene.gloss, &tile_view.pattern) else { return };
     let mut tracer = Tracer { lit: &tile_view.lit, gloss, pattern, scratch };
     let mut values: Vec<N> = vec![];
     for pixel in 0..rays.pixels {
-        parts.clear();
+        glossy.clear();
         let mut others = 0.0;
         for &number in pattern.turns() {
             let at = (rays.at)(pixel, number);
             match (rays.triangle)(at).and_then(|triangle| Some((triangle, gloss.finish_number(triangle)?))) {
-                Some((triangle, finish)) => parts.add(finish, GlossyRay { at, number, triangle }),
+                Some((triangle, finish)) => glossy.push(GlossyRay { at, number, triangle, finish }),
                 None => others += f64::from(luma[at]),
             }
         }
         let whole = Whole { rays: tile_view.rays.rays(), first: pattern.first(), others };
-        for part in parts.rays() {
+        for part in parts(glossy) {
             shade_part(part.len(), whole, &mut values, |ray| {
-                let GlossyRay { at, number, triangle } = part[ray];
+                let GlossyRay { at, number, triangle, .. } = part[ray];
                 tracer.luma(triangle, [rays.x[at], rays.y[at]].map(f64::from), number)
             });
             for (ray, value) in part.iter().zip(&values) {

@@ -24,40 +24,14 @@ pub(crate) struct GlossyRay {
     pub(crate) at: usize,
     pub(crate) number: usize,
     pub(crate) triangle: u32,
+    /// The number of that triangle's finish.
+    pub(crate) finish: u32,
 }
 
-/// The glossy rays of a pixel, parted by what they see.
-#[derive(Debug, Default)]
-pub(crate) struct PixelParts {
-    /// A finish, and the rays that see it. Those of `used` and more are room.
-    parts: Vec<(u32, Vec<GlossyRay>)>,
-    used: usize,
-}
-
-impl PixelParts {
-    pub(crate) fn clear(&mut self) {
-        self.used = 0;
-    }
-
-    /// Adds a ray that sees a finish.
-    pub(crate) fn add(&mut self, finish: u32, ray: GlossyRay) {
-        let known = self.parts[..self.used].iter().position(|part| part.0 == finish);
-        let part = known.unwrap_or_else(|| {
-            if self.used == self.parts.len() {
-                self.parts.push((finish, vec![]));
-            }
-            self.parts[self.used].0 = finish;
-            self.parts[self.used].1.clear();
-            self.used += 1;
-            self.used - 1
-        });
-        self.parts[part].1.push(ray);
-    }
-
-    /// Returns the rays that see each finish, in the order in which they were added.
-    pub(crate) fn rays(&self) -> impl Iterator<Item = &[GlossyRay]> {
-        self.parts[..self.used].iter().map(|part| part.1.as_slice())
-    }
+/// Returns the rays of a pixel that see each finish, in their order.
+pub(crate) fn parts(rays: &mut [GlossyRay]) -> impl Iterator<Item = &[GlossyRay]> {
+    rays.sort_by_key(|ray| ray.finish);
+    rays.chunk_by(|a, b| a.finish == b.finish)
 }
 
 /// What is known of the pixel that rays belong to.
@@ -179,15 +153,10 @@ mod tests {
 
     #[test]
     fn parts_are_told_apart_by_finish() {
-        let mut parts = PixelParts::default();
-        for round in 0..2 {
-            parts.clear();
-            for (number, finish) in [7, 3, 7].into_iter().enumerate() {
-                parts.add(finish + round, GlossyRay { at: number, number, triangle: 0 });
-            }
-            let numbers: Vec<Vec<usize>> =
-                parts.rays().map(|rays| rays.iter().map(|ray| ray.number).collect()).collect();
-            assert_eq!(numbers, [vec![0, 2], vec![1]]);
-        }
+        let ray = |number: usize, finish: u32| GlossyRay { at: number, number, triangle: 0, finish };
+        let mut rays = [ray(0, 7), ray(1, 3), ray(2, 7)];
+        let numbers: Vec<Vec<usize>> =
+            parts(&mut rays).map(|part| part.iter().map(|ray| ray.number).collect()).collect();
+        assert_eq!(numbers, [vec![1], vec![0, 2]]);
     }
 }
