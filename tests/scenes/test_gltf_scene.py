@@ -790,6 +790,46 @@ def test_animations_of_what_does_not_move_are_left_out(tmp_path: Path) -> None:
     assert looks_of(scene) == {"the animation": (*map(repr, pointers), "'yfov'")}
 
 
+@pytest.mark.parametrize("kind", ["LINEAR", "CUBICSPLINE"])
+def test_keyframes_before_the_beginning_and_at_one_time(tmp_path: Path, kind: str) -> None:
+    """Blender writes its frame 0 at a time below 0. What is played is what comes from 0 s on."""
+    times = [-0.75, -0.5, 0.5, 0.5, 1.5]
+    places = np.outer([9.0, 1.0, 8.0, 3.0, 5.0], [1.0, 0, 0])
+    values = places if kind == "LINEAR" else np.stack([np.zeros((5, 3)), places, np.zeros((5, 3))], 1)
+    gltf = Gltf()
+    node = gltf.node(mesh=quad(gltf, material=gltf.material()), name="body")
+    still = gltf.node(mesh=quad(gltf, material=gltf.material()), name="still")
+    gltf.animate(node, "translation", times, values.reshape(-1, 3), kind)
+    gltf.animate(still, "translation", [-1.0, -0.5], [[0, 0, 0], [0, 4, 0]])
+    with pytest.warns(SceneFileWarning) as told:
+        scene = saved(gltf, tmp_path)
+    assert "keyframes before 0 s, where the animation begins: 4 (the first: animations[0].samplers[0])" in str(
+        told[0].message
+    )
+    assert "keyframes at the time of the next one, which are left out: 1 (the first: anim" in str(told[0].message)
+    # From 1 at -0.5 s to 3 at 0.5 s: in the middle at 0 s, both along a line and along a symmetric curve.
+    along = [scene.objects["body_paint"].pose(t).position[0] for t in (0.0, 0.5, 1.0, 1.5)]
+    np.testing.assert_allclose(along, [2, 3, 4, 5], atol=1e-6)
+    assert set(scene.objects) == {"body_paint"}
+    assert shapes_of(scene)["mesh_paint"]["corners"][:, 2].max() == pytest.approx(CORNERS[:, 1].max() + 4)
+
+
+@pytest.mark.parametrize("times", [[0.0], [0.0, 1.0]])
+def test_an_animation_that_holds_still_poses_its_node(times: list[float], tmp_path: Path) -> None:
+    """What it says counts, not the node's own place: so viewers show it."""
+    gltf = Gltf()
+    own = {"translation": [7, 0, 0], "scale": [3.0, 3.0, 3.0]}
+    child = gltf.node(root=False, mesh=quad(gltf, material=gltf.material()), scale=[2.0, 1.0, 1.0])
+    node = gltf.node(children=[child], **own)
+    gltf.animate(node, "translation", times, [[1, 0, 0]] * len(times))
+    gltf.animate(node, "rotation", times, [[0, 0, np.sqrt(0.5), np.sqrt(0.5)]] * len(times))
+    scene = saved(gltf, tmp_path)
+    assert scene.objects == {}
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    expected = (CORNERS * [2, 1, 1] * 3 @ quarter.T + [1, 0, 0]) @ TURN.T
+    np.testing.assert_allclose(shapes_of(scene)["mesh_paint"]["corners"], expected[FACES.ravel()], atol=1e-5)
+
+
 def test_quaternions_of_another_length_are_scaled_and_told(tmp_path: Path) -> None:
     """Of nodes, of copies and of keyframes; a place counts once."""
     half = np.sqrt(0.5)
@@ -939,6 +979,10 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     ),
     "times": (
         lambda gltf: gltf.animate(1, "rotation", [1.0, 0.5], [[0, 0, 0, 1]] * 2),
+        r"animations\[0\]\.samplers\[1\]\.input: times must increase, from -1e\+06 s at least to 1e\+06 s",
+    ),
+    "early times": (
+        lambda gltf: gltf.animate(1, "rotation", [-2e6, 0.5], [[0, 0, 0, 1]] * 2),
         r"animations\[0\]\.samplers\[1\]\.input: times must increase",
     ),
     "spline": (

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.argument_error import ArgumentError
@@ -25,6 +26,8 @@ from .rounding import ROUNDING
 DEEPEST = 100
 """How deep nodes may be nested."""
 
+_LATEST_S = 1e6
+"""Times of keyframes are no farther from 0."""
 _RIGID = 1e-4
 """A node is not a rigid body if the length of its axes changes by more than this."""
 _KEYFRAME_BYTES = 200
@@ -337,8 +340,8 @@ def _track(file: GltfFile, sampler: Item, where: str, path: str, repairs: Repair
     kind = sampler.interpolation or "LINEAR"
     if kind not in ("LINEAR", "STEP", "CUBICSPLINE"):
         raise file.error(f"{where}.interpolation", f"must be LINEAR, STEP or CUBICSPLINE, got {plain(kind)}")
-    if len(times) == 0 or times[0] < 0 or not (np.diff(times) > 0).all() or times[-1] > 1e6:
-        raise file.error(f"{where}.input", "times must increase, from 0 s or later to 1e6 s at most")
+    if len(times) == 0 or not (np.diff(times) >= 0).all() or times[0] < -_LATEST_S or times[-1] > _LATEST_S:
+        raise file.error(f"{where}.input", f"times must increase, from {-_LATEST_S:g} s at least to {_LATEST_S:g} s")
     each = 3 if kind == "CUBICSPLINE" else 1
     if path == "weights" and len(values) % (each * len(times)) == 0:
         width = len(values) // (each * len(times))  # all strengths of a keyframe follow each other
@@ -352,7 +355,20 @@ def _track(file: GltfFile, sampler: Item, where: str, path: str, repairs: Repair
     if path == "rotation":
         unit = unit_quaternions(file, values, f"{where}.output", repairs)
         values = unit if each == 1 else values
-    return Track(times, values, tangents, kind, path == "rotation")
+    played = _played_keyframes(times, where, repairs)
+    if tangents is not None:
+        tangents = (tangents[0][played], tangents[1][played])
+    return Track(times[played], values[played], tangents, kind, path == "rotation")
+
+
+def _played_keyframes(times: FloatArray, where: str, repairs: Repairs) -> npt.NDArray[np.intp]:
+    """Return the numbers of the keyframes that count. An animation begins at 0 s, as viewers play it: of those before
+    only the last is needed. Of several at one time the last is taken."""
+    last = np.append(np.diff(times) > 0, True)
+    repairs.add("keyframes at the time of the next one, which are left out", int((~last).sum()), where)
+    repairs.add("keyframes before 0 s, where the animation begins", int((times < 0).sum()), where)
+    kept = np.flatnonzero(last)
+    return kept[max(np.searchsorted(times[kept], 0.0, side="right") - 1, 0) :]
 
 
 def breaks(tracks: list[Track], duration_s: float) -> FloatArray:

@@ -214,7 +214,10 @@ class NodePoses:
         return np.asarray(matrix)
 
     def _given(self, node: Node, name: str) -> FloatArray:
-        """Return what the file gives for a property of a node."""
+        """Return what the file gives for a property of a node that does not move: an animation's only value, or its own."""
+        track = self._tracks.get(node.index, {}).get(name)
+        if track is not None:
+            return track.values[0]
         given, where = getattr(node.item, name), f"nodes[{node.index}].{name}"
         rest = np.array(REST[name]) if given is None else self._file.numbers(given, where, WIDTHS[name])
         return unit_quaternions(self._file, rest[None], where, self._repairs)[0] if name == "rotation" else rest
