@@ -315,7 +315,8 @@ def _gltf(folder: Path) -> list[Path]:
     strength = {"emissiveStrength": 2}
     extensions = {"KHR_materials_pbrSpecularGlossiness": gloss, "KHR_materials_emissive_strength": strength}
     clear = {"KHR_materials_transmission": {"transmissionFactor": 0.9}, "KHR_materials_ior": {"ior": 1.4}}
-    pane = gltf.material("pane", more={"extensions": {**clear, "KHR_materials_volume": {"thicknessFactor": 0.1}}})
+    volume = {"thicknessFactor": 0.1, "attenuationDistance": 2, "attenuationColor": [0.5, 0.9, 0.2]}
+    pane = gltf.material("pane", more={"extensions": {**clear, "KHR_materials_volume": volume}})
     gltf.node(mesh=quad(gltf, material=pane))
     bumps: dict[str, Any] = {"normalTexture": {**texture, "scale": 0.5}}
     more = {"extensions": extensions, "alphaMode": "MASK", **bumps, **emits}

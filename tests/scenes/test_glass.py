@@ -76,7 +76,7 @@ def test_a_solid(tmp_path: Path) -> None:
     gltf = Gltf()
     volume = {"KHR_materials_volume": {"thicknessFactor": 0.5}}
     scene = world(gltf, tmp_path, glass(gltf, extensions=volume, baseColorFactor=[1, 1, 1, 1]), box=True)
-    assert [look.what for look in scene.lost_looks] == ["KHR_materials_volume"]
+    assert scene.lost_looks == ()
     once = reflected(1.5)
     assert (1 - once) ** 2 - 1e-4 < luma(scene) < (1 - once) / (1 + once) + 1e-3
 
@@ -88,8 +88,39 @@ def test_a_rough_solid(tmp_path: Path) -> None:
     scene = world(
         gltf, tmp_path, glass(gltf, extensions=volume, roughnessFactor=0.4, baseColorFactor=[1, 1, 1, 1]), box=True
     )
-    assert [look.what for look in scene.lost_looks] == ["KHR_materials_volume"]
+    assert scene.lost_looks == ()
     assert 0.75 < luma(scene) < 0.9
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.01])
+@pytest.mark.parametrize("thickness", [0.5, 0.0])
+def test_a_solid_absorbs_along_the_way_through_it(thickness: float, scale: float, tmp_path: Path) -> None:
+    """By the way between its surfaces, whatever thickness the file gives, and in its unit; a sheet absorbs none."""
+    colour = np.array([0.9, 0.3, 0.0])
+    volume = {"thicknessFactor": thickness, "attenuationDistance": 2.0, "attenuationColor": colour.tolist()}
+    extensions = {"KHR_materials_volume": volume, "KHR_materials_ior": {"ior": 1.0}}
+    gltf = Gltf()
+    material = glass(gltf, extensions=extensions, baseColorFactor=[1, 1, 1, 1])
+    made = world(gltf, tmp_path, material, box=thickness > 0)
+    scene = load_scene(tmp_path / "scene.glb", scale=scale)
+    assert made.lost_looks == scene.lost_looks == ()
+    expected = LUMA @ np.sqrt(np.maximum(colour, 1e-6)) if thickness else 1.0
+    assert luma(scene) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("volume", "rule"),
+    [
+        ({"attenuationDistance": 0}, r"attenuationDistance: must be more than 0"),
+        ({"attenuationDistance": -1}, r"attenuationDistance: must be 1 numbers from 0"),
+        ({"attenuationDistance": 1, "attenuationColor": [1, 2, 1]}, r"attenuationColor: must be 3 numbers from 0 to 1"),
+    ],
+)
+def test_volumes_that_break_a_rule(volume: dict[str, Any], rule: str, tmp_path: Path) -> None:
+    gltf = Gltf()
+    extensions = {"KHR_materials_volume": {"thicknessFactor": 1, "attenuationColor": [0.5, 0.5, 0.5], **volume}}
+    with pytest.raises(DecodeError, match=rf"materials\[0\]: KHR_materials_volume.{rule}"):
+        world(gltf, tmp_path, glass(gltf, extensions=extensions), box=True)
 
 
 def test_what_is_lost_of_glass_is_told(tmp_path: Path) -> None:

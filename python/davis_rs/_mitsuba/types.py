@@ -36,6 +36,9 @@ MitsubaEmitter: TypeAlias = Any
 MitsubaIntegrator: TypeAlias = Any
 """``mi.Integrator``."""
 
+MitsubaMedium: TypeAlias = Any
+"""``mi.Medium``, what light goes through."""
+
 MitsubaSampler: TypeAlias = Any
 """``mi.Sampler``, or a class of one: random numbers."""
 

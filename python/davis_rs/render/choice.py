@@ -29,13 +29,14 @@ from ..scene.image_textures import stand_ins
 from ..scene.scene import Scene
 from .baked.bake import BAKE_ERROR
 from .baked.baked_scene import baked_light, check_baking
-from .baked.lights import follows_media, has_media, light_groups
+from .baked.lights import follows_media, light_groups, shows_absorption
 from .base import Renderer
 from .closest_view import ClosestView
 from .diffuse_materials import simplify_materials
 from .edges.swept_objects import MovingSilhouettes
 from .integrator.renderer import IntegratorRenderer
 from .integrator.scalar import ScalarRenderer
+from .media import has_media, has_more_than_absorption
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
 from .native.estimators import ESTIMATORS
@@ -182,7 +183,7 @@ class NoiseFreeKind(RendererKind):
             stand_ins=images,
         )
         for_view = made.shapes > 0 or table.textures.has_ramps
-        told = made.description + _ramps_told(table.textures) + _media_told(loaded)
+        told = made.description + _ramps_told(table.textures) + _media_told(scene, loaded)
         return _SceneTables(loaded, replaced, motion, table, view, for_view, told)
 
 
@@ -515,9 +516,10 @@ def _ramps_told(textures: TextureTable) -> str:
     return f"; hard edges of textures are up to {textures.ramp_px:.2g} px wide" if textures.ramp_px > 0 else ""
 
 
-def _media_told(loaded: MitsubaScene) -> str:
-    """Return that a scene's media are not rendered, where it has some."""
-    return "; its media (fog, milk) are not rendered" if has_media(loaded) else ""
+def _media_told(scene: Scene, loaded: MitsubaScene) -> str:
+    """Return that a scene's media are not rendered, where it has some that are not."""
+    left_out = has_more_than_absorption(loaded) if scene.reflections or shows_absorption(loaded) else has_media(loaded)
+    return "; its media (fog, milk) are not rendered" if left_out else ""
 
 
 def _taken_as_diffuse(scene: Scene, replaced: tuple[str, ...]) -> str:

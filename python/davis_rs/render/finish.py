@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -64,7 +64,8 @@ class Finish:
         base_tints: the base colour is a factor on the lobe.
         under: what is below: ``nothing``, ``coated`` (index, reflected inside, entering, 1 if nonlinear; for a rough
             coat the fractions that pass it follow, at :data:`PASSING_NODES` cosines from 0 to 1), ``rough``
-            (roughness, factor), ``solid`` (index; its surface is as rough as ``alpha`` says), ``sheet`` (index) or
+            (roughness, factor), ``solid`` (index, and how much light is absorbed inside per unit of length, RGB; its
+            surface is as rough as ``alpha`` says), ``sheet`` (index) or
             ``blend`` (opacity: a diffuse base covers so much, and the rest is seen through).
         lobe: roughness and metal from place to place, of ``mixed`` over ``rough``; ``alpha`` and ``across``, over
             ``nothing`` or of ``solid``; or opacity and None, of ``blend``. Its own numbers are then means. None for
@@ -107,6 +108,12 @@ class Finish:
     def is_clear(self) -> bool:
         """Whether light that is baked passes through as if it were not there."""
         return self.is_glass or (self.blends and self.under[1][0] < _HALF)
+
+    def absorbing(self, absorption: Rgb) -> Finish:
+        """Return the finish of a solid that absorbs light inside, RGB, per unit of length."""
+        kind, (index, *_) = self.under
+        assert kind == "solid"
+        return replace(self, under=(kind, (index, *absorption)))
 
     def core(self, numbers_of: Mapping[NumberTexels, int]) -> CoreFinish:
         """Return it as the core takes it, with the numbers of its textures of roughness and metal."""

@@ -314,7 +314,8 @@ def _glass(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba) -> 
     if tint is None or passing is None or index == 1 or rough is None:
         return None
     base, (alpha, across, lobe) = rough
-    distribution, under = "ggx" if alpha == 0 else _distribution(bsdf), (kind, (index,))
+    distribution = "ggx" if alpha == 0 else _distribution(bsdf)
+    under = kind, (index, *((0.0, 0.0, 0.0) if kind == "solid" else ()))
     fresnel = "dielectric", (index,)
     return base, Finish(alpha, distribution, fresnel, tint, passing, under=under, lobe=lobe, across=across)
 

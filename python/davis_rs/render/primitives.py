@@ -171,12 +171,14 @@ def _is_group(node: MitsubaShape) -> bool:
 def _scene_of(
     scene: MitsubaScene, shapes: list[tuple[str, MitsubaShape]], groups: list[MitsubaShape], mi: Mitsuba
 ) -> MitsubaScene:
-    """Return a scene of these shapes, each with its id, under the integrator and the lights of another."""
+    """Return a scene of these shapes, each with its id, under the integrator, the sensors and the lights of another."""
     lights = [(str(light.id()), light) for light in scene.emitters() if light.class_name() != "AreaLight"]
     named = [*shapes, *((str(group.id()), group) for group in groups), *lights]
     content: dict[str, object] = {"type": "scene"}
     if scene.integrator() is not None:
         content["integrator"] = scene.integrator()
+    # A camera may be in a medium.
+    content |= {f"sensor_{number}": sensor for number, sensor in enumerate(scene.sensors())}
     for number, (name, node) in enumerate(named):
         # Shapes without an id need a key of their own here.
         content[name if name and name not in content else f"object_{number}"] = node
@@ -296,7 +298,7 @@ def _placed(
     matrix: FloatArray,
     mi: Mitsuba,
 ) -> MitsubaShape:
-    """Return a mesh with a material and a shape's light, whose vertices are moved by a transform (4, 4)."""
+    """Return a mesh with a material, a shape's light and its media, whose vertices are moved by a transform (4, 4)."""
     linear = matrix[:3, :3]
     if np.linalg.det(linear) < 0:
         faces = faces[:, ::-1]
@@ -305,6 +307,9 @@ def _placed(
         normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     properties = mi.Properties()
     properties["bsdf"] = bsdf
+    for name, medium in (("interior", shape.interior_medium()), ("exterior", shape.exterior_medium())):
+        if medium is not None:
+            properties[name] = medium
     if shape.is_emitter():
         light = shape.emitter()
         properties[str(light.id()) or "emitter"] = mi.load_dict(

@@ -86,12 +86,14 @@ class Glass(NamedTuple):
         tint: (3,), factors on red, green and blue that pass.
         is_solid: it is the surface of a solid, which bends light; else a thin sheet, which does not.
         roughness: of the surface of a solid, 0 to 1.
+        absorption: (3,), how much light a solid absorbs inside per metre (Beer's law), RGB; None for none.
     """
 
     refraction: float
     tint: FloatArray
     is_solid: bool
     roughness: float = 0.0
+    absorption: FloatArray | None = None
 
 
 class NormalTexture(NamedTuple):

@@ -158,6 +158,8 @@ def shape(
     if glass is not None:
         material = _clear(glass)
     properties["bsdf"] = mi.load_dict(material)
+    if glass is not None and glass.absorption is not None:
+        properties["interior"] = mi.load_dict(_absorbing(glass.absorption))
     if emission is not None:
         # A list of all texels of a texture takes seconds.
         radiance: SceneDictionary = (
@@ -203,6 +205,13 @@ def _clear(glass: Glass) -> SceneDictionary:
     if glass.roughness > 0:
         return {"type": "roughdielectric", "distribution": "ggx", "alpha": glass.roughness**2, **same}
     return {"type": "dielectric" if glass.is_solid else "thindielectric", **same}
+
+
+def _absorbing(absorption: FloatArray) -> SceneDictionary:
+    """Describe what absorbs light and scatters none, for Mitsuba, which takes factors of at most 1."""
+    largest = float(absorption.max())
+    extinction = {"type": "rgb", "value": (absorption / largest).tolist()}
+    return {"type": "homogeneous", "albedo": 0.0, "sigma_t": extinction, "scale": largest}
 
 
 def _opacity(blend: Blend, *, wrap: str, nearest: bool) -> SceneDictionary | float:

@@ -63,8 +63,8 @@ class Scene:
             and the native renderer show it so.
         matte: materials that have a diffuse colour and more (``principled``, ``plastic``, ``roughplastic``, bumps) are
             rendered by that colour alone. Those without one (metal, glass) stay what they are.
-        reflections: mirrors and metal show all surfaces. Otherwise Mitsuba's integrator ``direct`` shows lights and
-            skies alone in them.
+        reflections: mirrors and metal show all surfaces, and coloured glass absorbs light. Otherwise Mitsuba's
+            integrator ``direct`` shows lights and skies alone in them.
         soft_light: its file does not say which light counts (glTF, OBJ, PLY). Then ``auto`` bakes the light of its
             sky, with what hides it, of surfaces that emit, and the light that bounces, if that is quick; otherwise its
             light is direct, that of the sky throws no shadow, and what surfaces emit is seen but lights nothing. They

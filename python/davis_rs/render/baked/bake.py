@@ -445,13 +445,16 @@ class _BakeJob:
     ) -> float:
         """Measure how much maps err between their points, against light from many more samples.
 
-        Two of three points err less than this error, which is relative to all light. Those without light do not count.
+        Two of three points err less than this error, which is relative to all light. Those without light do not count,
+        and where no surface shows it there is none.
         The points are on what a camera sees, where that is known.
 
         Args:
             states: lights, what gathers their bounces, and their maps, at each instant, which has its share of the
                 points.
         """
+        if not self._surfaces.any_lit:
+            return 0.0
         positions, face, weight = self._drawn(_MEASURED, 1)
         lattice = self._lattice
         points = self._with_normals(positions, face, weight)
@@ -479,7 +482,9 @@ class _BakeJob:
     ) -> RefinementRule:
         # What linear interpolation errs grows with the square of the distance.
         wider = float(np.clip(np.sqrt(error / BAKE_ERROR), 0.25, 4.0))
-        spacing, finest = (fraction * self._diagonal * wider for fraction in distances)
+        # Without a surface to look light up on, the corners do.
+        unit = self._diagonal * wider if self._surfaces.any_lit else np.inf
+        spacing, finest = (fraction * unit for fraction in distances)
         # Once its middle is known, an edge errs by a quarter of what it did before.
         most = 4 * self._effort.most_points // (3 + self.count)
         return RefinementRule(spacing, finest, tolerance, most, inwards)

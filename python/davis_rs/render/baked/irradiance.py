@@ -68,6 +68,7 @@ class Surfaces:
         reflectances: gives that of all textures, as the core takes it; light that comes from the cache needs none.
         looks: a hash of how surfaces look that these do not tell.
         bumpy: bool (t), which of them have a normal texture or a bump map.
+        any_lit: whether any of them shows light that is baked: all but glass do.
     """
 
     corners: FloatArray
@@ -82,6 +83,7 @@ class Surfaces:
     reflectances: Callable[[], CoreColours]
     looks: bytes
     bumpy: npt.NDArray[np.bool_]
+    any_lit: bool
 
     @property
     def diagonal(self) -> float:

@@ -27,6 +27,7 @@ from ...events.luma import LUMA_WEIGHTS
 from ...geometry.lattice import rank1_lattice
 from ..beam_lights import BEAMS, Slide, beam_light
 from ..diffuse_materials import nested_objects
+from ..media import has_more_than_absorption
 from ..motion.scene_motion import STILL, SceneMotion
 from ..obstacles import Obstacles, Unsuitable
 from .irradiance import Irradiance, Paths, Surfaces, in_one_point, moved, turned
@@ -50,7 +51,7 @@ _RADIANCE_POINTS = 1024
 """Points on a shape from which the mean of its emission is taken where a texture says it."""
 _PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
 _VOLUMETRIC = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl")
-"""Without media they follow the same paths as ``path``."""
+"""Without media that scatter they follow the same paths as ``path``."""
 _MORE_NEXT_TO_LIGHT = ("MomentIntegrator", "AOVIntegrator")
 
 
@@ -71,6 +72,11 @@ def follows_media(scene: MitsubaScene) -> bool:
     return integrator is not None and integrator.class_name() in _VOLUMETRIC
 
 
+def shows_absorption(scene: MitsubaScene) -> bool:
+    """Return whether a scene shows what media absorb: its integrator is one for volumes, or it names none."""
+    return integrator_of(scene) is None or follows_media(scene)
+
+
 def paths_of(scene: MitsubaScene) -> Paths:
     """Return the paths that a scene's integrator follows.
 
@@ -83,7 +89,7 @@ def paths_of(scene: MitsubaScene) -> Paths:
     kind = integrator.class_name()
     if kind == "DirectIntegrator":
         return Paths(2, _ROULETTE_DEPTH)
-    if kind in _VOLUMETRIC and has_media(scene):
+    if kind in _VOLUMETRIC and has_more_than_absorption(scene):
         rule = "it has a medium (fog, milk), which only Mitsuba's integrators render"
         raise Unsuitable(rule, "take the medium away, and name the integrator path")
     if kind != "PathIntegrator" and kind not in _VOLUMETRIC:
@@ -96,16 +102,6 @@ def paths_of(scene: MitsubaScene) -> Paths:
 
 ALL_PATHS = Paths(_PATH_DEPTH, _ROULETTE_DEPTH)
 """Paths of any length, where a scene names no integrator."""
-
-
-def has_media(scene: MitsubaScene) -> bool:
-    """Return whether light goes through media, such as fog or milk."""
-    import mitsuba as mi
-
-    around = (nested for sensor in scene.sensors() for nested in nested_objects(sensor))
-    return any(isinstance(nested, mi.Medium) for nested in around) or any(
-        shape.is_medium_transition() for shape in scene.shapes()
-    )
 
 
 def check_lights(scene: MitsubaScene, mi: Mitsuba, *, soft: bool = False) -> None:

@@ -15,6 +15,7 @@ from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.views import Views
 from ..base import Indices, Renderer
+from ..media import has_media
 from ..motion.scene_motion import STILL, SceneMotion, SceneState
 from ..motion.scene_scale import scale_scene
 from ..motion.scene_updates import SceneUpdates
@@ -24,12 +25,12 @@ _SEED_STEP = 15_485_863
 
 
 def _integrator(scene: MitsubaScene, mi: Mitsuba) -> MitsubaIntegrator:
-    """Return the integrator that the scene names; a path tracer where it names none.
+    """Return the integrator that the scene names; a path tracer where it names none, one for volumes if it has media.
 
     Raises:
         ValueError: for one that cannot be asked what a ray sees: a particle tracer, or one made for derivatives.
     """
-    integrator = scene.integrator() or mi.load_dict({"type": "path"})
+    integrator = scene.integrator() or mi.load_dict({"type": "volpath" if has_media(scene) else "path"})
     if not isinstance(integrator, mi.SamplingIntegrator) or isinstance(integrator, mi.CppADIntegrator):
         raise ValueError(
             f"the scene asks for Mitsuba's {type(integrator).__name__}, which cannot follow single rays; "

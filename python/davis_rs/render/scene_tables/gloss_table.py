@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._mitsuba.types import MitsubaBsdf, MitsubaScene
-from ..baked.lights import integrator_of, paths_of
+from ..baked.lights import integrator_of, paths_of, shows_absorption
 from ..finish import CoreFinish, Finish
+from ..media import absorption_within
 from ..number_textures import NumberTexels
 from ..texels import CoreColours, laid_out
 
@@ -127,12 +128,16 @@ def gloss_table(
     Args:
         finishes: by the materials of shapes.
         counts: how many triangles each shape has.
-        reflections: mirrors show all surfaces, whatever the integrator says.
+        reflections: mirrors show all surfaces, and solids absorb, whatever the integrator says.
     """
     numbers = dict[Finish, int]()
+    absorbing = reflections or shows_absorption(scene)
     of_shapes = []
     for shape in scene.shapes():
         finish = finishes.get(shape.bsdf())
+        if absorbing and finish is not None and finish.under[0] == "solid":
+            absorption = absorption_within(shape)
+            finish = finish if absorption is None else finish.absorbing(absorption)
         of_shapes.append(DIFFUSE if finish is None else numbers.setdefault(finish, len(numbers)))
     if not numbers:
         return None

@@ -33,11 +33,20 @@ from ...scene.image_textures import StandIns
 from ..baked.baked_scene import BakedLight
 from ..baked.irradiance import Surfaces, in_one_point
 from ..baked.light_maps import map_coordinates
-from ..baked.lights import SHARP, area_light_name, group_name, integrator_of, small_lamps, textured_lamp
+from ..baked.lights import (
+    SHARP,
+    area_light_name,
+    group_name,
+    integrator_of,
+    shows_absorption,
+    small_lamps,
+    textured_lamp,
+)
 from ..beam_lights import BEAMS, Slide, beam_light
 from ..closest_view import ClosestView
 from ..curves import CURVES
 from ..finish import Finish
+from ..media import absorption_within
 from ..mesh_buffers import MeshBuffers
 from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
 from ..rays.shadow_rays import scene_centre
@@ -199,6 +208,8 @@ class SceneTable:
                 if view is not None and view.known and faces:
                     per_unit = functools.partial(_pixels_per_unit, view, shape, read)
                 _check_anisotropic(shape, (finishes or {}).get(shape.bsdf()))
+                if reflections or shows_absorption(scene):
+                    _check_absorbing(shape, (finishes or {}).get(shape.bsdf()))
                 added = self.textures.add(
                     shape, faces, read, per_unit, emission=shining.get(shape), normals=self.normal_textures
                 )
@@ -325,11 +336,11 @@ class SceneTable:
         turned = (np.einsum("tki,ti->t", normals, self.planes[:, :3]) < 0) & (self.two_sided != 0)
         normals[turned] *= -1.0
         corners, looks, texture_of = self.corners, self.textures.images_digest, self.textures.texture_of
-        clear = np.zeros(len(corners), np.bool_)
+        clear, any_lit = np.zeros(len(corners), np.bool_), True
         if self.gloss is not None:
             looks += self.gloss.digest
             clear, glass = self.gloss.is_clear, self.gloss.is_glass
-            corners = in_one_point(corners, glass)
+            corners, any_lit = in_one_point(corners, glass), not glass.all()
             normals[glass] = (0.0, 0.0, 1.0)
         at_points = np.concatenate([self.corners, np.ones((*self.corners.shape[:2], 1))], -1)
         return Surfaces(
@@ -345,6 +356,7 @@ class SceneTable:
             reflectances=functools.cache(self._reflectances),
             looks=looks,
             bumpy=np.isin(texture_of, self.normal_textures.numbers),
+            any_lit=any_lit,
         )
 
     def _reflectances(self) -> CoreColours:
@@ -514,6 +526,14 @@ def _check_anisotropic(shape: MitsubaShape, finish: Finish | None) -> None:
     if finish is not None and finish.across is not None and shape.is_mesh() and not shape.has_vertex_texcoords():
         rule = "is anisotropic, and has no texture coordinates that say along what"
         raise Unsuitable(rule, "give it some, or one roughness along and across", shape_name(shape))
+
+
+def _check_absorbing(shape: MitsubaShape, finish: Finish | None) -> None:
+    """Refuse what absorbs light inside and is no surface of a solid, but lets light pass."""
+    passes = finish is not None and finish.under[0] in ("sheet", "blend")
+    if passes and any(absorption_within(shape) or ()):
+        rule = "has a medium inside, and a surface that light passes without being bent"
+        raise Unsuitable(rule, "make it a dielectric, or take its medium away", shape_name(shape))
 
 
 def _channel(texels: npt.NDArray[np.float32], channel: int) -> CoreChannel:

@@ -9,7 +9,7 @@ KHR_materials_transmission and KHR_materials_volume.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,12 +53,14 @@ _UNLIT = "KHR_materials_unlit"
 _TRANSMISSION = "KHR_materials_transmission"
 _VOLUME = "KHR_materials_volume"
 _SHEEN = "KHR_materials_sheen"
-_UNTOLD = {ANISOTROPY, COAT, _GLOSS, _EMISSIVE_STRENGTH, IOR, _SHEEN, SPECULAR, _TRANSMISSION, _UNLIT}
+_UNTOLD = {ANISOTROPY, COAT, _GLOSS, _EMISSIVE_STRENGTH, IOR, _SHEEN, SPECULAR, _TRANSMISSION, _UNLIT, _VOLUME}
 """Extensions of materials that lose nothing, or whose loss is noted elsewhere."""
 _CLEAR = 0.5
 """The fraction of light that passes from which on a material is glass."""
 _CLEAR_WITHIN = 0.1
 """How far glass may be from clear and smooth without a word."""
+_DARKEST = 1e-6
+"""The least fraction of light that a volume leaves at its attenuation distance."""
 _NORMAL_TEXEL = 24
 """About how many bytes a texel of normals takes until it is in the core."""
 
@@ -126,10 +128,15 @@ class GltfMaterial(NamedTuple):
 
 
 class GltfMaterials:
-    """The materials of a file, each read on first use. Its texture is charged for one shape that shows it."""
+    """The materials of a file, each read on first use. Its texture is charged for one shape that shows it.
 
-    def __init__(self, file: GltfFile, repairs: Repairs) -> None:
-        self._file, self._repairs = file, repairs
+    Args:
+        repairs: gets what is mended.
+        scale: metres in the file's unit.
+    """
+
+    def __init__(self, file: GltfFile, repairs: Repairs, scale: float) -> None:
+        self._file, self._repairs, self._scale = file, repairs, scale
         self._known: dict[int | None, GltfMaterial] = {}
         self._images: dict[int, tuple[EncodedTexture, tuple[Path, ...]]] = {}
 
@@ -337,7 +344,19 @@ class GltfMaterials:
         if SPECULAR in extensions:
             lost[f"{SPECULAR} of glass"] = None
         index = max(index_of(extensions, file, where), LEAST_INDEX)
-        return made._replace(glass=Glass(index, tint, is_solid, rough), metal=None)
+        absorption = self._absorption(volume, f"{where}: {_VOLUME}") if is_solid else None
+        return made._replace(glass=Glass(index, tint, is_solid, rough, absorption), metal=None)
+
+    def _absorption(self, volume: Mapping[str, object], where: str) -> FloatArray | None:
+        """Return how much light a volume absorbs per metre, RGB; None for nothing."""
+        colour = volume.get("attenuationColor", [1.0] * 3)
+        colour = self._file.numbers(colour, f"{where}.attenuationColor", 3, low=0, high=1)
+        if volume.get("attenuationDistance") is None or (colour == 1).all():
+            return None
+        distance = self._file.numbers(volume["attenuationDistance"], f"{where}.attenuationDistance", 1, low=0)[0]
+        if distance == 0:
+            raise self._file.error(f"{where}.attenuationDistance", "must be more than 0")
+        return np.asarray(-np.log(np.maximum(colour, _DARKEST)) / (distance * self._scale))
 
     def _bumpy(self, made: GltfMaterial, item: Item, where: str, lost: dict[str, None]) -> GltfMaterial:
         """Return a material with its normal texture, if it has one that turns anything."""

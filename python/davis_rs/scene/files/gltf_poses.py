@@ -214,7 +214,7 @@ class NodePoses:
         return np.asarray(matrix)
 
     def _given(self, node: Node, name: str) -> FloatArray:
-        """Return what the file gives for a property of a node that does not move: an animation's only value, or its own."""
+        """Return what the file gives for a property of a node at rest: an animation's only value, or the node's."""
         track = self._tracks.get(node.index, {}).get(name)
         if track is not None:
             return track.values[0]

@@ -128,7 +128,7 @@ class _GltfScene:
         self.tree = NodeTree.of(file, self.repairs, animation)
         self.to_world = np.eye(4)
         self.to_world[:3, :3] = to_z_up(up) * scale
-        self.materials = GltfMaterials(file, self.repairs)
+        self.materials = GltfMaterials(file, self.repairs, scale)
         self.meshes = GltfMeshes(file, self.materials, self.repairs)
         self.shown: set[int | None] = set()
         self.lost = {what: dict(names) for what, names in self.tree.lost.items()}

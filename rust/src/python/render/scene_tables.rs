@@ -169,12 +169,12 @@ fn finish(
             Under::Coated { index, inside, entering, nonlinear: nonlinear != 0.0, passing }
         }
         ("rough", &[roughness, factor]) => Under::Rough(roughness, factor),
-        ("solid", &[index]) => Under::Solid(index),
+        ("solid", &[index, red, green, blue]) => Under::Solid { index, absorption: [red, green, blue] },
         ("sheet", &[index]) => Under::Sheet(index),
         ("blend", &[opacity]) => Under::Blend(opacity),
         (kind, values) => {
             return Err(unknown(
-                "nothing (0 numbers), coated (4, or 37 if rough), rough (2), solid (1), sheet (1) or blend (1)",
+                "nothing (0 numbers), coated (4, or 37 if rough), rough (2), solid (4), sheet (1) or blend (1)",
                 kind,
                 values,
             ));

@@ -62,8 +62,13 @@ pub enum Under {
     },
     /// A rough diffuse base (Burley 2012, Physically-Based Shading at Disney): its roughness, and a factor.
     Rough(f64, f64),
-    /// Light passes through, bent by this index of refraction: the surface of a solid.
-    Solid(f64),
+    /// Light passes through, bent: the surface of a solid.
+    Solid {
+        /// The index of refraction.
+        index: f64,
+        /// How much of the light inside is absorbed on a way of length 1, as an exponent of Beer's law: red, green, blue.
+        absorption: [f64; 3],
+    },
     /// Light passes straight through a thin sheet with this index of refraction.
     Sheet(f64),
     /// A diffuse base covers this fraction; through the rest light passes straight.
@@ -121,12 +126,15 @@ impl Finish {
                 index(eta) && (0.0..1.0).contains(inside) && fraction(entering) && passing
             }
             Under::Rough(roughness, factor) => fraction(roughness) && fraction(factor),
-            Under::Solid(eta) | Under::Sheet(eta) => index(eta),
+            Under::Solid { index: eta, absorption } => {
+                index(eta) && absorption.iter().all(|x| x.is_finite() && *x >= 0.0)
+            }
+            Under::Sheet(eta) => index(eta),
             Under::Blend(opacity) => fraction(opacity),
         };
         let textured = match (&self.fresnel, &self.under) {
             (Fresnel::Mixed { .. }, Under::Rough(..)) => self.across.is_none() || self.lobe == [None; 2],
-            (_, Under::Nothing | Under::Solid(_)) => self.across.is_some() || self.lobe[1].is_none(),
+            (_, Under::Nothing | Under::Solid { .. }) => self.across.is_some() || self.lobe[1].is_none(),
             (_, Under::Blend(_)) => self.across.is_none() && self.lobe[1].is_none(),
             _ => self.across.is_none() && self.lobe == [None; 2],
         };
@@ -139,8 +147,8 @@ impl Finish {
             return Ok(());
         }
         Err(Error::Argument(format!(
-            "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, and fractions of 0..1, and a \
-             texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
+            "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, fractions of 0..1, an absorption \
+             of at least 0, and a texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
              only if it blends; an anisotropic one is no mirror, and only a mix has a coat, with a roughness above 0 and \
              below 1, or sheen, got {self:?}"
         )))
@@ -279,7 +287,7 @@ impl Finish {
     /// radiance.
     pub(crate) fn below<N: Number>(&self, base: Triple<N>, cosines: &Cosines<N>) -> Triple<N> {
         match &self.under {
-            Under::Nothing | Under::Solid(_) | Under::Sheet(_) | Under::Blend(_) => [N::constant(0.0); 3],
+            Under::Nothing | Under::Solid { .. } | Under::Sheet(_) | Under::Blend(_) => [N::constant(0.0); 3],
             Under::Coated { index, passing, .. } => {
                 self.coated(base, cosines.out, passed(cosines.into, *index, passing.as_deref()))
             }
@@ -295,7 +303,7 @@ impl Finish {
     /// Returns the same for light from all sides.
     pub(crate) fn below_evenly<N: Number>(&self, base: Triple<N>, out: N) -> Triple<N> {
         match self.under {
-            Under::Nothing | Under::Solid(_) | Under::Sheet(_) | Under::Blend(_) => [N::constant(0.0); 3],
+            Under::Nothing | Under::Solid { .. } | Under::Sheet(_) | Under::Blend(_) => [N::constant(0.0); 3],
             Under::Coated { entering, .. } => self.coated(base, out, N::constant(entering)),
             Under::Rough(roughness, factor) => {
                 // Means over directions that follow the cosine: 1/21 of (1 - c)^5, and 2/3 of c.

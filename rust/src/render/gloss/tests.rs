@@ -9,7 +9,7 @@ use super::finish::{Finish, Fresnel, Under};
 use super::microfacets::Distribution;
 use super::sheen::Sheen;
 use super::tables::{DIFFUSE, GlossTables};
-use crate::render::geometry::vector::{cross, dot, sub};
+use crate::render::geometry::vector::{self, Vector, cross, dot, sub};
 use crate::render::light::colours::ColourImage;
 use crate::render::visibility::first_hit::{FirstHits, Ray, is_blocked};
 use crate::render::{Emission, Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
@@ -30,6 +30,10 @@ const MIRROR: Finish = Finish {
     sheen: None,
     lobe: [None; 2],
 };
+
+fn clear_solid(index: f64) -> Under {
+    Under::Solid { index, absorption: [0.0; 3] }
+}
 
 fn colours(layout: [i64; 3], texels: &[[f32; 3]]) -> Arc<ColourImage> {
     Arc::new(ColourImage::linear(layout, texels).unwrap())
@@ -307,6 +311,7 @@ fn what_blends_shows_itself_and_what_lies_behind_it() {
 #[test]
 fn rates_are_differences_in_time() {
     let coated = Under::Coated { index: 1.5, inside: 0.6, entering: 0.9, nonlinear: true, passing: None };
+    let tinted = Under::Solid { index: 1.5, absorption: [0.4, 0.1, 0.8] };
     let rough = Finish {
         alpha: 0.2,
         fresnel: Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 0.0 },
@@ -329,8 +334,8 @@ fn rates_are_differences_in_time() {
             ..rough.clone()
         },
         Finish { fresnel: Fresnel::Conductor([0.2, 0.9, 1.1], [3.9, 2.4, 2.1]), base_tints: true, ..rough },
-        Finish { fresnel: Fresnel::Dielectric(1.5), under: Under::Solid(1.5), ..MIRROR },
-        Finish { alpha: 0.3, fresnel: Fresnel::Dielectric(1.5), under: Under::Solid(1.5), ..MIRROR },
+        Finish { fresnel: Fresnel::Dielectric(1.5), under: tinted.clone(), ..MIRROR },
+        Finish { alpha: 0.3, fresnel: Fresnel::Dielectric(1.5), under: tinted, ..MIRROR },
     ];
     for finish in finishes {
         let mut tables = room(Some(finish.clone()));
@@ -364,7 +369,7 @@ fn rates_are_differences_in_time() {
 /// Within light from all sides, a box of glass is not seen, and what neither absorbs nor shades has the light's luma.
 #[test]
 fn nothing_is_lost_in_a_furnace() {
-    for (under, alpha) in [(Under::Solid(1.5), 0.0), (Under::Sheet(1.3), 0.0), (Under::Solid(1.5), 0.3)] {
+    for (under, alpha) in [(clear_solid(1.5), 0.0), (Under::Sheet(1.3), 0.0), (clear_solid(1.5), 0.3)] {
         let glass = Finish { alpha, fresnel: Fresnel::Dielectric(1.5), under: under.clone(), ..MIRROR };
         let mut tables = room(None);
         tables.gloss.finishes = vec![glass];
@@ -391,13 +396,62 @@ fn nothing_is_lost_in_a_furnace() {
         }
         assert!(shown.iter().all(|x| (x - 1.0).abs() < 0.02), "{under:?} {shown:?}");
         assert!(rate.iter().all(|x| x.abs() < 1e-6));
-        if under == Under::Solid(1.5) {
+        if under == clear_solid(1.5) {
             // Within the glass light is as many times denser as the square of its index.
             here.poses[0].position = [0.013, 0.007, 1.5];
             let (inside, _) = luma(&renderer(&tables), &rays(false, 1), &here);
             assert!(inside.iter().all(|x| (x - 2.25).abs() < 0.03), "{inside:?}");
         }
     }
+}
+
+/// Through a box of glass that bends nothing light is left as Beer's law says, also from within it, and next to a box of clear
+/// glass inside it, which is in what is around it.
+#[test]
+fn solids_absorb_by_the_way_through_them() {
+    // A mix of channels: one passes whole, one is dark.
+    let absorption = [0.3, 0.0, 9.0];
+    let beer = |way: f64| 0.299 * f64::exp(-0.3 * way) + 0.587 + 0.114 * f64::exp(-9.0 * way);
+    let shown = |inner: Option<Under>, alpha: f64, at: Vector| {
+        let unbent = Finish { alpha, fresnel: Fresnel::Dielectric(1.0 + 1e-9), ..MIRROR };
+        let mut tables = room(None);
+        tables.gloss.finishes =
+            vec![Finish { under: Under::Solid { index: 1.0 + 1e-9, absorption }, ..unbent.clone() }];
+        tables.gloss.finishes.extend(inner.map(|under| Finish { under, ..unbent }));
+        tables.gloss.longest = 100;
+        tables.frames = tables.frames.iter().map(|_| 1).collect();
+        for lights in &mut tables.lights[..2] {
+            lights.strength = 0.0;
+        }
+        tables.lights[2].strength = 1.0;
+        for sides in BOX {
+            add(&mut tables, sides, (1.0, 0, 0));
+        }
+        if tables.gloss.finishes.len() == 2 {
+            for [corner, u, v] in BOX {
+                let centred = |x: Vector| vector::scale(x, 0.5);
+                let corner = vector::add(centred(corner), [0.0, 0.0, 0.75]);
+                add(&mut tables, [corner, centred(u), centred(v)], (1.0, 1, 0));
+            }
+        }
+        let mut here = view(at, LEVEL, [0.0; 3], [0.0; 3]);
+        // The other surfaces are far away.
+        here.poses[1].position = [0.0, 1e4, 1e6];
+        here.factors = vec![[1.0, 0.0]; 3];
+        let (shown, _) = luma(&renderer(&tables), &rays(false, 1), &here);
+        f64::from(shown[SIZE * SIZE / 2 + SIZE / 2])
+    };
+    let (before, within) = ([0.013, 0.007, -0.5], [0.013, 0.007, 1.5]);
+    let solid = |absorption| Some(Under::Solid { index: 1.0 + 1e-9, absorption });
+    let close = |shown: f64, expected: f64| (shown / expected - 1.0).abs() < 1e-3;
+    assert!(close(shown(None, 0.0, before), beer(1.0)));
+    assert!(close(shown(None, 0.3, before), beer(1.0)));
+    assert!(close(shown(solid([0.0; 3]), 0.0, before), beer(1.0)));
+    // A box that absorbs has its own inside, and nothing is behind it.
+    let dense = 0.299 * f64::exp(-0.3 * 0.25 - 0.5) + 0.587 * f64::exp(-1.0) + 0.114 * f64::exp(-9.0 * 0.25);
+    assert!(close(shown(solid([1.0, 2.0, 0.0]), 0.0, before), dense));
+    // The camera itself is in nothing that absorbs.
+    assert!(close(shown(None, 0.0, within), 1.0));
 }
 
 /// The sides of a box, which look outwards.
@@ -658,7 +712,7 @@ fn a_screen_hides_a_lamp_from_a_lobe() {
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));
     assert!(Scene::new(&good).is_ok());
-    let wrong: [fn(&mut GlossTables); 27] = [
+    let wrong: [fn(&mut GlossTables); 29] = [
         |gloss| gloss.finish_of.truncate(3),
         |gloss| gloss.finish_of[0] = 1,
         |gloss| gloss.texels.of_texture.truncate(1),
@@ -681,7 +735,9 @@ fn tables_that_do_not_belong_together_are_refused() {
             gloss.finishes[0] = Finish { across: Some(0.2), lobe: [Some(0), None], ..mixed(0.3, 0.5) };
             (gloss.lobe_layouts, gloss.lobes) = (vec![[0, 1, 1, 0]], vec![0.5; 9]);
         },
-        |gloss| gloss.finishes[0].under = Under::Solid(1.0),
+        |gloss| gloss.finishes[0].under = clear_solid(1.0),
+        |gloss| gloss.finishes[0].under = Under::Solid { index: 1.5, absorption: [0.0, -0.1, 0.0] },
+        |gloss| gloss.finishes[0].under = Under::Solid { index: 1.5, absorption: [0.0, f64::INFINITY, 0.0] },
         |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 1.1, tint: 0.0 },
         |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 1.1 },
         |gloss| gloss.finishes[0].coat = Some(Coat { strength: 0.5, alpha: 0.1 }),

@@ -18,7 +18,7 @@ use super::frame_axes::{at_map, from_frame, into_frame, point_in_frame};
 use super::lamps::Shares;
 use super::lookup::looked_up;
 use super::microfacets::{Anisotropy, Cosines, SeenFacets, lobe_density, refracted};
-use super::number::{Number, Triple, add, constant, dot, negated, rated, scale, sub, times, unit, values};
+use super::number::{Number, Triple, add, constant, dot, each, negated, rated, scale, sub, times, unit, values};
 use super::pattern::{Pattern, PatternPoint};
 use super::tables::Gloss;
 use crate::render::geometry::vector::{self, Vector, largest};
@@ -91,6 +91,8 @@ struct Path {
     ray: usize,
     /// The number of the pattern's point that it followed on the last rough surface; None where there was none.
     point: Option<usize>,
+    /// How much is absorbed of the light around it on a way of length 1, see [`Under::Solid`].
+    absorption: [f64; 3],
 }
 
 /// How a surface reflects the light of a lamp in a direction, times the cosine to it.
@@ -183,6 +185,27 @@ impl Path {
         self.segments >= AS_DIFFUSE.0 && finish.least_alpha() >= AS_DIFFUSE.1
     }
 
+    /// Returns the path in front of the surface of a solid, on the side that it comes from, and the one behind it.
+    /// Solids that absorb nothing are in what is around them, as in Mitsuba: glass in water stays in water.
+    fn of_sides(&self, absorption: [f64; 3], front: bool) -> [Self; 2] {
+        let inside = Self { absorption, ..*self };
+        let outside = Self { absorption: [0.0; 3], ..*self };
+        match (absorption == [0.0; 3], front) {
+            (true, _) => [*self; 2],
+            (false, true) => [*self, inside],
+            (false, false) => [inside, outside],
+        }
+    }
+
+    /// Returns the fraction of light that is left after a way through what is around the path (Beer's law).
+    fn left<N: Number>(&self, way: impl Fn() -> N) -> Triple<N> {
+        if self.absorption == [0.0; 3] {
+            return [N::constant(1.0); 3];
+        }
+        let way = way();
+        each(constant(self.absorption), |absorption| (-(absorption * way)).exp())
+    }
+
     fn faded<N: Number>(&self, by: Triple<N>) -> Self {
         Self { weight: self.weight * largest(values(by)), ..*self }
     }
@@ -193,7 +216,8 @@ impl Tracer<'_> {
     pub(crate) fn luma<N: Number>(&mut self, triangle: u32, [x, y]: [f64; 2], ray: usize) -> N {
         let direction: Triple<N> = constant(unit([x, y, 1.0]));
         let hit = self.hit_on(triangle, constant([0.0; 3]), direction);
-        let mut radiance = self.shaded(&hit, negated(direction), &Path { segments: 1, weight: 1.0, ray, point: None });
+        let path = Path { segments: 1, weight: 1.0, ray, point: None, absorption: [0.0; 3] };
+        let mut radiance = self.shaded(&hit, negated(direction), &path);
         radiance = add(radiance, self.emitted_by_texture(&hit));
         if hit.front {
             radiance = add(radiance, self.emitted(triangle));
@@ -218,10 +242,14 @@ impl Tracer<'_> {
         let anisotropy = finish.and_then(|finish| self.anisotropy(finish, surface, normal));
         let spot = Spot { hit: *hit, finish, base, normal, viewer, out, under, fades, through: None, anisotropy };
         match finish {
-            Some(finish @ Finish { under: Under::Solid(index), .. }) if !finish.is_mirror() => {
-                self.through_rough_solid(&spot, finish, *index, (surface, path))
+            Some(finish @ Finish { under: Under::Solid { index, absorption }, .. }) => {
+                let paths = path.of_sides(*absorption, hit.front);
+                if finish.is_mirror() {
+                    self.through_solid(&spot, *index, &paths)
+                } else {
+                    self.through_rough_solid(&spot, finish, *index, (surface, &paths))
+                }
             }
-            Some(Finish { under: Under::Solid(index), .. }) => self.through_solid(&spot, *index, path),
             Some(Finish { under: Under::Sheet(index), .. }) => self.through_sheet(&spot, *index, path),
             Some(Finish { under: Under::Blend(opacity), .. }) => self.blended(spot, surface, *opacity, path),
             _ if !hit.front && !surface.two_sided => [N::constant(0.0); 3],
@@ -291,7 +319,7 @@ impl Tracer<'_> {
                     }
                 }
                 SeenKind::Point(position, rate) => {
-                    let reflected = self.lit_from_position(spot, (number, light), rated(position, rate));
+                    let reflected = self.lit_from_position(spot, (number, light), rated(position, rate), path);
                     sum = add(sum, times(colour, reflected));
                 }
             }
@@ -316,6 +344,7 @@ impl Tracer<'_> {
         spot: &Spot<N>,
         (number, light): (usize, &SeenLight),
         position: Triple<N>,
+        path: &Path,
     ) -> Triple<N> {
         let way = sub(position, spot.hit.point);
         let towards = unit(way);
@@ -333,7 +362,8 @@ impl Tracer<'_> {
         }
         // In a lobe, a lamp of many places is looked at as the triangles that it is made of.
         let with_lobe = light.beam.is_none_or(|beam| beam.is_spot());
-        scale(spot.reflected(towards, with_lobe), spot.fading(towards) * fraction / dot(way, way))
+        let reflected = scale(spot.reflected(towards, with_lobe), spot.fading(towards) * fraction / dot(way, way));
+        times(reflected, path.left(|| dot(way, way).sqrt()))
     }
 
     /// Returns the image of the surroundings in a mirror or along a lobe, and what it reflects of lamps.
@@ -367,7 +397,7 @@ impl Tracer<'_> {
                 sum = add(sum, self.along_ray_of_lobe(spot, ray.towards, lobe, (shares.as_ref(), each), path));
             }
             if let Some(shares) = &shares {
-                sum = add(sum, scale(self.lit_by_lamp(spot, finish, point, shares), N::constant(each)));
+                sum = add(sum, scale(self.lit_by_lamp(spot, finish, point, (shares, path)), N::constant(each)));
             }
         }
         sum
@@ -455,7 +485,7 @@ impl Tracer<'_> {
         spot: &Spot<N>,
         finish: &Finish,
         point: &PatternPoint,
-        shares: &Shares,
+        (shares, path): (&Shares, &Path),
     ) -> Triple<N> {
         let dark = [N::constant(0.0); 3];
         let (lit, lamps) = (self.lit, &self.gloss.lamps);
@@ -478,7 +508,8 @@ impl Tracer<'_> {
         if largest(values(reflected)) < NO_SHADOW || self.is_hidden(spot, values(way), self.to_lamps(), None) {
             return dark;
         }
-        times(scale(reflected, spot.fading(towards)), self.emitted(triangle))
+        let left = path.left(|| dot(way, way).sqrt());
+        times(times(scale(reflected, spot.fading(towards)), self.emitted(triangle)), left)
     }
 
     /// Returns whether the light of all lamps is in the maps, none of them being a few places that shine.
@@ -487,7 +518,7 @@ impl Tracer<'_> {
     }
 
     /// Returns what a glass surface reflects and lets through.
-    fn through_solid<N: Number>(&mut self, spot: &Spot<N>, index: f64, path: &Path) -> Triple<N> {
+    fn through_solid<N: Number>(&mut self, spot: &Spot<N>, index: f64, [path, behind]: &[Path; 2]) -> Triple<N> {
         let Some(finish) = spot.finish else { return spot.base };
         let index = if spot.hit.front { index } else { 1.0 / index };
         let reflected = dielectric(spot.out, index);
@@ -496,7 +527,7 @@ impl Tracer<'_> {
         if let Some(towards) = refracted(spot.normal, spot.viewer, index) {
             let passed = (N::constant(1.0) - reflected).scaled(1.0 / (index * index));
             let passed = scale(constant(finish.passing), passed);
-            sum = add(sum, self.arriving(spot, towards, passed, None, path));
+            sum = add(sum, self.arriving(spot, towards, passed, None, behind));
         }
         sum
     }
@@ -507,15 +538,15 @@ impl Tracer<'_> {
         spot: &Spot<N>,
         finish: &Finish,
         index: f64,
-        (surface, path): (&Surface, &Path),
+        (surface, [path, path_behind]): (&Surface, &[Path; 2]),
     ) -> Triple<N> {
         let index = if spot.hit.front { index } else { 1.0 / index };
         let finish = &Finish { fresnel: Fresnel::Dielectric(index), ..finish.clone() };
         let spot = &Spot { finish: Some(finish), ..*spot };
         let behind = &Spot { through: Some(index), ..*spot };
         // Of lights at a position or along a direction. Others are in the image.
-        let near = &Path { segments: 1, ..*path };
-        let mut sum = add(self.lit_by_all(spot, surface, near), self.lit_by_all(behind, surface, near));
+        let [near, near_behind] = [path, path_behind].map(|path| Path { segments: 1, ..*path });
+        let mut sum = add(self.lit_by_all(spot, surface, &near), self.lit_by_all(behind, surface, &near_behind));
         sum = add(sum, self.image(spot, finish, path));
         let (points, each) = self.points(path);
         let facets = SeenFacets::new(finish.alpha, spot.normal, spot.viewer, spot.anisotropy.as_ref());
@@ -528,11 +559,12 @@ impl Tracer<'_> {
                     finish.lobe_through(spot.normal, spot.viewer, towards, index, spot.anisotropy.as_ref())
             {
                 let weight = scale(lobe, N::constant(each) / density);
-                let path = &Path { point: Some(number), ..*path };
+                let path = &Path { point: Some(number), ..*path_behind };
                 sum = add(sum, self.arriving(spot, towards, weight, Some((&|| density, shares.as_ref())), path));
             }
             if let Some(shares) = &shares {
-                sum = add(sum, scale(self.lit_by_lamp(behind, finish, point, shares), N::constant(each)));
+                sum =
+                    add(sum, scale(self.lit_by_lamp(behind, finish, point, (shares, path_behind)), N::constant(each)));
             }
         }
         sum
@@ -578,6 +610,7 @@ impl Tracer<'_> {
             None => self.background(towards, lobe.map(|(density, _)| density)),
             Some(triangle) => {
                 let hit = self.hit_on(triangle, spot.hit.point, towards);
+                let left = path.left(|| hit.distance);
                 let mut light = self.emitted_by_texture(&hit);
                 if hit.front {
                     let mut emitted = self.emitted(triangle);
@@ -591,9 +624,9 @@ impl Tracer<'_> {
                     light = add(light, emitted);
                 }
                 if path.segments < self.longest() {
-                    light = add(light, self.shaded(&hit, negated(towards), &path));
+                    light = add(light, self.shaded(&hit, negated(towards), &path.faded(left)));
                 }
-                light
+                times(light, left)
             }
         };
         times(weight, light)
