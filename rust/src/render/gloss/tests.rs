@@ -454,6 +454,46 @@ fn solids_absorb_by_the_way_through_them() {
     assert!(close(shown(None, 0.0, within), 1.0));
 }
 
+/// So are surfaces within it, which a lamp lights or which shine themselves, by the way of that light, too.
+#[test]
+fn solids_absorb_the_light_of_lamps_inside() {
+    let shown = |absorption: f64, alpha: f64, shines: bool| {
+        let index = if shines { 1.5 } else { 1.0 + 1e-9 };
+        let mut tables = room(None);
+        let under = Under::Solid { index, absorption: [absorption; 3] };
+        tables.gloss.finishes = vec![Finish { alpha, fresnel: Fresnel::Dielectric(index), under, ..MIRROR }];
+        tables.frames = tables.frames.iter().map(|_| 1).collect();
+        tables.lights[0] = light(LightKind::Point([0.2, 0.1, 1.2]), if shines { 0.0 } else { 1.0 });
+        tables.lights[1].strength = 0.0;
+        tables.lights[2] = light(LightKind::Constant, 0.0);
+        for sides in BOX {
+            add(&mut tables, sides, (1.0, 0, 0));
+        }
+        add(&mut tables, [[-0.4, -0.4, 1.6], [0.0, 0.8, 0.0], [0.8, 0.0, 0.0]], (0.5, DIFFUSE, 0));
+        let plate = tables.corners.len() - 2;
+        for triangle in plate..if shines { plate + 2 } else { plate } {
+            tables.emissions[triangle] = Some(Emission { light: 0, luma: 3.0 });
+            tables.gloss.emitted[triangle] = [3.0; 3];
+        }
+        let mut here = view([0.013, 0.007, -0.5], LEVEL, [0.0; 3], [0.0; 3]);
+        here.poses[1].position = [0.0, 1e4, 1e6];
+        here.factors = vec![[1.0, 0.0]; 3];
+        let (shown, _) = luma(&renderer(&tables), &rays(false, 1), &here);
+        f64::from(shown[SIZE * SIZE / 2 + SIZE / 2])
+    };
+    // A ray of the middle meets the plate 0.6 behind the front of the box, and the lamp's way to there is known.
+    let at = 0.37 / 16.0;
+    let lamp = vector::sub([0.2, 0.1, 1.2], [0.013 - 2.1 * at, 0.007 - 2.1 * at, 1.6]);
+    let way = 0.6 * f64::sqrt(1.0 + 2.0 * at * at) + dot(lamp, lamp).sqrt();
+    let left = shown(1.3, 0.0, false) / shown(0.0, 0.0, false);
+    assert!((left / f64::exp(-1.3 * way) - 1.0).abs() < 1e-4, "{left} {way}");
+    // Through a rough surface light comes along the lobe's rays and from points of the lamp, on ways of 0.6 to 0.9.
+    for alpha in [0.1, 0.3] {
+        let left = shown(5.0, alpha, true) / shown(0.0, alpha, true);
+        assert!((f64::exp(-5.0 * 0.9)..f64::exp(-5.0 * 0.6)).contains(&left), "{alpha}: {left}");
+    }
+}
+
 /// The sides of a box, which look outwards.
 const BOX: [[[f64; 3]; 3]; 6] = [
     [[-0.5, -0.5, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]],
