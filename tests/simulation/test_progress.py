@@ -140,13 +140,19 @@ def test_a_forecast_of_steps_that_come_evenly() -> None:
 
 
 def test_a_long_run_is_foretold_in_a_log(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Once, before the first line; work that asks for no forecast, and short work, have none."""
+    """Once, before the first line; work that asks for no forecast or is foretold already, and short work, have none."""
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    for total, forecast in ((120.0, "--accuracy fast takes less"), (120.0, None), (1.0, "")):
+    advice = "--accuracy fast takes less"
+    for total, forecast, foretold in (
+        (120.0, advice, False),
+        (120.0, None, False),
+        (1.0, "", False),
+        (120.0, "", True),
+    ):
         with progress("simulating", total, unit="s", forecast=forecast) as bar:
             now[0] += 30.0
-            bar.begin()
+            bar.begin(foretold=foretold)
             for step in range(1, 6):
                 now[0] += 3.0
                 bar.to(0.2 * step)

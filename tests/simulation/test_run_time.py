@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from davis_rs import Camera, load_scene
+from davis_rs._util.progress import Forecast
 from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.rules import FixedRate, MaxDisplacement
 from davis_rs.sampling.tolerance import Tolerance
 from davis_rs.simulation import run_time
+from davis_rs.simulation.folder import simulate_to_folder
 from davis_rs.simulation.run_time import estimate_run_time
 
 pytestmark = pytest.mark.without_llvm
@@ -56,3 +59,17 @@ def test_where_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert estimate_run_time(renderer_of(4), SCENE.path, FixedRate(1e6)) is None
     at_rest = SCENE.crop(0.0, 1e-6).path
     assert estimate_run_time(renderer_of(4), at_rest, MaxDisplacement()) is None
+
+
+@pytest.mark.parametrize("told_s", [0.0, 1e9])
+def test_one_line_says_how_long_a_run_takes(
+    told_s: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """The one before the run or, where that is not known, the one that goes by the first frames."""
+    monkeypatch.setattr(run_time, "TOLD_S", told_s)
+    monkeypatch.setattr(run_time, "_SLOWEST_RAY_S", 1e3)
+    monkeypatch.setattr(Forecast, "seconds", lambda *_: 1000.0)
+    simulate_to_folder(SCENE.crop(0.0, 0.02), tmp_path / "out", camera=CAMERA, rays_per_pixel=1)
+    told = capsys.readouterr().err
+    lines = ["this run will take about", "simulating will take about 17 minutes"]
+    assert [told.count(line) for line in lines] == ([1, 0] if told_s == 0 else [0, 1])

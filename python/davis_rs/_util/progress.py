@@ -40,8 +40,12 @@ class Progress:
         """Add to what is done."""
         self.to(self.done + step)
 
-    def begin(self) -> None:
-        """Say that the work itself begins now; what came before prepared it."""
+    def begin(self, *, foretold: bool = False) -> None:
+        """Say that the work itself begins now; what came before prepared it.
+
+        Args:
+            foretold: how long it will take has been said already.
+        """
 
     def _show(self, note: str) -> None:
         """Show nothing."""
@@ -195,9 +199,11 @@ class _Foretold:
         self._forecast = None if advice is None else Forecast(total)
         self._began = time.monotonic()
 
-    def begin(self) -> None:
-        """Take the time from now on; what came before prepared the work."""
+    def begin(self, *, foretold: bool) -> None:
+        """Take the time from now on; what came before prepared the work. What is foretold is not said again."""
         self._began = time.monotonic()
+        if foretold:
+            self._forecast = None
 
     def to(self, done: float) -> None:
         """Take how much is done by now."""
@@ -261,9 +267,9 @@ class _Bar(Progress):
             self._bar.update(self.done - self._bar.n)
         self._foretold.to(self.done - self._start)
 
-    def begin(self) -> None:
+    def begin(self, *, foretold: bool = False) -> None:
         """Take the time from now on; what came before prepared the work."""
-        self._foretold.begin()
+        self._foretold.begin(foretold=foretold)
 
     def note(self, task: str) -> None:
         """Say on it what is being done, at once."""
@@ -296,9 +302,9 @@ class _Lines(Progress):
         self._began = self._said = time.monotonic()
         self._foretold = _Foretold(task, total - start, forecast)
 
-    def begin(self) -> None:
+    def begin(self, *, foretold: bool = False) -> None:
         """Take the time for a forecast from now on; what came before prepared the work."""
-        self._foretold.begin()
+        self._foretold.begin(foretold=foretold)
 
     def _show(self, note: str) -> None:
         self._foretold.to(self.done - self._start)

@@ -113,11 +113,11 @@ def simulate_to_folder(
     with progress("simulating", scene.path.duration_s, unit="s", show=not quiet, forecast=advice(given)) as bar:
         inertial = None if imu is None else Inertial(imu, simulate_imu(scene.path, imu, seed=given.seed))
         run = prepare_run(scene, given, inertial)
-        run.tell(quiet=quiet, stacklevel=3)
+        foretold = run.tell(quiet=quiet, stacklevel=3)
         if not quiet and scene.path.start_time_ns:
             say(start_line(scene.path.start_time_ns, "the camera path"))
         count = _EventCount(bar)
-        bar.begin()
+        bar.begin(foretold=foretold)
         doing("rendering the first keyframes")
         packets = run.made.packets(count.add)
         # Whatever is wrong with the scene shows before the folder is touched.
@@ -218,7 +218,7 @@ class PreparedRun:
         """Return the simulator."""
         return self.made.simulator
 
-    def tell(self, *, quiet: bool, stacklevel: int, prefix: str = "") -> None:
+    def tell(self, *, quiet: bool, stacklevel: int, prefix: str = "") -> bool:
         """Say who renders, how many events that makes wrong, and that much memory or time will be taken.
 
         Args:
@@ -226,12 +226,15 @@ class PreparedRun:
             stacklevel: of the warning, as seen from the caller of this method.
             prefix: in front of each line.
 
+        Returns:
+            Whether it was said how long the run will take.
+
         Warns:
             NoiseWarning: if ``quiet``, where more of the events will be noise than may be.
         """
         if quiet:
             self.made.warn_of_noise(stacklevel=stacklevel + 1)
-            return
+            return False
         simulator = self.simulator
         for line in (_rendering_with(simulator.renderer), self.made.noise_line, simulator.memory.line()):
             if line:
@@ -245,6 +248,7 @@ class PreparedRun:
         )
         if error is not None:
             say(f"{prefix}{error}")
+        return run_time is not None
 
     def describe(self) -> dict[str, object]:
         """Return what ``meta.json`` says of the run."""
