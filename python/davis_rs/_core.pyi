@@ -847,9 +847,9 @@ class SceneRenderer:
             3), radiance from either side. Fresnel's equations are (``dielectric``, [index]), (``conductor``, [index
             and extinction, 3 each]) or (``mixed``, [index, metal, tint]). Below is (``nothing``, []), (``coated``,
             [index, reflected inside, entering, 1 if nonlinear, and of a rough coat what passes at 33 cosines from 0 to
-            1]),
-            (``rough``, [roughness, factor]), (``solid``, [index]), (``sheet``, [index]) or (``blend``, [opacity],
-            whose texture takes the place of that of roughness).
+            1]), (``rough``, [roughness, factor]), (``solid``, [index, and what is absorbed inside per unit of length, 3
+            channels]), (``sheet``, [index]) or (``blend``, [opacity], whose texture takes the place of that of
+            roughness).
         normal_textures: which way the texels of surfaces face; None where no surface has any. uint32 (textures), the
             number of the normal texture on the same triangles, 2^32 - 1 for none; layouts, as those of textures; uint16
             (texels, 3), components along the tangent, the second tangent and the normal, from -1 (0) to 1 (65,535),
@@ -921,6 +921,7 @@ class SceneRenderer:
                     list[int | None],
                     tuple[float, float] | None,
                     tuple[float, float] | None,
+                    float,
                 ]
             ],
             npt.NDArray[np.uint32],

@@ -88,10 +88,14 @@ def test_what_shows_absorption() -> None:
         ({"ball": BALL, "eye": {"type": "perspective", "around": MILK}}, "it has a medium (fog, milk)"),
         (
             {"ball": BALL | {"bsdf": {"type": "thindielectric"}, "interior": WINE}},
-            "has a medium inside, and a surface that light passes without being bent",
+            "has a medium inside, and its surface is not that of a dielectric",
+        ),
+        (
+            {"ball": BALL | {"bsdf": {"type": "principled", "spec_trans": 1.0}, "interior": WINE}},
+            "has a medium inside, and its surface is not that of a dielectric",
         ),
     ],
-    ids=["milk", "outside", "camera", "sheet"],
+    ids=["milk", "outside", "camera", "sheet", "principled"],
 )
 def test_other_media_are_mitsubas(parts: dict[str, Any], rule: str) -> None:
     """Also those of a ball, in whose place there are triangles, and of the camera."""

@@ -238,6 +238,31 @@ def test_light_from_behind_rough_glass_has_mitsubas_closed_form(
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("turn", [1.0, -1.0], ids=["front", "back"])
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["before", "behind"])
+@pytest.mark.parametrize(
+    "material",
+    [
+        {"roughness": 0.6, "spec_trans": 0.7, "metallic": 0.3, "clearcoat": 0.8},
+        {"roughness": ROUGHNESS | FINER, "metallic": METAL | FINER, "spec_trans": 0.4, "spec_tint": 0.5},
+        {"roughness": 0.5, "spec_trans": 1.0, "eta": 1.3, "anisotropic": 0.8},
+    ],
+    ids=["mixed", "textured", "brushed glass"],
+)
+def test_a_clear_principled_has_mitsubas_closed_form(material: dict[str, Any], side: float, turn: float) -> None:
+    """A part of it lets light pass: seen from both sides, and lit from both."""
+    bsdf = {"type": "principled", "base_color": COLOUR | FINER, **material}
+    x, y, z = POINT["position"]
+    parts = scene_of(bsdf, lamp={**POINT, "position": [x, y, side * z]}).source()
+    assert isinstance(parts, dict)
+    parts["floor"] = {**parts["floor"], "to_world": np.diag([3.0, 3.0 * turn, turn, 1.0])}
+    scene = Scene("clear", lambda: dict(parts))
+    theirs, ours = mitsubas(scene), native(scene).luma(VIEWS)
+    assert theirs.mean() > 1e-3
+    np.testing.assert_allclose(ours, theirs, rtol=3e-4, atol=3e-6 * theirs.max())
+
+
+@pytest.mark.usefixtures("llvm")
 def test_rough_glass_shows_what_is_behind_it() -> None:
     """A ball of rough glass under an even sky neither adds light nor loses much; what is seen through it is blurred."""
     sky = {"type": "constant", "radiance": {"type": "rgb", "value": [0.9, 0.6, 0.3]}}
@@ -441,7 +466,8 @@ def test_two_sides_and_one() -> None:
 def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
     squares = {"type": "checkerboard"}
     unknown = [
-        {"type": "principled", "spec_trans": 0.3},
+        {"type": "principled", "spec_trans": ROUGHNESS},
+        {"type": "principled", "spec_trans": 0.3, "sheen": 0.5},
         {"type": "principled", "flatness": 0.3},
         {"type": "principled", "eta": 0.8},
         {"type": "principled", "spec_tint": ROUGHNESS},

@@ -26,6 +26,7 @@ CoreFinish = tuple[
     list[int | None],
     tuple[float, float] | None,
     tuple[float, float] | None,
+    float,
 ]
 """What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
 
@@ -33,7 +34,7 @@ _COSINES, _WEIGHTS = (np.polynomial.legendre.leggauss(64)[0] + 1) / 2, np.polyno
 """For means over directions: nodes in 0..1, and their weights, whose sum is 1."""
 
 _HALF = 0.5
-"""The mean opacity from which on a surface stops light that is baked."""
+"""Below this mean opacity, and above this transmission, light that is baked passes a surface."""
 
 UNBENT = 1 + 1e-9
 """The index of what neither bends nor reflects light; the core asks for one other than 1."""
@@ -74,6 +75,8 @@ class Finish:
         coat: a second lobe above all else, of ``mixed`` over ``rough``: its strength and its roughness; None for none.
         sheen: of a ``rough`` base below ``mixed``: its strength, and the fraction that has the hue of the base colour;
             None for none.
+        transmission: of ``mixed`` over ``rough``, the fraction of what is no metal that is the surface of a solid:
+            light passes it, tinted by the root of the base colour.
     """
 
     alpha: float
@@ -87,6 +90,7 @@ class Finish:
     across: float | None = None
     coat: tuple[float, float] | None = None
     sheen: tuple[float, float] | None = None
+    transmission: float = 0.0
 
     @property
     def blends(self) -> bool:
@@ -107,7 +111,12 @@ class Finish:
     @property
     def is_clear(self) -> bool:
         """Whether light that is baked passes through as if it were not there."""
-        return self.is_glass or (self.blends and self.under[1][0] < _HALF)
+        return self.is_glass or (self.blends and self.under[1][0] < _HALF) or self.transmission > _HALF
+
+    @property
+    def bends_light(self) -> bool:
+        """Whether what is seen through it is seen along bent rays."""
+        return self.under[0] == "solid" or self.transmission > 0
 
     def absorbing(self, absorption: Rgb) -> Finish:
         """Return the finish of a solid that absorbs light inside, RGB, per unit of length."""
@@ -131,6 +140,7 @@ class Finish:
             lobe,
             self.coat,
             self.sheen,
+            self.transmission,
         )
 
     def albedo(self, base: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 _LEAST_ALPHA = 1e-4
 """An anisotropic surface is never smoother than this, as Mitsuba's is not."""
 
-_UNUSED = ("flatness", "spec_trans")
+_UNUSED = ("flatness",)
 """Parts of ``principled`` that a finish does not have: they must be 0."""
 
 _COAT = "clearcoat", "clearcoat_gloss"
@@ -242,9 +242,11 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     # Without a difference of the index nothing has highlights, and no metal reflects. The core asks for one.
     shown, index = (1.0 if index > 1 else 0.0,) * 3, max(index, 1 + 1e-6)
     along, across = alphas_of(rough, anisotropic)
-    under, tint = ("rough", (rough, 1 - metal)), _number(inside, "spec_tint", mi) or 0.0
+    transmission, tint = (_number(inside, name, mi) or 0.0 for name in ("spec_trans", "spec_tint"))
+    under = "rough", (rough, (1 - metal) * (1 - transmission))
     sheen, hue = (_number(inside, name, mi) or 0.0 for name in _SHEEN)
-    finish = Finish(along, "ggx", ("mixed", (index, metal, tint)), shown, under=under, lobe=lobe)
+    fresnel = "mixed", (index, metal, tint)
+    finish = Finish(along, "ggx", fresnel, shown, under=under, lobe=lobe, transmission=transmission)
     if anisotropic != 0:
         finish = replace(finish, across=across)
     return base, replace(finish, coat=_coat(inside, mi), sheen=(sheen, hue) if sheen > 0 else None)
@@ -276,13 +278,14 @@ def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
     left_out = [
         name for name in _UNUSED if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any())
     ]
-    if not _is_fraction(inside, "spec_tint", mi):
-        left_out.append("spec_tint")
+    left_out += [name for name in ("spec_trans", "spec_tint") if not _is_fraction(inside, name, mi)]
     for strength, kind in (_COAT, _SHEEN):
         if not _is_fraction(inside, strength, mi):
             left_out.append(strength)
         elif _number(inside, strength, mi) != 0 and not _is_fraction(inside, kind, mi):
             left_out.append(kind)
+    if _number(inside, "spec_trans", mi) and _number(inside, "sheen", mi):
+        left_out.append("sheen with spec_trans")
     if "anisotropic" in inside:
         anisotropic = _number(inside, "anisotropic", mi)
         textured = any(constant_of(inside[name], mi) is None for name in ("roughness", "metallic"))

@@ -57,7 +57,7 @@ class GlossTable:
     @property
     def has_solid_glass(self) -> bool:
         """Whether light is bent on its way through anything."""
-        return any(finish.under[0] == "solid" for finish in self.finishes)
+        return any(finish.bends_light for finish in self.finishes)
 
     @property
     def has_polarizers(self) -> bool:

@@ -530,9 +530,9 @@ def _check_anisotropic(shape: MitsubaShape, finish: Finish | None) -> None:
 
 def _check_absorbing(shape: MitsubaShape, finish: Finish | None) -> None:
     """Refuse what absorbs light inside and is no surface of a solid, but lets light pass."""
-    passes = finish is not None and finish.under[0] in ("sheet", "blend")
+    passes = finish is not None and (finish.under[0] in ("sheet", "blend") or finish.transmission > 0)
     if passes and any(absorption_within(shape) or ()):
-        rule = "has a medium inside, and a surface that light passes without being bent"
+        rule = "has a medium inside, and its surface is not that of a dielectric"
         raise Unsuitable(rule, "make it a dielectric, or take its medium away", shape_name(shape))
 
 

@@ -58,6 +58,7 @@ type FinishTuple = (
     [Option<u32>; 2],
     Option<(f64, f64)>,
     Option<(f64, f64)>,
+    f64,
 );
 
 /// For each texture the number of its emissive one, and layouts, lights and texels of these.
@@ -145,7 +146,7 @@ pub(super) fn gloss_tables(
 }
 
 fn finish(
-    ((alpha, across), distribution, fresnel, tint, passing, base_tints, under, lobe, coat, sheen): FinishTuple,
+    ((alpha, across), distribution, fresnel, tint, passing, base_tints, under, lobe, coat, sheen, transmission): FinishTuple,
 ) -> PyResult<Finish> {
     let distribution = match distribution.as_str() {
         "ggx" => Distribution::Ggx,
@@ -182,7 +183,20 @@ fn finish(
     };
     let coat = coat.map(|(strength, alpha)| Coat { strength, alpha });
     let sheen = sheen.map(|(strength, tint)| Sheen { strength, tint });
-    Ok(Finish { alpha, across, distribution, fresnel, tint, passing, base_tints, under, lobe, coat, sheen })
+    Ok(Finish {
+        alpha,
+        across,
+        distribution,
+        fresnel,
+        tint,
+        passing,
+        base_tints,
+        under,
+        lobe,
+        coat,
+        sheen,
+        transmission,
+    })
 }
 
 fn unknown(kinds: &str, kind: &str, values: &[f64]) -> PyErr {

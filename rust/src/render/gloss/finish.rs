@@ -103,6 +103,9 @@ pub struct Finish {
     pub coat: Option<Coat>,
     /// Of the base, of such a mix.
     pub sheen: Option<Sheen>,
+    /// Of such a mix, the fraction of what is no metal that is the surface of a solid, which light passes: bent, and
+    /// tinted by the root of the base colour.
+    pub transmission: f64,
 }
 
 impl Finish {
@@ -140,7 +143,9 @@ impl Finish {
         };
         let mixed = matches!((&self.fresnel, &self.under), (Fresnel::Mixed { .. }, Under::Rough(..)));
         let layers = self.coat.is_none_or(|coat| mixed && coat.is_valid())
-            && self.sheen.is_none_or(|sheen| mixed && sheen.is_valid());
+            && self.sheen.is_none_or(|sheen| mixed && sheen.is_valid() && self.transmission == 0.0)
+            && fraction(&self.transmission)
+            && (mixed || self.transmission == 0.0);
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
         let across = self.across.is_none_or(|across| across > 0.0 && across <= 2.0 && self.alpha > 0.0);
         if (0.0..=2.0).contains(&self.alpha) && across && fresnel && under && tints && textured && layers {
@@ -150,7 +155,7 @@ impl Finish {
             "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, fractions of 0..1, an absorption \
              of at least 0, and a texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
              only if it blends; an anisotropic one is no mirror, and only a mix has a coat, with a roughness above 0 and \
-             below 1, or sheen, got {self:?}"
+             below 1, or sheen or a transmission, got {self:?}"
         )))
     }
 
@@ -172,9 +177,26 @@ impl Finish {
         Self {
             alpha: (rough * rough).max(SMOOTHEST),
             fresnel: Fresnel::Mixed { index, metal, tint },
-            under: Under::Rough(rough, 1.0 - metal),
+            under: Under::Rough(rough, (1.0 - metal) * (1.0 - self.transmission)),
             ..*self
         }
+    }
+
+    /// Returns that part of a mix of which light passes the surface, above a base colour; None where there is none.
+    pub(crate) fn solid(&self, base: [f64; 3]) -> Option<Self> {
+        let Fresnel::Mixed { index, metal, .. } = self.fresnel else { return None };
+        let fraction = self.transmission * (1.0 - metal);
+        (fraction > 0.0).then(|| Self {
+            fresnel: Fresnel::Dielectric(index),
+            tint: [fraction; 3],
+            passing: base.map(|colour| fraction * colour.max(0.0).sqrt()),
+            base_tints: false,
+            under: Under::Solid { index, absorption: [0.0; 3] },
+            coat: None,
+            sheen: None,
+            transmission: 0.0,
+            ..self.clone()
+        })
     }
 
     /// Returns the least roughness along any direction, that of a coat among them.
@@ -396,6 +418,7 @@ mod tests {
             lobe: [None; 2],
             coat: None,
             sheen: None,
+            transmission: 0.0,
             alpha,
             across: None,
             distribution,

@@ -28,6 +28,7 @@ const MIRROR: Finish = Finish {
     under: Under::Nothing,
     coat: None,
     sheen: None,
+    transmission: 0.0,
     lobe: [None; 2],
 };
 
@@ -333,7 +334,8 @@ fn rates_are_differences_in_time() {
             under: coated,
             ..rough.clone()
         },
-        Finish { fresnel: Fresnel::Conductor([0.2, 0.9, 1.1], [3.9, 2.4, 2.1]), base_tints: true, ..rough },
+        Finish { fresnel: Fresnel::Conductor([0.2, 0.9, 1.1], [3.9, 2.4, 2.1]), base_tints: true, ..rough.clone() },
+        Finish { transmission: 0.6, ..rough },
         Finish { fresnel: Fresnel::Dielectric(1.5), under: tinted.clone(), ..MIRROR },
         Finish { alpha: 0.3, fresnel: Fresnel::Dielectric(1.5), under: tinted, ..MIRROR },
     ];
@@ -492,6 +494,37 @@ fn solids_absorb_the_light_of_lamps_inside() {
         let left = shown(5.0, alpha, true) / shown(0.0, alpha, true);
         assert!((f64::exp(-5.0 * 0.9)..f64::exp(-5.0 * 0.6)).contains(&left), "{alpha}: {left}");
     }
+}
+
+/// What is around a solid is not absorbed: neither on the way behind it, nor on that of what its front mirrors.
+#[test]
+fn nothing_is_absorbed_outside_of_solids() {
+    let shown = |absorption: f64, index: f64, plate: [[f64; 3]; 3]| {
+        let mut tables = room(None);
+        let under = Under::Solid { index, absorption: [absorption; 3] };
+        tables.gloss.finishes = vec![Finish { fresnel: Fresnel::Dielectric(index), under, ..MIRROR }];
+        tables.frames = tables.frames.iter().map(|_| 1).collect();
+        for lights in &mut tables.lights[..2] {
+            lights.strength = 0.0;
+        }
+        tables.lights[2] = light(LightKind::Constant, 1.0);
+        for sides in BOX {
+            add(&mut tables, sides, (1.0, 0, 0));
+        }
+        add(&mut tables, plate, (0.5, DIFFUSE, 0));
+        let mut here = view([0.013, 0.007, -0.5], LEVEL, [0.0; 3], [0.0; 3]);
+        here.poses[1].position = [0.0, 1e4, 1e6];
+        here.factors = vec![[1.0, 0.0]; 3];
+        let (shown, _) = luma(&renderer(&tables), &rays(false, 1), &here);
+        f64::from(shown[SIZE * SIZE / 2 + SIZE / 2])
+    };
+    let behind = [[-3.0, -3.0, 5.0], [0.0, 6.0, 0.0], [6.0, 0.0, 0.0]];
+    let left = shown(1.3, 1.0 + 1e-9, behind) / shown(0.0, 1.0 + 1e-9, behind);
+    assert!((left / f64::exp(-1.3) - 1.0).abs() < 1e-3, "{left}");
+    // Its inside is dark; the plate has 0.3 to 0.5 of the light, of which the front mirrors 4 %.
+    let before = [[-3.0, -3.0, -2.0], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0]];
+    let mirrored = shown(30.0, 1.5, before);
+    assert!((0.012..0.02).contains(&mirrored), "{mirrored}");
 }
 
 /// The sides of a box, which look outwards.
@@ -752,7 +785,7 @@ fn a_screen_hides_a_lamp_from_a_lobe() {
 fn tables_that_do_not_belong_together_are_refused() {
     let good = room(Some(MIRROR));
     assert!(Scene::new(&good).is_ok());
-    let wrong: [fn(&mut GlossTables); 29] = [
+    let wrong: [fn(&mut GlossTables); 32] = [
         |gloss| gloss.finish_of.truncate(3),
         |gloss| gloss.finish_of[0] = 1,
         |gloss| gloss.texels.of_texture.truncate(1),
@@ -776,6 +809,12 @@ fn tables_that_do_not_belong_together_are_refused() {
             (gloss.lobe_layouts, gloss.lobes) = (vec![[0, 1, 1, 0]], vec![0.5; 9]);
         },
         |gloss| gloss.finishes[0].under = clear_solid(1.0),
+        |gloss| gloss.finishes[0].transmission = 0.5,
+        |gloss| gloss.finishes[0] = Finish { transmission: 1.5, ..mixed(0.3, 0.5) },
+        |gloss| {
+            let sheen = Some(Sheen { strength: 0.5, tint: 0.0 });
+            gloss.finishes[0] = Finish { transmission: 0.5, sheen, ..mixed(0.3, 0.5) };
+        },
         |gloss| gloss.finishes[0].under = Under::Solid { index: 1.5, absorption: [0.0, -0.1, 0.0] },
         |gloss| gloss.finishes[0].under = Under::Solid { index: 1.5, absorption: [0.0, f64::INFINITY, 0.0] },
         |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 1.1, tint: 0.0 },

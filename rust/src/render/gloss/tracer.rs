@@ -252,13 +252,22 @@ impl Tracer<'_> {
             }
             Some(Finish { under: Under::Sheet(index), .. }) => self.through_sheet(&spot, *index, path),
             Some(Finish { under: Under::Blend(opacity), .. }) => self.blended(spot, surface, *opacity, path),
+            Some(finish) if finish.transmission > 0.0 => self.through_mix(&spot, finish, (surface, path)),
             _ if !hit.front && !surface.two_sided => [N::constant(0.0); 3],
             None => self.lit_by_all(&spot, surface, path),
-            Some(finish) => {
-                let light = self.lit_by_all(&spot, surface, path);
-                if path.is_diffuse(finish) { light } else { add(light, self.image(&spot, finish, path)) }
-            }
+            Some(finish) => self.reflected(&spot, finish, (surface, path)),
         }
+    }
+
+    /// Returns what an opaque glossy surface reflects.
+    fn reflected<N: Number>(
+        &mut self,
+        spot: &Spot<N>,
+        finish: &Finish,
+        (surface, path): (&Surface, &Path),
+    ) -> Triple<N> {
+        let light = self.lit_by_all(spot, surface, path);
+        if path.is_diffuse(finish) { light } else { add(light, self.image(spot, finish, path)) }
     }
 
     /// Returns along which directions a surface is how rough; None of an isotropic one.
@@ -543,14 +552,52 @@ impl Tracer<'_> {
         let index = if spot.hit.front { index } else { 1.0 / index };
         let finish = &Finish { fresnel: Fresnel::Dielectric(index), ..finish.clone() };
         let spot = &Spot { finish: Some(finish), ..*spot };
-        let behind = &Spot { through: Some(index), ..*spot };
         // Of lights at a position or along a direction. Others are in the image.
-        let [near, near_behind] = [path, path_behind].map(|path| Path { segments: 1, ..*path });
-        let mut sum = add(self.lit_by_all(spot, surface, &near), self.lit_by_all(behind, surface, &near_behind));
-        sum = add(sum, self.image(spot, finish, path));
-        let (points, each) = self.points(path);
+        let near = Path { segments: 1, ..*path };
+        let reflected = add(self.lit_by_all(spot, surface, &near), self.image(spot, finish, path));
+        add(reflected, self.passed(spot, finish, index, (surface, path_behind)))
+    }
+
+    /// Returns what is seen of a surface that is a mix: what it reflects, and what a part of it lets through. From behind it
+    /// is that part alone.
+    fn through_mix<N: Number>(
+        &mut self,
+        spot: &Spot<N>,
+        finish: &Finish,
+        (surface, path): (&Surface, &Path),
+    ) -> Triple<N> {
+        let solid = finish.solid(values(spot.base));
+        let solid = solid.as_ref().and_then(|solid| match solid.under {
+            Under::Solid { index, .. } => Some((solid, index)),
+            _ => None,
+        });
+        let through = &Spot { finish: solid.map(|(solid, _)| solid), ..*spot };
+        match solid {
+            None if spot.hit.front => self.reflected(spot, finish, (surface, path)),
+            None => [N::constant(0.0); 3],
+            Some((solid, index)) if !spot.hit.front => {
+                self.through_rough_solid(through, solid, index, (surface, &[*path; 2]))
+            }
+            Some((solid, index)) => {
+                let reflected = self.reflected(spot, finish, (surface, path));
+                add(reflected, self.passed(through, solid, index, (surface, path)))
+            }
+        }
+    }
+
+    /// Returns what the rough surface of a solid lets through; `index` is that behind it, relative to the viewer's side.
+    fn passed<N: Number>(
+        &mut self,
+        spot: &Spot<N>,
+        finish: &Finish,
+        index: f64,
+        (surface, path_behind): (&Surface, &Path),
+    ) -> Triple<N> {
+        let behind = &Spot { through: Some(index), ..*spot };
+        let mut sum = self.lit_by_all(behind, surface, &Path { segments: 1, ..*path_behind });
+        let (points, each) = self.points(path_behind);
         let facets = SeenFacets::new(finish.alpha, spot.normal, spot.viewer, spot.anisotropy.as_ref());
-        let shares = self.shares(behind, finish, path);
+        let shares = self.shares(behind, finish, path_behind);
         for number in points {
             let point = self.pattern.point(number);
             if let Some(towards) = facets.refracted(point.disk, index)
