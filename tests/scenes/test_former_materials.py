@@ -69,6 +69,19 @@ ALIKE = {
         '<bsdf type="roughcoating"><float name="alpha" value="0.2"/><bsdf type="diffuse"/></bsdf>',
         '<bsdf type="roughplastic"><float name="alpha" value="0.2"/><boolean name="nonlinear" value="true"/></bsdf>',
     ),
+    "metal in air": (
+        '<bsdf type="roughconductor"><string name="extEta" value="air"/><string name="material" value="Cu"/></bsdf>',
+        '<bsdf type="roughconductor"><string name="material" value="Cu"/></bsdf>',
+    ),
+    "metal in water": (
+        '<bsdf type="roughconductor"><float name="extEta" value="1.25"/><rgb name="eta" value="1, 2, 0.5"/>'
+        '<spectrum name="k" value="5"/></bsdf>',
+        '<bsdf type="roughconductor"><rgb name="eta" value="0.8, 1.6, 0.4"/><spectrum name="k" value="4"/></bsdf>',
+    ),
+    "numbers that stand twice": (
+        '<bsdf type="roughplastic"><float name="alpha" value="0.3"/><float name="alpha" value="0.3"/></bsdf>',
+        '<bsdf type="roughplastic"><float name="alpha" value="0.3"/></bsdf>',
+    ),
     "mixture": (
         '<bsdf type="mixturebsdf"><string name="weights" value="0.5, 0.2 0.1"/><bsdf type="diffuse">'
         '<rgb name="reflectance" value="0.8, 0, 0"/></bsdf><bsdf type="diffuse"><rgb name="reflectance" '
@@ -158,6 +171,15 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
         ('<bsdf type="roughdiffuse"><float name="alpha" value="0.5"/></bsdf>', "up to 16 % brighter"),
         ('<bsdf type="roughplastic"><string name="distribution" value="as"/></bsdf>', "in place of Phong's"),
         ('<bsdf type="roughconductor"><string name="distribution" value="phong"/></bsdf>', "in place of Phong's"),
+        ('<bsdf type="coating"><bsdf type="roughconductor"/></bsdf>', "are taken as 'roughconductor', which is below"),
+        (
+            '<bsdf type="coating"><rgb name="sigmaA" value="0.1 0.2 0.3"/><bsdf type="diffuse"/></bsdf>',
+            "'coating' are taken as 'plastic', without what the coat absorbs",
+        ),
+        (
+            '<bsdf type="plastic"><float name="intIOR" value="1.3"/><float name="intIOR" value="1.4"/></bsdf>',
+            "the last 'intIOR' of a bsdf counts, as in Mitsuba 0.6",
+        ),
         ('<bsdf type="disneybsdf"><float name="subsurface" value="1"/></bsdf>', "by the same model"),
         ('<bsdf type="disneybsdf"><float name="specularTransmission" value="1"/></bsdf>', "by their index"),
         ('<bsdf type="disneydiffuse"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
@@ -187,8 +209,7 @@ def test_disney_highlights_follow_both_numbers(tmp_path: Path) -> None:
         '<bsdf type="phong"><texture name="specularReflectance" type="checkerboard"/></bsdf>',
         '<bsdf type="phong"><texture name="exponent" type="checkerboard"/></bsdf>',
         '<bsdf type="ward"><texture name="alpha" type="checkerboard"/></bsdf>',
-        '<bsdf type="coating"><bsdf type="roughconductor"/></bsdf>',
-        '<bsdf type="coating"><rgb name="sigmaA" value="0.1 0.2 0.3"/><bsdf type="diffuse"/></bsdf>',
+        '<bsdf type="coating"><bsdf type="diffuse"/><bsdf type="diffuse"/></bsdf>',
         MIXTURE.format("1"),
         MIXTURE.format("nan 1"),
         '<bsdf type="disneyglass"><float name="eta" value="0.9"/></bsdf>',
@@ -259,3 +280,19 @@ def test_names_are_read_as_they_are_now() -> None:
         "uvScale": "uv_scale",
     }.items():
         assert Element("float", {"name": former}, Path(), 1).name == now
+
+
+def test_a_metal_in_what_has_no_numbers_is_refused(tmp_path: Path) -> None:
+    """Its own index is a name, or that of its surroundings is: neither can be divided by the other."""
+    for metal in (
+        '<float name="extEta" value="1.33"/><string name="material" value="Cu"/>',
+        '<string name="extEta" value="pyrex"/><rgb name="eta" value="1, 2, 0.5"/><rgb name="k" value="5, 5, 5"/>',
+    ):
+        with pytest.raises(ValueError, match="it has ext_eta of a conductor, which this Mitsuba does not read"):
+            davis_rs.load_scene(scene_file(tmp_path, f'<bsdf type="conductor">{metal}</bsdf>'))
+
+
+def test_a_coat_that_is_left_out_shows_what_is_below(tmp_path: Path) -> None:
+    metal = '<bsdf type="roughconductor"><float name="alpha" value="0.4"/><string name="material" value="Au"/></bsdf>'
+    shown = reflected(scene_file(tmp_path, f'<bsdf type="coating">{metal}</bsdf>'), [0.3, 0, 1], [0, 0.2, 1])
+    np.testing.assert_allclose(shown, reflected(scene_file(tmp_path, metal), [0.3, 0, 1], [0, 0.2, 1]))

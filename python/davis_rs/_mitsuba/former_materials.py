@@ -23,6 +23,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _MOST_MIRRORED = 0.9
 """The highest fraction that the highlights of a principled material reflect from straight ahead."""
+_AIR = ("air", "vacuum")
+"""What has an index of 1 to 0.03 %."""
 _SAME = "by the same model, with subsurface scattering as its flatness"
 _NO_COLOUR = 0.02
 """Colours whose parts differ by no more than this are grey."""
@@ -215,16 +217,18 @@ def _mixture(material: _Material) -> None:
         blend = other
 
 
-def _coating(material: _Material) -> None:
-    """Write a clear coat on a diffuse surface as plastic, which is the same."""
+def _coating(material: _Material) -> str | None:
+    """Write a clear coat on a diffuse surface as plastic, which is the same, and leave others out."""
     nested = [child for child in material.element.children if child.tag in ("bsdf", "ref")]
-    absorbed = material.numbers("sigma_a", 0.0)
-    if len(nested) != 1 or nested[0].attributes.get("type") != "diffuse" or absorbed is None or absorbed.any():
-        return
+    if len(nested) != 1 or nested[0].tag == "ref":
+        return None
     (inside,) = nested
+    absorbed = material.numbers("sigma_a", 0.0)
     colours = [child for child in inside.children if child.name in ("reflectance", "diffuse_reflectance")]
-    if len(colours) != len(inside.children) or len(colours) > 1:
-        return
+    if inside.attributes.get("type") != "diffuse" or len(colours) != len(inside.children) or len(colours) > 1:
+        material.element.attributes["type"] = inside.attributes.get("type", "")
+        material.element.children = inside.children
+        return "which is below: the coat's highlights, and what it absorbs, are left out"
     kind = "roughplastic" if material.kind == "roughcoating" else "plastic"
     material.becomes(kind, ("thickness", "sigma_a"))
     material.element.children.remove(inside)
@@ -232,6 +236,27 @@ def _coating(material: _Material) -> None:
         colour.attributes["name"] = "diffuse_reflectance"
         material.element.children.append(colour)
     material.element.children.append(material.element.child("boolean", name="nonlinear", value="true"))
+    return "without what the coat absorbs" if absorbed is None or absorbed.any() else None
+
+
+def _outside_of_metal(material: _Material) -> None:
+    """Write the index of what a metal is in as a factor on its own: reflection depends on how they differ alone."""
+    outside = material.number("ext_eta", 1.0)
+    of_metal = {name: material.numbers(name, 0.0) for name in ("eta", "k") if material.get(name) is not None}
+    if outside is None or outside <= 0:
+        given = material.get("ext_eta")
+        outside = 1.0 if given is not None and given.attributes.get("value") in _AIR else None
+    known = len(of_metal) == 2 and all(numbers is not None for numbers in of_metal.values())
+    if outside is None or (outside != 1 and not known):
+        return
+    material.becomes(material.kind, ("ext_eta",))
+    if outside != 1:
+        material.put(**{name: numbers / outside for name, numbers in of_metal.items() if numbers is not None})
+
+
+def _metal(material: _Material) -> str | None:
+    _outside_of_metal(material)
+    return _rough(material)
 
 
 def _normal_map(material: _Material) -> None:
@@ -277,7 +302,8 @@ _TRANSLATIONS: dict[str, Callable[[_Material], str | None]] = {
     "roughcoating": _coating,
     "lambertian": _lambertian,
     "normalmap": _normal_map,
-    "roughconductor": _rough,
+    "conductor": _outside_of_metal,
+    "roughconductor": _metal,
     "roughdielectric": _rough,
     "roughplastic": _rough,
 }

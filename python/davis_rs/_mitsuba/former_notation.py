@@ -40,6 +40,19 @@ def rewrite(file: SceneFile, notes: list[str]) -> None:
             attributes["value"] = attributes["value"].replace("\\", "/")
         elif element.tag == "path" and (folder := element.file.parent / attributes.get("value", "")).is_dir():
             attributes["value"] = str(folder.absolute())
+        if version == _FORMER:
+            _take_last(element, notes)
+
+
+def _take_last(element: Element, notes: list[str]) -> None:
+    """Take the last of several properties of one name, as former versions did; note those that say something else."""
+    last = {child.attributes["name"]: child for child in element.children if "name" in child.attributes}
+    repeated = [child for child in element.children if child is not last.get(child.attributes.get("name", ""), child)]
+    element.children = [child for child in element.children if not any(child is other for other in repeated)]
+    for child in repeated:
+        kept = last[child.attributes["name"]]
+        if (child.tag, child.attributes, child.children) != (kept.tag, kept.attributes, kept.children):
+            notes.append(f"the last {child.attributes['name'][:40]!r} of a {element.tag} counts, as in Mitsuba 0.6")
 
 
 def _version(root: Element, notes: list[str]) -> str:

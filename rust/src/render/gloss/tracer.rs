@@ -185,16 +185,15 @@ impl Path {
         self.segments >= AS_DIFFUSE.0 && finish.least_alpha() >= AS_DIFFUSE.1
     }
 
-    /// Returns the path in front of the surface of a solid, on the side that it comes from, and the one behind it.
-    /// Solids that absorb nothing are in what is around them, as in Mitsuba: glass in water stays in water.
-    fn of_sides(&self, absorption: [f64; 3], front: bool) -> [Self; 2] {
-        let inside = Self { absorption, ..*self };
-        let outside = Self { absorption: [0.0; 3], ..*self };
-        match (absorption == [0.0; 3], front) {
-            (true, _) => [*self; 2],
-            (false, true) => [*self, inside],
-            (false, false) => [inside, outside],
-        }
+    /// Returns the path behind the surface of a solid, of which it meets the front or the back. Solids that absorb nothing
+    /// are in what is around them, as in Mitsuba: glass in water stays in water.
+    fn behind(&self, absorption: [f64; 3], front: bool) -> Self {
+        let absorption = match (absorption == [0.0; 3], front) {
+            (true, _) => self.absorption,
+            (false, true) => absorption,
+            (false, false) => [0.0; 3],
+        };
+        Self { absorption, ..*self }
     }
 
     /// Returns the fraction of light that is left after a way through what is around the path (Beer's law).
@@ -243,11 +242,11 @@ impl Tracer<'_> {
         let spot = Spot { hit: *hit, finish, base, normal, viewer, out, under, fades, through: None, anisotropy };
         match finish {
             Some(finish @ Finish { under: Under::Solid { index, absorption }, .. }) => {
-                let paths = path.of_sides(*absorption, hit.front);
+                let behind = &path.behind(*absorption, hit.front);
                 if finish.is_mirror() {
-                    self.through_solid(&spot, *index, &paths)
+                    self.through_solid(&spot, *index, [path, behind])
                 } else {
-                    self.through_rough_solid(&spot, finish, *index, (surface, &paths))
+                    self.through_rough_solid(&spot, finish, *index, (surface, [path, behind]))
                 }
             }
             Some(Finish { under: Under::Sheet(index), .. }) => self.through_sheet(&spot, *index, path),
@@ -527,7 +526,7 @@ impl Tracer<'_> {
     }
 
     /// Returns what a glass surface reflects and lets through.
-    fn through_solid<N: Number>(&mut self, spot: &Spot<N>, index: f64, [path, behind]: &[Path; 2]) -> Triple<N> {
+    fn through_solid<N: Number>(&mut self, spot: &Spot<N>, index: f64, [path, behind]: [&Path; 2]) -> Triple<N> {
         let Some(finish) = spot.finish else { return spot.base };
         let index = if spot.hit.front { index } else { 1.0 / index };
         let reflected = dielectric(spot.out, index);
@@ -547,7 +546,7 @@ impl Tracer<'_> {
         spot: &Spot<N>,
         finish: &Finish,
         index: f64,
-        (surface, [path, path_behind]): (&Surface, &[Path; 2]),
+        (surface, [path, path_behind]): (&Surface, [&Path; 2]),
     ) -> Triple<N> {
         let index = if spot.hit.front { index } else { 1.0 / index };
         let finish = &Finish { fresnel: Fresnel::Dielectric(index), ..finish.clone() };
@@ -576,7 +575,7 @@ impl Tracer<'_> {
             None if spot.hit.front => self.reflected(spot, finish, (surface, path)),
             None => [N::constant(0.0); 3],
             Some((solid, index)) if !spot.hit.front => {
-                self.through_rough_solid(through, solid, index, (surface, &[*path; 2]))
+                self.through_rough_solid(through, solid, index, (surface, [path; 2]))
             }
             Some((solid, index)) => {
                 let reflected = self.reflected(spot, finish, (surface, path));
