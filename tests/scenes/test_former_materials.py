@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import warnings
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,12 @@ ALIKE = {
         '<spectrum name="k" value="5"/></bsdf>',
         '<bsdf type="roughconductor"><rgb name="eta" value="0.8, 1.6, 0.4"/><spectrum name="k" value="4"/></bsdf>',
     ),
+    "image of numbers": (
+        '<bsdf type="twosided"><bsdf type="diffuse"><texture name="reflectance" type="bitmap">'
+        '<string name="filename" value="bumps.png"/><float name="gamma" value="1"/></texture></bsdf></bsdf>',
+        '<bsdf type="twosided"><bsdf type="diffuse"><texture name="reflectance" type="bitmap">'
+        '<string name="filename" value="bumps.png"/><boolean name="raw" value="true"/></texture></bsdf></bsdf>',
+    ),
     "numbers that stand twice": (
         '<bsdf type="roughplastic"><float name="alpha" value="0.3"/><float name="alpha" value="0.3"/></bsdf>',
         '<bsdf type="roughplastic"><float name="alpha" value="0.3"/></bsdf>',
@@ -120,6 +127,7 @@ def test_materials_with_other_names_are_the_same(tmp_path: Path, case: str) -> N
     Image.fromarray(np.full((4, 4, 3), (180, 100, 230), np.uint8)).save(tmp_path / "bumps.png")
     directions = [0.3, -0.2, 0.9], [-0.4, 0.3, 0.8]
     (tmp_path / "now").mkdir()
+    shutil.copy(tmp_path / "bumps.png", tmp_path / "now")
     expected = reflected(scene_file(tmp_path / "now", now, "3.0.0"), *directions)
     path = scene_file(tmp_path, former)
     np.testing.assert_allclose(reflected(path, *directions), expected, rtol=1e-5, atol=1e-8)
@@ -180,6 +188,13 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
             '<bsdf type="plastic"><float name="intIOR" value="1.3"/><float name="intIOR" value="1.4"/></bsdf>',
             "the last 'intIOR' of a bsdf counts, as in Mitsuba 0.6",
         ),
+        ('<bsdf type="conductor"><float name="alpha" value="0.2"/></bsdf>', "'conductor' are taken without their 'alph"),
+        ('<bsdf type="dielectric"><float name="alpha" value="0.2"/></bsdf>', "without their 'alpha', because they are"),
+        (
+            '<bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string name="filename" '
+            'value="bumps.png"/><float name="gamma" value="2.2"/></texture></bsdf>',
+            "its images with a gamma of 2.2 are read as sRGB",
+        ),
         ('<bsdf type="disneybsdf"><float name="subsurface" value="1"/></bsdf>', "by the same model"),
         ('<bsdf type="disneybsdf"><float name="specularTransmission" value="1"/></bsdf>', "by their index"),
         ('<bsdf type="disneydiffuse"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
@@ -188,6 +203,7 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
     ],
 )  # fmt: skip
 def test_what_differs_is_told(tmp_path: Path, material: str, told: str) -> None:
+    Image.fromarray(np.full((4, 4, 3), (180, 100, 230), np.uint8)).save(tmp_path / "bumps.png")
     (line,) = told_of(scene_file(tmp_path, material, "2.0.0" if "disney" in material else "0.6.0"))
     assert told in line
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from .animated_transforms import Motion, take_motions
 from .elements import Element, written
 from .files import XmlFile, read_scene_file
+from .former_lights import translate_lights
 from .former_materials import translate
 from .former_notation import rewrite
 from .grey_materials import GreyMaterial, make_grey
@@ -58,6 +59,7 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     _drop_meters(read.root, notes)
     motions = take_motions(read, mi, notes)
     translate(read, notes)
+    translate_lights(read, notes)
     grey = make_grey(read, mi, notes) if file.grey_unknown else []
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False

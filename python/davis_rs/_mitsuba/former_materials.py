@@ -10,14 +10,14 @@ Sources: Walter et al., "Microfacet models for refraction through rough surfaces
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
-from .elements import Element, with_values
 from .files import SceneFile
 from .former_notation import NUMBER
+from .former_plugin import NO_COLOUR, FormerPlugin
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -26,12 +26,10 @@ _MOST_MIRRORED = 0.9
 _AIR = ("air", "vacuum")
 """What has an index of 1 to 0.03 %."""
 _SAME = "by the same model, with subsurface scattering as its flatness"
-_NO_COLOUR = 0.02
-"""Colours whose parts differ by no more than this are grey."""
 
 
 def translate(file: SceneFile, notes: list[str]) -> None:
-    """Write the materials and media of a scene as those of Mitsuba 3; those that are not known stay as they are.
+    """Write the materials, media and bitmaps of a scene as Mitsuba 3 reads them; those that are not known stay.
 
     Args:
         notes: gets a line for each kind of material that looks otherwise now.
@@ -40,66 +38,18 @@ def translate(file: SceneFile, notes: list[str]) -> None:
     for element in reversed(materials):  # those within others first
         kind = element.attributes.get("type", "")
         translation = _TRANSLATIONS.get(kind)
-        differs = None if translation is None else translation(_Material(element, file.values))
+        differs = None if translation is None else translation(FormerPlugin(element, file.values))
         now = element.attributes.get("type")
         if differs:
             notes.append(f"its materials {kind!r} are taken {'' if now == kind else f'as {now!r}, '}{differs}")
     for element in file.root.walk():
         if element.tag == "medium":
-            _medium(_Material(element, file.values))
+            _medium(FormerPlugin(element, file.values))
+        elif element.tag == "texture" and element.attributes.get("type") == "bitmap":
+            notes.extend(_bitmap(FormerPlugin(element, file.values)))
 
 
-class _Material:
-    """Reads and changes the properties of a material's element, by their present names."""
-
-    def __init__(self, element: Element, values: Mapping[str, str]) -> None:
-        self.element, self._values = element, values
-
-    @property
-    def kind(self) -> str:
-        """The plug-in."""
-        return self.element.attributes.get("type", "")
-
-    def get(self, name: str) -> Element | None:
-        """Return the property of this name."""
-        return next((child for child in self.element.children if child.name == name), None)
-
-    def numbers(self, name: str, default: float) -> FloatArray | None:
-        """Return the numbers (3,) of a property, the same three for one; None where it is a texture."""
-        given = self.get(name)
-        if given is None:
-            return np.full(3, default)
-        if given.tag not in ("float", "integer", "rgb", "spectrum"):
-            return None
-        words = with_values(given.attributes.get("value", ""), self._values).replace(",", " ").split()
-        if len(words) not in (1, 3) or not all(map(NUMBER.fullmatch, words)):
-            return None
-        return np.array(words * (3 // len(words)), np.float64)
-
-    def number(self, name: str, default: float) -> float | None:
-        """Return a property that is one number; None where it is anything else."""
-        numbers = self.numbers(name, default)
-        return None if numbers is None or np.ptp(numbers) > _NO_COLOUR else float(numbers.mean())
-
-    def becomes(self, kind: str, drop: tuple[str, ...] = (), **renamed: str) -> None:
-        """Make it one of another kind, without some properties, and with others renamed (old name to new)."""
-        self.element.attributes["type"] = kind
-        self.element.children = [child for child in self.element.children if child.name not in drop]
-        for child in self.element.children:
-            if child.name:
-                child.attributes["name"] = renamed.get(child.name, child.name)
-
-    def put(self, **numbers: float | FloatArray) -> None:
-        """Set properties to numbers or colours."""
-        for name, value in numbers.items():
-            self.element.children = [child for child in self.element.children if child.name != name]
-            tag, text = (
-                ("float", repr(value)) if isinstance(value, float) else ("rgb", ", ".join(map(repr, value.tolist())))
-            )
-            self.element.children.append(self.element.child(tag, name=name, value=text))
-
-
-def _disney(material: _Material) -> str | None:
+def _disney(material: FormerPlugin) -> str | None:
     """Write the whole material of lajolla, whose index of refraction and ``specular`` both count."""
     clear = material.number("specular_transmission", 0.0)
     index, specular = material.number("eta", 1.5), material.number("specular", 0.5)
@@ -116,19 +66,19 @@ def _disney(material: _Material) -> str | None:
     return _SAME
 
 
-def _disney_diffuse(material: _Material) -> str:
+def _disney_diffuse(material: FormerPlugin) -> str:
     material.becomes("principled", subsurface="flatness")
     material.put(specular=0.0)
     return _SAME
 
 
-def _disney_metal(material: _Material) -> str:
+def _disney_metal(material: FormerPlugin) -> str:
     material.becomes("principled")
     material.put(metallic=1.0)
     return _SAME
 
 
-def _disney_glass(material: _Material) -> str | None:
+def _disney_glass(material: FormerPlugin) -> str | None:
     index = material.number("eta", 1.5)
     if index is None or index <= 1:
         return None
@@ -137,7 +87,7 @@ def _disney_glass(material: _Material) -> str | None:
     return "whose reflections have no colour"
 
 
-def _lobe_and_diffuse(material: _Material, alpha: float | None, drop: tuple[str, ...]) -> str | None:
+def _lobe_and_diffuse(material: FormerPlugin, alpha: float | None, drop: tuple[str, ...]) -> str | None:
     """Write a diffuse colour with a lobe that has no Fresnel factor, whose width is that of a Beckmann lobe."""
     mirrored = material.numbers("specular_reflectance", 0.2)
     diffuse = material.numbers("diffuse_reflectance", 0.5)
@@ -156,18 +106,18 @@ def _lobe_and_diffuse(material: _Material, alpha: float | None, drop: tuple[str,
     if diffuse is not None:
         material.put(base_color=diffuse)
     material.put(roughness=math.sqrt(alpha), eta=(1 + math.sqrt(straight)) / (1 - math.sqrt(straight)))
-    colour = " without colour" if np.ptp(mirrored) > _NO_COLOUR else ""
+    colour = " without colour" if np.ptp(mirrored) > NO_COLOUR else ""
     return f"with highlights{colour} of the same width and strength from straight ahead, which are stronger aslant"
 
 
-def _phong(material: _Material) -> str | None:
+def _phong(material: FormerPlugin) -> str | None:
     exponent = material.number("exponent", 30.0)
     # The peak of the lobe, (n + 2) / 2 pi, is that of a Beckmann lobe, 1 / 4 pi alpha^2; so are the widths, nearly.
     alpha = None if exponent is None or exponent < 0 else 1 / math.sqrt(2 * (exponent + 2))
     return _lobe_and_diffuse(material, alpha, ("exponent",))
 
 
-def _ward(material: _Material) -> str | None:
+def _ward(material: FormerPlugin) -> str | None:
     both = material.number("alpha", 0.1)
     if both is None:
         return None
@@ -177,7 +127,7 @@ def _ward(material: _Material) -> str | None:
     return f"{differs}, and as wide along as across" if differs and along != across else differs
 
 
-def _rough_diffuse(material: _Material) -> str | None:
+def _rough_diffuse(material: FormerPlugin) -> str | None:
     alpha = material.number("alpha", 0.2)
     if alpha is None or (material.get("diffuse_reflectance") is not None and material.get("reflectance") is not None):
         return None
@@ -187,7 +137,7 @@ def _rough_diffuse(material: _Material) -> str | None:
     return f"which is up to {100 * brighter:.0f} % brighter where light comes from behind the camera's side"
 
 
-def _mixture(material: _Material) -> None:
+def _mixture(material: FormerPlugin) -> None:
     """Write a sum of materials with weights as blends of two; where the weights do not fill 1, the rest is black."""
     given = material.get("weights")
     words = "" if given is None else given.attributes.get("value", "")
@@ -217,7 +167,7 @@ def _mixture(material: _Material) -> None:
         blend = other
 
 
-def _coating(material: _Material) -> str | None:
+def _coating(material: FormerPlugin) -> str | None:
     """Write a clear coat on a diffuse surface as plastic, which is the same, and leave others out."""
     nested = [child for child in material.element.children if child.tag in ("bsdf", "ref")]
     if len(nested) != 1 or nested[0].tag == "ref":
@@ -239,7 +189,20 @@ def _coating(material: _Material) -> str | None:
     return "without what the coat absorbs" if absorbed is None or absorbed.any() else None
 
 
-def _outside_of_metal(material: _Material) -> None:
+def _smooth_metal(material: FormerPlugin) -> str | None:
+    _outside_of_metal(material)
+    return _smooth(material)
+
+
+def _smooth(material: FormerPlugin) -> str | None:
+    """Leave out the roughness of a material that has none: older versions did not look at it."""
+    if material.get("alpha") is None:
+        return None
+    material.becomes(material.kind, ("alpha",))
+    return "without their 'alpha', because they are smooth"
+
+
+def _outside_of_metal(material: FormerPlugin) -> None:
     """Write the index of what a metal is in as a factor on its own: reflection depends on how they differ alone."""
     outside = material.number("ext_eta", 1.0)
     of_metal = {name: material.numbers(name, 0.0) for name in ("eta", "k") if material.get(name) is not None}
@@ -254,12 +217,12 @@ def _outside_of_metal(material: _Material) -> None:
         material.put(**{name: numbers / outside for name, numbers in of_metal.items() if numbers is not None})
 
 
-def _metal(material: _Material) -> str | None:
+def _metal(material: FormerPlugin) -> str | None:
     _outside_of_metal(material)
     return _rough(material)
 
 
-def _normal_map(material: _Material) -> None:
+def _normal_map(material: FormerPlugin) -> None:
     """Give the texture of a normal map its present name; without one it is the image of a ``filename``."""
     image = material.get("filename")
     texture = next((child for child in material.element.children if child.tag == "texture" and not child.name), None)
@@ -276,7 +239,7 @@ def _normal_map(material: _Material) -> None:
         texture.children.append(texture.child("boolean", name="raw", value="true"))
 
 
-def _rough(material: _Material) -> str | None:
+def _rough(material: FormerPlugin) -> str | None:
     """Give facets the distribution of Beckmann in place of Phong's, which older versions make as wide as that."""
     distribution = material.get("distribution")
     if distribution is None or distribution.attributes.get("value") not in ("as", "phong"):
@@ -285,11 +248,11 @@ def _rough(material: _Material) -> str | None:
     return "with facets distributed as Beckmann's in place of Phong's, which are as wide"
 
 
-def _lambertian(material: _Material) -> None:
+def _lambertian(material: FormerPlugin) -> None:
     material.becomes("diffuse", diffuse_reflectance="reflectance")
 
 
-_TRANSLATIONS: dict[str, Callable[[_Material], str | None]] = {
+_TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
     "disneybsdf": _disney,
     "disneydiffuse": _disney_diffuse,
     "disneymetal": _disney_metal,
@@ -302,7 +265,8 @@ _TRANSLATIONS: dict[str, Callable[[_Material], str | None]] = {
     "roughcoating": _coating,
     "lambertian": _lambertian,
     "normalmap": _normal_map,
-    "conductor": _outside_of_metal,
+    "conductor": _smooth_metal,
+    "dielectric": _smooth,
     "roughconductor": _metal,
     "roughdielectric": _rough,
     "roughplastic": _rough,
@@ -310,7 +274,18 @@ _TRANSLATIONS: dict[str, Callable[[_Material], str | None]] = {
 """By the former plug-in, what writes it as a present one and returns what differs; None where nothing does."""
 
 
-def _medium(medium: _Material) -> None:
+def _bitmap(bitmap: FormerPlugin) -> list[str]:
+    """Write how an image is encoded as Mitsuba 3 says it: as numbers, or as sRGB, which is nearly a power of 2.2."""
+    gamma = bitmap.number("gamma", -1.0)
+    if bitmap.get("gamma") is None or gamma not in (-1.0, 1.0, 2.2):
+        return []
+    bitmap.becomes("bitmap", ("gamma",))
+    if gamma == 1:
+        bitmap.element.children.append(bitmap.element.child("boolean", name="raw", value="true"))
+    return ["its images with a gamma of 2.2 are read as sRGB"] if gamma == 2.2 else []
+
+
+def _medium(medium: FormerPlugin) -> None:
     """Write what a medium absorbs and scatters as its extinction and albedo, and its density as extinction."""
     if medium.kind == "heterogeneous":
         # The method and the step are how to sample.

@@ -17,7 +17,7 @@ NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 """A number as XML files have it."""
 
 _VERSION = re.compile(r"\s*(\d{1,9})\.(\d{1,9})\.(\d{1,9})\s*")
-_FORMER, _NOW = "0.6.0", "3.0.0"
+FORMER, _NOW = "0.6.0", "3.0.0"
 _NAMED = re.compile(r"[a-z][A-Z]|^diffuseReflectance$|^[uv](offset|scale)$")
 """Names of parameters before version 2."""
 
@@ -40,7 +40,7 @@ def rewrite(file: SceneFile, notes: list[str]) -> None:
             attributes["value"] = attributes["value"].replace("\\", "/")
         elif element.tag == "path" and (folder := element.file.parent / attributes.get("value", "")).is_dir():
             attributes["value"] = str(folder.absolute())
-        if version == _FORMER:
+        if version == FORMER:
             _take_last(element, notes)
 
 
@@ -63,7 +63,7 @@ def _version(root: Element, notes: list[str]) -> str:
     given = root.attributes.get("version")
     numbers = None if given is None else _VERSION.fullmatch(given)
     if numbers:
-        return _FORMER if int(numbers[1]) < 2 else _NOW
+        return FORMER if int(numbers[1]) < 2 else _NOW
     if root.tag != "scene":
         return _NOW  # a part of a scene: that which includes it has the version
     had = "it has no version" if given is None else f"its version {given[:20]!r} is none of Mitsuba's"
@@ -72,7 +72,7 @@ def _version(root: Element, notes: list[str]) -> str:
         notes.append(f"{had}, so it is read as one of Mitsuba 3")
         return _NOW
     notes.append(f"{had}, so it is read as one of Mitsuba 0.6, because of names such as {former[:40]!r}")
-    return _FORMER
+    return FORMER
 
 
 def _rewrite_colour(element: Element) -> None:
