@@ -834,7 +834,8 @@ class SceneRenderer:
             differs, across it or None, ``ggx`` or
             ``beckmann``, Fresnel's equations, tint of the lobe, tint of what passes through, whether the base
             colour tints the lobe, what is below, the numbers of textures of roughness and of metal or None,
-            (strength, roughness) of a coat or None, and (strength, tint) of sheen or None);
+            (strength, roughness) of a coat or None, (strength, tint) of sheen or None, and the fraction of a mix that
+            light passes);
             uint32 (t), the finish of each triangle, 2^32 - 1 for none; the colours of textures: uint32
             (textures), the number of each one's image, and for each image (width, height, wrap mode), and its texels
             (height, width, 3), flat, as float32 and None, or as uint8 and float32 (256, 3), flat, what each number

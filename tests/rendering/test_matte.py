@@ -129,7 +129,7 @@ NOT_MATTE = {
 def test_what_has_no_diffuse_colour_stays(bsdf: dict[str, Any]) -> None:
     """Metal, glass and what light goes through are neither recognised nor replaced, and no line says so."""
     renderer = make_renderer(scene_of(bsdf, matte=True), CAMERA, rays_per_pixel=1)
-    assert ("Mitsuba's" in renderer.name) == (bsdf["type"] not in ("roughconductor", "dielectric", "mask"))
+    assert ("Mitsuba's" in renderer.name) == (bsdf["type"] == "twosided")
     assert "taken as diffuse: nothing" in renderer.reason
 
 

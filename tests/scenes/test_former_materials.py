@@ -188,7 +188,7 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
             '<bsdf type="plastic"><float name="intIOR" value="1.3"/><float name="intIOR" value="1.4"/></bsdf>',
             "the last 'intIOR' of a bsdf counts, as in Mitsuba 0.6",
         ),
-        ('<bsdf type="conductor"><float name="alpha" value="0.2"/></bsdf>', "'conductor' are taken without their 'alph"),
+        ('<bsdf type="conductor"><float name="alpha" value="0.2"/></bsdf>', "'conductor' are taken without their 'al"),
         ('<bsdf type="dielectric"><float name="alpha" value="0.2"/></bsdf>', "without their 'alpha', because they are"),
         (
             '<bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string name="filename" '

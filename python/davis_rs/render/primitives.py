@@ -1,5 +1,5 @@
 """Makes triangles of Mitsuba's spheres, disks, cylinders, curves, instances and masked meshes, for renderers without
-noise.
+noise, and lights that these know of its skies.
 
 The outline of a round shape becomes a polygon. Its corners lie as far outside of the true outline as the middles of its
 sides lie inside, and it has so many sides that both stay within :data:`OUTLINE_PX` wherever the camera's path is
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaScene, MitsubaShape
+from .._mitsuba.types import Mitsuba, MitsubaBsdf, MitsubaEmitter, MitsubaScene, MitsubaShape
 from ..geometry.camera import Camera
 from ..scene.files.alpha_mask import TOLERANCE_TEXELS
 from ..scene.meshes import Mesh, mitsuba_mesh
@@ -32,6 +32,8 @@ from .motion.scene_updates import scene_motion
 from .obstacles import plugin_name
 from .opacity_masks import CutMesh, cut_mesh, is_masked
 from .round_meshes import OUTLINE_PX, round_mesh
+from .sun_and_sky import KIND as SUNSKY
+from .sun_and_sky import as_known_lights
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -55,6 +57,7 @@ class Triangulated:
         cut: how many meshes were cut along their opacity masks.
         outline_texels: how far an outline of a mask may have moved at most.
         off_px: how far an outline lies from the true one at most; NaN where no path is known.
+        suns: how many directional lights there are in place of the suns of skies; None where no sky was replaced.
         open_curves: the numbers of the shapes that stand for curves with open ends: Mitsuba culls their backs.
     """
 
@@ -64,6 +67,7 @@ class Triangulated:
     cut: int = 0
     outline_texels: float = 0.0
     off_px: float = 0.0
+    suns: int | None = None
     open_curves: tuple[int, ...] = ()
 
     @property
@@ -72,11 +76,13 @@ class Triangulated:
         meshes = "1 mesh" if self.cut == 1 else f"{self.cut} meshes"
         coarse = f", to less than {self.outline_texels:g} texels" if self.outline_texels > TOLERANCE_TEXELS else ""
         cut = f"; {meshes} cut along the outlines of opacity masks{coarse}" if self.cut else ""
+        suns = "1 directional light" if self.suns == 1 else f"{self.suns} directional lights"
+        more = cut + ("" if self.suns is None else f"; its sunsky made an environment map and {suns}")
         if not self.shapes:
-            return cut
+            return more
         off = f", up to {self.off_px:.2g} px from their outlines" if self.off_px > OUTLINE_PX else ""
         shapes = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
-        return f"; {shapes} made of {self.triangles:,} triangles{off}{cut}"
+        return f"; {shapes} made of {self.triangles:,} triangles{off}{more}"
 
     def one_sided(self, names: Collection[str]) -> list[int]:
         """Return the numbers of the shapes whose backs are culled: those of these ids, and open curves."""
@@ -106,7 +112,10 @@ def as_triangles(
     """
     result = Triangulated(scene)
     shapes = list(scene.shapes())
-    if not any(plugin_name(shape) in (*_ROUND, *CURVES, "instance") or is_masked(shape) for shape in shapes):
+    skies = [light for light in scene.emitters() if light.class_name() == SUNSKY]
+    if not skies and not any(
+        plugin_name(shape) in (*_ROUND, *CURVES, "instance") or is_masked(shape) for shape in shapes
+    ):
         return result
     # A mesh that many instances show is cut once.
     cut_once = functools.cache(functools.partial(cut_mesh, mi=mi))
@@ -140,8 +149,12 @@ def as_triangles(
         for number, mesh in enumerate(made):
             named = shape.id() and len(made) > 1
             meshes.append((f"{shape.id()}_{number}" if named else str(shape.id()), mesh))
-    if [mesh for _, mesh in meshes] != shapes:
-        result.scene = _scene_of(scene, meshes, list(groups.values()) if kept_group else [], mi)
+    if skies or [mesh for _, mesh in meshes] != shapes:
+        lights = [light for light in scene.emitters() if light.class_name() != "AreaLight" and light not in skies]
+        known = [light for sky in skies for light in as_known_lights(sky, mi)]
+        result.suns = len(known) - len(skies) if skies else None
+        lights += known
+        result.scene = _scene_of(scene, meshes, lights, list(groups.values()) if kept_group else [], mi)
     return result
 
 
@@ -169,11 +182,14 @@ def _is_group(node: MitsubaShape) -> bool:
 
 
 def _scene_of(
-    scene: MitsubaScene, shapes: list[tuple[str, MitsubaShape]], groups: list[MitsubaShape], mi: Mitsuba
+    scene: MitsubaScene,
+    shapes: list[tuple[str, MitsubaShape]],
+    lights: list[MitsubaEmitter],
+    groups: list[MitsubaShape],
+    mi: Mitsuba,
 ) -> MitsubaScene:
-    """Return a scene of these shapes, each with its id, under the integrator, the sensors and the lights of another."""
-    lights = [(str(light.id()), light) for light in scene.emitters() if light.class_name() != "AreaLight"]
-    named = [*shapes, *((str(group.id()), group) for group in groups), *lights]
+    """Return a scene of these shapes, each with its id, and lights, under the integrator and the sensors of another."""
+    named = [*shapes, *((str(node.id()), node) for node in [*groups, *lights])]
     content: dict[str, object] = {"type": "scene"}
     if scene.integrator() is not None:
         content["integrator"] = scene.integrator()
