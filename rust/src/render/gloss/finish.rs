@@ -182,21 +182,23 @@ impl Finish {
         }
     }
 
-    /// Returns that part of a mix of which light passes the surface, above a base colour; None where there is none.
-    pub(crate) fn solid(&self, base: [f64; 3]) -> Option<Self> {
+    /// Returns the surface of a solid that a part of a mix is, and its index of refraction; None where there is none. What
+    /// passes has no tint yet.
+    pub(crate) fn solid(&self) -> Option<(Self, f64)> {
         let Fresnel::Mixed { index, metal, .. } = self.fresnel else { return None };
         let fraction = self.transmission * (1.0 - metal);
-        (fraction > 0.0).then(|| Self {
+        let solid = || Self {
             fresnel: Fresnel::Dielectric(index),
             tint: [fraction; 3],
-            passing: base.map(|colour| fraction * colour.max(0.0).sqrt()),
+            passing: [fraction; 3],
             base_tints: false,
             under: Under::Solid { index, absorption: [0.0; 3] },
             coat: None,
             sheen: None,
             transmission: 0.0,
             ..self.clone()
-        })
+        };
+        (fraction > 0.0).then(|| (solid(), index))
     }
 
     /// Returns the least roughness along any direction, that of a coat among them.

@@ -368,28 +368,44 @@ fn rates_are_differences_in_time() {
     }
 }
 
+/// Returns a box in front of the camera, of the first of some finishes, under light from all sides alone, and the other
+/// surfaces far away.
+fn boxed(finishes: Vec<Finish>) -> SceneTables<'static> {
+    let mut tables = room(None);
+    tables.gloss.finishes = finishes;
+    tables.gloss.longest = 100;
+    tables.frames = tables.frames.iter().map(|_| 1).collect();
+    for lights in &mut tables.lights[..2] {
+        lights.strength = 0.0;
+    }
+    tables.lights[2].strength = 1.0;
+    for sides in BOX {
+        add(&mut tables, sides, (1.0, 0, 0));
+    }
+    tables
+}
+
+/// Returns a view of it. No ray meets two of its sides at once.
+fn of_the_box(position: Vector) -> View {
+    let mut here = view(position, LEVEL, [0.0; 3], [0.0; 3]);
+    here.poses[1].position = [0.0, 1e4, 1e6];
+    here.factors = vec![[1.0, 0.0]; 3];
+    here
+}
+
+/// Returns what a ray of the middle sees there.
+fn in_the_middle(tables: &SceneTables, position: Vector) -> f64 {
+    let (shown, _) = luma(&renderer(tables), &rays(false, 1), &of_the_box(position));
+    f64::from(shown[SIZE * SIZE / 2 + SIZE / 2])
+}
+
 /// Within light from all sides, a box of glass is not seen, and what neither absorbs nor shades has the light's luma.
 #[test]
 fn nothing_is_lost_in_a_furnace() {
     for (under, alpha) in [(clear_solid(1.5), 0.0), (Under::Sheet(1.3), 0.0), (clear_solid(1.5), 0.3)] {
         let glass = Finish { alpha, fresnel: Fresnel::Dielectric(1.5), under: under.clone(), ..MIRROR };
-        let mut tables = room(None);
-        tables.gloss.finishes = vec![glass];
-        tables.gloss.longest = 100;
-        tables.frames = tables.frames.iter().map(|_| 1).collect();
-        for lights in &mut tables.lights[..2] {
-            lights.strength = 0.0;
-        }
-        tables.lights[2].strength = 1.0;
-        // A box in front of the camera, seen alone.
-        for sides in BOX {
-            add(&mut tables, sides, (1.0, 0, 0));
-        }
-        // No ray meets two sides at once.
-        let mut here = view([0.013, 0.007, -0.5], LEVEL, [0.0; 3], [0.0; 3]);
-        // The other surfaces are far away.
-        here.poses[1].position = [0.0, 1e4, 1e6];
-        here.factors = vec![[1.0, 0.0]; 3];
+        let tables = boxed(vec![glass]);
+        let mut here = of_the_box([0.013, 0.007, -0.5]);
         let (shown, rate) = luma(&renderer(&tables), &rays(false, 1), &here);
         if alpha > 0.0 {
             // Microfacets lose some, and nothing comes on top.
@@ -416,19 +432,9 @@ fn solids_absorb_by_the_way_through_them() {
     let beer = |way: f64| 0.299 * f64::exp(-0.3 * way) + 0.587 + 0.114 * f64::exp(-9.0 * way);
     let shown = |inner: Option<Under>, alpha: f64, at: Vector| {
         let unbent = Finish { alpha, fresnel: Fresnel::Dielectric(1.0 + 1e-9), ..MIRROR };
-        let mut tables = room(None);
-        tables.gloss.finishes =
-            vec![Finish { under: Under::Solid { index: 1.0 + 1e-9, absorption }, ..unbent.clone() }];
-        tables.gloss.finishes.extend(inner.map(|under| Finish { under, ..unbent }));
-        tables.gloss.longest = 100;
-        tables.frames = tables.frames.iter().map(|_| 1).collect();
-        for lights in &mut tables.lights[..2] {
-            lights.strength = 0.0;
-        }
-        tables.lights[2].strength = 1.0;
-        for sides in BOX {
-            add(&mut tables, sides, (1.0, 0, 0));
-        }
+        let outer = Finish { under: Under::Solid { index: 1.0 + 1e-9, absorption }, ..unbent.clone() };
+        let inner = inner.map(|under| Finish { under, ..unbent });
+        let mut tables = boxed([Some(outer), inner].into_iter().flatten().collect());
         if tables.gloss.finishes.len() == 2 {
             for [corner, u, v] in BOX {
                 let centred = |x: Vector| vector::scale(x, 0.5);
@@ -436,12 +442,7 @@ fn solids_absorb_by_the_way_through_them() {
                 add(&mut tables, [corner, centred(u), centred(v)], (1.0, 1, 0));
             }
         }
-        let mut here = view(at, LEVEL, [0.0; 3], [0.0; 3]);
-        // The other surfaces are far away.
-        here.poses[1].position = [0.0, 1e4, 1e6];
-        here.factors = vec![[1.0, 0.0]; 3];
-        let (shown, _) = luma(&renderer(&tables), &rays(false, 1), &here);
-        f64::from(shown[SIZE * SIZE / 2 + SIZE / 2])
+        in_the_middle(&tables, at)
     };
     let (before, within) = ([0.013, 0.007, -0.5], [0.013, 0.007, 1.5]);
     let solid = |absorption| Some(Under::Solid { index: 1.0 + 1e-9, absorption });
@@ -461,27 +462,17 @@ fn solids_absorb_by_the_way_through_them() {
 fn solids_absorb_the_light_of_lamps_inside() {
     let shown = |absorption: f64, alpha: f64, shines: bool| {
         let index = if shines { 1.5 } else { 1.0 + 1e-9 };
-        let mut tables = room(None);
         let under = Under::Solid { index, absorption: [absorption; 3] };
-        tables.gloss.finishes = vec![Finish { alpha, fresnel: Fresnel::Dielectric(index), under, ..MIRROR }];
-        tables.frames = tables.frames.iter().map(|_| 1).collect();
+        let mut tables = boxed(vec![Finish { alpha, fresnel: Fresnel::Dielectric(index), under, ..MIRROR }]);
         tables.lights[0] = light(LightKind::Point([0.2, 0.1, 1.2]), if shines { 0.0 } else { 1.0 });
-        tables.lights[1].strength = 0.0;
         tables.lights[2] = light(LightKind::Constant, 0.0);
-        for sides in BOX {
-            add(&mut tables, sides, (1.0, 0, 0));
-        }
         add(&mut tables, [[-0.4, -0.4, 1.6], [0.0, 0.8, 0.0], [0.8, 0.0, 0.0]], (0.5, DIFFUSE, 0));
         let plate = tables.corners.len() - 2;
         for triangle in plate..if shines { plate + 2 } else { plate } {
             tables.emissions[triangle] = Some(Emission { light: 0, luma: 3.0 });
             tables.gloss.emitted[triangle] = [3.0; 3];
         }
-        let mut here = view([0.013, 0.007, -0.5], LEVEL, [0.0; 3], [0.0; 3]);
-        here.poses[1].position = [0.0, 1e4, 1e6];
-        here.factors = vec![[1.0, 0.0]; 3];
-        let (shown, _) = luma(&renderer(&tables), &rays(false, 1), &here);
-        f64::from(shown[SIZE * SIZE / 2 + SIZE / 2])
+        in_the_middle(&tables, [0.013, 0.007, -0.5])
     };
     // A ray of the middle meets the plate 0.6 behind the front of the box, and the lamp's way to there is known.
     let at = 0.37 / 16.0;
@@ -500,23 +491,11 @@ fn solids_absorb_the_light_of_lamps_inside() {
 #[test]
 fn nothing_is_absorbed_outside_of_solids() {
     let shown = |absorption: f64, index: f64, plate: [[f64; 3]; 3]| {
-        let mut tables = room(None);
         let under = Under::Solid { index, absorption: [absorption; 3] };
-        tables.gloss.finishes = vec![Finish { fresnel: Fresnel::Dielectric(index), under, ..MIRROR }];
-        tables.frames = tables.frames.iter().map(|_| 1).collect();
-        for lights in &mut tables.lights[..2] {
-            lights.strength = 0.0;
-        }
+        let mut tables = boxed(vec![Finish { fresnel: Fresnel::Dielectric(index), under, ..MIRROR }]);
         tables.lights[2] = light(LightKind::Constant, 1.0);
-        for sides in BOX {
-            add(&mut tables, sides, (1.0, 0, 0));
-        }
         add(&mut tables, plate, (0.5, DIFFUSE, 0));
-        let mut here = view([0.013, 0.007, -0.5], LEVEL, [0.0; 3], [0.0; 3]);
-        here.poses[1].position = [0.0, 1e4, 1e6];
-        here.factors = vec![[1.0, 0.0]; 3];
-        let (shown, _) = luma(&renderer(&tables), &rays(false, 1), &here);
-        f64::from(shown[SIZE * SIZE / 2 + SIZE / 2])
+        in_the_middle(&tables, [0.013, 0.007, -0.5])
     };
     let behind = [[-3.0, -3.0, 5.0], [0.0, 6.0, 0.0], [6.0, 0.0, 0.0]];
     let left = shown(1.3, 1.0 + 1e-9, behind) / shown(0.0, 1.0 + 1e-9, behind);

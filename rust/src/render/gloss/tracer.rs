@@ -246,7 +246,8 @@ impl Tracer<'_> {
                 if finish.is_mirror() {
                     self.through_solid(&spot, *index, [path, behind])
                 } else {
-                    self.through_rough_solid(&spot, finish, *index, (surface, [path, behind]))
+                    let [reflected, passed] = self.of_rough_solid(&spot, finish, *index, (surface, [path, behind]));
+                    add(reflected, passed)
                 }
             }
             Some(Finish { under: Under::Sheet(index), .. }) => self.through_sheet(&spot, *index, path),
@@ -540,21 +541,21 @@ impl Tracer<'_> {
         sum
     }
 
-    /// Returns what the rough surface of a solid reflects and lets through.
-    fn through_rough_solid<N: Number>(
+    /// Returns what the rough surface of a solid reflects, and what it lets through.
+    fn of_rough_solid<N: Number>(
         &mut self,
         spot: &Spot<N>,
         finish: &Finish,
         index: f64,
         (surface, [path, path_behind]): (&Surface, [&Path; 2]),
-    ) -> Triple<N> {
+    ) -> [Triple<N>; 2] {
         let index = if spot.hit.front { index } else { 1.0 / index };
         let finish = &Finish { fresnel: Fresnel::Dielectric(index), ..finish.clone() };
         let spot = &Spot { finish: Some(finish), ..*spot };
         // Of lights at a position or along a direction. Others are in the image.
         let near = Path { segments: 1, ..*path };
         let reflected = add(self.lit_by_all(spot, surface, &near), self.image(spot, finish, path));
-        add(reflected, self.passed(spot, finish, index, (surface, path_behind)))
+        [reflected, self.passed(spot, finish, index, (surface, path_behind))]
     }
 
     /// Returns what is seen of a surface that is a mix: what it reflects, and what a part of it lets through. From behind it
@@ -565,23 +566,18 @@ impl Tracer<'_> {
         finish: &Finish,
         (surface, path): (&Surface, &Path),
     ) -> Triple<N> {
-        let solid = finish.solid(values(spot.base));
-        let solid = solid.as_ref().and_then(|solid| match solid.under {
-            Under::Solid { index, .. } => Some((solid, index)),
-            _ => None,
-        });
-        let through = &Spot { finish: solid.map(|(solid, _)| solid), ..*spot };
-        match solid {
-            None if spot.hit.front => self.reflected(spot, finish, (surface, path)),
-            None => [N::constant(0.0); 3],
-            Some((solid, index)) if !spot.hit.front => {
-                self.through_rough_solid(through, solid, index, (surface, [path; 2]))
-            }
-            Some((solid, index)) => {
-                let reflected = self.reflected(spot, finish, (surface, path));
-                add(reflected, self.passed(through, solid, index, (surface, path)))
-            }
-        }
+        let Some((solid, index)) = finish.solid() else {
+            return if spot.hit.front { self.reflected(spot, finish, (surface, path)) } else { [N::constant(0.0); 3] };
+        };
+        let root = each(spot.base, |colour| if colour.value() > 0.0 { colour.sqrt() } else { N::constant(0.0) });
+        let through = &Spot { finish: Some(&solid), ..*spot };
+        let [reflected, passed] = if spot.hit.front {
+            let reflected = self.reflected(spot, finish, (surface, path));
+            [reflected, self.passed(through, &solid, index, (surface, path))]
+        } else {
+            self.of_rough_solid(through, &solid, index, (surface, [path; 2]))
+        };
+        add(reflected, times(root, passed))
     }
 
     /// Returns what the rough surface of a solid lets through; `index` is that behind it, relative to the viewer's side.
