@@ -1,7 +1,7 @@
 """Makes an environment map and a sun in place of Mitsuba's ``sunsky``, for renderers that know these.
 
 The sun becomes a directional light of the same irradiance, whose shadows have no soft edges. A sun that is larger than
-the real one becomes several, all over it, so that its shadows fade in steps.
+the real one becomes several, about a degree apart, so that its shadows fade in steps.
 """
 
 from __future__ import annotations
@@ -20,11 +20,8 @@ KIND = "SunskyEmitter"
 _WIDTH, _HEIGHT = 512, 256
 """Of the map: 0.7 degrees a texel."""
 
-_ONE_LIGHT = 1.0
-"""A sun of so many degrees at most is one light."""
-
-_SUNS = 16
-"""Lights in place of a larger one."""
+_MOST_SUNS = 16
+"""Lights in place of one sun: one for each square of a degree along its diameter, and no more than these."""
 
 _RINGS = 64
 """Of the sun, in which its radiance is looked up."""
@@ -47,7 +44,7 @@ def as_known_lights(sunsky: MitsubaEmitter, mi: Mitsuba) -> list[MitsubaEmitter]
     scaled(sun_scale=0.0)
     texels = _texels(sunsky, mi)
     scaled()
-    count = 1 if half <= np.radians(_ONE_LIGHT / 2) else _SUNS
+    count = int(np.clip(round(np.degrees(2 * half) ** 2), 1, _MOST_SUNS))
     suns = _over_disk(towards, half, count) if irradiance.any() else np.empty((0, 3))
     sky = mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(texels), "id": sunsky.id()})
     return [sky, *(_directional(sun, irradiance / count, mi) for sun in suns)]
