@@ -312,3 +312,21 @@ def test_a_coat_that_is_left_out_shows_what_is_below(tmp_path: Path) -> None:
     metal = '<bsdf type="roughconductor"><float name="alpha" value="0.4"/><string name="material" value="Au"/></bsdf>'
     shown = reflected(scene_file(tmp_path, f'<bsdf type="coating">{metal}</bsdf>'), [0.3, 0, 1], [0, 0.2, 1])
     np.testing.assert_allclose(shown, reflected(scene_file(tmp_path, metal), [0.3, 0, 1], [0, 0.2, 1]))
+
+
+def test_objects_of_one_name_all_count(tmp_path: Path) -> None:
+    """Shapes of a scene, and the parts of a blend: Mitsuba 3 itself leaves out all but one, or refuses them."""
+    parts = '<ref name="bsdf" id="red"/><ref name="bsdf" id="blue"/>'
+    blend = f'<bsdf type="blendbsdf"><float name="weight" value="0.25"/>{parts}</bsdf>'
+    other = (
+        '<bsdf type="diffuse" id="red"><rgb name="reflectance" value="0.8, 0, 0"/></bsdf>'
+        '<bsdf type="diffuse" id="blue"><rgb name="reflectance" value="0, 0, 0.4"/></bsdf>'
+    )
+    balls = '<shape type="sphere" name="ball"/><shape type="disk" name="ball"/>'
+    path = tmp_path / "scene.xml"
+    path.write_text(SCENE.format(material=blend, version="0.6.0", other=other).replace("</scene>", f"{balls}</scene>"))
+    assert told_of(path) == []
+    colour = reflected(path, [0, 0, 1], [0, 0, 1]) * np.pi
+    np.testing.assert_allclose(colour, [0.6, 0, 0.1], rtol=1e-5, atol=1e-8)
+    with variant(SCALAR) as (mi, _):
+        assert len(load_scene_source(path, mi).shapes()) == 3

@@ -18,6 +18,10 @@ NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 _VERSION = re.compile(r"\s*(\d{1,9})\.(\d{1,9})\.(\d{1,9})\s*")
 FORMER, _NOW = "0.6.0", "3.0.0"
+_VALUES = ("boolean", "integer", "float", "string", "rgb", "spectrum", "point", "vector")
+"""Elements that hold a value of a plug-in."""
+_OBJECTS = ("shape", "bsdf", "ref", "emitter", "sensor")
+"""Elements of objects that count whatever they are called."""
 _NAMED = re.compile(r"[a-z][A-Z]|^diffuseReflectance$|^[uv](offset|scale)$")
 """Names of parameters before version 2."""
 
@@ -42,17 +46,31 @@ def rewrite(file: SceneFile, notes: list[str]) -> None:
             attributes["value"] = str(folder.absolute())
         if version == FORMER:
             _take_last(element, notes)
+            _take_all(element)
 
 
 def _take_last(element: Element, notes: list[str]) -> None:
-    """Take the last of several properties of one name, as former versions did; note those that say something else."""
-    last = {child.attributes["name"]: child for child in element.children if "name" in child.attributes}
-    repeated = [child for child in element.children if child is not last.get(child.attributes.get("name", ""), child)]
-    element.children = [child for child in element.children if not any(child is other for other in repeated)]
-    for child in repeated:
+    """Take the last of several values of one name, as former versions did; note those that say something else."""
+    values = [child for child in element.children if child.tag in _VALUES and "name" in child.attributes]
+    last = {child.attributes["name"]: child for child in values}
+    repeated = {id(child): child for child in values if child is not last[child.attributes["name"]]}
+    element.children = [child for child in element.children if id(child) not in repeated]
+    for child in repeated.values():
         kept = last[child.attributes["name"]]
         if (child.tag, child.attributes, child.children) != (kept.tag, kept.attributes, kept.children):
             notes.append(f"the last {child.attributes['name'][:40]!r} of a {element.tag} counts, as in Mitsuba 0.6")
+
+
+def _take_all(element: Element) -> None:
+    """Take all objects that share a name, as former versions did, to which it was no more than a word. Mitsuba 3 would
+    leave out all but one, or refuse them."""
+    named = set[str]()
+    for child in element.children:
+        name = child.attributes.get("name", "")
+        if child.tag in _OBJECTS and name in named:
+            del child.attributes["name"]
+        elif child.tag in _OBJECTS and name:
+            named.add(name)
 
 
 def _version(root: Element, notes: list[str]) -> str:
