@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaEmitter
+from .baked.lights import numbers
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -25,6 +26,10 @@ _MOST_SUNS = 16
 
 _RINGS = 64
 """Of the sun, in which its radiance is looked up."""
+
+_MOST_KNOWN = 4
+_known: dict[tuple[str, bytes], npt.NDArray[np.float32]] = {}
+"""The last maps by what they were made from: a run makes several renderers of one scene."""
 
 
 def as_known_lights(sunsky: MitsubaEmitter, mi: Mitsuba) -> list[MitsubaEmitter]:
@@ -42,7 +47,11 @@ def as_known_lights(sunsky: MitsubaEmitter, mi: Mitsuba) -> list[MitsubaEmitter]
     scaled(sky_scale=0.0)
     irradiance = _irradiance(sunsky, towards, half, mi)
     scaled(sun_scale=0.0)
-    texels = _texels(sunsky, mi)
+    made_from = str(sunsky), b"".join(numbers(value).tobytes() for _, value in parameters)
+    texels = _known[made_from] if made_from in _known else _texels(sunsky, mi)
+    while len(_known) >= _MOST_KNOWN:
+        del _known[next(iter(_known))]
+    _known[made_from] = texels
     scaled()
     count = int(np.clip(round(np.degrees(2 * half) ** 2), 1, _MOST_SUNS))
     suns = _over_disk(towards, half, count) if irradiance.any() else np.empty((0, 3))
