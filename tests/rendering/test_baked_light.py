@@ -780,8 +780,9 @@ def test_meshes_of_very_many_triangles_are_baked_on_request_alone(monkeypatch: p
 def test_large_meshes_are_not_baked_unasked_where_objects_move(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = moving_camera()
     moving = replace(scene, objects={"floor": scene.path})
-    assert not why_not_noise_free(moving)
     monkeypatch.setattr(baked_scene, "MOST_CORNERS", 3)
+    assert not why_not_noise_free(moving)
+    monkeypatch.setattr(baked_scene, "MOST_CORNERS_WITH_MOTION", 3)
     (obstacle,) = why_not_noise_free(moving)
     assert obstacle.rule.endswith("in meshes of more than 3 corners, is baked on request alone")
 

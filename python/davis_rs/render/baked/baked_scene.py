@@ -54,8 +54,9 @@ VERSION = 8
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
-MOST_CORNERS = 400_000
-"""Of meshes, at most, whose light is baked as finely as is asked for without a request by name."""
+MOST_CORNERS, MOST_CORNERS_WITH_MOTION = 100_000, 400_000
+"""Of meshes, at most, whose light is baked as finely as is asked for without a request by name. More are baked quickly where
+nothing moves."""
 
 MOST_QUICK_SIDES = 1_000_000
 """Sides of triangles that reflect, of meshes whose light is baked quickly."""
@@ -168,7 +169,7 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
         light_paths(scene, loaded)
     with obstacles.collect():
         check_lights(loaded, mi, soft=scene.soft_light)
-    effort = _effort(scene, loaded, by_name=by_name)
+    effort = _effort(scene, loaded, motion, by_name=by_name)
     stays = _stays(scene, effort)
     if not stays:
         _check_motion(motion, obstacles)
@@ -180,7 +181,7 @@ def check_baking(scene: Scene, loaded: MitsubaScene, mi: Mitsuba, motion: SceneM
     if effort is QUICK_EFFORT:
         with obstacles.collect():
             if motion.objects and not stays and not motion.deformations:
-                large = f"in meshes of more than {MOST_CORNERS:,} corners"
+                large = f"in meshes of more than {MOST_CORNERS_WITH_MOTION:,} corners"
                 raise Unsuitable(f"light of objects that move, {large}, is baked on request alone", _ASK)
         with obstacles.collect():
             sides = sum(shape.face_count() * _sides(shape) for shape in _meshes(loaded))
@@ -207,16 +208,18 @@ def _check_motion(motion: SceneMotion, obstacles: Obstacles) -> None:
 _ASK = "ask for it (--renderer baked, renderer='baked')"
 
 
-def _effort(scene: Scene, loaded: MitsubaScene, *, by_name: bool) -> Effort:
+def _effort(scene: Scene, loaded: MitsubaScene, motion: SceneMotion, *, by_name: bool) -> Effort:
     """Return how much a bake may cost.
 
     One that was asked for by name may take hours. Else it is a quick one where a file does not say which light it wants
-    (:attr:`Scene.soft_light`), and where meshes have more than :data:`MOST_CORNERS`.
+    (:attr:`Scene.soft_light`), and where meshes have more than :data:`MOST_CORNERS`. Light of objects that move is baked at
+    several instants, which a quick bake does not do.
     """
     if by_name:
         return FULL_EFFORT
+    most = MOST_CORNERS_WITH_MOTION if motion.objects else MOST_CORNERS
     # Of soft light corners need not be counted, which takes time for many shapes.
-    quick = scene.soft_light or sum(_corners(shape) for shape in _meshes(loaded)) > MOST_CORNERS
+    quick = scene.soft_light or sum(_corners(shape) for shape in _meshes(loaded)) > most
     return QUICK_EFFORT if quick else FULL_EFFORT
 
 
@@ -270,7 +273,7 @@ def baked_light(
     """
     check_strengths(loaded, mi, soft=scene.soft_light)
     paths = light_paths(scene, loaded)
-    effort = _effort(scene, loaded, by_name=by_name)
+    effort = _effort(scene, loaded, motion, by_name=by_name)
     error = max(error, effort.least_error)
     names = light_groups(loaded, list(motion.lights))
     duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
