@@ -55,8 +55,8 @@ VERSION = 8
 
 
 MOST_CORNERS, MOST_CORNERS_WITH_MOTION = 100_000, 400_000
-"""Of meshes, at most, whose light is baked as finely as is asked for without a request by name. More are baked quickly where
-nothing moves."""
+"""Of meshes, at most, whose light is baked as finely as is asked for without a request by name. More are baked quickly
+where nothing moves."""
 
 MOST_QUICK_SIDES = 1_000_000
 """Sides of triangles that reflect, of meshes whose light is baked quickly."""
@@ -212,8 +212,8 @@ def _effort(scene: Scene, loaded: MitsubaScene, motion: SceneMotion, *, by_name:
     """Return how much a bake may cost.
 
     One that was asked for by name may take hours. Else it is a quick one where a file does not say which light it wants
-    (:attr:`Scene.soft_light`), and where meshes have more than :data:`MOST_CORNERS`. Light of objects that move is baked at
-    several instants, which a quick bake does not do.
+    (:attr:`Scene.soft_light`), and where meshes have more than :data:`MOST_CORNERS`. Light of objects that
+    move is baked at several instants, which a quick bake does not do.
     """
     if by_name:
         return FULL_EFFORT
