@@ -409,7 +409,7 @@ fn nothing_is_lost_in_a_furnace() {
         let (shown, rate) = luma(&renderer(&tables), &rays(false, 1), &here);
         if alpha > 0.0 {
             // Microfacets lose some, and nothing comes on top.
-            assert!(shown.iter().all(|x| (0.5..1.02).contains(x)), "{under:?} {shown:?}");
+            assert!(shown.iter().all(|x| (0.4..1.02).contains(x)), "{under:?} {shown:?}");
             continue;
         }
         assert!(shown.iter().all(|x| (x - 1.0).abs() < 0.02), "{under:?} {shown:?}");
