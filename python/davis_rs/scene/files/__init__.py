@@ -1,7 +1,7 @@
 """Reads scenes from files: OBJ, PLY, glTF and their materials, checked before Mitsuba sees them.
 
 ``mesh_scene`` (meshes) -> ``obj_file`` -> ``mtl_file``, ``ply_file`` -> ``triangulation``, ``rounding``;
-``gltf_scene`` -> ``gltf_mesh`` -> ``gltf_materials``, ``gltf_nodes`` (transforms, animation) -> ``gltf_file``
+``gltf_scene`` -> ``gltf_mesh`` -> ``gltf_materials``, ``gltf_nodes`` (transforms, animation), ``gltf_lights`` -> ``gltf_file``
 (numbers and images); ``texture_folder``. ``default_view`` looks for a room to stand in, or goes around: by ``subject``
 (what decides), ``rooms`` (places) and ``sight`` (how much is seen).
 
