@@ -78,7 +78,7 @@ def test_alike_textures_are_stored_once(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_world_that_deforms_has_alike_textures_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two squares, of which one bends; the core gets one copy, and luma has the same bits as without sharing."""
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    bent = corners + [[0, 0, 0], [0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+    bent = corners + np.array([[0, 0, 0], [0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
     faces, uv = np.array([[0, 1, 2], [0, 2, 3]]), (corners[:, :2] + 1) / 2
     taken: list[int] = []
 
