@@ -39,12 +39,15 @@ from .gltf_poses import Node
 from .mesh_scene import Axis, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .painted_texture import charge, is_painted, patches_of
 from .rounding import ROUNDING
+from .triangulation import has_area
 
 WHITE_LUX = LUMENS_PER_WATT * np.pi
 """Illuminance of a white surface of luma 1 under such lights."""
 
 _WIDTH = 240
 _MOST_JOINTS = 10_000
+_MOST_FORMS = 64
+"""So many keyframes, or a few less, are looked at for the one at which a mesh that is hidden at first is largest."""
 _JOINT_BYTES = 1 << 16
 """About what a joint takes while a batch of instants is computed."""
 _VERTEX_BYTES = 400
@@ -283,10 +286,13 @@ class _GltfScene:
         return self.meshes.deforming(node.item, where, joints)
 
     def _deformed(self, node: Node, deformer: _Deformer) -> Iterator[tuple[MeshPart, Deformation]]:
-        """Yield the parts of a node that deforms, as they are at first, and what deforms each."""
+        """Yield the parts of a node that deforms, as they are once they can be seen, and what deforms each."""
         for alike in _by_kind(self._deforming_parts(node, deformer)):
             skinned, mirrored = self._skinned(node, deformer, joined_vertices(alike))
-            corners, normals = _at_first(skinned)
+            corners, normals = _when_seen(skinned)
+            if not has_area(corners).any():
+                self.repairs.add("meshes that always are scaled to nothing are left out", 1, f"nodes[{node.index}]")
+                continue
             # Pieces of triangles would not follow a skin as the triangles do.
             part = self._part(alike, whole=True, mirrored=mirrored)
             if self.materials[alike[0].material].mask is not None:
@@ -297,7 +303,7 @@ class _GltfScene:
         """Yield the primitives of a node whose skin and morph targets give it a form for good, in the world."""
         for primitive in self._deforming_parts(node, deformer):
             skinned, mirrored = self._skinned(node, deformer, joined_vertices([primitive]))
-            corners, normals = _at_first(skinned)
+            corners, normals = _form(skinned, 0.0)
             turn = slice(None, None, -1 if mirrored else 1)
             yield primitive._replace(
                 corners=corners,
@@ -430,11 +436,22 @@ class _GltfScene:
         self.lost.setdefault(look, {})[name] = None
 
 
-def _at_first(deformation: Deformation) -> tuple[FloatArray, FloatArray | None]:
-    """Return the corners (m, 3, 3) of the triangles of a mesh at time 0, and the normals there."""
-    (form,) = deformation.meshes(np.zeros(1))
+def _form(deformation: Deformation, t_s: float) -> tuple[FloatArray, FloatArray | None]:
+    """Return the corners (m, 3, 3) of the triangles of a mesh at a time, and the normals there."""
+    (form,) = deformation.meshes(np.array([t_s]))
     normals = None if form.normals is None else form.normals.reshape(-1, 3, 3)
     return form.positions.reshape(-1, 3, 3), normals
+
+
+def _when_seen(deformation: Deformation) -> tuple[FloatArray, FloatArray | None]:
+    """Return the form of a mesh at time 0. If a scale of 0 hides it then, return that of the keyframe at which it is
+    largest."""
+    first = _form(deformation, 0.0)
+    if has_area(first[0]).any():
+        return first
+    times = np.append(deformation.breaks_s(), deformation.duration_s)
+    forms = [_form(deformation, t_s) for t_s in times[:: -(-len(times) // _MOST_FORMS)].tolist()]
+    return max(forms, key=lambda form: float(np.ptp(form[0].reshape(-1, 3), axis=0).sum()))
 
 
 def _by_kind(primitives: list[Primitive]) -> Iterable[list[Primitive]]:
