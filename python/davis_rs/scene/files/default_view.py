@@ -116,6 +116,7 @@ def default_view(
     corners: FloatArray,
     shapes: npt.NDArray[np.int64] | None = None,
     one_sided: npt.NDArray[np.bool_] | None = None,
+    clear: npt.NDArray[np.bool_] | None = None,
 ) -> DefaultView:
     """Find a view of triangles in the world, z up.
 
@@ -123,6 +124,7 @@ def default_view(
         corners: (n, 3, 3), metres, n >= 1.
         shapes: (n,) the number of each triangle's shape; None: all are one.
         one_sided: (n,) whether the back of each is seen through; None: of none.
+        clear: (n,) which are of clear glass: what is a room by these alone, such as a jar, is none; None: none are.
     """
     everything = Surfaces.of(corners)
     kept = everything.near()
@@ -132,6 +134,8 @@ def default_view(
     shapes = np.zeros(len(corners), np.int64) if shapes is None else shapes
     one_sided = np.zeros(len(corners), np.bool_) if one_sided is None else one_sided
     places = VoxelGrid.of(surfaces).places(surfaces)
+    if places and clear is not None and clear.any() and not _is_room(corners[~clear]):
+        places = []
     if places:
         size = np.ptp(surfaces.points, axis=0)
         del surfaces  # what casts rays is as large, and comes in its place
@@ -148,6 +152,15 @@ def default_view(
     start = _best_side(circle, Sight(corners, shapes, one_sided))
     facing = _open_side(corners) if size.max() > _LARGEST_M else None
     return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, size, ground=facing)
+
+
+def _is_room(corners: FloatArray) -> bool:
+    """Return whether triangles (n, 3, 3) make a room."""
+    if not len(corners):
+        return False
+    everything = Surfaces.of(corners)
+    surfaces = everything.only(everything.near())
+    return bool(VoxelGrid.of(surfaces).places(surfaces))
 
 
 def _open_side(corners: FloatArray) -> FloatArray | None:

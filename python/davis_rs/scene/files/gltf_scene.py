@@ -152,6 +152,7 @@ class _GltfScene:
                 corners.reshape(-1, 3, 3),
                 np.repeat(np.arange(len(counts)), counts),
                 np.repeat([part.one_sided for part in shapes.values()], counts),
+                np.repeat([part.glass is not None for part in shapes.values()], counts),
             )
             camera, trajectory, of_camera = CAMERA, view.trajectory, of_camera.format(view.note)
             default_duration_s = DEFAULT_DURATION_S
