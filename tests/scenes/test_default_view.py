@@ -116,6 +116,30 @@ def test_a_jar_of_glass_is_no_room() -> None:
     assert default_view(room, clear=np.arange(len(room)) >= len(ROOM)).room is not None
 
 
+def hidden(detail: int, size: float = 1.0) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """A small box of many triangles in the middle of a hollow one without a lid, whose fronts are outside, and the
+    numbers of both shapes."""
+    shell = box([-9, -9, 0], [9, 9, 20], inward=False, without=((2, 1),))
+    thing = np.tile(box([-size, -size, 0], [size, size, size], inward=False), (detail, 1, 1))
+    return np.concatenate([shell, thing]), np.repeat([0, 1], [len(shell), len(thing)])
+
+
+def test_what_a_backdrop_hides_is_seen_from_within() -> None:
+    """A camera around everything would see nothing but the outside of the walls."""
+    view = default_view(*hidden(30))
+    assert view.note == "one that goes around, within what hides it from farther off"
+    positions = view.trajectory.positions(np.linspace(0, 10, 7))
+    assert (np.abs(positions[:, :2]) < 9).all()
+    assert np.linalg.norm(positions, axis=1).max() < 9
+    np.testing.assert_allclose(view.size, [2, 2, 1])
+
+
+@pytest.mark.parametrize(("detail", "size"), [(1, 1.0), (30, 8.0)], ids=["little within", "no space for the camera"])
+def test_what_is_hidden_does_not_always_decide(detail: int, size: float) -> None:
+    """A hollow thing with a bulb in it is a thing; and walls close to a thing hide it from near, too."""
+    assert default_view(*hidden(detail, size)).note == "one that goes around"
+
+
 def test_a_file_of_glass_is_seen_from_around(tmp_path: Path) -> None:
     """A jar of KHR_materials_transmission; of the same jar without it, the camera stands within."""
     notes = []
