@@ -71,6 +71,13 @@ def test_a_lamp_near_a_small_part_does_not_decide(tmp_path: Path) -> None:
     assert TOLD in load_scene(gltf.save(tmp_path / "wall.glb")).note
 
 
+def test_lights_that_are_off_stay_so(tmp_path: Path) -> None:
+    """Such as one of hardly any strength, by which a file has no sky, and is lit by its own surfaces alone."""
+    scene = white_wall(tmp_path, (DIRECTIONAL | {"intensity": 1e-6}, {}), (DIRECTIONAL | {"intensity": 0}, {}))
+    assert "; 2 lights, 683 lux or candela as one unit;" in scene.note
+    assert luma_of(scene).max() < 1e-6
+
+
 def test_lights_that_light_nothing_keep_lux_and_candela(tmp_path: Path) -> None:
     """A spot that shines away from the wall; there is nothing by which it could be made stronger."""
     spot = {"type": "spot", "intensity": 1.0, "spot": {"outerConeAngle": 0.3}}

@@ -29,9 +29,10 @@ LUMENS_PER_WATT = 683.0
 """Lux or candela for one unit of Mitsuba's linear light, because glTF gives lights in these. Blender's exporter uses
 the same luminous efficacy, so the resulting numbers are those in Blender: watts divided by 4 pi for point lights."""
 
-_DIM_LUX = 40.0
+_OFF_LUX, _DIM_LUX = 1e-5, 40.0
 """Lights that make less than this on what they light best are taken as numbers without a unit. Files of the programs
-above make 0.0005 to 34, lamps in a room at night 50 to 200, and the sun 100,000."""
+above make 0.0005 to 34, lamps in a room at night 50 to 200, and the sun 100,000. Those that make less than the first
+are off, and stay so."""
 _BEST_LIT = 0.99
 """What lights light best: all but this fraction of the surfaces. A lamp's own shade says little."""
 _EVERY = 20
@@ -131,7 +132,7 @@ def unit_of(lights: list[PunctualLight], corners: FloatArray) -> float:
     for light in lights:
         lux += light.lux(points)
     best = float(np.quantile(lux, _BEST_LIT))
-    return best / np.pi if 0 < best < _DIM_LUX else LUMENS_PER_WATT
+    return best / np.pi if _OFF_LUX < best < _DIM_LUX else LUMENS_PER_WATT
 
 
 def _light(
