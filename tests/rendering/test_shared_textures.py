@@ -8,14 +8,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from davis_rs import Camera, Pose, Scene
+from davis_rs import Camera, Pose, Scene, VertexKeyframes
+from davis_rs._core import SceneRenderer
 from davis_rs._mitsuba.variants import SCALAR, variant
 from davis_rs._util.srgb import from_srgb
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
+from davis_rs.render.native import renderer as native_renderer
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.render.scene_tables import scene_texture
 from davis_rs.render.texels import Texels
+from davis_rs.scene.meshes import Mesh, shape
 
 CAMERA = Camera(24, 8, 16.0, 16.0, 11.5, 3.5)
 VIEWS = Views.at_rest([Pose([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])])
@@ -70,6 +73,32 @@ def test_alike_textures_are_stored_once(monkeypatch: pytest.MonkeyPatch) -> None
     assert not apart.table.textures.has_alike
     np.testing.assert_array_equal(luma, apart.luma(VIEWS))
     assert len(np.unique(luma)) > 50
+
+
+def test_a_world_that_deforms_has_alike_textures_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two squares, of which one bends; the core gets one copy, and luma has the same bits as without sharing."""
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    bent = corners + np.array([[0, 0, 0], [0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    faces, uv = np.array([[0, 1, 2], [0, 2, 3]]), (corners[:, :2] + 1) / 2
+    taken: list[int] = []
+
+    def counted(**given: Any) -> Any:
+        taken.append(len(given["texels"][0]))
+        return SceneRenderer(**given)
+
+    def source() -> dict[str, Any]:
+        parts: dict[str, Any] = {"type": "scene", "integrator": {"type": "direct"}, "lamp": POINT}
+        for name, x in (("still", -1.0), ("bending", 1.0)):
+            parts[name] = shape(Mesh(corners * 0.5 + [x, 0, 0], faces, uv), TEXELS)
+        return parts
+
+    monkeypatch.setattr(native_renderer, "SceneRenderer", counted)
+    forms = VertexKeyframes([0.0, 1.0], np.stack([corners, bent]) * 0.5 + [1.0, 0, 0])
+    scene = Scene("squares", source, deformations={"bending": forms})
+    luma = make_renderer(scene, CAMERA, kind="native", rays_per_pixel=2).luma(VIEWS)
+    monkeypatch.setattr(scene_texture, "_LARGE", 1 << 40)
+    np.testing.assert_array_equal(luma, make_renderer(scene, CAMERA, kind="native", rays_per_pixel=2).luma(VIEWS))
+    assert taken == [302**2, 2 * 302**2]
 
 
 def test_small_textures_are_not_looked_for() -> None:

@@ -104,6 +104,55 @@ def test_walls_may_have_two_sides() -> None:
     assert default_view(walls).room is not None
 
 
+def test_a_jar_of_glass_is_no_room() -> None:
+    """Of clear glass alone, or with something opaque in it; a room with windows of glass is one."""
+    jar = np.concatenate([box([0, 0, 0], [2, 2, 3], inward=inward) for inward in (True, False)])
+    content = box([0.5, 0.5, 0], [1.5, 1.5, 0.5], inward=False)
+    both, clear = np.concatenate([jar, content]), np.arange(len(jar) + len(content)) < len(jar)
+    assert default_view(jar).room is not None
+    assert default_view(jar, clear=np.ones(len(jar), np.bool_)).note == "one that goes around"
+    assert default_view(both, clear=clear).note == "one that goes around"
+    room = np.concatenate([ROOM, box([0, 1, 1], [0.1, 2, 2], inward=False)])
+    assert default_view(room, clear=np.arange(len(room)) >= len(ROOM)).room is not None
+
+
+def hidden(detail: int, size: float = 1.0) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """A small box of many triangles in the middle of a hollow one without a lid, whose fronts are outside, and the
+    numbers of both shapes."""
+    shell = box([-9, -9, 0], [9, 9, 20], inward=False, without=((2, 1),))
+    thing = np.tile(box([-size, -size, 0], [size, size, size], inward=False), (detail, 1, 1))
+    return np.concatenate([shell, thing]), np.repeat([0, 1], [len(shell), len(thing)])
+
+
+def test_what_a_backdrop_hides_is_seen_from_within() -> None:
+    """A camera around everything would see nothing but the outside of the walls."""
+    view = default_view(*hidden(30))
+    assert view.note == "one that goes around, within what hides it from farther off"
+    positions = view.trajectory.positions(np.linspace(0, 10, 7))
+    assert (np.abs(positions[:, :2]) < 9).all()
+    assert np.linalg.norm(positions, axis=1).max() < 9
+    np.testing.assert_allclose(view.size, [2, 2, 1])
+
+
+@pytest.mark.parametrize(("detail", "size"), [(1, 1.0), (30, 8.0)], ids=["little within", "no space for the camera"])
+def test_what_is_hidden_does_not_always_decide(detail: int, size: float) -> None:
+    """A hollow thing with a bulb in it is a thing; and walls close to a thing hide it from near, too."""
+    assert default_view(*hidden(detail, size)).note == "one that goes around"
+
+
+def test_a_file_of_glass_is_seen_from_around(tmp_path: Path) -> None:
+    """A jar of KHR_materials_transmission; of the same jar without it, the camera stands within."""
+    notes = []
+    for more in ({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1.0}}}, {}):
+        gltf = Gltf()
+        corners = box([-1, 0, -1], [1, 3, 1], inward=True).reshape(-1, 3)
+        paint = gltf.material(more=more)
+        gltf.node(mesh=gltf.mesh(corners, np.arange(len(corners)).reshape(-1, 3), material=paint))
+        notes.append(load_scene(gltf.save(tmp_path / "jar.glb")).note)
+    assert "no camera, so one that goes around;" in notes[0]
+    assert "no camera, so one that turns in the room" in notes[1]
+
+
 def test_the_largest_of_two_rooms_is_taken() -> None:
     """A closet next to a hall; in a narrow one the circle takes half of what is free."""
     closet = box([0, 0, 0], [1.2, 1.2, 2.6], inward=True)

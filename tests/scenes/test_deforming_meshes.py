@@ -13,7 +13,16 @@ import pytest
 from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
-from davis_rs import Camera, DecodeError, Scene, SegmentTrajectory, VertexKeyframes, load_scene, simulate
+from davis_rs import (
+    Camera,
+    DecodeError,
+    Scene,
+    SceneFileWarning,
+    SegmentTrajectory,
+    VertexKeyframes,
+    load_scene,
+    simulate,
+)
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.geometry.pose import Pose
 from davis_rs.geometry.trajectory.views import Views
@@ -572,6 +581,33 @@ def test_a_scale_that_is_animated_deforms(tmp_path: Path) -> None:
         near = (renderer.depth(views_at(scene, 0.0, 0.5, 1.0)) < 9.5).sum((1, 2))
         assert (near[0] > 0) == (start[0] > 0)
         assert (np.diff(near) > 0).all()
+
+
+def test_what_shines_and_grows_from_nothing(tmp_path: Path) -> None:
+    """A lamp of no size, which Mitsuba refuses, is loaded as large as it gets; the world's size and view count it."""
+    gltf = Gltf()
+    corners, faces = strip()
+    lamp = gltf.material("lamp", more={"emissiveFactor": [1.0, 1.0, 1.0]})
+    node = gltf.node(mesh=gltf.mesh(corners, faces, material=lamp), name="lamp")
+    gltf.animate(node, "scale", [0.0, 0.5, 1.0], [np.zeros(3), np.full(3, 2.0), np.ones(3)])
+    scene = load(gltf, tmp_path)
+    assert scene.note.startswith("scene.glb is 1.2 m x 0 m wide and 4 m high")
+    renderer = make_renderer(scene, scene.own_camera, kind="native")
+    first, later = (renderer.luma(views_at(scene, t_s))[0] for t_s in (0.0, 0.5))
+    assert first.max() < 0.5
+    assert later.max() > 1.0
+
+
+def test_a_mesh_that_always_is_scaled_to_nothing_is_left_out(tmp_path: Path) -> None:
+    """As triangles without area are; it is told."""
+    gltf = Gltf()
+    lamp = gltf.material("lamp", more={"emissiveFactor": [1.0, 1.0, 1.0]})
+    node = gltf.node(mesh=gltf.mesh(*strip(), material=lamp), name="lamp")
+    gltf.animate(node, "scale", [0.0, 1.0], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    wall(gltf)
+    with pytest.warns(SceneFileWarning, match="meshes that always are scaled to nothing are left out: 1"):
+        scene = load(gltf, tmp_path)
+    assert scene.deformations == {}
 
 
 def test_a_rigid_skin_makes_the_events_of_a_body(tmp_path: Path) -> None:

@@ -830,6 +830,16 @@ def test_an_animation_that_holds_still_poses_its_node(times: list[float], tmp_pa
     np.testing.assert_allclose(shapes_of(scene)["mesh_paint"]["corners"], expected[FACES.ravel()], atol=1e-5)
 
 
+def test_a_quaternion_of_length_0_turns_nothing_and_is_told(tmp_path: Path) -> None:
+    """As viewers take it; the node is where it would be without a rotation."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf), rotation=[0, 0, 0, 0], translation=[1, 2, 3])
+    told = r"rotation is a quaternion of length 0 are not turned: 1 \(the first: nodes\[0\]\.rotation\)"
+    with pytest.warns(SceneFileWarning, match=told):
+        (shape,) = shapes_of(saved(gltf, tmp_path)).values()
+    np.testing.assert_allclose(shape["corners"], (CORNERS + np.array([1, 2, 3]))[FACES.ravel()] @ TURN.T, atol=1e-6)
+
+
 def test_quaternions_of_another_length_are_scaled_and_told(tmp_path: Path) -> None:
     """Of nodes, of copies and of keyframes; a place counts once."""
     half = np.sqrt(0.5)
@@ -957,7 +967,10 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
         ),
         r"KHR_materials_pbrSpecularGlossiness: diffuseFactor: must be 4 numbers from 0 to 1",
     ),
-    "quaternion of no length": (put("nodes", 0, rotation=[0, 0, 0, 0]), r"nodes\[0\]\.rotation: rotations must be"),
+    "quaternion of hardly any length": (
+        put("nodes", 0, rotation=[0, 0, 0, 1e-9]),
+        r"nodes\[0\]\.rotation: rotations must be",
+    ),
     "keyframe of no length": (
         lambda gltf: gltf.animate(1, "rotation", [0.0, 0.5], np.array([[0, 0, 0, 1], [0, 0, 0, 0]])),
         r"samplers\[1\]\.output: rotations must be quaternions with a direction, got \[0\.0, 0\.0, 0\.0, 0\.0\]",

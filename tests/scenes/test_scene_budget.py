@@ -92,27 +92,53 @@ def test_all_textures_of_a_file_share_one_budget(tmp_path: Path, monkeypatch: py
         load_scene(textured(tmp_path, kind, *names))
 
 
-def test_a_texture_that_several_shapes_show_is_decoded_once_and_charged_for_each(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("kind", ["obj", "gltf"])
+def test_a_texture_that_several_materials_show_is_decoded_and_charged_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    """Materials that share an image of 192 KiB in linear light."""
-    monkeypatch.setenv(VARIABLE, "bytes=2MiB")
+    """An image of 48 KiB, and of 192 KiB in linear light, which all shapes share."""
+    monkeypatch.setenv(VARIABLE, "bytes=700KiB")
     (tmp_path / "a.png").write_bytes(blank_png(128, 128))
-    decoded = counted(monkeypatch, texture_file, "texture_of_bytes")
-    load_scene(textured(tmp_path, "obj", *["a.png"] * 9))
+    decoded = counted(monkeypatch, texture_file, "texture_of_bytes") if kind == "obj" else [()]
+    if kind == "obj":
+        path = textured(tmp_path, kind, *["a.png"] * 30)
+    else:
+        gltf = Gltf()
+        image = gltf.texture({"uri": "a.png"})
+        for number in range(30):
+            gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(f"paint {number}", baseColorTexture=image)))
+        path = gltf.save(tmp_path / "scene.gltf")
+    load_scene(path)
     assert len(decoded) == 1
-    with pytest.raises(DecodeError, match="the material 'm10': a texture of 128 x 128 texels in linear light"):
-        load_scene(textured(tmp_path, "obj", *["a.png"] * 30))
+
+
+@pytest.mark.parametrize("own", ["tint", "light"])
+def test_textures_of_several_tints_or_of_surfaces_that_emit_them_are_charged_for_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own: str
+) -> None:
+    """They are not shared."""
+    monkeypatch.setenv(VARIABLE, "bytes=600KiB")
+    (tmp_path / "a.png").write_bytes(blank_png(128, 128))
+    gltf = Gltf()
+    image = gltf.texture({"uri": "a.png"})
+    for number in range(3):
+        looks: dict[str, Any] = {"more": {"extensions": {"KHR_materials_unlit": {}}}}
+        if own == "tint":
+            looks = {"baseColorFactor": [1 - 0.1 * number, 1, 1, 1]}
+        paint = gltf.material(f"paint {number}", baseColorTexture=image, **looks)
+        gltf.node(mesh=quad(gltf, uv=UV, material=paint))
+    with pytest.raises(DecodeError, match=r"materials\[2\].*: a texture of 128 x 128 texels in linear light"):
+        load_scene(gltf.save(tmp_path / "scene.gltf"))
 
 
 @pytest.mark.parametrize(
     ("budget", "shapes", "refused"),
-    [("530KiB", 1, ""), ("400KiB", 1, r"materials\[0\]: metallicRoughnessTexture"), ("750KiB", 2, "one more shape of")],
+    [("530KiB", 1, ""), ("400KiB", 1, r"materials\[0\]: metallicRoughnessTexture"), ("600KiB", 2, "one more shape of")],
 )
 def test_textures_of_metal_are_charged_for_each_shape(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, budget: str, shapes: int, refused: str
 ) -> None:
-    """Two images of 48 KiB as they are, and of 192 KiB each in linear light for each shape."""
+    """Two images of 48 KiB as they are, and of 192 KiB each in linear light; each shape has metal of its own."""
     monkeypatch.setenv(VARIABLE, f"bytes={budget}")
     gltf = Gltf()
     for name in ("a.png", "b.png"):

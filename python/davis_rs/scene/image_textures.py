@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._mitsuba.types import MitsubaTexture
+from .._util.budget import Budget
 from .texture_file import EncodedTexture
 from .textures import bitmap, encoded_bitmap
 
@@ -34,6 +35,11 @@ class ImageTexture(NamedTuple):
     image: EncodedTexture
     wrap: str
     nearest: bool
+
+    @property
+    def key(self) -> tuple[int, bytes, str, bool]:
+        """What two textures have in common that are one; as long as the image is kept, its texels keep their number."""
+        return id(self.image.texels), self.image.tint.tobytes(), self.wrap, self.nearest
 
 
 StandIns = dict[MitsubaTexture, ImageTexture]
@@ -61,12 +67,31 @@ class ImageTextures:
 
     def of(self, texture: ImageTexture) -> MitsubaTexture:
         """Return Mitsuba's texture, or its stand-in; call it under the variant that loads the scene."""
-        image, wrap, nearest = texture
-        # An array that is kept here keeps its number.
-        key = id(image.texels), image.tint.tobytes(), wrap, nearest
-        if key not in self._made:
-            self._made[key] = texture, _stand_in(texture) or _with_texels(texture)
-        return self._made[key][1]
+        if texture.key not in self._made:
+            self._made[texture.key] = texture, _stand_in(texture) or _with_texels(texture)
+        return self._made[texture.key][1]
+
+
+class ChargedImages:
+    """Charges a budget for the textures that :class:`ImageTextures` makes of one scene: each once.
+
+    Args:
+        budget: what the scene's file may take.
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        self._budget = budget
+        self._charged: dict[tuple[int, bytes, str, bool], ImageTexture] = {}
+
+    def charge(self, texture: ImageTexture, where: str) -> None:
+        """Charge for one more use of a texture.
+
+        Raises:
+            DecodeError: if the budget has not enough left.
+        """
+        if texture.key not in self._charged:
+            texture.image.charge(self._budget, where)
+            self._charged[texture.key] = texture
 
 
 def _stand_in(texture: ImageTexture) -> MitsubaTexture | None:

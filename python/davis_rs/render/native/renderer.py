@@ -85,11 +85,13 @@ class NativeRenderer(Renderer):
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
         # The last entry is for rays that hit nothing.
         self._frame_of_triangle = np.append(table.frames, np.uint32(0))
-        if motion.deformations:
-            # Nobody else may use a core whose meshes change.
-            self._core, self.concurrent = _core_of(table, threads, table.textures), False
-        else:
-            self._core = cached((table, threads), lambda: _core_of(table, threads, table.textures.shared()))
+
+        def core() -> SceneRenderer:
+            return _core_of(table, threads, table.textures.shared())
+
+        # Nobody else may use a core whose meshes change.
+        self._core = core() if motion.deformations else cached((table, threads), core)
+        self.concurrent = not motion.deformations
         self._threads = threads
         self.deforming = DeformingMeshes(self._core, table.deforming, motion.deformations, table.planes)
 

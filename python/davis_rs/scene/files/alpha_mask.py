@@ -20,6 +20,7 @@ from ..._util.budget import Budget
 from ...geometry.pose import FloatArray
 from ..lost_looks import SOFT, TRANSPARENCY
 from ..mesh_part import MeshPart, charge_triangles
+from .outlines import simplified
 from .rounding import ROUNDING
 from .triangulation import doubled_area
 
@@ -294,8 +295,10 @@ def _triangulated(contours: _Contours, tolerance: float) -> FloatArray:
     import mapbox_earcut
 
     found = [np.zeros((0, 3, 2))]
+    every = [ring for polygon in contours.polygons for ring in polygon]
+    simple = iter(simplified(every, contours.low, contours.high, contours.cells, tolerance))
     for polygon in contours.polygons:
-        outer, *holes = (_simplified(ring, contours, tolerance) for ring in polygon)
+        outer, *holes = itertools.islice(simple, len(polygon))
         if len(outer) < 3:
             continue
         rings = [outer, *(hole for hole in holes if len(hole) >= 3)]
@@ -306,34 +309,6 @@ def _triangulated(contours: _Contours, tolerance: float) -> FloatArray:
     turned = doubled_area(triangles) < 0
     triangles[turned] = triangles[turned, ::-1]
     return triangles
-
-
-def _simplified(ring: FloatArray, contours: _Contours, tolerance: float) -> FloatArray:
-    """Return a ring (n, 2) with fewer corners, none of which moves; lines move by at most ``tolerance`` cells.
-
-    Along the texture's ends no line moves: there would be cracks between a repeated texture's tiles.
-    """
-    points = ring * contours.cells
-    far = int(np.linalg.norm(points - points[0], axis=1).argmax())
-    points = np.concatenate([points, points[:1]])
-    at_end = np.concatenate([ring == contours.low, ring == contours.high], 1)
-    kept = (at_end & ~(np.roll(at_end, 1, 0) & np.roll(at_end, -1, 0))).any(1)
-    kept[[0, far]] = True
-    chains = list(itertools.pairwise([*np.flatnonzero(kept).tolist(), len(ring)]))
-    while chains:
-        begin, end = chains.pop()
-        if end - begin < 2:
-            continue
-        between, along = points[begin + 1 : end] - points[begin], points[end] - points[begin]
-        square = along @ along
-        place = np.clip(between @ along / square, 0, 1)[:, None] if square > 0 else 0.0
-        distance = np.linalg.norm(between - place * along, axis=1)
-        middle = int(distance.argmax())
-        if distance[middle] > tolerance:
-            middle += begin + 1
-            kept[middle] = True
-            chains += [(begin, middle), (middle, end)]
-    return ring[kept]
 
 
 def _cut(uv: FloatArray, triangles: IntArray, outline: FloatArray, wrap: str) -> tuple[IntArray, FloatArray] | None:

@@ -48,6 +48,11 @@ _WORTH = 0.5
 """In a room, the camera turns to where it sees at least this fraction of what it sees at best."""
 _FRONT = 0.7
 """A world is seen from its usual front first if that shows at least this fraction of what its best side shows."""
+_HIDDEN, _SHOWN = 0.002, 0.05
+"""A shape hides all others if they have at most this fraction of the image from all around. Nearer to them, they must
+have at least so much from everywhere."""
+_DETAIL = 10
+"""A backdrop is plain: the others have at least so many times as many triangles."""
 _FREEDOM, _BEST = 0.5, 0.6
 """How much a free place counts in a room; how much the best look counts there, the rest is the mean of all."""
 
@@ -116,6 +121,7 @@ def default_view(
     corners: FloatArray,
     shapes: npt.NDArray[np.int64] | None = None,
     one_sided: npt.NDArray[np.bool_] | None = None,
+    clear: npt.NDArray[np.bool_] | None = None,
 ) -> DefaultView:
     """Find a view of triangles in the world, z up.
 
@@ -123,6 +129,7 @@ def default_view(
         corners: (n, 3, 3), metres, n >= 1.
         shapes: (n,) the number of each triangle's shape; None: all are one.
         one_sided: (n,) whether the back of each is seen through; None: of none.
+        clear: (n,) which are of clear glass: what is a room by these alone, such as a jar, is none; None: none are.
     """
     everything = Surfaces.of(corners)
     kept = everything.near()
@@ -132,6 +139,8 @@ def default_view(
     shapes = np.zeros(len(corners), np.int64) if shapes is None else shapes
     one_sided = np.zeros(len(corners), np.bool_) if one_sided is None else one_sided
     places = VoxelGrid.of(surfaces).places(surfaces)
+    if places and clear is not None and clear.any() and not _is_room(corners[~clear]):
+        places = []
     if places:
         size = np.ptp(surfaces.points, axis=0)
         del surfaces  # what casts rays is as large, and comes in its place
@@ -145,9 +154,51 @@ def default_view(
     inside = corners.reshape(-1, 3) if kept.all() and shown.all() else surfaces.points[shown]
     circle, size = circle_around(_outermost(inside)), np.ptp(inside, axis=0)
     del surfaces, inside, shown
-    start = _best_side(circle, Sight(corners, shapes, one_sided))
+    sight = Sight(corners, shapes, one_sided)
+    if (within_backdrop := _within_backdrop(circle, sight, corners, shapes)) is not None:
+        circle, size = within_backdrop
+        ground, stray = ", within what hides it from farther off", ""
+    start = _best_side(circle, sight)
     facing = _open_side(corners) if size.max() > _LARGEST_M else None
     return DefaultView(circle.path(start), f"one that goes around{ground}{stray}", start, size, ground=facing)
+
+
+def _within_backdrop(
+    circle: Circle, sight: Sight, corners: FloatArray, shapes: npt.NDArray[np.int64]
+) -> tuple[Circle, FloatArray] | None:
+    """Return a circle around all but one shape, and their extents, where this shape hides all others from the circle
+    around everything, as a backdrop around a car does; None elsewhere."""
+    count = int(shapes.max()) + 1
+    seen = _looks_around(circle, sight, count)
+    backdrop = int(seen.sum(0).argmax())
+    others = corners[shapes != backdrop].reshape(-1, 3)
+    if len(others) // 3 < _DETAIL * np.count_nonzero(shapes == backdrop) or _others(seen, backdrop).max() > _HIDDEN:
+        return None
+    inner = circle_around(_outermost(others))
+    if _others(_looks_around(inner, sight, count), backdrop).min() < _SHOWN:
+        return None
+    return inner, np.ptp(others, axis=0)
+
+
+def _looks_around(circle: Circle, sight: Sight, count: int) -> FloatArray:
+    """Return the fraction of the image (n, count) that each of so many shapes has from all around a circle."""
+    path = circle.path()
+    times = np.linspace(0.0, path.duration_s, _DIRECTIONS, endpoint=False)
+    return sight.shapes_seen(path.positions(times), path.rotations(times), count)
+
+
+def _others(seen: FloatArray, shape: int) -> FloatArray:
+    """Return the fraction of the image that all shapes but one have in each look."""
+    return np.asarray(np.delete(seen, shape, axis=1).sum(1))
+
+
+def _is_room(corners: FloatArray) -> bool:
+    """Return whether triangles (n, 3, 3) make a room."""
+    if not len(corners):
+        return False
+    everything = Surfaces.of(corners)
+    surfaces = everything.only(everything.near())
+    return bool(VoxelGrid.of(surfaces).places(surfaces))
 
 
 def _open_side(corners: FloatArray) -> FloatArray | None:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry.pose import FloatArray
+from ..image_textures import ChargedImages, ImageTexture
 from ..ktx2_file import KTX2_START, texture_of_ktx2
 from ..lost_looks import BUMPS, HIGHLIGHTS, MEAN_EMISSION, METAL, SHEEN
 from ..mesh_part import Blend, Glass, MetalRoughness, NormalTexture
@@ -139,6 +140,7 @@ class GltfMaterials:
         self._file, self._repairs, self._scale = file, repairs, scale
         self._known: dict[int | None, GltfMaterial] = {}
         self._images: dict[int, tuple[EncodedTexture, tuple[Path, ...]]] = {}
+        self._charged = ChargedImages(file.budget)
 
     def __getitem__(self, index: int | None) -> GltfMaterial:
         """Return the material of this number; for None the material of surfaces without one."""
@@ -206,7 +208,10 @@ class GltfMaterials:
         image, files, wrap, nearest = self._texture(given, where, lost, "srgb")
         uv_set, transform = self._coordinates(given, where)
         tinted = image.tinted(made.factor)
-        tinted.charge(self._file.budget, where)
+        if made.unlit:
+            tinted.charge(self._file.budget, where)
+        else:
+            self._charged.charge(ImageTexture(tinted, wrap, nearest), where)
         made = made._replace(reflectance=tinted, wrap=wrap, nearest=nearest, files=files)
         return made._replace(uv_set=uv_set, uv_transform=transform)
 
@@ -381,12 +386,13 @@ class GltfMaterials:
         return made._replace(normal_texture=NormalTexture(texels, wrap))
 
     def charge(self, material: GltfMaterial, where: str) -> None:
-        """Charge the file's budget for the textures of one more shape that shows a material.
+        """Charge the file's budget for what one more shape that shows a material has of its own. All shapes share the
+        texture of a base colour, unless they emit it.
 
         Raises:
             DecodeError: if the budget has not enough left.
         """
-        if isinstance(material.reflectance, EncodedTexture):
+        if material.unlit and isinstance(material.reflectance, EncodedTexture):
             material.reflectance.charge(self._file.budget, where)
         if isinstance(material.emission, EncodedTexture):
             material.emission.charge(self._file.budget, where)

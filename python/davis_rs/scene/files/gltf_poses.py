@@ -220,7 +220,12 @@ class NodePoses:
             return track.values[0]
         given, where = getattr(node.item, name), f"nodes[{node.index}].{name}"
         rest = np.array(REST[name]) if given is None else self._file.numbers(given, where, WIDTHS[name])
-        return unit_quaternions(self._file, rest[None], where, self._repairs)[0] if name == "rotation" else rest
+        if name != "rotation":
+            return rest
+        if not rest.any():  # as viewers take it
+            self._repairs.add("nodes whose rotation is a quaternion of length 0 are not turned", 1, where)
+            return np.array(REST[name])
+        return unit_quaternions(self._file, rest[None], where, self._repairs)[0]
 
 
 def _joined(tracks: Sequence[Track]) -> Track:

@@ -31,6 +31,7 @@ from ..skinned_mesh import SkinnedMesh
 from .alpha_mask import masked
 from .default_view import default_view
 from .gltf_file import GltfFile, Item, plain, unknown
+from .gltf_lights import LUMENS_PER_WATT, lights_of, unit_of
 from .gltf_materials import GltfMaterials
 from .gltf_mesh import COLOURS_LOST, GltfMeshes, Primitive, PrimitiveKind, Vertices, joined, joined_vertices
 from .gltf_nodes import NodeTree, NotRigid, breaks
@@ -38,18 +39,15 @@ from .gltf_poses import Node
 from .mesh_scene import Axis, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .painted_texture import charge, is_painted, patches_of
 from .rounding import ROUNDING
-
-LUMENS_PER_WATT = 683.0
-"""Lux or candela for one unit of Mitsuba's linear light, because glTF gives lights in these. Blender's exporter uses
-the same luminous efficacy, so the resulting numbers are those in Blender: watts divided by 4 pi for point lights."""
+from .triangulation import has_area
 
 WHITE_LUX = LUMENS_PER_WATT * np.pi
 """Illuminance of a white surface of luma 1 under such lights."""
 
 _WIDTH = 240
-_HARD_EDGE = 0.999
-"""Largest fraction of a spot's cone in which its light may be even: Mitsuba needs a soft edge."""
 _MOST_JOINTS = 10_000
+_MOST_FORMS = 64
+"""So many keyframes, or a few less, are looked at for the one at which a mesh that is hidden at first is largest."""
 _JOINT_BYTES = 1 << 16
 """About what a joint takes while a batch of instants is computed."""
 _VERTEX_BYTES = 400
@@ -66,10 +64,11 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, 
     with ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of
     vertices. Surfaces with metal, or with a roughness of at most 0.7, reflect by the metallic-roughness model; others
     are diffuse. They emit what ``emissiveFactor``, its texture and ``KHR_materials_emissive_strength`` say, 1 as one
-    unit of radiance. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela as one unit; a file without any gets
-    those of a mesh file. The first perspective camera gives the lens and the path: that of its animation, or one at
-    rest where other things move. A file without a camera gets the path around of a mesh file. Nodes that are animated
-    are moving objects with the ids ``NODE_MATERIAL``; all others are one shape for each material, ``mesh_MATERIAL``.
+    unit of radiance. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela as one unit. Where that would leave
+    the world dark, they are made stronger. A file without any gets those of a mesh file. The first perspective camera
+    gives the lens and the path: that of its animation, or one at rest where other things move. A file without a camera
+    gets the path around of a mesh file. Nodes that are animated are moving objects with the ids ``NODE_MATERIAL``; all
+    others are one shape for each material, ``mesh_MATERIAL``.
     Meshes with a skin, with morph targets, or with an animated scale deform (:attr:`Scene.deformations`). Copies of a
     mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not shown (clear coats, occlusion maps) are in
     :attr:`Scene.lost_looks`, of which a simulator warns.
@@ -143,7 +142,7 @@ class _GltfScene:
         low, high = corners.min(0), corners.max(0)
         if not (high > low).sum() >= 2:
             raise self.file.error("scene", "it has no area: all its vertices lie on a point or a line along an axis")
-        lights = self._lights()
+        lights = lights_of(self.file, self.tree, self.to_world, self._lose)
         camera, start, trajectory, of_camera = self._camera()
         default_duration_s: float | None = None
         view = None
@@ -153,6 +152,7 @@ class _GltfScene:
                 corners.reshape(-1, 3, 3),
                 np.repeat(np.arange(len(counts)), counts),
                 np.repeat([part.one_sided for part in shapes.values()], counts),
+                np.repeat([part.glass is not None for part in shapes.values()], counts),
             )
             camera, trajectory, of_camera = CAMERA, view.trajectory, of_camera.format(view.note)
             default_duration_s = DEFAULT_DURATION_S
@@ -161,14 +161,17 @@ class _GltfScene:
         for name in map(str, self.file.document.extensionsUsed or []):
             if unknown(name):
                 self._lose("what unknown extensions say", plain(name)[1:-1])
-        described = lights or usual_light(view)
+        unit = unit_of(lights, corners.reshape(-1, 3, 3)) if lights else 1.0
+        names = _UniqueNames()
+        described = {names.unused(f"light_{light.name}"): light.described(unit) for light in lights}
+        described = described or usual_light(view)
         x, y, z = map(metres, high - low)
         size = f"{x} x {y} wide and {z} high, at {self.scale:g} m to a unit and with axis {self.up} up"
         if view is not None:
             size += view.unit_question(self.file.path.stem, self.scale) + view.up_question(self.up)
         shining = f"no lights, so a {' and a '.join(usual_light(view))}"
         if lights:
-            shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"
+            shining = f"{_counted(len(lights), 'light')}, {_unit_told(unit)}"
         file_name = self.file.path.name
         glossy = any(part.metal is not None for part in shapes.values())
 
@@ -194,7 +197,7 @@ class _GltfScene:
             deformations=deformations,
             reflections=True,
             soft_light=True,
-            lux_per_luma=WHITE_LUX if lights else 1000.0,
+            lux_per_luma=WHITE_LUX if unit == LUMENS_PER_WATT else 1000.0,
             note=f"{file_name} is {size}; {shining}; {of_camera}; {_moving(objects, deformations)}{self._animations()}",
             one_sided=tuple(name for name, part in shapes.items() if part.one_sided),
             lost_looks=(*lost_looks(shapes), *(LostLook(what, tuple(of)) for what, of in self.lost.items())),
@@ -284,10 +287,13 @@ class _GltfScene:
         return self.meshes.deforming(node.item, where, joints)
 
     def _deformed(self, node: Node, deformer: _Deformer) -> Iterator[tuple[MeshPart, Deformation]]:
-        """Yield the parts of a node that deforms, as they are at first, and what deforms each."""
+        """Yield the parts of a node that deforms, as they are once they can be seen, and what deforms each."""
         for alike in _by_kind(self._deforming_parts(node, deformer)):
             skinned, mirrored = self._skinned(node, deformer, joined_vertices(alike))
-            corners, normals = _at_first(skinned)
+            corners, normals = _when_seen(skinned)
+            if not has_area(corners).any():
+                self.repairs.add("meshes that always are scaled to nothing are left out", 1, f"nodes[{node.index}]")
+                continue
             # Pieces of triangles would not follow a skin as the triangles do.
             part = self._part(alike, whole=True, mirrored=mirrored)
             if self.materials[alike[0].material].mask is not None:
@@ -298,7 +304,7 @@ class _GltfScene:
         """Yield the primitives of a node whose skin and morph targets give it a form for good, in the world."""
         for primitive in self._deforming_parts(node, deformer):
             skinned, mirrored = self._skinned(node, deformer, joined_vertices([primitive]))
-            corners, normals = _at_first(skinned)
+            corners, normals = _form(skinned, 0.0)
             turn = slice(None, None, -1 if mirrored else 1)
             yield primitive._replace(
                 corners=corners,
@@ -390,74 +396,6 @@ class _GltfScene:
             corners_of.append(corners)
         return np.concatenate(corners_of)
 
-    def _lights(self) -> SceneDictionary:
-        declared = self._extension(self.file.document.extensions).get("lights", [])
-        if not isinstance(declared, list):
-            raise self.file.error("KHR_lights_punctual.lights", "must be a list")
-        lights: SceneDictionary = {}
-        names = _UniqueNames()
-        for node in self.tree.nodes.values():
-            given = self._extension(node.item.extensions)
-            if "light" not in given:
-                continue
-            where = f"nodes[{node.index}]: KHR_lights_punctual"
-            which = self.file.whole(given["light"], where, f"of the {len(declared)} lights", len(declared) - 1)
-            if not isinstance(declared[which], dict):
-                raise self.file.error(f"KHR_lights_punctual.lights[{which}]", "must be an object")
-            if self.tree.moves(node.index):
-                self._lose("the motion of the light (it stays where it is at first)", node.name)
-            light = self._light(declared[which], node, f"KHR_lights_punctual.lights[{which}]")
-            lights[names.unused(f"light_{node.name}")] = light
-        return lights
-
-    def _light(self, given: dict[str, object], node: Node, where: str) -> SceneDictionary:
-        matrix = self.to_world @ self.tree.matrices(node.index, np.zeros(1))[0][0]
-        intensity = self.file.numbers(given.get("intensity", 1.0), f"{where}.intensity", 1, low=0)[0] / LUMENS_PER_WATT
-        colour = self.file.numbers(given.get("color", [1, 1, 1]), f"{where}.color", 3, low=0)
-        strength = {"type": "rgb", "value": (colour * intensity).tolist()}
-        axis = -matrix[:3, 2]
-        length = np.linalg.norm(axis)
-        kind = given.get("type")
-        if "range" in given:
-            self._lose("the range of the light (it shines without end)", node.name)
-        if kind == "point":
-            return {"type": "point", "position": matrix[:3, 3].tolist(), "intensity": strength}
-        if not length > 0:
-            raise self.file.error(f"nodes[{node.index}]", "is scaled to nothing, so its light has no direction")
-        if kind == "directional":
-            return {"type": "directional", "direction": (axis / length).tolist(), "irradiance": strength}
-        if kind != "spot":
-            raise self.file.error(f"{where}.type", f"must be point, directional or spot, got {plain(kind)}")
-        cone = given.get("spot", {})
-        if not isinstance(cone, dict):
-            raise self.file.error(f"{where}.spot", "must be an object")
-        outer = self.file.numbers(cone.get("outerConeAngle", np.pi / 4), f"{where}.spot", 1, low=1e-4, high=np.pi / 2)[
-            0
-        ]
-        inner = self.file.numbers(cone.get("innerConeAngle", 0.0), f"{where}.spot", 1, low=0, high=np.pi / 2)[0]
-        if inner > outer * (1 + ROUNDING):
-            raise self.file.error(f"{where}.spot", f"innerConeAngle {inner:g} must be at most outerConeAngle {outer:g}")
-        self._lose("how the spot light's edge falls off (linear in the angle here)", node.name)
-        to_world = np.eye(4)
-        forward = axis / length
-        aside = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
-        aside /= np.linalg.norm(aside)
-        to_world[:3, :3] = np.stack([aside, np.cross(forward, aside), forward], 1)
-        to_world[:3, 3] = matrix[:3, 3]
-        return {
-            "type": "spot",
-            "to_world": to_world,
-            "intensity": strength,
-            "cutoff_angle": float(np.degrees(outer)),
-            "beam_width": float(np.degrees(min(inner, _HARD_EDGE * outer))),
-        }
-
-    def _extension(self, extensions: object) -> dict[str, object]:
-        given = (extensions if isinstance(extensions, dict) else {}).get("KHR_lights_punctual", {})
-        if not isinstance(given, dict):
-            raise self.file.error("KHR_lights_punctual", "must be an object")
-        return given
-
     def _camera(self) -> tuple[Camera | None, Pose | None, Trajectory | None, str]:
         """Return lens, start, path and a note about them; an animated camera comes before others."""
         seen = [node for node in self.tree.nodes.values() if node.item.camera is not None]
@@ -499,11 +437,22 @@ class _GltfScene:
         self.lost.setdefault(look, {})[name] = None
 
 
-def _at_first(deformation: Deformation) -> tuple[FloatArray, FloatArray | None]:
-    """Return the corners (m, 3, 3) of the triangles of a mesh at time 0, and the normals there."""
-    (form,) = deformation.meshes(np.zeros(1))
+def _form(deformation: Deformation, t_s: float) -> tuple[FloatArray, FloatArray | None]:
+    """Return the corners (m, 3, 3) of the triangles of a mesh at a time, and the normals there."""
+    (form,) = deformation.meshes(np.array([t_s]))
     normals = None if form.normals is None else form.normals.reshape(-1, 3, 3)
     return form.positions.reshape(-1, 3, 3), normals
+
+
+def _when_seen(deformation: Deformation) -> tuple[FloatArray, FloatArray | None]:
+    """Return the form of a mesh at time 0. If a scale of 0 hides it then, return that of the keyframe at which it is
+    largest."""
+    first = _form(deformation, 0.0)
+    if has_area(first[0]).any():
+        return first
+    times = np.append(deformation.breaks_s(), deformation.duration_s)
+    forms = [_form(deformation, t_s) for t_s in times[:: -(-len(times) // _MOST_FORMS)].tolist()]
+    return max(forms, key=lambda form: float(np.ptp(form[0].reshape(-1, 3), axis=0).sum()))
 
 
 def _by_kind(primitives: list[Primitive]) -> Iterable[list[Primitive]]:
@@ -517,6 +466,13 @@ def _by_kind(primitives: list[Primitive]) -> Iterable[list[Primitive]]:
 def _moving(objects: dict[str, Trajectory], deformations: dict[str, Deformation]) -> str:
     moving = _counted(len({*objects, *deformations}), "moving object")
     return f"{moving}, of which {len(deformations)} deform{'s' * (len(deformations) == 1)}" if deformations else moving
+
+
+def _unit_told(unit: float) -> str:
+    """Say what one unit of linear light is in the numbers of the file's lights."""
+    if unit == LUMENS_PER_WATT:
+        return f"{unit:g} lux or candela as one unit"
+    return "too dim for lux and candela, so a white surface has luma 1 where it is lit best"
 
 
 def _counted(number: int, noun: str) -> str:

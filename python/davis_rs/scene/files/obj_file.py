@@ -13,6 +13,7 @@ from ..._util.budget import Budget
 from ..._util.srgb import from_srgb
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
+from ..image_textures import ChargedImages, ImageTexture
 from ..lost_looks import MEAN_EMISSION, OWN_LIGHT, TRANSPARENCY
 from ..mesh_part import GREY, Blend, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
@@ -69,6 +70,7 @@ class _ObjFile:
         self.libraries: dict[Path, Materials] = {}
         """Material files, each read once, in the order in which they were last named: later ones win."""
         self.textures = TextureFiles(budget)
+        self.charged = ChargedImages(budget)
         self.repairs = Repairs(path)
         self._read()
         self.materials = {name: library for library in self.libraries.values() for name in library.colours}
@@ -237,7 +239,8 @@ class _ObjFile:
                     f"{self.path}: faces of the material {material!r} lack the texture coordinates (vt) that its "
                     "texture needs; unwrap the mesh before you export it"
                 )
-            reflectance.charge(self.budget, f"the material {material!r}")
+            # As parts look it up that say nothing else.
+            self.charged.charge(ImageTexture(reflectance, "repeat", nearest=False), f"the material {material!r}")
         part = MeshPart(
             points, uv, normals, reflectance, None, material, files, lost=lost, emission=emission, blend=blend
         )

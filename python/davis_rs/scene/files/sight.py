@@ -110,6 +110,15 @@ class Sight:
         typical = np.nanmedian(depths, axis=1)
         return np.round(seen * (1 - _DEPTH + _DEPTH * typical / max(float(typical.max()), 1e-300)), 3)
 
+    def shapes_seen(self, positions: FloatArray, rotations: FloatArray, count: int) -> FloatArray:
+        """Return which fraction of the image (n, count) each shape has in each look, by the shapes' numbers."""
+        _, triangle = self._look(positions, rotations)
+        looks, hit = len(positions), triangle != _NOTHING
+        look = np.broadcast_to(np.arange(looks)[:, None, None], triangle.shape)[hit]
+        shape = self._shapes[triangle[hit].astype(np.int64)]
+        seen = np.bincount(look * count + shape, minlength=looks * count).reshape(looks, count)
+        return np.asarray(seen / triangle[0].size)
+
     def _look(
         self, positions: FloatArray, rotations: FloatArray
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
