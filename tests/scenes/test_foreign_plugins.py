@@ -12,6 +12,7 @@ from PIL import Image
 
 import davis_rs
 from davis_rs import DecodeError
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.scene.repairs import SceneFileWarning
@@ -117,6 +118,29 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
             {"integrator": '<integrator type="path"/><sensor type="coded"><float name="gain" value="2"/></sensor>'},
             "its sensor 'coded', which is no camera of this Mitsuba, is left out",
         ),
+        (
+            {"integrator": '<integrator type="path"/><chains><integer name="number" value="128"/></chains>'},
+            "its settings 'chains', which are none of Mitsuba's, are left out",
+        ),
+        (
+            {"film": PLAIN["film"] + '<string name="fovAxis" value="x"/>'},
+            "its former name 'fovAxis' is read as 'fov_axis'",
+        ),
+        (
+            {
+                "integrator": PLAIN["integrator"]
+                + '<bsdf type="null" id="air"/><shape type="cube"><ref id="air"/></shape>'
+            },
+            "1 of its shapes let all light pass ('null'), and are left out",
+        ),
+        (
+            {
+                "integrator": PLAIN["integrator"]
+                + '<shape type="cube"><bsdf type="null"/><sensor type="irradiancemeter"/></shape>'
+            },
+            "its sensor 'irradiancemeter', which is no camera of this Mitsuba, is left out; "
+            "1 of its shapes let all light pass ('null'), and are left out",
+        ),
         ({"colour": PLAIN["colour"].replace("rgb", "spectrum")}, None),
         ({"colour": PLAIN["colour"].replace("0.5, 0.2, 0.1", "0.5 .2,1e-1").replace("rgb", "spectrum")}, None),
         ({"colour": '<rgb value="#7f331a" name="reflectance"/>'}, None),
@@ -141,6 +165,15 @@ def test_what_does_not_say_how_a_scene_looks_is_left_out(
     np.testing.assert_allclose(luma(path), plain, rtol=0.01 if "#" in parts.get("colour", "") else 1e-5)
 
 
+@pytest.mark.parametrize("part", [MEDIUM.replace("sigma_s", "sigma_t"), '<emitter type="area"/>'])
+def test_null_surfaces_that_count_are_kept(tmp_path: Path, part: str) -> None:
+    """Those that bound a medium or emit."""
+    null = f'<integrator type="path"/><shape type="cube"><bsdf type="null"/>{part}</shape>'
+    path = scene_file(tmp_path, integrator=null)
+    with variant(SCALAR) as (mi, _):
+        assert len(load_scene_source(path, mi).shapes()) == 2
+
+
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
@@ -151,6 +184,8 @@ def test_what_does_not_say_how_a_scene_looks_is_left_out(
         ),
         ({"colour": PLAIN["colour"] + SHINE}, "has shine of a diffuse, .* which says how it looks"),
         ({"colour": PLAIN["colour"] + SHINE, "shape": SMOOTH}, "has shine of a diffuse, "),
+        ({"integrator": '<integrator type="path"/><camera><transform name="to_world"/></camera>'}, "<camera>"),
+        ({"integrator": '<integrator type="path"/><mesh type="obj"><string name="a" value="b"/></mesh>'}, "<mesh>"),
         ({"shape": SMOOTH + MEDIUM}, "has sigma_s of a homogeneous, "),
         ({"file": "meshes\\circle.ply"}, r"scene.xml \(line .*circle.ply"),
         ({"colour": '<srgb name="reflectance" value="red"/>'}, "srgb"),

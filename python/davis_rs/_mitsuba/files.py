@@ -6,6 +6,7 @@ name missing vertices; it decodes images of any size, and loads a plug-in from a
 
 from __future__ import annotations
 
+import functools
 import os
 import warnings
 from collections.abc import Iterator, Mapping
@@ -18,7 +19,7 @@ import numpy.typing as npt
 from .._core import DecodeError
 from .._util.budget import Budget
 from .._util.untrusted import decoding, read_charged, regular_file
-from .elements import DEEPEST, Element, read_elements, with_values
+from .elements import DEEPEST, Element, elements_by_id, read_elements, with_values
 
 _MOST_INCLUDED = 15
 _TEXEL_BYTES = 16
@@ -62,6 +63,22 @@ class SceneFile:
     roots: list[Element]
     values: dict[str, str]
     including: list[str]
+
+    def with_values(self, text: str) -> str:
+        """Return a text with values in the place of its variables."""
+        return with_values(text, self.values)
+
+    def resolved(self, element: Element) -> Element:
+        """Return what a ``ref`` names; any other element, and a ``ref`` to nothing or to itself, as it is."""
+        found, passed = element, set[int]()
+        while found.tag == "ref" and id(found) not in passed:
+            passed.add(id(found))
+            found = self._by_id.get(found.attributes.get("id", ""), found)
+        return found
+
+    @functools.cached_property
+    def _by_id(self) -> dict[str, Element]:
+        return elements_by_id(self.root)
 
 
 def read_scene_file(file: XmlFile, budget: Budget | None = None) -> SceneFile:

@@ -2,7 +2,8 @@
 
 Research code has integrators, films and samplers of its own, and its scenes name them. A renderer of this package takes
 their place. Older versions of Mitsuba had properties of shapes that this one does not read. What they write in another
-way is in ``former_notation``, their materials are in ``former_materials``, and what moves in ``animated_transforms``.
+way is in ``former_notation``, their textures, materials and lights are in ``former_textures``, ``former_materials`` and
+``former_lights``, and what moves is in ``animated_transforms``.
 All else that is unknown, such as another material, is refused.
 """
 
@@ -19,10 +20,14 @@ from .files import XmlFile, read_scene_file
 from .former_lights import translate_lights
 from .former_materials import translate
 from .former_notation import rewrite
+from .former_textures import take_factor, translate_textures
 from .grey_materials import GreyMaterial, make_grey
+from .null_surfaces import drop_null_surfaces
 from .plugins import is_usable
 from .types import Mitsuba, MitsubaObject, MitsubaScene
 
+_ELEMENTS = ("spectrum", "transform")
+"""Elements of Mitsuba that may stand in a scene without a type or an id."""
 _CAMERAS = ("perspective", "thinlens", "orthographic")
 _OF_FILM = {"width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"}
 
@@ -56,8 +61,11 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     read = read_scene_file(file)
     notes: list[str] = []
     rewrite(read, notes)
+    _drop_settings(read.root, notes)
     _drop_meters(read.root, notes)
+    drop_null_surfaces(read, notes)
     motions = take_motions(read, mi, notes)
+    translate_textures(read, notes)
     translate(read, notes)
     translate_lights(read, notes)
     grey = make_grey(read, mi, notes) if file.grey_unknown else []
@@ -74,6 +82,7 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
             mi.parser.transform_all(config, state)
             for node in state.nodes:
                 _replace(node, mi, notes)
+                take_factor(node, mi)
             scene = mi.parser.instantiate(config, state)
     except RuntimeError as error:
         placed = re.sub(r"string \(line (\d+), col \d+\)", lambda at: places[int(at[1]) - 1], str(error))
@@ -85,6 +94,18 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
                 raise RuntimeError(f"it has {what}, which this Mitsuba does not read, and which says how it looks")
             notes.append(f"{what} is left out, because this Mitsuba does not read it")
     return LoadedFile(scene, motions, grey, list(dict.fromkeys(notes)))
+
+
+def _drop_settings(root: Element, notes: list[str]) -> None:
+    """Leave out elements of other programs that hold nothing but values: objects of a scene have a type."""
+    kept: list[Element] = []
+    for child in root.children:
+        values = all(each.attributes.keys() == {"name", "value"} and not each.children for each in child.children)
+        if child.tag in _ELEMENTS or child.attributes or not child.children or not values:
+            kept.append(child)
+        else:
+            notes.append(f"its settings {child.tag[:40]!r}, which are none of Mitsuba's, are left out")
+    root.children = kept
 
 
 def _drop_meters(root: Element, notes: list[str]) -> None:
