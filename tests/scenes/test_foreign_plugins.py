@@ -92,12 +92,23 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
             "its integrator 'bdpt', which this Mitsuba cannot use, is replaced by 'path'",
         ),
         (
-            {"integrator": '<integrator type="transient"><integrator type="path"/></integrator>'},
+            {"integrator": '<integrator type="transient"/>'},
             "its integrator 'transient', which this Mitsuba cannot use, is replaced by 'path'",
         ),
         (
-            {"integrator": '<integrator type="stokes"><integrator type="path"/></integrator>'},
-            "its integrator 'stokes', which this Mitsuba cannot use, is replaced by 'path'",
+            {"integrator": f'<integrator type="stokes">{PLAIN["integrator"]}</integrator>'},
+            "its integrator 'stokes' is replaced by 'path', which is in it",
+        ),
+        (
+            {
+                "integrator": '<integrator type="aov"><string name="aovs" value="e:none"/>'
+                f"{PLAIN['integrator']}</integrator>"
+            },
+            None,
+        ),
+        (
+            {"integrator": PLAIN["integrator"].replace('"path"', '"ptracer"')},
+            "its integrator 'ptracer' is replaced by 'path', which has the same light with less noise",
         ),
         ({"colour": CHECKS.replace("bilinear", "ewa")}, None),
         ({"colour": CHECKS.replace("bilinear", "trilinear")}, None),
@@ -163,6 +174,13 @@ def test_what_does_not_say_how_a_scene_looks_is_left_out(
     assert [str(one.message) for one in caught] == ([] if told is None else [f"{path}: {told}"])
     # Colours of 8 bits are rounded.
     np.testing.assert_allclose(luma(path), plain, rtol=0.01 if "#" in parts.get("colour", "") else 1e-5)
+
+
+def test_the_integrator_within_another_keeps_its_numbers(tmp_path: Path) -> None:
+    inner = f'<integrator type="aov"><string name="aovs" value="e:none"/>{PLAIN["integrator"]}</integrator>'
+    path = scene_file(tmp_path, integrator=f'<integrator type="stokes">{inner}</integrator>')
+    with variant(SCALAR) as (mi, _):
+        assert "max_depth = 3" in str(load_scene_source(path, mi).integrator())
 
 
 @pytest.mark.parametrize("part", [MEDIUM.replace("sigma_s", "sigma_t"), '<emitter type="area"/>'])

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from .animated_transforms import Motion, take_motions
 from .elements import Element, written
-from .files import XmlFile, read_scene_file
+from .files import SceneFile, XmlFile, read_scene_file
 from .former_lights import translate_lights
 from .former_materials import translate
 from .former_notation import rewrite
@@ -28,6 +28,10 @@ from .types import Mitsuba, MitsubaObject, MitsubaScene
 
 _ELEMENTS = ("spectrum", "transform")
 """Elements of Mitsuba that may stand in a scene without a type or an id."""
+_MORE_NEXT_TO_LIGHT = ("aov", "moment")
+"""Integrators that write more than light, such as depth. Kinds of these differ between versions."""
+_FROM_LIGHTS = "ptracer"
+"""The integrator that follows paths from lights. Light is baked for ``path``."""
 _CAMERAS = ("perspective", "thinlens", "orthographic")
 _OF_FILM = {"width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"}
 
@@ -62,6 +66,7 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     notes: list[str] = []
     rewrite(read, notes)
     _drop_settings(read.root, notes)
+    _unwrap_integrators(read, notes)
     _drop_meters(read.root, notes)
     drop_null_surfaces(read, notes)
     motions = take_motions(read, mi, notes)
@@ -108,6 +113,19 @@ def _drop_settings(root: Element, notes: list[str]) -> None:
     root.children = kept
 
 
+def _unwrap_integrators(file: SceneFile, notes: list[str]) -> None:
+    """Put the integrator whose light is seen in the place of one that writes more next to it."""
+    for number, element in enumerate(file.root.children):
+        while element.tag == "integrator" and (
+            inside := [each for each in element.children if each.tag == element.tag]
+        ):
+            kind, light = element.attributes.get("type", ""), inside[0]
+            if kind not in _MORE_NEXT_TO_LIGHT:
+                own = file.with_values(light.attributes.get("type", ""))
+                notes.append(f"its integrator {kind[:40]!r} is replaced by {own[:40]!r}, which is in it")
+            file.root.children[number] = element = light
+
+
 def _drop_meters(root: Element, notes: list[str]) -> None:
     """Leave out sensors that are no cameras; the scene looks the same without them."""
     for element in root.walk():
@@ -139,9 +157,12 @@ def _replace(node: MitsubaObject, mi: Mitsuba, notes: list[str]) -> None:
     plugin, kept = _without_looks(mi)[node.type]
     if node.type == mi.ObjectType.Integrator:
         name = node.props.plugin_name()
-        if is_usable(name, node.type, mi):
+        if name == _FROM_LIGHTS:
+            notes.append(f"its integrator {name!r} is replaced by {plugin!r}, which has the same light with less noise")
+        elif is_usable(name, node.type, mi):
             return
-        notes.append(f"its integrator {name!r}, which this Mitsuba cannot use, is replaced by {plugin!r}")
+        else:
+            notes.append(f"its integrator {name!r}, which this Mitsuba cannot use, is replaced by {plugin!r}")
     for key in set(node.props.keys()) - kept:
         del node.props[key]
     node.props.set_plugin_name(plugin)
