@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 
@@ -174,6 +175,33 @@ def test_what_does_not_say_how_a_scene_looks_is_left_out(
     assert [str(one.message) for one in caught] == ([] if told is None else [f"{path}: {told}"])
     # Colours of 8 bits are rounded.
     np.testing.assert_allclose(luma(path), plain, rtol=0.01 if "#" in parts.get("colour", "") else 1e-5)
+
+
+@pytest.mark.parametrize("camera", [True, False])
+def test_a_scene_without_lights_gets_some(tmp_path: Path, camera: bool) -> None:
+    """A sun behind the camera, which lights what it looks at from its upper left; its names are no others' ids."""
+    path = scene_file(tmp_path, shape='<rgb name="shine" value="1"/>')
+    text = re.sub(r"<emitter.*</emitter>", "", path.read_text()).replace(
+        '<bsdf type="diff', '<bsdf id="sun" type="diff'
+    )
+    path.write_text(text if camera else re.sub(r"(?s)<sensor.*</sensor>", "", text))
+    with pytest.warns(SceneFileWarning, match="it has no lights, so a sun behind the camera and light from all sides"):
+        scene = davis_rs.load_scene(path)
+    with variant(SCALAR) as (mi, _):
+        sun, sky = load_scene_source(scene.source(), mi).emitters()
+        assert "constant" in str(sky).lower()
+        towards = np.array(mi.traverse(sun)["to_world"].matrix, np.float64).reshape(4, 4)[:3, 2]
+    if camera:
+        assert scene.start is not None
+        np.testing.assert_allclose(scene.start.rotation.T @ towards, np.array([0.6, 0.6, 1]) / 1.72**0.5, atol=1e-6)
+        assert luma(path).max() > 0.01
+
+
+def test_media_are_shown_in_the_place_of_unknown_integrators(tmp_path: Path) -> None:
+    fog = '<medium type="homogeneous" id="fog"><float name="sigma_t" value="1"/></medium>'
+    path = scene_file(tmp_path, integrator=f'<integrator type="bdpt"/>{fog}')
+    with variant(SCALAR) as (mi, _):
+        assert load_scene_source(path, mi).integrator().class_name() == "VolumetricPathIntegrator"
 
 
 def test_the_integrator_within_another_keeps_its_numbers(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import functools
 import os
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from .._core import DecodeError
 from .._util.budget import Budget
 from .._util.untrusted import decoding, read_charged, regular_file
 from .elements import DEEPEST, Element, elements_by_id, read_elements, with_values
+from .types import SceneDictionary
 
 _MOST_INCLUDED = 15
 _TEXEL_BYTES = 16
@@ -41,11 +42,13 @@ class XmlFile:
         path: of the file.
         variables: a value for each ``$name``, as text. They come before the file's own defaults.
         grey_unknown: materials that Mitsuba does not have are grey; else the file is refused.
+        lights: emitters to add, by name, see :func:`~davis_rs._mitsuba.added_lights.add_lights`.
     """
 
     path: Path
     variables: Mapping[str, str]
     grey_unknown: bool = False
+    lights: SceneDictionary = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

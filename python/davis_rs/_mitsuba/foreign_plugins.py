@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from .added_lights import add_lights
 from .animated_transforms import Motion, take_motions
 from .elements import Element, written
 from .files import SceneFile, XmlFile, read_scene_file
@@ -73,6 +74,7 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     translate_textures(read, notes)
     translate(read, notes)
     translate_lights(read, notes)
+    add_lights(read.root, file.lights)
     grey = make_grey(read, mi, notes) if file.grey_unknown else []
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False
@@ -85,8 +87,9 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
         with _files_next_to(file, mi):
             state = mi.parser.parse_string(config, text, **variables)
             mi.parser.transform_all(config, state)
+            light = "volpath" if any(node.type == mi.ObjectType.Medium for node in state.nodes) else "path"
             for node in state.nodes:
-                _replace(node, mi, notes)
+                _replace(node, light, mi, notes)
                 take_factor(node, mi)
             scene = mi.parser.instantiate(config, state)
     except RuntimeError as error:
@@ -150,12 +153,17 @@ def _without_looks(mi: Mitsuba) -> dict[object, tuple[str, set[str]]]:
     }
 
 
-def _replace(node: MitsubaObject, mi: Mitsuba, notes: list[str]) -> None:
-    """Put a plug-in that is there in the place of one that does not say what the scene looks like."""
+def _replace(node: MitsubaObject, light: str, mi: Mitsuba, notes: list[str]) -> None:
+    """Put a plug-in that is there in the place of one that does not say what the scene looks like.
+
+    Args:
+        light: the integrator that takes the place of others.
+    """
     if node.type not in _without_looks(mi):
         return
     plugin, kept = _without_looks(mi)[node.type]
     if node.type == mi.ObjectType.Integrator:
+        plugin = light
         name = node.props.plugin_name()
         if name == _FROM_LIGHTS:
             notes.append(f"its integrator {name!r} is replaced by {plugin!r}, which has the same light with less noise")
