@@ -310,6 +310,7 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
         ('<bsdf type="disneybsdf"><float name="specularTransmission" value="1"/></bsdf>', "by their index"),
         ('<bsdf type="disneydiffuse"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
         ('<bsdf type="disneymetal"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
+        ('<bsdf type="disneysheen"/>', "'disneysheen' are taken as 'principled', by the same model, over black"),
         ('<bsdf type="disneyglass"><float name="eta" value="1.4"/></bsdf>', "whose reflections have no colour"),
     ],
 )  # fmt: skip
@@ -329,6 +330,18 @@ def test_disney_highlights_follow_both_numbers(tmp_path: Path) -> None:
     np.testing.assert_allclose(reflected(scene_file(tmp_path, former, "3.0.0"), *directions), expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize(("given", "tint"), [('<float name="sheenTint" value="0.8"/>', 0.8), ("", 0.5)])
+def test_disney_sheen_alone(tmp_path: Path, given: str, tint: float) -> None:
+    """Against Burley's formula, of white and the hue of the colour."""
+    colour = np.array([0.2, 0.4, 0.1])
+    path = scene_file(tmp_path, f'<bsdf type="disneysheen">{rgb("baseColor", colour)}{given}</bsdf>', "3.0.0")
+    into, out = np.array([-0.8, 0.1, 0.4]), np.array([0.9, 0.1, 0.3])
+    into, out = into / np.linalg.norm(into), out / np.linalg.norm(out)
+    half = (into + out) / np.linalg.norm(into + out)
+    hue = 1 - tint + tint * colour / (colour @ [0.212671, 0.715160, 0.072169])
+    np.testing.assert_allclose(reflected(path, into, out), hue * (1 - half @ out) ** 5 * out[2], rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     "material",
     [
@@ -341,6 +354,7 @@ def test_disney_highlights_follow_both_numbers(tmp_path: Path) -> None:
         MIXTURE.format("1"),
         MIXTURE.format("nan 1"),
         '<bsdf type="disneyglass"><float name="eta" value="0.9"/></bsdf>',
+        '<bsdf type="disneysheen"><texture name="baseColor" type="checkerboard"/></bsdf>',
     ],
 )  # fmt: skip
 def test_others_are_refused_or_grey_if_the_user_wants(tmp_path: Path, material: str) -> None:

@@ -25,6 +25,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _MOST_MIRRORED = 0.9
 """The highest fraction that the highlights of a principled material reflect from straight ahead."""
+_HUE = 1e-4
+"""How bright a base colour is that gives sheen its hue and reflects nothing to speak of."""
 _AIR = ("air", "vacuum")
 """What has an index of 1 to 0.03 %."""
 _SAME = "by the same model, with subsurface scattering as its flatness"
@@ -94,6 +96,18 @@ def _disney_metal(material: FormerPlugin) -> str:
     material.becomes("principled")
     material.put(metallic=1.0)
     return _SAME
+
+
+def _disney_sheen(material: FormerPlugin) -> str | None:
+    """Write sheen alone, whose base colour is no more than a hue."""
+    colour = material.numbers("base_color", 0.5)
+    if colour is None:
+        return None
+    material.becomes("principled")
+    material.put(base_color=colour * _HUE, sheen=1.0, specular=0.0)
+    if material.get("sheen_tint") is None:
+        material.put(sheen_tint=0.5)
+    return "by the same model, over black"
 
 
 def _disney_glass(material: FormerPlugin) -> str | None:
@@ -295,6 +309,7 @@ _TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
     "disneydiffuse": _disney_diffuse,
     "disneymetal": _disney_metal,
     "disneyglass": _disney_glass,
+    "disneysheen": _disney_sheen,
     "phong": _phong,
     "ward": _ward,
     "roughdiffuse": _rough_diffuse,
