@@ -155,6 +155,7 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
         ),
         ({"colour": PLAIN["colour"].replace("rgb", "spectrum")}, None),
         ({"colour": PLAIN["colour"].replace("0.5, 0.2, 0.1", "0.5 .2,1e-1").replace("rgb", "spectrum")}, None),
+        ({"colour": PLAIN["colour"].replace("<rgb", '<rgb intent="reflectance"')}, None),
         ({"colour": '<rgb value="#7f331a" name="reflectance"/>'}, None),
         ({"colour": "<srgb name='reflectance' value='0.735357, 0.484529, 0.349190'/>"}, None),
         ({"colour": '<srgb name="reflectance" value="#bc7c59"></srgb>'}, None),

@@ -41,6 +41,7 @@ def rewrite(file: SceneFile, notes: list[str]) -> None:
         if element.tag == "lookAt":
             element.tag = "lookat"
         elif element.tag in ("rgb", "srgb", "spectrum") and "value" in attributes:
+            attributes.pop("intent", None)  # of which spectrum a colour is: here, colours are three numbers
             _rewrite_colour(element)
         elif element.name == "filter_type" and attributes.get("value") in ("trilinear", "ewa"):
             attributes["value"] = "bilinear"
