@@ -307,7 +307,7 @@ def test_ctrl_c_behind_another_error_is_ctrl_c(
 
 def test_a_scene_file_without_a_camera_needs_a_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "scene.xml"
-    scene.write_text('<scene version="3.0.0"><shape type="rectangle"/></scene>')
+    scene.write_text('<scene version="3.0.0"><shape type="rectangle"/><emitter type="constant"/></scene>')
     assert main(["simulate", str(scene), "-o", str(tmp_path / "out")]) == 1
     assert "has no trajectory of its own: give --trajectory FILE" in capsys.readouterr().err
 

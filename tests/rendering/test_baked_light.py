@@ -658,7 +658,7 @@ def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypa
             "'field' is a sdfgrid",
         ),
         (
-            {"mirror": plate(0, 0, 2, (1, 1), {"type": "principled", "flatness": 0.3})},
+            {"mirror": plate(0, 0, 2, (1, 1), {"type": "principled", "flatness": {"type": "checkerboard"}})},
             "not a diffuse one",
         ),
     ],

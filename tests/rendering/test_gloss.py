@@ -139,6 +139,18 @@ ROUGH: dict[str, tuple[dict[str, Any], float]] = {
         },
         2e-4,
     ),
+    "principled, flat": ({"type": "principled", "base_color": COLOUR, "roughness": 0.6, "flatness": 0.7}, 2e-4),
+    "principled, sheen on what light passes": (
+        {
+            "type": "principled",
+            "base_color": COLOUR,
+            "roughness": 0.6,
+            "sheen": 0.8,
+            "spec_trans": 0.4,
+            "flatness": 1.0,
+        },
+        2e-4,
+    ),
     "principled, tinted": (
         {
             "type": "principled",
@@ -468,8 +480,9 @@ def test_what_finishes_do_not_have_stays_with_the_integrator() -> None:
     squares = {"type": "checkerboard"}
     unknown = [
         {"type": "principled", "spec_trans": ROUGHNESS},
-        {"type": "principled", "spec_trans": 0.3, "sheen": 0.5},
-        {"type": "principled", "flatness": 0.3},
+        {"type": "principled", "spec_trans": 1.0, "sheen": 0.5},
+        {"type": "principled", "flatness": squares},
+        {"type": "principled", "flatness": 1.1},
         {"type": "principled", "eta": 0.8},
         {"type": "principled", "spec_tint": ROUGHNESS},
         {"type": "principled", "sheen": ROUGHNESS},
@@ -526,6 +539,7 @@ def test_two_sides_of_one_finish_are_one() -> None:
         ({"type": "conductor", "material": "Cu"}, "conductor"),
         ({"type": "principled", "metallic": 1.0, "roughness": 0.2}, "metal"),
         ({"type": "principled", "roughness": 0.7}, "principled"),
+        ({"type": "principled", "roughness": 0.7, "flatness": 0.9}, "principled"),
         ({"type": "principled", "metallic": 1.0, "roughness": 0.8}, "metal"),
         (
             {"type": "principled", "clearcoat": 1.0, "base_color": 0.01, "clearcoat_gloss": 0.5, "specular": 0.0},

@@ -71,7 +71,7 @@ def test_mitsuba_agrees_that_it_is(bsdf: dict[str, Any]) -> None:
 
 WITH_A_COLOUR = {
     "principled": ({"type": "principled", "base_color": COLOUR, "roughness": 0.4, "metallic": 0.7}, "principled"),
-    "varnished": ({"type": "principled", "base_color": COLOUR, "flatness": 0.5}, "principled"),
+    "varnished": ({"type": "principled", "base_color": COLOUR, "flatness": {"type": "checkerboard"}}, "principled"),
     "plastic": ({"type": "plastic", "diffuse_reflectance": COLOUR}, "plastic"),
     "roughplastic": ({"type": "roughplastic", "diffuse_reflectance": COLOUR}, "roughplastic"),
     "pplastic": ({"type": "pplastic", "diffuse_reflectance": COLOUR}, "pplastic"),

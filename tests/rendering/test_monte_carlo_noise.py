@@ -99,7 +99,7 @@ def noisy_room(folder: Path) -> list[str]:
         <bsdf type="twosided"><bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
         <transform name="to_uv"><scale value="4"/></transform></texture></bsdf><bsdf type="diffuse"/></bsdf></shape>
         <shape type="sphere" id="ball"><float name="radius" value="0.1"/><bsdf type="principled">
-        <float name="metallic" value="1"/><float name="flatness" value="1"/></bsdf></shape>
+        <float name="metallic" value="1"/><texture type="checkerboard" name="flatness"/></bsdf></shape>
         </scene>"""
     )
     path = folder / "path.txt"

@@ -222,7 +222,7 @@ grey = {
     "base_color": {"type": "rgb", "value": 0.5},
     "specular": 0.0,
     "roughness": 1.0,
-    "flatness": 1e-6,
+    "flatness": {"type": "checkerboard", "color0": 1e-6, "color1": 1e-6},
 }
 floor = {"type": "rectangle", "bsdf": grey}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}

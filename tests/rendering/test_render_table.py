@@ -539,7 +539,7 @@ def test_rays_that_miss_do_no_harm(kind: str, run_python: Callable[..., str]) ->
     assert run_python(MISSES, kind) == "alive\n"
 
 
-VARNISH = {"type": "principled", "flatness": 0.3}
+VARNISH = {"type": "principled", "flatness": {"type": "checkerboard"}}
 
 FLOOR = rectangle(diffuse())
 UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
@@ -645,7 +645,7 @@ MANY_OBSTACLES = """<scene version="3.0.0"><integrator type="path"/>
 <shape type="rectangle" id="floor"><bsdf type="twosided"><bsdf type="diffuse">
 <texture type="checkerboard" name="reflectance"/></bsdf><bsdf type="diffuse"/></bsdf></shape>
 <shape type="rectangle" id="coat"><bsdf type="twosided"><bsdf type="principled">
-<float name="flatness" value="0.5"/></bsdf></bsdf></shape>
+<texture type="checkerboard" name="flatness"/></bsdf></bsdf></shape>
 <emitter type="projector" id="beamer"><texture type="checkerboard" name="irradiance">
 <texture type="checkerboard" name="color0"/></texture></emitter>
 </scene>"""

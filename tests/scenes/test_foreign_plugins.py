@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from PIL import Image
 
 import davis_rs
 from davis_rs import DecodeError
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.scene.repairs import SceneFileWarning
@@ -91,12 +93,23 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
             "its integrator 'bdpt', which this Mitsuba cannot use, is replaced by 'path'",
         ),
         (
-            {"integrator": '<integrator type="transient"><integrator type="path"/></integrator>'},
+            {"integrator": '<integrator type="transient"/>'},
             "its integrator 'transient', which this Mitsuba cannot use, is replaced by 'path'",
         ),
         (
-            {"integrator": '<integrator type="stokes"><integrator type="path"/></integrator>'},
-            "its integrator 'stokes', which this Mitsuba cannot use, is replaced by 'path'",
+            {"integrator": f'<integrator type="stokes">{PLAIN["integrator"]}</integrator>'},
+            "its integrator 'stokes' is replaced by 'path', which is in it",
+        ),
+        (
+            {
+                "integrator": '<integrator type="aov"><string name="aovs" value="e:none"/>'
+                f"{PLAIN['integrator']}</integrator>"
+            },
+            None,
+        ),
+        (
+            {"integrator": PLAIN["integrator"].replace('"path"', '"ptracer"')},
+            "its integrator 'ptracer' is replaced by 'path', which has the same light with less noise",
         ),
         ({"colour": CHECKS.replace("bilinear", "ewa")}, None),
         ({"colour": CHECKS.replace("bilinear", "trilinear")}, None),
@@ -117,8 +130,32 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
             {"integrator": '<integrator type="path"/><sensor type="coded"><float name="gain" value="2"/></sensor>'},
             "its sensor 'coded', which is no camera of this Mitsuba, is left out",
         ),
+        (
+            {"integrator": '<integrator type="path"/><chains><integer name="number" value="128"/></chains>'},
+            "its settings 'chains', which are none of Mitsuba's, are left out",
+        ),
+        (
+            {"film": PLAIN["film"] + '<string name="fovAxis" value="x"/>'},
+            "its former name 'fovAxis' is read as 'fov_axis'",
+        ),
+        (
+            {
+                "integrator": PLAIN["integrator"]
+                + '<bsdf type="null" id="air"/><shape type="cube"><ref id="air"/></shape>'
+            },
+            "1 of its shapes let all light pass ('null'), and are left out",
+        ),
+        (
+            {
+                "integrator": PLAIN["integrator"]
+                + '<shape type="cube"><bsdf type="null"/><sensor type="irradiancemeter"/></shape>'
+            },
+            "its sensor 'irradiancemeter', which is no camera of this Mitsuba, is left out; "
+            "1 of its shapes let all light pass ('null'), and are left out",
+        ),
         ({"colour": PLAIN["colour"].replace("rgb", "spectrum")}, None),
         ({"colour": PLAIN["colour"].replace("0.5, 0.2, 0.1", "0.5 .2,1e-1").replace("rgb", "spectrum")}, None),
+        ({"colour": PLAIN["colour"].replace("<rgb", '<rgb intent="reflectance"')}, None),
         ({"colour": '<rgb value="#7f331a" name="reflectance"/>'}, None),
         ({"colour": "<srgb name='reflectance' value='0.735357, 0.484529, 0.349190'/>"}, None),
         ({"colour": '<srgb name="reflectance" value="#bc7c59"></srgb>'}, None),
@@ -141,6 +178,49 @@ def test_what_does_not_say_how_a_scene_looks_is_left_out(
     np.testing.assert_allclose(luma(path), plain, rtol=0.01 if "#" in parts.get("colour", "") else 1e-5)
 
 
+@pytest.mark.parametrize("camera", [True, False])
+def test_a_scene_without_lights_gets_some(tmp_path: Path, camera: bool) -> None:
+    """A sun behind the camera, which lights what it looks at from its upper left; its names are no others' ids."""
+    path = scene_file(tmp_path, shape='<rgb name="shine" value="1"/>')
+    text = re.sub(r"<emitter.*</emitter>", "", path.read_text()).replace(
+        '<bsdf type="diff', '<bsdf id="sun" type="diff'
+    )
+    path.write_text(text if camera else re.sub(r"(?s)<sensor.*</sensor>", "", text))
+    with pytest.warns(SceneFileWarning, match="it has no lights, so a sun behind the camera and light from all sides"):
+        scene = davis_rs.load_scene(path)
+    with variant(SCALAR) as (mi, _):
+        sun, sky = load_scene_source(scene.source(), mi).emitters()
+        assert "constant" in str(sky).lower()
+        towards = np.array(mi.traverse(sun)["to_world"].matrix, np.float64).reshape(4, 4)[:3, 2]
+    if camera:
+        assert scene.start is not None
+        np.testing.assert_allclose(scene.start.rotation.T @ towards, np.array([0.6, 0.6, 1]) / 1.72**0.5, atol=1e-6)
+        assert luma(path).max() > 0.01
+
+
+def test_media_are_shown_in_the_place_of_unknown_integrators(tmp_path: Path) -> None:
+    fog = '<medium type="homogeneous" id="fog"><float name="sigma_t" value="1"/></medium>'
+    path = scene_file(tmp_path, integrator=f'<integrator type="bdpt"/>{fog}')
+    with variant(SCALAR) as (mi, _):
+        assert load_scene_source(path, mi).integrator().class_name() == "VolumetricPathIntegrator"
+
+
+def test_the_integrator_within_another_keeps_its_numbers(tmp_path: Path) -> None:
+    inner = f'<integrator type="aov"><string name="aovs" value="e:none"/>{PLAIN["integrator"]}</integrator>'
+    path = scene_file(tmp_path, integrator=f'<integrator type="stokes">{inner}</integrator>')
+    with variant(SCALAR) as (mi, _):
+        assert "max_depth = 3" in str(load_scene_source(path, mi).integrator())
+
+
+@pytest.mark.parametrize("part", [MEDIUM.replace("sigma_s", "sigma_t"), '<emitter type="area"/>'])
+def test_null_surfaces_that_count_are_kept(tmp_path: Path, part: str) -> None:
+    """Those that bound a medium or emit."""
+    null = f'<integrator type="path"/><shape type="cube"><bsdf type="null"/>{part}</shape>'
+    path = scene_file(tmp_path, integrator=null)
+    with variant(SCALAR) as (mi, _):
+        assert len(load_scene_source(path, mi).shapes()) == 2
+
+
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
@@ -151,6 +231,8 @@ def test_what_does_not_say_how_a_scene_looks_is_left_out(
         ),
         ({"colour": PLAIN["colour"] + SHINE}, "has shine of a diffuse, .* which says how it looks"),
         ({"colour": PLAIN["colour"] + SHINE, "shape": SMOOTH}, "has shine of a diffuse, "),
+        ({"integrator": '<integrator type="path"/><camera><transform name="to_world"/></camera>'}, "<camera>"),
+        ({"integrator": '<integrator type="path"/><mesh type="obj"><string name="a" value="b"/></mesh>'}, "<mesh>"),
         ({"shape": SMOOTH + MEDIUM}, "has sigma_s of a homogeneous, "),
         ({"file": "meshes\\circle.ply"}, r"scene.xml \(line .*circle.ply"),
         ({"colour": '<srgb name="reflectance" value="red"/>'}, "srgb"),

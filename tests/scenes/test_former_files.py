@@ -19,6 +19,7 @@ from davis_rs.scene.repairs import SceneFileWarning
 BALL = '<shape type="sphere" id="ball"><float name="radius" value="0.5"/>{}</shape>'
 SENSOR = """<sensor type="perspective"><float name="fov" value="40"/>{}
     <film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="24"/></film></sensor>"""
+LIGHT = '<emitter type="constant"/>'
 LOOKING = '<lookat origin="{} 0 4" target="{} 0 0" up="0 1 0"/>'
 AT = f'<transform name="to_world">{LOOKING.format(0, 0)}</transform>'
 
@@ -54,7 +55,7 @@ def test_a_missing_version_follows_from_the_names(
     tmp_path: Path, version: str | None, name: str, told: str | None
 ) -> None:
     placed = BALL.format(f'<transform name="{name}"><translate x="3"/></transform>')
-    path = scene_file(tmp_path, placed, version=version)
+    path = scene_file(tmp_path, placed, LIGHT, version=version)
     scene, notes = loaded(path)
     assert len(notes) == (told is not None)
     assert told is None or notes[0].startswith(told)
@@ -102,6 +103,7 @@ def test_animated_shapes_are_moving_objects(tmp_path: Path) -> None:
         SENSOR.format(AT),
         f'<shape type="cube">{moving((0.5, turned.format(0, 1)), (1.5, turned.format(90, 3)))}</shape>',
         BALL.format(moving((0, '<translate x="$x"/>'))),
+        LIGHT,
     )
     scene, notes = loaded(path)
     assert notes == ["times of its animations are taken as seconds: 0.5 to 1.5 s"]
@@ -123,7 +125,7 @@ def test_animated_shapes_are_moving_objects(tmp_path: Path) -> None:
 
 def test_an_animated_sensor_is_the_cameras_path(tmp_path: Path) -> None:
     keys = [(t, LOOKING.format(x, x)) for t, x in ((0, 0), (0.2, 1), (0.4, 0))]
-    scene, notes = loaded(scene_file(tmp_path, SENSOR.format(moving(*keys)), BALL.format("")))
+    scene, notes = loaded(scene_file(tmp_path, SENSOR.format(moving(*keys)), BALL.format(""), LIGHT))
     assert notes == ["times of its animations are taken as seconds: 0 to 0.4 s"]
     still, _ = loaded(scene_file(tmp_path, SENSOR.format(AT.replace("to_world", "toWorld")), BALL.format("")))
     assert scene.trajectory is not None

@@ -16,6 +16,7 @@ from PIL import Image
 import davis_rs
 from davis_rs._mitsuba.elements import Element
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs._util.srgb import from_srgb
 from davis_rs.cli.main import main
 from davis_rs.scene.lost_looks import UNKNOWN, LostLook
 from davis_rs.scene.repairs import SceneFileWarning
@@ -121,6 +122,116 @@ ALIKE |= {
 }
 
 
+PIXEL = (180, 100, 230)
+"""Of the image that materials have."""
+LINEAR = from_srgb(np.array(PIXEL) / 255)
+IMAGE = '<texture {} type="bitmap"><string name="filename" value="bumps.png"/>{}</texture>'
+DIFFUSE = '<bsdf type="twosided"><bsdf type="diffuse">{}</bsdf></bsdf>'
+
+
+def rgb(name: str, colour: npt.ArrayLike) -> str:
+    """Return an element for a colour."""
+    return f'<rgb name="{name}" value="{", ".join(map(repr, np.asarray(colour).tolist()))}"/>'
+
+
+def scaled(factor: float, texture: str, attributes: str) -> str:
+    """Return an element for a factor on a texture, as Mitsuba 0.6 has it."""
+    return f'<texture type="scale" {attributes}><float name="scale" value="{factor}"/>{texture}</texture>'
+
+
+ALIKE |= {
+    "image times a number": (
+        DIFFUSE.format(scaled(0.5, IMAGE.format("", ""), 'name="reflectance"')),
+        DIFFUSE.format(rgb("reflectance", LINEAR / 2)),
+    ),
+    "image of numbers times a number": (
+        DIFFUSE.format(scaled(0.51, IMAGE.format("", '<float name="gamma" value="1"/>'), 'name="reflectance"')),
+        DIFFUSE.format(rgb("reflectance", np.array(PIXEL) / 500)),
+    ),
+    "checkerboard times a number": (
+        DIFFUSE.format(scaled(0.5, f'<texture type="checkerboard">{rgb("color0", [0.8, 0.6, 0.4])}</texture>',
+                              'name="reflectance"')),
+        DIFFUSE.format(rgb("reflectance", [0.4, 0.3, 0.2])),
+    ),
+}  # fmt: skip
+
+ELSEWHERE = {
+    "image times two numbers": (
+        IMAGE.format('id="t"', "")
+        + scaled(2, '<ref id="t"/>', 'id="more"')
+        + scaled(0.25, '<ref id="more"/>', 'id="less"'),
+        DIFFUSE.format('<ref name="reflectance" id="less"/>'),
+        DIFFUSE.format(rgb("reflectance", LINEAR / 2)),
+    ),
+    "coating on a diffuse material": (
+        '<bsdf type="diffuse" id="paint">' + IMAGE.format('id="t" name="reflectance"', "") + "</bsdf>",
+        '<bsdf type="coating"><ref id="paint"/></bsdf>',
+        f'<bsdf type="plastic">{rgb("diffuse_reflectance", LINEAR)}<boolean name="nonlinear" value="true"/></bsdf>',
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ELSEWHERE)
+def test_what_is_defined_elsewhere_is_the_same(tmp_path: Path, case: str) -> None:
+    other, former, now = ELSEWHERE[case]
+    Image.fromarray(np.full((4, 4, 3), PIXEL, np.uint8)).save(tmp_path / "bumps.png")
+    (tmp_path / "now").mkdir()
+    directions = [0.3, -0.2, 0.9], [-0.4, 0.3, 0.8]
+    expected = reflected(scene_file(tmp_path / "now", now, "3.0.0"), *directions)
+    path = scene_file(tmp_path, former, other=other)
+    np.testing.assert_allclose(reflected(path, *directions), expected, rtol=1e-5, atol=1e-8)
+    assert told_of(path) == []
+
+
+def test_one_scale_of_both_texture_coordinates(tmp_path: Path) -> None:
+    Image.fromarray(np.full((4, 4, 3), PIXEL, np.uint8)).save(tmp_path / "bumps.png")
+    texture = IMAGE.format('name="reflectance"', '<float name="uvscale" value="3"/><float name="uscale" value="2"/>')
+    path = scene_file(tmp_path, f'<bsdf type="diffuse">{texture}</bsdf>')
+    with variant(SCALAR) as (mi, _):
+        to_uv = mi.traverse(load_scene_source(path, mi).shapes()[0].bsdf())["reflectance.to_uv"]
+    np.testing.assert_allclose(np.diag(np.array(to_uv.matrix))[:2], [2, 3])
+
+
+@pytest.mark.parametrize("kind", ["phong", "ward"])
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_textures_of_highlights_count_by_their_mean(tmp_path: Path, kind: str, elsewhere: bool) -> None:
+    """Of an image that is half PIXEL and half black, twice as bright."""
+    Image.fromarray(np.array([[PIXEL, (0, 0, 0)]], np.uint8)).save(tmp_path / "bumps.png")
+    diffuse, directions = rgb("diffuseReflectance", [0.2, 0.3, 0.4]), ([0, 0, 1], [0.05, 0, 1])
+    (tmp_path / "now").mkdir()
+    given = f'<bsdf type="{kind}">{diffuse}{rgb("specularReflectance", LINEAR)}</bsdf>'
+    expected = reflected(scene_file(tmp_path / "now", given), *directions)
+    image = IMAGE.format('id="gloss"', "")
+    texture = scaled(2, '<ref id="gloss"/>' if elsewhere else image, 'name="specularReflectance"')
+    path = scene_file(tmp_path, f'<bsdf type="{kind}">{diffuse}{texture}</bsdf>', other=image if elsewhere else "")
+    (line,) = told_of(path)
+    assert "where textures of their strength count by their mean, which are stronger aslant" in line
+    np.testing.assert_allclose(reflected(path, *directions), expected, rtol=1e-5)
+
+
+def test_coats_of_one_material_defined_elsewhere_are_left_out(tmp_path: Path) -> None:
+    """In a row, each named by the next, before and after what they name."""
+    metal = '<bsdf type="roughconductor" id="metal"><string name="material" value="Au"/></bsdf>'
+    other = (
+        '<bsdf type="coating" id="first"><ref id="second"/></bsdf>'
+        f'<bsdf type="coating" id="second"><ref id="metal"/></bsdf>{metal}'
+        '<bsdf type="coating" id="last"><ref id="first"/></bsdf>'
+    )
+    path = scene_file(tmp_path, '<bsdf type="twosided"><ref id="last"/></bsdf>', other=other)
+    (line,) = told_of(path)
+    assert "'coating' are taken as 'roughconductor', which is below: the coat's" in line
+    directions = [0.3, 0, 1], [0, 0.2, 1]
+    shown = reflected(path, *directions)
+    np.testing.assert_allclose(shown, reflected(scene_file(tmp_path, '<ref id="metal"/>', other=metal), *directions))
+
+
+@pytest.mark.parametrize("coat", ['<ref id="paint"/>', '<ref id="none"/>'])
+def test_a_coat_on_nothing_is_refused(tmp_path: Path, coat: str) -> None:
+    other = f'<bsdf type="coating" id="paint">{coat}</bsdf>'
+    with pytest.raises(ValueError, match="Mitsuba cannot load"):
+        davis_rs.load_scene(scene_file(tmp_path, '<ref id="paint"/>', other=other))
+
+
 @pytest.mark.parametrize("case", ALIKE)
 def test_materials_with_other_names_are_the_same(tmp_path: Path, case: str) -> None:
     former, now = ALIKE[case]
@@ -199,6 +310,7 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
         ('<bsdf type="disneybsdf"><float name="specularTransmission" value="1"/></bsdf>', "by their index"),
         ('<bsdf type="disneydiffuse"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
         ('<bsdf type="disneymetal"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
+        ('<bsdf type="disneysheen"/>', "'disneysheen' are taken as 'principled', by the same model, over black"),
         ('<bsdf type="disneyglass"><float name="eta" value="1.4"/></bsdf>', "whose reflections have no colour"),
     ],
 )  # fmt: skip
@@ -218,17 +330,31 @@ def test_disney_highlights_follow_both_numbers(tmp_path: Path) -> None:
     np.testing.assert_allclose(reflected(scene_file(tmp_path, former, "3.0.0"), *directions), expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize(("given", "tint"), [('<float name="sheenTint" value="0.8"/>', 0.8), ("", 0.5)])
+def test_disney_sheen_alone(tmp_path: Path, given: str, tint: float) -> None:
+    """Against Burley's formula, of white and the hue of the colour."""
+    colour = np.array([0.2, 0.4, 0.1])
+    path = scene_file(tmp_path, f'<bsdf type="disneysheen">{rgb("baseColor", colour)}{given}</bsdf>', "3.0.0")
+    into, out = np.array([-0.8, 0.1, 0.4]), np.array([0.9, 0.1, 0.3])
+    into, out = into / np.linalg.norm(into), out / np.linalg.norm(out)
+    half = (into + out) / np.linalg.norm(into + out)
+    hue = 1 - tint + tint * colour / (colour @ [0.212671, 0.715160, 0.072169])
+    np.testing.assert_allclose(reflected(path, into, out), hue * (1 - half @ out) ** 5 * out[2], rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     "material",
     [
         '<bsdf type="hk"/>',
-        '<bsdf type="phong"><texture name="specularReflectance" type="checkerboard"/></bsdf>',
+        '<bsdf type="phong"><texture name="specularReflectance" type="mesh_attribute"><string name="name" '
+        'value="vertex_color"/></texture></bsdf>',
         '<bsdf type="phong"><texture name="exponent" type="checkerboard"/></bsdf>',
         '<bsdf type="ward"><texture name="alpha" type="checkerboard"/></bsdf>',
         '<bsdf type="coating"><bsdf type="diffuse"/><bsdf type="diffuse"/></bsdf>',
         MIXTURE.format("1"),
         MIXTURE.format("nan 1"),
         '<bsdf type="disneyglass"><float name="eta" value="0.9"/></bsdf>',
+        '<bsdf type="disneysheen"><texture name="baseColor" type="checkerboard"/></bsdf>',
     ],
 )  # fmt: skip
 def test_others_are_refused_or_grey_if_the_user_wants(tmp_path: Path, material: str) -> None:

@@ -17,7 +17,7 @@ SURVEY = Path(__file__).parents[2] / "benches" / "worlds.py"
 
 MATTE = '<bsdf type="diffuse"/>'
 BRUSHED = '<bsdf type="roughconductor"><float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.3"/></bsdf>'
-VARNISHED = '<bsdf type="principled"><float name="flatness" value="0.3"/></bsdf>'
+VARNISHED = '<bsdf type="principled"><texture type="checkerboard" name="flatness"/></bsdf>'
 BOARD = '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf>'
 NEAREST = """<bsdf type="diffuse"><texture type="bitmap" name="reflectance">
 <string name="filename" value="picture.png"/>

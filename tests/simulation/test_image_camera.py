@@ -271,7 +271,7 @@ def test_a_thin_lens_is_told_to_be_a_pinhole(tmp_path: Path) -> None:
     path.write_text(
         '<scene version="3.0.0"><sensor type="thinlens"><float name="fov" value="40"/>'
         '<float name="aperture_radius" value="0.1"/><film type="hdrfilm"><integer name="width" value="64"/>'
-        '<integer name="height" value="48"/></film></sensor><shape type="sphere"/></scene>'
+        '<integer name="height" value="48"/></film></sensor><shape type="sphere"/><emitter type="constant"/></scene>'
     )
     with pytest.warns(UserWarning, match="taken as a pinhole"):
         scene = load_scene(path)

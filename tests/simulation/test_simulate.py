@@ -297,7 +297,7 @@ def test_a_scene_without_a_path_asks_for_one(scene: Scene) -> None:
 def test_the_record_of_a_run_names_the_scene_file(tmp_path: Path, scene: Scene) -> None:
     """A file can change after the run: its checksum tells."""
     path = tmp_path / "wall.xml"
-    path.write_text('<scene version="3.0.0"><shape type="rectangle"/></scene>')
+    path.write_text('<scene version="3.0.0"><shape type="rectangle"/><emitter type="constant"/></scene>')
     described = Simulator(davis_rs.load_scene(path), **PARAMETERS).describe()
     assert described["scene"]["file"] == str(path)
     assert described["scene"]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()

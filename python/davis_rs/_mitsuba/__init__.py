@@ -6,8 +6,8 @@ system's, or that of the Rust toolchain which built the package); ``types`` name
 
 An XML file becomes ``elements``; ``files`` puts included ones in their places, and refuses what would end the process.
 Then the elements are written as Mitsuba 3 reads them: ``former_notation``, ``animated_transforms`` (which takes out
-what moves), ``former_materials``, ``grey_materials``. ``foreign_plugins`` has Mitsuba load the result; ``plugins`` says
-what it has.
+what moves), ``null_surfaces``, ``former_textures``, ``former_materials``, ``former_lights``, ``grey_materials``.
+``foreign_plugins`` has Mitsuba load the result; ``plugins`` says what it has.
 
 Dr.Jit needs a libLLVM that wheels cannot bring. The toolchain of rustup has one that exports what Dr.Jit needs,
 and ``rust/build.rs`` notes its path. The system's own library comes first.

@@ -5,6 +5,7 @@ Mitsuba reads elements and attributes alone: text between elements, comments and
 
 from __future__ import annotations
 
+import copy
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -61,6 +62,14 @@ class Element:
             yield element
             waiting += reversed(element.children)
 
+    def copied(self) -> Element:
+        """Return a copy without ids, with copies of all elements in it."""
+        copied = copy.deepcopy(self)
+        for element in copied.walk():
+            if element.tag != "ref":
+                element.attributes.pop("id", None)
+        return copied
+
     def child(self, tag: str, **attributes: str) -> Element:
         """Return a new element at the same place."""
         return Element(tag, attributes, self.file, self.line)
@@ -81,6 +90,11 @@ class Ids:
             if name not in self._taken:
                 element.attributes["id"] = name
         return element.attributes["id"]
+
+
+def elements_by_id(root: Element) -> dict[str, Element]:
+    """Return the elements that have an id of their own, by it."""
+    return {id_: element for element in root.walk() if element.tag != "ref" and (id_ := element.attributes.get("id"))}
 
 
 def snake_case(name: str) -> str:

@@ -6,10 +6,11 @@ name missing vertices; it decodes images of any size, and loads a plug-in from a
 
 from __future__ import annotations
 
+import functools
 import os
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ import numpy.typing as npt
 from .._core import DecodeError
 from .._util.budget import Budget
 from .._util.untrusted import decoding, read_charged, regular_file
-from .elements import DEEPEST, Element, read_elements, with_values
+from .elements import DEEPEST, Element, elements_by_id, read_elements, with_values
+from .types import SceneDictionary
 
 _MOST_INCLUDED = 15
 _TEXEL_BYTES = 16
@@ -40,11 +42,13 @@ class XmlFile:
         path: of the file.
         variables: a value for each ``$name``, as text. They come before the file's own defaults.
         grey_unknown: materials that Mitsuba does not have are grey; else the file is refused.
+        lights: emitters to add, by name, see :func:`~davis_rs._mitsuba.added_lights.add_lights`.
     """
 
     path: Path
     variables: Mapping[str, str]
     grey_unknown: bool = False
+    lights: SceneDictionary = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,22 @@ class SceneFile:
     roots: list[Element]
     values: dict[str, str]
     including: list[str]
+
+    def with_values(self, text: str) -> str:
+        """Return a text with values in the place of its variables."""
+        return with_values(text, self.values)
+
+    def resolved(self, element: Element) -> Element:
+        """Return what a ``ref`` names; any other element, and a ``ref`` to nothing or to itself, as it is."""
+        found, passed = element, set[int]()
+        while found.tag == "ref" and id(found) not in passed:
+            passed.add(id(found))
+            found = self._by_id.get(found.attributes.get("id", ""), found)
+        return found
+
+    @functools.cached_property
+    def _by_id(self) -> dict[str, Element]:
+        return elements_by_id(self.root)
 
 
 def read_scene_file(file: XmlFile, budget: Budget | None = None) -> SceneFile:

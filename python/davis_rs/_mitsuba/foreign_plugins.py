@@ -2,7 +2,8 @@
 
 Research code has integrators, films and samplers of its own, and its scenes name them. A renderer of this package takes
 their place. Older versions of Mitsuba had properties of shapes that this one does not read. What they write in another
-way is in ``former_notation``, their materials are in ``former_materials``, and what moves in ``animated_transforms``.
+way is in ``former_notation``, their textures, materials and lights are in ``former_textures``, ``former_materials`` and
+``former_lights``, and what moves is in ``animated_transforms``.
 All else that is unknown, such as another material, is refused.
 """
 
@@ -13,16 +14,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from .added_lights import add_lights
 from .animated_transforms import Motion, take_motions
 from .elements import Element, written
-from .files import XmlFile, read_scene_file
+from .files import SceneFile, XmlFile, read_scene_file
 from .former_lights import translate_lights
 from .former_materials import translate
 from .former_notation import rewrite
+from .former_textures import take_factor, translate_textures
 from .grey_materials import GreyMaterial, make_grey
+from .null_surfaces import drop_null_surfaces
 from .plugins import is_usable
 from .types import Mitsuba, MitsubaObject, MitsubaScene
 
+_ELEMENTS = ("spectrum", "transform")
+"""Elements of Mitsuba that may stand in a scene without a type or an id."""
+_MORE_NEXT_TO_LIGHT = ("aov", "moment")
+"""Integrators that write more than light, such as depth. Kinds of these differ between versions."""
+_FROM_LIGHTS = "ptracer"
+"""The integrator that follows paths from lights. Light is baked for ``path``."""
 _CAMERAS = ("perspective", "thinlens", "orthographic")
 _OF_FILM = {"width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"}
 
@@ -56,10 +66,15 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     read = read_scene_file(file)
     notes: list[str] = []
     rewrite(read, notes)
+    _drop_settings(read.root, notes)
+    _unwrap_integrators(read, notes)
     _drop_meters(read.root, notes)
+    drop_null_surfaces(read, notes)
     motions = take_motions(read, mi, notes)
+    translate_textures(read, notes)
     translate(read, notes)
     translate_lights(read, notes)
+    add_lights(read.root, file.lights)
     grey = make_grey(read, mi, notes) if file.grey_unknown else []
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False
@@ -72,8 +87,10 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
         with _files_next_to(file, mi):
             state = mi.parser.parse_string(config, text, **variables)
             mi.parser.transform_all(config, state)
+            light = "volpath" if any(node.type == mi.ObjectType.Medium for node in state.nodes) else "path"
             for node in state.nodes:
-                _replace(node, mi, notes)
+                _replace(node, light, mi, notes)
+                take_factor(node, mi)
             scene = mi.parser.instantiate(config, state)
     except RuntimeError as error:
         placed = re.sub(r"string \(line (\d+), col \d+\)", lambda at: places[int(at[1]) - 1], str(error))
@@ -85,6 +102,31 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
                 raise RuntimeError(f"it has {what}, which this Mitsuba does not read, and which says how it looks")
             notes.append(f"{what} is left out, because this Mitsuba does not read it")
     return LoadedFile(scene, motions, grey, list(dict.fromkeys(notes)))
+
+
+def _drop_settings(root: Element, notes: list[str]) -> None:
+    """Leave out elements of other programs that hold nothing but values: objects of a scene have a type."""
+    kept: list[Element] = []
+    for child in root.children:
+        values = all(each.attributes.keys() == {"name", "value"} and not each.children for each in child.children)
+        if child.tag in _ELEMENTS or child.attributes or not child.children or not values:
+            kept.append(child)
+        else:
+            notes.append(f"its settings {child.tag[:40]!r}, which are none of Mitsuba's, are left out")
+    root.children = kept
+
+
+def _unwrap_integrators(file: SceneFile, notes: list[str]) -> None:
+    """Put the integrator whose light is seen in the place of one that writes more next to it."""
+    for number, element in enumerate(file.root.children):
+        while element.tag == "integrator" and (
+            inside := [each for each in element.children if each.tag == element.tag]
+        ):
+            kind, light = element.attributes.get("type", ""), inside[0]
+            if kind not in _MORE_NEXT_TO_LIGHT:
+                own = file.with_values(light.attributes.get("type", ""))
+                notes.append(f"its integrator {kind[:40]!r} is replaced by {own[:40]!r}, which is in it")
+            file.root.children[number] = element = light
 
 
 def _drop_meters(root: Element, notes: list[str]) -> None:
@@ -111,16 +153,24 @@ def _without_looks(mi: Mitsuba) -> dict[object, tuple[str, set[str]]]:
     }
 
 
-def _replace(node: MitsubaObject, mi: Mitsuba, notes: list[str]) -> None:
-    """Put a plug-in that is there in the place of one that does not say what the scene looks like."""
+def _replace(node: MitsubaObject, light: str, mi: Mitsuba, notes: list[str]) -> None:
+    """Put a plug-in that is there in the place of one that does not say what the scene looks like.
+
+    Args:
+        light: the integrator that takes the place of others.
+    """
     if node.type not in _without_looks(mi):
         return
     plugin, kept = _without_looks(mi)[node.type]
     if node.type == mi.ObjectType.Integrator:
+        plugin = light
         name = node.props.plugin_name()
-        if is_usable(name, node.type, mi):
+        if name == _FROM_LIGHTS:
+            notes.append(f"its integrator {name!r} is replaced by {plugin!r}, which has the same light with less noise")
+        elif is_usable(name, node.type, mi):
             return
-        notes.append(f"its integrator {name!r}, which this Mitsuba cannot use, is replaced by {plugin!r}")
+        else:
+            notes.append(f"its integrator {name!r}, which this Mitsuba cannot use, is replaced by {plugin!r}")
     for key in set(node.props.keys()) - kept:
         del node.props[key]
     node.props.set_plugin_name(plugin)

@@ -33,7 +33,7 @@ def translate_lights(file: SceneFile, notes: list[str]) -> None:
         return
     for element in file.root.walk():
         if element.tag == "emitter" and element.attributes.get("type") in ("sunsky", "sky", "sun"):
-            _sky(FormerPlugin(element, file.values), notes)
+            _sky(FormerPlugin(element, file), notes)
 
 
 def _sky(light: FormerPlugin, notes: list[str]) -> None:

@@ -15,38 +15,58 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from .elements import Element
 from .files import SceneFile
 from .former_notation import NUMBER
 from .former_plugin import NO_COLOUR, FormerPlugin
+from .former_textures import mean_of
 
 FloatArray = npt.NDArray[np.float64]
 
 _MOST_MIRRORED = 0.9
 """The highest fraction that the highlights of a principled material reflect from straight ahead."""
+_HUE = 1e-4
+"""How bright a base colour is that gives sheen its hue and reflects nothing to speak of."""
 _AIR = ("air", "vacuum")
 """What has an index of 1 to 0.03 %."""
 _SAME = "by the same model, with subsurface scattering as its flatness"
 
 
 def translate(file: SceneFile, notes: list[str]) -> None:
-    """Write the materials, media and bitmaps of a scene as Mitsuba 3 reads them; those that are not known stay.
+    """Write the materials and media of a scene as Mitsuba 3 reads them; those that are not known stay.
 
     Args:
         notes: gets a line for each kind of material that looks otherwise now.
     """
     materials = [element for element in file.root.walk() if element.tag == "bsdf"]
+    same: dict[str, str] = {}
     for element in reversed(materials):  # those within others first
-        kind = element.attributes.get("type", "")
+        kind, own = element.attributes.get("type", ""), element.attributes.get("id")
         translation = _TRANSLATIONS.get(kind)
-        differs = None if translation is None else translation(FormerPlugin(element, file.values))
-        now = element.attributes.get("type")
+        differs = None if translation is None else translation(FormerPlugin(element, file))
+        if element.tag == "ref" and own is not None:
+            same[own] = element.attributes["id"]
+        now = file.resolved(element).attributes.get("type")
         if differs:
             notes.append(f"its materials {kind!r} are taken {'' if now == kind else f'as {now!r}, '}{differs}")
     for element in file.root.walk():
         if element.tag == "medium":
-            _medium(FormerPlugin(element, file.values))
-        elif element.tag == "texture" and element.attributes.get("type") == "bitmap":
-            notes.extend(_bitmap(FormerPlugin(element, file.values)))
+            _medium(FormerPlugin(element, file))
+        elif element.tag == "ref":
+            _follow(element, same)
+
+
+def _follow(reference: Element, same: dict[str, str]) -> None:
+    """Let a ``ref`` to what became a ``ref`` itself name what that names.
+
+    Args:
+        same: by the id of what became a ``ref``, the id that it names.
+    """
+    name, passed = reference.attributes.get("id", ""), set[str]()
+    while name in same and name not in passed:
+        passed.add(name)
+        name = same[name]
+    reference.attributes["id"] = name
 
 
 def _disney(material: FormerPlugin) -> str | None:
@@ -78,6 +98,18 @@ def _disney_metal(material: FormerPlugin) -> str:
     return _SAME
 
 
+def _disney_sheen(material: FormerPlugin) -> str | None:
+    """Write sheen alone, whose base colour is no more than a hue."""
+    colour = material.numbers("base_color", 0.5)
+    if colour is None:
+        return None
+    material.becomes("principled")
+    material.put(base_color=colour * _HUE, sheen=1.0, specular=0.0)
+    if material.get("sheen_tint") is None:
+        material.put(sheen_tint=0.5)
+    return "by the same model, over black"
+
+
 def _disney_glass(material: FormerPlugin) -> str | None:
     index = material.number("eta", 1.5)
     if index is None or index <= 1:
@@ -89,7 +121,7 @@ def _disney_glass(material: FormerPlugin) -> str | None:
 
 def _lobe_and_diffuse(material: FormerPlugin, alpha: float | None, drop: tuple[str, ...]) -> str | None:
     """Write a diffuse colour with a lobe that has no Fresnel factor, whose width is that of a Beckmann lobe."""
-    mirrored = material.numbers("specular_reflectance", 0.2)
+    mirrored, means = _specular(material)
     diffuse = material.numbers("diffuse_reflectance", 0.5)
     if mirrored is None or alpha is None or not 0 < alpha <= 1:
         return None
@@ -100,14 +132,24 @@ def _lobe_and_diffuse(material: FormerPlugin, alpha: float | None, drop: tuple[s
         material.becomes("roughconductor", (*drop, "diffuse_reflectance"))
         material.put(alpha=alpha)
         material.element.children.append(material.element.child("string", name="material", value="none"))
-        return "with highlights of the same width and strength from straight ahead"
+        return f"with highlights of the same width and strength from straight ahead{means}"
     straight = min(float(mirrored.mean()), _MOST_MIRRORED)
     material.becomes("principled", (*drop, "specular_reflectance"), diffuse_reflectance="base_color")
     if diffuse is not None:
         material.put(base_color=diffuse)
     material.put(roughness=math.sqrt(alpha), eta=(1 + math.sqrt(straight)) / (1 - math.sqrt(straight)))
     colour = " without colour" if np.ptp(mirrored) > NO_COLOUR else ""
-    return f"with highlights{colour} of the same width and strength from straight ahead, which are stronger aslant"
+    same = f"with highlights{colour} of the same width and strength from straight ahead"
+    return f"{same}{means}, which are stronger aslant"
+
+
+def _specular(material: FormerPlugin) -> tuple[FloatArray | None, str]:
+    """Return the strength (3,) of highlights, of a texture its mean, and what to tell of that."""
+    given = material.get("specular_reflectance")
+    texture = None if given is None else material.file.resolved(given)
+    if texture is None or texture.tag != "texture":
+        return material.numbers("specular_reflectance", 0.2), ""
+    return mean_of(texture, material.file), ", where textures of their strength count by their mean"
 
 
 def _phong(material: FormerPlugin) -> str | None:
@@ -170,21 +212,31 @@ def _mixture(material: FormerPlugin) -> None:
 def _coating(material: FormerPlugin) -> str | None:
     """Write a clear coat on a diffuse surface as plastic, which is the same, and leave others out."""
     nested = [child for child in material.element.children if child.tag in ("bsdf", "ref")]
-    if len(nested) != 1 or nested[0].tag == "ref":
+    if len(nested) != 1:
         return None
-    (inside,) = nested
+    (given,) = nested
+    inside = material.file.resolved(given)
+    if inside.tag != "bsdf" or inside is material.element:
+        return None
     absorbed = material.numbers("sigma_a", 0.0)
     colours = [child for child in inside.children if child.name in ("reflectance", "diffuse_reflectance")]
     if inside.attributes.get("type") != "diffuse" or len(colours) != len(inside.children) or len(colours) > 1:
-        material.element.attributes["type"] = inside.attributes.get("type", "")
-        material.element.children = inside.children
+        if inside is given:
+            material.element.attributes["type"] = inside.attributes.get("type", "")
+            material.element.children = inside.children
+        else:
+            material.element.tag, material.element.children = "ref", []
+            material.element.attributes = {"id": given.attributes["id"]} | {
+                key: value for key, value in material.element.attributes.items() if key == "name"
+            }
         return "which is below: the coat's highlights, and what it absorbs, are left out"
     kind = "roughplastic" if material.kind == "roughcoating" else "plastic"
     material.becomes(kind, ("thickness", "sigma_a"))
-    material.element.children.remove(inside)
+    material.element.children.remove(given)
     for colour in colours:
-        colour.attributes["name"] = "diffuse_reflectance"
-        material.element.children.append(colour)
+        own = colour.copied()
+        own.attributes["name"] = "diffuse_reflectance"
+        material.element.children.append(own)
     material.element.children.append(material.element.child("boolean", name="nonlinear", value="true"))
     return "without what the coat absorbs" if absorbed is None or absorbed.any() else None
 
@@ -257,6 +309,7 @@ _TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
     "disneydiffuse": _disney_diffuse,
     "disneymetal": _disney_metal,
     "disneyglass": _disney_glass,
+    "disneysheen": _disney_sheen,
     "phong": _phong,
     "ward": _ward,
     "roughdiffuse": _rough_diffuse,
@@ -272,17 +325,6 @@ _TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
     "roughplastic": _rough,
 }
 """By the former plug-in, what writes it as a present one and returns what differs; None where nothing does."""
-
-
-def _bitmap(bitmap: FormerPlugin) -> list[str]:
-    """Write how an image is encoded as Mitsuba 3 says it: as numbers, or as sRGB, which is nearly a power of 2.2."""
-    gamma = bitmap.number("gamma", -1.0)
-    if bitmap.get("gamma") is None or gamma not in (-1.0, 1.0, 2.2):
-        return []
-    bitmap.becomes("bitmap", ("gamma",))
-    if gamma == 1:
-        bitmap.element.children.append(bitmap.element.child("boolean", name="raw", value="true"))
-    return ["its images with a gamma of 2.2 are read as sRGB"] if gamma == 2.2 else []
 
 
 def _medium(medium: FormerPlugin) -> None:

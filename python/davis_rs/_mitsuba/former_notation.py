@@ -1,6 +1,7 @@
 """Writes what older versions of Mitsuba, and other systems, write in another way, as Mitsuba 3 reads it.
 
-Nothing changes what the scene looks like, so nothing is told, but the version that a file does not give.
+Nothing changes what the scene looks like, so nothing is told, but the version that a file does not give, and names that
+are not of its version.
 """
 
 from __future__ import annotations
@@ -20,9 +21,12 @@ _VERSION = re.compile(r"\s*(\d{1,9})\.(\d{1,9})\.(\d{1,9})\s*")
 FORMER, _NOW = "0.6.0", "3.0.0"
 _VALUES = ("boolean", "integer", "float", "string", "rgb", "spectrum", "point", "vector")
 """Elements that hold a value of a plug-in."""
+_WITH_NAMES = (*_VALUES, "transform", "animation", "texture", "ref")
+"""Elements whose names say what they are to that around them."""
+_CAMEL = re.compile(r"[a-z][A-Z]")
 _OBJECTS = ("shape", "bsdf", "ref", "emitter", "sensor")
 """Elements of objects that count whatever they are called."""
-_NAMED = re.compile(r"[a-z][A-Z]|^diffuseReflectance$|^[uv](offset|scale)$")
+_NAMED = re.compile(rf"{_CAMEL.pattern}|^diffuseReflectance$|^[uv](offset|scale)$")
 """Names of parameters before version 2."""
 
 
@@ -37,6 +41,7 @@ def rewrite(file: SceneFile, notes: list[str]) -> None:
         if element.tag == "lookAt":
             element.tag = "lookat"
         elif element.tag in ("rgb", "srgb", "spectrum") and "value" in attributes:
+            attributes.pop("intent", None)  # of which spectrum a colour is: here, colours are three numbers
             _rewrite_colour(element)
         elif element.name == "filter_type" and attributes.get("value") in ("trilinear", "ewa"):
             attributes["value"] = "bilinear"
@@ -47,6 +52,18 @@ def rewrite(file: SceneFile, notes: list[str]) -> None:
         if version == FORMER:
             _take_last(element, notes)
             _take_all(element)
+        else:
+            _rename(element, notes)
+
+
+def _rename(element: Element, notes: list[str]) -> None:
+    """Give what is in an element its present name, where it has a former one in a file of a present version."""
+    taken = {child.attributes.get("name") for child in element.children}
+    for child in element.children:
+        name = child.attributes.get("name", "")
+        if child.tag in _WITH_NAMES and _CAMEL.search(name) and child.name not in taken:
+            notes.append(f"its former name {name[:40]!r} is read as {child.name[:40]!r}")
+            child.attributes["name"] = child.name
 
 
 def _take_last(element: Element, notes: list[str]) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import numpy.typing as npt
 
-from .elements import Element, with_values
+from .elements import Element
+from .files import SceneFile
 from .former_notation import NUMBER
 
 FloatArray = npt.NDArray[np.float64]
@@ -19,8 +18,8 @@ NO_COLOUR = 0.02
 class FormerPlugin:
     """Reads and changes the properties of a plug-in's element, by their present names."""
 
-    def __init__(self, element: Element, values: Mapping[str, str]) -> None:
-        self.element, self._values = element, values
+    def __init__(self, element: Element, file: SceneFile) -> None:
+        self.element, self.file = element, file
 
     @property
     def kind(self) -> str:
@@ -38,7 +37,7 @@ class FormerPlugin:
             return np.full(3, default)
         if given.tag not in ("float", "integer", "rgb", "spectrum"):
             return None
-        words = with_values(given.attributes.get("value", ""), self._values).replace(",", " ").split()
+        words = self.file.with_values(given.attributes.get("value", "")).replace(",", " ").split()
         if len(words) not in (1, 3) or not all(map(NUMBER.fullmatch, words)):
             return None
         return np.array(words * (3 // len(words)), np.float64)

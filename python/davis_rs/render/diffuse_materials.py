@@ -43,6 +43,7 @@ _COLOURS = {
 _TRANSMITTED = ("spec_trans", "diff_trans")
 """Parameters of materials that let light through; where one is not 0, no diffuse material can stand for it."""
 
+_NULL = "Null"
 _BUMPS = {"BumpMap": "bumpmap", "NormalMap": "normalmap"}
 _FLAT_NORMAL = (0.5, 0.5, 1.0)
 _FLAT = 0.51 / 255
@@ -110,8 +111,8 @@ def simplify_materials(
     Args:
         scene: loaded under the variant in force; it is changed.
         matte: replace materials that have a diffuse colour by that colour alone.
-        glossy: replace glossy materials that have a finish by their base colours, and tell the finishes; and replace
-            those with a normal texture by what is inside, and tell the textures.
+        glossy: replace glossy materials that have a finish by their base colours, and tell the finishes; replace
+            those with a normal texture by what is inside, and tell the textures; make lamps without a surface black.
         may_blend: says of a shape whether a part of what lies behind it may be seen through it.
     """
     replaced = dict[str, None]()
@@ -122,6 +123,9 @@ def simplify_materials(
     for shape in scene.shapes():
         bsdf = shape.bsdf()
         if bsdf is None or is_plain(bsdf):
+            continue
+        if glossy and is_null_lamp(shape):
+            shape.set_bsdf(mi.load_dict({"type": "diffuse", "reflectance": 0.0}))
             continue
         if bsdf not in known:
             known[bsdf] = _diffuse_within(bsdf, mi, glossy=glossy and not matte)
@@ -143,6 +147,12 @@ def simplify_materials(
                 normal_textures[made[bsdf]] = diffuse.normal_texture
         shape.set_bsdf(made[bsdf])
     return Simplified(tuple(replaced), finishes, normal_textures)
+
+
+def is_null_lamp(shape: MitsubaShape) -> bool:
+    """Return whether a shape is light without a surface: it emits, and lets light pass (``null``) within one medium."""
+    alone = shape.is_emitter() and not shape.is_medium_transition()
+    return bool(alone and shape.bsdf() is not None and shape.bsdf().class_name() == _NULL)
 
 
 def surface_remedy(bsdf: MitsubaBsdf, mi: Mitsuba) -> str:

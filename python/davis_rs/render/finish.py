@@ -27,6 +27,7 @@ CoreFinish = tuple[
     tuple[float, float] | None,
     tuple[float, float] | None,
     float,
+    float,
 ]
 """What the core takes, see :class:`davis_rs._core.SceneRenderer`."""
 
@@ -77,6 +78,7 @@ class Finish:
             None for none.
         transmission: of ``mixed`` over ``rough``, the fraction of what is no metal that is the surface of a solid:
             light passes it, tinted by the root of the base colour.
+        flatness: of such a ``rough`` base, the fraction of it that is as if light went below the surface.
     """
 
     alpha: float
@@ -91,6 +93,7 @@ class Finish:
     coat: tuple[float, float] | None = None
     sheen: tuple[float, float] | None = None
     transmission: float = 0.0
+    flatness: float = 0.0
 
     @property
     def blends(self) -> bool:
@@ -141,6 +144,7 @@ class Finish:
             self.coat,
             self.sheen,
             self.transmission,
+            self.flatness,
         )
 
     def albedo(self, base: FloatArray) -> FloatArray:
@@ -184,7 +188,7 @@ class Finish:
             return base * (entering / index) ** 2 / (1 - (base * inside if nonlinear else inside))
         if kind == "rough":
             sheen = 0.0 if self.sheen is None else self.sheen[0] * _SHEEN_ALBEDO
-            return values[1] * (base * _rough_albedo(values[0]) + sheen)
+            return values[1] * (base * _rough_albedo(values[0], self.flatness) + sheen)
         return np.zeros_like(base)
 
 
@@ -248,14 +252,16 @@ def _seen_of_beckmann(cosine: FloatArray, alpha: float) -> FloatArray:
 
 
 @functools.cache
-def _rough_albedo(roughness: float) -> float:
-    """Return the albedo of Burley's diffuse base, for a white one."""
+def _rough_albedo(roughness: float, flatness: float) -> float:
+    """Return the albedo of Burley's diffuse base, for a white one, of which a fraction is flat."""
     light, viewer = (_COSINES[:, None, None], _COSINES[None, :, None])
     azimuth = np.cos(np.pi * (np.arange(16) + 0.5) / 16)
     sines = np.sqrt(1 - light**2) * np.sqrt(1 - viewer**2)
     returned = roughness * (1 + light * viewer + sines * azimuth)
     into, out = (1 - light) ** 5, (1 - viewer) ** 5
     value = (1 - into / 2) * (1 - out / 2) + returned * (into + out + into * out * (returned - 1))
+    both = (1 + (returned / 2 - 1) * into) * (1 + (returned / 2 - 1) * out)
+    value += flatness * (1.25 * (both * (1 / (light + viewer) - 0.5) + 0.5) - value)
     weights = 4 * light * viewer * _WEIGHTS[:, None, None] * _WEIGHTS[None, :, None] / 16
     return float((value * weights).sum())
 

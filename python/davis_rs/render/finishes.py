@@ -26,9 +26,6 @@ FloatArray = npt.NDArray[np.float64]
 _LEAST_ALPHA = 1e-4
 """An anisotropic surface is never smoother than this, as Mitsuba's is not."""
 
-_UNUSED = ("flatness",)
-"""Parts of ``principled`` that a finish does not have: they must be 0."""
-
 _COAT = "clearcoat", "clearcoat_gloss"
 
 _SHEEN = "sheen", "sheen_tint"
@@ -244,9 +241,11 @@ def _principled(bsdf: MitsubaBsdf, inside: dict[str, MitsubaObject], mi: Mitsuba
     along, across = alphas_of(rough, anisotropic)
     transmission, tint = (_number(inside, name, mi) or 0.0 for name in ("spec_trans", "spec_tint"))
     under = "rough", (rough, (1 - metal) * (1 - transmission))
-    sheen, hue = (_number(inside, name, mi) or 0.0 for name in _SHEEN)
+    flatness, sheen, hue = (_number(inside, name, mi) or 0.0 for name in ("flatness", *_SHEEN))
+    # Sheen covers what light passes, too; that of a finish is a part of the base.
+    sheen /= max(1 - transmission, 1e-9)
     fresnel = "mixed", (index, metal, tint)
-    finish = Finish(along, "ggx", fresnel, shown, under=under, lobe=lobe, transmission=transmission)
+    finish = Finish(along, "ggx", fresnel, shown, under=under, lobe=lobe, transmission=transmission, flatness=flatness)
     if anisotropic != 0:
         finish = replace(finish, across=across)
     return base, replace(finish, coat=_coat(inside, mi), sheen=(sheen, hue) if sheen > 0 else None)
@@ -275,17 +274,14 @@ def _is_fraction(inside: dict[str, MitsubaObject], name: str, mi: Mitsuba) -> bo
 
 def _parts_left_out(inside: dict[str, MitsubaObject], mi: Mitsuba) -> list[str]:
     """Return the parts of a ``principled`` material that it has and a finish has not."""
-    left_out = [
-        name for name in _UNUSED if name in inside and ((value := constant_of(inside[name], mi)) is None or value.any())
-    ]
-    left_out += [name for name in ("spec_trans", "spec_tint") if not _is_fraction(inside, name, mi)]
+    left_out = [name for name in ("flatness", "spec_trans", "spec_tint") if not _is_fraction(inside, name, mi)]
     for strength, kind in (_COAT, _SHEEN):
         if not _is_fraction(inside, strength, mi):
             left_out.append(strength)
         elif _number(inside, strength, mi) != 0 and not _is_fraction(inside, kind, mi):
             left_out.append(kind)
-    if _number(inside, "spec_trans", mi) and _number(inside, "sheen", mi):
-        left_out.append("sheen with spec_trans")
+    if _number(inside, "spec_trans", mi) == 1 and _number(inside, "sheen", mi):
+        left_out.append("sheen with a spec_trans of 1")
     if "anisotropic" in inside:
         anisotropic = _number(inside, "anisotropic", mi)
         textured = any(constant_of(inside[name], mi) is None for name in ("roughness", "metallic"))

@@ -25,7 +25,7 @@ from ..scene.meshes import Mesh, mitsuba_mesh
 from ..scene.scene import Scene
 from .closest_view import ClosestView
 from .curves import CURVES, Curves, curve_mesh
-from .diffuse_materials import children, nested_objects
+from .diffuse_materials import children, is_null_lamp, nested_objects
 from .mesh_buffers import MeshBuffers, mesh_attributes
 from .motion.scene_motion import SceneMotion
 from .motion.scene_updates import scene_motion
@@ -59,6 +59,8 @@ class Triangulated:
         off_px: how far an outline lies from the true one at most; NaN where no path is known.
         suns: how many directional lights there are in place of the suns of skies; None where no sky was replaced.
         open_curves: the numbers of the shapes that stand for curves with open ends: Mitsuba culls their backs.
+        null_lamps: the numbers of the shapes that emit light and have no surface (``null``): they are not seen from
+            behind.
     """
 
     scene: MitsubaScene
@@ -69,6 +71,7 @@ class Triangulated:
     off_px: float = 0.0
     suns: int | None = None
     open_curves: tuple[int, ...] = ()
+    null_lamps: tuple[int, ...] = ()
 
     @property
     def description(self) -> str:
@@ -77,7 +80,8 @@ class Triangulated:
         coarse = f", to less than {self.outline_texels:g} texels" if self.outline_texels > TOLERANCE_TEXELS else ""
         cut = f"; {meshes} cut along the outlines of opacity masks{coarse}" if self.cut else ""
         suns = "1 directional light" if self.suns == 1 else f"{self.suns} directional lights"
-        more = cut + ("" if self.suns is None else f"; its sunsky made an environment map and {suns}")
+        lamps = "; what is behind lamps of the material null is hidden" if self.null_lamps else ""
+        more = cut + lamps + ("" if self.suns is None else f"; its sunsky made an environment map and {suns}")
         if not self.shapes:
             return more
         off = f", up to {self.off_px:.2g} px from their outlines" if self.off_px > OUTLINE_PX else ""
@@ -85,10 +89,9 @@ class Triangulated:
         return f"; {shapes} made of {self.triangles:,} triangles{off}{more}"
 
     def one_sided(self, names: Collection[str]) -> list[int]:
-        """Return the numbers of the shapes whose backs are culled: those of these ids, and open curves."""
-        ids = set(names)
-        shapes = enumerate(self.scene.shapes())
-        return [number for number, shape in shapes if shape.id() in ids or number in self.open_curves]
+        """Return the numbers of the shapes whose backs are culled: those of these ids, open curves and null lamps."""
+        ids, always = set(names), {*self.open_curves, *self.null_lamps}
+        return [number for number, shape in enumerate(self.scene.shapes()) if shape.id() in ids or number in always]
 
     def note(self, cut: CutMesh) -> None:
         """Count a mesh of which a mask hides a part."""
@@ -171,6 +174,7 @@ def triangulated(
     motion = scene_motion(scene, loaded, mi)
     view = ClosestView(scene, camera, motion)
     made = as_triangles(loaded, view, mi, deforming=motion.deformations)
+    made.null_lamps = tuple(number for number, shape in enumerate(made.scene.shapes()) if is_null_lamp(shape))
     if made.scene is not loaded:
         # Light profiles and paths name parts of the scene that is rendered.
         motion = scene_motion(scene, made.scene, mi)

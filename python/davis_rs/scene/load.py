@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from .builtin.fence_scene import fence
 from .builtin.planes_and_walls import three_planes, three_walls
 from .files.gltf_scene import gltf_scene
 from .files.mesh_scene import READERS as MESH_READERS
-from .files.mesh_scene import Axis, mesh_scene
+from .files.mesh_scene import Axis, mesh_scene, sun_behind, usual_light
 from .keyframes import keyframe_path
 from .lost_looks import UNKNOWN, LostLook
 from .repairs import SceneFileWarning
@@ -182,6 +183,10 @@ def _scene_of_file(path: Path, variables: dict[str, str], grey_unknown: bool) ->
         still = [f"{motion.tag} {motion.id!r}" for motion in loaded.motions if motion.id not in {*objects, *first}]
         if still:
             loaded.notes.append(f"the motion of {', '.join(still)} is left out: the camera is the first sensor")
+        if not loaded.scene.emitters():
+            loaded.notes.append("it has no lights, so a sun behind the camera and light from all sides are added")
+            lights = usual_light(None) if start is None else sun_behind(start.rotation)
+            source = replace(source, lights=lights)
         if loaded.notes:
             warnings.warn(f"{path}: {'; '.join(loaded.notes)}", SceneFileWarning, stacklevel=3)
     return Scene(

@@ -282,7 +282,8 @@ class SceneTable:
         Args:
             shapes: each with what its reflectance says.
             deforming: ids of those whose meshes deform.
-            one_sided: the numbers of those whose backs are culled; the order of their corners says which side that is.
+            one_sided: the numbers of those whose backs are culled; the order of their corners says which side that is,
+                where they emit nothing.
         """
         count, first = sum(self.counts), 0
         self.corners, self.planes = np.empty((count, 3, 3)), np.empty((count, 4))
@@ -296,7 +297,7 @@ class SceneTable:
             # Which side is the front matters only where the back is another, or the front alone emits.
             matters = not added.two_sided or (baked and shape.is_emitter())
             matters |= number in self.normal_textures and not self.normal_textures.like_gltf
-            turned = None if matters and number not in one_sided else False
+            turned = None if matters and (number not in one_sided or shape.is_emitter()) else False
             for part in MeshTriangles.parts(shape, added.uv):
                 turned = part.is_turned(shape, mi) if turned is None else turned
                 if shape.id() in deforming:

@@ -88,6 +88,8 @@ class SceneSurfaces:
                         f"{shape.id()!r} of scene {scene.name!r} is a {shape.class_name()}"
                     )
             meshes = [MeshTriangles(MeshBuffers.of(shape)) for shape in shapes]
+            # Which side a lamp shines from decides, not the order of its corners.
+            turned = {number for number in made.null_lamps if meshes[number].is_turned(shapes[number], mi)}
             self.names = tuple(str(shape.id()) for shape in shapes)
         moving = list(self.motion.objects)
         numbers = [moving.index(name) + 1 if name in moving else 0 for name in self.names]
@@ -101,7 +103,8 @@ class SceneSurfaces:
                 deforming.append(DeformingMesh(name, number, int(first), mesh.faces, None, 1.0))
         self._shape_of = np.append(np.repeat(np.arange(1, len(meshes) + 1), counts), 0).astype(np.uint16)
         self._normal_maps = np.concatenate([mesh.normal_maps()[0] for mesh in meshes])
-        self._planes = np.concatenate([mesh.planes() for mesh in meshes])
+        sides = [-1.0 if number in turned else 1.0 for number in range(len(meshes))]
+        self._planes = np.concatenate([side * mesh.planes() for side, mesh in zip(sides, meshes, strict=True)])
         corners = np.concatenate([mesh.corners for mesh in meshes])
         count, frames = len(corners), self._frame_of[:-1]
         flat = np.zeros((count, 4))

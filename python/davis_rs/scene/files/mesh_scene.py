@@ -145,14 +145,24 @@ def usual_light(view: DefaultView | None) -> SceneDictionary:
     Args:
         view: of a camera in the world that the file did not give; None where it did.
     """
-    sky: SceneDictionary = {"type": "constant", "radiance": _SKY}
     if view is not None and view.room is not None:
+        sky: SceneDictionary = {"type": "constant", "radiance": _SKY}
         above = _LAMP_ABOVE * min(view.room.free_m, view.room.above_m)
         position = view.room.centre + np.array([0.0, 0.0, above])
         intensity = np.pi * _LAMP_LUMA * (2 * view.room.free_m) ** 2
         return {"lamp": {"type": "point", "position": position.tolist(), "intensity": float(intensity)}, "sky": sky}
-    right, down, forward = look_at(direction(0.0 if view is None else view.start_rad), np.zeros(3)).T
+    return sun_behind(look_at(direction(0.0 if view is None else view.start_rad), np.zeros(3)))
+
+
+def sun_behind(camera: FloatArray) -> SceneDictionary:
+    """Return a sun behind a camera, to its left and above, and light from all sides.
+
+    Args:
+        camera: (3, 3), its axes as columns: right, down, forward.
+    """
+    right, down, forward = camera.T
     towards = (forward + 0.6 * down + 0.6 * right).tolist()
+    sky: SceneDictionary = {"type": "constant", "radiance": _SKY}
     return {"sun": {"type": "directional", "direction": towards, "irradiance": _SUN}, "sky": sky}
 
 

@@ -59,6 +59,7 @@ type FinishTuple = (
     Option<(f64, f64)>,
     Option<(f64, f64)>,
     f64,
+    f64,
 );
 
 /// For each texture the number of its emissive one, and layouts, lights and texels of these.
@@ -146,7 +147,20 @@ pub(super) fn gloss_tables(
 }
 
 fn finish(
-    ((alpha, across), distribution, fresnel, tint, passing, base_tints, under, lobe, coat, sheen, transmission): FinishTuple,
+    (
+        (alpha, across),
+        distribution,
+        fresnel,
+        tint,
+        passing,
+        base_tints,
+        under,
+        lobe,
+        coat,
+        sheen,
+        transmission,
+        flatness,
+    ): FinishTuple,
 ) -> PyResult<Finish> {
     let distribution = match distribution.as_str() {
         "ggx" => Distribution::Ggx,
@@ -196,6 +210,7 @@ fn finish(
         coat,
         sheen,
         transmission,
+        flatness,
     })
 }
 

@@ -2,13 +2,14 @@
 //!
 //! A finish has one lobe of [`microfacets`](super::microfacets), weighted by Fresnel's equations, over a diffuse
 //! colour, and perhaps a [`coat`](super::coat) above both,
-//! or [`sheen`](super::sheen). A surface without roughness is a mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`,
+//! or [`sheen`](super::sheen), or [`flatness`](super::flatness). A surface without roughness is a mirror. Formulas are those of Mitsuba 3's `plastic`, `roughplastic`,
 //! `conductor`, `roughconductor`, `dielectric`, `roughdielectric`, `thindielectric` and `principled`, so that its path
 //! tracer is the reference.
 //!
 //! What must not break: only arithmetic, roots and `libm` are used, so that bits are the same on every processor.
 
 use super::coat::Coat;
+use super::flatness;
 use super::microfacets::Distribution;
 use super::microfacets::{Anisotropy, Cosines, lobe_density};
 use super::number::{Number, Triple, add, constant, dot, each, fifth_power, scale, times, unit};
@@ -106,6 +107,8 @@ pub struct Finish {
     /// Of such a mix, the fraction of what is no metal that is the surface of a solid, which light passes: bent, and
     /// tinted by the root of the base colour.
     pub transmission: f64,
+    /// How flat the base of such a mix is, 0 to 1.
+    pub flatness: f64,
 }
 
 impl Finish {
@@ -143,9 +146,10 @@ impl Finish {
         };
         let mixed = matches!((&self.fresnel, &self.under), (Fresnel::Mixed { .. }, Under::Rough(..)));
         let layers = self.coat.is_none_or(|coat| mixed && coat.is_valid())
-            && self.sheen.is_none_or(|sheen| mixed && sheen.is_valid() && self.transmission == 0.0)
+            && self.sheen.is_none_or(|sheen| mixed && sheen.is_valid())
             && fraction(&self.transmission)
-            && (mixed || self.transmission == 0.0);
+            && fraction(&self.flatness)
+            && (mixed || (self.transmission == 0.0 && self.flatness == 0.0));
         let tints = self.tint.iter().chain(&self.passing).all(|x| x.is_finite() && *x >= 0.0);
         let across = self.across.is_none_or(|across| across > 0.0 && across <= 2.0 && self.alpha > 0.0);
         if (0.0..=2.0).contains(&self.alpha) && across && fresnel && under && tints && textured && layers {
@@ -155,7 +159,7 @@ impl Finish {
             "a finish has a roughness of 0..2, indices of refraction above 0 other than 1, fractions of 0..1, an absorption \
              of at least 0, and a texture of metal only if it is a mix, of roughness if it is a mix or has nothing diffuse below, of opacity \
              only if it blends; an anisotropic one is no mirror, and only a mix has a coat, with a roughness above 0 and \
-             below 1, or sheen or a transmission, got {self:?}"
+             below 1, or sheen, a transmission or a flatness, got {self:?}"
         )))
     }
 
@@ -196,6 +200,7 @@ impl Finish {
             coat: None,
             sheen: None,
             transmission: 0.0,
+            flatness: 0.0,
             ..self.clone()
         };
         (fraction > 0.0).then(|| (solid(), index))
@@ -319,6 +324,8 @@ impl Finish {
                 let light = fifth_power(N::constant(1.0) - cosines.into);
                 let returned = cosines.facet.squared().scaled(2.0 * roughness);
                 let own = rough(base, factor, [cosines.out, light, returned]);
+                let own =
+                    self.flattened(own, base, factor, || flatness::reflectance([cosines.out, cosines.into], returned));
                 self.with_sheen(own, factor, |sheen| sheen.reflectance(base, cosines.facet))
             }
         }
@@ -333,9 +340,18 @@ impl Finish {
                 // Means over directions that follow the cosine: 1/21 of (1 - c)^5, and 2/3 of c.
                 let returned = (N::constant(1.0) + out.scaled(2.0 / 3.0)).scaled(roughness);
                 let own = rough(base, factor, [out, N::constant(1.0 / 21.0), returned]);
+                let own = self.flattened(own, base, factor, || flatness::evenly(out, returned));
                 self.with_sheen(own, factor, |sheen| sheen.evenly(base, out))
             }
         }
+    }
+
+    /// Returns the reflectance of a rough base, or a mean of it and of that of a flat base by the same factor.
+    fn flattened<N: Number>(&self, own: Triple<N>, base: Triple<N>, factor: f64, of: impl FnOnce() -> N) -> Triple<N> {
+        if self.flatness == 0.0 {
+            return own;
+        }
+        add(scale(own, N::constant(1.0 - self.flatness)), scale(base, of().scaled(self.flatness * factor)))
     }
 
     /// Returns the reflectance of a rough base, with that of its sheen by the same factor.
@@ -421,6 +437,7 @@ mod tests {
             coat: None,
             sheen: None,
             transmission: 0.0,
+            flatness: 0.0,
             alpha,
             across: None,
             distribution,

@@ -10,6 +10,7 @@
 //!   are dealt out to [`lamp_groups`].
 //! - [`adaptive`]: how many of a pixel's rays are shaded.
 //! - [`finish`]: reflectance. [`microfacets`]: of rough surfaces. [`coat`]: a second lobe above the first. [`sheen`]: that of cloth.
+//!   [`flatness`]: light that goes below a surface.
 //!   [`emissive`]: what surfaces emit by a texture. [`lookup`]: textures
 //!   and light maps at single points.
 //! - [`sky_levels`]: the environment map, from fine to coarse.
@@ -24,6 +25,7 @@ pub(super) mod adaptive;
 pub(super) mod coat;
 pub(super) mod emissive;
 pub(super) mod finish;
+mod flatness;
 pub(super) mod frame_axes;
 pub(crate) mod lamp_groups;
 mod lamps;

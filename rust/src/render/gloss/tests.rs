@@ -29,6 +29,7 @@ const MIRROR: Finish = Finish {
     coat: None,
     sheen: None,
     transmission: 0.0,
+    flatness: 0.0,
     lobe: [None; 2],
 };
 
@@ -326,6 +327,7 @@ fn rates_are_differences_in_time() {
             fresnel: Fresnel::Mixed { index: 1.5, metal: 0.3, tint: 0.6 },
             coat: Some(Coat { strength: 1.0, alpha: 0.05 }),
             sheen: Some(Sheen { strength: 0.8, tint: 0.5 }),
+            flatness: 0.6,
             ..rough.clone()
         },
         Finish {
@@ -790,10 +792,8 @@ fn tables_that_do_not_belong_together_are_refused() {
         |gloss| gloss.finishes[0].under = clear_solid(1.0),
         |gloss| gloss.finishes[0].transmission = 0.5,
         |gloss| gloss.finishes[0] = Finish { transmission: 1.5, ..mixed(0.3, 0.5) },
-        |gloss| {
-            let sheen = Some(Sheen { strength: 0.5, tint: 0.0 });
-            gloss.finishes[0] = Finish { transmission: 0.5, sheen, ..mixed(0.3, 0.5) };
-        },
+        |gloss| gloss.finishes[0].flatness = 0.5,
+        |gloss| gloss.finishes[0] = Finish { flatness: 1.5, ..mixed(0.3, 0.5) },
         |gloss| gloss.finishes[0].under = Under::Solid { index: 1.5, absorption: [0.0, -0.1, 0.0] },
         |gloss| gloss.finishes[0].under = Under::Solid { index: 1.5, absorption: [0.0, f64::INFINITY, 0.0] },
         |gloss| gloss.finishes[0].fresnel = Fresnel::Mixed { index: 1.5, metal: 1.1, tint: 0.0 },
