@@ -923,6 +923,7 @@ class SceneRenderer:
                     tuple[float, float] | None,
                     tuple[float, float] | None,
                     float,
+                    float,
                 ]
             ],
             npt.NDArray[np.uint32],

@@ -44,7 +44,7 @@ def luma_of(scene: Scene, **options: Any) -> npt.NDArray[np.float64]:
     return renderer.luma(VIEWS)[0].astype(np.float64)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("sky", [{}, {"complex_sun": True, "sun_aperture": 2.0}, {"sun_scale": 0.0}])
 def test_a_sunsky_is_mitsubas(sky: dict[str, Any]) -> None:
