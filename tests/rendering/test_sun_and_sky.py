@@ -10,6 +10,7 @@ import pytest
 
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba.variants import SCALAR, variant
+from davis_rs._util.last_used import keep_last
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.sun_and_sky import as_known_lights
@@ -77,3 +78,10 @@ def test_each_sky_has_its_own_map(other: dict[str, Any]) -> None:
     sky, same, changed = (sky_of(**sky) for sky in ({}, {}, other))
     assert np.array_equal(sky, same)
     assert not np.allclose(sky, changed, rtol=0.01)
+
+
+def test_the_results_that_were_used_last_are_kept() -> None:
+    known: dict[str, int] = {}
+    for key in "abcaad":  # what is used again drops nothing, and is the last one
+        keep_last(known, key, ord(key), 3)
+    assert known == {"c": ord("c"), "a": ord("a"), "d": ord("d")}

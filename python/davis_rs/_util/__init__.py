@@ -12,7 +12,7 @@
 - For people: ``quantities`` (times, rates and values with their units), ``html_table`` (what a notebook shows).
 - ``memory_forecast``: how much a run will take, and what there is. ``random_words``: a draw is the SHA-256 of (seed,
   sequence, key), so that a new key changes no other draw.
-  ``extras``: libraries that only some parts need.
+  ``extras``: libraries that only some parts need. ``last_used``: results that a run needs several times.
   ``array_types``: names for arrays of any precision, and for values of JSON.
 
 What is made at once gets its name when it is whole, in a hidden folder next to it. A writer of events gets its name

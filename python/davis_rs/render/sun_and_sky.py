@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba.types import Mitsuba, MitsubaEmitter
+from .._util.last_used import keep_last
 from .baked.lights import numbers
 
 FloatArray = npt.NDArray[np.float64]
@@ -49,9 +50,7 @@ def as_known_lights(sunsky: MitsubaEmitter, mi: Mitsuba) -> list[MitsubaEmitter]
     scaled(sun_scale=0.0)
     made_from = str(sunsky), b"".join(numbers(value).tobytes() for _, value in parameters)
     texels = _known[made_from] if made_from in _known else _texels(sunsky, mi)
-    while len(_known) >= _MOST_KNOWN:
-        del _known[next(iter(_known))]
-    _known[made_from] = texels
+    keep_last(_known, made_from, texels, _MOST_KNOWN)
     scaled()
     count = int(np.clip(round(np.degrees(2 * half) ** 2), 1, _MOST_SUNS))
     suns = _over_disk(towards, half, count) if irradiance.any() else np.empty((0, 3))

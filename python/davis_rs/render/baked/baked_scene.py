@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ..._mitsuba.types import Mitsuba, MitsubaObject, MitsubaScene, MitsubaShape
 from ..._mitsuba.variants import SCALAR, versions
+from ..._util.last_used import keep_last
 from ..._util.progress import progress, say
 from ..._util.quantities import percent
 from ...events.colour import Weights
@@ -309,9 +310,7 @@ def baked_light(
             maps = bake(surfaces, times, lights_at, error, effort=effort, seen=seen, told=told)
         say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
         cache.store(key, maps)
-    while len(_known) >= _MOST_KNOWN:
-        del _known[next(iter(_known))]
-    _known[key] = maps
+    keep_last(_known, key, maps, _MOST_KNOWN)
     return BakedLight(
         maps,
         times,
