@@ -809,6 +809,8 @@ class SceneRenderer:
         two_sided: uint32 (t), 1 where the back of the triangle reflects too.
         culled: uint32 (t), 1 where the back is culled: from behind, neither a camera nor a mirror sees the triangle,
             which throws shadows all the same; None where no triangle is so.
+        hidden: uint32 (t), 1 where the camera sees through the triangle, which mirrors see and which throws shadows all
+            the same; None where no triangle is so.
         frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
         frame_count: frames in all, with the world's.
         layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
@@ -884,6 +886,7 @@ class SceneRenderer:
         textures: npt.NDArray[np.uint32],
         two_sided: npt.NDArray[np.uint32],
         culled: npt.NDArray[np.uint32] | None = None,
+        hidden: npt.NDArray[np.uint32] | None = None,
         frames: npt.NDArray[np.uint32],
         frame_count: int,
         layouts: npt.NDArray[np.int64],

@@ -796,12 +796,8 @@ def test_what_writes_more_next_to_light_shows_the_light_of_what_is_inside() -> N
     for wrapped in ({"type": "moment", "first": inside}, {"type": "moment", "first": depths}):
         assert not why_not_noise_free(make_scene(wrapped, **parts))
         np.testing.assert_array_equal(luma_of(make_scene(wrapped, **parts), 0.5), own)
-    for other, rule in (
-        ({"type": "depth"}, "DepthIntegrator"),
-        (DIRECT | {"hide_emitters": True}, "hidden"),
-    ):
-        obstacles = why_not_noise_free(make_scene({"type": "moment", "first": other}, **parts))
-        assert any(rule in obstacle.rule for obstacle in obstacles), other
+    obstacles = why_not_noise_free(make_scene({"type": "moment", "first": {"type": "depth"}}, **parts))
+    assert any("DepthIntegrator" in obstacle.rule for obstacle in obstacles)
 
 
 def test_volumetric_paths_without_media_are_paths() -> None:

@@ -835,9 +835,10 @@ mod tests {
             .collect()
     }
 
-    /// A triangle whose back is culled is as good as gone for a camera behind it, whichever way it is looked for.
+    /// A triangle that is hidden from cameras, or whose back is culled, is as good as gone for them, the latter for a camera
+    /// behind it, whichever way it is looked for.
     #[test]
-    fn culled_backs_are_not_there() {
+    fn what_a_camera_does_not_see_is_not_there() {
         let (width, height, lines) = (37, 21, LinePattern::new(8).unwrap());
         let (rays, middles) = (grid(width, height, &[[0.1, 0.6], [0.6, 0.1]]), grid(width, height, &[[0.5; 2]]));
         let corners = grid(width, height, &[[0.0, 0.0], [1.0, 1.0]]);
@@ -846,14 +847,15 @@ mod tests {
             let mut numbers = Numbers(seed);
             let mut whole = SceneTables { shadows: false, ..tables(&mut numbers, count) };
             whole.culled = (0..count).map(|i| i > 0 && numbers.next() > -0.5).collect();
+            whole.hidden = (0..count).map(|i| i > 0 && numbers.next() > 0.5).collect();
             for view in line_views(&mut numbers) {
-                let mut left = SceneTables { culled: vec![], ..whole.clone() };
+                let mut left = SceneTables { culled: vec![], hidden: vec![], ..whole.clone() };
                 let behind = |i: usize| {
                     let ([x, y, z], plane) = (view.poses[whole.frames[i] as usize].position, whole.planes[i]);
                     plane[0] * x + plane[1] * y + plane[2] * z + plane[3] < 0.0
                 };
                 // Off the image, where no ray meets it.
-                for i in (0..count).filter(|&i| whole.culled[i] && behind(i)) {
+                for i in (0..count).filter(|&i| whole.hidden[i] || whole.culled[i] && behind(i)) {
                     left.corners.to_mut()[i] = [[0.0; 3]; 3];
                 }
                 let seen = [&whole, &left].map(|tables| {

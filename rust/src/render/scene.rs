@@ -98,6 +98,9 @@ pub struct SceneTables<'a> {
     /// Whether the back is culled: from behind, neither a camera nor a mirror sees the triangle, and both see what lies
     /// behind it. It throws shadows all the same. Empty where no triangle is so.
     pub culled: Vec<bool>,
+    /// Whether the camera sees through the triangle, from either side. Mirrors see it, and it throws shadows. Empty where
+    /// no triangle is so.
+    pub hidden: Vec<bool>,
     /// The frame: 0 for what stands still in the world, 1, 2, ... for bodies.
     pub frames: Vec<u32>,
     /// How many frames there are.
@@ -145,6 +148,8 @@ pub(crate) struct Surface {
     pub(crate) two_sided: bool,
     /// Whether its back is not seen.
     pub(crate) culled: bool,
+    /// Whether the camera sees through it.
+    pub(crate) hidden: bool,
     pub(crate) frame: u32,
     /// Of the front and the back; None where no light is baked.
     pub(crate) light_maps: Option<Box<[SideMap; 2]>>,
@@ -153,6 +158,13 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
+    /// Returns whether a camera at this height above the plane cannot see the triangle: it is hidden from cameras, or the
+    /// camera is at its side, or behind it where its back is culled.
+    #[inline]
+    pub(crate) fn is_hidden(&self, height: f64) -> bool {
+        self.hidden || height == 0.0 || self.culled && height < 0.0
+    }
+
     /// Returns the affine maps of a point to the texture coordinates u and v.
     pub(crate) fn uv(&self) -> &[[f64; 4]; 2] {
         self.uv.as_deref().unwrap_or(&[[0.0; 4]; 2])
@@ -322,6 +334,7 @@ impl Scene {
                 texture: tables.textures[i],
                 two_sided: tables.two_sided[i],
                 culled: tables.culled.get(i).is_some_and(|culled| *culled),
+                hidden: tables.hidden.get(i).is_some_and(|hidden| *hidden),
                 #[allow(clippy::cast_possible_truncation, reason = "it came as u32")]
                 frame: frame as u32,
                 light_maps: light_maps
@@ -446,13 +459,6 @@ impl Scene {
     }
 }
 
-/// Returns whether a camera at this height above a triangle's plane cannot see it: from its side, or from behind where
-/// its back is culled.
-#[inline]
-pub(crate) fn is_hidden(culled: bool, height: f64) -> bool {
-    height == 0.0 || culled && height < 0.0
-}
-
 /// Returns whether a triangle can be hit: its corners are finite, and it has an area.
 pub(crate) fn has_area(corners: &[Vector; 3]) -> bool {
     let [a, b, c] = *corners;
@@ -481,6 +487,7 @@ fn check(tables: &SceneTables) -> Result<()> {
         ("textures", tables.textures.len()),
         ("two_sided", tables.two_sided.len()),
         ("culled", if tables.culled.is_empty() { n } else { tables.culled.len() }),
+        ("hidden", if tables.hidden.is_empty() { n } else { tables.hidden.len() }),
         ("frames", tables.frames.len()),
         ("emissions", if tables.emissions.is_empty() { n } else { tables.emissions.len() }),
         ("normal_maps", if tables.normal_maps.is_empty() { n } else { tables.normal_maps.len() }),

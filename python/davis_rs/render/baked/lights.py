@@ -66,6 +66,21 @@ def integrator_of(scene: MitsubaScene) -> MitsubaIntegrator:
     return integrator
 
 
+def hides_lights(scene: MitsubaScene) -> bool:
+    """Return whether a scene's integrator hides lights from the camera (``hide_emitters``).
+
+    The camera sees through their shapes, and black in place of the sky. Mirrors see both.
+    """
+    return bool(getattr(integrator_of(scene), "hide_emitters", False))
+
+
+def hidden_shapes(scene: MitsubaScene) -> list[int]:
+    """Return the numbers of the shapes through which the camera sees, see :func:`hides_lights`."""
+    if not hides_lights(scene):
+        return []
+    return [number for number, shape in enumerate(scene.shapes()) if shape.is_emitter()]
+
+
 def follows_media(scene: MitsubaScene) -> bool:
     """Return whether a scene's integrator is one for volumes."""
     integrator = integrator_of(scene)
@@ -114,7 +129,6 @@ def check_lights(scene: MitsubaScene, mi: Mitsuba, *, soft: bool = False) -> Non
         Unsuitable: with all of them.
     """
     obstacles = Obstacles()
-    hidden = bool(getattr(integrator_of(scene), "hide_emitters", False))
     for own_name, emitter in named_emitters(scene):
         kind = emitter.class_name()
         name = f"light {own_name!r}, a {kind},"
@@ -126,9 +140,6 @@ def check_lights(scene: MitsubaScene, mi: Mitsuba, *, soft: bool = False) -> Non
                 raise textured_lamp(own_name)
             if kind == "EnvironmentMapEmitter" and not _is_rotation(mi.traverse(emitter)):
                 raise Unsuitable("is stretched by its transform", "turn it only", name)
-            if kind == "AreaLight" and hidden:
-                rule = "is hidden by the scene's integrator (hide_emitters)"
-                raise Unsuitable(rule, "leave hide_emitters out", name)
     obstacles.refuse()
 
 
@@ -205,7 +216,7 @@ def background_luma(
 ) -> list[float]:
     """Return the luma of a ray that hits nothing, by each group of lights; ``weights`` as in :func:`emissions`."""
     shown = [0.0] * len(names)
-    if not getattr(integrator_of(scene), "hide_emitters", False):
+    if not hides_lights(scene):
         for name, emitter in named_emitters(scene):
             if emitter.class_name() == "ConstantBackgroundEmitter":
                 shown[group_of(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ weights)
@@ -279,7 +290,7 @@ def sky_map(scene: MitsubaScene, mi: Mitsuba, names: Sequence[str], weights: Wei
     Args:
         weights: as in :func:`emissions`.
     """
-    if getattr(integrator_of(scene), "hide_emitters", False):
+    if hides_lights(scene):
         return None
     for name, emitter in named_emitters(scene):
         if emitter.class_name() == "EnvironmentMapEmitter":

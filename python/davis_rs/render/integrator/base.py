@@ -14,6 +14,7 @@ from ...events.luma import LumaFrames
 from ...geometry.camera import Camera
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.views import Views
+from ..baked.lights import hides_lights
 from ..base import Indices, Renderer
 from ..media import has_media
 from ..motion.scene_motion import STILL, SceneMotion, SceneState
@@ -22,6 +23,9 @@ from ..motion.scene_updates import SceneUpdates
 
 _SEED_STEP = 15_485_863
 """Distance between the seeds of :meth:`SceneRenderer.reseeded`: the scalar variant uses one more seed for each ray."""
+
+PAST = 1 + 1e-4
+"""A ray that goes past a lamp begins anew so much farther away than the lamp."""
 
 
 def _integrator(scene: MitsubaScene, mi: Mitsuba) -> MitsubaIntegrator:
@@ -72,6 +76,7 @@ class SceneRenderer(Renderer):
         self._scene, self._seed, self.reason = scene, seed, reason
         with variant(self.variant) as (mi, _):
             self._integrator = _integrator(scene, mi)
+            self._hides_lights = hides_lights(scene)
             self.scale = scale_scene(scene, self._integrator, mi)
             self._updates = SceneUpdates(scene, motion, mi)
         self.name = f"Mitsuba's {self._integrator.class_name()}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..._mitsuba.types import DrJit, JitFloat, JitIndex, Mitsuba, MitsubaHit, MitsubaScene
+from ..._mitsuba.types import DrJit, JitFloat, JitIndex, JitRay, Mitsuba, MitsubaHit, MitsubaScene
 from ..._mitsuba.variants import FAST, variant
 from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS, LumaFrames
@@ -16,7 +16,7 @@ from ..motion.scene_motion import STILL, SceneMotion, SceneState
 from ..motion.scene_updates import owner_numbers
 from ..rays.camera_rays import CameraRays, Lanes
 from ..rays.frame_sampler import frame_sampler
-from .base import SceneRenderer
+from .base import PAST, SceneRenderer
 
 
 class IntegratorRenderer(SceneRenderer):
@@ -80,7 +80,23 @@ class IntegratorRenderer(SceneRenderer):
         ray = self._camera_rays.ray(lanes, 0, 1)
         # Mitsuba expects unit directions.
         length = dr.norm(ray.d)
-        return self._scene.ray_intersect_preliminary(mi.Ray3f(ray.o, ray.d / length), coherent=True), length
+        return self._first_hits(mi.Ray3f(ray.o, ray.d / length), mi, dr), length
+
+    def _first_hits(self, ray: JitRay, mi: Mitsuba, dr: DrJit) -> MitsubaHit:
+        """Return what rays hit first, past the lamps that the integrator hides."""
+        hits = self._scene.ray_intersect_preliminary(ray, coherent=True)
+        if not self._hides_lights:
+            return hits
+        at_lamp = hits.is_valid() & hits.shape.is_emitter()
+        while dr.any(at_lamp):
+            passed = hits.t * PAST
+            further = self._scene.ray_intersect_preliminary(
+                mi.Ray3f(ray.o + passed * ray.d, ray.d), coherent=True, active=at_lamp
+            )
+            further.t += passed
+            hits = dr.select(at_lamp, further, hits)
+            at_lamp &= hits.is_valid() & hits.shape.is_emitter()
+        return hits
 
     def _render(self, views: Views, state: SceneState) -> LumaFrames:
         frames = self._blank(views)

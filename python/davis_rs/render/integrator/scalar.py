@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from ..._mitsuba.types import MitsubaHit, MitsubaScene
+from ..._mitsuba.types import JitRay, Mitsuba, MitsubaHit, MitsubaScene
 from ..._mitsuba.variants import SCALAR, variant
 from ...events.colour import Weights
 from ...events.luma import LUMA_WEIGHTS, LumaFrames
@@ -17,7 +17,7 @@ from ...geometry.trajectory.views import Views
 from ..base import Indices
 from ..motion.scene_motion import STILL, SceneMotion, SceneState
 from ..rays.camera_rays import ray_table
-from .base import SceneRenderer
+from .base import PAST, SceneRenderer
 
 
 class ScalarRenderer(SceneRenderer):
@@ -72,9 +72,18 @@ class ScalarRenderer(SceneRenderer):
         for i, (position, rotation) in enumerate(zip(views.positions, views.rotations, strict=True)):
             with variant(SCALAR) as (mi, _):
                 self._update(state, i)
-                intersect, origin = self._scene.ray_intersect_preliminary, mi.Point3f(*position.tolist())
-                hits = [intersect(mi.Ray3f(origin, direction), True) for direction in (rays @ rotation.T).tolist()]
+                origin = mi.Point3f(*position.tolist())
+                hits = [self._first_hit(mi.Ray3f(origin, direction), mi) for direction in (rays @ rotation.T).tolist()]
             yield hits
+
+    def _first_hit(self, ray: JitRay, mi: Mitsuba) -> MitsubaHit:
+        """Return what a ray hits first, past the lamps that the integrator hides."""
+        hit = self._scene.ray_intersect_preliminary(ray, True)
+        while self._hides_lights and hit.is_valid() and hit.shape.is_emitter():
+            passed = hit.t * PAST
+            hit = self._scene.ray_intersect_preliminary(mi.Ray3f(ray.o + passed * ray.d, ray.d), True)
+            hit.t += passed
+        return hit
 
     def _render(self, views: Views, state: SceneState) -> LumaFrames:
         shape = (len(views), self.camera.height, self.camera.width)

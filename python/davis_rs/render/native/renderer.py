@@ -337,6 +337,7 @@ def _core_of(table: SceneTable, threads: int | None, textures: TextureTable) -> 
         textures=textures.texture_of,
         two_sided=table.two_sided,
         culled=table.culled,
+        hidden=table.hidden,
         frames=table.frames,
         frame_count=1 + len(table.moving),
         layouts=textures.framed_sizes.astype(np.int64).ravel(),

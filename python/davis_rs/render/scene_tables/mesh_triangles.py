@@ -135,16 +135,16 @@ class MeshTriangles:
         return bool(ours @ theirs < 0)
 
 
-def culled_triangles(counts: Sequence[int], one_sided: Sequence[int]) -> npt.NDArray[np.uint32] | None:
-    """Return 1 for each triangle whose back is culled, else 0; None where there is none.
+def triangles_of_shapes(counts: Sequence[int], numbers: Sequence[int]) -> npt.NDArray[np.uint32] | None:
+    """Return 1 for each triangle (t) of some shapes, else 0; None where there is none.
 
     Args:
         counts: how many triangles each shape has.
-        one_sided: the numbers of the shapes whose backs are culled.
+        numbers: of these shapes.
     """
-    if not len(one_sided):
+    if not len(numbers):
         return None
-    return np.repeat(np.isin(np.arange(len(counts)), one_sided).astype(np.uint32), counts)
+    return np.repeat(np.isin(np.arange(len(counts)), numbers).astype(np.uint32), counts)
 
 
 def flat_normal_maps(normals: FloatArray) -> FloatArray:

@@ -37,6 +37,8 @@ from ..baked.lights import (
     SHARP,
     area_light_name,
     group_name,
+    hidden_shapes,
+    hides_lights,
     integrator_of,
     shows_absorption,
     small_lamps,
@@ -54,7 +56,7 @@ from ..round_meshes import MOST_TRIANGLES
 from ..texels import CoreColours
 from .deforming_meshes import DeformingMesh
 from .gloss_table import DIFFUSE, CoreGloss, gloss_table
-from .mesh_triangles import MeshTriangles, culled_triangles
+from .mesh_triangles import MeshTriangles, triangles_of_shapes
 from .normal_textures import NormalTextures
 from .scene_texture import Added, TextureTable
 from .small_lamps import LampPlaces
@@ -132,6 +134,7 @@ class SceneTable:
         normal_textures: what turns normals.
         two_sided: uint32 (n), 1 where the back of the surface reflects too.
         culled: uint32 (n), 1 where the native renderer sees through the back; None where no shape is so.
+        hidden: uint32 (n), 1 where the camera sees through; None where no shape is so.
         frames: uint32 (n), 0 for what stands still, 1, 2, ... for the shapes of ``moving``.
         moving: the ids of the shapes that move.
         deforming: what does not change of the meshes that deform.
@@ -170,7 +173,7 @@ class SceneTable:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._weights = np.asarray(weights)
         self.normal_textures = NormalTextures({}, like_gltf=False) if normal_textures is None else normal_textures
-        self._hides_lights = bool(getattr(integrator_of(scene), "hide_emitters", False))
+        self._hides_lights = hides_lights(scene)
         obstacles = Obstacles() if obstacles is None else obstacles
         if not any_integrator and not baked:
             with obstacles.collect():
@@ -207,9 +210,12 @@ class SceneTable:
                 per_unit = None
                 if view is not None and view.known and faces:
                     per_unit = functools.partial(_pixels_per_unit, view, shape, read)
-                _check_anisotropic(shape, (finishes or {}).get(shape.bsdf()))
+                finish = (finishes or {}).get(shape.bsdf())
+                _check_anisotropic(shape, finish)
+                if self._hides_lights:
+                    _check_see_through(shape, finish)
                 if reflections or shows_absorption(scene):
-                    _check_absorbing(shape, (finishes or {}).get(shape.bsdf()))
+                    _check_absorbing(shape, finish)
                 added = self.textures.add(
                     shape, faces, read, per_unit, emission=shining.get(shape), normals=self.normal_textures
                 )
@@ -221,7 +227,8 @@ class SceneTable:
         if finishes:
             self.gloss = gloss_table(scene, finishes, self.counts, baked=baked, reflections=reflections)
         self.two_sided = np.repeat(np.array([added.two_sided for added in surfaces], np.uint32), self.counts)
-        self.culled = culled_triangles(self.counts, one_sided)
+        self.culled = triangles_of_shapes(self.counts, one_sided)
+        self.hidden = triangles_of_shapes(self.counts, hidden_shapes(scene))
         frames = [self.moving.index(name) + 1 if name in self.moving else 0 for name in self.names]
         self.frames = np.repeat(np.array(frames, np.uint32), self.counts)
         self.deforming: list[DeformingMesh] = []
@@ -520,6 +527,13 @@ class SceneTable:
         if self._hides_lights or light.kind != "constant":
             return 0.0
         return float(self.textures.group_weights[light.group].sum())
+
+
+def _check_see_through(shape: MitsubaShape, finish: Finish | None) -> None:
+    """Refuse what one sees through along straight rays: Mitsuba hides the sky behind it, and in part lamps."""
+    if finish is not None and (finish.is_null or finish.under[0] == "sheet"):
+        rule = "is seen through, and the scene's integrator hides lights (hide_emitters), in part also those behind it"
+        raise Unsuitable(rule, "leave hide_emitters out", shape_name(shape))
 
 
 def _check_anisotropic(shape: MitsubaShape, finish: Finish | None) -> None:

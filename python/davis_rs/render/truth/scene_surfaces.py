@@ -16,6 +16,7 @@ from ...geometry.pose import FloatArray
 from ...geometry.trajectory.views import Views
 from ...scene.image_textures import stand_ins
 from ...scene.scene import Scene
+from ..baked.lights import hidden_shapes
 from ..flow import OpticalFlow
 from ..mesh_buffers import MeshBuffers
 from ..motion.scene_motion import pose_arrays, seen_from
@@ -23,7 +24,7 @@ from ..primitives import triangulated
 from ..rays.camera_rays import pixel_centres, pixel_rays, ray_table
 from ..rays.shadow_rays import END, STEP, scene_centre
 from ..scene_tables.deforming_meshes import DeformingMesh, DeformingMeshes
-from ..scene_tables.mesh_triangles import MeshTriangles, culled_triangles
+from ..scene_tables.mesh_triangles import MeshTriangles, triangles_of_shapes
 
 _MOST_SHAPES = 65_535
 
@@ -91,6 +92,7 @@ class SceneSurfaces:
             # Which side a lamp shines from decides, not the order of its corners.
             turned = {number for number in made.null_lamps if meshes[number].is_turned(shapes[number], mi)}
             self.names = tuple(str(shape.id()) for shape in shapes)
+            hidden = hidden_shapes(loaded)
         moving = list(self.motion.objects)
         numbers = [moving.index(name) + 1 if name in moving else 0 for name in self.names]
         counts = [mesh.count for mesh in meshes]
@@ -117,7 +119,8 @@ class SceneSurfaces:
             normal_maps=None,
             textures=np.zeros(count, np.uint32),
             two_sided=np.ones(count, np.uint32),
-            culled=culled_triangles(counts, made.one_sided(scene.one_sided if culled else ())),
+            culled=triangles_of_shapes(counts, made.one_sided(scene.one_sided if culled else ())),
+            hidden=triangles_of_shapes(counts, hidden),
             frames=frames,
             frame_count=1 + len(moving),
             layouts=np.array([0, 1, 1, 0], np.int64),

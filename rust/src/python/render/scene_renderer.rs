@@ -33,6 +33,8 @@ use crate::render::{
 ///     two_sided: uint32 (t), 1 where the back of the triangle reflects too.
 ///     culled: uint32 (t), 1 where the back is culled: from behind, neither a camera nor a mirror sees the triangle,
 ///         which throws shadows all the same; None where no triangle is so.
+///     hidden: uint32 (t), 1 where the camera sees through the triangle, which mirrors see and which throws shadows all
+///         the same; None where no triangle is so.
 ///     frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
 ///     frame_count: frames in all, with the world's.
 ///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
@@ -131,6 +133,7 @@ impl PySceneRenderer {
         textures,
         two_sided,
         culled=None,
+        hidden=None,
         frames,
         frame_count,
         layouts,
@@ -158,6 +161,7 @@ impl PySceneRenderer {
         textures: &Bound<'_, PyAny>,
         two_sided: &Bound<'_, PyAny>,
         culled: Option<&Bound<'_, PyAny>>,
+        hidden: Option<&Bound<'_, PyAny>>,
         frames: &Bound<'_, PyAny>,
         frame_count: usize,
         layouts: &Bound<'_, PyAny>,
@@ -193,6 +197,7 @@ impl PySceneRenderer {
             textures: numbers::<u32>(textures, "textures")?,
             two_sided: flags(two_sided, "two_sided")?,
             culled: culled.map_or(Ok(vec![]), |culled| flags(culled, "culled"))?,
+            hidden: hidden.map_or(Ok(vec![]), |hidden| flags(hidden, "hidden"))?,
             frames: numbers::<u32>(frames, "frames")?,
             frame_count,
             layouts: groups(layouts, "layouts")?,

@@ -14,7 +14,7 @@ use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::PixelRays;
 use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
 use crate::render::geometry::view::{Pose, View};
-use crate::render::scene::{Scene, Surface, is_hidden};
+use crate::render::scene::Scene;
 
 /// What of the product of two lengths is rounding.
 pub(super) const EDGE_ON: f64 = 1e-15;
@@ -61,13 +61,14 @@ impl Seen {
         reason = "float64 is rounded to float32; scenes have fewer than 2^30 triangles"
     )]
     fn new(scene: &Scene, pose: &Pose, triangle: usize, corners: &[Vector; 3]) -> Option<Self> {
-        let Surface { plane, culled, .. } = &scene.surfaces[triangle];
+        let surface = &scene.surfaces[triangle];
+        let plane = &surface.plane;
         let normal = [plane[0], plane[1], plane[2]];
         let height = dot(normal, pose.position) + plane[3];
         let edges = [cross(corners[1], corners[2]), cross(corners[2], corners[0]), cross(corners[0], corners[1])];
         let determinant = dot(corners[0], edges[0]);
         // Seen from its side a triangle is no wider than float64's rounding of its corners.
-        if determinant.abs() <= EDGE_ON * largest(corners[0]) * largest(edges[0]) || is_hidden(*culled, height) {
+        if determinant.abs() <= EDGE_ON * largest(corners[0]) * largest(edges[0]) || surface.is_hidden(height) {
             return None;
         }
         let edges = edges.map(|edge| Linear(single(if determinant < 0.0 { scale(edge, -1.0) } else { edge })));

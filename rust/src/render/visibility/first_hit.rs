@@ -13,7 +13,7 @@ use multiversion::multiversion;
 use crate::render::geometry::bvh::{Ahead, Boxes, Bvh, Leaves, Region, WIDTH, Waiting, below};
 use crate::render::geometry::vector::{Vector, cross, dot, scale, single, sub};
 use crate::render::geometry::view::View;
-use crate::render::scene::{Scene, Surface, is_hidden};
+use crate::render::scene::{Scene, Surface};
 
 /// A ray from an origin, in units of its direction, in one frame of a scene.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +43,7 @@ impl Seen {
         let normal = [surface.plane[0], surface.plane[1], surface.plane[2]];
         let height = dot(normal, pose.position) + surface.plane[3];
         let volume = dot(a, cross(b, c));
-        if is_hidden(surface.culled, height) || volume == 0.0 {
+        if surface.is_hidden(height) || volume == 0.0 {
             return None;
         }
         // Of two triangles at an edge the function is the same but for its sign: no ray passes between them.

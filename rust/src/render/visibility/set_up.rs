@@ -10,7 +10,7 @@ use crate::render::geometry::bvh::WIDTH;
 use crate::render::geometry::linear::Linear;
 use crate::render::geometry::vector::Vector;
 use crate::render::geometry::view::Pose;
-use crate::render::scene::{Scene, Surface, is_hidden};
+use crate::render::scene::Scene;
 
 /// A number of each triangle.
 type Numbers = [f64; WIDTH];
@@ -127,13 +127,14 @@ impl Pending {
         let mut normals = [[0.0; WIDTH]; 3];
         let (mut heights, mut hidden) = ([0.0; WIDTH], [false; WIDTH]);
         for i in 0..self.count {
-            let Surface { plane, culled, .. } = &scene.surfaces[self.triangles[i] as usize];
+            let surface = &scene.surfaces[self.triangles[i] as usize];
+            let plane = &surface.plane;
             for axis in 0..3 {
                 normals[axis][i] = plane[axis];
             }
             let [x, y, z] = pose.position;
             heights[i] = plane[0] * x + plane[1] * y + plane[2] * z + plane[3];
-            hidden[i] = is_hidden(*culled, heights[i]);
+            hidden[i] = surface.is_hidden(heights[i]);
         }
         let normals = turned(pose, &normals);
         let mut functions = [[[0f32; WIDTH]; 3]; 4];
