@@ -1167,6 +1167,21 @@ class SceneRenderer:
             Metres, inf where that frame has no triangle.
         """
 
+    def depths_in_parts(self, parts: npt.NDArray[np.float64], views: _Views) -> npt.NDArray[np.float64]:
+        """Return the least and the largest depth of triangles in parts of the image, whatever hides them.
+
+        Args:
+            parts: float64, flat (m, 2, 2), of rays (x, y, 1) in camera axes the lowest x and y, and the highest.
+            views: as in :meth:`luma`.
+
+        Returns:
+            float64, flat (n, m, 2), in metres along the optical axis; NaN where surely no triangle is seen. Depths of
+            what is only near to a part may be among them.
+
+        Raises:
+            ValueError: for views that do not fit the scene.
+        """
+
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
     """Count events by polarity and pixel.
 

@@ -19,8 +19,10 @@ from davis_rs.geometry.camera import PRESETS
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
+from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.sampling.displacement import DisplacementClock
 from davis_rs.sampling.rules import ManyRendersWarning, periodic_instants
+from lit_scenes import Parts, environment
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -79,7 +81,7 @@ def test_rate_zero_and_impossible_rates() -> None:
             periodic_instants(rate_hz, 0, 1)
 
 
-def tilted_floor(camera: Camera) -> Renderer:
+def tilted_floor(camera: Camera, kind: str = "auto") -> Renderer:
     """A tilted floor with a box on it, seen from some two metres by cameras near POSE."""
     tilt, box = np.eye(4), np.diag([0.3, 0.3, 0.3, 1.0])
     tilt[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 0.0]).as_matrix() * (30.0, 30.0, 1.0)
@@ -91,7 +93,7 @@ def tilted_floor(camera: Camera) -> Renderer:
         "floor": {"type": "rectangle", "to_world": tilt, "bsdf": {"type": "twosided", "inner": diffuse}},
         "box": {"type": "cube", "to_world": box, "bsdf": diffuse},
     }
-    return make_renderer(Scene("floor", partial(dict, source)), camera, rays_per_pixel=1)
+    return make_renderer(Scene("floor", partial(dict, source)), camera, kind=kind, rays_per_pixel=1)
 
 
 # Looks down, turned about its axis and tilted: its rotation is not its own transpose.
@@ -180,15 +182,62 @@ def test_a_camera_at_rest_asks_for_nothing() -> None:
     assert list(MaxDisplacement().instants(renderer, away, 50_000)) == []
 
 
-def test_a_rotation_counts_where_nothing_is_seen() -> None:
-    """The flow of a rotation needs no depth: by the lens alone, f (1 + x^2) w at the edge."""
-    renderer = tilted_floor(PLAIN)
+def test_a_rotation_counts_where_nothing_is_seen_but_a_background_that_may_have_a_pattern() -> None:
+    """The flow of a rotation needs no depth: by the lens alone, f (1 + x^2) w at the edge. The native renderer knows
+    that its background has no pattern."""
     up = Pose([0.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0])
     turned = Pose(up.position, Rotation.from_rotvec([0.0, 0.4, 0.0]).as_quat())
-    instants = list(MaxDisplacement(1.0).instants(renderer, SegmentTrajectory(up, turned, 0.05), 50_000))
+    path = SegmentTrajectory(up, turned, 0.05)
+    assert not list(MaxDisplacement(1.0).instants(tilted_floor(PLAIN), path, 50_000))
+    instants = list(MaxDisplacement(1.0).instants(tilted_floor(PLAIN, "integrator"), path, 50_000))
     edge = 50.0 * (1 + (28.0 / 50.0) ** 2) * 0.4  # centre of the outermost 4 x 4 tile
     assert len(instants) == pytest.approx(edge, abs=1.5)
     np.testing.assert_allclose(np.diff(instants), 50_000 / edge, atol=3 + 0.03 * 50_000 / edge)
+
+
+def alone(half_m: float, **more: object) -> Scene:
+    """Return a square in front of a black background, two metres below a camera at START's height."""
+    placed = np.diag([half_m, half_m, 1.0, 1.0])
+    light = {"type": "point", "position": [0.0, 0.0, 3.0], "intensity": 1.0}
+    source = {"type": "scene", "light": light, "square": {"type": "rectangle", "to_world": placed}, **more}
+    return Scene("alone", partial(dict, source))
+
+
+DOWN = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
+ABOVE = Pose([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0])
+"""Two metres above the square, looking down."""
+
+
+@pytest.mark.parametrize("half_m", [0.3, 0.001])
+def test_what_is_seen_counts_and_the_background_does_not(half_m: float) -> None:
+    """A camera goes around a square that stays in the middle: the square hardly moves, and the background does, by
+    the rotation. So too for one of a tenth of a pixel, which the centres of pixels miss."""
+    renderer = make_renderer(alone(half_m), PLAIN, rays_per_pixel=1)
+    angle, duration_s = 0.05, 0.05
+    end = Pose(
+        [-2.0 * np.sin(angle), 0.0, 2.0 * np.cos(angle)], (Rotation.from_rotvec([0, -angle, 0]) * DOWN).as_quat()
+    )
+    around = SegmentTrajectory(ABOVE, end, duration_s)
+    clock = DisplacementClock(renderer, around, 50_000)
+    # At its corners and by the chord of the circle the square moves, too.
+    by_square, by_background = 50.0 * angle * (half_m / 2.0 + 0.03), 50.0 * angle * (1 + 0.56**2)
+    assert clock.path_at(50_000) < min(2 * by_square + 0.1, 0.35 * by_background)
+    sideways = SegmentTrajectory(ABOVE, Pose([0.1, 0.0, 2.0], ABOVE.quaternion), duration_s)
+    path = DisplacementClock(renderer, sideways, 50_000).path_at(50_000)
+    assert path == pytest.approx(50.0 * 0.1 / 2.0, rel=0.02)
+
+
+@pytest.mark.parametrize("pattern", ["sky", "gloss"])
+def test_backgrounds_count_that_have_a_pattern_or_are_reflected(pattern: str) -> None:
+    more: dict[str, Parts] = {
+        "sky": {"sky": environment(np.ones((4, 8, 3)))},
+        "gloss": {"ball": {"type": "cube", "to_world": np.diag([0.2, 0.2, 0.2, 1.0]), "bsdf": {"type": "conductor"}}},
+    }[pattern]
+    renderer = make_renderer(alone(0.3, **more), PLAIN, rays_per_pixel=1)
+    assert isinstance(renderer, NativeRenderer)
+    turned = SegmentTrajectory(ABOVE, Pose(ABOVE.position, (DOWN * Rotation.from_rotvec([0, 0.05, 0])).as_quat()), 0.05)
+    path = DisplacementClock(renderer, turned, 50_000).path_at(50_000)
+    assert path == pytest.approx(50.0 * 0.05 * (1 + (28.0 / 50.0) ** 2), rel=0.02)
 
 
 def test_instants_do_not_depend_on_what_is_rendered_between() -> None:

@@ -311,14 +311,17 @@ def test_a_leap_within_microseconds(end_us: int) -> None:
 
 
 def test_rays_that_miss() -> None:
-    """Where nothing is seen a translation asks for nothing and a rotation for its flow; luma is black, rates zero."""
-    renderer = make_renderer(wall(), CAMERA, rays_per_pixel=2)
+    """Where nothing is seen a translation asks for nothing, and a rotation for its flow if the background may have a
+    pattern; luma is black, rates zero."""
+    renderer, mitsubas = (make_renderer(wall(), CAMERA, kind=kind, rays_per_pixel=2) for kind in ("auto", "integrator"))
     up = Pose([0.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0])
     due = [0, 25_000, 50_000]
     translated = list(Tolerance(0.1).keyframes(stretch(renderer, shift([2.0, 0.0, 0.0], 0.05, up), due)))
     assert times_of(translated).tolist() == due
     turned = Pose(up.position, Rotation.from_rotvec([0.0, 0.3, 0.0]).as_quat())
-    rotated = list(Tolerance(0.1).keyframes(stretch(renderer, SegmentTrajectory(up, turned, 0.05), due)))
+    path = SegmentTrajectory(up, turned, 0.05)
+    assert times_of(list(Tolerance(0.1).keyframes(stretch(renderer, path, due)))).tolist() == due
+    rotated = list(Tolerance(0.1).keyframes(stretch(mitsubas, path, due)))
     assert len(rotated) > 8
     for keyframe in [*translated, *rotated]:
         assert np.all(keyframe.luma == 0)

@@ -150,6 +150,18 @@ class Renderer(ABC):
         """
         return 0.0
 
+    def depths_in_parts(self, views: Views, parts: FloatArray) -> FloatArray:
+        """Return the least and the largest depth of what may be seen in parts of the image.
+
+        Args:
+            parts: (m, 2, 2), of rays (x, y, 1) in camera axes the lowest x and y, and the highest.
+
+        Returns:
+            (n, m, 2), metres: those of all surfaces there, whatever hides them. NaN where surely nothing is seen but a
+            background of one luma; inf where the renderer does not know it, or where the background has a pattern.
+        """
+        return np.full((len(views), len(parts), 2), np.inf)
+
     def flow(self, views: Views) -> npt.NDArray[np.float32]:
         """Return optical flow (n, H, W, 2), float32, in pixels/s (x right, y down); NaN where a ray hits nothing.
 

@@ -56,6 +56,9 @@ class MosaicRenderer(Renderer):
     def nearest_distance(self, point: FloatArray) -> float:
         return self._channels[0].nearest_distance(point)
 
+    def depths_in_parts(self, views: Views, parts: FloatArray) -> FloatArray:
+        return self._channels[0].depths_in_parts(views, parts)
+
     def begin_luma(self, views: Views) -> Launched:
         launched = [channel.begin_luma(views) for channel in self._channels]
         return lambda: (self._picked([wait()[0] for wait in launched]), None)

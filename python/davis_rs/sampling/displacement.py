@@ -32,6 +32,9 @@ _LIGHT_STEP_US = 50
 _ESTIMATE = 17
 """How many instants the estimate of a path's length uses."""
 _TILE, _OBJECT_TILE = 4, 8
+_PART_MARGIN = 0.05
+"""By which fraction of itself a tile is wider on each side where it is looked for surfaces: a lens bends its sides."""
+
 _NEARER = 0.1
 """No point of a moving object is taken to be nearer than this fraction of the nearest depth in view."""
 
@@ -75,6 +78,27 @@ class SpanEnd(NamedTuple):
     reached: bool
 
 
+class _Tiles(NamedTuple):
+    """Holds what tiles of the image show.
+
+    Attributes:
+        depth: (tiles,) least depth; NaN where all that is seen is a background of one luma, inf for another background.
+        farthest: (tiles,) largest depth, where the centres of pixels meet nothing; NaN elsewhere.
+    """
+
+    depth: FloatArray
+    farthest: FloatArray
+
+    def together(self, other: _Tiles) -> _Tiles:
+        """Return what they show at one of two instants."""
+        return _Tiles(np.fmin(self.depth, other.depth), np.fmax(self.farthest, other.farthest))
+
+    @property
+    def nearest(self) -> float:
+        """The least depth of all; inf where there is none."""
+        return float(np.fmin.reduce(self.depth, initial=np.inf))
+
+
 class DisplacementClock:
     """Measures the length of the fastest pixel's path, in pixels, over a trajectory's time.
 
@@ -83,9 +107,10 @@ class DisplacementClock:
     A moving object counts besides, hidden or not, by how the corners of the box around it move, or points that its
     deformation names: all of its points move as means of these. Where one of them is behind the camera, or nearer than
     a tenth of the nearest surface in the depth maps, an object counts by the nearest and the farthest point that its
-    box has wherever it may be seen, and the speed of the fastest point of a mesh that deforms comes on top. All this
-    rather overestimates than underestimates; the shadows of moving objects, which may be faster than the objects, do
-    not count.
+    box has wherever it may be seen, and the speed of the fastest point of a mesh that deforms comes on top. Where the
+    centres of pixels meet nothing, the triangles count that a tile may show, if the renderer knows them; a background
+    of one luma does not count, because nothing is seen to move there. All this rather overestimates than
+    underestimates; the shadows of moving objects, which may be faster than the objects, do not count.
 
     A light that runs a profile adds the change of its log strength, :data:`LIGHT_PER_PIXEL` of which is a pixel,
     sampled every 50 us; of several lights the one that changes most counts.
@@ -108,7 +133,7 @@ class DisplacementClock:
             self._objects = _ObjectSpeeds(renderer)
         self._t_us, self._path = np.zeros(1), np.zeros(1)
         self._seen: tuple[FloatArray, Views] | None = None
-        self._ahead: dict[int, FloatArray] = {}
+        self._ahead: dict[int, _Tiles] = {}
         self._nearest = self._nearest_at(0) if end_us > 0 else None
         breaks = find_breaks(trajectory, renderer.motion, start_us, start_us + end_us)
         self._breaks = chain((t_us - start_us for t_us in break_instants(breaks, start_us, both=True)), [end_us])
@@ -184,10 +209,10 @@ class DisplacementClock:
         nearest = self._nearest_at(stop_us)
         assert self._nearest is not None
         breaks = self._breaks_until(stop_us)
-        depth = np.minimum(self._nearest, nearest)
+        tiles = self._nearest.together(nearest)
         t_us = _evenly(start_us, stop_us, _STEP_US, breaks)
-        t_us = self._where_motion_bends(t_us, float(depth.min()))
-        speed = self._fastest(depth, t_us * 1e-6)
+        t_us = self._where_motion_bends(t_us, tiles.nearest)
+        speed = self._fastest(tiles, t_us * 1e-6)
         moved = np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t_us) * 1e-6)
         if self._renderer.motion.lights:
             fine_us = self._where_light_bends(_evenly(start_us, stop_us, _LIGHT_STEP_US, breaks))
@@ -248,27 +273,44 @@ class DisplacementClock:
 
         return _divided(t_us, lambda at_us: self._log_strengths(at_us * 1e-6), bent)
 
-    def _nearest_at(self, t_us: int) -> FloatArray:
-        """Return the least depth in each tile at an instant."""
+    def _nearest_at(self, t_us: int) -> _Tiles:
+        """Return what tiles show at an instant."""
         if t_us not in self._ahead:
             # Several maps are rendered in one launch; those of later blocks are kept.
             times = sorted({min(t_us + i * _BLOCK_US, self._end_us) for i in range(_BLOCKS_A_LAUNCH)})
             self._ahead = dict(zip(times, self._pooled(times), strict=True))
         return self._ahead[t_us]
 
-    def _pooled(self, times: list[int]) -> FloatArray:
-        """Return the least depth in each tile (n, tiles) at instants in microseconds."""
-        depths = self._renderer.depth(self._views(np.array(times) * 1e-6))
+    def _pooled(self, times: list[int]) -> list[_Tiles]:
+        """Return what tiles show at instants in microseconds."""
+        views = self._views(np.array(times) * 1e-6)
+        depths = self._renderer.depth(views)
         pooled = _least_of_tiles(_least_of_tiles(depths).swapaxes(1, 2)).swapaxes(1, 2)
-        return pooled.reshape(len(times), -1).astype(np.float64)
+        pooled = pooled.reshape(len(times), -1).astype(np.float64)
+        farthest = np.full_like(pooled, np.nan)
+        missed = np.isinf(pooled)
+        tiles = np.flatnonzero(missed.any(0))
+        if len(tiles):
+            depths = self._renderer.depths_in_parts(views, _parts(self._renderer.camera, _TILE)[tiles])
+            for by_rays, by_triangles in zip((pooled, farthest), np.moveaxis(depths, -1, 0), strict=True):
+                by_rays[:, tiles] = np.where(missed[:, tiles], by_triangles, by_rays[:, tiles])
+        return [_Tiles(*of_instant) for of_instant in zip(pooled, farthest, strict=True)]
 
-    def _fastest(self, depth: FloatArray, t_s: FloatArray) -> FloatArray:
+    def _fastest(self, tiles: _Tiles, t_s: FloatArray) -> FloatArray:
         """Return the largest flow of any tile at each time, in pixels per second."""
         views = self._views(t_s)
-        speed = _largest(self._flow(views, depth))
+        speed = np.zeros(len(t_s))
+        for depth in (tiles.depth, tiles.farthest):
+            if not np.isnan(depth).all():
+                speed = np.maximum(speed, self._largest_flow(views, depth))
         if self._renderer.motion.objects:
-            speed = np.maximum(speed, self._objects(views, _NEARER * float(depth.min())))
+            speed = np.maximum(speed, self._objects(views, _NEARER * tiles.nearest))
         return np.where(speed > _REST_PX_S, speed, 0.0)
+
+    def _largest_flow(self, views: Views, depth: FloatArray) -> FloatArray:
+        """Return the largest flow (n,) of tiles at these depths; those of NaN do not count."""
+        none = np.isnan(depth)
+        return _largest(self._flow(views, np.where(none, np.inf, depth)) * ~none[:, None])
 
     def _light_path(self, t_s: FloatArray) -> FloatArray:
         """Return the part of lights in the path's length, from the first of n times to each of the others."""
@@ -427,6 +469,21 @@ def _divided(
 def _flow_of_tiles(camera: Camera, size: int) -> OpticalFlow:
     """Make the flow at the tiles' middles; it is kept, because a simulator driven in steps makes a clock for each."""
     return OpticalFlow(camera, _centres(camera, size))
+
+
+@lru_cache(maxsize=8)
+def _parts(camera: Camera, size: int) -> FloatArray:
+    """Return of rays (x, y, 1) through tiles the lowest x and y, and the highest (tiles, 2, 2), with a margin."""
+    columns, rows = np.arange(camera.width + 1) - 0.5, np.arange(camera.height + 1) - 0.5
+    corners = camera.rays(np.stack(np.meshgrid(columns, rows), -1))
+    ends = []
+    for least in (np.minimum, np.maximum):
+        in_rows = [least.reduce(corners[row : row + size + 1], axis=0) for row in range(0, camera.height, size)]
+        across = np.stack(in_rows)
+        in_tiles = [least.reduce(across[:, x : x + size + 1], axis=1) for x in range(0, camera.width, size)]
+        ends.append(np.stack(in_tiles, 1).reshape(-1, 2))
+    margin = _PART_MARGIN * (ends[1] - ends[0])
+    return np.stack([ends[0] - margin, ends[1] + margin], 1)
 
 
 @lru_cache(maxsize=8)

@@ -22,6 +22,7 @@ use super::scene::Scene;
 use super::tile::{self, TileImage, TileScratch, TileView, Ways};
 use super::visibility::bins::Bins;
 use super::visibility::distance::nearest_distance;
+use super::visibility::first_hit::depths_in;
 use super::visibility::nearest::NOTHING;
 use crate::error::{Error, Result};
 use crate::threads::{SHARED, Threads};
@@ -302,6 +303,24 @@ impl Renderer {
             });
             put(rays, tile, &depths, depth);
             put(rays, tile, &hit, triangles);
+        })
+    }
+
+    /// Returns the least and the largest depth of triangles in parts of the image, whatever hides them, for each view; NaN
+    /// where the camera surely sees none. A part is the lowest and the highest x and y of rays (x, y, 1) in camera axes.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for views as for [`Self::luma`].
+    pub fn depths_in_parts(&self, parts: &[[[f64; 2]; 2]], views: &[View]) -> Result<Vec<[f64; 2]>> {
+        let views = &self.centred(views)?;
+        self.install(|| {
+            let of_view = |view| {
+                parts.par_iter().map_init(Vec::new, move |stack, part| {
+                    depths_in(&self.scene, view, part, stack).unwrap_or([f64::NAN; 2])
+                })
+            };
+            views.par_iter().flat_map(of_view).collect()
         })
     }
 
@@ -833,6 +852,50 @@ mod tests {
                 View { poses: vec![pose, other], factors: vec![[1.0, 0.3], [0.7, 0.0], [1.0, -0.2]] }
             })
             .collect()
+    }
+
+    /// What rays meet in a part of the image is at one of its depths, and hardly a part that none meets has any.
+    #[test]
+    fn depths_in_parts_are_those_of_rays() {
+        let (width, height, side) = (36, 20, 4);
+        let (columns, rows) = (width / side, height / side);
+        let at = |x: usize| x as f64 / 10.0 - 1.0;
+        let parts: Vec<_> = (0..columns * rows)
+            .map(|part| [0, 1].map(|end| [part % columns, part / columns].map(|place| at((place + end) * side))))
+            .collect();
+        let (mut empty, mut unmet, mut close, mut met) = (0, 0, 0, 0);
+        for (seed, count) in [(1, 1), (2, 2), (3, 5), (4, 10)] {
+            let mut numbers = Numbers(seed);
+            let mut tables = SceneTables { shadows: false, ..tables(&mut numbers, count) };
+            tables.hidden = (0..count).map(|i| i % 5 == 1).collect();
+            tables.culled = (0..count).map(|i| i % 5 == 2).collect();
+            let renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
+            for view in line_views(&mut numbers) {
+                let views = std::slice::from_ref(&view);
+                let mut of_rays = vec![[f64::INFINITY, 0.0]; parts.len()];
+                for place in (0..16).map(|i| [(i % 4) as f32 / 4.0 + 0.1, (i / 4) as f32 / 4.0 + 0.1]) {
+                    let (mut depth, mut triangles) = (vec![0f32; width * height], vec![0u32; width * height]);
+                    renderer.depth(&grid(width, height, &[place]), views, &mut depth, &mut triangles).unwrap();
+                    for (pixel, depth) in depth.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
+                        let [least, most] = &mut of_rays[pixel / width / side * columns + pixel % width / side];
+                        (*least, *most) = (least.min(f64::from(*depth)), most.max(f64::from(*depth)));
+                    }
+                }
+                for ([near, far], [least, most]) in
+                    renderer.depths_in_parts(&parts, views).unwrap().into_iter().zip(of_rays)
+                {
+                    if most > 0.0 {
+                        assert!(near <= least * 1.000_01 && far >= most * 0.999_99, "{near} {far} {least} {most}");
+                        met += 1;
+                        close += usize::from(near > 0.7 * least && far < 1.5 * most);
+                    } else {
+                        empty += usize::from(near.is_nan() && far.is_nan());
+                        unmet += usize::from(!near.is_nan());
+                    }
+                }
+            }
+        }
+        assert!(empty > 100 && unmet < empty / 5 && close > met / 3, "{empty} {unmet} {close} of {met}");
     }
 
     /// A triangle that is hidden from cameras, or whose back is culled, is as good as gone for them, the latter for a camera

@@ -163,6 +163,16 @@ class NativeRenderer(Renderer):
         x, y, z = point.tolist()
         return self._core.nearest_distance((x, y, z))
 
+    def depths_in_parts(self, views: Views, parts: FloatArray) -> FloatArray:
+        # What is far away is also seen in reflections, and moves there as it does behind them.
+        if _sky(self.table) is not None or self.table.gloss is not None:
+            return super().depths_in_parts(views, parts)
+        flat, shape = np.ascontiguousarray(parts, np.float64).ravel(), (len(views), len(parts), 2)
+        if not self.deforming:
+            return self._core.depths_in_parts(flat, self._arrays(views)).reshape(shape)
+        each = self.deforming.each(views.t_s)
+        return np.stack([self._core.depths_in_parts(flat, self._arrays(views[i : i + 1])) for i in each]).reshape(shape)
+
     def gradients(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
     ) -> FloatArray:

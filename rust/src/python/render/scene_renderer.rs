@@ -341,6 +341,30 @@ impl PySceneRenderer {
         Ok(luma.into_pyarray(py))
     }
 
+    /// Return the least and the largest depth of triangles in parts of the image, whatever hides them.
+    ///
+    /// Args:
+    ///     parts: float64, flat (m, 2, 2), of rays (x, y, 1) in camera axes the lowest x and y, and the highest.
+    ///     views: as in :meth:`luma`.
+    ///
+    /// Returns:
+    ///     float64, flat (n, m, 2), in metres along the optical axis; NaN where surely no triangle is seen. Depths of
+    ///     what is only near to a part may be among them.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene.
+    fn depths_in_parts<'py>(
+        &self,
+        py: Python<'py>,
+        parts: &Bound<'py, PyAny>,
+        views: Views<'py>,
+    ) -> PyResult<Flat<'py, f64>> {
+        let (parts, views) = (column::<f64>(parts, "parts")?, self.views(&views)?);
+        let parts = matrices::<2, 2>(&parts, "parts")?;
+        let depths = py.detach(|| self.renderer().depths_in_parts(parts, &views))?;
+        Ok(depths.into_flattened().into_pyarray(py))
+    }
+
     /// Return how far the nearest triangle of the world's frame is from a point, in any direction.
     ///
     /// Args:

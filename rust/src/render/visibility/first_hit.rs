@@ -56,6 +56,17 @@ impl Seen {
         Some(Self { triangle: triangle as u32, edges, inverse_depth })
     }
 
+    /// Returns bounds on its depth in a spot: by its plane there, and by its corners.
+    fn depths(&self, scene: &Scene, view: &View, spot: &Spot) -> [f64; 2] {
+        let pose = &view.poses[scene.surfaces[self.triangle as usize].frame as usize];
+        let corners = scene.corners[self.triangle as usize].map(|corner| pose.turned(sub(corner, pose.position))[2]);
+        let [low, high] = bounds(&self.inverse_depth, spot);
+        let farthest = if low > 0.0 { 1.0 / low } else { f64::INFINITY };
+        let [least, most] =
+            [corners.into_iter().fold(f64::INFINITY, f64::min), corners.into_iter().fold(0.0, f64::max)];
+        [least.max(1.0 / high), most.min(farthest)]
+    }
+
     fn covers(&self, spot: &Spot) -> bool {
         self.edges.iter().all(|edge| bounds(edge, spot)[0] >= 0.0)
     }
@@ -109,6 +120,24 @@ impl Candidates {
         }
         nearest.map(|triangle| (triangle, 1.0 / most))
     }
+}
+
+/// Returns the least and the largest depth of triangles that a camera may see in a spot of its image, whatever hides them;
+/// None where there is surely none.
+pub(crate) fn depths_in(scene: &Scene, view: &View, spot: &Spot, stack: &mut Vec<u32>) -> Option<[f64; 2]> {
+    let mut depths = None;
+    for (number, frame) in scene.frames.iter().enumerate() {
+        frame.bvh.visit(stack, &Pyramid::new(view, number, spot), |leaf| {
+            for triangle in leaf.triangles.map(|triangle| frame.triangles.start + triangle) {
+                let Some(seen) = Seen::new(scene, view, triangle, spot) else { continue };
+                let [nearest, farthest] = depths.unwrap_or([f64::INFINITY, 0.0]);
+                let [near, far] = seen.depths(scene, view, spot);
+                depths = Some([near.min(nearest), far.max(farthest)]);
+            }
+            true
+        });
+    }
+    depths
 }
 
 /// What a camera sees in a spot of its image, in the BVH of a frame.
