@@ -7,7 +7,7 @@ A world is a Mitsuba, glTF, OBJ or PLY file. The camera follows the beginning of
 many events as --events says, on average; without a path it slides to the right. Every renderer renders the same
 instants, and the same engine makes events of them, at C = 0.15, with log luma linear between them. So nothing but luma
 is compared. The backs of surfaces that have one side are shown, because Mitsuba shows them. Events are matched as in
-docs/accuracy.md: by pixel, polarity and time, at most the time of one pixel of the fastest motion apart. Wrong are
+docs/accuracy.md: by pixel, polarity and time, at most the time of one pixel of the fastest surface apart. Wrong are
 those without a partner, missing and spurious, in per cent of the reference's.
 
 The reference is the mean of two halves. Each half takes --samples random paths a pixel, in four runs. A row says how
@@ -44,6 +44,7 @@ from davis_rs.render.base import Renderer
 from davis_rs.render.choice import make_renderer
 from davis_rs.render.native.estimators import LINES
 from davis_rs.render.native.renderer import NativeRenderer
+from davis_rs.render.truth.scene_surfaces import SceneSurfaces
 from davis_rs.sampling.displacement import DisplacementClock
 
 LOG_EPS = 1e-3
@@ -83,6 +84,14 @@ def moving(scene: davis_rs.Scene, camera: Camera) -> davis_rs.Scene:
     return scene.with_trajectory(slider(start, away_m, away_m))
 
 
+def surface_window_us(scene: davis_rs.Scene, camera: Camera, instants: npt.NDArray[np.float64]) -> int:
+    """Return the time that the fastest surface takes for a pixel, on average over some instants."""
+    surfaces, views = SceneSurfaces(scene, camera), Views.along(scene.path, instants)
+    flows = (surfaces.frame(views, number).flow for number in range(len(instants)))
+    speeds = [float(np.linalg.norm(flow[np.isfinite(flow[:, 0])], axis=1).max(initial=0.0)) for flow in flows]
+    return max(1, round(1e6 / max(float(np.mean(speeds)), 1e-6)))
+
+
 def span_of(scene: davis_rs.Scene, renderer: Renderer, frames: int, wanted: float) -> Span:
     """Return the beginning of a path in which a pixel makes so many events on average, or the longest one."""
     path, pixels = scene.path, renderer.camera.width * renderer.camera.height
@@ -94,7 +103,8 @@ def span_of(scene: davis_rs.Scene, renderer: Renderer, frames: int, wanted: floa
         passed_px = clock.path_at(end_us)
         if passed_px <= 0:
             raise SystemExit(f"{scene.name}: nothing moves, so there are no events to count")
-        span = Span(np.linspace(0.0, end_us * 1e-6, frames), max(1, round(end_us / passed_px)))
+        instants = np.linspace(0.0, end_us * 1e-6, frames)
+        span = Span(instants, surface_window_us(scene, renderer.camera, instants))
         if reached_us is None or 1.5 * length_px > LONGEST_PX:
             return span
         if len(span.events(renderer.luma(Views.along(path, span.instants)))) >= wanted * pixels:

@@ -18,6 +18,12 @@ SURVEY = Path(__file__).parents[2] / "benches" / "worlds.py"
 MATTE = '<bsdf type="diffuse"/>'
 BRUSHED = '<bsdf type="roughconductor"><float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.3"/></bsdf>'
 VARNISHED = '<bsdf type="principled"><texture type="checkerboard" name="flatness"/></bsdf>'
+SILKY = '<bsdf type="principled"><float name="flatness" value="0.5"/><float name="sheen" value="1"/></bsdf>'
+SCALED = """<bsdf type="diffuse"><texture type="scale" name="reflectance"><float name="scale" value="0.5"/>
+<texture type="checkerboard"/></texture></bsdf>"""
+NULL = '<bsdf type="null"/>'
+LAMP = '<shape type="rectangle"><transform name="to_world"><translate z="2"/></transform><emitter type="area"/></shape>'
+HIDING = 'type="path"><boolean name="hide_emitters" value="true"/></integrator>'
 BOARD = '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf>'
 NEAREST = """<bsdf type="diffuse"><texture type="bitmap" name="reflectance">
 <string name="filename" value="picture.png"/>
@@ -71,6 +77,10 @@ SCENES = {
     "frosted": (xml(shape("sphere", '<bsdf type="roughdielectric"/>')), "native", ""),
     "brushed": (xml(shape("sphere", BRUSHED)), "native", ""),
     "varnished": (xml(shape("sphere", VARNISHED)), "integrator", "has a principled surface"),
+    "flat sheen": (xml(shape("sphere", SILKY)), "native", ""),
+    "null lamp": (xml(shape("rectangle"), LAMP.replace(">", f">{NULL}", 1)), "baked", ""),
+    "hidden lamp": (xml(shape("rectangle"), LAMP).replace('type="direct"/>', HIDING), "baked", ""),
+    "scaled": (xml(shape("rectangle", SCALED)).replace("3.0.0", "0.6.0"), "native", ""),
     "variable": (xml(shape("sphere", '<float name="radius" value="$r"/>')), "refused", "-D r=VALUE"),
     "absent": (xml(shape("obj", '<string name="filename" value="nowhere.obj"/>')), "missing files", "nowhere.obj"),
 }
@@ -132,7 +142,8 @@ def test_outcomes_are_counted(surveyed: str) -> None:
     counts = surveyed.partition("\noutcome\n")[2].partition("\n\n")[0]
     found = {line.split(maxsplit=1)[1]: line.split(maxsplit=1)[0] for line in counts.splitlines()}
     assert found == {
-        "XML: native": "9",
+        "XML: native": "11",
+        "XML: baked": "2",
         "XML: integrator": "1",
         "XML: refused": "1",
         "XML: missing files": "1",
