@@ -135,6 +135,10 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
             "its settings 'chains', which are none of Mitsuba's, are left out",
         ),
         (
+            {"integrator": '<integrator type="path"/><mode type="final"/>'},
+            "its settings 'mode', which are none of Mitsuba's, are left out",
+        ),
+        (
             {"film": PLAIN["film"] + '<string name="fovAxis" value="x"/>'},
             "its former name 'fovAxis' is read as 'fov_axis'",
         ),

@@ -27,6 +27,8 @@ from .null_surfaces import drop_null_surfaces
 from .plugins import is_usable
 from .types import Mitsuba, MitsubaObject, MitsubaScene
 
+_MODE = "mode"
+"""An element of other programs that says how they render."""
 _ELEMENTS = ("spectrum", "transform")
 """Elements of Mitsuba that may stand in a scene without a type or an id."""
 _MORE_NEXT_TO_LIGHT = ("aov", "moment")
@@ -109,7 +111,8 @@ def _drop_settings(root: Element, notes: list[str]) -> None:
     kept: list[Element] = []
     for child in root.children:
         values = all(each.attributes.keys() == {"name", "value"} and not each.children for each in child.children)
-        if child.tag in _ELEMENTS or child.attributes or not child.children or not values:
+        mode = child.tag == _MODE and not child.children
+        if not mode and (child.tag in _ELEMENTS or child.attributes or not child.children or not values):
             kept.append(child)
         else:
             notes.append(f"its settings {child.tag[:40]!r}, which are none of Mitsuba's, are left out")

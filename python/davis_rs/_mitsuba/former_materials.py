@@ -86,6 +86,18 @@ def _disney(material: FormerPlugin) -> str | None:
     return _SAME
 
 
+def _principled(material: FormerPlugin) -> str | None:
+    """Take one of an index of refraction and ``specular``, where other programs write both, which Mitsuba refuses.
+
+    There, the index is that of clear matter, and ``specular`` is for what reflects alone.
+    """
+    if material.get("eta") is None or material.get("specular") is None:
+        return None
+    kept, left = ("specular", "eta") if material.number("spec_trans", 0.0) == 0 else ("eta", "specular")
+    material.becomes("principled", (left,))
+    return f"with highlights by their {kept!r}, without {left!r}, where they have both"
+
+
 def _disney_diffuse(material: FormerPlugin) -> str:
     material.becomes("principled", subsurface="flatness")
     material.put(specular=0.0)
@@ -300,11 +312,25 @@ def _rough(material: FormerPlugin) -> str | None:
     return "with facets distributed as Beckmann's in place of Phong's, which are as wide"
 
 
+def _many_reflections(material: FormerPlugin) -> str:
+    """Write a metal or glass whose facets reflect light more than once (Heitz et al., 2016) as the usual one."""
+    metal = material.kind.startswith("roughconductor")
+    coloured = metal and material.get("R0") is not None
+    material.becomes(material.kind.removesuffix("GGX"), ("scattering_order_max",), R0="specular_reflectance")
+    material.element.children.append(material.element.child("string", name="distribution", value="ggx"))
+    told = "without light that facets reflect more than once"
+    if not coloured:
+        return told
+    material.element.children.append(material.element.child("string", name="material", value="none"))
+    return f"{told}, and with the reflectance from straight ahead at all angles"
+
+
 def _lambertian(material: FormerPlugin) -> None:
     material.becomes("diffuse", diffuse_reflectance="reflectance")
 
 
 _TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
+    "principled": _principled,
     "disneybsdf": _disney,
     "disneydiffuse": _disney_diffuse,
     "disneymetal": _disney_metal,
@@ -323,6 +349,8 @@ _TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
     "roughconductor": _metal,
     "roughdielectric": _rough,
     "roughplastic": _rough,
+    "roughconductorGGX": _many_reflections,
+    "roughdielectricGGX": _many_reflections,
 }
 """By the former plug-in, what writes it as a present one and returns what differs; None where nothing does."""
 
