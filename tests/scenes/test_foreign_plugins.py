@@ -111,6 +111,16 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
             {"integrator": PLAIN["integrator"].replace('"path"', '"ptracer"')},
             "its integrator 'ptracer' is replaced by 'path', which has the same light with less noise",
         ),
+        (
+            {"integrator": PLAIN["integrator"].replace('"path"', '"prb"')},
+            "its integrator 'prb' is replaced by 'path', which has the same light, for a renderer that needs no "
+            "derivatives",
+        ),
+        (
+            {"integrator": '<integrator type="direct_projective"><integer name="sppc" value="4"/></integrator>'},
+            "its integrator 'direct_projective' is replaced by 'direct', which has the same light, for a renderer "
+            "that needs no derivatives",
+        ),
         ({"colour": CHECKS.replace("bilinear", "ewa")}, None),
         ({"colour": CHECKS.replace("bilinear", "trilinear")}, None),
         ({"sampler": '<sampler type="sobol"><integer name="scramble" value="1"/></sampler>'}, None),
@@ -200,6 +210,18 @@ def test_a_scene_without_lights_gets_some(tmp_path: Path, camera: bool) -> None:
         assert scene.start is not None
         np.testing.assert_allclose(scene.start.rotation.T @ towards, np.array([0.6, 0.6, 1]) / 1.72**0.5, atol=1e-6)
         assert luma(path).max() > 0.01
+
+
+@pytest.mark.parametrize("kind", ["prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective"])
+def test_integrators_for_derivatives_make_way_for_those_that_follow_rays(tmp_path: Path, kind: str) -> None:
+    path = scene_file(tmp_path, integrator=f'<integrator type="{kind}"/>')
+    with pytest.warns(SceneFileWarning, match="has the same light"):
+        scene = davis_rs.load_scene(path)
+    assert scene.own_camera is not None
+    assert scene.start is not None
+    renderer = make_renderer(scene, scene.own_camera, kind="integrator", rays_per_pixel=4, blur=False)
+    at_start = Views.at_rest([scene.start])
+    np.testing.assert_allclose(renderer.luma(at_start).mean(), luma(path).mean(), rtol=0.02)
 
 
 def test_media_are_shown_in_the_place_of_unknown_integrators(tmp_path: Path) -> None:

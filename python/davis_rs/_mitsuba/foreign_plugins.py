@@ -33,8 +33,14 @@ _ELEMENTS = ("spectrum", "transform")
 """Elements of Mitsuba that may stand in a scene without a type or an id."""
 _MORE_NEXT_TO_LIGHT = ("aov", "moment")
 """Integrators that write more than light, such as depth. Kinds of these differ between versions."""
-_FROM_LIGHTS = "ptracer"
-"""The integrator that follows paths from lights. Light is baked for ``path``."""
+_FOR_DERIVATIVES = "which has the same light, for a renderer that needs no derivatives"
+_SAME_LIGHT = {
+    "ptracer": "which has the same light with less noise",  # it follows paths from lights
+    **dict.fromkeys(("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective"), _FOR_DERIVATIVES),
+}
+"""Integrators that do not say what a single ray sees, and why others take their places. Light is baked for these."""
+_DIRECT = "direct_projective"
+"""The one of them that has no light that bounces."""
 _CAMERAS = ("perspective", "thinlens", "orthographic")
 _OF_FILM = {"width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"}
 
@@ -166,10 +172,10 @@ def _replace(node: MitsubaObject, light: str, mi: Mitsuba, notes: list[str]) -> 
         return
     plugin, kept = _without_looks(mi)[node.type]
     if node.type == mi.ObjectType.Integrator:
-        plugin = light
         name = node.props.plugin_name()
-        if name == _FROM_LIGHTS:
-            notes.append(f"its integrator {name!r} is replaced by {plugin!r}, which has the same light with less noise")
+        plugin, kept = ("direct", {"hide_emitters"}) if name == _DIRECT else (light, kept)
+        if name in _SAME_LIGHT:
+            notes.append(f"its integrator {name!r} is replaced by {plugin!r}, {_SAME_LIGHT[name]}")
         elif is_usable(name, node.type, mi):
             return
         else:
