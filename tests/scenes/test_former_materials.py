@@ -75,6 +75,10 @@ ALIKE = {
         '<bsdf type="roughconductor"><string name="extEta" value="air"/><string name="material" value="Cu"/></bsdf>',
         '<bsdf type="roughconductor"><string name="material" value="Cu"/></bsdf>',
     ),
+    "metal that has no name": (
+        '<bsdf type="roughconductor"><float name="alpha" value="0.2"/></bsdf>',
+        '<bsdf type="roughconductor"><float name="alpha" value="0.2"/><string name="material" value="Cu"/></bsdf>',
+    ),
     "metal in water": (
         '<bsdf type="roughconductor"><float name="extEta" value="1.25"/><rgb name="eta" value="1, 2, 0.5"/>'
         '<spectrum name="k" value="5"/></bsdf>',
@@ -515,3 +519,13 @@ def test_the_last_of_two_values_counts_in_files_of_any_version(tmp_path: Path) -
         path = scene_file(tmp_path, twice.format(0.2), version)
         assert told_of(path) == ["the last 'alpha' of a bsdf counts, as in older versions"]
         assert told_of(scene_file(tmp_path, twice.format(0.3), version)) == []
+
+
+def test_metal_without_a_name_stays_a_mirror_in_files_of_present_versions(tmp_path: Path) -> None:
+    """Older versions take copper."""
+    mirror = '<bsdf type="roughconductor"><float name="alpha" value="0.2"/>{}</bsdf>'
+    none = '<string name="material" value="none"/>'
+    directions = [0.3, -0.2, 0.9], [-0.4, 0.3, 0.8]
+    (tmp_path / "now").mkdir()
+    expected = reflected(scene_file(tmp_path / "now", mirror.format(none), "3.0.0"), *directions)
+    np.testing.assert_allclose(reflected(scene_file(tmp_path, mirror.format(""), "3.0.0"), *directions), expected)

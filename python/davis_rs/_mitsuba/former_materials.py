@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from .elements import Element
 from .files import SceneFile
-from .former_notation import NUMBER
+from .former_notation import FORMER, NUMBER
 from .former_plugin import NO_COLOUR, FormerPlugin
 from .former_textures import mean_of
 
@@ -29,6 +29,8 @@ _HUE = 1e-4
 """How bright a base colour is that gives sheen its hue and reflects nothing to speak of."""
 _AIR = ("air", "vacuum")
 """What has an index of 1 to 0.03 %."""
+_METAL = "Cu"
+"""What a metal is in older versions where nothing says so; in Mitsuba 3 it is a mirror."""
 _SAME = "by the same model, with subsurface scattering as its flatness"
 
 
@@ -254,6 +256,7 @@ def _coating(material: FormerPlugin) -> str | None:
 
 
 def _smooth_metal(material: FormerPlugin) -> str | None:
+    _name_metal(material)
     _outside_of_metal(material)
     return _smooth(material)
 
@@ -264,6 +267,12 @@ def _smooth(material: FormerPlugin) -> str | None:
         return None
     material.becomes(material.kind, ("alpha",))
     return "without their 'alpha', because they are smooth"
+
+
+def _name_metal(metal: FormerPlugin) -> None:
+    former = metal.file.root.attributes["version"] == FORMER
+    if former and all(metal.get(name) is None for name in ("material", "eta", "k")):
+        metal.element.children.append(metal.element.child("string", name="material", value=_METAL))
 
 
 def _outside_of_metal(material: FormerPlugin) -> None:
@@ -282,6 +291,7 @@ def _outside_of_metal(material: FormerPlugin) -> None:
 
 
 def _metal(material: FormerPlugin) -> str | None:
+    _name_metal(material)
     _outside_of_metal(material)
     return _rough(material)
 
