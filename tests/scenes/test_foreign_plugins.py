@@ -224,6 +224,24 @@ def test_integrators_for_derivatives_make_way_for_those_that_follow_rays(tmp_pat
     np.testing.assert_allclose(renderer.luma(at_start).mean(), luma(path).mean(), rtol=0.02)
 
 
+@pytest.mark.parametrize("lost", ["0 0 0", "-0.0  0.000 0e0\r", "nan 0 1"])
+@pytest.mark.parametrize("given", ["", '<boolean name="face_normals" value="false"/>'])
+def test_meshes_with_normals_without_a_direction_are_flat(tmp_path: Path, lost: str, given: str) -> None:
+    """Mitsuba refuses such normals of OBJ files, unless it does not read them."""
+    corners = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\n"
+    faces = "vn 0 0 1\nvn {}\nf 1//1 2//1 3//2\nf 1//1 3//2 4//1\n"
+    (tmp_path / "square.obj").write_bytes((corners + faces.format("0 0 1")).encode())
+    whole = scene_file(tmp_path)
+    expected = luma(whole)
+    whole.write_text(whole.read_text().replace('type="ply"', 'type="obj"').replace("meshes/square.ply", "square.obj"))
+    np.testing.assert_allclose(luma(whole), expected, rtol=1e-5)
+    (tmp_path / "square.obj").write_bytes((corners + faces.format(lost)).encode())
+    whole.write_text(whole.read_text().replace('<bsdf type="diff', f'{given}<bsdf type="diff'))
+    with pytest.warns(SceneFileWarning, match="meshes square.obj have normals without a direction, so their faces"):
+        davis_rs.load_scene(whole)
+    np.testing.assert_allclose(luma(whole), expected, rtol=1e-5)
+
+
 def test_media_are_shown_in_the_place_of_unknown_integrators(tmp_path: Path) -> None:
     fog = '<medium type="homogeneous" id="fog"><float name="sigma_t" value="1"/></medium>'
     path = scene_file(tmp_path, integrator=f'<integrator type="bdpt"/>{fog}')

@@ -23,6 +23,7 @@ from .former_materials import translate
 from .former_notation import rewrite
 from .former_textures import take_factor, translate_textures
 from .grey_materials import GreyMaterial, make_grey
+from .lost_normals import flatten_lost_normals
 from .null_surfaces import drop_null_surfaces
 from .plugins import is_usable
 from .types import Mitsuba, MitsubaObject, MitsubaScene
@@ -78,6 +79,7 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     _unwrap_integrators(read, notes)
     _drop_meters(read.root, notes)
     drop_null_surfaces(read, notes)
+    flatten_lost_normals(read, notes)
     motions = take_motions(read, mi, notes)
     translate_textures(read, notes)
     translate(read, notes)
