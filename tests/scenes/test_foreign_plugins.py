@@ -111,6 +111,16 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
             {"integrator": PLAIN["integrator"].replace('"path"', '"ptracer"')},
             "its integrator 'ptracer' is replaced by 'path', which has the same light with less noise",
         ),
+        (
+            {"integrator": PLAIN["integrator"].replace('"path"', '"prb"')},
+            "its integrator 'prb' is replaced by 'path', which has the same light, for a renderer that needs no "
+            "derivatives",
+        ),
+        (
+            {"integrator": '<integrator type="direct_projective"><integer name="sppc" value="4"/></integrator>'},
+            "its integrator 'direct_projective' is replaced by 'direct', which has the same light, for a renderer "
+            "that needs no derivatives",
+        ),
         ({"colour": CHECKS.replace("bilinear", "ewa")}, None),
         ({"colour": CHECKS.replace("bilinear", "trilinear")}, None),
         ({"sampler": '<sampler type="sobol"><integer name="scramble" value="1"/></sampler>'}, None),
@@ -133,6 +143,10 @@ def luma(path: Path) -> npt.NDArray[np.float32]:
         (
             {"integrator": '<integrator type="path"/><chains><integer name="number" value="128"/></chains>'},
             "its settings 'chains', which are none of Mitsuba's, are left out",
+        ),
+        (
+            {"integrator": '<integrator type="path"/><mode type="final"/>'},
+            "its settings 'mode', which are none of Mitsuba's, are left out",
         ),
         (
             {"film": PLAIN["film"] + '<string name="fovAxis" value="x"/>'},
@@ -196,6 +210,36 @@ def test_a_scene_without_lights_gets_some(tmp_path: Path, camera: bool) -> None:
         assert scene.start is not None
         np.testing.assert_allclose(scene.start.rotation.T @ towards, np.array([0.6, 0.6, 1]) / 1.72**0.5, atol=1e-6)
         assert luma(path).max() > 0.01
+
+
+@pytest.mark.parametrize("kind", ["prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective"])
+def test_integrators_for_derivatives_make_way_for_those_that_follow_rays(tmp_path: Path, kind: str) -> None:
+    path = scene_file(tmp_path, integrator=f'<integrator type="{kind}"/>')
+    with pytest.warns(SceneFileWarning, match="has the same light"):
+        scene = davis_rs.load_scene(path)
+    assert scene.own_camera is not None
+    assert scene.start is not None
+    renderer = make_renderer(scene, scene.own_camera, kind="integrator", rays_per_pixel=4, blur=False)
+    at_start = Views.at_rest([scene.start])
+    np.testing.assert_allclose(renderer.luma(at_start).mean(), luma(path).mean(), rtol=0.02)
+
+
+@pytest.mark.parametrize("lost", ["0 0 0", "-0.0  0.000 0e0\r", "nan 0 1"])
+@pytest.mark.parametrize("given", ["", '<boolean name="face_normals" value="false"/>'])
+def test_meshes_with_normals_without_a_direction_are_flat(tmp_path: Path, lost: str, given: str) -> None:
+    """Mitsuba refuses such normals of OBJ files, unless it does not read them."""
+    corners = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\n"
+    faces = "vn 0 0 1\nvn {}\nf 1//1 2//1 3//2\nf 1//1 3//2 4//1\n"
+    (tmp_path / "square.obj").write_bytes((corners + faces.format("0 0 1")).encode())
+    whole = scene_file(tmp_path)
+    expected = luma(whole)
+    whole.write_text(whole.read_text().replace('type="ply"', 'type="obj"').replace("meshes/square.ply", "square.obj"))
+    np.testing.assert_allclose(luma(whole), expected, rtol=1e-5)
+    (tmp_path / "square.obj").write_bytes((corners + faces.format(lost)).encode())
+    whole.write_text(whole.read_text().replace('<bsdf type="diff', f'{given}<bsdf type="diff'))
+    with pytest.warns(SceneFileWarning, match="meshes square.obj have normals without a direction, so their faces"):
+        davis_rs.load_scene(whole)
+    np.testing.assert_allclose(luma(whole), expected, rtol=1e-5)
 
 
 def test_media_are_shown_in_the_place_of_unknown_integrators(tmp_path: Path) -> None:

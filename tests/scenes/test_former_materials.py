@@ -75,6 +75,10 @@ ALIKE = {
         '<bsdf type="roughconductor"><string name="extEta" value="air"/><string name="material" value="Cu"/></bsdf>',
         '<bsdf type="roughconductor"><string name="material" value="Cu"/></bsdf>',
     ),
+    "metal that has no name": (
+        '<bsdf type="roughconductor"><float name="alpha" value="0.2"/></bsdf>',
+        '<bsdf type="roughconductor"><float name="alpha" value="0.2"/><string name="material" value="Cu"/></bsdf>',
+    ),
     "metal in water": (
         '<bsdf type="roughconductor"><float name="extEta" value="1.25"/><rgb name="eta" value="1, 2, 0.5"/>'
         '<spectrum name="k" value="5"/></bsdf>',
@@ -89,6 +93,10 @@ ALIKE = {
     "numbers that stand twice": (
         '<bsdf type="roughplastic"><float name="alpha" value="0.3"/><float name="alpha" value="0.3"/></bsdf>',
         '<bsdf type="roughplastic"><float name="alpha" value="0.3"/></bsdf>',
+    ),
+    "spectrum with suffixes": (
+        '<bsdf type="diffuse"><spectrum name="reflectance" value="400:0.1f, 500:1.f, 700:0"/></bsdf>',
+        '<bsdf type="diffuse"><spectrum name="reflectance" value="400:0.1, 500:1, 700:0"/></bsdf>',
     ),
     "mixture": (
         '<bsdf type="mixturebsdf"><string name="weights" value="0.5, 0.2 0.1"/><bsdf type="diffuse">'
@@ -297,7 +305,7 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
         ),
         (
             '<bsdf type="plastic"><float name="intIOR" value="1.3"/><float name="intIOR" value="1.4"/></bsdf>',
-            "the last 'intIOR' of a bsdf counts, as in Mitsuba 0.6",
+            "the last 'intIOR' of a bsdf counts, as in older versions",
         ),
         ('<bsdf type="conductor"><float name="alpha" value="0.2"/></bsdf>', "'conductor' are taken without their 'al"),
         ('<bsdf type="dielectric"><float name="alpha" value="0.2"/></bsdf>', "without their 'alpha', because they are"),
@@ -305,6 +313,15 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
             '<bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string name="filename" '
             'value="bumps.png"/><float name="gamma" value="2.2"/></texture></bsdf>',
             "its images with a gamma of 2.2 are read as sRGB",
+        ),
+        (
+            '<bsdf type="roughconductorGGX"><rgb name="R0" value="1, 0.8, 0.5"/></bsdf>',
+            "'roughconductorGGX' are taken as 'roughconductor', without light that facets reflect more than once, and "
+            "with the reflectance from straight ahead at all angles",
+        ),
+        (
+            '<bsdf type="roughdielectricGGX"><integer name="scatteringOrderMax" value="9"/></bsdf>',
+            "'roughdielectricGGX' are taken as 'roughdielectric', without light that facets reflect more than once",
         ),
         ('<bsdf type="disneybsdf"><float name="subsurface" value="1"/></bsdf>', "by the same model"),
         ('<bsdf type="disneybsdf"><float name="specularTransmission" value="1"/></bsdf>', "by their index"),
@@ -456,3 +473,59 @@ def test_objects_of_one_name_all_count(tmp_path: Path) -> None:
     np.testing.assert_allclose(colour, [0.6, 0, 0.1], rtol=1e-5, atol=1e-8)
     with variant(SCALAR) as (mi, _):
         assert len(load_scene_source(path, mi).shapes()) == 3
+
+
+@pytest.mark.parametrize(("clear", "kept", "left"), [(0, "specular", "eta"), (0.5, "eta", "specular")])
+def test_one_of_two_numbers_for_highlights_counts(tmp_path: Path, clear: float, kept: str, left: str) -> None:
+    """Of clear materials the index of refraction, of others ``specular``; Mitsuba refuses both."""
+    numbers = {"specular": 0.3, "eta": 1.7}
+    text = '<bsdf type="principled">{}</bsdf>'
+    both, alone = (
+        text.format(
+            "".join(
+                f'<float name="{name}" value="{value}"/>'
+                for name, value in {"spec_trans": clear, "roughness": 0.3, **values}.items()
+            )
+        )
+        for values in (numbers, {kept: numbers[kept]})
+    )
+    (tmp_path / "now").mkdir()
+    directions = [0, 0, 1], [0, 0.1, 1]
+    expected = reflected(scene_file(tmp_path / "now", alone, "3.0.0"), *directions)
+    path = scene_file(tmp_path, both, "3.0.0")
+    np.testing.assert_allclose(reflected(path, *directions), expected, rtol=1e-5)
+    (line,) = told_of(path)
+    assert f"with highlights by their {kept!r}, without {left!r}" in line
+
+
+def test_metal_of_many_reflections_is_as_bright_from_straight_ahead(tmp_path: Path) -> None:
+    """Its own widths and distribution; a metal of full reflectance has its colour."""
+    own = '<float name="alphaU" value="0.3"/><float name="alphaV" value="0.1"/>'
+    former = f'<bsdf type="roughconductorGGX">{own}{rgb("R0", [0.9, 0.6, 0.3])}</bsdf>'
+    now = (
+        f'<bsdf type="roughconductor">{own}{rgb("specularReflectance", [0.9, 0.6, 0.3])}'
+        '<string name="material" value="none"/><string name="distribution" value="ggx"/></bsdf>'
+    )
+    (tmp_path / "now").mkdir()
+    directions = [0.1, 0, 1], [0, 0.1, 1]
+    expected = reflected(scene_file(tmp_path / "now", now), *directions)
+    assert expected.min() > 0.01
+    np.testing.assert_allclose(reflected(scene_file(tmp_path, former), *directions), expected, rtol=1e-5)
+
+
+def test_the_last_of_two_values_counts_in_files_of_any_version(tmp_path: Path) -> None:
+    twice = '<bsdf type="roughplastic"><float name="alpha" value="0.3"/><float name="alpha" value="{}"/></bsdf>'
+    for version in ("0.6.0", "2.2.1", "3.0.0"):
+        path = scene_file(tmp_path, twice.format(0.2), version)
+        assert told_of(path) == ["the last 'alpha' of a bsdf counts, as in older versions"]
+        assert told_of(scene_file(tmp_path, twice.format(0.3), version)) == []
+
+
+def test_metal_without_a_name_stays_a_mirror_in_files_of_present_versions(tmp_path: Path) -> None:
+    """Older versions take copper."""
+    mirror = '<bsdf type="roughconductor"><float name="alpha" value="0.2"/>{}</bsdf>'
+    none = '<string name="material" value="none"/>'
+    directions = [0.3, -0.2, 0.9], [-0.4, 0.3, 0.8]
+    (tmp_path / "now").mkdir()
+    expected = reflected(scene_file(tmp_path / "now", mirror.format(none), "3.0.0"), *directions)
+    np.testing.assert_allclose(reflected(scene_file(tmp_path, mirror.format(""), "3.0.0"), *directions), expected)

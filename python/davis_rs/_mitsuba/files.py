@@ -71,6 +71,11 @@ class SceneFile:
         """Return a text with values in the place of its variables."""
         return with_values(text, self.values)
 
+    def named_by(self, element: Element) -> Path | None:
+        """Return the file that the value of an element names; None where it is not there."""
+        name = self.with_values(element.attributes.get("value", ""))
+        return _found(name, (element.file.parent, self.roots[0].file.parent))
+
     def resolved(self, element: Element) -> Element:
         """Return what a ``ref`` names; any other element, and a ``ref`` to nothing or to itself, as it is."""
         found, passed = element, set[int]()
@@ -165,12 +170,15 @@ class _Reader:
 
     def _found(self, element: Element, name: str) -> Path | None:
         """Return the file that an element names; None where it is not there: Mitsuba says so, or has it elsewhere."""
-        name = with_values(name, self._values)
-        for folder in (element.file.parent, self._file.path.parent):
-            for spelled in (name, name.replace("\\", "/")):  # as files from Windows have it, see `former_notation`
-                if spelled and os.path.isfile(folder / spelled):  # False for what can be no name
-                    return folder / spelled
-        return None
+        return _found(with_values(name, self._values), (element.file.parent, self._file.path.parent))
+
+
+def _found(name: str, folders: tuple[Path, ...]) -> Path | None:
+    for folder in folders:
+        for spelled in (name, name.replace("\\", "/")):  # as files from Windows have it, see `former_notation`
+            if spelled and os.path.isfile(folder / spelled):  # False for what can be no name
+                return folder / spelled
+    return None
 
 
 def _charge_image(path: Path, budget: Budget) -> None:

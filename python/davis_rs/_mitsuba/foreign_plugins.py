@@ -23,16 +23,25 @@ from .former_materials import translate
 from .former_notation import rewrite
 from .former_textures import take_factor, translate_textures
 from .grey_materials import GreyMaterial, make_grey
+from .lost_normals import flatten_lost_normals
 from .null_surfaces import drop_null_surfaces
 from .plugins import is_usable
 from .types import Mitsuba, MitsubaObject, MitsubaScene
 
+_MODE = "mode"
+"""An element of other programs that says how they render."""
 _ELEMENTS = ("spectrum", "transform")
 """Elements of Mitsuba that may stand in a scene without a type or an id."""
 _MORE_NEXT_TO_LIGHT = ("aov", "moment")
 """Integrators that write more than light, such as depth. Kinds of these differ between versions."""
-_FROM_LIGHTS = "ptracer"
-"""The integrator that follows paths from lights. Light is baked for ``path``."""
+_FOR_DERIVATIVES = "which has the same light, for a renderer that needs no derivatives"
+_SAME_LIGHT = {
+    "ptracer": "which has the same light with less noise",  # it follows paths from lights
+    **dict.fromkeys(("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective"), _FOR_DERIVATIVES),
+}
+"""Integrators that do not say what a single ray sees, and why others take their places. Light is baked for these."""
+_DIRECT = "direct_projective"
+"""The one of them that has no light that bounces."""
 _CAMERAS = ("perspective", "thinlens", "orthographic")
 _OF_FILM = {"width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"}
 
@@ -70,6 +79,7 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     _unwrap_integrators(read, notes)
     _drop_meters(read.root, notes)
     drop_null_surfaces(read, notes)
+    flatten_lost_normals(read, notes)
     motions = take_motions(read, mi, notes)
     translate_textures(read, notes)
     translate(read, notes)
@@ -109,7 +119,8 @@ def _drop_settings(root: Element, notes: list[str]) -> None:
     kept: list[Element] = []
     for child in root.children:
         values = all(each.attributes.keys() == {"name", "value"} and not each.children for each in child.children)
-        if child.tag in _ELEMENTS or child.attributes or not child.children or not values:
+        mode = child.tag == _MODE and not child.children
+        if not mode and (child.tag in _ELEMENTS or child.attributes or not child.children or not values):
             kept.append(child)
         else:
             notes.append(f"its settings {child.tag[:40]!r}, which are none of Mitsuba's, are left out")
@@ -163,10 +174,10 @@ def _replace(node: MitsubaObject, light: str, mi: Mitsuba, notes: list[str]) -> 
         return
     plugin, kept = _without_looks(mi)[node.type]
     if node.type == mi.ObjectType.Integrator:
-        plugin = light
         name = node.props.plugin_name()
-        if name == _FROM_LIGHTS:
-            notes.append(f"its integrator {name!r} is replaced by {plugin!r}, which has the same light with less noise")
+        plugin, kept = ("direct", {"hide_emitters"}) if name == _DIRECT else (light, kept)
+        if name in _SAME_LIGHT:
+            notes.append(f"its integrator {name!r} is replaced by {plugin!r}, {_SAME_LIGHT[name]}")
         elif is_usable(name, node.type, mi):
             return
         else:

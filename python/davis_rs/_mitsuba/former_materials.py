@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from .elements import Element
 from .files import SceneFile
-from .former_notation import NUMBER
+from .former_notation import FORMER, NUMBER
 from .former_plugin import NO_COLOUR, FormerPlugin
 from .former_textures import mean_of
 
@@ -29,6 +29,8 @@ _HUE = 1e-4
 """How bright a base colour is that gives sheen its hue and reflects nothing to speak of."""
 _AIR = ("air", "vacuum")
 """What has an index of 1 to 0.03 %."""
+_METAL = "Cu"
+"""What a metal is in older versions where nothing says so; in Mitsuba 3 it is a mirror."""
 _SAME = "by the same model, with subsurface scattering as its flatness"
 
 
@@ -84,6 +86,18 @@ def _disney(material: FormerPlugin) -> str | None:
     material.becomes("principled", ("eta",), **names)
     material.put(specular=min(1.0, mirrored / 0.08))
     return _SAME
+
+
+def _principled(material: FormerPlugin) -> str | None:
+    """Take one of an index of refraction and ``specular``, where other programs write both, which Mitsuba refuses.
+
+    There, the index is that of clear matter, and ``specular`` is for what reflects alone.
+    """
+    if material.get("eta") is None or material.get("specular") is None:
+        return None
+    kept, left = ("specular", "eta") if material.number("spec_trans", 0.0) == 0 else ("eta", "specular")
+    material.becomes("principled", (left,))
+    return f"with highlights by their {kept!r}, without {left!r}, where they have both"
 
 
 def _disney_diffuse(material: FormerPlugin) -> str:
@@ -242,6 +256,7 @@ def _coating(material: FormerPlugin) -> str | None:
 
 
 def _smooth_metal(material: FormerPlugin) -> str | None:
+    _name_metal(material)
     _outside_of_metal(material)
     return _smooth(material)
 
@@ -252,6 +267,12 @@ def _smooth(material: FormerPlugin) -> str | None:
         return None
     material.becomes(material.kind, ("alpha",))
     return "without their 'alpha', because they are smooth"
+
+
+def _name_metal(metal: FormerPlugin) -> None:
+    former = metal.file.root.attributes["version"] == FORMER
+    if former and all(metal.get(name) is None for name in ("material", "eta", "k")):
+        metal.element.children.append(metal.element.child("string", name="material", value=_METAL))
 
 
 def _outside_of_metal(material: FormerPlugin) -> None:
@@ -270,6 +291,7 @@ def _outside_of_metal(material: FormerPlugin) -> None:
 
 
 def _metal(material: FormerPlugin) -> str | None:
+    _name_metal(material)
     _outside_of_metal(material)
     return _rough(material)
 
@@ -300,11 +322,25 @@ def _rough(material: FormerPlugin) -> str | None:
     return "with facets distributed as Beckmann's in place of Phong's, which are as wide"
 
 
+def _many_reflections(material: FormerPlugin) -> str:
+    """Write a metal or glass whose facets reflect light more than once (Heitz et al., 2016) as the usual one."""
+    metal = material.kind.startswith("roughconductor")
+    coloured = metal and material.get("R0") is not None
+    material.becomes(material.kind.removesuffix("GGX"), ("scattering_order_max",), R0="specular_reflectance")
+    material.element.children.append(material.element.child("string", name="distribution", value="ggx"))
+    told = "without light that facets reflect more than once"
+    if not coloured:
+        return told
+    material.element.children.append(material.element.child("string", name="material", value="none"))
+    return f"{told}, and with the reflectance from straight ahead at all angles"
+
+
 def _lambertian(material: FormerPlugin) -> None:
     material.becomes("diffuse", diffuse_reflectance="reflectance")
 
 
 _TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
+    "principled": _principled,
     "disneybsdf": _disney,
     "disneydiffuse": _disney_diffuse,
     "disneymetal": _disney_metal,
@@ -323,6 +359,8 @@ _TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
     "roughconductor": _metal,
     "roughdielectric": _rough,
     "roughplastic": _rough,
+    "roughconductorGGX": _many_reflections,
+    "roughdielectricGGX": _many_reflections,
 }
 """By the former plug-in, what writes it as a present one and returns what differs; None where nothing does."""
 

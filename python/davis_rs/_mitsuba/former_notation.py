@@ -17,6 +17,7 @@ from .files import SceneFile
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 """A number as XML files have it."""
 
+_SUFFIX = re.compile(r"(?<=[\d.])[fF](?=\s*(,|$))")
 _VERSION = re.compile(r"\s*(\d{1,9})\.(\d{1,9})\.(\d{1,9})\s*")
 FORMER, _NOW = "0.6.0", "3.0.0"
 _VALUES = ("boolean", "integer", "float", "string", "rgb", "spectrum", "point", "vector")
@@ -50,10 +51,10 @@ def rewrite(file: SceneFile, notes: list[str]) -> None:
         elif element.tag == "path" and (folder := element.file.parent / attributes.get("value", "")).is_dir():
             attributes["value"] = str(folder.absolute())
         if version == FORMER:
-            _take_last(element, notes)
             _take_all(element)
         else:
             _rename(element, notes)
+        _take_last(element, notes)
 
 
 def _rename(element: Element, notes: list[str]) -> None:
@@ -75,7 +76,7 @@ def _take_last(element: Element, notes: list[str]) -> None:
     for child in repeated.values():
         kept = last[child.attributes["name"]]
         if (child.tag, child.attributes, child.children) != (kept.tag, kept.attributes, kept.children):
-            notes.append(f"the last {child.attributes['name'][:40]!r} of a {element.tag} counts, as in Mitsuba 0.6")
+            notes.append(f"the last {child.attributes['name'][:40]!r} of a {element.tag} counts, as in older versions")
 
 
 def _take_all(element: Element) -> None:
@@ -114,8 +115,12 @@ def _rewrite_colour(element: Element) -> None:
     """Write a colour as linear red, green and blue, where it is one: three numbers, or a number of 6 digits.
 
     Before version 2 ``rgb`` was linear in both forms, ``srgb`` encoded, and ``spectrum`` could be three numbers.
+    Numbers by wavelength could end in an f, as in C.
     """
     value = element.attributes["value"]
+    if ":" in value:
+        element.attributes["value"] = _SUFFIX.sub("", value)
+        return
     if digits := re.fullmatch(r"\s*#([0-9a-fA-F]{6})\s*", value):
         colour = np.array(list(bytes.fromhex(digits[1]))) / 255.0
     else:
