@@ -284,17 +284,16 @@ class DisplacementClock:
     def _pooled(self, times: list[int]) -> list[_Tiles]:
         """Return what tiles show at instants in microseconds."""
         views = self._views(np.array(times) * 1e-6)
-        depths = self._renderer.depth(views)
-        pooled = _least_of_tiles(_least_of_tiles(depths).swapaxes(1, 2)).swapaxes(1, 2)
-        pooled = pooled.reshape(len(times), -1).astype(np.float64)
-        farthest = np.full_like(pooled, np.nan)
-        missed = np.isinf(pooled)
+        pooled = _least_of_tiles(_least_of_tiles(self._renderer.depth(views)).swapaxes(1, 2)).swapaxes(1, 2)
+        least: FloatArray = pooled.reshape(len(times), -1).astype(np.float64)
+        farthest = np.full_like(least, np.nan)
+        missed = np.isinf(least)
         tiles = np.flatnonzero(missed.any(0))
         if len(tiles):
             depths = self._renderer.depths_in_parts(views, _parts(self._renderer.camera, _TILE)[tiles])
-            for by_rays, by_triangles in zip((pooled, farthest), np.moveaxis(depths, -1, 0), strict=True):
+            for by_rays, by_triangles in zip((least, farthest), np.moveaxis(depths, -1, 0), strict=True):
                 by_rays[:, tiles] = np.where(missed[:, tiles], by_triangles, by_rays[:, tiles])
-        return [_Tiles(*of_instant) for of_instant in zip(pooled, farthest, strict=True)]
+        return [_Tiles(*of_instant) for of_instant in zip(least, farthest, strict=True)]
 
     def _fastest(self, tiles: _Tiles, t_s: FloatArray) -> FloatArray:
         """Return the largest flow of any tile at each time, in pixels per second."""
