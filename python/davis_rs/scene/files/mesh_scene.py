@@ -43,7 +43,9 @@ _LAMP_ABOVE, _LAMP_LUMA = 0.5, 0.5
 to the ceiling, whichever is less; and the luma of a white wall at twice the free distance to the sides."""
 
 
-def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
+def mesh_scene(
+    path: str | Path, *, up: Axis | None = None, scale: float = 1.0, grey_unknown: bool = False
+) -> Scene:
     """Make a scene of an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from
     all around, or from within if it is a room.
 
@@ -58,6 +60,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     Args:
         up: the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY, as Blender exports them.
         scale: metres in the file's unit, > 0: 0.001 for millimetres.
+        grey_unknown: materials and textures that are missing are grey; else the file is refused.
 
     Raises:
         OSError: if the mesh, its materials or a texture cannot be read.
@@ -72,7 +75,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         raise ValueError(f"a mesh must be one of {', '.join(READERS)}, got {path}")
     check_axis_and_scale(up, scale)
     up = USUAL_UP[suffix] if up is None else up
-    parts = [_in_world(part, up, scale) for part in READERS[suffix](path, Budget(path))]
+    parts = [_in_world(part, up, scale) for part in READERS[suffix](path, Budget(path), grey_unknown=grey_unknown)]
     corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
     low, high = corners.min(0), corners.max(0)
     view = default_view(
