@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -381,6 +382,26 @@ def test_a_room_full_of_things_has_a_place_at_another_height() -> None:
     view = default_view(np.concatenate([box([0, 0, 0], [5, 4, 4.0], inward=True), *posts]))
     assert view.room is not None
     assert view.room.centre[2] > 2.2
+
+
+@pytest.mark.parametrize(("width", "room"), [(0.4, False), (0.9, True)])
+def test_what_is_too_narrow_is_no_room(width: float, room: bool) -> None:
+    """Such as the inside of a car."""
+    assert (default_view(box([0, 0, 0], [width, 4, 2.2], inward=True)).room is not None) == room
+
+
+def test_what_is_outside_is_said_by_normals(tmp_path: Path) -> None:
+    """A mesh whose triangles face inwards and whose normals face outwards is no room."""
+    corners = box([0, 0, 0], [4, 4, 4], inward=True)
+    normals = -np.repeat(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), 3, axis=0)
+    lines = ["v {:g} {:g} {:g}".format(*corner) for corner in corners.reshape(-1, 3)]
+    lines += ["vn {:g} {:g} {:g}".format(*normal) for normal in normals]
+    lines += ["f " + " ".join(f"{k}//{k}" for k in range(i, i + 3)) for i in range(1, 1 + len(normals), 3)]
+    path = tmp_path / "box.obj"
+    path.write_text("\n".join(lines))
+    assert load_scene(path).note.endswith("one that goes around")
+    path.write_text(re.sub(r"//\d+", "", "\n".join(lines)))
+    assert "turns in the room" in load_scene(path).note
 
 
 def test_an_edge_between_two_shapes_is_something_to_see() -> None:

@@ -140,7 +140,9 @@ def test_every_part_has_its_material(tmp_path: Path) -> None:
 def test_comments_at_the_ends_of_lines(tmp_path: Path) -> None:
     """Behind numbers, # begins a comment; in names it is a letter."""
     (tmp_path / "a#1.mtl").write_text("newmtl no #1\nKd 1 0 0.5  # pink\nd 0.25 # mostly clear\n")
-    text = cube("usemtl no #1\nf 1/1 2/2 3/3 # front\n", before="mtllib a#1.mtl\n").replace("v -1 -1 1", "v -1 -1 1 # low")
+    text = cube("usemtl no #1\nf 1/1 2/2 3/3 # front\n", before="mtllib a#1.mtl\n").replace(
+        "v -1 -1 1", "v -1 -1 1 # low"
+    )
     (tmp_path / "m.obj").write_text(text)
     (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
     np.testing.assert_array_equal(part.reflectance, [1, 0, 0.5])

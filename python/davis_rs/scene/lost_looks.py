@@ -10,6 +10,7 @@ from .repairs import SceneFileWarning
 
 TRANSPARENCY = "transparency"
 SOFT = "soft transparency (it is cut where it is half opaque)"
+NO_MASK = "alpha of colours' textures (what it would hide is drawn, so it is not taken as a mask)"
 OWN_LIGHT = "light of their own"
 MEAN_EMISSION = "light of their own that differs from place to place (its mean is taken)"
 METAL = "metal"

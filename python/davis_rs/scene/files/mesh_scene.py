@@ -43,9 +43,7 @@ _LAMP_ABOVE, _LAMP_LUMA = 0.5, 0.5
 to the ceiling, whichever is less; and the luma of a white wall at twice the free distance to the sides."""
 
 
-def mesh_scene(
-    path: str | Path, *, up: Axis | None = None, scale: float = 1.0, grey_unknown: bool = False
-) -> Scene:
+def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, grey_unknown: bool = False) -> Scene:
     """Make a scene of an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from
     all around, or from within if it is a room.
 
@@ -79,7 +77,8 @@ def mesh_scene(
     corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
     low, high = corners.min(0), corners.max(0)
     view = default_view(
-        corners.reshape(-1, 3, 3), np.repeat(np.arange(len(parts)), [len(part.corners) for part in parts])
+        np.concatenate([_facing_as_normals(part) for part in parts]),
+        np.repeat(np.arange(len(parts)), [len(part.corners) for part in parts]),
     )
     shapes = {name: part.rounded() for name, part in zip(_shape_ids(parts), parts, strict=True)}
     x, y, z = map(metres, high - low)
@@ -120,6 +119,18 @@ def _in_world(part: MeshPart, up: Axis, scale: float) -> MeshPart:
     turn = to_z_up(up)
     normals = None if part.normals is None else part.normals @ turn.T
     return part._replace(corners=part.corners @ turn.T * scale, normals=normals)
+
+
+def _facing_as_normals(part: MeshPart) -> FloatArray:
+    """Return a part's triangles (n, 3, 3), turned over where its normals face the other way.
+
+    Some programs mirror a mesh and its normals, but not the order of its corners.
+    """
+    if part.normals is None:
+        return part.corners
+    first, second, third = part.corners.swapaxes(0, 1)
+    away = np.einsum("nk,nk->n", np.cross(second - first, third - first), part.normals.sum(1)) < 0
+    return np.where(away[:, None, None], part.corners[:, ::-1], part.corners)
 
 
 def _shape_ids(parts: list[MeshPart]) -> list[str]:

@@ -14,12 +14,13 @@ from ..._util.srgb import from_srgb
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
 from ..image_textures import ChargedImages, ImageTexture
-from ..lost_looks import MEAN_EMISSION, OWN_LIGHT, TRANSPARENCY, UNKNOWN
+from ..lost_looks import MEAN_EMISSION, NO_MASK, OWN_LIGHT, TRANSPARENCY, UNKNOWN
 from ..mesh_part import GREY, Blend, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import GREY_UNKNOWN, named_file
 from ..repairs import Repairs
 from ..texture_file import EncodedTexture, TextureFiles
 from .alpha_mask import blended, masked
+from .colour_alpha import is_drawn_below
 from .mtl_file import Materials, text_lines
 from .rounding import ROUNDING, within
 from .triangulation import cut_polygons
@@ -233,6 +234,8 @@ class _ObjFile:
             opacity, told = 1.0, (TRANSPARENCY,)
         if unread or (alpha is not None and uv is None and alpha.min() < 255):
             alpha, told = None, (TRANSPARENCY,)
+        if of_opacity is None and isinstance(reflectance, EncodedTexture) and is_drawn_below(reflectance):
+            alpha, told = None, (*told, NO_MASK)
         mask, soft = blended(alpha, factor=opacity)
         if soft and opacity == 1 and (of_opacity is None or (mask is not None and not mask.is_haze)):
             told = (*told, *soft)  # the alpha of a base colour's texture may mean something else

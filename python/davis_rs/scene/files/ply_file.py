@@ -15,12 +15,13 @@ from ..._util.budget import Budget
 from ..._util.srgb import from_srgb
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
-from ..lost_looks import MISSING, TRANSPARENCY
+from ..lost_looks import MISSING, NO_MASK, TRANSPARENCY
 from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
 from ..repairs import Repairs
 from ..texture_file import TextureFiles
 from .alpha_mask import blended, masked
+from .colour_alpha import is_drawn_below
 from .rounding import ROUNDING, within
 from .triangulation import cut_polygons, cut_strip, has_area
 
@@ -147,8 +148,8 @@ def read_ply(path: Path, budget: Budget, *, grey_unknown: bool = False) -> list[
     found += map(_Triangles.of, _strips(path, positions, rows.get(_STRIPS, []), repairs))
     if not found:
         raise ValueError(
-            f"{path}: it has {len(positions):,} points and no faces: a cloud of points has no surface that a camera could "
-            "see; make a mesh of it first, for example by surface reconstruction in MeshLab"
+            f"{path}: it has {len(positions):,} points and no faces: a cloud of points has no surface that a camera "
+            "could see; make a mesh of it first, for example by surface reconstruction in MeshLab"
         )
     repairs.refuse_nothing(sum(len(triangles.corners) for triangles in found))
     triangles = _Triangles(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
@@ -439,7 +440,7 @@ def _textured(path: Path, part: MeshPart, files: TextureFiles, budget: Budget, g
         return part._replace(lost=(MISSING,))
     reflectance = files.read(file, str(path))
     reflectance.charge(budget, str(path))
-    mask, looks = blended(reflectance.alpha)
+    mask, looks = (None, (NO_MASK,)) if is_drawn_below(reflectance) else blended(reflectance.alpha)
     return masked(part._replace(reflectance=reflectance, files=(file,), lost=looks), mask, budget)
 
 

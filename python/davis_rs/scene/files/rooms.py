@@ -34,6 +34,8 @@ _BOTH_WAYS = 0.5
 """A cube faces away from a look where the mean of its normals along it is larger. Two-sided walls have a small one."""
 _LEAST_HEIGHT_M = 1.5
 """A room that is lower is no room: the inside of a hollow object, for example."""
+_LEAST_FREE_M = 0.3
+"""Nor is what leaves less free around the camera: the inside of a car, for example."""
 _LOOKS = np.array([step for step in product((-1, 0, 1), (-1, 0, 1), (-1, 0)) if any(step)])
 _UP = np.array([[0, 0, 1], [1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]])
 _STEPS_AHEAD = 3
@@ -104,7 +106,9 @@ class VoxelGrid:
         large = empty and np.count_nonzero(space) >= _ROOM * empty
         if not large and not (space.any() and self._covered(space, surfaces) >= _COVERED):
             return []
-        return self._in_largest(space)
+        places = self._in_largest(space)
+        # What is free around a place may reach as far as one cube farther than is sure.
+        return places if max((place.free_m for place in places), default=0.0) + self.cell >= _LEAST_FREE_M else []
 
     @staticmethod
     def _has_walls(surfaces: Surfaces) -> bool:
