@@ -384,10 +384,12 @@ def test_a_room_full_of_things_has_a_place_at_another_height() -> None:
     assert view.room.centre[2] > 2.2
 
 
-@pytest.mark.parametrize(("width", "room"), [(0.4, False), (0.9, True)])
-def test_what_is_too_narrow_is_no_room(width: float, room: bool) -> None:
-    """Such as the inside of a car."""
-    assert (default_view(box([0, 0, 0], [width, 4, 2.2], inward=True)).room is not None) == room
+@pytest.mark.parametrize(("height", "room"), [(1.2, False), (1.9, True)])
+def test_what_is_low_inside_is_no_room(height: float, room: bool) -> None:
+    """Such as the inside of a car, however high the car is."""
+    roof = box([0, 0, height + 0.1], [1.5, 4, height + 0.6], inward=False)
+    inside = box([0, 0, 0], [1.5, 4, height], inward=True)
+    assert (default_view(np.concatenate([inside, roof])).room is not None) == room
 
 
 def test_what_is_outside_is_said_by_normals(tmp_path: Path) -> None:

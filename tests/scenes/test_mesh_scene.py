@@ -195,7 +195,7 @@ def test_normals_that_no_line_gives_are_left_out(tmp_path: Path) -> None:
     """Faces of some exporters name normals and texture coordinates that the file does not have; it is told."""
     path = tmp_path / "m.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1/1 2/2/1 3/3/1\nf 1 3 2\n")
-    told = r"name texture coordinates \(vt\), of which the file has none: 1 .* normals \(vn\), .* none: 1 \(the first: line 4\)"
+    told = r"coordinates \(vt\), of which the file has none: 1 .* normals \(vn\), .* none: 1 \(the first: line 4\)"
     with pytest.warns(SceneFileWarning, match=told):
         (part,) = read_obj(path, Budget(path))
     assert part.uv is None

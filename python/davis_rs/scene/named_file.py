@@ -7,7 +7,6 @@ from pathlib import Path
 
 from .._core import DecodeError
 
-
 GREY_UNKNOWN = "--grey-unknown (load_scene(..., grey_unknown=True))"
 """How a user asks for grey in place of materials that are missing or not known, for messages."""
 
