@@ -392,6 +392,17 @@ def test_what_is_low_inside_is_no_room(height: float, room: bool) -> None:
     assert (default_view(np.concatenate([inside, roof])).room is not None) == room
 
 
+def test_a_place_is_not_near_what_stands_there() -> None:
+    """Of a shallow box of 0.9 m, most is in a narrow part; the camera stands in the free one, which shows less."""
+    narrow = box([0, 0, 0], [3, 0.36, 2.6], inward=True, without=((0, 1),))
+    wide = box([3, 0, 0], [3.8, 0.8, 2.6], inward=True, without=((0, -1),))
+    end = np.array([[[3, 0.36, 0], [3, 0.8, 0], [3, 0.8, 2.6]], [[3, 0.36, 0], [3, 0.8, 2.6], [3, 0.36, 2.6]]])
+    surfaces = Surfaces.of(np.concatenate([narrow, wide, end]))
+    places = VoxelGrid.of(surfaces).places(surfaces)
+    assert places
+    assert all(place.centre[0] > 3 for place in places)
+
+
 def test_what_is_outside_is_said_by_normals(tmp_path: Path) -> None:
     """A mesh whose triangles face inwards and whose normals face outwards is no room."""
     corners = box([0, 0, 0], [4, 4, 4], inward=True)

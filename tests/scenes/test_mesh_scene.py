@@ -25,7 +25,7 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.scene.files.mesh_scene import colours_as_texture
 from davis_rs.scene.files.obj_file import read_obj
 from davis_rs.scene.files.ply_file import read_ply
-from davis_rs.scene.lost_looks import MISSING, TRANSPARENCY, UNKNOWN, LostLook
+from davis_rs.scene.lost_looks import MIRRORS, MISSING, TRANSPARENCY, UNKNOWN, LostLook
 from davis_rs.scene.mesh_part import MeshPart
 from davis_rs.scene.texel_lookup import bilinear
 
@@ -149,6 +149,20 @@ def test_comments_at_the_ends_of_lines(tmp_path: Path) -> None:
     assert part.blend is not None
     assert part.blend.opacity == 0.25
     assert part.corners.shape == (1, 3, 3)
+
+
+def test_lines_that_go_on(tmp_path: Path) -> None:
+    """After a backslash, as older programs write faces with many corners."""
+    (tmp_path / "m.obj").write_text(cube("f 1/1 2/2 \\\n3/3 \\ \n 4/4 # front\nf 1 2 3\n"))
+    (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
+    assert part.corners.shape == (3, 3, 3)
+
+
+def test_mirrors_and_glass_are_told(tmp_path: Path) -> None:
+    (tmp_path / "m.mtl").write_text("newmtl pane\nillum 4 # glass\nnewmtl wall\nillum 2\n")
+    path = tmp_path / "m.obj"
+    path.write_text(cube("usemtl pane\nf 1 2 3\nusemtl wall\nf 1 3 4\n", before="mtllib m.mtl\n"))
+    assert load_scene(path).lost_looks == (LostLook(MIRRORS, ("pane",), ("mesh_pane",)),)
 
 
 MISSING_LOOKS = {

@@ -31,9 +31,9 @@ from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene, check_scene
 from ..sensor.imu import IMU_DTYPE, Imu, ImuArray, simulate_imu
 from ..sensor.motion_capture import MotionCapture
+from .darkness import estimate_darkness
 from .frame_gain import path_image_gain
 from .monte_carlo_noise import refuse_noise
-from .darkness import estimate_darkness
 from .pixel_error import estimate_pixel_error
 from .planning import EffectPlan
 from .run_time import estimate_run_time

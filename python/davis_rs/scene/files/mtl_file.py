@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..._util.budget import Budget
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
-from ..lost_looks import BUMPS, METAL, MISSING, OWN_LIGHT, TRANSPARENCY
+from ..lost_looks import BUMPS, METAL, MIRRORS, MISSING, OWN_LIGHT, TRANSPARENCY
 from ..mesh_part import GREY
 from ..named_file import named_file
 from ..texture_file import EncodedTexture, TextureFiles
@@ -24,12 +24,14 @@ _LOOKS = {
     **dict.fromkeys(("bump", "map_bump", "map_Bump", "norm", "disp"), BUMPS),
 }
 """The kind of look that is lost if a material has one of these lines."""
-_NUMBERS = ("Kd", "Ke", "d", "Tr", "Pm")
+_NUMBERS = ("Kd", "Ke", "d", "Tr", "Pm", "illum")
 """Lines of numbers, behind which a comment may stand; in names, # is a letter."""
 _MATERIAL_BYTES = 1000
 """About what a material takes in memory, without its texture."""
 _BRIGHTEST = 1e18
 """The most radiance that is read: its square must fit in float32."""
+_MIRRORS = tuple("3456789")
+"""Models of illumination with reflections or refraction."""
 _USUAL = {"Pm": 0.0}
 """Values with which nothing is lost."""
 
@@ -37,8 +39,8 @@ _USUAL = {"Pm": 0.0}
 class Materials:
     """The materials of a file by name: ``Kd`` (linear RGB), or ``map_Kd`` (a texture, which replaces ``Kd``).
 
-    Surfaces are diffuse: highlights are not read. They emit ``Ke`` (radiance, linear RGB), or ``map_Ke``, a texture
-    that ``Ke`` multiplies where it is not 0.
+    Surfaces are diffuse: highlights are not read, and mirrors and glass (``illum``) are told as lost. They emit ``Ke``
+    (radiance, linear RGB), or ``map_Ke``, a texture that ``Ke`` multiplies where it is not 0.
 
     Args:
         folder: the scene's own, in which textures must lie.
@@ -87,6 +89,8 @@ class Materials:
                 self._emissive_textures[name] = (rest, where)
             elif key in ("Ke", "map_Ke") and name:
                 self._lost[name][OWN_LIGHT] = None
+            elif key == "illum" and name and rest in _MIRRORS:
+                self._lost[name][MIRRORS] = None
             elif key in _LOOKS and name and _is_different(key, rest):
                 self._lost[name][_LOOKS[key]] = None
 

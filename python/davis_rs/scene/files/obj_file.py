@@ -82,15 +82,19 @@ class _ObjFile:
         self.materials = {name: library for library in self.libraries.values() for name in library.colours}
 
     def _read(self) -> None:
-        material = ""
+        material, begun = "", list[str]()
         data = read_charged(self.path, self.budget)
         if b"\0" in data:
             raise ValueError(f"{self.path}: must be a text in UTF-8 or ASCII, but it has bytes that are 0")
         for number, line in enumerate(text_lines(data, self.budget), 1):
-            words = line.split()
+            words = [*begun, *line.split()]
             key = words[0] if words else "#"
+            if key in _NUMBERS and words[-1] == "\\":  # it goes on
+                begun = words[:-1]
+                continue
+            begun = []
             if key in _NUMBERS and "#" in line:  # a comment; in names, # is a letter
-                words = line.partition("#")[0].split()
+                words = " ".join(words).partition("#")[0].split()
             try:
                 if key in _WIDTH:
                     self._number(key, words[1:])

@@ -49,6 +49,8 @@ _NARROW = 0.25
 """Where less than this fraction of the eye's height is free around it, the camera stands at any height."""
 _FREE_ENOUGH = 0.4
 """The camera may stand where the free distance is at least this fraction of the largest one."""
+_NEAREST_M = 0.3
+"""The camera is not nearer to what stands around it, unless there is no such place."""
 _MOST_PLACES = 12
 """So many places are compared, as many at each height."""
 
@@ -104,7 +106,9 @@ class VoxelGrid:
         large = empty and np.count_nonzero(space) >= _ROOM * empty
         if not large and not (space.any() and self._covered(space, surfaces) >= _COVERED):
             return []
-        return self._in_largest(space)
+        places = self._in_largest(space)
+        # What is free may reach as far as one cube farther than is sure.
+        return [place for place in places if place.free_m + self.cell >= _NEAREST_M] or places
 
     @staticmethod
     def _has_walls(surfaces: Surfaces) -> bool:
