@@ -197,7 +197,7 @@ class _ObjFile:
             if key in _OPTIONAL and not len(values[key]):
                 named = (corners[..., slot] >= 0).any(1)
                 note = f"faces name {_OPTIONAL[key]} ({key}), of which the file has none"
-                self.repairs.add(note, np.count_nonzero(named), f"line {lines[named.argmax()]}")
+                self.repairs.add(note, int(np.count_nonzero(named)), f"line {lines[named.argmax()]}")
                 corners[..., slot] = -1
             outside = (corners[..., slot] >= len(values[key])).any(1)
             if outside.any():
@@ -254,7 +254,7 @@ class _ObjFile:
                 emission.charge(self.budget, f"the material {material!r}")
         if colours is not None and (colours[position] < 1 - ROUNDING).any():
             told = (*told, _COLOURS)
-        lost = tuple(dict.fromkeys([*materials.lost(material), *told]))
+        looks = tuple(dict.fromkeys([*materials.lost(material), *told]))
         if isinstance(reflectance, EncodedTexture):
             if uv is None:
                 raise ValueError(
@@ -264,6 +264,6 @@ class _ObjFile:
             # As parts look it up that say nothing else.
             self.charged.charge(ImageTexture(reflectance, "repeat", nearest=False), f"the material {material!r}")
         part = MeshPart(
-            points, uv, normals, reflectance, None, material, files, lost=lost, emission=emission, blend=blend
+            points, uv, normals, reflectance, None, material, files, lost=looks, emission=emission, blend=blend
         )
         return masked(part, mask, self.budget)
