@@ -263,6 +263,7 @@ BROKEN_OBJ = {
     "no texture coordinate 7": (cube("f 1/7 2/1 3/1\n"), r":13: a face names vt 7, but the file has 4"),
     "two corners": (cube("f 1 2\n"), r":13: a face needs at least 3 corners"),
     "word": ("v 0 zero 0\n", r":1: v needs numbers, got .0 zero 0."),
+    "no number": ("v 1.#IND 0 0\n", r":1: v needs numbers, got '1.#IND 0 0'"),
     "nan": (cube().replace("v -1 -1 -1", "v nan -1 -1"), r"vertex 1 must be finite, got \(nan"),
     "no area": (cube("f 1 1 1\nf 1 2 1\n"), r"has no faces .* without area are left out: 2 \(the first: line 13\)"),
     "points": ("v 0 0 0\np 1\np 1\n", r"has no faces .*: points \(p\) have no surface .*: 2 \(the first: line 2\)"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +95,7 @@ class _ObjFile:
                 continue
             begun = []
             if key in _NUMBERS and "#" in line:  # a comment; in names, # is a letter
-                words = " ".join(words).partition("#")[0].split()
+                words = list(takewhile(lambda word: word[0] != "#", words))
             try:
                 if key in _WIDTH:
                     self._number(key, words[1:])
