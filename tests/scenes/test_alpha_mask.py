@@ -23,6 +23,7 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.scene.files.alpha_mask import TOLERANCE_TEXELS, AlphaMask, Pieces, blended, masked
 from davis_rs.scene.files.obj_file import read_obj
 from davis_rs.scene.files.ply_file import read_ply
+from davis_rs.scene.lost_looks import NO_MASK
 from davis_rs.scene.mesh_part import MeshPart
 from gltf_files import UV, Gltf, quad
 
@@ -361,6 +362,36 @@ def test_a_gltf_leaf_of_hard_texels(tmp_path: Path, mode: str) -> None:
     material = gltf.material("leaf", baseColorTexture=image, more={"alphaMode": mode, "alphaCutoff": 0.5})
     gltf.node(mesh=quad(gltf, uv=UV, material=material))
     assert area_of(loaded(gltf, tmp_path), "mesh_leaf") == pytest.approx(1.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("below", "mask"), [(0, True), (40, False)], ids=["plain", "drawn"])
+def test_an_alpha_that_hides_a_drawing_is_no_mask(tmp_path: Path, below: int, mask: bool) -> None:
+    """Such as gloss in the alpha of a colour's texture; map_d says a mask, whatever is below."""
+    random = np.random.default_rng(3)
+    shown = np.arange(64) < 32
+    texels = 100 + random.integers(0, np.where(shown, 20, 1 + below), (64, 64))
+    rgba = np.dstack([np.repeat(texels[..., None], 3, 2), np.where(shown, 255, 0) + 0 * texels]).astype(np.uint8)
+    Image.fromarray(rgba).save(tmp_path / "a.png")
+    corners = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    path = tmp_path / "m.obj"
+    path.write_text(f"mtllib m.mtl\nusemtl m\n{corners}f 1/1 2/2 3/3 4/4\n")
+    (tmp_path / "m.mtl").write_text("newmtl m\nmap_Kd a.png\n")
+    (part,) = read_obj(path, Budget(path))
+    assert (part.corners[..., 0].max() < 0.6) == mask
+    assert part.lost == (() if mask else (NO_MASK,))
+    (tmp_path / "m.mtl").write_text("newmtl m\nmap_Kd a.png\nmap_d a.png\n")
+    (part,) = read_obj(path, Budget(path))
+    assert part.corners[..., 0].max() < 0.6
+    assert part.lost == ()
+    ply = tmp_path / "m.ply"
+    properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "s", "t"))
+    ply.write_text(
+        f"ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 4\n{properties}element face 1\n"
+        "property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n4 0 1 2 3\n"
+    )
+    (part,) = read_ply(ply, Budget(ply))
+    assert (part.corners[..., 0].max() < 0.6) == mask
+    assert part.lost == (() if mask else (NO_MASK,))
 
 
 @pytest.mark.parametrize("more", [{}, {"alphaMode": "OPAQUE"}])

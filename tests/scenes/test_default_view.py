@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -381,6 +382,39 @@ def test_a_room_full_of_things_has_a_place_at_another_height() -> None:
     view = default_view(np.concatenate([box([0, 0, 0], [5, 4, 4.0], inward=True), *posts]))
     assert view.room is not None
     assert view.room.centre[2] > 2.2
+
+
+@pytest.mark.parametrize(("height", "room"), [(1.2, False), (1.9, True)])
+def test_what_is_low_inside_is_no_room(height: float, room: bool) -> None:
+    """Such as the inside of a car, however high the car is."""
+    roof = box([0, 0, height + 0.1], [1.5, 4, height + 0.6], inward=False)
+    inside = box([0, 0, 0], [1.5, 4, height], inward=True)
+    assert (default_view(np.concatenate([inside, roof])).room is not None) == room
+
+
+def test_a_place_is_not_near_what_stands_there() -> None:
+    """Of a shallow box of 0.9 m, most is in a narrow part; the camera stands in the free one, which shows less."""
+    narrow = box([0, 0, 0], [3, 0.36, 2.6], inward=True, without=((0, 1),))
+    wide = box([3, 0, 0], [3.8, 0.8, 2.6], inward=True, without=((0, -1),))
+    end = np.array([[[3, 0.36, 0], [3, 0.8, 0], [3, 0.8, 2.6]], [[3, 0.36, 0], [3, 0.8, 2.6], [3, 0.36, 2.6]]])
+    surfaces = Surfaces.of(np.concatenate([narrow, wide, end]))
+    places = VoxelGrid.of(surfaces).places(surfaces)
+    assert places
+    assert all(place.centre[0] > 3 for place in places)
+
+
+def test_what_is_outside_is_said_by_normals(tmp_path: Path) -> None:
+    """A mesh whose triangles face inwards and whose normals face outwards is no room."""
+    corners = box([0, 0, 0], [4, 4, 4], inward=True)
+    normals = -np.repeat(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), 3, axis=0)
+    lines = ["v {:g} {:g} {:g}".format(*corner) for corner in corners.reshape(-1, 3)]
+    lines += ["vn {:g} {:g} {:g}".format(*normal) for normal in normals]
+    lines += ["f " + " ".join(f"{k}//{k}" for k in range(i, i + 3)) for i in range(1, 1 + len(normals), 3)]
+    path = tmp_path / "box.obj"
+    path.write_text("\n".join(lines))
+    assert load_scene(path).note.endswith("one that goes around")
+    path.write_text(re.sub(r"//\d+", "", "\n".join(lines)))
+    assert "turns in the room" in load_scene(path).note
 
 
 def test_an_edge_between_two_shapes_is_something_to_see() -> None:

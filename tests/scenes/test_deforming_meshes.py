@@ -38,6 +38,7 @@ from davis_rs.render.truth.scene_surfaces import SceneSurfaces
 from davis_rs.sampling.breaks import find_breaks
 from davis_rs.sampling.displacement import DisplacementClock
 from davis_rs.scene.deformation import Deformation
+from davis_rs.scene.files.gltf_poses import NodePoses
 from davis_rs.scene.lost_looks import BACKS
 from davis_rs.scene.meshes import Mesh, mitsuba_mesh, shape
 from gltf_files import Gltf
@@ -581,6 +582,29 @@ def test_a_scale_that_is_animated_deforms(tmp_path: Path) -> None:
         near = (renderer.depth(views_at(scene, 0.0, 0.5, 1.0)) < 9.5).sum((1, 2))
         assert (near[0] > 0) == (start[0] > 0)
         assert (np.diff(near) > 0).all()
+
+
+def test_many_objects_that_grow_take_time_by_their_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At many instants each object's own poses are computed, not those of all for each."""
+    gltf = Gltf()
+    mesh = gltf.mesh(*strip())
+    for number in range(100):
+        node = gltf.node(mesh=mesh, name=f"flake {number}")
+        gltf.animate(node, "scale", [0.0, 0.5, 1.0], [[1.0, 1.0, 1.0], [1.0, 2.0, 1.0], [1.0, 1.0, 1.0]])
+    deformations = load(gltf, tmp_path).deformations
+    assert len(deformations) == 100
+    computed = 0
+
+    def counting(self: NodePoses, nodes: Any, t: Any) -> Any:
+        nonlocal computed
+        computed += len(nodes) * len(t)
+        return as_before(self, nodes, t)
+
+    as_before = NodePoses._computed
+    monkeypatch.setattr(NodePoses, "_computed", counting)
+    for deformation in deformations.values():
+        deformation.box()
+    assert computed < 100 * 129 * 6
 
 
 def test_what_shines_and_grows_from_nothing(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from davis_rs.render.choice import make_renderer
 from davis_rs.scene.files.mesh_scene import colours_as_texture
 from davis_rs.scene.files.obj_file import read_obj
 from davis_rs.scene.files.ply_file import read_ply
-from davis_rs.scene.lost_looks import TRANSPARENCY
+from davis_rs.scene.lost_looks import MIRRORS, MISSING, TRANSPARENCY, UNKNOWN, LostLook
 from davis_rs.scene.mesh_part import MeshPart
 from davis_rs.scene.texel_lookup import bilinear
 
@@ -137,6 +137,86 @@ def test_every_part_has_its_material(tmp_path: Path) -> None:
     make_renderer(replace(scene, objects=dict.fromkeys(["mesh_one", "mesh_two"], scene.path)), scene.own_camera)
 
 
+def test_comments_at_the_ends_of_lines(tmp_path: Path) -> None:
+    """Behind numbers, # begins a comment; in names it is a letter."""
+    (tmp_path / "a#1.mtl").write_text("newmtl no #1\nKd 1 0 0.5  # pink\nd 0.25 # mostly clear\n")
+    text = cube("usemtl no #1\nf 1/1 2/2 3/3 # front\n", before="mtllib a#1.mtl\n").replace(
+        "v -1 -1 1", "v -1 -1 1 # low"
+    )
+    (tmp_path / "m.obj").write_text(text)
+    (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
+    np.testing.assert_array_equal(part.reflectance, [1, 0, 0.5])
+    assert part.blend is not None
+    assert part.blend.opacity == 0.25
+    assert part.corners.shape == (1, 3, 3)
+
+
+def test_lines_that_go_on(tmp_path: Path) -> None:
+    """After a backslash, as older programs write faces with many corners."""
+    (tmp_path / "m.obj").write_text(cube("f 1/1 2/2 \\\n3/3 \\ \n 4/4 # front\nf 1 2 3\n"))
+    (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
+    assert part.corners.shape == (3, 3, 3)
+
+
+def test_mirrors_and_glass_are_told(tmp_path: Path) -> None:
+    (tmp_path / "m.mtl").write_text("newmtl pane\nillum 4 # glass\nnewmtl wall\nillum 2\n")
+    path = tmp_path / "m.obj"
+    path.write_text(cube("usemtl pane\nf 1 2 3\nusemtl wall\nf 1 3 4\n", before="mtllib m.mtl\n"))
+    assert load_scene(path).lost_looks == (LostLook(MIRRORS, ("pane",), ("mesh_pane",)),)
+
+
+MISSING_LOOKS = {
+    "material file": ("mtllib none.mtl\nusemtl gold\n", UNKNOWN, "gold"),
+    "material": ("mtllib m.mtl\nusemtl gold\n", UNKNOWN, "gold"),
+    "texture": ("mtllib m.mtl\nusemtl paint\n", MISSING, "paint"),
+}
+
+
+@pytest.mark.parametrize(("before", "look", "material"), MISSING_LOOKS.values(), ids=MISSING_LOOKS)
+def test_what_is_missing_is_grey_if_asked(tmp_path: Path, before: str, look: str, material: str) -> None:
+    """Else the file is refused, and the message names the option."""
+    (tmp_path / "m.mtl").write_text("newmtl paint\nKd 1 0 0\nmap_Kd C:\\none.png\n")
+    path = tmp_path / "m.obj"
+    path.write_text(cube(before=before))
+    with pytest.raises((ValueError, OSError), match=r"grey: --grey-unknown \(load_scene\(..., grey_unknown=True\)\)"):
+        load_scene(path)
+    (part,) = read_obj(path, Budget(path), grey_unknown=True)
+    np.testing.assert_array_equal(part.reflectance, [0.5, 0.5, 0.5])
+    assert load_scene(path, grey_unknown=True).lost_looks == (LostLook(look, (material,), ("mesh",)),)
+
+
+def test_a_texture_of_a_ply_file_that_is_missing_is_grey_if_asked(tmp_path: Path) -> None:
+    path = tmp_path / "m.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\ncomment TextureFile none.png\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nproperty float s\nproperty float t\nelement face 1\nproperty list uchar int vertex_indices\n"
+        "end_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n"
+    )
+    with pytest.raises(FileNotFoundError, match=r"none\.png is not there; .* as grey: --grey-unknown"):
+        load_scene(path)
+    (part,) = read_ply(path, Budget(path), grey_unknown=True)
+    np.testing.assert_array_equal(part.reflectance, [0.5, 0.5, 0.5])
+    assert load_scene(path, grey_unknown=True).lost_looks == (LostLook(MISSING, ("none.png",), ("mesh",)),)
+
+
+def test_materials_without_a_material_file_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "m.obj"
+    path.write_text(cube(before="usemtl gold\n"))
+    assert load_scene(path).lost_looks == (LostLook(UNKNOWN, ("gold",), ("mesh",)),)
+
+
+def test_normals_that_no_line_gives_are_left_out(tmp_path: Path) -> None:
+    """Faces of some exporters name normals and texture coordinates that the file does not have; it is told."""
+    path = tmp_path / "m.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1/1 2/2/1 3/3/1\nf 1 3 2\n")
+    told = r"coordinates \(vt\), of which the file has none: 1 .* normals \(vn\), .* none: 1 \(the first: line 4\)"
+    with pytest.warns(SceneFileWarning, match=told):
+        (part,) = read_obj(path, Budget(path))
+    assert part.uv is None
+    assert part.normals is None
+    assert part.corners.shape == (2, 3, 3)
+
+
 @given(st.data())
 def test_colours_as_texture_are_linear_between_corners(data: st.DataObject) -> None:
     """The bilinear lookup at any point of a triangle gives the mixture of its corners' colours."""
@@ -183,6 +263,7 @@ BROKEN_OBJ = {
     "no texture coordinate 7": (cube("f 1/7 2/1 3/1\n"), r":13: a face names vt 7, but the file has 4"),
     "two corners": (cube("f 1 2\n"), r":13: a face needs at least 3 corners"),
     "word": ("v 0 zero 0\n", r":1: v needs numbers, got .0 zero 0."),
+    "no number": ("v 1.#IND 0 0\n", r":1: v needs numbers, got '1.#IND 0 0'"),
     "nan": (cube().replace("v -1 -1 -1", "v nan -1 -1"), r"vertex 1 must be finite, got \(nan"),
     "no area": (cube("f 1 1 1\nf 1 2 1\n"), r"has no faces .* without area are left out: 2 \(the first: line 13\)"),
     "points": ("v 0 0 0\np 1\np 1\n", r"has no faces .*: points \(p\) have no surface .*: 2 \(the first: line 2\)"),
@@ -345,7 +426,7 @@ BROKEN_PLY = {
     "not ply": (b"plyx\n", "not a PLY file"),
     "no end": (b"ply\nformat ascii 1.0\n", "not a PLY file"),
     "type": (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\nend_header\n", "ply:4: not a line"),
-    "no faces": (ply("ascii", faces=[]), "has no faces"),
+    "no faces": (ply("ascii", faces=[]), "it has 8 points and no faces: a cloud of points has no surface"),
     "index too large": (ply("ascii", faces=[[0, 1, 8]]), r"face 1 names the vertices \[0, 1, 8\], but the file has 8"),
     "index that is none": (
         ply("ascii", faces=[[0, 1, 2]])

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from davis_rs import Camera, load_scene
 from davis_rs._util.progress import Forecast
+from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
+from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.sampling.rules import FixedRate, MaxDisplacement
 from davis_rs.sampling.tolerance import Tolerance
 from davis_rs.simulation import run_time
@@ -27,24 +27,35 @@ def renderer_of(rays: int, pixel: str = "rays"):  # type: ignore[no-untyped-def]
     return make_renderer(SCENE, CAMERA, kind="native", rays_per_pixel=rays, pixel=pixel, blur=False)
 
 
-@pytest.fixture
-def three_seconds_a_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clock by which whatever is measured takes 3 s; all times are told."""
-    ticks = iter(np.arange(0.0, 300.0, 3.0).tolist())
-    monkeypatch.setattr(run_time, "time", SimpleNamespace(monotonic=lambda: next(ticks)))
+@pytest.mark.parametrize(
+    ("rays", "frame_s", "ray_s", "measured", "text"),
+    [
+        (32, 0.0, 1.5, [2, 8], "about 50 seconds"),
+        (64, 2.9, 0.05, [2, 8, 64], "about 6 seconds"),
+        (64, 40.0, 0.0, [2, 8], "about 40 seconds"),
+        (8, 3.0, 0.0, [2, 8], "about 3 seconds"),
+    ],
+    ids=["rays", "mostly the frame", "the frame", "few rays"],
+)
+def test_the_time_is_that_of_all_frames(
+    rays: int, frame_s: float, ray_s: float, measured: list[int], text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames are as many as the rule renders. A slow one is rendered by few rays, others as the run does it."""
+    asked = []
+
+    def seconds(renderer: NativeRenderer, _: Views) -> float:
+        asked.append(renderer.rays_per_pixel)
+        return frame_s + ray_s * renderer.rays_per_pixel
+
     monkeypatch.setattr(run_time, "TOLD_S", 0.0)
-
-
-@pytest.mark.usefixtures("three_seconds_a_frame")
-@pytest.mark.parametrize(("rays", "frame_s", "text"), [(32, 48, "about 50 seconds"), (8, 3, "about 3 seconds")])
-def test_the_time_is_that_of_all_frames(rays: int, frame_s: float, text: str) -> None:
-    """Frames are as many as the rule renders. A slow one is rendered by two rays, others as the run does it."""
+    monkeypatch.setattr(run_time, "_seconds", seconds)
     rule = MaxDisplacement(1 / 4)
     renderer = renderer_of(rays)
     found = estimate_run_time(renderer, SCENE.path, rule)
     assert found is not None
     assert found.frames == pytest.approx(len([*rule.instants(renderer, SCENE.path, 1_000_000)]), rel=0.2)
-    assert found.seconds == pytest.approx(found.frames * frame_s)
+    assert asked == measured
+    assert found.seconds == pytest.approx(found.frames * (frame_s + ray_s * rays))
     assert f"some {found.frames:,} frames of {text} each (--size" in str(found)
     wider = estimate_run_time(renderer, SCENE.path, Tolerance(pixels=1 / 2))
     assert wider is not None

@@ -62,7 +62,8 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     xml.add_argument(
         "--grey-unknown",
         action="store_true",
-        help="take materials that are not known as grey, instead of refusing the file",
+        help="take materials that are not known or missing as grey, instead of refusing the file; also of OBJ and PLY "
+        "meshes",
     )
 
 

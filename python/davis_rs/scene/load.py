@@ -72,13 +72,15 @@ def load_scene(
         scale: of these, metres in the file's unit; None: 1.
         animation: of a glTF file, the name of the one that is played; None: all, or the first where two move the same.
         variables: of a Mitsuba XML file, a value as text for each ``$name`` in it, before the file's own defaults.
-        grey_unknown: of a Mitsuba XML file, take materials that are not known as grey (a reflectance of 0.5), which a
-            warning tells; else such a file is refused.
+        grey_unknown: take as grey (a reflectance of 0.5), which a warning tells, materials that are not known in a
+            Mitsuba XML file, and materials and textures that are missing of an OBJ or PLY mesh; else such a file is
+            refused.
 
     Raises:
         ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
-            ``scale`` of what is no mesh, ``animation`` of what is no glTF file or does not have it, and ``variables``
-            or ``grey_unknown`` of what is no XML file, or variables that it does not have.
+            ``scale`` of what is no mesh, ``animation`` of what is no glTF file or does not have it, ``variables`` of
+            what is no XML file, or that it does not have, and ``grey_unknown`` of what is neither an XML file nor a
+            mesh.
         OSError: if the file cannot be read.
 
     Warns:
@@ -88,12 +90,14 @@ def load_scene(
     suffix = path.suffix.lower()
     if variables and (suffix != ".xml" or not path.is_file()):
         raise ArgumentError("{variables} are for a Mitsuba XML file that is there, got {!r}", str(name_or_path))
-    if grey_unknown and (suffix != ".xml" or not path.is_file()):
-        raise ArgumentError("{grey_unknown} is for a Mitsuba XML file that is there, got {!r}", str(name_or_path))
+    if grey_unknown and (suffix not in (".xml", *MESH_READERS) or not path.is_file()):
+        raise ArgumentError(
+            "{grey_unknown} is for a Mitsuba XML file, an OBJ or a PLY mesh that is there, got {!r}", str(name_or_path)
+        )
     if animation is not None and (suffix not in GLTF or not path.is_file()):
         raise ArgumentError("{animation} is for a glTF file that is there, got {!r}", str(name_or_path))
     if suffix in MESH_READERS and path.is_file():
-        return mesh_scene(path, up=up, scale=1.0 if scale is None else scale)
+        return mesh_scene(path, up=up, scale=1.0 if scale is None else scale, grey_unknown=grey_unknown)
     if suffix in GLTF and path.is_file():
         return gltf_scene(path, up=up, scale=1.0 if scale is None else scale, animation=animation)
     if suffix == ".blend":

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from .._core import DecodeError
+
+GREY_UNKNOWN = "--grey-unknown (load_scene(..., grey_unknown=True))"
+"""How a user asks for grey in place of materials that are missing or not known, for messages."""
 
 
 def named_file(name: str, beside: Path, folder: Path, where: str) -> Path:
@@ -27,5 +31,7 @@ def named_file(name: str, beside: Path, folder: Path, where: str) -> Path:
     except (OSError, RuntimeError) as error:  # a name that is too long, links that go round in a circle
         raise DecodeError(f"{where}: {shown} names no file: {getattr(error, 'strerror', None) or error}") from None
     if not file.is_relative_to(folder.resolve()):
+        if Path(os.path.normpath(beside.parent.absolute() / name)).is_relative_to(folder.absolute()):
+            raise DecodeError(f"{where}: {shown} is a link to outside of the scene's folder: put the file itself there")
         raise DecodeError(f"{where}: names {shown}, which lies outside of the scene's folder: move it there")
     return file

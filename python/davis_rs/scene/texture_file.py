@@ -18,6 +18,7 @@ from .._util.budget import Budget
 from .._util.srgb import from_srgb
 from .._util.untrusted import read_charged
 from ..geometry.pose import FloatArray
+from .named_file import GREY_UNKNOWN
 from .textures import Texture
 
 if TYPE_CHECKING:
@@ -118,8 +119,8 @@ class TextureFiles:
         if path not in self._known:
             if not path.is_file():
                 raise FileNotFoundError(
-                    f"{named_in}: the texture {path} is not there; put it there, or remove that line to simulate "
-                    "without it"
+                    f"{named_in}: the texture {path} is not there; put it there, or take surfaces with missing "
+                    f"textures as grey: {GREY_UNKNOWN}"
                 )
             data = read_charged(path, self._budget)
             self._known[path] = texture_of_bytes(data, str(path), self._budget)

@@ -31,6 +31,7 @@ from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene, check_scene
 from ..sensor.imu import IMU_DTYPE, Imu, ImuArray, simulate_imu
 from ..sensor.motion_capture import MotionCapture
+from .darkness import estimate_darkness
 from .frame_gain import path_image_gain
 from .monte_carlo_noise import refuse_noise
 from .pixel_error import estimate_pixel_error
@@ -219,7 +220,8 @@ class PreparedRun:
         return self.made.simulator
 
     def tell(self, *, quiet: bool, stacklevel: int, prefix: str = "") -> bool:
-        """Say who renders, how many events that makes wrong, and that much memory or time will be taken.
+        """Say who renders, how many events that makes wrong, that most is dark, and that much memory or time will be
+        taken.
 
         Args:
             quiet: only warn of noise.
@@ -239,6 +241,9 @@ class PreparedRun:
         for line in (_rendering_with(simulator.renderer), self.made.noise_line, simulator.memory.line()):
             if line:
                 say(prefix + line)
+        darkness = estimate_darkness(simulator.renderer, self.scene.path, log_eps=simulator.log_eps)
+        if darkness is not None:
+            say(f"{prefix}{darkness}")
         run_time = estimate_run_time(simulator.renderer, self.scene.path, simulator.sampling)
         if run_time is not None:
             say(f"{prefix}{run_time}")

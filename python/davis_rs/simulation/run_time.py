@@ -20,9 +20,10 @@ from ..sampling.tolerance import Tolerance
 TOLD_S = 600.0
 """Runs that are shorter show soon enough how long they take."""
 
-_FEW_RAYS = 2
-"""A frame is rendered by so many rays a pixel first, and its time multiplied. That is too long where time does not grow
-with rays, and where reflections need few of a pixel's rays."""
+_FEW_RAYS, _MORE_RAYS = 2, 8
+"""A frame is rendered by so many rays a pixel first, and its time multiplied. That is too long where meshes deform,
+which takes the same time for any number of rays, and where reflections need few of a pixel's rays. So a slow frame is
+rendered by more rays, too: what they take longer tells the time of a ray."""
 
 _WHOLE_FRAME_S = 30.0
 """A frame that takes no longer than this is rendered again as the run does it."""
@@ -66,7 +67,12 @@ def estimate_run_time(renderer: Renderer, trajectory: Trajectory, sampling: Time
         return None
     view = Views.along(trajectory, np.array([end_us / 2e6]))
     few = min(_FEW_RAYS, rays)
-    frame_s = _seconds(renderer.by_rays(few), view) * rays / few
+    few_s = _seconds(renderer.by_rays(few), view)
+    frame_s = few_s * rays / few
+    more = min(_MORE_RAYS, rays)
+    if frame_s > _WHOLE_FRAME_S and frames * frame_s >= TOLD_S and more > few:
+        more_s = _seconds(renderer.by_rays(more), view)
+        frame_s = more_s + max(more_s - few_s, 0.0) / (more - few) * (rays - more)
     if frame_s <= _WHOLE_FRAME_S and frames * frame_s >= TOLD_S:
         frame_s = _seconds(renderer, view)
     return RunTime(frames * frame_s, frames) if frames * frame_s >= TOLD_S else None

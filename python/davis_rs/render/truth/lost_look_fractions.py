@@ -76,8 +76,9 @@ def warn_of_lost_looks(scene: Scene, fractions: Fractions, stacklevel: int) -> N
         looks = [str(look) for look in told if told[look] == fraction]
         phrases += [f"{state}: {', '.join(looks)}"] if looks else []
     name = scene.name if scene.file is None else scene.file
+    shares = ", with their fraction of the image along the camera path" if largest else ""
     warnings.warn(
-        f"{name}: these looks are lost, with their fraction of the image along the camera path: {'; '.join(phrases)}",
+        f"{name}: these looks are lost{shares}: {'; '.join(phrases)}",
         LostLookWarning,
         stacklevel=stacklevel + 1,
     )

@@ -26,9 +26,12 @@ _UNIT = 0.01
 _SHORTEST = 1e-6
 """A quaternion that is not longer than this has no direction."""
 _KEPT = 4
-"""Of how many sets of instants all poses are kept, because several objects ask for the same."""
+"""For so many sets of instants, poses are kept, because several objects ask for the same."""
 _MOST_KEPT = 1 << 17
 """No set is kept that has more poses than this, with 256 bytes each."""
+_TOGETHER = 1 << 12
+"""So many poses at most are computed for all nodes that move when some are asked for, because others will be asked for
+at the same few instants. At many instants, each object asks at its own keyframes, and gets its own poses alone."""
 
 Poses = tuple[FloatArray, FloatArray]
 """Transforms (n, ..., 4, 4) at n times, and their rates per second."""
@@ -103,11 +106,13 @@ class NodePoses:
     def _poses(self, indices: Sequence[int], t: FloatArray) -> dict[int, Poses]:
         """Return the poses of nodes that move, and of those that they are in."""
         for times, poses in self._kept:
-            if np.array_equal(times, t):
+            if np.array_equal(times, t) and all(index in poses for index in indices):
                 return poses
-        if len(t) * len(self._moving) > _MOST_KEPT:
-            return self._computed(self._with_parents(indices), t)
-        poses = self._computed(list(self._moving.values()), t)
+        together = len(t) * len(self._moving) <= _TOGETHER
+        nodes = list(self._moving.values()) if together else self._with_parents(indices)
+        poses = self._computed(nodes, t)
+        if len(t) * len(nodes) > _MOST_KEPT:
+            return poses
         self._kept = ((t.copy(), poses), *self._kept[: _KEPT - 1])
         return poses
 

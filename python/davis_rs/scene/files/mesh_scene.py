@@ -43,7 +43,7 @@ _LAMP_ABOVE, _LAMP_LUMA = 0.5, 0.5
 to the ceiling, whichever is less; and the luma of a white wall at twice the free distance to the sides."""
 
 
-def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
+def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, grey_unknown: bool = False) -> Scene:
     """Make a scene of an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from
     all around, or from within if it is a room.
 
@@ -58,6 +58,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     Args:
         up: the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY, as Blender exports them.
         scale: metres in the file's unit, > 0: 0.001 for millimetres.
+        grey_unknown: materials and textures that are missing are grey; else the file is refused.
 
     Raises:
         OSError: if the mesh, its materials or a texture cannot be read.
@@ -72,11 +73,12 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         raise ValueError(f"a mesh must be one of {', '.join(READERS)}, got {path}")
     check_axis_and_scale(up, scale)
     up = USUAL_UP[suffix] if up is None else up
-    parts = [_in_world(part, up, scale) for part in READERS[suffix](path, Budget(path))]
+    parts = [_in_world(part, up, scale) for part in READERS[suffix](path, Budget(path), grey_unknown=grey_unknown)]
     corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
     low, high = corners.min(0), corners.max(0)
     view = default_view(
-        corners.reshape(-1, 3, 3), np.repeat(np.arange(len(parts)), [len(part.corners) for part in parts])
+        np.concatenate([_facing_as_normals(part) for part in parts]),
+        np.repeat(np.arange(len(parts)), [len(part.corners) for part in parts]),
     )
     shapes = {name: part.rounded() for name, part in zip(_shape_ids(parts), parts, strict=True)}
     x, y, z = map(metres, high - low)
@@ -117,6 +119,18 @@ def _in_world(part: MeshPart, up: Axis, scale: float) -> MeshPart:
     turn = to_z_up(up)
     normals = None if part.normals is None else part.normals @ turn.T
     return part._replace(corners=part.corners @ turn.T * scale, normals=normals)
+
+
+def _facing_as_normals(part: MeshPart) -> FloatArray:
+    """Return a part's triangles (n, 3, 3), turned over where its normals face the other way.
+
+    Some programs mirror a mesh and its normals, but not the order of its corners.
+    """
+    if part.normals is None:
+        return part.corners
+    first, second, third = part.corners.swapaxes(0, 1)
+    away = np.einsum("nk,nk->n", np.cross(second - first, third - first), part.normals.sum(1)) < 0
+    return np.where(away[:, None, None], part.corners[:, ::-1], part.corners)
 
 
 def _shape_ids(parts: list[MeshPart]) -> list[str]:

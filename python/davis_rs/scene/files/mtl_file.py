@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..._util.budget import Budget
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
-from ..lost_looks import BUMPS, METAL, OWN_LIGHT, TRANSPARENCY
+from ..lost_looks import BUMPS, METAL, MIRRORS, MISSING, OWN_LIGHT, TRANSPARENCY
 from ..mesh_part import GREY
 from ..named_file import named_file
 from ..texture_file import EncodedTexture, TextureFiles
@@ -24,10 +24,14 @@ _LOOKS = {
     **dict.fromkeys(("bump", "map_bump", "map_Bump", "norm", "disp"), BUMPS),
 }
 """The kind of look that is lost if a material has one of these lines."""
+_NUMBERS = ("Kd", "Ke", "d", "Tr", "Pm", "illum")
+"""Lines of numbers, behind which a comment may stand; in names, # is a letter."""
 _MATERIAL_BYTES = 1000
 """About what a material takes in memory, without its texture."""
 _BRIGHTEST = 1e18
 """The most radiance that is read: its square must fit in float32."""
+_MIRRORS = tuple("3456789")
+"""Models of illumination with reflections or refraction."""
 _USUAL = {"Pm": 0.0}
 """Values with which nothing is lost."""
 
@@ -35,20 +39,21 @@ _USUAL = {"Pm": 0.0}
 class Materials:
     """The materials of a file by name: ``Kd`` (linear RGB), or ``map_Kd`` (a texture, which replaces ``Kd``).
 
-    Surfaces are diffuse: highlights are not read. They emit ``Ke`` (radiance, linear RGB), or ``map_Ke``, a texture
-    that ``Ke`` multiplies where it is not 0.
+    Surfaces are diffuse: highlights are not read, and mirrors and glass (``illum``) are told as lost. They emit ``Ke``
+    (radiance, linear RGB), or ``map_Ke``, a texture that ``Ke`` multiplies where it is not 0.
 
     Args:
         folder: the scene's own, in which textures must lie.
         budget: what the scene's file may take.
+        grey_unknown: surfaces whose texture is missing are grey; else :meth:`reflectance` refuses them.
 
     Raises:
         OSError: if the file cannot be read.
         ValueError: naming the line that is malformed.
     """
 
-    def __init__(self, path: Path, folder: Path, budget: Budget) -> None:
-        self.path, self._folder = path, folder
+    def __init__(self, path: Path, folder: Path, budget: Budget, grey_unknown: bool = False) -> None:
+        self.path, self._folder, self._grey_unknown = path, folder, grey_unknown
         self.colours: dict[str, FloatArray] = {}
         self._textures: dict[str, tuple[str, str]] = {}
         self._opacities: dict[str, tuple[str, str]] = {}
@@ -60,7 +65,7 @@ class Materials:
         for number, line in enumerate(text_lines(read_charged(path, budget), budget), 1):
             where = f"{path}:{number}"
             key, rest = [*line.split(None, 1), "", ""][:2]
-            rest = rest.strip()
+            rest = (rest.partition("#")[0] if key in _NUMBERS else rest).strip()
             if key == "newmtl":
                 name = rest
                 budget.take(_MATERIAL_BYTES, f"{where}: a material")
@@ -84,18 +89,21 @@ class Materials:
                 self._emissive_textures[name] = (rest, where)
             elif key in ("Ke", "map_Ke") and name:
                 self._lost[name][OWN_LIGHT] = None
+            elif key == "illum" and name and rest in _MIRRORS:
+                self._lost[name][MIRRORS] = None
             elif key in _LOOKS and name and _is_different(key, rest):
                 self._lost[name][_LOOKS[key]] = None
 
     def texture(self, name: str) -> Path | None:
-        """Return the file of a material's texture; None without one.
+        """Return the file of a material's texture; None without one, and where it is missing and grey will do.
 
         Raises:
             DecodeError: if it does not lie in the scene's folder.
         """
         if name not in self._textures:
             return None
-        return self._image("map_Kd", *self._textures[name])
+        file = self._image("map_Kd", *self._textures[name])
+        return None if self._grey_unknown and not file.is_file() else file
 
     def _image(self, key: str, given: str, where: str) -> Path:
         """Return the file that a line with a key names.
@@ -107,7 +115,8 @@ class Materials:
 
     def lost(self, name: str) -> tuple[str, ...]:
         """Return the kinds of a material's looks that are lost, besides those of its opacity's texture."""
-        return tuple(self._lost[name])
+        missing = (MISSING,) if name in self._textures and self.texture(name) is None else ()
+        return (*self._lost[name], *missing)
 
     def reflectance(self, name: str, textures: TextureFiles) -> EncodedTexture | FloatArray:
         """Return a material's texture, or its colour (3,).
@@ -116,7 +125,9 @@ class Materials:
             OSError, ValueError: if its texture cannot be read.
         """
         image = self.texture(name)
-        return self.colours[name] if image is None else textures.read(image, self._textures[name][1])
+        if image is not None:
+            return textures.read(image, self._textures[name][1])
+        return np.full(3, GREY) if name in self._textures else self.colours[name]
 
     def emission(
         self, name: str, textures: TextureFiles

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +15,22 @@ from ..._util.srgb import from_srgb
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
 from ..image_textures import ChargedImages, ImageTexture
-from ..lost_looks import MEAN_EMISSION, OWN_LIGHT, TRANSPARENCY
+from ..lost_looks import MEAN_EMISSION, NO_MASK, OWN_LIGHT, TRANSPARENCY, UNKNOWN
 from ..mesh_part import GREY, Blend, MeshPart, charge_triangles, check_finite, unit_normals
-from ..named_file import named_file
+from ..named_file import GREY_UNKNOWN, named_file
 from ..repairs import Repairs
 from ..texture_file import EncodedTexture, TextureFiles
 from .alpha_mask import blended, masked
+from .colour_alpha import is_drawn_below
 from .mtl_file import Materials, text_lines
 from .rounding import ROUNDING, within
 from .triangulation import cut_polygons
 
 _WIDTH = {"v": 3, "vt": 2, "vn": 3}
+_NUMBERS = {*_WIDTH, "f"}
+"""Lines of numbers."""
+_OPTIONAL = {"vt": "texture coordinates", "vn": "normals"}
+"""What a mesh can do without."""
 _UNREAD = {"curv", "curv2", "surf", "call"}
 _FACE_BYTES = 9 * 8 * 2
 """Bytes of a triangle's indices, while the faces are joined."""
@@ -32,7 +38,7 @@ _COLOURS = "colours of vertices (those of the material are shown)"
 _WITHOUT_SURFACE = {"p": "points", "l": "lines"}
 
 
-def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
+def read_obj(path: Path, budget: Budget, *, grey_unknown: bool = False) -> list[MeshPart]:
     """Read the parts of an OBJ file, one for each material that faces use, in the order of first use.
 
     Polygons are cut into triangles; ``v x y z r g b`` gives a colour (sRGB) to the vertices of faces without a
@@ -43,6 +49,7 @@ def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
 
     Args:
         budget: what the file may take, with all that it names.
+        grey_unknown: materials and textures that are missing are grey, which their parts tell; else they are refused.
 
     Raises:
         OSError: if the file, its material file or a texture cannot be read.
@@ -51,7 +58,7 @@ def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
     Warns:
         SceneFileWarning: in one line, of what is left out or repaired.
     """
-    file = _ObjFile(path, budget)
+    file = _ObjFile(path, budget, grey_unknown)
     parts = file.parts()
     file.repairs.refuse_nothing(len(parts))
     file.repairs.warn()
@@ -61,8 +68,8 @@ def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
 class _ObjFile:
     """Reads the numbers of a file, and its faces by material and number of corners."""
 
-    def __init__(self, path: Path, budget: Budget) -> None:
-        self.path, self.budget = path, budget
+    def __init__(self, path: Path, budget: Budget, grey_unknown: bool) -> None:
+        self.path, self.budget, self.grey_unknown = path, budget, grey_unknown
         self.numbers = {"v": array("d"), "vt": array("d"), "vn": array("d")}
         self.colours = array("d")
         self.faces: dict[tuple[str, int], array[int]] = {}
@@ -76,13 +83,19 @@ class _ObjFile:
         self.materials = {name: library for library in self.libraries.values() for name in library.colours}
 
     def _read(self) -> None:
-        material = ""
+        material, begun = "", list[str]()
         data = read_charged(self.path, self.budget)
         if b"\0" in data:
             raise ValueError(f"{self.path}: must be a text in UTF-8 or ASCII, but it has bytes that are 0")
         for number, line in enumerate(text_lines(data, self.budget), 1):
-            words = line.split()
+            words = [*begun, *line.split()]
             key = words[0] if words else "#"
+            if key in _NUMBERS and words[-1] == "\\":  # it goes on
+                begun = words[:-1]
+                continue
+            begun = []
+            if key in _NUMBERS and "#" in line:  # a comment; in names, # is a letter
+                words = list(takewhile(lambda word: word[0] != "#", words))
             try:
                 if key in _WIDTH:
                     self._number(key, words[1:])
@@ -137,13 +150,14 @@ class _ObjFile:
 
     def _read_materials(self, name: str, line: int) -> None:
         path = named_file(name.replace("\\", "/"), self.path, self.path.parent, f"{self.path}:{line}: mtllib")
-        if not path.is_file():
+        if not path.is_file() and not self.grey_unknown:
             raise ValueError(
-                f"the material file {name!r} is not next to the mesh; put it there, or remove the lines 'mtllib' to "
-                "simulate it in grey"
+                f"the material file {name!r} is not next to the mesh; put it there, or take what is missing as grey: "
+                f"{GREY_UNKNOWN}"
             )
-        known = self.libraries.pop(path, None)
-        self.libraries[path] = known or Materials(path, self.path.parent, self.budget)
+        if path.is_file():
+            known = self.libraries.pop(path, None)
+            self.libraries[path] = known or Materials(path, self.path.parent, self.budget, self.grey_unknown)
 
     def parts(self) -> list[MeshPart]:
         """Build the parts, one for each material."""
@@ -181,6 +195,11 @@ class _ObjFile:
         """Return indices of position, texture coordinate and normal of each corner, (m, 3, 3), from 0; -1 for none."""
         lines, corners = faces[:, 0], faces[:, 1:].reshape(len(faces), -1, 3) - 1
         for slot, key in enumerate(_WIDTH):
+            if key in _OPTIONAL and not len(values[key]):
+                named = (corners[..., slot] >= 0).any(1)
+                note = f"faces name {_OPTIONAL[key]} ({key}), of which the file has none"
+                self.repairs.add(note, int(np.count_nonzero(named)), f"line {lines[named.argmax()]}")
+                corners[..., slot] = -1
             outside = (corners[..., slot] >= len(values[key])).any(1)
             if outside.any():
                 worst = int(outside.argmax())
@@ -201,12 +220,14 @@ class _ObjFile:
         if (normal >= 0).all():
             normals = unit_normals(values["vn"][normal], points, material or "the mesh", self.repairs)
         if material not in self.materials:
-            if self.libraries and material:
+            if self.libraries and material and not self.grey_unknown:
                 raise ValueError(
-                    f"{self.path}: no material file of this mesh has the material {material!r} that faces use"
+                    f"{self.path}: no material file of this mesh has the material {material!r} that faces use; add it, "
+                    f"or take what is missing as grey: {GREY_UNKNOWN}"
                 )
             own = None if colours is None else colours[position]
-            return MeshPart(points, uv, normals, np.full(3, GREY), own, material)
+            lost = (UNKNOWN,) if material and own is None else ()
+            return MeshPart(points, uv, normals, np.full(3, GREY), own, material, lost=lost)
         materials = self.materials[material]
         reflectance, image = materials.reflectance(material, self.textures), materials.texture(material)
         of_opacity, alpha, unread = materials.opacity(material, self.textures)
@@ -218,6 +239,8 @@ class _ObjFile:
             opacity, told = 1.0, (TRANSPARENCY,)
         if unread or (alpha is not None and uv is None and alpha.min() < 255):
             alpha, told = None, (TRANSPARENCY,)
+        if of_opacity is None and isinstance(reflectance, EncodedTexture) and is_drawn_below(reflectance):
+            alpha, told = None, (*told, NO_MASK)
         mask, soft = blended(alpha, factor=opacity)
         if soft and opacity == 1 and (of_opacity is None or (mask is not None and not mask.is_haze)):
             told = (*told, *soft)  # the alpha of a base colour's texture may mean something else
@@ -232,7 +255,7 @@ class _ObjFile:
                 emission.charge(self.budget, f"the material {material!r}")
         if colours is not None and (colours[position] < 1 - ROUNDING).any():
             told = (*told, _COLOURS)
-        lost = tuple(dict.fromkeys([*materials.lost(material), *told]))
+        looks = tuple(dict.fromkeys([*materials.lost(material), *told]))
         if isinstance(reflectance, EncodedTexture):
             if uv is None:
                 raise ValueError(
@@ -242,6 +265,6 @@ class _ObjFile:
             # As parts look it up that say nothing else.
             self.charged.charge(ImageTexture(reflectance, "repeat", nearest=False), f"the material {material!r}")
         part = MeshPart(
-            points, uv, normals, reflectance, None, material, files, lost=lost, emission=emission, blend=blend
+            points, uv, normals, reflectance, None, material, files, lost=looks, emission=emission, blend=blend
         )
         return masked(part, mask, self.budget)

@@ -15,12 +15,13 @@ from ..._util.budget import Budget
 from ..._util.srgb import from_srgb
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
-from ..lost_looks import TRANSPARENCY
+from ..lost_looks import MISSING, NO_MASK, TRANSPARENCY
 from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
 from ..repairs import Repairs
 from ..texture_file import TextureFiles
 from .alpha_mask import blended, masked
+from .colour_alpha import is_drawn_below
 from .rounding import ROUNDING, within
 from .triangulation import cut_polygons, cut_strip, has_area
 
@@ -109,7 +110,7 @@ class _OfVertices(NamedTuple):
     opaque: npt.NDArray[np.bool_]
 
 
-def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
+def read_ply(path: Path, budget: Budget, *, grey_unknown: bool = False) -> list[MeshPart]:
     """Read a PLY file: triangles, with normals, texture coordinates and colours. It is one part for each texture.
 
     Strips of triangles (the element ``tristrips``, as in Stanford's repository: lists of vertices, -1 between strips)
@@ -121,6 +122,7 @@ def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
 
     Args:
         budget: what the file may take, with its textures.
+        grey_unknown: textures that are missing are grey, which their parts tell; else they are refused.
 
     Raises:
         OSError: if the file or its texture cannot be read.
@@ -144,9 +146,15 @@ def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
     repairs.add("edges have no surface and are left out", named["edge"].count if "edge" in named else 0, "edge 1")
     found = [*_faces(path, positions, rows.get("face", []), face, repairs)]
     found += map(_Triangles.of, _strips(path, positions, rows.get(_STRIPS, []), repairs))
+    if not found:
+        raise ValueError(
+            f"{path}: it has {len(positions):,} points and no faces: a cloud of points has no surface that a camera "
+            "could see; make a mesh of it first, for example by surface reconstruction in MeshLab"
+        )
     repairs.refuse_nothing(sum(len(triangles.corners) for triangles in found))
     triangles = _Triangles(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
-    parts = _parts(path, positions, triangles, _of_vertices(path, vertices, vertex), textures, repairs, budget)
+    given = _of_vertices(path, vertices, vertex)
+    parts = _parts(path, positions, triangles, given, textures, repairs, budget, grey_unknown)
     repairs.warn()
     return parts
 
@@ -382,11 +390,13 @@ def _parts(
     names: list[str],
     repairs: Repairs,
     budget: Budget,
+    grey_unknown: bool,
 ) -> list[MeshPart]:
     """Return one part for each texture that triangles have, and one for those without.
 
     Args:
         names: of textures.
+        grey_unknown: what shows textures that are missing is grey.
     """
     # What a triangle's face says of it is less than 5 numbers at each corner.
     charge_triangles(budget, len(triangles.corners), 3 + 2 + 3 + 3 + 5, str(path))
@@ -417,18 +427,20 @@ def _parts(
             names[number] if number >= 0 else "",
         )
         if number >= 0:
-            parts.append(_textured(path, part, files, budget))
+            parts.append(_textured(path, part, files, budget, grey_unknown))
         else:
             parts.append(_coloured(part, of_vertices, triangles.only(rows)))
     return parts
 
 
-def _textured(path: Path, part: MeshPart, files: TextureFiles, budget: Budget) -> MeshPart:
-    """Return a part with the texture that its name says, cut along its mask."""
+def _textured(path: Path, part: MeshPart, files: TextureFiles, budget: Budget, grey_unknown: bool) -> MeshPart:
+    """Return a part with the texture that its name says, cut along its mask; grey where that is missing."""
     file = named_file(part.material, path, path.parent, f"{path}: TextureFile")
+    if grey_unknown and not file.is_file():
+        return part._replace(lost=(MISSING,))
     reflectance = files.read(file, str(path))
     reflectance.charge(budget, str(path))
-    mask, looks = blended(reflectance.alpha)
+    mask, looks = (None, (NO_MASK,)) if is_drawn_below(reflectance) else blended(reflectance.alpha)
     return masked(part._replace(reflectance=reflectance, files=(file,), lost=looks), mask, budget)
 
 

@@ -33,7 +33,7 @@ _WALLS, _STEEP = 0.15, 0.5
 _BOTH_WAYS = 0.5
 """A cube faces away from a look where the mean of its normals along it is larger. Two-sided walls have a small one."""
 _LEAST_HEIGHT_M = 1.5
-"""A room that is lower is no room: the inside of a hollow object, for example."""
+"""A room that is lower is no room: the inside of a hollow object or of a car, for example."""
 _LOOKS = np.array([step for step in product((-1, 0, 1), (-1, 0, 1), (-1, 0)) if any(step)])
 _UP = np.array([[0, 0, 1], [1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]])
 _STEPS_AHEAD = 3
@@ -49,6 +49,8 @@ _NARROW = 0.25
 """Where less than this fraction of the eye's height is free around it, the camera stands at any height."""
 _FREE_ENOUGH = 0.4
 """The camera may stand where the free distance is at least this fraction of the largest one."""
+_NEAREST_M = 0.3
+"""The camera is not nearer to what stands around it, unless there is no such place."""
 _MOST_PLACES = 12
 """So many places are compared, as many at each height."""
 
@@ -104,7 +106,9 @@ class VoxelGrid:
         large = empty and np.count_nonzero(space) >= _ROOM * empty
         if not large and not (space.any() and self._covered(space, surfaces) >= _COVERED):
             return []
-        return self._in_largest(space)
+        places = self._in_largest(space)
+        # What is free may reach as far as one cube farther than is sure.
+        return [place for place in places if place.free_m + self.cell >= _NEAREST_M] or places
 
     @staticmethod
     def _has_walls(surfaces: Surfaces) -> bool:
@@ -134,6 +138,8 @@ class VoxelGrid:
         cells = np.argwhere(largest)
         floor = np.where(largest.any(2), largest.argmax(2), self.filled.shape[2])
         height_m = (np.ptp(cells[:, 2]) + 1) * self.cell
+        if height_m < _LEAST_HEIGHT_M:
+            return []
         usual = _ROOM_HEIGHT_M[0] <= height_m <= _ROOM_HEIGHT_M[1]
         eyes = [_EYE_M] if usual else [fraction * height_m for fraction in _EYE_FRACTIONS]
         places: list[Place] = []
