@@ -157,8 +157,8 @@ class Renderer(ABC):
             parts: (m, 2, 2), of rays (x, y, 1) in camera axes the lowest x and y, and the highest.
 
         Returns:
-            (n, m, 2), metres: those of all surfaces there, whatever hides them. NaN where surely nothing is seen but a
-            background of one luma; inf where the renderer does not know it, or where the background has a pattern.
+            Depths (n, m, 2) in metres of all surfaces there, whatever hides them. NaN where surely nothing is seen but
+            a background of one luma; inf where the renderer does not know it, or where the background has a pattern.
         """
         return np.full((len(views), len(parts), 2), np.inf)
 
