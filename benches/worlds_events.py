@@ -84,10 +84,9 @@ def moving(scene: davis_rs.Scene, camera: Camera) -> davis_rs.Scene:
     return scene.with_trajectory(slider(start, away_m, away_m))
 
 
-def surface_window_us(scene: davis_rs.Scene, camera: Camera, instants: npt.NDArray[np.float64]) -> int:
-    """Return the time that the fastest surface takes for a pixel, on average over some instants."""
-    surfaces, views = SceneSurfaces(scene, camera), Views.along(scene.path, instants)
-    flows = (surfaces.frame(views, number).flow for number in range(len(instants)))
+def surface_window_us(surfaces: SceneSurfaces, views: Views) -> int:
+    """Return the time that the fastest surface takes for a pixel, on average over some views."""
+    flows = (surfaces.frame(views, number).flow for number in range(len(views)))
     speeds = [float(np.linalg.norm(flow[np.isfinite(flow[:, 0])], axis=1).max(initial=0.0)) for flow in flows]
     return max(1, round(1e6 / max(float(np.mean(speeds)), 1e-6)))
 
@@ -96,18 +95,19 @@ def span_of(scene: davis_rs.Scene, renderer: Renderer, frames: int, wanted: floa
     """Return the beginning of a path in which a pixel makes so many events on average, or the longest one."""
     path, pixels = scene.path, renderer.camera.width * renderer.camera.height
     clock = DisplacementClock(renderer, path, round(path.duration_s * 1e6))
+    surfaces = SceneSurfaces(scene, renderer.camera)
     length_px = SHORTEST_PX
     while True:
         reached_us = clock.time_at(length_px)
         end_us = round(path.duration_s * 1e6) if reached_us is None else reached_us
-        passed_px = clock.path_at(end_us)
-        if passed_px <= 0:
+        if clock.path_at(end_us) <= 0:
             raise SystemExit(f"{scene.name}: nothing moves, so there are no events to count")
         instants = np.linspace(0.0, end_us * 1e-6, frames)
-        span = Span(instants, surface_window_us(scene, renderer.camera, instants))
+        views = Views.along(path, instants)
+        span = Span(instants, surface_window_us(surfaces, views))
         if reached_us is None or 1.5 * length_px > LONGEST_PX:
             return span
-        if len(span.events(renderer.luma(Views.along(path, span.instants)))) >= wanted * pixels:
+        if len(span.events(renderer.luma(views))) >= wanted * pixels:
             return span
         length_px *= 1.5
 

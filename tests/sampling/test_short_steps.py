@@ -22,7 +22,7 @@ from davis_rs.render.mosaic import MosaicRenderer
 from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.render.rays.camera_rays import pixel_centres
 from davis_rs.sampling import rules, tolerance
-from davis_rs.sampling.displacement import DisplacementClock, _least_of_tiles, path_bound
+from davis_rs.sampling.displacement import DisplacementClock, _least_of_rows, path_bound
 from davis_rs.sampling.keyframes import Stretch
 from davis_rs.sampling.rules import periodic_instants
 from davis_rs.simulation import simulator
@@ -62,11 +62,11 @@ def test_products_of_quaternions_have_the_bits_of_cross_products() -> None:
 
 
 @pytest.mark.parametrize("rows", [1, 3, 4, 5, 8, 47])
-def test_the_least_of_tiles(rows: int) -> None:
+def test_the_least_of_rows(rows: int) -> None:
     """Four rows each; the last tile has what is left."""
     values = np.random.default_rng(rows).uniform(size=(2, rows, 7)).astype(np.float32)
     expected = np.minimum.reduceat(values, np.arange(0, rows, 4), 1)
-    assert np.array_equal(_least_of_tiles(values), expected)
+    assert np.array_equal(_least_of_rows(values), expected)
 
 
 class Unsteady(SegmentTrajectory):

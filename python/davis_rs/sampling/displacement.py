@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import chain, product
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ from ..scene.deformation import Deformation
 from .breaks import break_instants, find_breaks
 
 BoolArray = npt.NDArray[np.bool_]
+_Float = TypeVar("_Float", np.float32, np.float64)
 
 _BLOCK_US = 10_000
 _STEP_US = 1_000
@@ -284,13 +285,12 @@ class DisplacementClock:
     def _pooled(self, times: list[int]) -> list[_Tiles]:
         """Return what tiles show at instants in microseconds."""
         views = self._views(np.array(times) * 1e-6)
-        pooled = _least_of_tiles(_least_of_tiles(self._renderer.depth(views)).swapaxes(1, 2)).swapaxes(1, 2)
-        least: FloatArray = pooled.reshape(len(times), -1).astype(np.float64)
+        least: FloatArray = _least_in_tiles(self._renderer.depth(views)).astype(np.float64)
         farthest = np.full_like(least, np.nan)
         missed = np.isinf(least)
         tiles = np.flatnonzero(missed.any(0))
         if len(tiles):
-            depths = self._renderer.depths_in_parts(views, _parts(self._renderer.camera, _TILE)[tiles])
+            depths = self._renderer.depths_in_parts(views, _parts(self._renderer.camera)[tiles])
             for by_rays, by_triangles in zip((least, farthest), np.moveaxis(depths, -1, 0), strict=True):
                 by_rays[:, tiles] = np.where(missed[:, tiles], by_triangles, by_rays[:, tiles])
         return [_Tiles(*of_instant) for of_instant in zip(least, farthest, strict=True)]
@@ -471,18 +471,19 @@ def _flow_of_tiles(camera: Camera, size: int) -> OpticalFlow:
 
 
 @lru_cache(maxsize=8)
-def _parts(camera: Camera, size: int) -> FloatArray:
+def _parts(camera: Camera) -> FloatArray:
     """Return of rays (x, y, 1) through tiles the lowest x and y, and the highest (tiles, 2, 2), with a margin."""
     columns, rows = np.arange(camera.width + 1) - 0.5, np.arange(camera.height + 1) - 0.5
-    corners = camera.rays(np.stack(np.meshgrid(columns, rows), -1))
-    ends = []
-    for least in (np.minimum, np.maximum):
-        in_rows = [least.reduce(corners[row : row + size + 1], axis=0) for row in range(0, camera.height, size)]
-        across = np.stack(in_rows)
-        in_tiles = [least.reduce(across[:, x : x + size + 1], axis=1) for x in range(0, camera.width, size)]
-        ends.append(np.stack(in_tiles, 1).reshape(-1, 2))
-    margin = _PART_MARGIN * (ends[1] - ends[0])
-    return np.stack([ends[0] - margin, ends[1] + margin], 1)
+    corners = np.moveaxis(camera.rays(np.stack(np.meshgrid(columns, rows), -1)), -1, 0)
+    low, high = (sign * _least_in_tiles(_least_of_corners(sign * corners)).T for sign in (1, -1))
+    margin = _PART_MARGIN * (high - low)
+    return np.stack([low - margin, high + margin], 1)
+
+
+def _least_of_corners(corners: FloatArray) -> FloatArray:
+    """Return the least of the four corners of each pixel (n, H, W), from (n, H + 1, W + 1)."""
+    rows = np.minimum(corners[:, 1:], corners[:, :-1])
+    return np.minimum(rows[..., 1:], rows[..., :-1])
 
 
 @lru_cache(maxsize=8)
@@ -501,7 +502,13 @@ def _pixels_per_rad(camera: Camera) -> float:
     return max(camera.fx, camera.fy) * (1 + float((camera.rays(_centres(camera, _TILE)) ** 2).sum(-1).max()))
 
 
-def _least_of_tiles(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _least_in_tiles(values: npt.NDArray[_Float]) -> npt.NDArray[_Float]:
+    """Return the least in each tile (n, tiles) of arrays (n, rows, columns)."""
+    least = _least_of_rows(_least_of_rows(values).swapaxes(1, 2)).swapaxes(1, 2)
+    return least.reshape(len(values), -1)
+
+
+def _least_of_rows(values: npt.NDArray[_Float]) -> npt.NDArray[_Float]:
     """Return the least of each :data:`_TILE` rows of arrays (n, rows, columns); the last tile may have fewer."""
     least = values[:, ::_TILE].copy()
     for row in range(1, _TILE):

@@ -567,6 +567,7 @@ pub(crate) fn check_length(expected: usize, got: usize) -> Result<()> {
 #[cfg(test)]
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small numbers")]
 mod tests {
+    use super::super::geometry::vector::sub;
     use super::super::{Emission, Light, LightKind, Pose, SceneTables};
     use super::*;
 
@@ -864,10 +865,11 @@ mod tests {
             .map(|part| [0, 1].map(|end| [part % columns, part / columns].map(|place| at((place + end) * side))))
             .collect();
         let (mut empty, mut unmet, mut close, mut met) = (0, 0, 0, 0);
-        for (seed, count) in [(1, 1), (2, 2), (3, 5), (4, 10)] {
+        for (seed, count) in [(1, 1), (3, 5), (4, 10)].into_iter().chain((5..15).map(|seed| (seed, 2))) {
             let mut numbers = Numbers(seed);
             let mut tables = SceneTables { shadows: false, ..tables(&mut numbers, count) };
-            tables.hidden = (0..count).map(|i| i % 5 == 1).collect();
+            // Of two triangles, the wall is hidden.
+            tables.hidden = (0..count).map(|i| i % 5 == usize::from(count != 2)).collect();
             tables.culled = (0..count).map(|i| i % 5 == 2).collect();
             let renderer = Renderer::new(Scene::new(&tables).unwrap(), Some(1)).unwrap();
             for view in line_views(&mut numbers) {
@@ -884,6 +886,12 @@ mod tests {
                 for ([near, far], [least, most]) in
                     renderer.depths_in_parts(&parts, views).unwrap().into_iter().zip(of_rays)
                 {
+                    if count == 2 && !near.is_nan() {
+                        let pose = &view.poses[tables.frames[1] as usize];
+                        let depths = tables.corners[1].map(|corner| pose.turned(sub(corner, pose.position))[2]);
+                        assert!(near >= depths.into_iter().fold(f64::INFINITY, f64::min) - 1e-9);
+                        assert!(far <= depths.into_iter().fold(0.0, f64::max) + 1e-9);
+                    }
                     if most > 0.0 {
                         assert!(near <= least * 1.000_01 && far >= most * 0.999_99, "{near} {far} {least} {most}");
                         met += 1;

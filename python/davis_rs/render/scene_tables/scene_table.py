@@ -531,7 +531,7 @@ class SceneTable:
 
 def _check_see_through(shape: MitsubaShape, finish: Finish | None) -> None:
     """Refuse what one sees through along straight rays: Mitsuba hides the sky behind it, and in part lamps."""
-    if finish is not None and (finish.is_null or finish.under[0] == "sheet"):
+    if finish is not None and (finish.blends or finish.under[0] == "sheet"):
         rule = "is seen through, and the scene's integrator hides lights (hide_emitters), in part also those behind it"
         raise Unsuitable(rule, "leave hide_emitters out", shape_name(shape))
 

@@ -92,19 +92,12 @@ impl Candidates {
         self.0.clear();
         // No ray sees farther than the triangle that covers the whole spot.
         let mut farthest = 0.0;
-        for (number, frame) in scene.frames.iter().enumerate() {
-            let pyramid = Pyramid::new(view, number, spot);
-            frame.bvh.visit(stack, &pyramid, |leaf| {
-                for triangle in leaf.triangles.map(|triangle| frame.triangles.start + triangle) {
-                    let Some(seen) = Seen::new(scene, view, triangle, spot) else { continue };
-                    if seen.covers(spot) {
-                        farthest = bounds(&seen.inverse_depth, spot)[0].max(farthest);
-                    }
-                    self.0.push(seen);
-                }
-                true
-            });
-        }
+        each_seen(scene, view, spot, stack, |seen| {
+            if seen.covers(spot) {
+                farthest = bounds(&seen.inverse_depth, spot)[0].max(farthest);
+            }
+            self.0.push(seen);
+        });
         self.0.retain(|seen| bounds(&seen.inverse_depth, spot)[1] >= farthest);
     }
 
@@ -126,18 +119,23 @@ impl Candidates {
 /// None where there is surely none.
 pub(crate) fn depths_in(scene: &Scene, view: &View, spot: &Spot, stack: &mut Vec<u32>) -> Option<[f64; 2]> {
     let mut depths = None;
+    each_seen(scene, view, spot, stack, |seen| {
+        let [nearest, farthest] = depths.unwrap_or([f64::INFINITY, 0.0]);
+        let [near, far] = seen.depths(scene, view, spot);
+        depths = Some([near.min(nearest), far.max(farthest)]);
+    });
+    depths
+}
+
+/// Calls `work` with each triangle that a camera may see in a spot of its image, whatever hides it.
+fn each_seen(scene: &Scene, view: &View, spot: &Spot, stack: &mut Vec<u32>, mut work: impl FnMut(Seen)) {
     for (number, frame) in scene.frames.iter().enumerate() {
         frame.bvh.visit(stack, &Pyramid::new(view, number, spot), |leaf| {
-            for triangle in leaf.triangles.map(|triangle| frame.triangles.start + triangle) {
-                let Some(seen) = Seen::new(scene, view, triangle, spot) else { continue };
-                let [nearest, farthest] = depths.unwrap_or([f64::INFINITY, 0.0]);
-                let [near, far] = seen.depths(scene, view, spot);
-                depths = Some([near.min(nearest), far.max(farthest)]);
-            }
+            let triangles = leaf.triangles.map(|triangle| frame.triangles.start + triangle);
+            triangles.filter_map(|triangle| Seen::new(scene, view, triangle, spot)).for_each(&mut work);
             true
         });
     }
-    depths
 }
 
 /// What a camera sees in a spot of its image, in the BVH of a frame.
