@@ -21,7 +21,10 @@ FloatArray = npt.NDArray[np.float64]
 
 C = 0.15
 RUNS = 4
-"""Renderings of the reference, whose scatter is its error."""
+"""The fewest renderings of the reference, whose scatter is its error."""
+
+MOST_SAMPLES = 1024
+"""Samples of one rendering at most: more of them need more renderings."""
 
 PIXELS = pixel_arguments(ACCURACY[DEFAULT_ACCURACY])
 """What a pixel of the renderers without noise is made of where nothing else is asked for."""
@@ -70,16 +73,17 @@ def reference(scene: davis_rs.Scene, camera: Camera, samples: int, kept: Path | 
     if kept is not None and kept.exists():
         runs = np.load(kept)
     else:
-        views, rays = first_view(scene), samples // RUNS
+        views, count = first_view(scene), max(RUNS, -(-samples // MOST_SAMPLES))
+        rays = samples // count
         runs = np.array(
             [
                 luma_of(make_renderer(scene, camera, kind="integrator", rays_per_pixel=rays, seed=k, blur=False), views)
-                for k in range(RUNS)
+                for k in range(count)
             ]
         )
         if kept is not None:
             np.save(kept, runs)
-    return runs.mean(0), runs.std(0, ddof=1) / np.sqrt(RUNS)
+    return runs.mean(0), runs.std(0, ddof=1) / np.sqrt(len(runs))
 
 
 def shown(luma: FloatArray, white: float) -> Image.Image:
