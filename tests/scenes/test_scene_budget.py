@@ -302,11 +302,46 @@ def test_files_outside_of_the_scenes_folder_are_not_opened(tmp_path: Path, kind:
         path.write_text(f"mtllib {name}\n{FACE}f 1 2 3\n")
     else:
         path = textured(folder, "obj" if kind == "map_Kd" else "ply", name)
-    said = "names .* which lies outside of the scene's folder: move it there"
+    said = r"names .* which lies outside of the scene's folder: put a copy next to \S+$"
     if name == "link":
         said = "'link' is a link to outside of the scene's folder: put the file itself there"
     with pytest.raises(DecodeError, match=f"{kind}: {said}"):
         load_scene(path)
+
+
+@pytest.mark.parametrize("name", ["../{}", "C:/Users/Jo/My models/{}", "/elsewhere/{}", "C:\\models\\{}"])
+@pytest.mark.parametrize("here", ["paint.png", "textures/paint.png"])
+def test_a_texture_is_found_by_the_end_of_its_name(tmp_path: Path, name: str, here: str) -> None:
+    """A collection's texture that was put next to the mesh is found, though the name leads elsewhere."""
+    folder = tmp_path / "scene"
+    (folder / here).parent.mkdir(parents=True)
+    (tmp_path / "paint.png").write_bytes(blank_png(2, 2))
+    (folder / here).write_bytes(blank_png(4, 4))
+    path = textured(folder, "obj", name.format(here))
+    with pytest.warns(SceneFileWarning, match=rf"\.mtl:\d+: map_Kd: .* is taken to be '{here}' next to it$") as told:
+        scene = load_scene(path)
+    assert folder / here in scene.files
+    assert len([line for line in told if "is taken to be" in str(line.message)]) == 1
+
+
+def test_the_longest_end_of_a_name_counts(tmp_path: Path) -> None:
+    (tmp_path / "textures").mkdir()
+    for here in ("paint.png", "textures/paint.png"):
+        (tmp_path / here).write_bytes(blank_png(4, 4))
+    with pytest.warns(SceneFileWarning, match="is taken to be 'textures/paint.png'"):
+        assert (
+            tmp_path / "textures" / "paint.png" in load_scene(textured(tmp_path, "obj", "../textures/paint.png")).files
+        )
+
+
+def test_the_end_of_a_name_leads_to_no_file_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_bytes(blank_png(4, 4))
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path / "secret")
+    for name in ("/elsewhere/link", "/elsewhere/../secret"):
+        with pytest.raises(DecodeError, match="which lies outside of the scene's folder"):
+            load_scene(textured(folder, "obj", name))
 
 
 def test_a_name_that_the_system_refuses(tmp_path: Path) -> None:

@@ -55,6 +55,8 @@ class Materials:
     def __init__(self, path: Path, folder: Path, budget: Budget, grey_unknown: bool = False) -> None:
         self.path, self._folder, self._grey_unknown = path, folder, grey_unknown
         self.colours: dict[str, FloatArray] = {}
+        self._images: dict[str, Path] = {}
+        """What each line names, so that each is told once."""
         self._textures: dict[str, tuple[str, str]] = {}
         self._opacities: dict[str, tuple[str, str]] = {}
         self._opaque: dict[str, dict[str, float]] = {}
@@ -111,7 +113,9 @@ class Materials:
         Raises:
             DecodeError: if it does not lie in the scene's folder.
         """
-        return named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: {key}")
+        if where not in self._images:
+            self._images[where] = named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: {key}")
+        return self._images[where]
 
     def lost(self, name: str) -> tuple[str, ...]:
         """Return the kinds of a material's looks that are lost, besides those of its opacity's texture."""
