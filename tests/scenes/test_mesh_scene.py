@@ -19,15 +19,17 @@ from PIL import Image
 from command_line import davis_rs
 from davis_rs import Scene, SceneFileWarning, load_scene
 from davis_rs._util.budget import Budget
+from davis_rs._util.srgb import from_srgb
 from davis_rs.events.luma import LUMA_WEIGHTS
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.scene.files.mesh_scene import colours_as_texture
 from davis_rs.scene.files.obj_file import read_obj
 from davis_rs.scene.files.ply_file import read_ply
-from davis_rs.scene.lost_looks import MIRRORS, MISSING, TRANSPARENCY, UNKNOWN, LostLook
+from davis_rs.scene.lost_looks import MIRRORS, MISSING, TRANSPARENCY, UNKNOWN, UNPLACED, LostLook
 from davis_rs.scene.mesh_part import MeshPart
 from davis_rs.scene.texel_lookup import bilinear
+from davis_rs.scene.texture_file import EncodedTexture
 
 SKY = 0.3
 QUADS = (
@@ -646,3 +648,22 @@ def test_textures_of_faces_that_do_not_fit_are_refused(tmp_path: Path, old: str,
     assert text != FACES_WITH_CORNERS
     with pytest.raises(ValueError, match=said):
         parts_of(tmp_path, text)
+
+
+def test_textures_without_texture_coordinates_show_their_mean(tmp_path: Path) -> None:
+    """Only the triangles that lack coordinates lose the texture, and the mean is that of light, not of sRGB."""
+    texels = np.zeros((2, 2, 3), np.uint8)
+    texels[0, 0], texels[1, 1] = (255, 255, 255), (0, 188, 0)
+    Image.fromarray(texels).save(tmp_path / "paint.png")
+    (tmp_path / "m.mtl").write_text("newmtl paint\nmap_Kd paint.png\n")
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    path = tmp_path / "m.obj"
+    path.write_text(f"mtllib m.mtl\n{corners}usemtl paint\nf 1/1 2/2 3/3\nf 2 4 3\n")
+    parts = read_obj(path, Budget(path))
+    assert [len(part.corners) for part in parts] == [1, 1]
+    placed, unplaced = parts
+    assert isinstance(placed.reflectance, EncodedTexture)
+    assert not placed.lost
+    green = (1 + from_srgb(np.array(188 / 255))) / 4
+    np.testing.assert_allclose(unplaced.reflectance, [0.25, green, 0.25], atol=1e-6)
+    assert unplaced.lost == (UNPLACED,)

@@ -85,6 +85,14 @@ class EncodedTexture:
         # Rounded to float32, as Mitsuba has them: all renderers see the same texels.
         return (light.astype(np.float32).astype(np.float64) * self.tint).astype(np.float32).astype(np.float64)
 
+    def mean(self) -> FloatArray:
+        """Return the mean reflectance (3,) in linear RGB."""
+        height, width = self.texels.shape[:2]
+        counts = np.zeros((3, 256))
+        for rows in _strips(height, width):
+            counts += [np.bincount(self.texels[rows, :, channel].ravel(), minlength=256) for channel in range(3)]
+        return np.asarray((counts * self.light.T).sum(1) / (height * width))
+
     def linear(self) -> Texture:
         """Return the reflectance (H, W, 3) in linear RGB."""
         height, width = self.texels.shape[:2]

@@ -15,7 +15,7 @@ from ..._util.srgb import from_srgb
 from ..._util.untrusted import read_charged
 from ...geometry.pose import FloatArray
 from ..image_textures import ChargedImages, ImageTexture
-from ..lost_looks import MEAN_EMISSION, NO_MASK, OWN_LIGHT, TRANSPARENCY, UNKNOWN
+from ..lost_looks import MEAN_EMISSION, NO_MASK, OWN_LIGHT, TRANSPARENCY, UNKNOWN, UNPLACED
 from ..mesh_part import GREY, Blend, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import GREY_UNKNOWN, named_file
 from ..repairs import Repairs
@@ -160,7 +160,7 @@ class _ObjFile:
             self.libraries[path] = known or Materials(path, self.path.parent, self.budget, self.grey_unknown)
 
     def parts(self) -> list[MeshPart]:
-        """Build the parts, one for each material."""
+        """Build the parts, one for each material; two where only some triangles have a place on its texture."""
         values = {key: np.array(self.numbers[key]).reshape(-1, width) for key, width in _WIDTH.items()}
         for key, name in (("v", "vertex"), ("vt", "texture coordinate")):
             check_finite(values[key], name, str(self.path))
@@ -172,8 +172,18 @@ class _ObjFile:
             by_material.setdefault(material, []).append(self._triangles(faces, values))
         joined = {material: np.concatenate(triangles) for material, triangles in by_material.items()}
         return [
-            self._part(material, triangles, values, colours) for material, triangles in joined.items() if len(triangles)
+            self._part(material, alike, values, colours)
+            for material, triangles in joined.items()
+            for alike in self._placed_or_not(material, triangles)
+            if len(alike)
         ]
+
+    def _placed_or_not(self, material: str, triangles: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
+        """Return the triangles of a material that have a place on its texture, and those that have none."""
+        if material not in self.materials or self.materials[material].texture(material) is None:
+            return [triangles]
+        placed = (triangles[:, :, 1] >= 0).all(1)
+        return [triangles[placed], triangles[~placed]]
 
     def _vertex_colours(self, count: int) -> FloatArray | None:
         """Return linear RGB (count, 3) of the vertices, or None where not all have one."""
@@ -250,20 +260,17 @@ class _ObjFile:
             told = (*told, OWN_LIGHT)
         if isinstance(emission, EncodedTexture):
             if uv is None:
-                emission, told = emission.linear().mean((0, 1), np.float64), (*told, MEAN_EMISSION)
+                emission, told = emission.mean(), (*told, MEAN_EMISSION)
             else:
                 emission.charge(self.budget, f"the material {material!r}")
         if colours is not None and (colours[position] < 1 - ROUNDING).any():
             told = (*told, _COLOURS)
-        looks = tuple(dict.fromkeys([*materials.lost(material), *told]))
-        if isinstance(reflectance, EncodedTexture):
-            if uv is None:
-                raise ValueError(
-                    f"{self.path}: faces of the material {material!r} lack the texture coordinates (vt) that its "
-                    "texture needs; unwrap the mesh before you export it"
-                )
+        if isinstance(reflectance, EncodedTexture) and uv is None:
+            reflectance, told = reflectance.mean(), (*told, UNPLACED)
+        elif isinstance(reflectance, EncodedTexture):
             # As parts look it up that say nothing else.
             self.charged.charge(ImageTexture(reflectance, "repeat", nearest=False), f"the material {material!r}")
+        looks = tuple(dict.fromkeys([*materials.lost(material), *told]))
         part = MeshPart(
             points, uv, normals, reflectance, None, material, files, lost=looks, emission=emission, blend=blend
         )
