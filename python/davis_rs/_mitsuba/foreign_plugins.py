@@ -18,6 +18,7 @@ from .added_lights import add_lights
 from .animated_transforms import Motion, take_motions
 from .elements import Element, written
 from .files import SceneFile, XmlFile, read_scene_file
+from .foreign_meshes import meshes_rewritten
 from .former_lights import translate_lights
 from .former_materials import translate
 from .former_notation import rewrite
@@ -89,12 +90,15 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False
     config.unused_properties = mi.LogLevel.Trace  # they are looked at below
-    text, places = written(read.root)
-    # Mitsuba refuses variables that it does not find; those in the names of included files are no longer there.
-    gone = [name for name in file.variables if any(f"${name}" in each for each in read.including)]
-    variables = {name: value for name, value in file.variables.items() if name not in gone or f"${name}" in text}
+    places: list[str] = []
     try:
-        with _files_next_to(file, mi):
+        with meshes_rewritten(read, notes) as meshes, _files_next_to(file, mi):
+            text, places = written(read.root)
+            # Mitsuba refuses variables that it does not find; those in names of such files are no longer there.
+            gone = [name for name in file.variables if any(f"${name}" in each for each in read.including + meshes)]
+            variables = {
+                name: value for name, value in file.variables.items() if name not in gone or f"${name}" in text
+            }
             state = mi.parser.parse_string(config, text, **variables)
             mi.parser.transform_all(config, state)
             light = "volpath" if any(node.type == mi.ObjectType.Medium for node in state.nodes) else "path"
