@@ -407,7 +407,7 @@ def test_grey_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     path = scene_file(tmp_path, '<bsdf type="hk"/>')
     run = ["simulate", str(path), "--camera", "ideal", "-o", str(tmp_path / "out"), "--grey-unknown"]
     assert main(["simulate", "three_planes", *run[2:]]) != 0
-    assert "--grey-unknown is for a Mitsuba XML file, an OBJ or a PLY mesh that is there" in capsys.readouterr().err
+    assert "--grey-unknown is for a Mitsuba XML file, a glTF file, or an OBJ or a PLY mesh" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("coefficient", ["0.5, 1, 2", "2"])

@@ -26,7 +26,7 @@ from davis_rs.render.scene_cache import shared_scenes
 from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.render.truth import lost_look_fractions
 from davis_rs.scene.files import gltf_mesh
-from davis_rs.scene.lost_looks import BACKS
+from davis_rs.scene.lost_looks import BACKS, MISSING, MISSING_NUMBERS
 from davis_rs.scene.texel_lookup import WRAP_MODES
 from gltf_files import CORNERS, FACES, UV, Gltf, png, quad, with_camera
 
@@ -1076,6 +1076,34 @@ def test_missing_files_say_who_names_them(tmp_path: Path) -> None:
     path = broken(textured("none.png")).save(tmp_path / "scene.gltf")
     with pytest.raises(FileNotFoundError, match=r"scene\.gltf: images\[0\]: the file 'none\.png' is not there"):
         load_scene(path)
+
+
+def test_missing_textures_are_grey_where_the_user_says_so(tmp_path: Path) -> None:
+    """Colours are grey; metal, normals and light of missing textures are left out. A missing buffer is refused."""
+    gltf = Gltf()
+    (tmp_path / "there.png").write_bytes(png(np.full((2, 2, 3), 200)))
+    none, there = (gltf.texture({"uri": name}) for name in ("none.png", "there.png"))
+    more = {"normalTexture": none, "emissiveTexture": none, "emissiveFactor": [1, 1, 1]}
+    surface = {"baseColorFactor": [1, 0, 0, 1], "metallicFactor": 1.0, "metallicRoughnessTexture": none}
+    of_paint = gltf.material("paint", more=more, baseColorTexture=none, **surface)
+    gltf.node(mesh=quad(gltf, uv=UV, material=of_paint))
+    whole = gltf.material("whole", baseColorTexture=there, roughnessFactor=1.0)
+    gltf.node(mesh=quad(gltf, uv=UV, material=whole), translation=[0, 0, 1])
+    with_camera(gltf)
+    path = gltf.save(tmp_path / "scene.gltf", buffer="data.bin")
+    with pytest.raises(FileNotFoundError, match=r"'none\.png' is not there; .* as grey: --grey-unknown"):
+        load_scene(path)
+    scene = load_scene(path, grey_unknown=True)
+    assert {(look.what, look.of) for look in scene.lost_looks} == {(MISSING_NUMBERS, ("paint",)), (MISSING, ("paint",))}
+    assert [file.name for file in scene.files] == ["data.bin", "there.png"]
+    with variant(SCALAR) as (mi, _):
+        shapes = {shape.id(): shape for shape in load_scene_source(scene.source(), mi).shapes()}
+        assert not any(shape.is_emitter() for shape in shapes.values())
+        (colour,) = (value for name, value in mi.traverse(shapes["mesh_paint"].bsdf()) if "reflectance" in name)
+    np.testing.assert_allclose(np.ravel(colour), 0.5)
+    (tmp_path / "data.bin").unlink()
+    with pytest.raises(FileNotFoundError, match=r"buffers\[0\]: the file 'data\.bin' is not there$"):
+        load_scene(path, grey_unknown=True)
 
 
 def test_one_mesh_shown_too_often_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
