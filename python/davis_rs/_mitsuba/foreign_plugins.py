@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from .added_lights import add_lights
 from .animated_transforms import Motion, take_motions
+from .bright_reflectances import dim_reflectances
 from .elements import Element, written
 from .files import SceneFile, XmlFile, read_scene_file
 from .foreign_meshes import meshes_rewritten
@@ -84,6 +85,7 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     motions = take_motions(read, mi, notes)
     translate_textures(read, notes)
     translate(read, notes)
+    dim_reflectances(read, notes)
     translate_lights(read, notes)
     add_lights(read.root, file.lights)
     grey = make_grey(read, mi, notes) if file.grey_unknown else []
