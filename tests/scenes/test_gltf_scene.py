@@ -757,6 +757,40 @@ def test_numbers_that_only_rounding_put_beyond_their_bounds_are_taken(tmp_path: 
     assert np.abs(shapes_of(scene)["mesh_paint"]["corners"]).max() == pytest.approx(2 * half * half)
 
 
+def test_animated_nodes_with_a_matrix(tmp_path: Path) -> None:
+    """glTF does not allow it, but exporters write it: what is not animated is as the matrix says."""
+    turn = Rotation.from_euler("xyz", [20, 30, 40], degrees=True)
+
+    def world(name: str, **at: Any) -> Scene:
+        gltf = Gltf()
+        node = gltf.node(mesh=quad(gltf, material=gltf.material()), name="card", **at)
+        gltf.animate(node, "translation", [0, 1], [[0, 0, 0], [1, 2, 3]])
+        return load_scene(gltf.save(tmp_path / name))
+
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn.as_matrix() * [1, 2, -3]
+    given = {"rotation": Rotation.from_matrix(turn.as_matrix() * [-1, -1, 1]).as_quat().tolist(), "scale": [-1, -2, -3]}
+    expected = world("usual.glb", translation=[9, 9, 9], **given)
+    with pytest.warns(SceneFileWarning, match=r"have a matrix, which glTF does not allow.*: 1 \(the first: nodes\[0\]"):
+        scene = world("matrix.glb", matrix=matrix.T.ravel().tolist())
+    assert scene.objects.keys() == expected.objects.keys() != set()
+    for name, path in scene.objects.items():
+        np.testing.assert_allclose(path.pose(0.5).matrix, expected.objects[name].pose(0.5).matrix, atol=1e-6)
+    for part, same in zip(positions_of(scene), positions_of(expected), strict=True):
+        np.testing.assert_allclose(part, same, atol=1e-6)
+    sheared = matrix.copy()
+    sheared[0, 1] += 1
+    with pytest.raises(DecodeError, match=r"nodes\[0\].* its matrix must be made of a translation, a rotation and a"):
+        world("sheared.glb", matrix=sheared.T.ravel().tolist())
+
+
+def positions_of(scene: Scene) -> list[Any]:
+    """The vertices of the scene's shapes at the start."""
+    with variant(SCALAR) as (mi, _):
+        shapes = load_scene_source(scene.source(), mi).shapes()
+        return [np.array(mi.traverse(shape)["vertex_positions"]) for shape in shapes]
+
+
 def test_animations_by_pointer(tmp_path: Path) -> None:
     """Of a node's place they are its animation; of a material's colour a look that is lost."""
     gltf = Gltf(extensionsUsed=["KHR_animation_pointer"])
